@@ -22,6 +22,7 @@ _WIDE = 80
 _ROWS = (
     ("size_mm", "Size, mm", 1),
     ("force_n", "Grip force, N", 2),
+    ("firmness", "Firmness, 0 to 100", 0),
     ("stiffness_n_per_mm", "Stiffness, N/mm", 2),
     ("settled_percent", "Settled, %", 1),
 )
@@ -105,7 +106,7 @@ def _measurements(result: GraspResult, truth: Mapping[str, object] | None, *, ba
             else measured.text(digits=digits),
         ]
         if truth is not None:
-            true = truth[name]
+            true = truth.get(name)
             known = float(true) if isinstance(true, int | float) else None
             cells += [_bar(measured, known) if measured.number else ""] * bars
             cells += ["-" if known is None else f"{known:.{digits}f}"]

@@ -29,7 +29,15 @@ def print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
         console.print("no items; `palpate grasp --item NAME` adds one")
         return
     table = _table(
-        "item", "kind", "batch", "last grasp", ">grasps", ">size, mm", ">N/mm", "verdict"
+        "item",
+        "kind",
+        "batch",
+        "last grasp",
+        ">grasps",
+        ">size, mm",
+        ">firmness",
+        ">N/mm",
+        "verdict",
     )
     for page in pages:
         size, stiffness = page.latest("size_mm"), page.latest("stiffness_n_per_mm")
@@ -41,6 +49,7 @@ def print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
             _when(page.grasps[-1].taken_at) if page.grasps else "-",
             f"{len(page.grasps)}{f' {_SIMULATED}' if page.simulated else '  '}",
             _value(size, 1),
+            _value(page.latest("firmness"), 0),
             _value(stiffness, 2),
             Text(", ".join(one.text for one in latest) or "-"),
         )
@@ -71,9 +80,15 @@ def print_page(page: ItemHistory) -> None:
 
 
 def _grasps(page: ItemHistory) -> Table:
-    table = _table(
-        "taken", "outcome", ">size\nmm", ">force\nN", ">stiffness\nN/mm", ">settled\n%", ">side\n"
+    columns = (
+        ">size\nmm",
+        ">force\nN",
+        ">firmness\n",
+        ">stiffness\nN/mm",
+        ">settled\n%",
+        ">side\n",
     )
+    table = _table("taken", "outcome", *columns)
     for grasp in page.grasps[-_SHOWN:]:
         measured = grasp.measurements
         table.add_row(
@@ -81,6 +96,7 @@ def _grasps(page: ItemHistory) -> Table:
             str(grasp.outcome),
             _band(measured.get("size_mm"), 1),
             _band(measured.get("force_n"), 2),
+            _band(measured.get("firmness"), 0),
             _band(measured.get("stiffness_n_per_mm"), 2),
             _band(measured.get("settled_percent"), 1),
             "-" if grasp.angle_deg is None else f"{grasp.angle_deg:g}°",

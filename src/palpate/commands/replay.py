@@ -104,6 +104,7 @@ def _text(result: GraspResult, *, info: RecordingInfo) -> str:
     for label, unit, measured in (
         ("size", "mm", result.size_mm),
         ("grip force", "N", result.force_n),
+        ("firmness", "of 100", result.firmness),
         ("stiffness", "N/mm", result.stiffness_n_per_mm),
         ("settled change", "%", result.settled_percent),
     ):

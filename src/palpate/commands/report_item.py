@@ -14,6 +14,7 @@ from palpate.settling.result import Status
 
 #: Name, caption, axis, unit in text, digits.
 QUANTITIES = (
+    ("firmness", "Firmness", "firmness (0 to 100)", "of 100", 0),
     ("stiffness_n_per_mm", "Stiffness", "stiffness (N/mm)", "N/mm", 2),
     ("settled_percent", "Settled change", "settled change (%)", "%", 1),
     ("size_mm", "Size", "size (mm)", "mm", 1),
@@ -78,7 +79,7 @@ def fixed(value: float, digits: int) -> str:
 
 def _tiles(page: ItemHistory) -> list[Tile]:
     shown = []
-    for name, caption, _, unit, digits in QUANTITIES[:3]:
+    for name, caption, _, unit, digits in QUANTITIES[:4]:
         measured = page.latest(name)
         if measured is not None:
             ends = f"{fixed(measured.low, digits)} to {fixed(measured.high, digits)}"
@@ -90,7 +91,7 @@ def _tiles(page: ItemHistory) -> list[Tile]:
 
 def _figures(page: ItemHistory) -> list[tuple[str, str]]:
     shown = []
-    for name, caption, label, _, _ in QUANTITIES[:3]:
+    for name, caption, label, _, _ in QUANTITIES[:4]:
         if page.latest(name) is not None:
             figure = history_figure(page, name, label=label)
             shown.append((caption, inline_svg(figure, label=f"{caption} over time")))

@@ -83,6 +83,7 @@ def _tiles(pages: Sequence[ItemHistory], grasps: Sequence[Grasp]) -> list[Tile]:
         Tile(name="Grasps", value=f"{len(grasps)}", below=share),
     ]
     for name, caption, unit, digits in (
+        ("firmness", "Median firmness", "of 100", 0),
         ("stiffness_n_per_mm", "Median stiffness", "N/mm", 2),
         ("size_mm", "Median size", "mm", 1),
     ):
@@ -114,7 +115,15 @@ def _figures(pages: Sequence[ItemHistory]) -> list[tuple[str, str]]:
 
 
 def _items(pages: Sequence[ItemHistory]) -> str:
-    columns = ["item", "kind", "last grasp", ">grasps", ">size, mm", ">stiffness, N/mm"]
+    columns = [
+        "item",
+        "kind",
+        "last grasp",
+        ">grasps",
+        ">size, mm",
+        ">firmness",
+        ">stiffness, N/mm",
+    ]
     # A subject without any verdict gets no column.
     abouts = [
         about
@@ -128,6 +137,7 @@ def _items(pages: Sequence[ItemHistory]) -> str:
             when(page.grasps[-1].taken_at) if page.grasps else "-",
             f"{len(page.grasps)}",
             number(page.latest("size_mm"), 1),
+            number(page.latest("firmness"), 0),
             number(page.latest("stiffness_n_per_mm"), 2),
             *(verdict.text if (verdict := page.latest_verdict(about)) else "-" for about in abouts),
         ]

@@ -14,12 +14,14 @@ from palpate.estimate.compliance import (
     Compliance,
     SoftFingerCompliance,
 )
+from palpate.estimate.firmness import firmness_index
 from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.size import ContactPoint, contact_point
 from palpate.estimate.soft_stiffness import soft_stiffness
 from palpate.grasp.belief import Belief, Closing, Touch
 from palpate.grasp.plan import Plan
+from palpate.grasp.result import GraspResult
 from palpate.grasp.servo_evidence import felt_by_gripper
 from palpate.settling.percent import as_percent, of_rest
 from palpate.settling.result import SettledEstimate, Status
@@ -159,24 +161,24 @@ def examined(belief: Belief, *, plan: Plan) -> Belief:
     if force is None:
         return belief
     if plan.bend is not None:
-        soft = _reported(_soft_stiffness(belief, force, plan, plan.bend), _SOFT_FINGERS)
-        return replace(belief, result=replace(belief.result, stiffness_n_per_mm=soft))
+        soft = _soft_stiffness(belief, force, plan, plan.bend)
+        return replace(belief, result=_with_stiffness(belief.result, soft, reason=_SOFT_FINGERS))
     size = None if plan.give is None else _contact_point(belief, plan, plan.give)
     if plan.give is None or size is None:
         return belief
-    result = replace(
-        belief.result,
-        size_mm=_size(size, plan, plan.give),
-        stiffness_n_per_mm=_reported(_stiffness(belief, force, plan, plan.give), _RIGID_FINGERS),
-    )
-    return replace(belief, result=result)
+    result = replace(belief.result, size_mm=_size(size, plan, plan.give))
+    stiffness = _stiffness(belief, force, plan, plan.give)
+    return replace(belief, result=_with_stiffness(result, stiffness, reason=_RIGID_FINGERS))
 
 
-def _reported(stiffness: Measurement | None, reason: str) -> Measurement | None:
-    """Return a stiffness as a result reports it: a bound where it may be anything."""
+def _with_stiffness(
+    result: GraspResult, stiffness: Measurement | None, *, reason: str
+) -> GraspResult:
+    """Add firmness, and stiffness: a bound with this reason where the interval is wide."""
     if stiffness is None:
-        return None
-    return stiffness.or_bound(reason, least=SOFTEST_N_PER_MM, most=STIFFEST_N_PER_MM)
+        return replace(result, stiffness_n_per_mm=None, firmness=None)
+    bounded = stiffness.or_bound(reason, least=SOFTEST_N_PER_MM, most=STIFFEST_N_PER_MM)
+    return replace(result, stiffness_n_per_mm=bounded, firmness=firmness_index(stiffness))
 
 
 def settled_force(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -> Measurement:

@@ -73,6 +73,9 @@ class GraspResult:
     settled_percent, size_mm, force_n, stiffness_n_per_mm : Measurement or None
         Mean relative change and grip force at the settling horizon, the object's extent before
         contact, and its own secant stiffness at that force.
+    firmness : Measurement or None
+        Index from 0 to 100 (`palpate.estimate.firmness`); a value and an interval also where the
+        stiffness is only bounded.
     previous_width_mm : float or None
         Width as sent at the step before the one that felt contact, without the gripper's zero. By
         the paper's method that step is fixed and this its estimate of size; by palpate's steps
@@ -95,6 +98,7 @@ class GraspResult:
     size_mm: Measurement | None = None
     force_n: Measurement | None = None
     stiffness_n_per_mm: Measurement | None = None
+    firmness: Measurement | None = None
     previous_width_mm: float | None = None
     peak_force_n: float | None = None
     frames: int = 0
@@ -103,7 +107,7 @@ class GraspResult:
     faults: tuple[str, ...] = field(default=())
 
     def __repr__(self) -> str:
-        quantities = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
+        quantities = ("size_mm", "force_n", "stiffness_n_per_mm", "firmness", "settled_percent")
         found = [(name, getattr(self, name)) for name in quantities]
         parts = [f"{name} {one.text(digits=2)}" for name, one in found if one is not None]
         return f"GraspResult({', '.join([str(self.outcome), *parts])})"
@@ -122,6 +126,7 @@ class GraspResult:
                 ("size_mm", self.size_mm),
                 ("force_n", self.force_n),
                 ("stiffness_n_per_mm", self.stiffness_n_per_mm),
+                ("firmness", self.firmness),
             )
         }
         return {

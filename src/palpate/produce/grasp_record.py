@@ -20,7 +20,7 @@ from palpate.recording import Origin
 from palpate.sensor.array import ArrayLayout
 
 #: What a grasp answers; where the hand stood then is read off the gripper.
-_ANSWERED = ("settled_percent", "size_mm", "force_n", "stiffness_n_per_mm")
+_ANSWERED = ("settled_percent", "size_mm", "force_n", "stiffness_n_per_mm", "firmness")
 
 #: Name of the measurement by what drives the hand.
 HELD_AT: dict[Drive, str] = {"width": "width_mm", "pressure": "pressure_kpa"}

@@ -27,6 +27,7 @@ MEASURED = MappingProxyType(
         "size_mm": "mm",
         "force_n": "n",
         "stiffness_n_per_mm": "n_per_mm",
+        "firmness": "index",
         "firmness_n_per_mm": "n_per_mm",
         "width_mm": "mm",
         "pressure_kpa": "kpa",

@@ -92,6 +92,11 @@ class Grip:
         return self._result.stiffness_n_per_mm
 
     @property
+    def firmness(self) -> Measurement | None:
+        """Index from 0 to 100; also where the stiffness is only bounded."""
+        return self._result.firmness
+
+    @property
     def settled_percent(self) -> Measurement | None:
         """Mean relative change at the 20 s horizon."""
         return self._result.settled_percent
@@ -151,6 +156,7 @@ class Grip:
             ("size", "mm", 1, self.size_mm),
             ("force", "N", 2, self.force_n),
             ("stiffness", "N/mm", 2, self.stiffness_n_per_mm),
+            ("firmness", "of 100", 0, self.firmness),
         ):
             if value is not None:
                 parts.append(f"{label} {value.text(digits=digits)} {unit}")

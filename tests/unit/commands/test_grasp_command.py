@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -100,7 +101,12 @@ def test_soft_fingers_tell_no_size_and_little_of_stiffness(
     stiffness = said["stiffness_n_per_mm"]
     assert stiffness["status"] == "at_least"
     assert stiffness["value"] is stiffness["high"] is None
-    assert stiffness["low"] <= said["truth"]["stiffness_n_per_mm"]
+    true = said["truth"]["stiffness_n_per_mm"]
+    assert stiffness["low"] <= true
+    # A firmness has a number also where the stiffness is only bounded.
+    firmness = said["firmness"]
+    assert 0 <= firmness["low"] <= firmness["value"] <= firmness["high"] <= 100
+    assert firmness["low"] <= 100 * math.log10(true / 0.1) / 3 <= firmness["high"]
     for name in ("settled_percent", "force_n"):
         assert said[name]["low"] <= said["truth"][name] <= said[name]["high"]
 

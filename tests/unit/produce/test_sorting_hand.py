@@ -78,6 +78,7 @@ def test_it_measures_and_takes_a_known_size_into_account(
         "size_mm",
         "force_n",
         "stiffness_n_per_mm",
+        "firmness",
     }
     assert (first.grasp.item_id, first.grasp.calibration_id) == ("egg-1", "monday")
     assert (first.grasp.taken_at, first.grasp.simulated) == (NOON, True)

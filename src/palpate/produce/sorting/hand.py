@@ -119,5 +119,6 @@ def _measured(result: GraspResult) -> dict[str, Measurement]:
         "size_mm": result.size_mm,
         "force_n": result.force_n,
         "stiffness_n_per_mm": result.stiffness_n_per_mm,
+        "firmness": result.firmness,
     }
     return {name: value for name, value in found.items() if value is not None}

@@ -1,0 +1,47 @@
+"""Firmness as an index from 0 to 100, which has a value wherever an object was touched."""
+
+from __future__ import annotations
+
+import math
+
+from palpate.estimate.measurement import Measurement
+from palpate.settling.result import Status
+
+#: Stiffness of index 0 and of index 100, N/mm: three decades, from foam to wood (a convention).
+_SOFTEST, _FIRMEST = 0.1, 100.0
+
+
+def firmness_index(stiffness: Measurement) -> Measurement:
+    """Return the firmness of an object from its stiffness.
+
+    Parameters
+    ----------
+    stiffness : Measurement
+        The object's own secant stiffness at the grip force, N/mm, with the median of what is
+        possible as its value, however wide the interval.
+
+    Returns
+    -------
+    Measurement
+        ``100 log10(stiffness / 0.1) / 3``, kept within 0 to 100: 1 N/mm is 33, 10 N/mm is 67. The
+        logarithm gives an index an even error, so that a rigid hand that bounds a stiffness from
+        one side still has a firmness and its interval.
+
+    Examples
+    --------
+    >>> found = firmness_index(Measurement(value=10.0, low=1.0, high=400.0, unit="n_per_mm"))
+    >>> round(found.value), round(found.low), round(found.high), found.unit
+    (67, 33, 100, 'index')
+    """
+    value, low, high = (
+        min(max(100.0 * math.log(end / _SOFTEST) / math.log(_FIRMEST / _SOFTEST), 0.0), 100.0)
+        for end in (stiffness.middle, stiffness.low, stiffness.high)
+    )
+    return Measurement(
+        value=value,
+        low=low,
+        high=high,
+        unit="index",
+        level=stiffness.level,
+        status=Status.OK if stiffness.status is Status.SATURATED else stiffness.status,
+    )
