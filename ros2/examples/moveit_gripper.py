@@ -4,8 +4,8 @@
     python ros2/examples/moveit_gripper.py 0.074    # open
 
 Reads `moveit_controllers.yaml` next to it and sends the goal that MoveIt 2's
-`GripperCommandControllerHandle` makes of a trajectory's last point: the joint's position, and
-`max_effort` where the point has no effort. Like there, an action that is aborted has failed.
+`ParallelGripperCommandControllerHandle` makes of a trajectory: the last position of the joint and
+`max_effort`. Like there, an action that is aborted has failed.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ from pathlib import Path
 import rclpy
 import yaml
 from action_msgs.msg import GoalStatus
-from control_msgs.action import GripperCommand
+from control_msgs.action import ParallelGripperCommand
 from rclpy.action import ActionClient
+from sensor_msgs.msg import JointState
 
 CONTROLLERS = Path(__file__).with_name("moveit_controllers.yaml")
 
@@ -27,13 +28,16 @@ def main() -> int:
     manager = yaml.safe_load(CONTROLLERS.read_text())["moveit_simple_controller_manager"]
     name = manager["controller_names"][0]
     controller = manager[name]
-    goal = GripperCommand.Goal()
-    goal.command.position = float(sys.argv[1])
-    goal.command.max_effort = controller["max_effort"]
+    command = JointState(
+        name=controller["joints"],
+        position=[float(sys.argv[1])],
+        effort=[controller["max_effort"]],
+    )
+    goal = ParallelGripperCommand.Goal(command=command)
 
     rclpy.init()
     node = rclpy.create_node("moveit_gripper")
-    client = ActionClient(node, GripperCommand, f"/{name}/{controller['action_ns']}")
+    client = ActionClient(node, ParallelGripperCommand, f"/{name}/{controller['action_ns']}")
     if not client.wait_for_server(timeout_sec=60.0):
         print(f"no action server at /{name}/{controller['action_ns']}", file=sys.stderr)
         return 3
@@ -46,7 +50,7 @@ def main() -> int:
     rclpy.spin_until_future_complete(node, ended)
     status, result = ended.result().status, ended.result().result
     print(
-        f"opening {result.position:.4f} m, effort {result.effort:.2f} N, "
+        f"opening {result.state.position[0]:.4f} m, effort {result.state.effort[0]:.2f} N, "
         f"stalled {result.stalled}, reached {result.reached_goal}"
     )
     node.destroy_node()

@@ -35,7 +35,7 @@ _FEEDBACK_S, _DIAGNOSE_S, _OPENING_S = 0.1, 1.0, 15.0
 
 
 class GripperNode(Node):
-    """The actions `grasp` and, where control_msgs is installed, `gripper_cmd`; `stop`, `release`.
+    """The action `grasp`, the standard gripper actions, and the services `stop` and `release`.
 
     Raises
     ------
@@ -90,9 +90,11 @@ class GripperNode(Node):
         try:
             standard = importlib.import_module("palpate_ros.standard")
         except ModuleNotFoundError:
-            self.get_logger().info("control_msgs is not installed: no action `gripper_cmd`")
+            self.get_logger().info("control_msgs is not installed: no standard gripper actions")
         else:
-            self._standard = standard.StandardGripper(self, self.hand, group=together)
+            self._standard = standard.StandardGripper(
+                self, self.hand, joint=self._value("joint"), group=together
+            )
 
     def let_go(self) -> None:
         """Leave the hand safe and the rig closed."""

@@ -1,103 +1,134 @@
-"""The standard action `control_msgs/action/GripperCommand`, as MoveIt's gripper controllers use it.
+"""The standard gripper actions of control_msgs, as MoveIt's gripper controllers use them.
 
-Position is the opening in metres, max_effort the grip force in newtons (0: a gentle squeeze). Wider
-than now opens; narrower is a grasp, which ends at the object with `stalled`, or finds nothing.
+Position is the opening in metres, effort the grip force in newtons (0 or none: a gentle squeeze).
+Wider than now opens to there, or fully if an object is held; `reached_goal` where the hand got so
+far. Narrower is a grasp, which ends `stalled` at the object, or is aborted and opens. The hand
+has its own pace; a velocity is ignored.
 """
 
 from __future__ import annotations
 
-from control_msgs.action import GripperCommand
+import math
+from functools import partial
+from typing import Any, TypeAlias
+
+from control_msgs.action import GripperCommand, ParallelGripperCommand
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
+from sensor_msgs.msg import JointState
 
 from palpate.grasp.result import Outcome
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate_ros.hand import Grasping, Hand, Moving
 
-_FEEDBACK_S, _WIDER_MM = 0.1, 0.5
+_Action: TypeAlias = type[GripperCommand] | type[ParallelGripperCommand]
+
+#: Seconds between feedbacks.
+_FEEDBACK_S = 0.1
+#: A hand this near its goal has reached it, mm: guess.
+_TOLERANCE_MM = 0.5
 
 
 class StandardGripper:
-    """Serves `gripper_cmd` for a hand that is driven by width."""
+    """Serves `gripper_cmd` and `parallel_gripper_cmd` for a hand that is driven by width."""
 
-    def __init__(self, node: Node, hand: Hand, *, group: CallbackGroup) -> None:
-        self._node, self._hand = node, hand
-        self._server = ActionServer(
-            node,
-            GripperCommand,
-            "~/gripper_cmd",
-            self._obey,
-            goal_callback=self._accepts,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-            callback_group=group,
+    def __init__(self, node: Node, hand: Hand, *, joint: str, group: CallbackGroup) -> None:
+        self._node, self._hand, self._joint = node, hand, joint
+        served = {"gripper_cmd": GripperCommand, "parallel_gripper_cmd": ParallelGripperCommand}
+        self._servers = [
+            ActionServer(
+                node,
+                action,
+                f"~/{name}",
+                partial(self._obey, action),
+                goal_callback=partial(self._accept, name),
+                cancel_callback=lambda _: CancelResponse.ACCEPT,
+                callback_group=group,
+            )
+            for name, action in served.items()
+        ]
+
+    def _accept(self, name: str, goal: Any) -> GoalResponse:
+        wish = _command(goal)
+        if (
+            self._hand.limits.drive == "width"
+            and list(wish.name) in ([], [self._joint])
+            and len(wish.position) == 1
+            and 0 <= wish.position[0] < math.inf
+            and len(wish.effort) <= 1
+            and all(0 <= force_n <= FORCE_CEILING_N for force_n in wish.effort)
+        ):
+            return GoalResponse.ACCEPT
+        self._node.get_logger().warning(
+            f"{name} refused: position {list(wish.position)} m, effort {list(wish.effort)} N, "
+            f"joint {list(wish.name)}; give one opening and at most {FORCE_CEILING_N:g} N for "
+            f"{self._joint} of a hand driven by width"
+        )
+        return GoalResponse.REJECT
+
+    def _obey(self, action: _Action, goal: ServerGoalHandle) -> Any:
+        wish, hand = _command(goal.request), self._hand
+        wanted_mm, state = min(1e3 * wish.position[0], hand.limits.highest), hand.state
+        order: Grasping | Moving | None
+        if state is None:
+            order = None
+        elif abs(wanted_mm - state.width_mm) <= _TOLERANCE_MM:
+            goal.succeed()
+            return action.Result(**self._state(action), reached_goal=True)
+        elif wanted_mm > state.width_mm:
+            order = hand.open(wanted_mm)
+        else:
+            force_n = wish.effort[0] if wish.effort else 0.0
+            order = hand.grasp(target_force_n=force_n or None)
+        if order is None:
+            goal.abort()
+            return action.Result(**self._state(action))
+        stop, ended = (
+            (order.requests.stop, order.known)
+            if isinstance(order, Grasping)
+            else (order.stop, order.over)
+        )
+        while not ended.wait(_FEEDBACK_S):
+            if goal.is_cancel_requested:
+                stop.set()
+            goal.publish_feedback(action.Feedback(**self._state(action, order)))
+        found = order.result if isinstance(order, Grasping) else None
+        is_stalled = found is not None and (
+            not order.over.is_set() or found.outcome is Outcome.HELD
+        )
+        short_mm = math.nan if hand.state is None else wanted_mm - hand.state.width_mm
+        is_opening = isinstance(order, Moving)
+        has_reached = (short_mm if is_opening else -short_mm) <= _TOLERANCE_MM
+        if goal.is_cancel_requested:
+            goal.canceled()
+        elif is_stalled or (is_opening and has_reached and not order.refusal):
+            goal.succeed()
+        else:
+            goal.abort()
+        return action.Result(
+            **self._state(action, order), stalled=is_stalled, reached_goal=has_reached
         )
 
-    def _accepts(self, goal: GripperCommand.Goal) -> GoalResponse:
-        within = goal.command.position >= 0 and 0 <= goal.command.max_effort <= FORCE_CEILING_N
-        if not within or self._hand.limits.drive != "width":
-            self._node.get_logger().warning(
-                f"gripper_cmd refused: position {goal.command.position:g} m (an opening), "
-                f"max_effort {goal.command.max_effort:g} N (0 to {FORCE_CEILING_N:g})"
-            )
-            return GoalResponse.REJECT
-        return GoalResponse.ACCEPT
+    def _state(self, action: _Action, order: Grasping | Moving | None = None) -> dict[str, Any]:
+        """Return the fields that result and feedback share: opening, m, and force, N."""
+        state, force_n = self._hand.state, 0.0
+        if isinstance(order, Grasping):
+            found = None if order.result is None else order.result.force_n
+            answer_n = None if found is None else found.value
+            force_n = order.belief.force_n if answer_n is None else answer_n
+        position_m = math.nan if state is None else state.width_mm / 1e3
+        if action is GripperCommand:
+            return {"position": position_m, "effort": float(force_n)}
+        joint = JointState(name=[self._joint], position=[position_m], effort=[float(force_n)])
+        joint.header.stamp = self._node.get_clock().now().to_msg()
+        return {"state": joint}
 
-    def _obey(self, goal: ServerGoalHandle) -> GripperCommand.Result:
-        asked = goal.request.command
-        state = self._hand.state
-        wider = state is not None and 1e3 * asked.position > state.width_mm - _WIDER_MM
-        if wider:
-            opening = self._hand.open(1e3 * asked.position)
-            if opening is not None:
-                return self._followed(goal, opening)
-        else:
-            grasping = self._hand.grasp(target_force_n=asked.max_effort or None)
-            if grasping is not None:
-                return self._grasped(goal, grasping)
-        goal.abort()
-        return self._result()
 
-    def _followed(self, goal: ServerGoalHandle, order: Moving) -> GripperCommand.Result:
-        while not order.over.wait(_FEEDBACK_S):
-            if goal.is_cancel_requested:
-                order.stop.set()
-        if goal.is_cancel_requested:
-            goal.canceled()
-        elif order.refusal:
-            goal.abort()
-        else:
-            goal.succeed()
-        return self._result(reached=not order.refusal)
-
-    def _grasped(self, goal: ServerGoalHandle, order: Grasping) -> GripperCommand.Result:
-        while not order.known.wait(_FEEDBACK_S):
-            if goal.is_cancel_requested:
-                order.requests.stop.set()
-            goal.publish_feedback(
-                GripperCommand.Feedback(**self._now(force_n=order.belief.force_n))
-            )
-        found = order.result
-        held = found is not None and (not order.over.is_set() or found.outcome is Outcome.HELD)
-        if goal.is_cancel_requested:
-            goal.canceled()
-        elif held:
-            goal.succeed()
-        else:
-            goal.abort()
-        force = None if found is None else found.force_n
-        value = None if force is None else force.value
-        return self._result(force_n=value or 0.0, stalled=held)
-
-    def _result(self, **found: float | bool) -> GripperCommand.Result:
-        flags = {
-            "reached_goal": bool(found.get("reached")),
-            "stalled": bool(found.get("stalled")),
-        }
-        return GripperCommand.Result(**self._now(force_n=float(found.get("force_n", 0.0))), **flags)
-
-    def _now(self, *, force_n: float) -> dict[str, float]:
-        state = self._hand.state
-        width_mm = float("nan") if state is None else state.width_mm
-        return {"position": width_mm / 1e3, "effort": float(force_n)}
+def _command(goal: Any) -> JointState:
+    """Return the goal of either action as a command of its joint."""
+    if isinstance(goal, ParallelGripperCommand.Goal):
+        return goal.command
+    wish = goal.command
+    return JointState(position=[wish.position], effort=[wish.max_effort])

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 from action_msgs.msg import GoalStatus
-from control_msgs.action import GripperCommand as StandardCommand
+from control_msgs.action import GripperCommand, ParallelGripperCommand
 from palpate_msgs.action import Grasp
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -26,6 +26,7 @@ from palpate.clock import ManualClock
 from palpate.twin.world import World
 
 GRASP, STANDARD = "/palpate_gripper/grasp", "/palpate_gripper/gripper_cmd"
+PARALLEL = "/palpate_gripper/parallel_gripper_cmd"
 EXAMPLE = Path(__file__).parents[2] / "examples/moveit_gripper.py"
 #: A grasp, on a busy machine.
 PATIENCE_S = 120.0
@@ -92,30 +93,95 @@ def test_stop_service_ends_the_goal(client: Any, launch: Any) -> None:
     assert (found.status, found.result.outcome) == (GoalStatus.STATUS_ABORTED, "stopped")
 
 
-def test_too_large_a_force_is_rejected(client: Any, launch: Any) -> None:
-    launch("gripper_node", rig="bench", speed=4.0)
-    with pytest.raises(AssertionError, match="accepted"):
-        client.goal(Grasp, GRASP, Grasp.Goal(target_force_n=50.0), [])
+def parallel(position_m: float, *, joint: str = "palpate_gripper", **wish: float) -> Any:
+    command = JointState(name=[joint], position=[position_m])
+    for part, number in wish.items():
+        setattr(command, part, [number])
+    return ParallelGripperCommand.Goal(command=command)
 
 
-def test_standard_command_closes_and_opens(
-    client: Any, launch: Any, joints: list[JointState]
+def standard(position_m: float, effort: float = 0.0) -> Any:
+    goal = GripperCommand.Goal()
+    goal.command.position, goal.command.max_effort = position_m, effort
+    return goal
+
+
+def opening(message: Any) -> tuple[float, float]:
+    """Return position, m, and force, N, of a result or feedback of either action."""
+    if hasattr(message, "state"):
+        assert list(message.state.name) == ["palpate_gripper"]
+        return message.state.position[0], message.state.effort[0]
+    return message.position, message.effort
+
+
+@pytest.mark.parametrize(
+    ("action", "name", "goal"),
+    [(GripperCommand, STANDARD, standard), (ParallelGripperCommand, PARALLEL, parallel)],
+)
+def test_standard_actions_close_until_stalled_and_open_to_the_goal(
+    client: Any, launch: Any, joints: list[JointState], action: Any, name: str, goal: Any
 ) -> None:
     launch("gripper_node", rig="bench", speed=4.0, object="strawberry")
     client.until(lambda: width_mm(joints) > 73.0, "open hand")
-    closing = StandardCommand.Goal()
-    closing.command.position, closing.command.max_effort = 0.0, 2.0
-    found = client.result(client.goal(StandardCommand, STANDARD, closing, []))
+    feedback: list[Any] = []
+    found = client.result(client.goal(action, name, goal(0.0, effort=2.0), feedback))
     assert found.status == GoalStatus.STATUS_SUCCEEDED
-    assert found.result.stalled
-    assert found.result.effort == pytest.approx(2.0, rel=0.3)
-    assert found.result.position == pytest.approx(width_mm(joints) / 1e3, abs=1e-3)
-    opening = StandardCommand.Goal()
-    opening.command.position = 0.074
-    found = client.result(client.goal(StandardCommand, STANDARD, opening, []))
+    assert (found.result.stalled, found.result.reached_goal) == (True, False)
+    position_m, force_n = opening(found.result)
+    assert force_n == pytest.approx(2.0, rel=0.3)
+    assert position_m == pytest.approx(width_mm(joints) / 1e3, abs=1e-3)
+    assert opening(feedback[0])[0] > position_m + 0.01
+    # The same opening again moves nothing, and does not drop the object.
+    found = client.result(client.goal(action, name, goal(position_m), []))
+    assert (found.status, found.result.reached_goal) == (GoalStatus.STATUS_SUCCEEDED, True)
+    assert width_mm(joints) == pytest.approx(1e3 * position_m, abs=1.0)
+    found = client.result(client.goal(action, name, goal(0.074), []))
     assert found.status == GoalStatus.STATUS_SUCCEEDED
-    assert found.result.reached_goal
-    assert found.result.position > 0.073
+    assert (found.result.stalled, found.result.reached_goal) == (False, True)
+    assert opening(found.result)[0] > 0.073
+
+
+def test_parallel_command_without_an_object_is_aborted(client: Any, launch: Any) -> None:
+    launch("gripper_node", rig="bench", speed=4.0, object="nothing")
+    handle = client.goal(ParallelGripperCommand, PARALLEL, parallel(0.0), [])
+    found = client.result(handle)
+    assert found.status == GoalStatus.STATUS_ABORTED
+    assert (found.result.stalled, found.result.reached_goal) == (False, False)
+
+
+def test_parallel_command_cancelled_stands_still_until_it_opens(
+    client: Any, launch: Any, joints: list[JointState]
+) -> None:
+    launch("gripper_node", rig="bench", speed=4.0, object="strawberry")
+    feedback: list[Any] = []
+    handle = client.goal(ParallelGripperCommand, PARALLEL, parallel(0.0), feedback)
+    client.until(lambda: feedback and opening(feedback[-1])[0] < 0.05, "closing")
+    client.wait(handle.cancel_goal_async(), "cancel")
+    found = client.result(handle)
+    assert (found.status, found.result.stalled) == (GoalStatus.STATUS_CANCELED, False)
+    seen = len(joints)
+    client.until(lambda: len(joints) > seen + 15, "a second of the hand standing still")
+    widths = [1e3 * one.position[0] for one in joints[seen + 1 :]]
+    assert max(widths) - min(widths) <= 0.1
+    again = client.result(client.goal(ParallelGripperCommand, PARALLEL, parallel(0.0), []))
+    assert again.status == GoalStatus.STATUS_ABORTED
+    opened = client.goal(ParallelGripperCommand, PARALLEL, parallel(0.074), [])
+    assert client.result(opened).result.reached_goal
+
+
+def test_bad_goals_are_rejected(client: Any, launch: Any) -> None:
+    launch("gripper_node", rig="bench", speed=4.0)
+    for action, name, goal in (
+        (Grasp, GRASP, Grasp.Goal(target_force_n=50.0)),
+        (GripperCommand, STANDARD, standard(0.0, effort=50.0)),
+        (ParallelGripperCommand, PARALLEL, parallel(0.0, effort=50.0)),
+        (ParallelGripperCommand, PARALLEL, parallel(-0.01)),
+        (ParallelGripperCommand, PARALLEL, parallel(math.nan)),
+        (ParallelGripperCommand, PARALLEL, parallel(0.0, joint="elbow")),
+        (ParallelGripperCommand, PARALLEL, ParallelGripperCommand.Goal()),
+    ):
+        with pytest.raises(AssertionError, match="accepted"):
+            client.goal(action, name, goal, [])
 
 
 def test_moveits_goals_close_on_the_object_and_open(launch: Any) -> None:
@@ -133,16 +199,25 @@ def test_moveits_goals_close_on_the_object_and_open(launch: Any) -> None:
         assert expected in done.stdout
 
 
+@pytest.mark.parametrize(
+    ("action", "name"),
+    [
+        ("from palpate_msgs.action import Grasp as Action", GRASP),
+        ("from control_msgs.action import ParallelGripperCommand as Action", PARALLEL),
+    ],
+    ids=["grasp", "parallel"],
+)
 def test_killed_client_leaves_a_bounded_grasp(
-    client: Any, launch: Any, joints: list[JointState], environment: dict[str, str]
+    client: Any, launch: Any, joints: list[JointState], action: str, name: str
 ) -> None:
-    """Nobody asks the object back: it is held, then given back by itself."""
+    """Without a request the object is held for `hold_s`, then released."""
     launch("gripper_node", rig="bench", speed=4.0, object="strawberry", hold_s=4.0)
     program = (
         "import rclpy; from rclpy.node import Node; from rclpy.action import ActionClient;"
-        "from palpate_msgs.action import Grasp; rclpy.init(); n = Node('doomed');"
-        f"c = ActionClient(n, Grasp, '{GRASP}'); c.wait_for_server();"
-        "f = c.send_goal_async(Grasp.Goal()); rclpy.spin_until_future_complete(n, f);"
+        f"{action}; rclpy.init(); n = Node('doomed'); goal = Action.Goal();"
+        "hasattr(goal, 'command') and goal.command.position.append(0.0);"
+        f"c = ActionClient(n, Action, '{name}'); c.wait_for_server();"
+        "f = c.send_goal_async(goal); rclpy.spin_until_future_complete(n, f);"
         "print('sent', flush=True); rclpy.spin(n)"
     )
     doomed = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
@@ -183,8 +258,7 @@ def test_killed_node_stops_the_servo(client: Any, launch: Any, monkeypatch: Any)
     with servo_at_work() as (bus, world):
         monkeypatch.setitem(os.environ, "PALPATE_TEST_PORT", bus.name)
         node = launch("gripper_node", rig="servo")
-        closing = StandardCommand.Goal()
-        client.goal(StandardCommand, STANDARD, closing, [])
+        client.goal(GripperCommand, STANDARD, standard(0.0), [])
 
         def width() -> float:
             with bus._lock:
