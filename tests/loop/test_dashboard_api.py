@@ -95,7 +95,8 @@ def test_a_grasp_from_its_order_to_its_result_and_its_item(machine: Machine) -> 
     assert (status, result["outcome"], result["item_id"]) == (200, "held", "berry-1")
     assert result["recording"] == grasp["recording"]
     assert faults("grasp", result) == []
-    machine.until(lambda at: machine.ask("GET", "/items")[1]["items"] != [])
+    assert result["item"] == {"id": "berry-1", "kind": None, "stage": None, "bruised": None}
+    assert "bin" not in result, "no rules are in play"
     status, items = machine.ask("GET", "/items?limit=5")
     assert (status, faults("items", items)) == (200, [])
     status, item = machine.ask("GET", "/items/berry-1")

@@ -14,56 +14,108 @@ from tests.loop.test_dashboard import (
     SIMULATED,
     WIDE,
     browser,
+    can_press,
+    drive,
     fresh,
-    grasp,
-    release,
     served,
     tab,
 )
+from tests.loop.test_dashboard_api import Machine
+from tests.unit.test_json_schemas import faults
+
+from palpate.cli import build_app
+from palpate.commands.outcome import run
 
 __all__ = ["browser"]
 
-RULES = """default = "look at it"
+RULES = """default = "by hand"
 [[rule]]
 bin = "small"
-size_mm = [0, 45]
+size_mm = [0, 38.5]
 [[rule]]
 bin = "large"
 size_mm = [45, 90]
 """
+#: Object of the simulated rig, the name given to it, its bin and the colour of the headline.
+SORTED = (
+    ("strawberry", "berry-7", "small", "good"),
+    ("ball-33lbs", "", "large", "good"),
+    ("rigid-block", "block-1", "by hand", "warn"),
+)
 
 
-def test_grasps_are_listed_counted_and_sorted(browser: Browser, tmp_path: Path) -> None:
+def test_bin_is_the_headline_and_the_same_everywhere(browser: Browser, tmp_path: Path) -> None:
     rules = tmp_path / "rules.toml"
     rules.write_text(RULES)
+    options = {"viewport": WIDE}
     with served(tmp_path, *SIMULATED, "--rules", str(rules)) as address:
-        context = browser.new_context(viewport=WIDE)
-        page = context.new_page()
-        page.set_default_timeout(PATIENCE_MS)
-        page.goto(address)
-        fresh(page)
-        for name in ("berry-7", ""):
+        page, operator = (browser.new_context(**options).new_page() for _ in range(2))
+        for one, url in ((page, address), (operator, f"{address}operate")):
+            one.set_default_timeout(PATIENCE_MS)
+            one.goto(url)
+            fresh(one)
+        drive(page)
+        machine, documents = Machine(address), []
+        for number, (thing, name, found, kind) in enumerate(SORTED):
+            if number:
+                page.get_by_label("Object between the fingers").click()
+                page.get_by_role("option", name=thing, exact=True).click()
+                page.locator("#use-rig").click()
+                expect(page.locator("#fingers")).to_contain_text(thing.replace("-", " "))
             page.get_by_label("Item (empty: not stored)").fill(name)
-            grasp(page)
-            release(page)
+            can_press(page, "#grasp")
+            page.locator("#grasp").click()
+            # While it is held: a person stands there with it.
+            expect(operator.locator("#next-text")).to_have_text("Take the item, then press Release")
+            for one in (page, operator):
+                expect(one.locator("#verdict-text")).to_have_text(found, ignore_case=True)
+                expect(one.locator("#verdict")).to_have_attribute("data-kind", kind)
+            page.locator("#release").click()
+            # Whoever sees the end asks for the result, and for the item.
+            state = machine.until(lambda at: at["activity"] == "watching")
+            result = machine.ask("GET", "/result")[1]
+            documents.append(result)
+            assert (result["bin"]["name"], result["object"]) == (found, thing)
+            assert faults("grasp", result) == []
+            assert state["bin"] == found
+            assert result.get("item_id", "") == name
+            if name:
+                assert result["item"] == {"id": name, "kind": None, "stage": None, "bruised": None}
+                item = machine.ask("GET", f"/items/{name}")[1]
+                assert item["grasps"][0]["recording"].endswith(result["recording"])
+                assert [one["text"] for one in item["verdicts"]] == [found]
+            for one in (page, operator):
+                expect(one.locator("#verdict-text")).to_have_text(found, ignore_case=True)
+                expect(one.locator("#verdict")).to_have_attribute("data-kind", kind)
+                size = f"{result['size_mm']['value']:.0f} mm"
+                expect(one.locator("#verdict-firm")).to_contain_text(size)
         tab(page, "Run")
         expect(page).to_have_url(f"{address}run")
         rows = page.locator("#run .ran")
-        expect(rows).to_have_count(2)
-        expect(rows.nth(0)).to_contain_text("no name")
-        named = rows.nth(1)
+        expect(rows).to_have_count(3)
+        expect(rows.nth(1)).to_contain_text("no name")
+        named = rows.nth(2)
         expect(named).to_contain_text(re.compile("berry-7.*SIMULATED.*held", re.DOTALL))
         expect(named.locator(".where b")).to_have_text("small")
         expect(named.locator("polyline")).to_be_attached()
-        expect(page.locator("#run-counts")).to_contain_text(re.compile("2 grasps since .*: 2 held"))
-        expect(page.locator("#run-bins")).to_contain_text("small")
+        expect(page.locator("#run-counts")).to_contain_text(re.compile("3 grasps since .*: 3 held"))
+        for _, _, found, _ in SORTED:
+            expect(page.locator("#run-bins")).to_contain_text(found)
         with urllib.request.urlopen(f"{address}grasps.csv", timeout=30) as reply:
             table = list(csv.DictReader(io.StringIO(reply.read().decode())))
-        assert [row["item_id"] for row in table] == ["berry-7", ""]
-        assert table[0]["bin"] == "small"
-        assert 1.0 < float(table[0]["force_n"]) < 5.0
+        for row, result in zip(table, documents, strict=True):
+            assert row["item_id"] == result.get("item_id", "")
+            assert (row["bin"], row["why"]) == (result["bin"]["name"], result["bin"]["why"])
+            assert row["recording"] == result["recording"]
+            assert float(row["size_mm"]) == result["size_mm"]["value"]
         # The link turns to the tab of items; who drives goes on driving.
         named.get_by_role("link", name="berry-7").click()
         expect(page.locator("#item-page")).to_contain_text("1 grasp")
+        expect(page.locator("#item-page")).to_contain_text("small")
         expect(page.locator("#who")).to_contain_text("you drive")
-        context.close()
+        report = ("report", "berry-7", "--store", str(tmp_path / "items.sqlite"))
+        out = tmp_path / "report.html"
+        assert run(build_app(), [*report, "--out", str(out)], name="palpate") == 0
+        assert ">small<" in out.read_text()
+        for one in (page, operator):
+            one.context.close()

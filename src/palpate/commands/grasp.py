@@ -188,6 +188,8 @@ def grasp(
                 truth=truth,
                 subject=devices.subject,
             )
+            if memory is not None:
+                document["item"] = memory.facts()
             if pull is not None:
                 document["pull"] = pull.to_dict()
             print(json.dumps(document, allow_nan=False, indent=1), flush=True)

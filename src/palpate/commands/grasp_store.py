@@ -63,6 +63,17 @@ class Memory:
         self._record = grasp, calibration
         return {"item_id": self._item_id, "grasp_id": grasp.grasp_id}
 
+    def facts(self) -> dict[str, object]:
+        """Return what the store knows of the item, for the JSON."""
+        from palpate.produce.store.item_history import item_facts
+
+        items = self._store.items_named([self._item_id])
+        return item_facts(
+            self._item_id,
+            kind=items[0].kind if items else None,
+            verdicts=self._store.verdicts_of(self._item_id),
+        )
+
     def keep(self) -> bool:
         """Write the grasp to the local store, then send it; False where it can't be written."""
         assert self._record is not None

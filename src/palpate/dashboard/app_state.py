@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from palpate.dashboard.activity import Activity
 from palpate.dashboard.device_client import DeviceClient
 from palpate.dashboard.folder import (
     RecordingList,
@@ -26,9 +27,10 @@ from palpate.dashboard.messages import DevicesLost, Grasped, StopConfirmed, Upda
 from palpate.dashboard.orders import GraspOrder, OpenRig, Order, Request
 from palpate.dashboard.page_document import kind_of
 from palpate.dashboard.session import Session
-from palpate.errors import InputError, PalpateError
+from palpate.errors import InputError
 from palpate.estimate.damage_file import DamageFile
 from palpate.grasp.document import grasp_document, limit_document
+from palpate.grasp.result import Outcome
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.produce.records import Item
 from palpate.rig.file import stated_in
@@ -37,6 +39,9 @@ if TYPE_CHECKING:
     from palpate.produce.sorting.rules import RuleBook
 
 _LOOK_S = 0.01
+#: A result waits for the store and its bin this long, seconds: longer than a shared store that is
+#: away is waited for (5 s), so that the local one decides.
+_STORE_S = 8.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,6 +94,10 @@ class AppState:
         #: Each wakes a stop that waits for its confirmation.
         self._waiting = set[Callable[[], object]]()
         self._lost = False
+        #: Generation and measurements for which a bin was looked for last.
+        self._foreseen: object = None
+        #: Held, so that it is not collected while it runs.
+        self._task: asyncio.Future[None] | None = None
 
     async def open(self) -> None:
         """Start the devices' process, wait until it can receive a stop, and open the first rig."""
@@ -208,7 +217,7 @@ class AppState:
         return 0.0 if self._heard_s is None else time.monotonic() - self._heard_s
 
     def _keep(self, grasped: Grasped, order: GraspOrder) -> None:
-        """Remember a grasp; the database of named items may take its time."""
+        """Keep a grasp that has just ended, and publish its result."""
         live = self.session.devices.live
         entry = entry_of(
             grasped,
@@ -220,14 +229,91 @@ class AppState:
             simulated=live.source is not None and live.source.simulated,
             curve=list(live.curve),
         )
-        self.result = self._document(grasped, order, ended_at=entry.ended_at)
+        document = self._document(grasped, order, ended_at=entry.ended_at)
+        source = live.source
+        if source is None or not (order.item_id or self.settings.rules):
+            self._publish(entry, document, {})
+            return
+        place: Callable[[], Mapping[str, Any]]
+        if order.item_id and grasped.recording is not None:
+            place = partial(
+                self.item_store.keep,
+                grasped.result,
+                recording=grasped.recording,
+                item_id=order.item_id,
+                closing=grasped.closing,
+            )
+        else:
+            place = partial(
+                self.item_store.place, grasped.result, item_id=order.item_id, source=source
+            )
+        # The grasp has not ended before its result is out: who sees the end asks for the result,
+        # and for the item.
+        self.session.devices.activity, self.session.devices.order = Activity.GRASPING, order
+        self._task = asyncio.ensure_future(self._place(place, entry, document))
+
+    async def _place(
+        self, place: Callable[[], Mapping[str, Any]], entry: Entry, document: dict[str, object]
+    ) -> None:
+        """Store a grasp and find its bin before the result is out; a store may not answer."""
+        devices, grasped = self.session.devices, self.session.devices.grasped
+        try:
+            async with asyncio.timeout(_STORE_S):
+                placed = await asyncio.get_running_loop().run_in_executor(None, place)
+        except TimeoutError:
+            why = f"the store has not answered for {_STORE_S:g} s"
+            placed = self.item_store.unplaced(entry.item_id, why=why)
+        if devices.grasped is grasped:
+            devices.placed = placed
+        self._publish(entry, document, placed)
+        if devices.activity is Activity.GRASPING:
+            devices.rest()
+
+    def _publish(
+        self, entry: Entry, document: dict[str, object], placed: Mapping[str, Any]
+    ) -> None:
+        """Note a grasp in the history, and pass its document on."""
+        devices, found = self.session.devices, placed.get("bin") or {}
+        item = placed.get("item") or {}
+        entry = replace(
+            entry,
+            bin=found.get("name"),
+            again=found.get("again"),
+            why=found.get("why", placed.get("why")),
+            stage=item.get("stage"),
+            bruised=item.get("bruised"),
+        )
+        if self.item_store.trouble and entry.item_id:
+            devices.trouble = f"the grasp is not in the store: {self.item_store.trouble}"
+        try:
+            self.history.add(entry)
+        except OSError as error:
+            devices.trouble = f"the grasp is not in the history: {error}"
+        self.result = document | {name: placed[name] for name in ("bin", "item") if name in placed}
         for listener in self.on_result:
             listener(self.result)
-        if order.item_id and grasped.recording is not None:
-            keep = partial(self._keep_item, grasped, grasped.recording, entry)
-            asyncio.get_running_loop().run_in_executor(None, keep).add_done_callback(self._kept)
-        else:
-            self._note(entry)
+
+    def _foresee(self) -> None:
+        """Find the bin of what is held as soon as it is measured: a person waits for it."""
+        devices, rules = self.session.devices, self.settings.rules
+        order, progress, source = devices.order, devices.live.progress, devices.live.source
+        if rules is None or progress is None or source is None or devices.grasped is not None:
+            return
+        if not (isinstance(order, GraspOrder) and progress.decided and progress.phase == "hold"):
+            return
+        answer = replace(progress.answer, outcome=Outcome.HELD)
+        asked = devices.live.generation, answer.size_mm, answer.stiffness_n_per_mm
+        if asked == self._foreseen:
+            return
+        self._foreseen = asked
+
+        def show(placed: asyncio.Future[dict[str, Any]]) -> None:
+            """Show the bin, unless the grasp has ended meanwhile."""
+            if devices.live.generation == asked[0] and devices.grasped is None:
+                devices.placed = placed.result()
+
+        place = partial(self.item_store.place, answer, item_id=order.item_id, source=source)
+        asyncio.get_running_loop().run_in_executor(None, place).add_done_callback(show)
 
     def _document(self, grasped: Grasped, order: GraspOrder, *, ended_at: str) -> dict[str, object]:
         settings, live, limited = self.settings, self.session.devices.live, None
@@ -256,34 +342,6 @@ class AppState:
         progress = self.session.devices.live.progress
         return None if progress is None else progress.bounds.damage_low_n
 
-    def _keep_item(self, grasped: Grasped, recording: Path, entry: Entry) -> Entry:
-        """Write a named item's grasp to the store, and find its bin."""
-        item_id = entry.item_id
-        self.item_store.keep(
-            grasped.result, recording=recording, item_id=item_id, closing=grasped.closing
-        )
-        try:
-            decision = self.item_store.sort(item_id)
-        except PalpateError as error:
-            return replace(entry, why=str(error))
-        if decision is None:
-            return entry
-        found = f"{decision.bin} (for now)" if decision.again else decision.bin
-        return replace(entry, bin=found, why=decision.why)
-
-    def _kept(self, kept: asyncio.Future[Entry]) -> None:
-        self._note(kept.result())
-        if self.item_store.trouble:
-            self.session.devices.trouble = (
-                f"the grasp is not in the store: {self.item_store.trouble}"
-            )
-
-    def _note(self, entry: Entry) -> None:
-        try:
-            self.history.add(entry)
-        except OSError as error:
-            self.session.devices.trouble = f"the grasp is not in the history: {error}"
-
     def _send(self, message: Order | Request) -> None:
         if self._process is not None:
             self._process.send(message)
@@ -299,4 +357,8 @@ class AppState:
             wake()
         loop = self._loop
         if loop is not None and not loop.is_closed():
-            loop.call_soon_threadsafe(self.session.devices.take, update)
+            loop.call_soon_threadsafe(self._take, update)
+
+    def _take(self, update: Update | DevicesLost) -> None:
+        self.session.devices.take(update)
+        self._foresee()

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from palpate.dashboard.activity import ACTIVITIES, Activity
 from palpate.dashboard.frames import FrameSource
@@ -67,6 +68,8 @@ class DeviceState:
         self.trouble = ""
         #: Results of the last grasp or replay, calibration and examination.
         self.grasped: Grasped | None = None
+        #: `bin` and `item` of the grasp on the page; empty without rules and item.
+        self.placed: Mapping[str, Any] = {}
         self.calibrated: Calibrated | None = None
         self.health: Health | None = None
         #: Of the last order, if it was a calibration that was stopped or failed.
@@ -78,12 +81,16 @@ class DeviceState:
         #: File to which the watched frames go.
         self.recording: Path | None = None
         self.rig_open = False
-        self._file: Path | None = None
+        #: What is being carried out; None while the rig is only watched.
+        self.order: Order | None = None
 
     @property
     def files_in_use(self) -> set[str]:
         """Names of the recordings that are being written or shown."""
-        return {file.name for file in (self.recording, self._file) if file is not None}
+        match self.order:
+            case GraspOrder(recording=file) | Play(file=file):
+                return {file.name}
+        return set() if self.recording is None else {self.recording.name}
 
     @property
     def sensor_alone(self) -> bool:
@@ -95,8 +102,7 @@ class DeviceState:
         """Count an order as begun before the devices answer: a second press must not repeat it."""
         if isinstance(order, Record):
             return
-        self.activity, self.guide = ACTIVITIES[type(order)], None
-        self._file = _file_of(order)
+        self.activity, self.guide, self.order = ACTIVITIES[type(order)], None, order
 
     def take(self, update: Update | DevicesLost) -> None:
         """Take an update of the devices."""
@@ -138,17 +144,22 @@ class DeviceState:
                 self._end(note)
 
     def _begin(self, order: Order) -> None:
-        self.activity = ACTIVITIES[type(order)]
+        self.activity, self.order = ACTIVITIES[type(order)], order
         self.guide, self.trouble, self.stopped_after_s = None, "", None
         self.calibration_failure, self.stopped_early = None, False
         if isinstance(order, OpenRig):
             self.rig_open = False
         if isinstance(order, OpenRig | GraspOrder | Play):
-            self.grasped = None
+            self.grasped, self.placed = None, {}
             self.live.clear_curve()
 
-    def _end(self, note: Ended) -> None:
+    def rest(self) -> None:
+        """Take the order as ended: the next may begin."""
         self.activity = Activity.WATCHING if self.rig_open else Activity.IDLE
+        self.order = None
+
+    def _end(self, note: Ended) -> None:
+        self.rest()
         failure = self.calibration_failure = self._failure(note)
         self.stopped_early = note.stopped and isinstance(note.order, GraspOrder)
         # A stop is a wish, and no trouble.
@@ -157,7 +168,6 @@ class DeviceState:
         self.guide = None
         # A calibration may run on the clock of a bench of its own.
         self.stopped_after_s = None if failure is not None else note.stopped_after_s
-        self._file = None
         # Of the grasp before, if this one never began.
         if isinstance(note.order, Play | GraspOrder):
             self.grasped = None
@@ -180,12 +190,3 @@ class DeviceState:
             reason=note.trouble,
             step="" if self.guide is None else self.guide.text,
         )
-
-
-def _file_of(order: Order) -> Path | None:
-    match order:
-        case GraspOrder():
-            return order.recording
-        case Play():
-            return order.file
-    return None

@@ -33,6 +33,8 @@ class FrameSource:
     replayed: bool = False
     #: Whether a force calibration can be made without weights.
     has_load_cell: bool = False
+    #: Text of the calibration; empty without one.
+    calibration: str = ""
     #: Force laws; None where the force was not calibrated.
     laws: ForceLaws | None = None
 

@@ -56,9 +56,13 @@ class Entry:
     kind: str
     #: Whether the object was damaged, as simulated rigs know; None on real ones.
     damaged: bool | None = None
-    #: Where the rules put it, and why; None where no rules were given.
+    #: Where the rules put it, whether only until another grasp, and why; None without rules.
     bin: str | None = None
+    again: bool | None = None
     why: str | None = None
+    #: Stage of ripeness and bruise by the item's last verdicts; None where there are none.
+    stage: str | None = None
+    bruised: bool | None = None
     #: Values and ends of their intervals, by name with its unit; None for what is not known.
     measured: dict[str, float | None]
     #: The course of the force (newtons), or of the reading (percent) where it is not calibrated.
@@ -152,6 +156,7 @@ class History:
     def csv_parts(self) -> Iterator[str]:
         """Yield a table of every grasp of the folder; the names of columns end in their units."""
         columns = ["ended_at", "item_id", "outcome", "verdict", "firmness", "damaged", "bin", "why"]
+        columns += ["stage", "bruised"]
         columns += [name + end for name in _MEASURED for end in ("", "_low", "_high")]
         columns += ["decision_time_s", "recording", "simulated"]
         yield _csv_text(columns, [dict(zip(columns, columns, strict=True))])

@@ -6,22 +6,25 @@ The store is opened for each look and each grasp: it may be away, and others use
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from palpate.dashboard.frames import FrameSource
 from palpate.errors import InputError, PalpateError, StoreError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.belief import Observation
-from palpate.grasp.result import GraspResult
+from palpate.grasp.result import GraspResult, Outcome
 from palpate.recording import RecordingReader
 from palpate.recording.replay import observations
 
 if TYPE_CHECKING:
-    from palpate.produce.records import Grasp
-    from palpate.produce.sorting.decide import BinDecision
+    from palpate.produce.identify.identifier import Identifier
+    from palpate.produce.records import Grasp, Verdict
     from palpate.produce.sorting.rules import RuleBook
+    from palpate.produce.sorting.run import Sorted
     from palpate.produce.store import Store
     from palpate.produce.store.item_history import ItemHistory
     from palpate.produce.store.sender import Sender
@@ -54,13 +57,14 @@ class ItemStore:
         recording: Path,
         item_id: str,
         closing: Mapping[str, Measurement],
-    ) -> None:
+    ) -> dict[str, Any]:
         """Write a recorded grasp to the local store, which a shared one is sent from.
 
         `closing` holds the measurements of the whole closing, as `ClosingWatch.measured` gives it.
+        Returns `bin` and `item` of the grasp's document, by all grasps of the item.
         """
         if self.trouble == MISSING:
-            return
+            return self.unplaced(item_id, why=MISSING)
         from palpate.produce.store import Store
         from palpate.produce.store.sender import Sender
 
@@ -72,40 +76,75 @@ class ItemStore:
                 store.add_grasp(grasp, calibration=calibration)
         except (PalpateError, OSError) as error:
             self.trouble = str(error)
-            return
+            return self.unplaced(item_id, why=self.trouble)
         self.trouble = ""
+        placed = self._place(grasp, item_id=item_id, is_stored=True)
         if self._sender is None:
             self._sender = Sender(self._where)
         self._sender.wake()
+        return placed
 
-    def sort(self, item_id: str) -> BinDecision | None:
-        """Return which bin an item goes to, by all its grasps; None without rules.
+    def place(self, answer: GraspResult, *, item_id: str, source: FrameSource) -> dict[str, Any]:
+        """Return `bin` and `item` of a grasp that is not in the store, or not yet."""
+        if self._rules is None and not item_id:
+            return {}
+        if self.trouble == MISSING:
+            return self.unplaced(item_id, why=MISSING)
+        from palpate.produce.grasp_record import make_grasp_record
 
-        Raises
-        ------
-        PalpateError
-            If the store can't be used, or too little was taught for the rules.
-        """
-        if self._rules is None or self.trouble == MISSING:
-            return None
-        from palpate.produce.identify.items import learn_kinds
-        from palpate.produce.sorting.conditions import KindIs
-        from palpate.produce.sorting.decide import decide
-        from palpate.produce.sorting.run import evidence_of
+        grasp = make_grasp_record(
+            answer,
+            # A record has a name; this one is not stored.
+            item_id=item_id or "-",
+            seen=(),
+            layout=source.layout,
+            rig=source.name,
+            drive="width" if source.gripper is None else source.gripper.drive,
+            origin=source.origin,
+            calibration=source.calibration,
+            recording=None,
+        )
+        return self._place(grasp, item_id=item_id, is_stored=False)
+
+    def _place(self, grasp: Grasp, *, item_id: str, is_stored: bool) -> dict[str, Any]:
+        """Apply the rules to the item, and describe it; a decision on a stored grasp is stored."""
+        rules = self._rules
+        try:
+            known = self._read(lambda store: _Known.of(store, item_id, rules=rules)) or _Known()
+            placed: dict[str, Any] = {"item": known.facts(item_id)} if item_id else {}
+            if rules is None:
+                return placed
+            grasps = known.grasps if is_stored else (*known.grasps, grasp)
+            done = _sort(item_id, known, rules=rules, grasps=grasps)
+            if grasp.outcome is not Outcome.HELD:
+                return placed | {"bin": None}
+            if is_stored:
+                self._store_bin(done)
+        except PalpateError as error:
+            return self.unplaced(item_id, why=str(error))
+        decision = done.decision
+        return placed | {
+            "bin": {
+                "name": decision.bin,
+                "rule": None if decision.rule is None else decision.rule.line,
+                "probability": decision.probability,
+                "again": decision.again,
+                "why": f"{decision.why} ({known.away})" if known.away else decision.why,
+            }
+        }
+
+    def unplaced(self, item_id: str, *, why: str) -> dict[str, Any]:
+        """Return `bin` and `item` where the store can't be used, and why."""
+        item = {"id": item_id, "kind": None, "stage": None, "bruised": None}
+        placed: dict[str, Any] = {} if self._rules is None else {"bin": None}
+        return placed | ({"item": item} if item_id else {}) | {"why": why}
+
+    def _store_bin(self, done: Sorted) -> None:
+        from palpate.produce.sorting.run import bin_verdict
         from palpate.produce.store import Store
 
-        with Store.open(self._where, create=False) as store:
-            kind = store.item(item_id).kind
-            guess = kind is None and self._rules.asks(KindIs)
-            evidence = evidence_of(
-                store.grasps_of(item_id),
-                identifier=learn_kinds(store, without=item_id) if guess else None,
-                kind=kind,
-                verdicts=store.verdicts_of(item_id),
-            )
-            away = store.away
-        decision = decide(self._rules, evidence)
-        return decision if away is None else replace(decision, why=f"{decision.why} ({away})")
+        with Store.open(self._where) as store:
+            store.add_verdict(bin_verdict(done, given_at=datetime.now(UTC)))
 
     def items(self, *, limit: int = 200) -> list[str]:
         """Return the names of items, the last met first; none where there is no store yet.
@@ -158,6 +197,60 @@ class ItemStore:
             raise
         with store:
             return read(store)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Known:
+    """What the store holds of an item; nothing of an item without a name, or a new one."""
+
+    kind: str | None = None
+    grasps: tuple[Grasp, ...] = ()
+    verdicts: tuple[Verdict, ...] = ()
+    #: The kinds that were taught, where the rules need a guess.
+    identifier: Identifier | None = None
+    #: Why grasps of other stations may be missing; empty if the shared store answered.
+    away: str = ""
+
+    @classmethod
+    def of(cls, store: Store, item_id: str, *, rules: RuleBook | None) -> _Known:
+        """Look an item up."""
+        from palpate.produce.identify.items import learn_kinds
+        from palpate.produce.sorting.conditions import KindIs
+
+        items = store.items_named([item_id]) if item_id else ()
+        kind = items[0].kind if items else None
+        is_guessed = kind is None and rules is not None and rules.asks(KindIs)
+        return cls(
+            kind=kind,
+            grasps=store.grasps_of(item_id) if items else (),
+            verdicts=store.verdicts_of(item_id) if items else (),
+            identifier=learn_kinds(store, without=item_id) if is_guessed else None,
+            away="" if store.away is None else str(store.away),
+        )
+
+    def facts(self, item_id: str) -> dict[str, object]:
+        """Return `item` of the grasp's document."""
+        from palpate.produce.store.item_history import item_facts
+
+        return item_facts(item_id, kind=self.kind, verdicts=self.verdicts)
+
+
+def _sort(item_id: str, known: _Known, *, rules: RuleBook, grasps: tuple[Grasp, ...]) -> Sorted:
+    """Decide on an item by these grasps, as `palpate sort` does."""
+    from palpate.produce.sorting.decide import decide
+    from palpate.produce.sorting.run import Sorted, evidence_of
+
+    evidence = evidence_of(
+        grasps, identifier=known.identifier, kind=known.kind, verdicts=known.verdicts
+    )
+    return Sorted(
+        item_id=item_id,
+        decision=decide(rules, evidence),
+        identity=evidence.identity,
+        size_mm=evidence.size_mm,
+        grasps=grasps,
+        grasping_s=0.0,
+    )
 
 
 def _read_grasp(

@@ -93,6 +93,7 @@ class JobContext:
             origin=self.rig.origin,
             subject=self.rig.subject,
             has_load_cell=self.open_bench is not None,
+            calibration="" if calibration is None else calibration.as_text(),
             laws=ForceLaws.of(calibration),
         )
 

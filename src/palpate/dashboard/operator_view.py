@@ -91,6 +91,8 @@ def _word(session: Session, headline: Mapping[str, object]) -> str:
         return str(headline["text"])
     if session.devices.activity not in (Activity.WATCHING, Activity.GRASPING, Activity.REPLAYING):
         return str(session.devices.activity)
+    if headline.get("bin"):
+        return str(headline["bin"])
     firmness = headline["firmness"] if headline["firmness"] != UNKNOWN_FIRMNESS else None
     if grasped is not None:
         if _damaged(grasped):
@@ -138,6 +140,8 @@ def _next(session: Session, headline: Mapping[str, object]) -> str:
         return OUTCOMES[Outcome.HELD][1]
     if _damaged(grasped):
         return "Set this item aside"
+    if headline.get("again"):
+        return "Turn the item, then press Grasp again: the bin is only for now"
     return OUTCOMES[grasped.result.outcome][1]
 
 

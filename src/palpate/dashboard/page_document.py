@@ -19,7 +19,7 @@ from palpate.dashboard.operator_view import operator_view
 from palpate.dashboard.session import Session
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Moment, Outcome
-from palpate.grasp.verdict import outcome_text, verdict
+from palpate.grasp.verdict import UNKNOWN_FIRMNESS, outcome_text, verdict
 from palpate.sensor.findings import pixel_name
 from palpate.sensor.health import Health
 
@@ -226,7 +226,7 @@ def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
         elif _limit_passed(grasped, damage_low_n=low_n):
             headline["why"] = "the force passed the damage limit before it was known"
         kind = kind_of(grasped, target_force_n=session.shown_target_n, damage_low_n=low_n)
-        return {**headline, "kind": kind}
+        return _placed({**headline, "kind": kind}, grasped.result, session.devices.placed)
     if progress is None:
         text = session.devices.activity.value
         if session.devices.activity is Activity.WATCHING and not session.devices.sensor_alone:
@@ -239,11 +239,44 @@ def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
         return {**_WORDLESS, "text": text, "kind": "busy"}
     headline = verdict(progress.answer, target_force_n=session.shown_target_n)
     kind = "warn" if headline["on_target"] is False else "good"
-    return {**headline, "text": text, "kind": kind}
+    headline |= {"text": text, "kind": kind}
+    if progress.phase != "hold":
+        return headline
+    return _placed(headline, progress.answer, session.devices.placed)
+
+
+def _placed(
+    headline: dict[str, Any], result: GraspResult, placed: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Let the bin be the headline, with what was measured below; amber for the default one."""
+    found = placed.get("bin")
+    if headline["kind"] == "bad" or "bin" not in placed:
+        return headline
+    if found is None:
+        return headline | {"why": f"no bin: {placed['why']}", "kind": "warn"}
+    firm = None if headline["firmness"] == UNKNOWN_FIRMNESS else headline["firmness"]
+    return headline | {
+        "text": found["name"],
+        "bin": found["name"],
+        "again": found["again"],
+        "why": f"{headline['text']}: {found['why'].partition(': ')[2]}",
+        "firmness": ", ".join(filter(None, (firm, *_sizes(result)))),
+        "kind": "warn" if found["rule"] is None else headline["kind"],
+    }
+
+
+def _sizes(result: GraspResult) -> list[str]:
+    """Return size and stiffness in words, where they are known."""
+    rows = ((result.size_mm, "mm", 0), (result.stiffness_n_per_mm, "N/mm", 1))
+    return [
+        f"{one.middle:.{digits}f} {unit}" if one.number else f"{_bound(one)} {unit}"
+        for one, unit, digits in rows
+        if one is not None and (one.number or any(one.known_ends))
+    ]
 
 
 #: The fields of a verdict that are text.
-_TEXTS = ("text", "firmness", "why")
+_TEXTS = ("text", "firmness", "why", "bin")
 _OF_THEIR_OWN = (Activity.RESTING, Activity.WEIGHING, Activity.EXAMINING, Activity.RELEASING)
 _WORDLESS: dict[str, Any] = {"firmness": None, "on_target": None}
 

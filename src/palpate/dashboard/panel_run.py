@@ -80,6 +80,7 @@ def entry_html(entry: Entry) -> str:
     ended = _WORDS[Outcome(entry.outcome)], found_to_be
     words = html.escape(": ".join(filter(None, ended)))
     found = f"<b>{html.escape(entry.bin)}</b>" if entry.bin else ""
+    found += " for now" if entry.again else ""
     badge = "<span class='badge-sim'>SIMULATED</span>" if entry.simulated else ""
     file = html.escape(entry.recording)
     address = recording_address(entry.recording)

@@ -16,6 +16,7 @@ def state_document(session: Session) -> dict[str, object]:
         "activity": session.devices.activity.value,
         "phase": None if running is None else running.phase,
         "answered": running is not None and running.decided,
+        "bin": (session.devices.placed.get("bin") or {}).get("name"),
         "rig": None if session.rig is None else session.rig.name,
         "simulated": None if source is None else source.simulated,
         "fresh": not live.link.stale and session.hung_s is None,

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 
+from palpate.dashboard.frames import FrameSource
 from palpate.dashboard.item_store import ItemStore
 from palpate.dashboard.panel_items import item_html
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Moment, Outcome
+from palpate.produce.records import About, Item, Verdict
+from palpate.produce.sorting.conditions import SizeWithin, StageIs
+from palpate.produce.sorting.rules import Rule, RuleBook
 from palpate.produce.store import Store
 from palpate.recording import RecordingInfo, RecordingWriter
 from palpate.twin.devices import TwinArray, TwinGripper
@@ -84,3 +89,73 @@ def test_a_store_that_cannot_be_used_is_named(recording: Path, tmp_path: Path) -
     item_store = ItemStore(str(broken))
     item_store.keep(RESULT, recording=recording, item_id="berry-7", closing={})
     assert str(broken) in item_store.trouble
+
+
+RULES = RuleBook(
+    rules=(
+        Rule(bin="ripe", conditions=(StageIs(frozenset({"ripe"})),), line=1),
+        Rule(bin="small", conditions=(SizeWithin(low=0, high=45),), line=2),
+    ),
+    default_bin="by hand",
+    most_grasps=1,
+)
+SOURCE = FrameSource(
+    name="sim-rigid", layout=World(None, seed=1).layout, rest_ohm=None, gripper=None, origin="twin"
+)
+
+
+def sized(size_mm: float, outcome: Outcome = Outcome.HELD) -> GraspResult:
+    size = Measurement(value=size_mm, low=size_mm - 0.5, high=size_mm + 0.5, unit="mm")
+    return GraspResult(outcome=outcome, size_mm=size)
+
+
+@pytest.mark.parametrize(
+    ("result", "found"),
+    [
+        (sized(40.0), ("small", 2)),
+        (sized(60.0), ("by hand", None)),
+        (sized(40.0, Outcome.SLIPPED), None),
+    ],
+)
+def test_place_without_a_name_gives_a_bin_by_the_grasp_alone(
+    tmp_path: Path, result: GraspResult, found: tuple[str, int | None] | None
+) -> None:
+    item_store = ItemStore(str(tmp_path / "items.sqlite"), rules=RULES)
+    placed = item_store.place(result, item_id="", source=SOURCE)
+    assert set(placed) == {"bin"}
+    given = placed["bin"]
+    assert (None if given is None else (given["name"], given["rule"])) == found
+    assert ItemStore(None).place(result, item_id="", source=SOURCE) == {}
+
+
+def test_keep_places_by_all_that_is_known_of_the_item_and_stores_the_bin(
+    recording: Path, tmp_path: Path
+) -> None:
+    where = str(tmp_path / "items.sqlite")
+    with Store.open(where) as store:
+        store.add_item(Item(item_id="A1", kind="avocado"))
+        for about, text in ((About.RIPENESS, "ripe"), (About.BRUISE, "bruised")):
+            given_at = datetime(2026, 5, 1, tzinfo=UTC)
+            store.add_verdict(Verdict(item_id="A1", about=about, text=text, given_at=given_at))
+    item_store = ItemStore(where, rules=RULES)
+    before = item_store.place(sized(60.0), item_id="A1", source=SOURCE)
+    placed = item_store.keep(sized(60.0), recording=recording, item_id="A1", closing={})
+    assert placed == before
+    assert placed["item"] == {"id": "A1", "kind": "avocado", "stage": "ripe", "bruised": True}
+    assert (placed["bin"]["name"], placed["bin"]["rule"]) == ("ripe", 1)
+    page = item_store.page("A1")
+    verdict = page.latest_verdict(About.BIN)
+    assert verdict is not None
+    assert (len(page.grasps), verdict.text) == (1, "ripe")
+
+
+def test_a_store_that_cannot_be_used_gives_no_bin_and_the_reason(
+    recording: Path, tmp_path: Path
+) -> None:
+    broken = tmp_path / "broken.sqlite"
+    broken.write_text("this is no database, whatever its name says" * 100)
+    item_store = ItemStore(str(broken), rules=RULES)
+    placed = item_store.keep(sized(40.0), recording=recording, item_id="A1", closing={})
+    assert placed["bin"] is None
+    assert placed["item"]["id"] == "A1"
+    assert str(broken) in placed["why"]

@@ -77,6 +77,7 @@ function drawVerdict(doc) {
   card.dataset.kind = said.kind;
   const now = doc.measured.force_now;
   if (doc.grasp && said.kind === "busy" && now && now.value >= 0.05) parts.push(t("about {force} N", { force: fixed(now.value, 1) }));
+  card.dataset.bin = Boolean(said.bin);
   say($("verdict-text"), said.text);
   say($("verdict-firm"), said.firmness ?? "");
   say($("verdict-why"), parts.join("\u00a0· "));

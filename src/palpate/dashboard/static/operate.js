@@ -13,7 +13,9 @@ function draw(doc) {
   const { verdict, operator, measured } = doc, card = $("verdict");
   card.dataset.kind = verdict.kind;
   $("shape").setAttribute("href", `#shape-${verdict.kind}`);
+  card.dataset.bin = Boolean(verdict.bin);
   headline(card, $("verdict-text"), operator.word);
+  say($("verdict-firm"), verdict.bin ? verdict.firmness : "");
   say($("verdict-why"), [beyond(operator.word, verdict.text), ...whys(doc)].filter(Boolean).join("\u00a0· "));
   say($("next-text"), operator.next);
   // An open hand presses nothing, one that was stopped still does; without a hand the pads are pressed by whatever lies on them.

@@ -146,7 +146,10 @@ class SizeWithin(Condition):
 
     @staticmethod
     def known(evidence: Evidence) -> str:
-        return ""
+        size = evidence.size_mm
+        if size is None:
+            return "size not measured"
+        return f"{size.value:.1f} mm ({size.low:.1f} to {size.high:.1f})"
 
     def probability(self, evidence: Evidence) -> float | None:
         return None if evidence.size_mm is None else self.chance(evidence.size_mm)
@@ -165,13 +168,7 @@ class SizeWithin(Condition):
         return _below(self.high, measured) - _below(self.low, measured)
 
     def reason(self, evidence: Evidence) -> str:
-        size = evidence.size_mm
-        if size is None:
-            return ""
-        return (
-            f"{size.value:.1f} mm ({size.low:.1f} to {size.high:.1f}) within "
-            f"{self.low:g} to {self.high:g}"
-        )
+        return f"{self.known(evidence)} within {self.low:g} to {self.high:g}"
 
     def covers(self, other: Self) -> bool:
         return self.low <= other.low and other.high <= self.high

@@ -88,8 +88,13 @@ def _reasons(rule: Rule, evidence: Evidence) -> str:
 
 def _all_words(book: RuleBook, evidence: Evidence) -> str:
     """Name all that is known of what any rule asks for; the kind in any case."""
-    forms = (form for form in CONDITIONS.values() if form is KindIs or book.asks(form))
-    return ", ".join(filter(None, (form.known(evidence) for form in forms)))
+    is_kind_known = evidence.identity is not None
+    forms = (
+        form
+        for form in CONDITIONS.values()
+        if book.asks(form) or (form is KindIs and is_kind_known)
+    )
+    return ", ".join(filter(None, (form.known(evidence) for form in forms))) or "not measured"
 
 
 def _no_rule(book: RuleBook, evidence: Evidence) -> str:

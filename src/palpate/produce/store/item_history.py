@@ -71,6 +71,26 @@ def item_pages(store: Store, items: Sequence[Item]) -> tuple[ItemHistory, ...]:
     )
 
 
+def item_facts(
+    item_id: str, *, kind: str | None = None, verdicts: Sequence[Verdict] = ()
+) -> dict[str, object]:
+    """Return what is known of an item, as `item` of a grasp's document: by its last verdicts.
+
+    `kind`: what a person stated it to be.
+
+    >>> item_facts("A17", kind="kiwi")
+    {'id': 'A17', 'kind': 'kiwi', 'stage': None, 'bruised': None}
+    """
+    last = {one.about: one.text for one in sorted(verdicts, key=lambda one: one.given_at)}
+    bruise = last.get(About.BRUISE)
+    return {
+        "id": item_id,
+        "kind": kind or last.get(About.IDENTITY),
+        "stage": last.get(About.RIPENESS),
+        "bruised": None if bruise is None else bruise == "bruised",
+    }
+
+
 def items_document(pages: Sequence[ItemHistory]) -> dict[str, Any]:
     """Return the document of a list of items."""
     return {"items": [_line(page) for page in pages], **_away(pages)}
