@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.holds import Hold, read_holds, strict, text
+from palpate.holds import Hold, read_holds, table
 
 #: Not the sign that stands for lost bytes, which is refused.
 SIGNS = st.characters(codec="utf-8", exclude_categories=("C", "Z"), exclude_characters="\ufffd")
@@ -67,10 +67,7 @@ def test_round_trip_by_any_chunking(file: dict, ending: str, rows_at_a_time: int
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"holds{ending}"
         write(path, rows_of(file))
-        with (
-            patch.object(text, "ROWS_AT_A_TIME", rows_at_a_time),
-            patch.object(strict, "ROWS_AT_A_TIME", rows_at_a_time),
-        ):
+        with patch.object(table, "ROWS_AT_A_TIME", rows_at_a_time):
             holds = list(read_holds(path))
     assert found(holds) == file
     assert [hold.hold_id for hold in holds] == [h for h, cs in file.items() for _ in cs]

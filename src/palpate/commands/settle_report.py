@@ -14,7 +14,7 @@ import numpy as np
 from palpate.commands.settle_source import HoldSource
 from palpate.errors import InputError
 from palpate.files import atomic_path, csv_cell, keep_inputs
-from palpate.holds.binary import pyarrow_for
+from palpate.holds.table_files import pyarrow_for
 from palpate.scoring.predictions import Prediction, score_predictions
 from palpate.scoring.scores import Scores
 from palpate.scoring.table import ScoreTable

@@ -12,8 +12,7 @@ from palpate.errors import InputError, PalpateError, RecordingError
 from palpate.holds import Hold, iterate_holds
 from palpate.holds.columns import TimeUnit, Unit
 from palpate.holds.cutting import CutAt, CutColumn, cut_columns, why_none
-from palpate.holds.recordings import read_recordings
-from palpate.holds.relative import relative_readings
+from palpate.holds.recordings import read_recordings, relative_readings
 from palpate.holds.table_files import MCAP_MAGIC, form_of, open_table
 from palpate.holds.text import lines_of, open_text
 from palpate.signal.circuit import Divider
@@ -169,7 +168,7 @@ def is_holds_file(file: Path) -> bool:
                 with open_text(stream, name=name) as text:
                     return "hold_id" in next(lines_of(text), "")
             if form == "parquet":
-                from palpate.holds.binary import open_parquet
+                from palpate.holds.table_files import open_parquet
 
                 with open_parquet(stream, name=name) as parquet:
                     return "hold_id" in parquet.schema_arrow.names

@@ -112,12 +112,12 @@ def _cut_column(readings: Readings, name: str, cut: CutAt) -> CutColumn:
         )
     time_s, values = readings.time_s[usable], values[usable]
     spans, reason = _spans(time_s, values, unit=unit, cut=cut, remarks=remarks)
-    converter = _Converter.of(readings, name, values)
+    divider, ends = _converter(readings, name, values)
     holds: list[Hold] = []
-    kept: list[tuple[float, float]] = []
+    held: list[tuple[float, float]] = []
     for begin_s, end_s in spans:
         rows = (time_s >= begin_s) & (time_s <= end_s)
-        sound = converter.sound(values[rows])
+        sound = ~np.isin(values[rows], ends)
         if np.mean(~sound) > _SATURATED_SHARE or sound.sum() < _FEWEST:
             reason = (
                 f"at {begin_s:.4g} s {np.mean(~sound):.0%} of the readings are at the end of the "
@@ -125,22 +125,23 @@ def _cut_column(readings: Readings, name: str, cut: CutAt) -> CutColumn:
             )
             remarks.append(f"a hold is left out: {reason}")
             continue
+        kept = values[rows][sound]
         holds.append(
             Hold(
                 hold_id=f"{readings.name}:{name}:{len(holds) + 1}",
                 channel=None,
                 time_s=time_s[rows][sound] - begin_s,
-                values=converter.convert(values[rows][sound]),
-                unit="ohm" if converter.divider else unit,
+                values=resistance_ohm(kept, divider=divider) if divider else kept,
+                unit="ohm" if divider else unit,
             )
         )
-        kept.append((begin_s, end_s))
+        held.append((begin_s, end_s))
     return CutColumn(
         column=name,
         time_s=time_s,
         values=values,
         unit=unit,
-        spans=kept,
+        spans=held,
         holds=holds,
         reason="" if holds else reason,
         remarks=remarks,
@@ -189,33 +190,21 @@ def _spans(
     return [(contact.start_s, contact.end_s) for contact in found.holds], found.reason()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Converter:
-    """Converts a column's readings."""
+def _converter(
+    readings: Readings, name: str, values: NDArray[np.float64]
+) -> tuple[Divider | None, list[float]]:
+    """Return what makes ohm of counts, and the ends of its range, which show nothing of the load.
 
-    #: Counts become ohm by it; without it readings stay as they are.
-    divider: Divider | None
-    #: Counts at the ends of the converter's range, which show nothing of the resistance.
-    ends: tuple[float, ...]
-
-    @classmethod
-    def of(cls, readings: Readings, name: str, values: NDArray[np.float64]) -> _Converter:
-        divider = readings.divider if readings.units[name] in ("counts", None) else None
-        if divider is not None:
-            top = divider.full_scale - 1
-            if values.size and not (values.min() >= 0 and values.max() <= top):
-                raise InputError(
-                    f"{readings.name}: {name} goes from {values.min():g} to {values.max():g}, and "
-                    f"{divider.adc_bits} bits count from 0 to {top}; give other --adc-bits, or "
-                    "--unit"
-                )
-            return cls(divider=divider, ends=(0, top))
-        if readings.units[name] == "counts" and values.size:
-            return cls(divider=None, ends=tuple({0.0, float(values.max())} & _CONVERTER_ENDS))
-        return cls(divider=None, ends=())
-
-    def sound(self, counts: NDArray[np.float64]) -> NDArray[np.bool_]:
-        return np.asarray(~np.isin(counts, self.ends), dtype=np.bool_)
-
-    def convert(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
-        return counts if self.divider is None else resistance_ohm(counts, divider=self.divider)
+    Without a divider, counts stay as they are.
+    """
+    unit, divider = readings.units[name], readings.divider
+    if divider is None or unit not in ("counts", None):
+        ends = {0.0, float(values.max(initial=0.0))} & _CONVERTER_ENDS
+        return None, sorted(ends) if unit == "counts" else []
+    top = divider.full_scale - 1
+    if values.size and not (values.min() >= 0 and values.max() <= top):
+        raise InputError(
+            f"{readings.name}: {name} goes from {values.min():g} to {values.max():g}, and "
+            f"{divider.adc_bits} bits count from 0 to {top}; give other --adc-bits, or --unit"
+        )
+    return divider, [0.0, top]

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from palpate.errors import InputError
 from palpate.holds.hold import Hold
 from palpate.holds.strict import Kind, read_pieces
-from palpate.holds.table import Table
+from palpate.holds.table import Table, runs_of
 
 _COLUMNS: dict[str, Kind] = {"hold_id": "text", "time_s": "number", "value": "number"}
 _OPTIONAL: dict[str, Kind] = {"channel": "text", "unit": "text", "loading_s": "number"}
@@ -94,8 +93,19 @@ def iterate_holds(
     >>> [(hold.hold_id, hold.values.tolist()) for hold in iterate_holds(file)]
     [('a', [5.0, 4.0]), ('b', [7.0])]
     """
-    pieces = read_pieces(path, columns=_COLUMNS, optional=_OPTIONAL, progress=progress)
-    yield from assemble(pieces, name=os.fspath(path), until_s=until_s)
+    name, current, channels = os.fspath(path), "", dict[str, _Channel]()
+    ended: set[str] = set()
+    for table in read_pieces(path, columns=_COLUMNS, optional=_OPTIONAL, progress=progress):
+        for rows in runs_of(table.columns["hold_id"]):
+            hold_id = table.columns["hold_id"][rows.start]
+            if hold_id != current or not channels:
+                yield from _finish(current, channels)
+                ended.add(current)
+                _check_name(hold_id, ended, where=f"{name} {table.place(rows.start)}")
+                current, channels = hold_id, {}
+            for at in _channels_of(table, rows):
+                _gather(table, at, channels, name=name, until_s=until_s)
+    yield from _finish(current, channels)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -120,39 +130,6 @@ class _Channel:
         self.last_time_s = float(time_s[-1])
 
 
-def assemble(pieces: Iterable[Table], *, name: str, until_s: float) -> Iterator[Hold]:
-    """Yield each channel of each hold once the hold is complete.
-
-    `pieces`: the file, in order: columns `hold_id`, `time_s`, `value` and perhaps `channel` and
-        `unit`. The rows of a hold are together; its channels may be interleaved.
-    `until_s`: samples after the first one at or beyond this time are checked and dropped, which
-        bounds the memory that one endless hold can take. Infinite to keep all.
-    Raises `InputError` if time does not increase, a hold comes back or has no name.
-    """
-    ended: set[str] = set()
-    current: str | None = None
-    channels: dict[str, _Channel] = {}
-    for table in pieces:
-        for start, stop in _runs(table):
-            hold_id = table.columns["hold_id"][start]
-            if hold_id != current:
-                if current is not None:
-                    yield from _finish(current, channels)
-                    ended.add(current)
-                _check_name(hold_id, ended, where=f"{name} {table.place(start)}")
-                current, channels = hold_id, {}
-            _gather(table, np.arange(start, stop), channels, name=name, until_s=until_s)
-    if current is not None:
-        yield from _finish(current, channels)
-
-
-def _runs(table: Table) -> Iterator[tuple[int, int]]:
-    """Yield (start, stop) of each stretch of rows of one hold."""
-    hold_id = table.columns["hold_id"]
-    starts = [0, *(np.flatnonzero(hold_id[1:] != hold_id[:-1]) + 1).tolist()]
-    yield from zip(starts, [*starts[1:], table.rows], strict=True)
-
-
 def _check_name(hold_id: str, ended: set[str], *, where: str) -> None:
     if not hold_id.strip():
         raise InputError(f"{where}: hold_id is empty; give every hold a name")
@@ -173,76 +150,58 @@ def _check_text(column: str, text: str, *, where: str) -> None:
         )
 
 
+def _channels_of(table: Table, rows: slice) -> Iterator[NDArray[np.intp]]:
+    """Yield the rows of each channel of one hold; channels may be interleaved."""
+    every = np.arange(rows.start, rows.stop)
+    if "channel" not in table.columns:
+        yield every
+        return
+    labels = table.columns["channel"][rows]
+    for label in dict.fromkeys(labels.tolist()):
+        yield every[labels == label]
+
+
 def _gather(
     table: Table,
-    indices: NDArray[np.intp],
+    rows: NDArray[np.intp],
     channels: dict[str, _Channel],
     *,
     name: str,
     until_s: float,
 ) -> None:
-    """Add rows of one hold to its channels."""
-    if "channel" not in table.columns:
-        groups = {"": indices}
-    else:
-        labels = table.columns["channel"][indices]
-        groups = {label: indices[labels == label] for label in dict.fromkeys(labels.tolist())}
-    for label, members in groups.items():
-        if label not in channels:
-            _check_text("channel", label, where=f"{name} {table.place(int(members[0]))}")
-            first = int(members[0])
-            channels[label] = _Channel(
-                unit=_unit(table, first, name=name), loading_s=_loading_s(table, first, name=name)
+    """Add rows of one channel of a hold."""
+    first = int(rows[0])
+    stated = {n: table.columns[n][first] for n in (*_COLUMNS, *_OPTIONAL) if n in table.columns}
+    label = stated.get("channel", "")
+    if label not in channels:
+        where, loading_s = f"{name} {table.place(first)}", float(stated.get("loading_s", 0.0))
+        for column in ("channel", "unit"):
+            _check_text(column, stated.get(column, ""), where=where)
+        if loading_s < 0:
+            raise InputError(
+                f"{where}: loading_s {loading_s:g} is negative; give seconds, or 0 where it is not "
+                "known"
             )
-        channel = channels[label]
-        time_s, values = table.columns["time_s"][members], table.columns["value"][members]
-        previous_s = np.concatenate(([channel.last_time_s], time_s[:-1]))
-        later = time_s > previous_s
-        if not later.all():
-            bad = int(np.argmin(later))
-            where = f"{name} {table.place(int(members[bad]))}"
-            hold = f"hold {table.columns['hold_id'][members[bad]]}" + (
-                f" channel {label}" if label else ""
-            )
-            _explain(time_s[bad], previous_s[bad], where=where, hold=hold)
-        channel.add(time_s, values, until_s=until_s)
-
-
-def _unit(table: Table, row: int, *, name: str) -> str | None:
-    """Return the unit that the first sample of a channel has, if any."""
-    if "unit" not in table.columns:
-        return None
-    unit: str = table.columns["unit"][row]
-    _check_text("unit", unit, where=f"{name} {table.place(row)}")
-    return unit or None
-
-
-def _loading_s(table: Table, row: int, *, name: str) -> float:
-    """Return the loading time that the first sample of a channel has, if any."""
-    if "loading_s" not in table.columns:
-        return 0.0
-    loading_s = float(table.columns["loading_s"][row])
-    if loading_s < 0:
+        channels[label] = _Channel(unit=stated.get("unit") or None, loading_s=loading_s)
+    channel = channels[label]
+    time_s, values = table.columns["time_s"][rows], table.columns["value"][rows]
+    previous_s = np.concatenate(([channel.last_time_s], time_s[:-1]))
+    later = time_s > previous_s
+    if not later.all():
+        bad = int(np.argmin(later))
+        how = "stands still" if time_s[bad] == previous_s[bad] else "goes backwards"
+        hold = f"hold {stated['hold_id']}" + (f" channel {label}" if label else "")
         raise InputError(
-            f"{name} {table.place(row)}: loading_s {loading_s:g} is negative; give seconds, or 0 "
-            "where it is not known"
+            f"{name} {table.place(int(rows[bad]))}: time {how} in {hold} ({previous_s[bad]:g} s, "
+            f"then {time_s[bad]:g} s); sort it by time_s, or give each recording its own hold_id"
         )
-    return loading_s
-
-
-def _explain(time_s: float, previous_s: float, *, where: str, hold: str) -> NoReturn:
-    how = "stands still" if time_s == previous_s else "goes backwards"
-    raise InputError(
-        f"{where}: time {how} in {hold} ({previous_s:g} s, then {time_s:g} s); "
-        "sort it by time_s, or give each recording its own hold_id"
-    )
+    channel.add(time_s, values, until_s=until_s)
 
 
 def _finish(hold_id: str, channels: dict[str, _Channel]) -> Iterator[Hold]:
     for label, channel in channels.items():
         time_s, values = np.concatenate(channel.time_s), np.concatenate(channel.values)
-        time_s.flags.writeable = False
-        values.flags.writeable = False
+        time_s.flags.writeable = values.flags.writeable = False
         yield Hold(
             hold_id=hold_id,
             channel=label or None,

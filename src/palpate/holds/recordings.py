@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -24,10 +24,15 @@ from palpate.holds.columns import (
     time_unit_of,
     unit_of,
 )
-from palpate.holds.rows import refuse_or_report
-from palpate.holds.table import Table
-from palpate.signal.circuit import Divider
+from palpate.holds.table import Table, refuse_or_report, runs_of
+from palpate.holds.table_files import read_table_file, table_of_arrays
+from palpate.signal.circuit import Divider, resistance_ohm
+from palpate.signal.relative import mean_change
 
+#: Name of the column of the mean of relative changes.
+MEAN = "mean change"
+#: Fewest readings at rest of each column.
+_FEWEST_AT_REST = 3
 #: Longest ending first: of ``log.csv.gz`` the stem is ``log``.
 _ENDINGS = (".gz", ".csv", ".tsv", ".txt", ".dat", ".log", ".xlsx", ".xlsm", ".parquet", ".pq")
 
@@ -164,9 +169,6 @@ def read_recordings(
 
 def _table(source: Any) -> tuple[Table, str]:
     """Return the table of a source and the stem of its name."""
-    from palpate.holds.binary import table_of_arrays
-    from palpate.holds.table_files import read_table_file
-
     if isinstance(source, str | os.PathLike):
         path = Path(source)
         stem = path.name
@@ -226,10 +228,14 @@ def _parts(table: Table) -> list[tuple[str, slice]]:
     part = find_part(list(table.columns))
     if part is None:
         return [("", slice(0, table.rows))]
-    labels = np.array([str(label) for label in table.columns[part]], dtype=object)
-    starts = [0, *(np.flatnonzero(labels[1:] != labels[:-1]) + 1).tolist()]
-    slices = [slice(a, b) for a, b in zip(starts, [*starts[1:], table.rows], strict=True)]
-    return [(labels[rows.start] if len(slices) > 1 else "", rows) for rows in slices]
+    labels = np.array([_label(cell) for cell in table.columns[part].tolist()], dtype=object)
+    runs = runs_of(labels)
+    return [(labels[rows.start] if len(runs) > 1 else "", rows) for rows in runs]
+
+
+def _label(cell: object) -> str:
+    """Return a label as text; a table of numbers has whole ones as 1.0 too."""
+    return f"{cell:.0f}" if isinstance(cell, float) and cell.is_integer() else str(cell)
 
 
 def _ordered(
@@ -274,3 +280,62 @@ def _averaged(column: NDArray[np.float64], order: NDArray[np.intp]) -> NDArray[n
     means = np.full(size, np.nan)
     np.divide(sums, counts, out=means, where=counts > 0)
     return means
+
+
+def relative_readings(readings: Readings, *, rest_s: tuple[float, float], mean: bool) -> Readings:
+    """Return a recording as relative changes, percent: of each column, or of all in the mean.
+
+    Parameters
+    ----------
+    readings : Readings
+        In ohm, or in counts with their divider; a unit that isn't known is taken as ohm.
+    rest_s : tuple of float
+        Beginning and end of a stretch without load, seconds of the recording.
+    mean : bool
+        Whether to take the mean over all columns (section 2.1). A reading that is missing or open
+        is left out of it.
+
+    Raises
+    ------
+    InputError
+        If a column is in another unit, or does not read at rest.
+
+    Examples
+    --------
+    >>> table = {"time_s": [0, 1, 2, 3], "a": [10, 10, 10, 5.0], "b": [20, 20, 20, 20.0]}
+    >>> changed = relative_readings(read_recording(table), rest_s=(0, 2), mean=True)
+    >>> changed.columns["mean change"].tolist()
+    [0.0, 0.0, 0.0, -25.0]
+    """
+    begin_s, end_s = rest_s
+    at_rest = (readings.time_s >= begin_s) & (readings.time_s <= end_s)
+    changes = dict[str, NDArray[np.float64]]()
+    for name in readings.columns:
+        ohm = _ohm(readings, name)
+        rest = ohm[at_rest & np.isfinite(ohm) & (ohm > 0)]
+        if rest.size < _FEWEST_AT_REST:
+            raise InputError(
+                f"{readings.name}: {name}: {rest.size} readings at rest from {begin_s:g} to "
+                f"{end_s:g} s, and {_FEWEST_AT_REST} are needed; give another --rest or leave the "
+                "column out (--value-column)"
+            )
+        change = 100.0 * (ohm / np.mean(rest) - 1.0)
+        changes[name] = np.where(np.isfinite(change), change, np.nan)
+    columns: Mapping[str, NDArray[np.float64]] = changes
+    if mean:
+        together = np.stack(list(changes.values()), axis=-1)
+        columns = {MEAN: np.asarray(mean_change(together[:, None, :]))}
+    return replace(readings, columns=columns, units=dict.fromkeys(columns, "percent"), divider=None)
+
+
+def _ohm(readings: Readings, name: str) -> NDArray[np.float64]:
+    unit, values = readings.units[name], readings.columns[name]
+    if unit == "counts" and readings.divider is not None:
+        return np.asarray(resistance_ohm(values, divider=readings.divider))
+    if unit not in (None, "ohm"):
+        remedy = "; add --adc-bits, --reference-ohm and --sensor-leg" if unit == "counts" else ""
+        raise InputError(
+            f"{readings.name}: {name}: --rest makes relative changes of ohm, and this is {unit}"
+            + remedy
+        )
+    return values

@@ -6,18 +6,27 @@ import os
 import stat
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from io import BufferedReader
+from itertools import chain
 from pathlib import Path
-from typing import Any, Literal, NoReturn, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.holds.form import SEPARATORS, split_fields
 from palpate.holds.table import LARGEST, Table, usable
-from palpate.holds.table_files import form_of, open_table
-from palpate.holds.text import ROWS_AT_A_TIME, lines_of, open_text, split_rows
+from palpate.holds.table_files import form_of, open_parquet, open_table, parquet_pieces
+from palpate.holds.text import (
+    SEPARATORS,
+    lines_of,
+    numbers_of,
+    open_text,
+    split_fields,
+    split_rows,
+)
 
 #: What a column holds: a finite number, one that may be left empty (NaN), or text.
 Kind: TypeAlias = Literal["number", "number or empty", "text"]
@@ -65,31 +74,23 @@ def read_pieces(
     Yields at least one table, of at least one row each.
     """
     path = Path(path)
-    name, wanted = str(path), _Wanted(columns=columns, optional=optional)
+    name, wanted, found = str(path), _Wanted(columns=columns, optional=optional), False
     with open_table(path) as file:
-        form, found = form_of(file, name=name), False
+        form = form_of(file, name=name)
         if form == "spreadsheet":
             raise InputError(f"{name}: an Excel workbook; save it as CSV")
         # The ending decides only where the first bytes are no format's.
         packed = form == "parquet" or path.suffix.lower() in (".parquet", ".pq")
-        read = _parquet_pieces if packed else _text_pieces
-        share = _share_read(file)
-        for piece in read(file, wanted, name=name):
+        status = os.fstat(file.fileno())
+        for piece in (_parquet_pieces if packed else _text_pieces)(file, wanted, name=name):
             if piece.rows:
                 found = True
                 yield piece
-            if progress is not None and share is not None:
-                progress(share())
+            # A pipe has no length.
+            if progress is not None and stat.S_ISREG(status.st_mode):
+                progress(min(1.0, file.tell() / status.st_size))
     if not found:
         raise InputError(f"{name}: no rows below the header; add them")
-
-
-def _share_read(file: BufferedReader) -> Callable[[], float] | None:
-    """Return a function for the share of a file that is read; a pipe has no length."""
-    status = os.fstat(file.fileno())
-    if not stat.S_ISREG(status.st_mode) or status.st_size == 0:
-        return None
-    return lambda: min(1.0, file.tell() / status.st_size)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,156 +116,110 @@ class _Wanted:
                 raise InputError(f"{where}: column {name} occurs twice ({found}); {need}")
         return kinds
 
-    def separator(self, header: str) -> str | None:
-        """Return the separator that finds the columns; a comma where none does."""
-        for separator in SEPARATORS:
-            if set(self.columns) <= {name.strip() for name in split_fields(header, separator)}:
-                return separator
-        return ","
-
 
 def _text_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterator[Table]:
     with open_text(file, name=name) as text:
         lines = lines_of(text)
         header = next(lines, "")
-        separator = wanted.separator(header)
-        names = [column.strip() for column in split_fields(header, separator)]
-        reader = _RowReader(
-            names=names,
-            kinds=wanted.of(names, where=f"{name} line 1"),
-            name=name,
-            mark="." if separator == "," else None,
-        )
-        for rows, numbers in split_rows(
+        # A comma where no separator finds the columns.
+        fields = {mark: [f.strip() for f in split_fields(header, mark)] for mark in SEPARATORS}
+        separator = next((m for m, names in fields.items() if {*wanted.columns} <= {*names}), ",")
+        names = fields[separator]
+        kinds = wanted.of(names, where=f"{name} line 1")
+        # None until a number has one. A later number with the other one is refused: 1,234 next to
+        # 0.5 would be read a thousand times too small.
+        mark = "." if separator == "," else None
+        for rows, places in split_rows(
             lines, separator=separator, first_number=2, name=name, strict=True
         ):
-            yield reader.table(rows, numbers)
+            odd = next((at for at, row in enumerate(rows) if _is_odd(row, len(names))), None)
+            whole = [at for at, row in enumerate(rows[:odd]) if len(row) == len(names)]
+            parts = zip(*[rows[at] for at in whole], strict=True)
+            cells = {n: part for n, part in zip(names, parts, strict=False) if n in kinds}
+            if mark is None:
+                signs = "".join(chain(*(cells[n] for n in cells if kinds[n] != "text")))
+                mark = next((sign for sign in signs if sign in ",."), None)
+            if cells:
+                numbers = {
+                    column: _strict_numbers(cells[column], mark=mark)
+                    for column, kind in kinds.items()
+                    if kind != "text"
+                }
+                yield _checked(
+                    cells, numbers, kinds, name=name, place=partial(_line_of, places, whole)
+                )
+            if odd is not None:
+                raise InputError(
+                    f"{name} line {places[odd]}: {len(rows[odd])} fields where the header has "
+                    f"{len(names)} ({','.join(names)}); fix or remove the line"
+                )
 
 
-@dataclass(slots=True, kw_only=True)
-class _RowReader:
-    """Rows of text into columns: fast where all is well, one by one where something is not."""
-
-    #: The header.
-    names: list[str]
-    #: Columns to read.
-    kinds: dict[str, Kind]
-    #: What errors call the file.
-    name: str
-    #: The decimal mark; None until a number has one. A later number with the other one is refused:
-    #: 1,234 next to 0.5 would be read a thousand times too small.
-    mark: str | None
-
-    def table(self, rows: list[list[str]], numbers: Sequence[int]) -> Table:
-        try:
-            columns = self._columns(rows)
-        except ValueError:
-            kept = [at for at, row in enumerate(rows) if self._is_row(row, numbers[at])]
-            rows, numbers = [rows[at] for at in kept], [numbers[at] for at in kept]
-            columns = self._columns(rows) if rows else {}
-        return Table(name=self.name, columns=columns, place=lambda at: f"line {numbers[at]}")
-
-    def _columns(self, rows: list[list[str]]) -> dict[str, NDArray[Any]]:
-        fields = dict(zip(self.names, zip(*rows, strict=True), strict=True))
-        return {column: self._convert(fields[column], kind) for column, kind in self.kinds.items()}
-
-    def _convert(self, fields: Sequence[str], kind: Kind) -> NDArray[Any]:
-        if kind == "text":
-            return np.array(fields, dtype=object)
-        joined = "".join(fields)
-        # Python reads 1_000 as a number; in a file it is a slip.
-        if "_" in joined:
-            raise ValueError("underscore in a number")
-        for mark in ".,":
-            if mark in joined:
-                if self.mark not in (mark, None):
-                    raise ValueError("another decimal mark")
-                self.mark = mark
-        if self.mark == ",":
-            fields = [field.replace(",", ".") for field in fields]
-        empty = np.zeros(len(fields), dtype=np.bool_)
-        if kind == "number or empty":
-            empty = np.array([not field.strip() for field in fields])
-            fields = [field if field.strip() else "nan" for field in fields]
-        numbers = np.fromiter(map(float, fields), dtype=np.float64, count=len(fields))
-        if not (usable(numbers) | empty).all():
-            raise ValueError("not finite")
-        return numbers
-
-    def _is_row(self, row: list[str], number: int) -> bool:
-        """Return whether it is a row and no blank line; refuse what can't be used."""
-        if len(row) != len(self.names):
-            if not any(field.strip() for field in row):
-                return False
-            raise InputError(
-                f"{self.name} line {number}: {len(row)} fields where the header has "
-                f"{len(self.names)} ({','.join(self.names)}); fix or remove the line"
-            )
-        for column, kind in self.kinds.items():
-            field = row[self.names.index(column)]
-            try:
-                self._convert([field], kind)
-            except ValueError:
-                where = f"{self.name} line {number}"
-                _refuse(column, f"{field[:40]!a}", where=where, remedy="fix or remove the line")
-        return True
+def _is_odd(row: Sequence[str], width: int) -> bool:
+    """Return whether a row has another number of fields than the header; blank lines have none."""
+    return len(row) != width and any(field.strip() for field in row)
 
 
-def _refuse(column: str, found: str, *, where: str, remedy: str) -> NoReturn:
-    raise InputError(
-        f"{where}: {column} is {found}, not a finite number up to {LARGEST:g}; {remedy}"
-    ) from None
+def _line_of(places: Sequence[int], rows: Sequence[int], at: int) -> str:
+    return f"line {places[rows[at]]}"
+
+
+def _strict_numbers(fields: Sequence[str], *, mark: str | None) -> FloatArray:
+    numbers = numbers_of(fields, comma=mark == ",")
+    if mark == ",":
+        numbers[["." in field for field in fields]] = np.nan
+    return numbers
 
 
 def _parquet_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterator[Table]:
-    from palpate.holds.binary import open_parquet
-
     with open_parquet(file, name=name) as parquet:
+        import pyarrow.types as types
+
         schema = parquet.schema_arrow
         kinds = wanted.of(schema.names, where=name)
         for column, kind in kinds.items():
-            _check_type(schema.field(column).type, column, kind, name=name)
-        start = 0
-        for batch in parquet.iter_batches(batch_size=ROWS_AT_A_TIME, columns=list(kinds)):
-            columns = {
-                column: _cells(batch.column(column), column, kind, start=start, name=name)
-                for column, kind in kinds.items()
-            }
-            yield Table(name=name, columns=columns, place=_rows_from(start))
-            start += batch.num_rows
+            found = schema.field(column).type
+            plain = found.value_type if types.is_dictionary(found) else found
+            text = types.is_string(plain) or types.is_large_string(plain)
+            fits = text if kind == "text" else types.is_floating(plain)
+            if not fits and not types.is_integer(plain):
+                must = "text" if kind == "text" else "numbers"
+                raise InputError(f"{name}: column {column} is {plain}; it must be {must}")
+        for piece in parquet_pieces(parquet, list(kinds)):
+            cells, numbers = dict[str, Sequence[Any]](), dict[str, FloatArray]()
+            for column, kind in kinds.items():
+                cells[column] = piece.columns[column].tolist()
+                if kind == "text":
+                    cells[column] = ["" if cell is None else str(cell) for cell in cells[column]]
+                else:
+                    numbers[column] = piece.columns[column].astype(np.float64)
+            yield _checked(cells, numbers, kinds, name=name, place=piece.place)
 
 
-def _rows_from(start: int) -> Callable[[int], str]:
-    return lambda at: f"row {start + at + 1}"
-
-
-def _check_type(type_: Any, column: str, kind: Kind, *, name: str) -> None:
-    import pyarrow.types as types
-
-    plain = type_.value_type if types.is_dictionary(type_) else type_
-    fits = types.is_integer(plain)
-    if kind == "text":
-        fits |= types.is_string(plain) or types.is_large_string(plain)
-    else:
-        fits |= types.is_floating(plain)
-    if not fits:
-        wanted = "text" if kind == "text" else "numbers"
-        raise InputError(f"{name}: column {column} is {plain}; it must be {wanted}")
-
-
-def _cells(cells: Any, column: str, kind: Kind, *, start: int, name: str) -> NDArray[Any]:
-    if kind == "text":
-        from palpate.holds.binary import texts_of
-
-        return np.array(
-            [str(text) for text in texts_of(cells, column, name=name, missing="")], object
+def _checked(
+    cells: Mapping[str, Sequence[Any]],
+    numbers: Mapping[str, FloatArray],
+    kinds: Mapping[str, Kind],
+    *,
+    name: str,
+    place: Callable[[int], str],
+) -> Table:
+    """Return cells as a table; refuse the first row with one that is no number and should be."""
+    faults: list[tuple[int, str]] = []
+    for column, values in numbers.items():
+        wrong = np.flatnonzero(~usable(values)).tolist()
+        if kinds[column] == "number or empty":
+            wrong = [at for at in wrong if str(cells[column][at] or "").strip()]
+        faults += [(at, column) for at in wrong[:1]]
+    if faults:
+        at, column = min(faults, key=lambda fault: fault[0])
+        cell, remedy = cells[column][at], "fill it in or remove the row"
+        found = "missing" if cell is None else f"{cell}"
+        if isinstance(cell, str):
+            found, remedy = f"{cell[:40]!a}", "fix or remove the line"
+        raise InputError(
+            f"{name} {place(at)}: {column} is {found}, not a finite number up to {LARGEST:g}; "
+            f"{remedy}"
         )
-    missing = cells.is_null().to_numpy(zero_copy_only=False)
-    numbers = np.asarray(cells.to_numpy(zero_copy_only=False), dtype=np.float64)
-    sound = usable(numbers) | (missing & (kind == "number or empty"))
-    if not sound.all():
-        at = int(np.argmin(sound))
-        found = "missing" if missing[at] else f"{numbers[at]}"
-        where = f"{name} row {start + at + 1}"
-        _refuse(column, found, where=where, remedy="fill it in or remove the row")
-    return numbers
+    texts = {n: np.array(cells[n], dtype=object) for n in kinds if n not in numbers}
+    return Table(name=name, columns={**texts, **numbers}, place=place)

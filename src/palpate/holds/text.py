@@ -1,58 +1,46 @@
-"""Tables in text files, plain or gzipped: their lines, their rows, and what these make."""
+"""Tables as text: encoding, lines, layout, and rows of fields into columns of numbers."""
 
 from __future__ import annotations
 
 import codecs
 import csv
 import gzip
+import re
 import zlib
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from io import BufferedReader, RawIOBase, TextIOWrapper
 from itertools import accumulate, chain, islice
-from typing import TextIO, TypeAlias, cast
+from typing import Any, TextIO, TypeAlias, cast
 
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.holds.form import find_form
-from palpate.holds.rows import GatheredRows
-from palpate.holds.table import Table
+from palpate.holds import table
+from palpate.holds.columns import find_part
+from palpate.holds.table import LONGEST_LINE, Table, refuse_or_report, usable
 
 #: Rows of fields, and the number of each one's first line in the file.
 NumberedRows: TypeAlias = tuple[list[list[str]], Sequence[int]]
 
-#: Rows converted at a time: enough to hide NumPy's overhead, few enough to stay in the cache
-#: (65536 took three times as long per row).
-ROWS_AT_A_TIME = 4096
 #: Enough to see encoding, notes, header and the first rows.
-SAMPLE_BYTES, _SAMPLE_LINES = 65536, 400
-#: No line of a table is longer; a file without line ends must not be read into memory whole.
-LONGEST_LINE = 65536
+SAMPLE_BYTES, SAMPLE_ROWS = 65536, 400
+#: Tried in this order; None is any run of spaces.
+SEPARATORS = ("\t", ";", ",", "|", None)
+#: Fields that mean that there is no reading.
+_NO_VALUE = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "inf", "-inf"})
+_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
+_MOMENT = re.compile(r"(\d{4}-\d\d-\d\d([T ].*)?)|(\d{1,2}:\d\d(:\d\d([.,]\d+)?)?)")
+_UNIT_ROW = re.compile(r"[\[(]?(s|sec|ms|us|µs|v|mv|ohm|kohm|Ω|kΩ|%|n|counts?|-)?[\])]?", re.I)
+#: Rows in a row that look like data where data begin.
+_RUN = 3
 _GZIP_MAGIC = b"\x1f\x8b"
 _BROKEN = (EOFError, zlib.error, gzip.BadGzipFile)
 _MEND = "the gzip data are cut or damaged there; copy the file again"
-
-
-def read_text(file: BufferedReader, *, name: str) -> Table:
-    """Read a table from a text file.
-
-    Commas, semicolons, tabs, bars or spaces; decimal points or commas; UTF-8, UTF-16 or a Western
-    code page. Notes before the header and lines that begin with ``#``, ``%`` or ``//`` are passed
-    over.
-
-    Raises `InputError` if it isn't text, there is no table in it, or more than a few rows can't be
-    used.
-    """
-    with open_text(file, name=name) as text:
-        lines = _without_comments(lines_of(text))
-        sample = list(islice(lines, _SAMPLE_LINES))
-        form = find_form(sample, name=name)
-        gathered = GatheredRows(form.names, decimal_comma=form.decimal_comma)
-        body = chain(sample[form.first :], lines)
-        for rows, numbers in split_rows(
-            body, separator=form.separator, first_number=form.first + 1, name=name
-        ):
-            gathered.add(rows, numbers=numbers)
-        return gathered.table(name)
 
 
 @contextmanager
@@ -94,11 +82,14 @@ def lines_of(text: TextIO) -> Iterator[str]:
     return iter(lambda: text.readline(LONGEST_LINE), "")
 
 
-def _without_comments(lines: Iterable[str]) -> Iterator[str]:
-    """Yield comments as empty lines, so that lines can be counted."""
-    for line in lines:
-        comment = line[0] in "#%/" and (line[0] != "/" or line[1:2] == "/")
-        yield "\n" if comment else line
+def split_fields(line: str, separator: str | None) -> list[str]:
+    """Return the fields of one line; none where it is not CSV."""
+    if separator is None:
+        return line.split()
+    try:
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    except csv.Error:
+        return []
 
 
 def split_rows(
@@ -125,27 +116,20 @@ def split_rows(
         rows = csv.reader(lines, delimiter=separator, skipinitialspace=True, strict=strict)
     number, failure = first_number, None
     while failure is None:
-        piece, failure = _take(rows)
+        piece: list[list[str]] = []
+        try:
+            piece.extend(islice(rows, table.ROWS_AT_A_TIME))
+        except (csv.Error, *_BROKEN) as error:
+            failure = error
         if not piece and failure is None:
             return
         *starts, number = accumulate(map(_lines_in, piece), initial=number)
         if piece:
             yield piece, starts
+    why = _MEND
     if isinstance(failure, csv.Error):
-        raise InputError(
-            f"{name} line {number}: not CSV ({failure}); look for an unclosed quote"
-        ) from failure
-    raise InputError(f"{name} line {number}: {_MEND}") from failure
-
-
-def _take(rows: Iterator[list[str]]) -> tuple[list[list[str]], Exception | None]:
-    """Return some rows, and what went wrong after them."""
-    piece: list[list[str]] = []
-    try:
-        piece.extend(islice(rows, ROWS_AT_A_TIME))
-    except (csv.Error, *_BROKEN) as failure:
-        return piece, failure
-    return piece, None
+        why = f"not CSV ({failure}); look for an unclosed quote"
+    raise InputError(f"{name} line {number}: {why}") from failure
 
 
 def _lines_in(row: list[str]) -> int:
@@ -153,3 +137,201 @@ def _lines_in(row: list[str]) -> int:
     if "\n" not in (joined := "".join(row)) and "\r" not in joined:
         return 1
     return 1 + sum(max(field.count("\n"), field.count("\r")) for field in row)
+
+
+def numbers_of(fields: Sequence[str], *, comma: bool) -> FloatArray:
+    """Return fields as numbers; NaN where one is no number that can be worked with.
+
+    `comma`: whether numbers have commas for points.
+
+    >>> numbers_of(["1,5", "ERR", "1_000", "2e300"], comma=True).tolist()
+    [1.5, nan, nan, nan]
+    """
+    if comma:
+        fields = [field.replace(",", ".") for field in fields]
+    try:
+        # Python reads 1_000 as a number; in a file it is a slip.
+        if "_" in "".join(fields):
+            raise ValueError("underscore in a number")
+        numbers = np.fromiter(map(float, fields), dtype=np.float64, count=len(fields))
+    except ValueError:
+        if len(fields) == 1:
+            return np.array([np.nan])
+        return np.concatenate([numbers_of([field], comma=False) for field in fields])
+    numbers[~usable(numbers)] = np.nan
+    return numbers
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """How to read a table that nobody described."""
+
+    #: Between fields; None for runs of spaces.
+    separator: str | None
+    #: Whether numbers have commas for points.
+    comma: bool
+    #: As the header has them, or ``1``, ``2``, ... without a header; none empty, none twice.
+    names: list[str]
+    #: Index of the first row of data.
+    first: int
+    #: How many numbers it finds.
+    score: int
+
+
+def read_text(file: BufferedReader, *, name: str) -> Table:
+    """Read a table from a text file.
+
+    Commas, semicolons, tabs, bars or spaces; decimal points or commas; UTF-8, UTF-16 or a Western
+    code page. Notes before the header and lines that begin with ``#``, ``%`` or ``//`` are passed
+    over.
+
+    Raises `InputError` if it isn't text, there is no table in it, or more than a few rows can't be
+    used.
+    """
+    with open_text(file, name=name) as text:
+        # Comments become empty lines, so that lines can be counted.
+        lines = ("\n" if line.startswith(("#", "%", "//")) else line for line in lines_of(text))
+        sample = list(islice(lines, SAMPLE_ROWS))
+        layout = find_layout(sample, name=name)
+        rows = split_rows(
+            chain(sample[layout.first :], lines),
+            separator=layout.separator,
+            first_number=layout.first + 1,
+            name=name,
+        )
+        return gather_rows(rows, layout, name=name)
+
+
+def find_layout(lines: Sequence[str], *, name: str) -> Layout:
+    """Return the layout that makes most numbers of the first lines of a file.
+
+    Raises `InputError` if no separator gives rows of at least two fields with numbers in them.
+
+    >>> find_layout(["my log", "time;value", "0,0;5,5", "0,1;5,4"], name="a.csv").names
+    ['time', 'value']
+    """
+    found = [
+        layout_of([split_fields(line, separator) for line in lines], separator=separator)
+        for separator in SEPARATORS
+    ]
+    best = max(filter(None, found), key=lambda layout: layout.score, default=None)
+    if best is None:
+        alone = sum(_NUMBER.fullmatch(line.strip()) is not None for line in lines) > 1
+        raise InputError(
+            f"{name}: one column alone; a recording needs a column of times and one of readings"
+            if alone
+            else f"{name}: no table found in its first lines; it should be rows of times and "
+            "readings, such as time,value"
+        )
+    return best
+
+
+def layout_of(rows: Sequence[Sequence[str]], *, separator: str | None = None) -> Layout | None:
+    """Return the layout of rows that are split into fields, None where they are no table."""
+    numbers = [_numbers_in(row) for row in rows]
+    widths = Counter(
+        len(row) for row, count in zip(rows, numbers, strict=True) if len(row) > 1 and count
+    )
+    width = max(widths, key=lambda each: (widths[each], each), default=0)
+    filled = [index for index, row in enumerate(rows) if any(field.strip() for field in row)]
+    data = {index for index in filled if len(rows[index]) == width and numbers[index]}
+    starts = (k for place, k in enumerate(filled) if data.issuperset(filled[place : place + _RUN]))
+    first = next(starts, None)
+    if first is None:
+        return None
+    fields = [field for index in data for field in rows[index] if _NUMBER.fullmatch(field.strip())]
+    return Layout(
+        separator=separator,
+        comma=any("," in field for field in fields),
+        names=_header([rows[index] for index in filled if index < first], width),
+        first=first,
+        score=sum(numbers[index] for index in data),
+    )
+
+
+def _numbers_in(row: Sequence[str]) -> int:
+    """Return how many fields are numbers or moments, less those that are text; 0: no data."""
+    number = text = missing = 0
+    for field in row:
+        stripped = field.strip()
+        if _NUMBER.fullmatch(stripped) or _MOMENT.fullmatch(stripped):
+            number += 1
+        elif stripped.lower() in _NO_VALUE:
+            missing += 1
+        else:
+            text += 1
+    return max(0, number - text) if number and number + missing > 1 else 0
+
+
+def _header(above: Sequence[Sequence[str]], width: int) -> list[str]:
+    """Return the names in the line above the data, with the units of a line of units."""
+    lines = [[field.strip() for field in row][:width] for row in above[-2:]]
+    lines = [line + [""] * (width - len(line)) for line in lines]
+    units = [""] * width
+    if len(lines) == 2 and all(_UNIT_ROW.fullmatch(field) for field in lines[1]):
+        units = [field.strip("[]()-") for field in lines.pop()]
+    if not lines or 2 * sum(map(bool, lines[-1])) < width:
+        return [str(number) for number in range(1, width + 1)]
+    names: list[str] = []
+    for name, unit in zip(lines[-1], units, strict=True):
+        name = " ".join((f"{name} [{unit}]" if unit else name).split())
+        name = name or f"column {len(names) + 1}"
+        names.append(name if name not in names else f"{name} ({len(names) + 1})")
+    return names
+
+
+def gather_rows(
+    pieces: Iterable[NumberedRows], layout: Layout, *, name: str, word: str = "line"
+) -> Table:
+    """Return rows as a table, with account of what couldn't be used.
+
+    A column is text if at least half of its first piece is. `word`: what the file calls a row.
+
+    Raises `InputError` if there is no row, or more than a few can't be used.
+    """
+    names, width = layout.names, len(layout.names)
+    texts: set[str] = {find_part(names) or ""}
+    columns: dict[str, list[NDArray[Any]]] = {column: [] for column in names}
+    strange: dict[str, list[int]] = {column: [] for column in names}
+    kept: list[int] = []
+    bad: list[tuple[str, str]] = []
+    for rows, numbers in pieces:
+        if set(map(len, rows)) != {width}:
+            filled = [at for at, row in enumerate(rows) if any(field.strip() for field in row)]
+            whole = [
+                at
+                for at in filled
+                if len(rows[at]) >= width and not any(f.strip() for f in rows[at][width:])
+            ]
+            bad += [
+                (f"{word} {numbers[at]}", f"{len(rows[at])} fields instead of {width}")
+                for at in sorted({*filled} - {*whole})
+            ]
+            rows, numbers = [rows[at][:width] for at in whole], [numbers[at] for at in whole]
+        for column, fields in zip(names, zip(*rows, strict=True), strict=False):
+            parsed = numbers_of(fields, comma=layout.comma)
+            odd = [
+                numbers[at]
+                for at in np.flatnonzero(np.isnan(parsed)).tolist()
+                if fields[at].strip().lower() not in _NO_VALUE
+            ]
+            if not kept and 2 * len(odd) >= len(fields):
+                texts.add(column)
+            strange[column] += odd
+            columns[column].append(np.array(fields, object) if column in texts else parsed)
+        kept += numbers
+    left_out = refuse_or_report(bad, total=len(kept) + len(bad), name=name)
+    if not kept:
+        raise InputError(f"{name}: no rows of numbers in it")
+    left_out += [
+        f"{column}: {len(odd)} fields are not numbers and count as missing (first at {word} "
+        f"{odd[0]})"
+        for column, odd in strange.items()
+        if odd and column not in texts
+    ]
+    return Table(
+        name=name,
+        columns={column: np.concatenate(parts) for column, parts in columns.items()},
+        place=lambda row: f"{word} {kept[row]}",
+        left_out=left_out,
+    )

@@ -17,8 +17,8 @@ from palpate.errors import CalibrationError, RecordingError
 from palpate.files import atomic_path, csv_cell
 from palpate.gripper.interface import GripperState
 from palpate.holds import Hold
-from palpate.holds.binary import pyarrow_for
 from palpate.holds.contacts import SHORTEST_HOLD_S
+from palpate.holds.table_files import pyarrow_for
 from palpate.recording.contents import Event, GripperTrack, Recording
 from palpate.recording.reader import RecordingReader
 from palpate.sensor.array import ArrayLayout, Frame

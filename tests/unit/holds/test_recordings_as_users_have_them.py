@@ -433,3 +433,13 @@ def test_past_holds_may_be_recordings_too(
     path = tmp_path / "r.csv"
     path.write_text(FORMS["plain.csv"])
     assert "3 holds reach 20 s" in settled(path, capsys, "--fit-on", str(path))[2]
+
+
+@pytest.mark.parametrize("ending", ["xlsx", "csv", "parquet"])
+def test_numbers_of_recordings_are_whole_in_the_names_of_holds(ending: str, tmp_path: Path) -> None:
+    one = pd.DataFrame({"run": 1, "time_s": TIME_S, "R": OHM})
+    path = tmp_path / f"runs.{ending}"
+    frame = pd.concat([one, one.assign(run=2)])
+    {"xlsx": frame.to_excel, "csv": frame.to_csv, "parquet": frame.to_parquet}[ending](path)
+    names = [hold.hold_id for hold in palpate.cut_holds(path)]
+    assert names[2:4] == ["runs:1:R:3", "runs:2:R:1"]

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.files import atomic_path
-from palpate.holds.binary import pyarrow_for
+from palpate.holds.table_files import pyarrow_for
 from palpate.produce.records import MEASURED, Grasp, Item, Verdict
 from palpate.produce.store.engine import sa
 from palpate.produce.store.schema import GRASPS, ITEMS, VERDICTS, UtcTime
