@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from palpate.commands.settle_source import HoldSource
     from palpate.holds import Hold
     from palpate.holds.cutting import CutAt
-    from palpate.scoring.predictions import Prediction
     from palpate.settling.result import SettlingMethod
+    from palpate.settling.scores import Prediction
     from palpate.signal.circuit import Divider
 
 DEFAULT_CUTOFF_S = 2.5
@@ -60,7 +60,7 @@ def settle(
     from palpate.commands import settle_report as report
     from palpate.commands.settle_source import HoldSource, ReadingOptions
     from palpate.plots.style import check_plot
-    from palpate.scoring.table import ScoreTable
+    from palpate.settling.score_table import ScoreTable
 
     cutoffs_s = tuple(cutoff or ([] if until_half_width else [DEFAULT_CUTOFF_S]))
     _check_numbers(cutoffs_s, horizon_s=horizon, level=level, until=until_half_width)
@@ -320,7 +320,7 @@ def _predict(
     quiet: bool,
 ) -> Iterator[Prediction]:
     """Yield predictions file by file while a bar on standard error shows how far it is."""
-    from palpate.scoring.predictions import decide_holds, predict_holds
+    from palpate.settling.scores import decide_holds, predict_holds
 
     files = source.files()
     with progress("settling", total=len(files), quiet=quiet) as show:

@@ -15,10 +15,9 @@ from palpate.commands.settle_source import HoldSource
 from palpate.errors import InputError
 from palpate.files import atomic_path, csv_cell, keep_inputs
 from palpate.holds.table_files import pyarrow_for
-from palpate.scoring.predictions import Prediction, score_predictions
-from palpate.scoring.scores import Scores
-from palpate.scoring.table import ScoreTable
 from palpate.settling.result import SettlingMethod
+from palpate.settling.score_table import ScoreTable
+from palpate.settling.scores import Prediction, Scores, score_predictions
 
 if TYPE_CHECKING:
     from palpate.plots.settle import Overview

@@ -11,9 +11,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.commands.settle_report import by_error
-from palpate.scoring.predictions import Prediction, score_predictions
-from palpate.scoring.printing import PIPED_WIDTH, WIDE, empty_table, print_scores, short
-from palpate.scoring.table import ScoreTable
+from palpate.settling.score_table import (
+    PIPED_WIDTH,
+    WIDE,
+    ScoreTable,
+    empty_table,
+    print_scores,
+    short,
+)
+from palpate.settling.scores import Prediction, score_predictions
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -8,10 +8,10 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.holds import Hold, settled_value
-from palpate.scoring.predictions import predict_holds, score_predictions
 from palpate.settling.exponential import Exponential
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod
+from palpate.settling.scores import predict_holds, score_predictions
 from palpate_studies.press_data import Press
 
 CUTOFF_S, HORIZON_S = 2.5, 20.0

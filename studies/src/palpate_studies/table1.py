@@ -10,13 +10,12 @@ import typer
 
 from palpate.commands.options import JsonOption
 from palpate.holds import Hold, settled_value
-from palpate.scoring.predictions import Prediction, predict_holds, score_predictions
-from palpate.scoring.scores import summarise
 from palpate.settling.exponential import Exponential, fit_exponential
 from palpate.settling.log_law import LogLaw
 from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod
+from palpate.settling.scores import Prediction, predict_holds, score_predictions, summarise
 from palpate.signal.transient import WAIT_S
 from palpate_studies.bootstrap import bootstrap_interval
 from palpate_studies.misfit import Entry, missed, sentence

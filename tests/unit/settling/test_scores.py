@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.holds import recorded_value, settled_value
-from palpate.scoring.scores import score, summarise
+from palpate.settling.scores import score_values, summarise
 from palpate_studies.bootstrap import bootstrap_interval
 
 
@@ -39,7 +39,7 @@ def test_recorded_value_includes_the_sample_at_the_cutoff() -> None:
 
 
 def test_percentages_of_a_negative_settled_value_keep_their_direction() -> None:
-    scores = score([-48.0], low=[-53.0], high=[-45.0], settled=[-50.0], recorded=[-40.0])
+    scores = score_values([-48.0], low=[-53.0], high=[-45.0], settled=[-50.0], recorded=[-40.0])
     assert scores.error_percent.tolist() == [4.0]
     assert scores.of_remaining_percent.tolist() == [20.0]
     assert scores.half_width_percent.tolist() == [8.0]
@@ -47,7 +47,7 @@ def test_percentages_of_a_negative_settled_value_keep_their_direction() -> None:
 
 
 def test_no_figure_where_there_is_nothing_to_be_a_share_of() -> None:
-    scores = score(
+    scores = score_values(
         [1.0, 1.0, 1.0],
         low=[np.nan, 0.0, 0.0],
         high=[np.nan, 2.0, 2.0],
@@ -60,7 +60,7 @@ def test_no_figure_where_there_is_nothing_to_be_a_share_of() -> None:
 
 
 def test_summary_counts_only_what_is_known() -> None:
-    scores = score(
+    scores = score_values(
         [101.0, 98.0, 103.0, 7.0],
         low=[99.0, 97.0, 102.0, 6.0],
         high=[103.0, 99.0, 104.0, 8.0],

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+import io
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -10,12 +11,20 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.holds import Hold
-from palpate.scoring.predictions import Prediction, predict_holds, score_predictions
-from palpate.scoring.scores import median, summarise
 from palpate.settling.predict import method_named
+from palpate.settling.scores import Prediction, predict_holds, score_predictions, summarise
 
 if TYPE_CHECKING:
     import pandas as pd
+    from rich.console import Console
+    from rich.table import Table
+
+#: Columns of text where standard output is no terminal that has a width of its own.
+PIPED_WIDTH = 120
+
+#: From these widths on intervals are shown with their half-widths; columns stand well apart; only
+#: names fold.
+WIDE, AIRY, NARROWEST = 100, 80, 60
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,9 +53,11 @@ class ScoreTable:
 
     def __str__(self) -> str:
         """Return the scores as text."""
-        from palpate.scoring.printing import text_of_scores
+        from rich.console import Console
 
-        return text_of_scores(self.summary(), level=self.level)
+        text = io.StringIO()
+        print_scores(self.summary(), Console(file=text, width=PIPED_WIDTH), level=self.level)
+        return text.getvalue().rstrip()
 
     def to_dict(self) -> dict[str, Any]:
         """Return rows and summary as `palpate settle --json` prints them, None where unknown."""
@@ -96,7 +107,8 @@ class ScoreTable:
             entry["holds_with_settled_value"] = sum(bool(np.isfinite(r.settled)) for r in rows)
             if cutoff_s is None:
                 times_s = np.array([row.cutoff_s for row in rows if row.decided])
-                entry["cutoff_s"] = entry["median_decision_s"] = _known(median(times_s))
+                median_s = float(np.median(times_s)) if times_s.size else None
+                entry["cutoff_s"] = entry["median_decision_s"] = median_s
                 entry["until_half_width_percent"] = self.until_half_width_percent
                 entry["holds_decided"] = len(times_s)
             found.append(entry)
@@ -156,3 +168,66 @@ def score(
 
 def _known(figure: float) -> float | None:
     return float(figure) if np.isfinite(figure) else None
+
+
+def print_scores(summary: Sequence[Mapping[str, Any]], console: Console, *, level: float) -> None:
+    """Print a row for each method and cut-off of a `ScoreTable`'s summary."""
+    table = empty_table(
+        console,
+        "|error| in % of the settled value",
+        *("method", "cut-off", "holds", "median", "mean", "p90", "of rest", f"in {level:.0%}", "±"),
+    )
+    for entry in summary:
+        cutoff = "-" if entry["cutoff_s"] is None else f"{entry['cutoff_s']:.3g} s"
+        coverage = "-" if entry["coverage"] is None else f"{entry['coverage']:.2f}"
+        table.add_row(
+            entry["method"],
+            f"~{cutoff}" if "holds_decided" in entry else cutoff,
+            str(entry["holds"]),
+            short(entry["median_abs_error_percent"]),
+            short(entry["mean_abs_error_percent"]),
+            short(entry["p90_abs_error_percent"]),
+            short(entry["median_error_of_remaining_percent"]),
+            coverage,
+            short(entry["median_half_width_percent"]),
+        )
+    console.print(table)
+    console.print(
+        f"[dim]of rest: median |error| in % of the change still to come; in {level:.0%}: share of "
+        "holds inside their interval; ±: median half-width in %[/dim]",
+        highlight=False,
+    )
+
+
+def empty_table(console: Console, title: str, *headings: str) -> Table:
+    """Return an empty table; what is too wide for the terminal is folded, never left out."""
+    from rich import box
+    from rich.table import Table
+
+    view = Table(
+        title=title,
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        padding=(0, 1 if console.width >= AIRY else 0),
+        pad_edge=False,
+        collapse_padding=True,
+    )
+    for place, heading in enumerate(headings):
+        is_name = place == 0 or heading == "status"
+        view.add_column(
+            heading,
+            justify="left" if place == 0 else "right",
+            no_wrap=not is_name and console.width >= NARROWEST,
+            overflow="fold",
+            min_width=min(10, console.width // 7) if place == 0 else len("status") * is_name,
+        )
+    return view
+
+
+def short(figure: float | None) -> str:
+    """Return a percentage or a time with as many decimals as its column has room for."""
+    if figure is None or not np.isfinite(figure):
+        return "-"
+    if abs(figure) >= 1e4:
+        return f"{figure:.2g}"
+    return f"{figure:.{2 if abs(figure) < 10 else 1 if abs(figure) < 100 else 0}f}"

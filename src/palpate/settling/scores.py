@@ -1,16 +1,18 @@
-"""Predictions for many holds, methods and cut-offs: the part that commands and studies share."""
+"""Predictions for many holds, methods and cut-offs, and how far off they are."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
 from palpate.holds import Hold, recorded_value, settled_value
-from palpate.scoring.deciding import first_sure
-from palpate.scoring.scores import Scores, score
+from palpate.settling.deciding import first_sure
 from palpate.settling.percent import for_hold
 from palpate.settling.result import SettledEstimate, SettlingMethod, Status
 
@@ -81,8 +83,13 @@ def predict_holds(
         for index, hold in enumerate(batch):
             settled = settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
             for (name, cutoff_s), found in estimates.items():
-                yield _beside_settled(
-                    hold, found[index], source=source, name=name, cutoff_s=cutoff_s, settled=settled
+                yield _prediction(
+                    hold,
+                    found[index],
+                    source=source,
+                    method=name,
+                    cutoff_s=cutoff_s,
+                    settled=settled,
                 )
 
 
@@ -102,9 +109,8 @@ def decide_holds(
     for hold in holds:
         settled = settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
         for name, method in methods.items():
-            if hold.time_s[0] > horizon_s:
-                found, cutoff_s, decided = None, horizon_s, False
-            else:
+            found, cutoff_s, decided = None, horizon_s, False
+            if hold.time_s[0] <= horizon_s:
                 decision = first_sure(
                     hold.time_s,
                     hold.values,
@@ -114,39 +120,38 @@ def decide_holds(
                     level=level,
                 )
                 found, cutoff_s, decided = decision.estimate, decision.time_s, decision.decided
-            yield _beside_settled(
+            yield _prediction(
                 hold,
                 found,
                 source=source,
-                name=name,
+                method=name,
                 cutoff_s=cutoff_s,
                 settled=settled,
                 decided=decided,
             )
 
 
-def _beside_settled(
+def _prediction(
     hold: Hold,
     estimate: SettledEstimate | None,
     *,
     source: str,
-    name: str,
+    method: str,
     cutoff_s: float,
     settled: float,
     decided: bool | None = None,
 ) -> Prediction:
     """Pair an estimate with the value that the hold settled to; None means no sample at all."""
-    value, low, high = (
-        (np.nan, np.nan, np.nan)
-        if estimate is None
-        else (float(estimate.value), float(estimate.low), float(estimate.high))
-    )
+    value, low, high, status = np.nan, np.nan, np.nan, Status.TOO_SHORT
+    if estimate is not None:
+        value, low, high = (float(end) for end in (estimate.value, estimate.low, estimate.high))
+        status = Status(str(estimate.status))
     return Prediction(
         source=source,
         hold_id=hold.hold_id,
         channel=hold.channel,
         unit=hold.unit,
-        method=name,
+        method=method,
         cutoff_s=cutoff_s,
         decided=decided,
         predicted=value,
@@ -154,19 +159,88 @@ def _beside_settled(
         high=high,
         settled=settled,
         recorded=recorded_value(hold.time_s, hold.values, cutoff_s=cutoff_s),
-        status=Status.TOO_SHORT if estimate is None else Status(str(estimate.status)),
+        status=status,
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scores:
+    """Predictions against settled values, hold by hold; NaN where a hold has no settled value."""
+
+    #: Shape (n_holds,). (predicted - settled) / abs(settled).
+    error_percent: FloatArray
+    #: Shape (n_holds,). abs(predicted - settled) / abs(settled - recorded at the cut-off): what is
+    #: still missing of the change that was still to come. It does not depend on unit or baseline.
+    of_remaining_percent: FloatArray
+    #: Shape (n_holds,). Half of the interval, in percent of abs(settled).
+    half_width_percent: FloatArray
+    #: Shape (n_holds,). 1 where the interval holds the settled value, 0 where not, NaN where either
+    #: is unknown.
+    covered: FloatArray
+
+
+def score_values(
+    predicted: ArrayLike,
+    *,
+    low: ArrayLike,
+    high: ArrayLike,
+    settled: ArrayLike,
+    recorded: ArrayLike,
+) -> Scores:
+    """Score predictions, each of shape (n_holds,), against the values they were to predict.
+
+    >>> ends = {"low": [98.0], "high": [110.0]}
+    >>> scores = score_values([104.0], **ends, settled=[100.0], recorded=[120.0])
+    >>> scores.error_percent.item(), scores.of_remaining_percent.item(), scores.covered.item()
+    (4.0, 20.0, 1.0)
+    """
+    value, bottom, top, target, last = (
+        np.asarray(array, dtype=np.float64) for array in (predicted, low, high, settled, recorded)
+    )
+    known = np.isfinite(bottom) & np.isfinite(top) & np.isfinite(target)
+    return Scores(
+        error_percent=_percent(value - target, np.abs(target)),
+        of_remaining_percent=_percent(np.abs(value - target), np.abs(target - last)),
+        half_width_percent=_percent((top - bottom) / 2, np.abs(target)),
+        covered=np.where(known, (bottom <= target) & (target <= top), np.nan),
+    )
+
+
+def _percent(part: FloatArray, whole: FloatArray) -> FloatArray:
+    share = np.full(part.shape, np.nan)
+    np.divide(100 * part, whole, out=share, where=whole > 0)
+    return share
 
 
 def score_predictions(predictions: Sequence[Prediction]) -> Scores:
     """Score predictions, one entry for each."""
-    return score(
+    return score_values(
         [p.predicted for p in predictions],
         low=[p.low for p in predictions],
         high=[p.high for p in predictions],
         settled=[p.settled for p in predictions],
         recorded=[p.recorded for p in predictions],
     )
+
+
+def summarise(scores: Scores) -> dict[str, float]:
+    """Return the summary that `palpate settle --json` prints for one method and cut-off.
+
+    A figure that no hold gives is NaN.
+    """
+    size = np.abs(scores.error_percent)
+    figures: dict[str, tuple[FloatArray, Callable[[FloatArray], Any]]] = {
+        "median_abs_error_percent": (size, np.median),
+        "mean_abs_error_percent": (size, np.mean),
+        "p90_abs_error_percent": (size, partial(np.quantile, q=0.9)),
+        "median_error_of_remaining_percent": (scores.of_remaining_percent, np.median),
+        "coverage": (scores.covered, np.mean),
+        "median_half_width_percent": (scores.half_width_percent, np.median),
+    }
+    return {
+        name: float(figure(known)) if (known := values[np.isfinite(values)]).size else float("nan")
+        for name, (values, figure) in figures.items()
+    }
 
 
 def _batches(holds: Iterable[Hold]) -> Iterator[list[Hold]]:
