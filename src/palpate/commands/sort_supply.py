@@ -79,8 +79,7 @@ class SimulatedCrate:
         """Calibrate a sensor of the twin as a user would, and draw a crate."""
         from palpate.rig import Rig
         from palpate.rig.simulated import calibrated
-        from palpate.twin.crate import CrateTable, draw_crate, mixed_crate
-        from palpate.twin.crate_kinds import CRATE_TAUGHT
+        from palpate.twin.crate import CRATE_TAUGHT, CrateTable, draw_crate, mixed_crate
 
         table = CrateTable(sensor=seed, seed=seed + 500_009)
         rig = Rig(

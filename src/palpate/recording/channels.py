@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
-from typing import Any, get_args
+from typing import Any, get_type_hints
 
 import numpy as np
 
@@ -26,7 +26,9 @@ RECORDING_FORMAT = "1"
 METADATA_NAME = "palpate"
 #: A sum of more conversions of 10 bit does not fit the 32 bits of a count.
 _MOST_CONVERSIONS = 2**21
-_ORIGINS: dict[str, Origin] = {origin: origin for origin in get_args(Origin)}
+#: What metadata describe, and which of it is text as it is; the rest is JSON.
+_INFO = get_type_hints(RecordingInfo)
+_TEXTS = (str, str | None, Origin)
 NUMBER = {"type": "number"}
 _TIME = {"type": "number", "description": "Seconds on the recording's clock."}
 
@@ -190,28 +192,15 @@ def _whole(value: Any) -> int:
 
 def encode_info(info: RecordingInfo) -> dict[str, str]:
     """Turn the recording's metadata into MCAP's form, text by text; None is left out."""
-    texts = {
-        "format": RECORDING_FORMAT,
-        "origin": info.origin,
-        "layout": _compact(asdict(info.layout)),
-        "versions": _compact(dict(info.versions)),
-        "clock_zero_unix_ns": str(info.clock_zero_unix_ns),
-        "rig": info.rig,
-        "firmware_version": info.firmware_version,
-        "calibration": info.calibration,
-        "seed": None if info.seed is None else str(info.seed),
-        "gripper": None if info.gripper is None else _compact(asdict(info.gripper)),
-        "target_force_n": _number(info.target_force_n),
-        "expect_size_mm": _number(info.expect_size_mm),
-        "damage": info.damage,
-        "kind": info.kind or None,
-        "paper": info.paper,
-    }
-    return {name: text for name, text in texts.items() if text is not None}
-
-
-def _number(value: float | None) -> str | None:
-    return None if value is None else repr(value)
+    texts = {"format": RECORDING_FORMAT}
+    for name in _INFO:
+        value = getattr(info, name)
+        if isinstance(value, str):
+            texts[name] = value
+        elif value is not None:
+            plain = asdict(value) if isinstance(value, ArrayLayout | GripperLimits) else value
+            texts[name] = _compact(dict(plain) if isinstance(plain, Mapping) else plain)
+    return {name: text for name, text in texts.items() if text}
 
 
 def decode_info(texts: dict[str, str]) -> RecordingInfo:
@@ -225,30 +214,15 @@ def decode_info(texts: dict[str, str]) -> RecordingInfo:
             "upgrade palpate"
         )
     try:
-        target, expected = (texts.get(name) for name in ("target_force_n", "expect_size_mm"))
-        layout, gripper = (json.loads(texts.get(name, "null")) for name in ("layout", "gripper"))
-        return RecordingInfo(
-            layout=structured(ArrayLayout, layout, where="layout"),
-            origin=_ORIGINS[texts["origin"]],
-            rig=texts.get("rig"),
-            firmware_version=texts.get("firmware_version"),
-            calibration=texts.get("calibration"),
-            seed=int(texts["seed"]) if "seed" in texts else None,
-            versions=json.loads(texts["versions"]),
-            gripper=None if gripper is None else _limits(gripper),
-            target_force_n=None if target is None else float(target),
-            expect_size_mm=None if expected is None else float(expected),
-            damage=texts.get("damage"),
-            kind=texts.get("kind", ""),
-            paper=texts.get("paper"),
-            clock_zero_unix_ns=int(texts["clock_zero_unix_ns"]),
-        )
+        stored = {
+            name: text if _INFO[name] in _TEXTS else json.loads(text)
+            for name, text in texts.items()
+            if name in _INFO
+        }
+        info = structured(RecordingInfo, stored)
+        limits = info.gripper
+        if limits is not None and not (limits.lowest < limits.highest and limits.fastest > 0):
+            raise ValueError("gripper: no range to move in, or no speed")
+        return info
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise RecordingError(f"its metadata can't be read: {error!r}") from error
-
-
-def _limits(stored: object) -> GripperLimits:
-    limits = structured(GripperLimits, stored, where="gripper")
-    if not (limits.lowest < limits.highest and limits.fastest > 0):
-        raise ValueError("gripper: no range to move in, or no speed")
-    return limits

@@ -109,32 +109,35 @@ def _columns(batch: list[tuple[Frame, GripperState | None, str]], layout: ArrayL
         table[name] = [None if np.isnan(value) else float(value) for value in sensed]
     table["moving"] = [None if state is None else state.moving for state in states]
     table["events"] = [text or None for _, _, text in batch]
-    ohms = _resistances(frames, layout)
+    ohms = _resistance_ohm(
+        np.stack([frame.counts for frame in frames]),
+        layout=layout,
+        oversampling=np.array(table["oversampling"]),
+    )
     for row in range(layout.rows):
         for col in range(layout.cols):
             table[f"r{row}c{col}_counts"] = [int(frame.counts[row, col]) for frame in frames]
-            table[f"r{row}c{col}_ohm"] = [float(ohm[row, col]) for ohm in ohms]
+            table[f"r{row}c{col}_ohm"] = ohms[:, row, col].tolist()
     return table
 
 
-def _resistances(frames: list[Frame], layout: ArrayLayout) -> NDArray[np.float64]:
-    """Solve the frames of a batch together, those of equal oversampling at a time."""
-    counts = np.stack([frame.counts for frame in frames])
-    oversampling = np.array([frame.oversampling for frame in frames])
+def _resistance_ohm(
+    counts: NDArray[np.integer[Any]],
+    *,
+    layout: ArrayLayout,
+    oversampling: NDArray[np.integer[Any]],
+) -> FloatArray:
+    """Return the pixels' resistances, those of frames of equal oversampling at a time."""
     ohm = np.empty(counts.shape)
     for conversions in np.unique(oversampling):
         alike = oversampling == conversions
-        ohm[alike] = _resistance_ohm(counts[alike], layout=layout, oversampling=int(conversions))
+        try:
+            ohm[alike] = pixel_resistance_ohm(
+                counts[alike], layout=layout, oversampling=int(conversions)
+            )
+        except ValueError as error:
+            raise RecordingError(f"a frame of the recording: {error}") from error
     return ohm
-
-
-def _resistance_ohm(
-    counts: NDArray[np.integer[Any]], *, layout: ArrayLayout, oversampling: int
-) -> FloatArray:
-    try:
-        return pixel_resistance_ohm(counts, layout=layout, oversampling=oversampling)
-    except ValueError as error:
-        raise RecordingError(f"a frame of the recording: {error}") from error
 
 
 def _write_csv(path: Path, tables: Iterable[Columns]) -> int:
@@ -184,15 +187,9 @@ def _kind(column: str) -> str:
 
 def recorded_resistance_ohm(recording: Recording) -> FloatArray:
     """Return the pixels' resistances, shape (n_frames, rows, cols); crosstalk is solved out."""
-    ohm = np.empty(recording.counts.shape)
-    for oversampling in np.unique(recording.oversampling):
-        frames = recording.oversampling == oversampling
-        ohm[frames] = _resistance_ohm(
-            recording.counts[frames],
-            layout=recording.info.layout,
-            oversampling=int(oversampling),
-        )
-    return ohm
+    return _resistance_ohm(
+        recording.counts, layout=recording.info.layout, oversampling=recording.oversampling
+    )
 
 
 def recorded_holds(

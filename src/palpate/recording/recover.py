@@ -11,7 +11,7 @@ from mcap.writer import Writer
 
 from palpate.errors import RecordingError
 from palpate.files import atomic_path
-from palpate.recording.blocks import FileState, RawMessage, read_blocks
+from palpate.recording.blocks import FileState, read_blocks
 from palpate.recording.channels import METADATA_NAME, decode_info
 from palpate.recording.writer import LIBRARY
 
@@ -79,17 +79,13 @@ def _copy(stream: BinaryIO, writer: Writer, state: FileState) -> None:
                         record.metadata,
                     )
             elif record.channel_id in channel_ids:
-                _copy_message(record, writer, channel_ids[record.channel_id])
+                writer.add_message(
+                    channel_ids[record.channel_id],
+                    log_time=record.log_time,
+                    data=record.data,
+                    publish_time=record.publish_time,
+                    sequence=record.sequence,
+                )
         writer.flush()
     if not known:
         raise RecordingError("an MCAP file, but not a recording of palpate (no such metadata)")
-
-
-def _copy_message(record: RawMessage, writer: Writer, channel_id: int) -> None:
-    writer.add_message(
-        channel_id,
-        log_time=record.log_time,
-        data=record.data,
-        publish_time=record.publish_time,
-        sequence=record.sequence,
-    )

@@ -6,7 +6,6 @@ A rig is opened by a function `open(*, object_name, seed) -> Rig`. Built-in ones
 
 from __future__ import annotations
 
-import importlib
 import math
 import os
 from collections.abc import Callable, Mapping
@@ -18,7 +17,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from palpate.clock import Clock
-from palpate.errors import DeviceError, InputError, PalpateError
+from palpate.errors import InputError, PalpateError
 from palpate.gripper.interface import Gripper
 from palpate.recording.contents import Origin
 from palpate.sensor.array import PressureArray
@@ -31,13 +30,8 @@ if TYPE_CHECKING:
 
 ENTRY_POINTS = "palpate.rigs"
 
-#: Name -> module and function that opens it; imported only when asked for.
-BUILT_IN: dict[str, tuple[str, str]] = {
-    "sim-rigid": ("palpate.rig.simulated", "open_rigid"),
-    "sim-soft": ("palpate.rig.simulated", "open_soft"),
-    "sim-firmware": ("palpate.rig.simulated", "open_firmware"),
-}
-DEFAULT_RIG = "sim-rigid"
+BUILT_IN = ("sim-rigid", "sim-soft", "sim-firmware")
+DEFAULT_RIG = BUILT_IN[0]
 #: A frame is missing after this time, seconds: the slowest board sends some 15 a second.
 _FRAME_S = 1.0
 
@@ -241,18 +235,9 @@ def open_rig(name: str = DEFAULT_RIG, *, object_name: str | None = None, seed: i
 
         return open_file(Path(name), object_name=object_name, seed=seed)
     if name in BUILT_IN:
-        module_name, function = BUILT_IN[name]
-        try:
-            module = importlib.import_module(module_name)
-        except ModuleNotFoundError as error:
-            if error.name != module_name:
-                raise
-            raise DeviceError(
-                f"rig {name!r} is not part of this installation; "
-                "install palpate with its firmware tools, or use --rig sim-rigid"
-            ) from error
-        opener: Callable[..., Rig] = getattr(module, function)
-        return opener(object_name=object_name, seed=seed)
+        from palpate.rig.simulated import open_simulated
+
+        return open_simulated(name, object_name=object_name, seed=seed)
     for point in entry_points(group=ENTRY_POINTS):
         if point.name == name:
             rig: Rig = point.load()(object_name=object_name, seed=seed)

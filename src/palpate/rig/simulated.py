@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import fields, replace
 from functools import partial
+from itertools import chain
 from typing import Protocol
 
 import numpy as np
@@ -14,7 +15,6 @@ from palpate.estimate.force import PowerForceLaw
 from palpate.grasp.calibrating import Bench, measure_block, measure_force, measure_rest
 from palpate.grasp.calibrating_current import measure_current, measure_gears
 from palpate.grasp.planning import DWELL_S, HORIZON_S, pairs_at
-from palpate.recording.contents import Origin
 from palpate.rig import Rig
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import BlockPairs, Calibration, CurrentPairs, joined_currents
@@ -52,103 +52,41 @@ class Workplace(Stage, Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Protocol:
-    """How one kind of hand is calibrated."""
-
-    #: Width or pressure at which no face is touched yet (none is larger than 51 mm).
-    start: float
-    #: Forces to hold at in each placement of the cell: small ones and large ones mixed, within what
-    #: the hand can do.
-    holds_n: tuple[tuple[float, ...], ...]
-
-
-_PROTOCOLS: dict[GripperKind, _Protocol] = {
-    "rigid": _Protocol(
-        start=51.0,
-        holds_n=(
-            (0.5, 2.5),
-            (1.0, 5.0),
-            (0.8, 3.5),
-            (1.5, 9.0),
-            (1.2, 4.0),
-            (2.5, 15.0),
-            (0.4, 1.8),
-        ),
-    ),
-    "soft": _Protocol(
-        start=15.0,
-        holds_n=(
-            (0.4, 3.0),
-            (0.8, 5.0),
-            (0.3, 2.0),
-            (1.5, 6.0),
-            (1.2, 4.0),
-            (2.5, 7.0),
-            (0.5, 1.8),
-        ),
-    ),
+#: How each kind of hand is calibrated: width or pressure at which no face is touched yet (none is
+#: larger than 51 mm), and the forces to hold at in each placement of the cell, small ones and large
+#: ones mixed, within what the hand can do.
+_START: dict[GripperKind, float] = {"rigid": 51.0, "soft": 15.0}
+_HOLDS_N: dict[GripperKind, tuple[tuple[float, ...], ...]] = {
+    "rigid": ((0.5, 2.5), (1, 5), (0.8, 3.5), (1.5, 9), (1.2, 4), (2.5, 15), (0.4, 1.8)),
+    "soft": ((0.4, 3), (0.8, 5), (0.3, 2), (1.5, 6), (1.2, 4), (2.5, 7), (0.5, 1.8)),
 }
-
-
 #: How much the sheets and hands of the built-in rigs scatter.
 _LEVEL = "lab"
 
 
-def open_rigid(*, object_name: str | None, seed: int) -> Rig:
-    """Open rigid fingers on the twin, with an object between them.
+def open_simulated(name: str, *, object_name: str | None, seed: int) -> Rig:
+    """Open fingers on the twin, with an object between them.
 
-    Raises `InputError` if there is no such object.
-    """
-    return _opened("rigid", object_name, seed=seed, name="sim-rigid")
-
-
-def open_soft(*, object_name: str | None, seed: int) -> Rig:
-    """Open soft fingers, driven by pressure, on the twin, with an object between them.
-
-    Raises `InputError` if there is no such object.
-    """
-    return _opened("soft", object_name, seed=seed, name="sim-soft")
-
-
-def open_firmware(*, object_name: str | None, seed: int) -> Rig:
-    """Open rigid fingers on the twin, read by the firmware on the AVR simulator.
-
+    `name` ("sim-rigid", "sim-soft" or "sim-firmware"): rigid fingers; soft ones, driven by
+        pressure; rigid ones, read by the firmware on the AVR simulator.
     Raises `InputError` if there is no such object; `DeviceNotFoundError` if firmware or simulator
     have not been built.
     """
-    return _opened(
-        "rigid",
-        object_name,
-        seed=seed,
-        name="sim-firmware",
-        origin="firmware-simulated",
-        read_through=read_through_firmware,
-    )
-
-
-def _opened(
-    kind: GripperKind,
-    object_name: str | None,
-    *,
-    seed: int,
-    name: str,
-    origin: Origin = "twin",
-    read_through: Callable[[World], PressureArray] = TwinArray,
-) -> Rig:
     if object_name is not None and object_name not in OBJECTS:
         raise InputError(f"no simulated object {object_name!r}; there are: {', '.join(OBJECTS)}")
+    kind: GripperKind = "soft" if name == "sim-soft" else "rigid"
     obj = draw_object(np.random.default_rng([seed, 10]), object_name)
     world = World(obj, seed=seed, sheet_seed=seed, level=_LEVEL, gripper=kind)
+    by_firmware = name == "sim-firmware"
     return Rig(
         name=name,
-        array=read_through(world),
+        array=read_through_firmware(world) if by_firmware else TwinArray(world),
         gripper=TwinGripper(world),
         clock=world.clock,
         calibration=calibrated(seed=seed, level=_LEVEL, apart_from=obj.name, kind=kind),
-        origin=origin,
+        origin="firmware-simulated" if by_firmware else "twin",
         subject=obj.name,
-        truth=partial(_truth, world),
+        truth=lambda: world.truth().to_dict(),
         seed=seed,
     )
 
@@ -192,13 +130,12 @@ def calibrated_on(world: Workplace, *, seed: int, apart_from: str, sensor_id: st
     def face(run: int) -> TwinObject:
         return draw_object(rng, faces[run % len(faces)])
 
-    protocol = _PROTOCOLS[world.gripper]
     array = TwinArray(world)
-    bench = _bench(world, array, start=protocol.start)
+    bench = _bench(world, array, start=_START[world.gripper])
     rest = measure_rest(bench)
     force = measure_force(
         bench,
-        holds_n=protocol.holds_n,
+        holds_n=_HOLDS_N[world.gripper],
         reseat=lambda run: world.place(face(run)),
         dwell_s=DWELL_S,
         horizon_s=HORIZON_S,
@@ -206,24 +143,19 @@ def calibrated_on(world: Workplace, *, seed: int, apart_from: str, sensor_id: st
     # What follows reads the load cell, the width and the current.
     array.look_away()
     world.place(draw_object(rng, "rigid-block"))
-    block = measure_block(
-        bench, block_mm=_BLOCK_MM, up_to_n=_BLOCK_N, repeats=_BLOCK_REPEATS, dwell_s=DWELL_S
+    closing = partial(
+        measure_block, bench, up_to_n=_BLOCK_N, repeats=_BLOCK_REPEATS, dwell_s=DWELL_S
     )
+    block = closing(block_mm=_BLOCK_MM)
     current = None
     if world.gripper == "rigid":
         current = _current(bench, world)
     else:
         larger = draw_object(rng, "rigid-block")
         world.place(replace(larger, size_mm=larger.size_mm + _LARGER_MM - _BLOCK_MM))
-        block = _joined(
-            block,
-            measure_block(
-                bench,
-                block_mm=_LARGER_MM,
-                up_to_n=_BLOCK_N,
-                repeats=_BLOCK_REPEATS,
-                dwell_s=DWELL_S,
-            ),
+        both = block, closing(block_mm=_LARGER_MM)
+        block = BlockPairs(
+            **{f.name: tuple(chain(*(getattr(b, f.name) for b in both))) for f in fields(block)}
         )
     excess, force_n = pairs_at(force, since_move_s=HORIZON_S)
     return Calibration(
@@ -244,20 +176,6 @@ def _current(bench: Bench, world: Workplace) -> CurrentPairs | None:
     world.place(None)
     empty = measure_gears(bench)
     return None if on_block is None or empty is None else joined_currents(on_block, empty)
-
-
-def _joined(first: BlockPairs, second: BlockPairs) -> BlockPairs:
-    """Return the closings on two blocks as one set."""
-    return BlockPairs(
-        block_mm=first.block_mm + second.block_mm,
-        width_mm=first.width_mm + second.width_mm,
-        force_n=first.force_n + second.force_n,
-        pressure_kpa=first.pressure_kpa + second.pressure_kpa,
-    )
-
-
-def _truth(world: World) -> Mapping[str, object]:
-    return world.truth().to_dict()
 
 
 def read_through_firmware(world: World) -> PressureArray:

@@ -1,6 +1,7 @@
 """A mixed crate on the twin: items of several kinds, each of their sides a little different.
 
 What is drawn here is the truth that nobody who sorts may see: kind, size and strength of each item.
+The kinds were fixed, with their reasons, before anything was measured on them.
 """
 
 from __future__ import annotations
@@ -8,20 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from palpate.clock import ManualClock
-from palpate.twin.crate_kinds import (
-    CRATE_POISSON,
-    CRATE_SIDE_LOG_SD,
-    CRATE_STRANGERS,
-    CRATE_TAUGHT,
-    CrateKind,
-)
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
-from palpate.twin.ranges import log_uniform, uniform
+from palpate.twin.ranges import Pair, log_uniform, uniform
 from palpate.twin.world import World
 
 #: Damage begins at this share of the rupture force, as for other fruit of the twin.
@@ -30,6 +25,58 @@ _YIELD_SHARE = (0.75, 0.95)
 _RELAXING_S = ((0.2, 1.0), (1.0, 8.0), (8.0, 80.0))
 #: After an item was laid between the open fingers, the hand is left still for this long.
 _STILL_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class CrateKind:
+    """Ranges of the items of one kind in a mixed crate; pairs are (low, high)."""
+
+    #: Flesh deforms as Hertz has it, a shell linearly.
+    law: Literal["flesh", "shell"]
+    #: Mean diameter about the closing axis; the hand takes each item across its short side.
+    size_mm: Pair
+    #: Of flesh the apparent modulus between plates, MPa; with the size it gives the Hertz law. Of a
+    #: shell its stiffness, N/mm.
+    stiffness: Pair
+    #: Force at which it bursts or breaks; None for what doesn't.
+    rupture_n: Pair | None
+    #: Largest difference, as a share, of the diameter at one side from the mean diameter.
+    out_of_round: float
+    #: Mass, grams.
+    mass_g: Pair
+    #: Share of the force that relaxes away under a hold.
+    relaxing: Pair = (0.10, 0.30)
+
+
+#: Poisson's ratio of flesh; scatter (log sd) of the stiffness from side to side of one item.
+CRATE_POISSON, CRATE_SIDE_LOG_SD = 0.35, 0.08
+
+#: Kinds that are taught. Sizes are the trade's usual ones; moduli are orders of magnitude from the
+#: literature on whole fruit between plates (ASAE S368; Mohsenin, Physical Properties of Plant and
+#: Animal Materials, 1986): some tenths of an MPa for what is ripe to eat, a few MPa for what is
+#: crisp. The kiwi's are those that recorded robot grasps need, shells those of hens' eggs pressed
+#: across. Fixed before anything was measured on them; several kinds overlap, as they do in a shop.
+CRATE_TAUGHT: dict[str, CrateKind] = {
+    "cherry-tomato": CrateKind("flesh", (22, 31), (0.8, 2.2), (9, 22), 0.04, (8, 18)),
+    "strawberry": CrateKind("flesh", (27, 40), (0.25, 0.8), (6, 14), 0.08, (10, 32), (0.15, 0.35)),
+    "lime": CrateKind("flesh", (41, 50), (1.5, 3.5), (60, 120), 0.03, (45, 75)),
+    "egg": CrateKind("shell", (41, 46), (90, 180), (28, 45), 0.01, (50, 68), (0, 0.005)),
+    "kiwi": CrateKind("flesh", (45, 55), (0.3, 0.9), (4.5, 9), 0.05, (70, 110)),
+    "tomato": CrateKind("flesh", (50, 62), (0.7, 1.8), (15, 40), 0.04, (70, 140)),
+    "peach": CrateKind("flesh", (57, 67), (0.9, 2.5), (20, 50), 0.04, (110, 180)),
+    "avocado": CrateKind("flesh", (58, 68), (0.2, 0.6), (12, 30), 0.04, (150, 220)),
+    "apple": CrateKind("flesh", (58, 68), (3, 6.5), (45, 90), 0.03, (110, 180)),
+}
+
+#: Kinds that nobody teaches: what else lies in a crate. Some feel much like a taught kind.
+CRATE_STRANGERS: dict[str, CrateKind] = {
+    "grape": CrateKind("flesh", (16, 22), (0.4, 1.2), (6, 14), 0.08, (4, 9)),
+    "walnut": CrateKind("shell", (29, 37), (120, 300), (150, 400), 0.05, (9, 15), (0, 0.01)),
+    "mushroom": CrateKind("flesh", (36, 50), (0.08, 0.25), (8, 20), 0.08, (12, 35), (0.2, 0.4)),
+    "potato": CrateKind("flesh", (42, 60), (3, 6), (150, 400), 0.12, (60, 150)),
+    "foam-ball": CrateKind("flesh", (50, 66), (0.02, 0.08), None, 0.01, (4, 12), (0.05, 0.15)),
+    "stone": CrateKind("shell", (30, 60), (400, 600), None, 0.15, (60, 300), (0, 0.001)),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,17 +151,14 @@ def mixed_crate(
 def _drawn(rng: np.random.Generator, name: str, kind: CrateKind) -> TwinObject:
     size_mm = uniform(rng, kind.size_mm)
     rupture_n = math.inf if kind.rupture_n is None else uniform(rng, kind.rupture_n)
-    if kind.modulus_mpa is not None:
-        stiffness = hertz_force_at_1mm_n(log_uniform(rng, kind.modulus_mpa), size_mm=size_mm)
-    elif kind.shell_n_per_mm is not None:
-        stiffness = log_uniform(rng, kind.shell_n_per_mm)
-    else:
-        raise ValueError(f"crate kind {name!r} has neither a modulus nor a shell")
+    stiffness = log_uniform(rng, kind.stiffness)
+    if kind.law == "flesh":
+        stiffness = hertz_force_at_1mm_n(stiffness, size_mm=size_mm)
     share = rng.dirichlet((2.0, 2.0, 2.0)) * uniform(rng, kind.relaxing)
     return TwinObject(
         name=name,
         size_mm=size_mm,
-        contact="linear" if kind.modulus_mpa is None else "hertz",
+        contact="hertz" if kind.law == "flesh" else "linear",
         force_at_1mm_n=stiffness,
         relaxing_share=tuple(float(part) for part in share),
         relaxing_time_s=tuple(log_uniform(rng, pair) for pair in _RELAXING_S),

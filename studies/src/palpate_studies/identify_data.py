@@ -18,8 +18,7 @@ from palpate.produce.records import MEASURED, Grasp
 from palpate.produce.sorting.hand import SortingHand, TimedGrasp
 from palpate.rig.simulated import calibrated
 from palpate.settling.result import Status
-from palpate.twin.crate import CrateItem, CrateTable, draw_crate
-from palpate.twin.crate_kinds import CRATE_STRANGERS, CRATE_TAUGHT
+from palpate.twin.crate import CRATE_STRANGERS, CRATE_TAUGHT, CrateItem, CrateTable, draw_crate
 from palpate_studies.other_crates import other_item
 
 LEVELS = ("lab", "field")

@@ -11,8 +11,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from palpate.twin.crate import CrateItem
-from palpate.twin.crate_kinds import CRATE_STRANGERS, CRATE_TAUGHT
+from palpate.twin.crate import CRATE_STRANGERS, CRATE_TAUGHT, CrateItem
 from palpate.twin.objects import TwinObject
 from palpate_studies.other_things import layered
 
