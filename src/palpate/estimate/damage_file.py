@@ -19,8 +19,7 @@ from palpate.errors import CalibrationError, InputError
 from palpate.estimate.damage import DamageModel
 from palpate.estimate.damage_learning import HeldOut
 from palpate.estimate.strength import FEWEST_CLOSINGS, Strength
-from palpate.files import atomic_path
-from palpate.structure import structured
+from palpate.files import atomic_path, structure
 
 FORMAT, VERSION = "palpate-damage-model", 1
 _BROKEN = "not whole JSON ({}); take it from a backup or run `palpate calibrate damage` again"
@@ -171,7 +170,7 @@ def _read(document: Any) -> DamageFile:
             f"written by another version of palpate (file version {document.get('version')}, this "
             f"one reads {VERSION}); update palpate or run `palpate calibrate damage` again"
         )
-    read = structured(
+    read = structure(
         _Document, {k: v for k, v in document.items() if k not in ("format", "version")}
     )
     scores = np.array(read.critical_scores)

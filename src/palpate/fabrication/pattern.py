@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 
 from palpate.fabrication.design import SensorDesign
 from palpate.fabrication.shapes import (
@@ -31,7 +31,7 @@ BORDER_MM = 8.0
 TAPE_CORNER_MM = 1.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Layer:
     """One sheet of material and what is cut from it."""
 
@@ -40,10 +40,10 @@ class Layer:
     material: str
     #: Cutting lines as seen from the cover of the finished sensor.
     parts: tuple[Outline, ...]
-    #: Whether the file must show it from the other side, because that side is up on the cutter.
-    mirrored: bool
-    #: Which side that is.
+    #: Which side is up on the cutter.
     why: str
+    #: Whether the file must show it from the other side, because that side is up.
+    mirrored: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,41 +88,36 @@ class Pattern:
     def layers(self) -> tuple[Layer, ...]:
         """Return the five layers from the base up."""
         corner = self.design.corner_mm
+        pixels = tuple(rounded_rect(pixel.body, radius=corner) for pixel in self.pixels)
+        rows, cols = (tuple(net.outline() for net in nets) for nets in (self.rows, self.cols))
+        up = "cut with its liner down, "
         return (
             Layer(
-                name="1-base",
-                material="base tape",
-                parts=(_tape(self.base),),
+                "1-base",
+                "base tape",
+                (_tape(self.base),),
+                f"{up}so its back is up; in the sensor the adhesive is up",
                 mirrored=True,
-                why="cut with its liner down, so its back is up; in the sensor the adhesive is up",
             ),
             Layer(
-                name="2-copper-rows",
-                material="copper tape",
-                parts=tuple(row.outline() for row in self.rows),
-                mirrored=False,
-                why="cut with its liner down, bare copper up, as it lies in the sensor",
+                "2-copper-rows",
+                "copper tape",
+                rows,
+                f"{up}bare copper up, as it lies in the sensor",
             ),
+            Layer("3-velostat", "Velostat", pixels, "both sides are alike"),
             Layer(
-                name="3-velostat",
-                material="Velostat",
-                parts=tuple(rounded_rect(p.body, radius=corner) for p in self.pixels),
-                mirrored=False,
-                why="both sides are alike",
-            ),
-            Layer(
-                name="4-copper-columns",
-                material="copper tape",
-                parts=tuple(col.outline() for col in self.cols),
+                "4-copper-columns",
+                "copper tape",
+                cols,
+                "cut with bare copper up; in the sensor bare copper faces down",
                 mirrored=True,
-                why="cut with bare copper up; in the sensor bare copper faces down",
             ),
             Layer(
-                name="5-cover",
-                material="cover tape",
-                parts=(_tape(self.cover),),
-                mirrored=False,
-                why="cut with its liner down, its back up, as it lies in the sensor",
+                "5-cover",
+                "cover tape",
+                (_tape(self.cover),),
+                f"{up}its back up, as it lies in the sensor",
             ),
         )
 
@@ -135,8 +130,10 @@ def lay_out(design: SensorDesign) -> Pattern:
     >>> len(pattern.pixels), [layer.name for layer in pattern.layers() if layer.mirrored]
     (4, ['1-base', '4-copper-columns'])
     """
-    lane_x = _lane_offsets(design)
-    left_mm = BORDER_MM + design.margin_mm + _half_copper(design) - lane_x[0]
+    # Each row's lane runs left of the pixels: the first row's is outermost.
+    lane_x = [-design.pad_pitch_mm * (design.rows - r - 0.5) for r in range(design.rows)]
+    half_copper = max(design.trace_mm, design.pad_width_mm) / 2
+    left_mm = BORDER_MM + design.margin_mm + half_copper - lane_x[0]
     active = Rect(
         left=left_mm,
         top=BORDER_MM + design.margin_mm,
@@ -153,9 +150,9 @@ def lay_out(design: SensorDesign) -> Pattern:
     levels = _jog_levels(column_x, column_pads)
     jogs_mm = design.pad_pitch_mm * (max(levels) + 1)
     pads = Rect(
-        left=lanes[0] - _half_copper(design),
+        left=lanes[0] - half_copper,
         top=active.bottom + design.tail_mm,
-        right=column_pads[-1] + _half_copper(design),
+        right=column_pads[-1] + half_copper,
         bottom=active.bottom + design.tail_mm + design.pad_length_mm,
     )
     body = Rect(
@@ -194,34 +191,18 @@ def _tape(corners: Sequence[PointMm]) -> Outline:
     return rounded(corners, radius=min(TAPE_CORNER_MM, shortest / 2))
 
 
-def _half_copper(design: SensorDesign) -> float:
-    return max(design.trace_mm, design.pad_width_mm) / 2
-
-
-def _lane_offsets(design: SensorDesign) -> list[float]:
-    """Return where each row's lane runs, left of the pixels: the first row's is outermost."""
-    return [-design.pad_pitch_mm * (design.rows - r - 0.5) for r in range(design.rows)]
-
-
 def _pixels(design: SensorDesign, *, active: Rect) -> tuple[Pixel, ...]:
     bar_width, bar_height = design.bars_mm
+    width, height = design.pixel_width_mm, design.pixel_height_mm
     found = []
-    for row in range(design.rows):
-        for col in range(design.cols):
-            centre = (
-                active.left + design.pixel_width_mm / 2 + col * design.pitch_mm[0],
-                active.top + design.pixel_height_mm / 2 + row * design.pitch_mm[1],
-            )
-            found.append(
-                Pixel(
-                    row=row,
-                    col=col,
-                    body=Rect.around(
-                        centre, width=design.pixel_width_mm, height=design.pixel_height_mm
-                    ),
-                    contact=Rect.around(centre, width=bar_width, height=bar_height),
-                )
-            )
+    for row, col in product(range(design.rows), range(design.cols)):
+        centre = (
+            active.left + width / 2 + col * design.pitch_mm[0],
+            active.top + height / 2 + row * design.pitch_mm[1],
+        )
+        body = Rect.around(centre, width=width, height=height)
+        contact = Rect.around(centre, width=bar_width, height=bar_height)
+        found.append(Pixel(row=row, col=col, body=body, contact=contact))
     return tuple(found)
 
 
@@ -257,12 +238,8 @@ def _column_copper(
         strokes.append(
             Stroke.of(
                 [
-                    (x, active.top),
-                    (x, active.bottom),
-                    (x, turn),
-                    (pad_x, turn),
-                    (pad_x, pads.top),
-                    (pad_x, pads.bottom),
+                    *((x, y) for y in (active.top, active.bottom, turn)),
+                    *((pad_x, y) for y in (turn, pads.top, pads.bottom)),
                 ],
                 widths=[bar, *[design.trace_mm] * 3, design.pad_width_mm],
             )

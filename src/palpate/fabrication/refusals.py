@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
-from itertools import combinations
+from itertools import combinations, product
 
 from palpate.errors import InputError
 from palpate.fabrication.design import Cutter, SensorDesign
@@ -33,17 +33,14 @@ def check_design(design: SensorDesign, *, cutter: Cutter) -> None:
             if isinstance(value, float) and (
                 not math.isfinite(value) or value < 0 or (value == 0 and not zero_is_fine)
             ):
-                raise InputError(f"{_plain(part.name)} of {value:g} mm: give a positive length")
+                what = part.name.removesuffix("_mm").replace("_", " ")
+                raise InputError(f"{what} of {value:g} mm: give a positive length")
     largest = min(design.pixel_width_mm, design.pixel_height_mm) / 2
     if design.corner_mm > largest + _TINY_MM:
         raise InputError(
             f"corner radius {design.corner_mm:g} mm is {design.corner_mm - largest:.2f} mm more "
             f"than half of the pixel ({largest:g} mm)"
         )
-    _check_features(design, cutter=cutter)
-
-
-def _check_features(design: SensorDesign, *, cutter: Cutter) -> None:
     for what, size_mm in (
         ("pixel width", design.pixel_width_mm),
         ("pixel height", design.pixel_height_mm),
@@ -163,30 +160,21 @@ def _across_layers(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
 
     What is left next to the crossing must keep its distance too: layers are laid by hand.
     """
-    pixels = {(p.row, p.col): p for p in pattern.pixels}
-    for r, row in enumerate(pattern.rows):
-        for c, column in enumerate(pattern.cols):
-            spare_mm = _least_spare_mm(row, column, pixel=pixels[r, c], design=pattern.design)
-            if cutter.alignment_mm - spare_mm > _TINY_MM:
-                yield (
-                    f"R{r} and C{c} come within {spare_mm:.2f} mm of touching next to their pixel, "
-                    f"{cutter.alignment_mm - spare_mm:.2f} mm less than the {cutter.alignment_mm:g}"
-                    " mm that laying the layers by hand needs; raise the overhang or the pad pitch"
-                )
-
-
-def _least_spare_mm(row: Stroke, column: Stroke, *, pixel: Pixel, design: SensorDesign) -> float:
-    spare_mm = math.inf
-    for a in row.rects():
-        for b in column.rects():
-            crossing = a.common(b)
-            spare_mm = min(
-                spare_mm,
-                a.distance(b)
-                if crossing is None
-                else _covered_mm(crossing, pixel=pixel.body, corner_mm=design.corner_mm),
+    for pixel in pattern.pixels:
+        legs = product(pattern.rows[pixel.row].rects(), pattern.cols[pixel.col].rects())
+        spare_mm = min(
+            a.distance(b)
+            if (crossing := a.common(b)) is None
+            else _covered_mm(crossing, pixel=pixel.body, corner_mm=pattern.design.corner_mm)
+            for a, b in legs
+        )
+        if cutter.alignment_mm - spare_mm > _TINY_MM:
+            yield (
+                f"{_name(pixel).replace(' ', ' and ')} come within {spare_mm:.2f} mm of touching "
+                f"next to their pixel, {cutter.alignment_mm - spare_mm:.2f} mm less than the "
+                f"{cutter.alignment_mm:g} mm that laying the layers by hand needs; raise the "
+                "overhang or the pad pitch"
             )
-    return spare_mm
 
 
 def _covered_mm(crossing: Rect, *, pixel: Rect, corner_mm: float) -> float:
@@ -197,12 +185,13 @@ def _covered_mm(crossing: Rect, *, pixel: Rect, corner_mm: float) -> float:
     """
     x, y = pixel.centre
     least = math.inf
-    for corner_x in (crossing.left, crossing.right):
-        for corner_y in (crossing.top, crossing.bottom):
-            out_x = abs(corner_x - x) - (pixel.width / 2 - corner_mm)
-            out_y = abs(corner_y - y) - (pixel.height / 2 - corner_mm)
-            beyond = math.hypot(max(out_x, 0.0), max(out_y, 0.0)) + min(max(out_x, out_y), 0.0)
-            least = min(least, corner_mm - beyond)
+    for corner_x, corner_y in product(
+        (crossing.left, crossing.right), (crossing.top, crossing.bottom)
+    ):
+        out_x = abs(corner_x - x) - (pixel.width / 2 - corner_mm)
+        out_y = abs(corner_y - y) - (pixel.height / 2 - corner_mm)
+        beyond = math.hypot(max(out_x, 0.0), max(out_y, 0.0)) + min(max(out_x, out_y), 0.0)
+        least = min(least, corner_mm - beyond)
     return least
 
 
@@ -224,7 +213,3 @@ def _leaks(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
 
 def _name(pixel: Pixel) -> str:
     return f"R{pixel.row} C{pixel.col}"
-
-
-def _plain(name: str) -> str:
-    return name.removesuffix("_mm").replace("_", " ")

@@ -106,19 +106,18 @@ class Outline:
         >>> round(circle((0, 0), diameter=2).length(), 6)
         6.283185
         """
-        return sum(_edge_length(one, two) for one, two in self.edges())
+        return sum(
+            arc_radius(one, two) * 4 * math.atan(abs(one.bulge))
+            if one.bulge
+            else math.hypot(two.x - one.x, two.y - one.y)
+            for one, two in self.edges()
+        )
 
 
 def arc_radius(one: Vertex, two: Vertex) -> float:
     """Return the radius of the arc from `one` to `two`, mm; `one` must have a bulge."""
     chord = math.hypot(two.x - one.x, two.y - one.y)
     return chord * (1 + one.bulge**2) / (4 * abs(one.bulge))
-
-
-def _edge_length(one: Vertex, two: Vertex) -> float:
-    if one.bulge == 0:
-        return math.hypot(two.x - one.x, two.y - one.y)
-    return arc_radius(one, two) * 4 * math.atan(abs(one.bulge))
 
 
 def polygon(points: Sequence[PointMm]) -> Outline:
@@ -149,20 +148,15 @@ def rounded(points: Sequence[PointMm], *, radius: float) -> Outline:
             Vertex(x=start[0], y=start[1], bulge=turn * QUARTER),
             Vertex(x=end[0], y=end[1]),
         ]
-    return Outline(vertices=tuple(_without_empty_edges(vertices)))
+    edges = pairwise((*vertices, vertices[0]))
+    # At exactly twice the radius nothing is left of a straight edge.
+    return Outline(vertices=tuple(a for a, b in edges if math.hypot(b.x - a.x, b.y - a.y) > 1e-9))
 
 
 def rounded_rect(rect: Rect, *, radius: float) -> Outline:
     """Return a rectangle with rounded corners, or a circle where the radius reaches its middle."""
-    return rounded(
-        [
-            (rect.left, rect.top),
-            (rect.right, rect.top),
-            (rect.right, rect.bottom),
-            (rect.left, rect.bottom),
-        ],
-        radius=radius,
-    )
+    left, top, right, bottom = rect.left, rect.top, rect.right, rect.bottom
+    return rounded([(left, top), (right, top), (right, bottom), (left, bottom)], radius=radius)
 
 
 def circle(centre: PointMm, *, diameter: float) -> Outline:
@@ -244,9 +238,3 @@ def _direction(start: PointMm, end: PointMm) -> PointMm:
 
 def _moved(point: PointMm, by: PointMm) -> PointMm:
     return point[0] + by[0], point[1] + by[1]
-
-
-def _without_empty_edges(vertices: Sequence[Vertex]) -> Iterable[Vertex]:
-    for this, following in zip(vertices, (*vertices[1:], vertices[0]), strict=True):
-        if math.hypot(following.x - this.x, following.y - this.y) > 1e-9:
-            yield this

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 
 from palpate.errors import RecordingError
 from palpate.estimate.line_law import LineForceLaw
-from palpate.structure import structured
+from palpate.files import structure
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,6 +68,6 @@ class Paper:
         Raises `RecordingError` if it can't be read.
         """
         try:
-            return structured(cls, {k: v for k, v in json.loads(text).items() if k != "line"})
+            return structure(cls, {k: v for k, v in json.loads(text).items() if k != "line"})
         except (ValueError, TypeError, AttributeError) as error:
             raise RecordingError(f"its settings of the paper's method: {error}") from error

@@ -15,10 +15,10 @@ from typing import Any, get_type_hints
 import numpy as np
 
 from palpate.errors import RecordingError
+from palpate.files import structure
 from palpate.gripper.interface import GripperLimits, GripperState
 from palpate.recording.contents import Event, LoadCells, Origin, RecordingInfo
 from palpate.sensor.array import ArrayLayout, Frame
-from palpate.structure import structured
 
 RecordedMessage = Frame | GripperState | Event | LoadCells
 
@@ -219,7 +219,7 @@ def decode_info(texts: dict[str, str]) -> RecordingInfo:
             for name, text in texts.items()
             if name in _INFO
         }
-        info = structured(RecordingInfo, stored)
+        info = structure(RecordingInfo, stored)
         limits = info.gripper
         if limits is not None and not (limits.lowest < limits.highest and limits.fastest > 0):
             raise ValueError("gripper: no range to move in, or no speed")

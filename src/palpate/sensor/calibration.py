@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import CalibrationError
-from palpate.files import atomic_path
+from palpate.files import atomic_path, structure
 from palpate.sensor.array import ArrayLayout
-from palpate.structure import structured
 
 FORMAT = "palpate-calibration"
 VERSION = 3
@@ -253,7 +252,7 @@ class Calibration:
                 f"this one reads up to {VERSION}); update palpate or calibrate again"
             )
         passed_over = ("format", "version", *(_NO_LONGER_READ if version < VERSION else ()))
-        return structured(cls, {k: v for k, v in document.items() if k not in passed_over})
+        return structure(cls, {k: v for k, v in document.items() if k not in passed_over})
 
 
 def _is_date(value: object) -> bool:

@@ -18,9 +18,8 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.files import atomic_path
+from palpate.files import atomic_path, structure
 from palpate.produce.bruise.shape import LoadShape, contrast
-from palpate.structure import structured
 
 #: What a side may be compared with, the most informative first.
 REFERENCES = ("history", "class", "item")
@@ -121,7 +120,7 @@ class BruiseModel:
             head = {"format": FORMAT, "version": VERSION}
             if not isinstance(document, dict) or not head.items() <= document.items():
                 raise InputError(f"its format is not {FORMAT} of version {VERSION}")
-            return structured(cls, {k: v for k, v in document.items() if k not in head})
+            return structure(cls, {k: v for k, v in document.items() if k not in head})
         except OSError as error:
             raise InputError(f"{path}: {error.strerror}") from error
         except (ValueError, RecursionError) as error:
