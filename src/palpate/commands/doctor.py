@@ -77,7 +77,6 @@ def _live(source: SensorSource, *, duration_s: float, press: bool) -> Examined:
     from palpate.commands.doctor_report import Examined
     from palpate.sensor.array import FRAME_TIMEOUT_S
     from palpate.sensor.health import examine
-    from palpate.sensor.health_link import LinkEvents
 
     if press and source.simulated:
         raise InputError("--press needs a hand on a real sensor, or a --recording of presses")
@@ -88,13 +87,7 @@ def _live(source: SensorSource, *, duration_s: float, press: bool) -> Examined:
     source.frames(0.0)  # garbage that came before the first frame is no fault of the link
     before = source.events()
     rest = source.frames(duration_s)
-    after = source.events()
-    events = LinkEvents(
-        corrupt=after.corrupt - before.corrupt,
-        late=after.late - before.late,
-        restarts=after.restarts - before.restarts,
-        drift_ppm=after.drift_ppm,
-    )
+    events = source.events().since(before)
     whole = rest
     also: tuple[Finding, ...] = ()
     if press:

@@ -15,7 +15,7 @@ from palpate.recording import LoadCells, RecordingInfo
 from palpate.rig import open_rig
 from palpate.rig.recorded import clock_zero_unix_ns, firmware_version, recording_info
 from palpate.rig.sensor_only import names_no_gripper, open_sensor
-from palpate.sensor.array import PressureArray
+from palpate.sensor.array import PressureArray, link_counters
 from palpate.sensor.board_array import open_board
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import NO_READING
@@ -51,11 +51,11 @@ class RecordSource:
 
     def link_text(self) -> str:
         """Report what happened on the link, if there is one."""
-        if not isinstance(self.array, SerialArray):
+        count = link_counters(self.array)
+        if count is None:
             return "recorded"
-        count = self.array.counters
         return (
-            f"{count.frames} frames, {count.lost} lost, {count.corrupt} packets corrupt, "
+            f"{count.frames} frames, {count.lost} lost, {count.corrupt} corrupt, "
             f"{count.late} late, {count.reconnects} reconnects"
         )
 

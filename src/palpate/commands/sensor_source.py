@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from palpate.commands.options import stated_rig
 from palpate.errors import CalibrationError, DeviceTimeoutError, InputError
-from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
+from palpate.sensor.array import FRAME_TIMEOUT_S, LinkCounters, PressureArray, link_counters
 from palpate.sensor.health import FrameColumns
-from palpate.sensor.health_link import LinkEvents
 from palpate.sensor.serial_array import SerialArray
 
 if TYPE_CHECKING:
@@ -46,17 +45,9 @@ class SensorSource:
         board = self.array.identity if isinstance(self.array, SerialArray) else None
         return None if board is None else board.rate_hz
 
-    def events(self) -> LinkEvents:
-        """Counts of the link so far."""
-        if not isinstance(self.array, SerialArray):
-            return LinkEvents()
-        count = self.array.counters
-        return LinkEvents(
-            corrupt=count.corrupt,
-            late=count.late,
-            restarts=count.restarts + count.reconnects,
-            drift_ppm=self.array.drift_ppm,
-        )
+    def events(self) -> LinkCounters:
+        """Counts of the link so far; zero where the source has no link."""
+        return link_counters(self.array) or LinkCounters()
 
     def rest_ohm(self) -> NDArray[np.float64] | None:
         """Return the calibrated rest values, shape (rows, cols); None where there are none.

@@ -7,7 +7,6 @@ from palpate.dashboard.orders import Examine
 from palpate.errors import DeviceTimeoutError
 from palpate.sensor.array import FRAME_TIMEOUT_S
 from palpate.sensor.health import FrameColumns, Health, examine
-from palpate.sensor.health_link import LinkEvents
 from palpate.sensor.serial_array import SerialArray
 
 
@@ -29,7 +28,6 @@ def look_at(order: Examine, *, context: JobContext) -> Health:
             taken.append(array.read(timeout_s=FRAME_TIMEOUT_S))
         except DeviceTimeoutError:
             break
-    after = context.link_events()
     board = context.rig.array
     identity = board.identity if isinstance(board, SerialArray) else None
     return examine(
@@ -37,10 +35,5 @@ def look_at(order: Examine, *, context: JobContext) -> Health:
         layout=layout,
         known_ohm=context.source().rest_ohm,
         asked_hz=None if identity is None else identity.rate_hz,
-        events=LinkEvents(
-            corrupt=after.corrupt - before.corrupt,
-            late=after.late - before.late,
-            restarts=after.restarts - before.restarts,
-            drift_ppm=after.drift_ppm,
-        ),
+        events=context.link_events().since(before),
     )

@@ -18,9 +18,14 @@ from palpate.grasp.requests import Requests
 from palpate.gripper.interface import Gripper, GripperState
 from palpate.rig import Rig
 from palpate.rig.sensor_only import SensorRig
-from palpate.sensor.array import FRAME_TIMEOUT_S, ArrayLayout, Frame, PressureArray
-from palpate.sensor.health_link import LinkEvents
-from palpate.sensor.serial_array import SerialArray
+from palpate.sensor.array import (
+    FRAME_TIMEOUT_S,
+    ArrayLayout,
+    Frame,
+    LinkCounters,
+    PressureArray,
+    link_counters,
+)
 
 NO_GRIPPER = "this rig has no gripper: name one in its file (`palpate init --gripper`)"
 #: A stop takes effect within this time while the sensor is silent.
@@ -97,18 +102,9 @@ class JobContext:
             laws=ForceLaws.of(calibration),
         )
 
-    def link_events(self) -> LinkEvents:
+    def link_events(self) -> LinkCounters:
         """Return what the link has counted, where there is one."""
-        array = self.rig.array
-        if not isinstance(array, SerialArray):
-            return LinkEvents()
-        count = array.counters
-        return LinkEvents(
-            corrupt=count.corrupt,
-            late=count.late,
-            restarts=count.restarts + count.reconnects,
-            drift_ppm=array.drift_ppm,
-        )
+        return link_counters(self.rig.array) or LinkCounters()
 
     def watched(self, array: PressureArray | None = None) -> WatchedArray:
         """Return the array with every frame shown; a stop request ends its reading."""

@@ -22,8 +22,7 @@ from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import GripperState
-from palpate.sensor.array import Frame
-from palpate.sensor.health_link import LinkEvents
+from palpate.sensor.array import Frame, LinkCounters
 
 SEND_S = 0.05
 #: Two seconds at 500 frames/s: what comes faster than it is sent is not drawn.
@@ -67,7 +66,7 @@ class Telemetry:
         self._frames: deque[tuple[Frame, GripperState | None]] = deque(maxlen=_MOST_FRAMES)
         self._notes: list[Note] = []
         self._source: FrameSource | None = None
-        self._events: Callable[[], LinkEvents] = LinkEvents
+        self._events: Callable[[], LinkCounters] = LinkCounters
         self._linked = True
         self._tally = _Tally()
         self._recent: deque[tuple[float, int]] = deque()
@@ -100,7 +99,7 @@ class Telemetry:
         self,
         source: FrameSource,
         *,
-        events: Callable[[], LinkEvents] = LinkEvents,
+        events: Callable[[], LinkCounters] = LinkCounters,
         linked: bool = True,
     ) -> None:
         """Frames are another source's from now on; `events` returns what its link counted.

@@ -17,7 +17,7 @@ from palpate.errors import CalibrationError, RecordingError
 from palpate.files import atomic_path, csv_cell
 from palpate.gripper.interface import GripperState
 from palpate.holds import Hold
-from palpate.holds.contacts import SHORTEST_HOLD_S
+from palpate.holds.contacts import SHORTEST_HOLD_S, find_contacts
 from palpate.holds.table_files import pyarrow_for
 from palpate.recording.contents import Event, GripperTrack, Recording
 from palpate.recording.reader import RecordingReader
@@ -198,7 +198,8 @@ def recorded_holds(
     """Cut out every hold of at least a second in which something was touched.
 
     A hold begins when the gripper's movement ends (time 0) and lasts until it moves again. Where
-    no movement was recorded, it begins at an actuation spike and lasts until the next one.
+    no movement was recorded, it begins at an actuation spike and lasts until the next one; without
+    spikes, at a contact.
 
     `recording`: with about a second of rest before the first contact.
     `unit` ("percent" or "ohm"): relative change against the rest at the beginning, or resistance.
@@ -251,9 +252,11 @@ def _still_stretches(recording: Recording, change: FloatArray) -> list[tuple[flo
         # A frame after the last still state may have been scanned in motion.
         starts = [float(at_s[k]) for k in turns if not moved[k]]
     else:
-        stops = starts = [
-            spike.time_s for spike in actuation_spikes(recording.time_s, mean_change(change))
-        ]
+        shown, at_s = mean_change(change), recording.time_s
+        stops = starts = [spike.time_s for spike in actuation_spikes(at_s, shown)]
+        if not stops:  # a weight laid on a sensor without a gripper
+            contacts = find_contacts(at_s, shown, unit="percent").holds
+            return [(contact.start_s, contact.end_s) for contact in contacts]
     ends = [min((s for s in starts if s > stop), default=end_s) for stop in stops]
     return [
         (stop, end) for stop, end in zip(stops, ends, strict=True) if end - stop >= SHORTEST_HOLD_S

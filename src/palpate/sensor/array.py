@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from typing import Literal, Protocol, TypeAlias, get_args
 
 import numpy as np
@@ -13,6 +13,8 @@ from palpate.signal.circuit import Divider
 
 #: A sensor counts as silent after this long without a frame.
 FRAME_TIMEOUT_S = 2.0
+#: Lines of the largest matrices that people build (FlexiTac's has 12 x 32).
+_MOST_LINES = 64
 #: What the lines that are not selected do: see `ArrayLayout`.
 IdleLines: TypeAlias = Literal["isolated", "floating", "held"]
 
@@ -26,7 +28,7 @@ class ArrayLayout:
     name : str
         Short name, e.g. ``"rigid-2x2"``.
     rows, cols : int
-        Size of the scanned matrix, 1 to 16 each.
+        Size of the scanned matrix, 1 to 64 each; a board with palpate's firmware reads up to 16.
     finger_of_row : tuple of int, length rows
         Finger that the pixels of each row are on: a row of the matrix never spans two fingers.
     pitch_mm : float
@@ -66,8 +68,8 @@ class ArrayLayout:
             )
         if not (math.isfinite(self.line_ohm) and self.line_ohm >= 0):
             raise ValueError(f"layout {self.name}: line_ohm {self.line_ohm!r} must be 0 or more")
-        if not (1 <= self.rows <= 16 and 1 <= self.cols <= 16):
-            raise ValueError(f"layout {self.name}: rows and cols must be 1 to 16")
+        if not (1 <= self.rows <= _MOST_LINES and 1 <= self.cols <= _MOST_LINES):
+            raise ValueError(f"layout {self.name}: rows and cols must be 1 to {_MOST_LINES}")
         if len(self.finger_of_row) != self.rows:
             raise ValueError(
                 f"layout {self.name}: finger_of_row has {len(self.finger_of_row)} entries "
@@ -170,6 +172,35 @@ def wrong_counts(frame: Frame, *, layout: ArrayLayout) -> str | None:
     )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkCounters:
+    """What happened on the link to a board so far."""
+
+    #: Frames received.
+    frames: int = 0
+    #: Frames that are missing by their numbers, or by the time between them.
+    lost: int = 0
+    #: Packets or lines rejected.
+    corrupt: int = 0
+    #: Frames older than 5 periods and 100 ms when they were read: the host stalled.
+    late: int = 0
+    #: Streams begun after the first: resets of the board, and resumptions.
+    restarts: int = 0
+    #: Times that the port was opened again.
+    reconnects: int = 0
+    #: How much longer a host second is than the board's, parts per million; None if unknown.
+    drift_ppm: float | None = None
+
+    def since(self, before: LinkCounters) -> LinkCounters:
+        """Return what was counted after `before`; the drift is the present one."""
+        counted = {
+            f.name: getattr(self, f.name) - getattr(before, f.name)
+            for f in fields(self)
+            if f.name != "drift_ppm"
+        }
+        return LinkCounters(**counted, drift_ppm=self.drift_ppm)
+
+
 class PressureArray(Protocol):
     """A source of frames: hardware, the twin or a recording."""
 
@@ -193,3 +224,9 @@ class PressureArray(Protocol):
     def close(self) -> None:
         """Let go of the source; calling it again does nothing."""
         ...
+
+
+def link_counters(array: PressureArray) -> LinkCounters | None:
+    """Return what happened on the link of an array; None where it has no link."""
+    counters = getattr(array, "counters", None)
+    return counters if isinstance(counters, LinkCounters) else None

@@ -20,6 +20,7 @@ from palpate.signal.circuit import Divider
 
 #: The paper's arrays (section 2.1 and 4.2), by name.
 LAYOUTS = {layout.name: layout for layout in (RIGID_LAYOUT, SOFT_LAYOUT)}
+#: What palpate's firmware scans.
 _MOST_LINES = 16
 
 
@@ -32,6 +33,8 @@ def layout_named(
     line_ohm: float = 0.0,
     fingers: int = 1,
     pitch_mm: float | None = None,
+    adc_bits: int = 10,
+    most_lines: int = _MOST_LINES,
 ) -> ArrayLayout:
     """Return a preset layout, or one of rows x columns, with its divider and wiring.
 
@@ -51,6 +54,10 @@ def layout_named(
         How many fingers the rows of a matrix are on, as many on each; presets know theirs.
     pitch_mm : float, optional
         Distance between the centres of neighbouring pixels; 10 by default.
+    adc_bits : int
+        Width of the board's converter.
+    most_lines : int
+        Largest number of rows, and of columns, that the board reads.
 
     Raises
     ------
@@ -66,7 +73,9 @@ def layout_named(
     """
     if not reference_ohm > 0:
         raise InputError(f"the reference resistor must be above 0 ohm, not {reference_ohm:g}")
-    divider = Divider(reference_ohm=reference_ohm, taxel_leg=taxel_leg)
+    if not 1 <= adc_bits <= 24:
+        raise InputError(f"adc_bits = {adc_bits}: a converter has 1 to 24 bits")
+    divider = Divider(reference_ohm=reference_ohm, taxel_leg=taxel_leg, adc_bits=adc_bits)
     wiring: dict[str, Any] = {"divider": divider, "idle_lines": idle_lines, "line_ohm": line_ohm}
     if pitch_mm is not None:
         if not 0 < pitch_mm < math.inf:
@@ -79,9 +88,10 @@ def layout_named(
         return _wired(preset, wiring)
     rows, _, cols = name.partition("x")
     sizes = [int(side) for side in (rows, cols) if side.isdecimal()]
-    if len(sizes) != 2 or not all(1 <= size <= _MOST_LINES for size in sizes):
+    if len(sizes) != 2 or not all(1 <= size <= most_lines for size in sizes):
         raise InputError(
-            f"no layout {name!r}: give {', '.join(LAYOUTS)}, or rows x columns from 1x1 to 16x16"
+            f"no layout {name!r}: give {', '.join(LAYOUTS)}, or rows x columns from 1x1 to "
+            f"{most_lines}x{most_lines}"
         )
     if fingers < 1 or sizes[0] % fingers:
         raise InputError(

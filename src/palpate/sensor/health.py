@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError, InputError
-from palpate.sensor.array import ArrayLayout, Frame
+from palpate.sensor.array import ArrayLayout, Frame, LinkCounters
 from palpate.sensor.findings import Finding, Severity
-from palpate.sensor.health_link import LinkEvents, LinkReadings, link_findings, measure_link
+from palpate.sensor.health_link import LinkReadings, link_findings, measure_link
 from palpate.sensor.health_pixels import PixelReadings, measure_pixels, pixel_findings
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.sensor.reference_resistor import ResistorFit, fit_reference
@@ -119,7 +119,7 @@ def examine(
     whole: FrameColumns | None = None,
     known_ohm: ArrayLike | None = None,
     asked_hz: float | None = None,
-    events: LinkEvents | None = None,
+    events: LinkCounters | None = None,
     also: tuple[Finding, ...] = (),
 ) -> Health:
     """Judge a sensor.
@@ -158,7 +158,7 @@ def examine(
     resistor, measured = _resistor(pixels.rest_ohm[sound], whole, sound=sound, layout=layout)
     if resistor is not None and not resistor.fits:
         findings.append(_resistor_finding(resistor, measured=measured, layout=layout))
-    link = measure_link(whole.time_s, sequence=whole.sequence, events=events or LinkEvents())
+    link = measure_link(whole.time_s, sequence=whole.sequence, events=events or LinkCounters())
     findings += [*also, *link_findings(link, asked_hz=asked_hz)]
     return Health(
         pixels=pixels,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
+from palpate.sensor.array import LinkCounters
 from palpate.sensor.findings import Finding, Severity
 
 #: Below this share of the asked rate something delays the board; a resonator has an error of 0.5 %.
@@ -19,16 +20,6 @@ _LOST_PERCENT = 0.1
 _JITTER_PERCENT = 10.0
 #: What a ceramic resonator may be off (the Mega's: 0.5 %).
 _DRIFT_PPM = 5000.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LinkEvents:
-    """Counts of the link during the stretch; zero where the source has no link."""
-
-    corrupt: int = 0
-    late: int = 0
-    restarts: int = 0
-    drift_ppm: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,11 +37,11 @@ class LinkReadings:
     #: period.
     jitter_percent: float
     #: What the link counted.
-    events: LinkEvents
+    events: LinkCounters
 
 
 def measure_link(
-    time_s: FloatArray, *, sequence: NDArray[np.int64], events: LinkEvents
+    time_s: FloatArray, *, sequence: NDArray[np.int64], events: LinkCounters
 ) -> LinkReadings:
     """Measure rate, losses and jitter of frames.
 
@@ -84,7 +75,7 @@ def link_findings(link: LinkReadings, *, asked_hz: float | None) -> Iterator[Fin
         yield _fault("lost", text) if lost_percent > _LOST_PERCENT else _advice("lost", text)
     events = link.events
     if events.corrupt:
-        text = f"{events.corrupt} packets corrupt (rejected by their checksum)"
+        text = f"{events.corrupt} packets or lines rejected as corrupt"
         bad = 100.0 * events.corrupt / link.frames > _LOST_PERCENT
         yield _fault("corrupt", text) if bad else _advice("corrupt", text)
     if events.late:
@@ -94,8 +85,8 @@ def link_findings(link: LinkReadings, *, asked_hz: float | None) -> Iterator[Fin
         yield _advice("jitter", text)
     if events.drift_ppm is not None and abs(events.drift_ppm) > _DRIFT_PPM:
         yield _fault("clock", f"board and computer drift apart by {events.drift_ppm:+.0f} ppm")
-    if events.restarts:
-        yield _fault("restarted", f"the stream began again {events.restarts} times")
+    if restarts := events.restarts + events.reconnects:
+        yield _fault("restarted", f"the stream began again {restarts} times")
 
 
 def _fault(code: str, text: str) -> Finding:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from palpate.clock import Clock
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError
-from palpate.sensor.array import ArrayLayout, Frame
+from palpate.sensor.array import ArrayLayout, Frame, LinkCounters
 from palpate.sensor.board_link import POLL_S, BoardLink, least_delay_s
 from palpate.sensor.byte_stream import ByteStream
 from palpate.sensor.device_clock import DeviceClock
@@ -40,24 +39,6 @@ _LATE_PERIODS, _LATE_S = 5, 0.1
 _PING_PERIODS, _PING_S = 3, 0.02
 #: Without a frame for this long the stream is set up again: 10 periods, at least 0.5 s.
 _SILENT_PERIODS, _SILENT_S = 10, 0.5
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LinkCounters:
-    """What happened on the link so far."""
-
-    #: Frames received.
-    frames: int
-    #: Frames that the numbering shows to be missing.
-    lost: int
-    #: Packets rejected.
-    corrupt: int
-    #: Frames older than 5 periods and 100 ms when they were read: the host stalled.
-    late: int
-    #: Streams begun after the first: resets of the board, and resumptions.
-    restarts: int
-    #: Times that the port was opened again.
-    reconnects: int
 
 
 class SerialArray:
@@ -161,11 +142,6 @@ class SerialArray:
         return math.nan if self._last is None else self._last.time_s
 
     @property
-    def drift_ppm(self) -> float:
-        """How much longer a host second is than the board's, parts per million."""
-        return self._device_clock.drift_ppm
-
-    @property
     def counters(self) -> LinkCounters:
         """What happened on the link so far."""
         wire = self._decoder.counters
@@ -176,6 +152,7 @@ class SerialArray:
             late=self._late,
             restarts=wire.restarts,
             reconnects=self._reconnects,
+            drift_ppm=self._device_clock.drift_ppm,
         )
 
     def read(self, *, timeout_s: float) -> Frame:

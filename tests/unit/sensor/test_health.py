@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout
+from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, LinkCounters
 from palpate.sensor.findings import Severity
 from palpate.sensor.health import FrameColumns, Health, examine
-from palpate.sensor.health_link import LinkEvents
 from palpate.sensor.health_pixels import grouped
 from palpate.sensor.reference_resistor import fit_reference, nearest_e12
 from palpate.signal.circuit import Divider, ohm_to_volts, volts_to_counts
@@ -212,7 +211,7 @@ def test_lost_frames_are_counted() -> None:
 def test_link_faults() -> None:
     stretch, layout = twin_rest(10)
     shaken = stretch.time_s + np.random.default_rng(2).uniform(0, 0.03, 150)
-    events = LinkEvents(corrupt=5, late=2, restarts=1, drift_ppm=-7000.0)
+    events = LinkCounters(corrupt=5, late=2, restarts=1, drift_ppm=-7000.0)
     health = examine(
         FrameColumns(time_s=shaken, sequence=stretch.sequence, counts=stretch.counts),
         layout=layout,

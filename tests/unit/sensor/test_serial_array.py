@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import array
-import fcntl
 import os
 import struct
-import termios
-import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.pty_port import PtyPort
 
 from palpate.clock import ManualClock
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, WireError
@@ -34,12 +31,10 @@ from palpate.sensor.wire_messages import (
 )
 from palpate_studies.board_bytes import encode_message
 
-#: What the system keeps for a port that nobody reads; a pseudo-terminal's is the same.
-BUFFER_BYTES = 4000
 PERIOD_US = 4000
 
 
-class PtyBoard:
+class PtyBoard(PtyPort):
     """Speaks the protocol at the far end of a pseudo-terminal; moves when `advance` is called."""
 
     def __init__(
@@ -59,18 +54,7 @@ class PtyBoard:
         self.rows, self.cols = 1, 1
         self._pending = b""
         self._expected = 0
-        self.plug()
-
-    def plug(self) -> None:
-        self.master, self.slave = os.openpty()
-        tty.setraw(self.slave)
-        os.set_blocking(self.master, False)
-        self.port = os.ttyname(self.slave)
-
-    def unplug(self) -> None:
-        os.close(self.master)
-        os.close(self.slave)
-        self.master = self.slave = -1
+        super().__init__()
 
     def reset(self, now_s: float) -> None:
         self.booted_s, self.started_us, self.first_us, self.stream = now_s, None, 0, self.stream + 7
@@ -79,19 +63,6 @@ class PtyBoard:
     def expect(self, count: int) -> None:
         """Say that the host wrote: the kernel hands bytes over when it finds time."""
         self._expected += count
-
-    def waiting(self) -> int:
-        count = array.array("i", [0])
-        fcntl.ioctl(self.slave, termios.FIONREAD, count)
-        return count[0]
-
-    def send(self, data: bytes) -> None:
-        before = self.waiting()
-        if before + len(data) > BUFFER_BYTES:
-            return  # nobody reads: lost, as in a real port
-        os.write(self.master, data)
-        while self.waiting() < before + len(data):
-            os.sched_yield()
 
     def device_us(self, now_s: float) -> int:
         return self.first_us + round((now_s - self.booted_s) * 1e6 / (1 + self.drift_ppm * 1e-6))
@@ -325,7 +296,7 @@ def test_device_time_is_followed_with_its_drift(bench: Bench, drift_ppm: float) 
             bench.sleep_s(0.03)
         scanned.append(array.read(timeout_s=0.2).time_s)
     # One poll (1 ms) over the half of 20 s that an edge of the hull spans at least.
-    assert array.drift_ppm == pytest.approx(drift_ppm, abs=100)
+    assert array.counters.drift_ppm == pytest.approx(drift_ppm, abs=100)
     truth = scanned[0] + 0.004 * (1 + drift_ppm * 1e-6) * np.arange(5000)
     assert np.ptp((scanned - truth)[1000:]) < 1.5e-3
     assert np.all(np.diff(scanned) >= 0)

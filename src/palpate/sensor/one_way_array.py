@@ -1,0 +1,256 @@
+"""A pressure array on a board that only sends: no numbers, no times, no checksums on its line.
+
+What can be detected is counted: frames that do not parse by their decoder, frames that are missing
+by the time between their neighbours. A changed digit or byte can't be.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.clock import Clock
+from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, WireError
+from palpate.sensor.array import ArrayLayout, Frame, LinkCounters
+from palpate.sensor.byte_stream import ByteStream
+
+Counts: TypeAlias = NDArray[np.int32]
+
+#: Opening its port resets most boards: boot loader up to 2 s, and the program's own start.
+OPEN_S = 5.0
+_POLL_S, _REOPEN_S = 0.001, 0.25
+#: As for palpate's own board: older frames count as late when they are read.
+_LATE_PERIODS, _LATE_S = 5, 0.1
+#: Frames that the period is averaged over, and fewest to know it.
+_PERIOD_FRAMES, _FEWEST_FRAMES = 64, 8
+#: A gap by this many periods more than a frame takes hides lost ones (guess: a half is jitter).
+_GAP_PERIODS = 0.75
+#: A frame that is early by this many periods is one that was delayed (guess, likewise).
+_EARLY_PERIODS = 0.25
+_NO_END = "none has an end; the baud rate is another (baud in the rig file), or the layout"
+
+
+class FrameDecoder(Protocol):
+    """Finds frames in the bytes of one kind of board."""
+
+    @property
+    def corrupt(self) -> int:
+        """Lines or frames given up so far."""
+        ...
+
+    @property
+    def fault(self) -> str:
+        """What was wrong with the last one given up, with the remedy; empty before one."""
+        ...
+
+    def feed(self, data: bytes) -> list[Counts]:
+        """Take bytes; return the frames that they complete, shape (rows, cols) each."""
+        ...
+
+
+class OneWayArray:
+    """A `PressureArray` on a board that sends frames without being asked.
+
+    Frames are numbered here: after a gap in time the number rises by the frames that are missing.
+    They carry the time of their arrival; those that arrive together are spread over the time
+    before.
+
+    Parameters
+    ----------
+    stream : ByteStream
+        An open port.
+    clock : Clock
+        The host's clock; frames carry its time.
+    layout : ArrayLayout
+        Layout of the frames that the decoder gives.
+    decoder : FrameDecoder
+        Finds the frames.
+    reopen : callable, optional
+        Opens the port again after an unplug, raising `DeviceError` while it can't. Without it, an
+        unplugged board is lost for good.
+
+    Raises
+    ------
+    DeviceError
+        If no frame comes within 5 s.
+    """
+
+    def __init__(
+        self,
+        stream: ByteStream,
+        *,
+        clock: Clock,
+        layout: ArrayLayout,
+        decoder: FrameDecoder,
+        reopen: Callable[[], ByteStream] | None = None,
+    ) -> None:
+        self._stream: ByteStream | None = stream
+        self._name = stream.name
+        self._clock = clock
+        self._layout = layout
+        self._decoder = decoder
+        self._reopen = reopen
+        self._waiting: deque[Frame] = deque()
+        self._arrivals: deque[float] = deque(maxlen=_PERIOD_FRAMES)
+        self._period_s: float | None = None
+        #: Periods without a frame that the next frames may still make up for.
+        self._gap = 0.0
+        self._last_s = self._read_s = self._tried_s = clock.now_s()
+        self._bytes = 0
+        self._next = self._frames = self._lost = self._late = self._reconnects = 0
+        try:
+            self._waiting.append(self.read(timeout_s=OPEN_S))
+        except DeviceError:
+            self.close()
+            raise
+
+    @property
+    def layout(self) -> ArrayLayout:
+        """Layout of the frames."""
+        return self._layout
+
+    @property
+    def name(self) -> str:
+        """The port that it is, or was last, at."""
+        return self._name
+
+    @property
+    def counters(self) -> LinkCounters:
+        """What happened on the link so far; losses are those that gaps in time show."""
+        return LinkCounters(
+            frames=self._frames,
+            lost=self._lost,
+            corrupt=self._decoder.corrupt,
+            late=self._late,
+            reconnects=self._reconnects,
+        )
+
+    def read(self, *, timeout_s: float) -> Frame:
+        """Return the next frame, oldest first.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            If nothing came within `timeout_s`; an unplugged board is waited for, so call again.
+        WireError
+            If bytes came, and no frame among them.
+        DeviceError
+            If the board is gone for good.
+        """
+        deadline_s = self._clock.now_s() + timeout_s
+        while not self._waiting:
+            self._fetch()
+            if self._waiting:
+                break
+            left_s = deadline_s - self._clock.now_s()
+            if left_s <= 0:
+                raise self._silence(timeout_s)
+            self._clock.sleep_s(min(_POLL_S, left_s))
+        frame = self._waiting.popleft()
+        age_s = self._clock.now_s() - frame.time_s
+        self._late += age_s > max(_LATE_S, _LATE_PERIODS * (self._period_s or 0.0))
+        return frame
+
+    def close(self) -> None:
+        """Let go of the port; calling it again does nothing."""
+        self._reopen = None
+        if self._stream is not None:
+            self._stream.close()
+            self._stream = None
+
+    def _fetch(self) -> None:
+        """Take what has come; follow an unplug."""
+        now_s = self._clock.now_s()
+        if self._stream is None:
+            self._try_again(now_s)
+            return
+        try:
+            data = self._stream.read_waiting()
+        except DeviceError:
+            if self._reopen is None:
+                raise
+            self._stream.close()
+            self._stream, self._tried_s = None, now_s
+            return
+        self._bytes += len(data)
+        if data and (counts := self._decoder.feed(data)):
+            self._bytes = 0
+            self._accept(counts, arrival_s=now_s)
+        self._read_s = now_s
+
+    def _try_again(self, now_s: float) -> None:
+        if self._reopen is None:
+            raise DeviceNotFoundError(f"{self._name} was closed")
+        if now_s - self._tried_s < _REOPEN_S:
+            return
+        self._tried_s = now_s
+        try:
+            self._stream = self._reopen()
+        except DeviceError:
+            return  # still unplugged: the timeout informs the caller
+        self._name = self._stream.name
+        self._reconnects += 1
+        self._arrivals.clear()
+        self._period_s, self._gap = None, 0.0
+
+    def _accept(self, counts: list[Counts], *, arrival_s: float) -> None:
+        """Number and date frames that arrived together."""
+        elapsed_s = arrival_s - self._last_s
+        step_s = elapsed_s / len(counts)
+        if self._period_s is not None:
+            missing = self._missing(elapsed_s / self._period_s - len(counts), arrival_s=arrival_s)
+            self._lost += missing
+            self._next += missing
+            step_s = min(step_s, self._period_s)
+        for index, one in enumerate(counts):
+            # Two reads within the clock's resolution: time still rises.
+            time_s = arrival_s - (len(counts) - 1 - index) * step_s
+            self._last_s = max(time_s, self._last_s + 1e-6)
+            self._waiting.append(Frame(time_s=self._last_s, sequence=self._next, counts=one))
+            self._next += 1
+        self._frames += len(counts)
+        self._arrivals.extend([arrival_s] * len(counts))
+        # What arrived with the first one belongs to the time before.
+        later = sum(at_s > self._arrivals[0] for at_s in self._arrivals)
+        if later >= _FEWEST_FRAMES:
+            self._period_s = (arrival_s - self._arrivals[0]) / later
+
+    def _missing(self, periods: float, *, arrival_s: float) -> int:
+        """Return the frames that a gap hid, once the frames after it have come in time.
+
+        `periods`: the time since the last frame, less the frames that came. The last one may have
+        come any time since the port was read before, but at most a period ago; adapters that hand
+        over several frames delay each by as many. Frames that were only delayed come together.
+        """
+        assert self._period_s is not None
+        if self._gap:
+            self._gap += periods
+            if periods < -_EARLY_PERIODS:
+                return 0
+            missing, self._gap = max(round(self._gap), 0), 0.0
+            return missing
+        unread = min((arrival_s - self._read_s) / self._period_s, 1.0)
+        together = len(self._arrivals) / len(set(self._arrivals))
+        if periods - unread - (together - 1.0) >= _GAP_PERIODS:
+            self._gap = periods
+        return 0
+
+    def _silence(self, timeout_s: float) -> DeviceError:
+        if self._stream is None:
+            return DeviceTimeoutError(
+                f"{self._name} is unplugged ({timeout_s:g} s without a frame). Plug it in again."
+            )
+        if self._bytes:
+            rows, cols = self._layout.rows, self._layout.cols
+            return WireError(
+                f"{self._name}: {self._bytes} bytes and no frame of {rows} x {cols} readings in "
+                f"{timeout_s:g} s: {self._decoder.fault or _NO_END}"
+            )
+        return DeviceTimeoutError(
+            f"{self._name}: nothing came in {timeout_s:g} s. Check its power, and that its program "
+            "prints without being asked."
+        )

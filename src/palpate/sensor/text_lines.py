@@ -1,0 +1,228 @@
+"""Boards that print numbers: a line of readings per frame, as most sketches do.
+
+`open_board` is what a rig file names for its `[array]`.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Literal
+
+import numpy as np
+
+from palpate.clock import RealClock
+from palpate.errors import InputError
+from palpate.sensor.array import ArrayLayout, IdleLines
+from palpate.sensor.board_array import layout_named
+from palpate.sensor.byte_stream import SerialStream
+from palpate.sensor.one_way_array import Counts, OneWayArray
+from palpate.sensor.ports import follow_port
+
+_MOST_LINES = 64
+#: Ohms are kept as the counts of a divider this fine: 0.01 % from 1 ohm to 10 megohm.
+_OHM_BITS, _OHM_REFERENCE = 24, 4700.0
+#: Longer than any line of 64 x 64 numbers with their labels.
+_LONGEST_BYTES = 1 << 16
+_LABEL = re.compile(r"[^\s,;:=]*[A-Za-z_][^\s,;:=]*\s*[:=]\s*")
+_BETWEEN = re.compile(r"[,;\s]+")
+#: Arduino prints a float that is too large as "ovf".
+_READING = re.compile(r"\d|inf|ovf")
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|inf|ovf")
+
+
+class LineDecoder:
+    """Finds frames in lines of text.
+
+    A line holds all pixels row by row; or one row, with a blank line between frames. Numbers are
+    separated by commas, semicolons, tabs or spaces; labels (``A0:512``) and brackets are ignored.
+    A line without digits is a remark. Anything else is rejected and counted, so is a line that came
+    short or a number out of range.
+
+    Parameters
+    ----------
+    layout : ArrayLayout
+        Rows, columns and converter.
+    columns : list of int, optional
+        Which numbers of a line are the pixels, from 1, in the order of the layout; then further
+        ones are ignored. By default a line holds the pixels alone.
+    in_ohm : bool
+        Whether the numbers are resistances instead of counts.
+
+    Examples
+    --------
+    >>> pair = ArrayLayout(name="pair", rows=1, cols=2, finger_of_row=(0,))
+    >>> decoder = LineDecoder(pair)
+    >>> [frame.tolist() for frame in decoder.feed(b"12,300\\n511,300\\n51,2,300\\n512, 301\\n")]
+    [[[511, 300]], [[512, 301]]]
+    >>> decoder.corrupt, decoder.fault
+    (1, '"51,2,300" has 3 numbers, and layout pair needs 2; check layout and columns')
+    """
+
+    def __init__(
+        self, layout: ArrayLayout, *, columns: list[int] | None = None, in_ohm: bool = False
+    ) -> None:
+        self._layout = layout
+        self._columns = columns
+        self._in_ohm = in_ohm
+        self._rest = b""
+        self._in_step = False
+        #: Numbers in a line where `columns` are picked, once two lines agree; and in the last line.
+        self._width = self._last_width = 0
+        #: Whether a line held a whole frame; else the rows of one whose beginning was seen.
+        self._by_line = False
+        self._rows: list[list[float]] | None = None
+        self.corrupt = 0
+        self.fault = ""
+
+    def feed(self, data: bytes) -> list[Counts]:
+        """Take bytes; return the frames that they complete, shape (rows, cols) each."""
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        if len(self._rest) > _LONGEST_BYTES:
+            self._rest = b""
+            self.corrupt += 1
+        frames = []
+        for line in lines:
+            if not self._in_step:
+                self._in_step = True  # its beginning was sent before the port was open
+                continue
+            try:
+                frame = self._take(line)
+            except ValueError as error:
+                self.corrupt += 1
+                shown = line[:40].strip().decode("ascii", errors="replace")
+                self.fault = f'"{shown}{"..." if len(line) > 40 else ""}" {error}'
+            else:
+                frames += [] if frame is None else [frame]
+        return frames
+
+    def _take(self, line: bytes) -> Counts | None:
+        """Return the frame that a line is or completes; raise `ValueError` with its fault."""
+        text = line.decode("ascii", errors="replace").strip()
+        if "\ufffd" in text or not text.replace("\t", " ").isprintable():
+            raise ValueError("is no text; the baud rate is another (baud in the rig file)")
+        if not _READING.search(text):
+            short, self._rows = len(self._rows or ()), []
+            if short % self._layout.rows:
+                raise ValueError(f"ends a frame after {short} rows")
+            return None
+        fields = _BETWEEN.split(_LABEL.sub("", text).strip(" \t,;[](){}"))
+        if not all(_NUMBER.fullmatch(field) for field in fields):
+            raise ValueError("is no line of numbers")
+        values = [float(field.replace("ovf", "inf")) for field in fields]
+        if self._columns is not None:
+            values = self._select(values)
+        elif len(values) == self._layout.cols < self._layout.pixels and not self._by_line:
+            return self._take_row(values)
+        if len(values) != self._layout.pixels:
+            raise ValueError(
+                f"has {len(values)} numbers, and layout {self._layout.name} needs "
+                f"{self._layout.pixels}; check layout and columns"
+            )
+        self._by_line = True
+        return self._counts(values)
+
+    def _select(self, values: list[float]) -> list[float]:
+        """Return the pixels of a line, if it is as long as others: two alike show the length."""
+        assert self._columns is not None
+        if len(values) == self._last_width >= max(self._columns):
+            self._width = self._width or len(values)
+        self._last_width = len(values)
+        if len(values) != self._width:
+            needed = self._width or f"at least {max(self._columns)}"
+            raise ValueError(f"has {len(values)} numbers instead of {needed}; check columns")
+        return [values[column - 1] for column in self._columns]
+
+    def _take_row(self, values: list[float]) -> Counts | None:
+        if self._rows is None:
+            # Of a frame that began before the port was open, or there are no blank lines at all.
+            self.fault = "they are rows, and no blank line shows where a frame begins"
+            return None
+        if len(self._rows) == self._layout.rows:
+            self._rows = None
+            raise ValueError("is one row more than the layout has")
+        self._rows.append(values)
+        if len(self._rows) < self._layout.rows:
+            return None
+        return self._counts([value for row in self._rows for value in row])
+
+    def _counts(self, values: list[float]) -> Counts:
+        numbers, divider = np.array(values), self._layout.divider
+        top = divider.full_scale - 1
+        if self._in_ohm:
+            if (numbers < 0).any():
+                raise ValueError("has a negative resistance")
+            share = _OHM_REFERENCE / (_OHM_REFERENCE + numbers)
+            numbers = np.minimum(share * divider.full_scale, top)
+        if (numbers < 0).any() or (numbers > top).any():
+            raise ValueError(f"leaves 0 to {top}, the range of {divider.adc_bits} bits (adc_bits)")
+        counts: Counts = np.rint(numbers).astype(np.int32)
+        return counts.reshape(self._layout.rows, self._layout.cols)
+
+
+def open_board(
+    *,
+    port: str,
+    layout: str,
+    baud: int = 115200,
+    unit: Literal["counts", "ohm"] = "counts",
+    adc_bits: int = 10,
+    reference_ohm: float = 4700.0,
+    taxel_leg: Literal["upper", "lower"] = "upper",
+    idle_lines: IdleLines = "isolated",
+    fingers: int = 1,
+    columns: list[int] | None = None,
+) -> OneWayArray:
+    """Open the array of a board that prints its readings; it reconnects after an unplug.
+
+    Parameters
+    ----------
+    port : str
+        Device, e.g. ``"/dev/ttyUSB0"``.
+    layout, fingers
+        Rows x columns of the whole matrix, e.g. ``"4x2"``, as in
+        `palpate.sensor.board_array.layout_named`.
+    baud : int
+        Speed that the board's program sets.
+    unit : {"counts", "ohm"}
+        What the numbers are: readings of the board's converter, or resistances.
+    adc_bits, reference_ohm, taxel_leg
+        The converter and divider behind counts; not used for ohms.
+    idle_lines : {"isolated", "floating", "held"}
+        What the lines of the other pixels do while one is read (`ArrayLayout`).
+    columns : list of int, optional
+        Which numbers of a line are the pixels (`LineDecoder`).
+
+    Raises
+    ------
+    InputError
+        If there is no such layout, or `columns` does not fit it.
+    DeviceError
+        If the port can't be opened, or no frame comes.
+    """
+    in_ohm = unit == "ohm"
+    if in_ohm and idle_lines == "held":
+        raise InputError('idle_lines = "held" is corrected in counts alone: print those')
+    pixels = layout_named(
+        layout,
+        reference_ohm=_OHM_REFERENCE if in_ohm else reference_ohm,
+        taxel_leg="upper" if in_ohm else taxel_leg,
+        idle_lines=idle_lines,
+        fingers=fingers,
+        adc_bits=_OHM_BITS if in_ohm else adc_bits,
+        most_lines=_MOST_LINES,
+    )
+    if columns is not None:
+        wrong = [n for n in columns if type(n) is not int or n < 1 or columns.count(n) > 1]
+        if wrong or len(columns) != pixels.pixels:
+            raise InputError(
+                f"columns = {columns}: give {pixels.pixels} different whole numbers from 1, one "
+                f"for each pixel of layout {layout}"
+            )
+    where = follow_port(port)
+    return OneWayArray(
+        SerialStream(port, baud=baud),
+        clock=RealClock(),
+        layout=pixels,
+        decoder=LineDecoder(pixels, columns=columns, in_ohm=in_ohm),
+        reopen=lambda: SerialStream(where(), baud=baud),
+    )

@@ -1,0 +1,161 @@
+"""Boards of other makers through the commands, from first check to newtons with an interval."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from tests.other_boards import PADS, SendingBoard, SendingClock, line_of
+
+from palpate.cli import build_app, run
+from palpate.clock import RealClock
+from palpate.sensor.array import PressureArray
+from palpate.sensor.text_lines import LineDecoder
+
+_BOARDS: list[SendingBoard] = []
+
+
+def open_text() -> PressureArray:
+    return _BOARDS[-1].array(LineDecoder(PADS))
+
+
+class Desk:
+    """A board, its clock and a rig file that opens it."""
+
+    def __init__(
+        self, board: SendingBoard, *, folder: Path, opener: str, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        self.board, self.clock, self.folder = board, board.clock, folder
+        self.capsys = capsys
+        self.rig = folder / "rig.toml"
+        self.rig.write_text(f'calibration = "pad.json"\n[array]\nopen = "{__name__}:{opener}"\n')
+
+    def run(self, *words: object, status: int = 0) -> str:
+        """Run a command on the rig; return what it prints."""
+        arguments = [*map(str, words), "--rig", str(self.rig)]
+        assert run(build_app(), arguments, name="palpate") == status
+        return self.capsys.readouterr().out
+
+    def press_in(self, delay_s: float, *, load_n: float) -> None:
+        self.board.loads_n[self.board.sent + round(delay_s / self.board.period_s)] = load_n
+
+    def lay(self, load_n: float) -> None:
+        self.board.sheet.lay(load_n, now_s=self.clock.now_s())
+
+
+@pytest.fixture
+def text_desk(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Desk]:
+    clock = SendingClock(in_a_hurry=True)
+    monkeypatch.setattr(RealClock, "now_s", lambda _: clock.now_s())
+    monkeypatch.setattr(RealClock, "sleep_s", lambda _, duration_s: clock.sleep_s(duration_s))
+    _BOARDS.append(SendingBoard(clock, layout=PADS, encode=line_of, rate_hz=50.0))
+    yield Desk(_BOARDS[-1], folder=tmp_path, opener="open_text", capsys=capsys)
+    clock.close()
+    _BOARDS.clear()
+
+
+def check_whole_way(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Doctor, rest, three weights, live newtons, a recording and its settled value."""
+    health = json.loads(desk.run("doctor", "--duration", "3", "--json"))
+    assert health["healthy"], health["findings"]
+    assert (health["frames_lost"], health["corrupt"]) == (0, 0)
+    desk.run("calibrate", "rest", "--duration", "2")
+    asked = []
+
+    def lay_down(text: str, **_: object) -> str:
+        asked.append(text)
+        desk.lay(float(re.search(r"[\d.]+", text).group()))  # type: ignore[union-attr]
+        return ""
+
+    monkeypatch.setattr(typer, "prompt", lay_down)
+    loads = desk.folder / "loads.csv"
+    loads.write_text("load_n\n1.5\n4\n9\n")
+    desk.run("calibrate", "force", "--loads", str(loads))
+    assert len(asked) == 3
+    desk.lay(0.0)
+    desk.clock.sleep_s(30.0)
+    desk.press_in(4.0, load_n=2.5)
+    shown = desk.run("live", "--force", "--duration", "8")
+    found = re.findall(r"force now (\S+) N \((\S+) to (\S+), 90%\)", shown)
+    value, low, high = map(float, found[-1])
+    assert low < 2.5 < high
+    assert value == pytest.approx(2.5, rel=0.3)
+    desk.lay(0.0)
+    desk.clock.sleep_s(30.0)
+    desk.press_in(2.0, load_n=5.0)
+    held = desk.folder / "held.mcap"
+    desk.run("record", held, "--duration", "25")
+    arguments = ["settle", str(held), "--cutoff", "2.5", "--json"]
+    assert run(build_app(), arguments, name="palpate") == 0
+    rows = json.loads(desk.capsys.readouterr().out)["rows"]
+    (mean,) = [row for row in rows if (row["channel"], row["method"]) == ("mean", "relaxation")]
+    rest_s, settled_s = (desk.board.sheet.conductance_s(math.inf, load_n) for load_n in (0.0, 5.0))
+    settled_percent = 100.0 * float(np.mean(rest_s / settled_s - 1.0))
+    assert mean["low"] < settled_percent < mean["high"]
+    assert mean["predicted"] == pytest.approx(settled_percent, rel=0.05)
+
+
+def test_a_board_that_prints_reaches_newtons(
+    text_desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    check_whole_way(text_desk, monkeypatch)
+
+
+@pytest.mark.parametrize(
+    ("options", "is_there", "status", "words"),
+    [
+        ('layout = "4x2"\ncolumns = [1, 2]', True, 2, "8 different whole numbers"),
+        ('layout = "4x2"\nunit = "volt"', True, 2, "it must be one of 'counts', 'ohm'"),
+        ('layout = "4x2"', False, 3, "no port"),
+        ('layout = "4x2"', True, 0, ""),
+    ],
+)  # fmt: skip
+def test_a_rig_file_opens_a_board_that_prints(
+    options: str,
+    is_there: bool,
+    status: int,
+    words: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The opener that users name, on the machine's clock, while another thread sends."""
+    clock = SendingClock(time.monotonic())
+    board = SendingBoard(clock, layout=PADS, encode=line_of)
+    board.waits = False
+    desk = Desk(board, folder=tmp_path, opener="open_text", capsys=capsys)
+    if not is_there:
+        board.unplug()
+    desk.rig.write_text(
+        'calibration = "pad.json"\n[array]\nopen = "palpate.sensor.text_lines:open_board"\n'
+        f'port = "{board.port}"\n{options}\n'
+    )
+    done = threading.Event()
+
+    def send() -> None:
+        while not done.wait(0.002):
+            clock.sleep_s(time.monotonic() - clock.now_s())
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    try:
+        assert (
+            run(build_app(), ["doctor", "--rig", str(desk.rig), "--duration", "1"], name="palpate")
+            == status
+        )
+    finally:
+        done.set()
+        sender.join()
+        clock.close()
+    captured = capsys.readouterr()
+    assert words in captured.err
+    assert captured.err.count("palpate:") == (status > 1)
