@@ -46,6 +46,10 @@ STUDIES: dict[str, tuple[str, str]] = {
         "palpate_studies.histories",
         "Force of stretched silicone from the history of its resistance, real recordings",
     ),
+    "hydrogel": (
+        "palpate_studies.hydrogel",
+        "Force of a real hydrogel sensor in a robot's force loop, recordings left out",
+    ),
     "strokes": (
         "palpate_studies.strokes",
         "Force of real Velostat touched by pins, sensors and pins left out",

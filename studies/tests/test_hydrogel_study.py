@@ -1,0 +1,54 @@
+"""The study of a hydrogel sensor in a robot's force loop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.errors import InputError
+from palpate_studies.hydrogel import command, read_contacts, score
+
+
+def loop_csv(path: Path, *, recordings: int = 2, rest: int = 30) -> Path:
+    """Write recordings of two presses each, of a sensor whose conductance follows the force."""
+    channels = [f"v{number:02d}" for number in range(1, 17)]
+    rows = [",".join(["recording", "time_s", "press", "force_n", "lstm_n", *channels])]
+    force_n = np.concatenate([np.zeros(rest), 20.0 * np.sin(np.linspace(0.0, np.pi, 80)) ** 2])
+    for recording in range(recordings):
+        for press in range(2):
+            for number, force in enumerate(force_n):
+                voltage = 3.3 / (1.0 + 0.0005 * force)
+                time_s = 0.05 * (number + press * len(force_n))
+                cells = [f"r{recording}", time_s, press, force, force + 1.0, *[voltage] * 16]
+                rows.append(",".join(str(cell) for cell in cells))
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def test_contacts_with_rest_before_them_start_at_rest(tmp_path: Path) -> None:
+    contacts = read_contacts(loop_csv(tmp_path / "loop.csv"))
+    assert [one.recording for one in contacts] == ["r0", "r0", "r1", "r1"]
+    for one in contacts:
+        assert one.force_n[20] >= 0.5 > one.force_n[19]
+        assert np.abs(one.change[:15]).max() < 0.001
+        assert one.change.shape == (len(one.force_n), 16)
+
+
+def test_contacts_without_rest_before_them_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no contact of 0\.5 N with a second of rest before it"):
+        read_contacts(loop_csv(tmp_path / "loop.csv", rest=4))
+
+
+def test_score_on_another_recording_beats_the_mean_force(tmp_path: Path) -> None:
+    contacts = read_contacts(loop_csv(tmp_path / "loop.csv"))
+    rows = {row["method"]: row for row in score(contacts[:2], tested=contacts[2:])}
+    assert rows["ours"]["median_abs_log_error"] < 0.5 * rows["mean force"]["median_abs_log_error"]
+    assert rows["ours"]["coverage"] > 0.8
+    assert rows["authors' LSTM"]["rms_n"] == pytest.approx(1.0)
+
+
+def test_command_on_one_recording_refuses(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="one recording; each is left out in turn"):
+        command(loop_csv(tmp_path / "loop.csv", recordings=1))
