@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from palpate.estimate.measurement import Measurement
 from palpate.produce.identify.features import FeaturePoint
 from palpate.produce.identify.identifier import UNKNOWN, Identifier, Identity, TaughtItem
-from palpate.produce.sorting.conditions import BruiseIs, Evidence, KindIs, SizeWithin, StageIs
-from palpate.produce.sorting.decide import decide
-from palpate.produce.sorting.rules import Rule, RuleBook
+from palpate.produce.sorting.conditions import Evidence, OneOf, Within
+from palpate.produce.sorting.rules import Rule, RuleBook, decide
 
 LN = st.floats(-3.0, 6.0)
 SD = st.floats(0.001, 3.0)
@@ -84,16 +83,19 @@ def test_a_wider_error_never_makes_an_item_less_usual(a: float, b: float, more: 
 shares = st.tuples(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1)).filter(lambda t: sum(t) > 0)
 names = st.frozensets(st.sampled_from(["kiwi", "lime", UNKNOWN]), min_size=1)
 spans = st.tuples(st.floats(0, 80), st.floats(1, 60)).map(
-    lambda pair: SizeWithin(low=pair[0], high=pair[0] + pair[1])
+    lambda pair: Within("size_mm", pair[0], pair[0] + pair[1])
 )
 rules = st.builds(
     Rule,
     bin=st.sampled_from(["a", "b", "c"]),
     conditions=st.tuples(
-        st.none() | names.map(KindIs),
+        st.none() | names.map(lambda found: OneOf("class", found)),
         st.none() | spans,
-        st.none() | st.just(StageIs(frozenset({"ripe"}))),
-        st.none() | st.booleans().map(BruiseIs),
+        st.none() | st.just(OneOf("ripeness", frozenset({"ripe"}))),
+        st.none()
+        | st.sampled_from(
+            [OneOf("bruised", frozenset({"true"})), OneOf("bruised", frozenset({"false"}))]
+        ),
     ).map(lambda some: tuple(filter(None, some))),
     confidence=st.floats(0.5, 0.99),
 )
@@ -143,5 +145,7 @@ def test_every_item_gets_a_bin_of_the_book_and_no_grasp_too_many(
 
 @given(sizes, st.floats(5, 75))
 def test_two_halves_of_all_sizes_hold_every_item(size: Measurement, cut: float) -> None:
-    below, above = SizeWithin(low=-1e9, high=cut), SizeWithin(low=cut, high=1e9)
-    assert below.chance(size) + above.chance(size) == pytest.approx(1.0)
+    below, above = Within("size_mm", -1e9, cut), Within("size_mm", cut, 1e9)
+    seen = Evidence(size_mm=size)
+    chances = [half.probability(seen) for half in (below, above)]
+    assert sum(chance or 0.0 for chance in chances) == pytest.approx(1.0)

@@ -201,7 +201,7 @@ class Judge:
 
     def tables(self, path: Path) -> Iterator[Any]:
         """Yield one table: a row for each grasp."""
-        from palpate.produce.sorting.decide import decide
+        from palpate.produce.sorting.rules import decide
         from palpate.produce.sorting.rules_file import read_rules
 
         if self.rules.read_text() != self.text:

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 from palpate.commands.sort_supply import SimulatedCrate, Supply
 from palpate.errors import DeviceError, InputError
-from palpate.produce.sorting.conditions import KindIs, SizeWithin
 
 if TYPE_CHECKING:
     from palpate.commands.sort_report import SortReport
@@ -37,7 +36,7 @@ def sort_from_store(
     Raises `InputError` if there is no such batch, or no item with a grasp.
     """
     from palpate.commands.items import opened
-    from palpate.produce.sorting.decide import decide
+    from palpate.produce.sorting.rules import decide
     from palpate.produce.sorting.run import Sorted, evidence_of
 
     with opened(store) as kept:
@@ -81,7 +80,7 @@ def sort_with_rig(
     _refuse_blind(report.book, supply, rules=rules)
     with nullcontext() if simulated and store is None else Store.open(store) as kept:
         identifier = None
-        if report.book.asks(KindIs):
+        if report.book.asks("class"):
             if isinstance(supply, SimulatedCrate) and (kept is None or not kept.items(limit=1)):
                 identifier = _taught(supply, kept)
                 check_kinds(report.book, taught=identifier.kinds, path=rules)
@@ -120,7 +119,7 @@ def _learned(
     from palpate.produce.identify.items import learn_kinds
     from palpate.produce.sorting.rules_file import check_kinds
 
-    if not book.asks(KindIs):
+    if not book.asks("class"):
         return None
     identifier = learn_kinds(kept) if guess else None
     taught = () if identifier is None else identifier.kinds
@@ -133,7 +132,7 @@ def _refuse_blind(book: RuleBook, supply: Supply, *, rules: Path) -> None:
     if supply.hand.plan.gripper.drive == "width":
         return
     for rule in book.rules:
-        if rule.asks(KindIs) or rule.asks(SizeWithin):
+        if rule.asks("class") or rule.asks("size_mm"):
             raise InputError(
                 f"rules file {rules} line {rule.line}: asks for class or size, and fingers driven "
                 "by pressure measure neither size nor stiffness; use fingers driven by width"

@@ -215,11 +215,10 @@ class _Known:
     def of(cls, store: Store, item_id: str, *, rules: RuleBook | None) -> _Known:
         """Look an item up."""
         from palpate.produce.identify.items import learn_kinds
-        from palpate.produce.sorting.conditions import KindIs
 
         items = store.items_named([item_id]) if item_id else ()
         kind = items[0].kind if items else None
-        is_guessed = kind is None and rules is not None and rules.asks(KindIs)
+        is_guessed = kind is None and rules is not None and rules.asks("class")
         return cls(
             kind=kind,
             grasps=store.grasps_of(item_id) if items else (),
@@ -237,7 +236,7 @@ class _Known:
 
 def _sort(item_id: str, known: _Known, *, rules: RuleBook, grasps: tuple[Grasp, ...]) -> Sorted:
     """Decide on an item by these grasps, as `palpate sort` does."""
-    from palpate.produce.sorting.decide import decide
+    from palpate.produce.sorting.rules import decide
     from palpate.produce.sorting.run import Sorted, evidence_of
 
     evidence = evidence_of(

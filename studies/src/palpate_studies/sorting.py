@@ -12,10 +12,9 @@ import typer
 from palpate.commands.options import JsonOption, TargetForceOption
 from palpate.estimate.measurement import Measurement
 from palpate.produce.identify.identifier import Identifier, as_labelled
-from palpate.produce.sorting.conditions import Evidence, KindIs, SizeWithin
-from palpate.produce.sorting.decide import decide
+from palpate.produce.sorting.conditions import Evidence, OneOf, Within
 from palpate.produce.sorting.hand import TimedGrasp
-from palpate.produce.sorting.rules import Rule, RuleBook
+from palpate.produce.sorting.rules import Rule, RuleBook, decide
 from palpate.produce.sorting.rules_file import check_kinds, read_rules
 from palpate.produce.sorting.run import sort_item
 from palpate.produce.sorting.score import (
@@ -48,8 +47,8 @@ from palpate_studies.plots.sorting import purity_figure
 from palpate_studies.report import OutOption, StudyReport, Table
 
 
-def _bin_of(kind: str, *sizes: SizeWithin, bin_name: str | None = None) -> Rule:
-    return Rule(bin=bin_name or kind, conditions=(KindIs(frozenset({kind})), *sizes))
+def _bin_of(kind: str, *sizes: Within, bin_name: str | None = None) -> Rule:
+    return Rule(bin=bin_name or kind, conditions=(OneOf("class", frozenset({kind})), *sizes))
 
 
 #: The rules of the study: one bin per kind, kiwis by size, strangers apart.
@@ -60,8 +59,8 @@ BOOK = RuleBook(
         _bin_of("cherry-tomato"),
         _bin_of("strawberry"),
         _bin_of("lime"),
-        _bin_of("kiwi", SizeWithin(low=0.0, high=50.0), bin_name="kiwi, small"),
-        _bin_of("kiwi", SizeWithin(low=50.0, high=100.0), bin_name="kiwi, large"),
+        _bin_of("kiwi", Within("size_mm", 0.0, 50.0), bin_name="kiwi, small"),
+        _bin_of("kiwi", Within("size_mm", 50.0, 100.0), bin_name="kiwi, large"),
         _bin_of("tomato"),
         _bin_of("peach"),
         _bin_of("avocado"),

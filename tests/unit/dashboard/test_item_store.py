@@ -13,7 +13,7 @@ from palpate.dashboard.panel_items import item_html
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.produce.records import About, Item, Verdict
-from palpate.produce.sorting.conditions import SizeWithin, StageIs
+from palpate.produce.sorting.conditions import OneOf, Within
 from palpate.produce.sorting.rules import Rule, RuleBook
 from palpate.produce.store import Store
 from palpate.recording import RecordingInfo, RecordingWriter
@@ -93,8 +93,8 @@ def test_a_store_that_cannot_be_used_is_named(recording: Path, tmp_path: Path) -
 
 RULES = RuleBook(
     rules=(
-        Rule(bin="ripe", conditions=(StageIs(frozenset({"ripe"})),), line=1),
-        Rule(bin="small", conditions=(SizeWithin(low=0, high=45),), line=2),
+        Rule(bin="ripe", conditions=(OneOf("ripeness", frozenset({"ripe"})),), line=1),
+        Rule(bin="small", conditions=(Within("size_mm", 0, 45),), line=2),
     ),
     default_bin="by hand",
     most_grasps=1,

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from palpate.errors import InputError
-from palpate.produce.sorting.conditions import BruiseIs, KindIs, SizeWithin, StageIs
+from palpate.produce.sorting.conditions import OneOf, Within
 from palpate.produce.sorting.rules_file import check_kinds, read_rules
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -44,11 +44,15 @@ def test_a_file_becomes_rules_in_its_order(write: Callable[[str], Path]) -> None
     assert book.bins == ("small", "ripe", "by hand")
     assert book.most_grasps == 3
     small, ripe = book.rules
-    fruit = KindIs(frozenset({"kiwi", "lime"}))
-    assert small.conditions == (fruit, SizeWithin(low=0, high=45))
+    fruit = OneOf("class", frozenset({"kiwi", "lime"}))
+    assert small.conditions == (fruit, Within("size_mm", 0, 45))
     assert (small.confidence, small.line) == (0.8, 3)
-    avocados = KindIs(frozenset({"avocado"}))
-    assert ripe.conditions == (avocados, StageIs(frozenset({"ripe"})), BruiseIs(False))
+    avocados = OneOf("class", frozenset({"avocado"}))
+    assert ripe.conditions == (
+        avocados,
+        OneOf("ripeness", frozenset({"ripe"})),
+        OneOf("bruised", frozenset({"false"})),
+    )
     assert ripe.confidence == 0.9
 
 
@@ -154,6 +158,7 @@ def test_ranges_that_overlap_by_halves_are_refused(
         ('class = "kiwi"', 'class = ["kiwi", "lime"]'),
         ('class = "kiwi"\nconfidence = 0.95', 'class = "kiwi"\nconfidence = 0.6'),
         ('class = "kiwi"\nsize_mm = [0, 50]', 'class = "lime"\nsize_mm = [40, 90]'),
+        ("firmness = [0, 40]", "size_mm = [0, 60]"),
     ],
 )
 def test_exceptions_before_the_general_rule_are_welcome(

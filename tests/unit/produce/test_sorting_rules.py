@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -12,18 +13,17 @@ from palpate.grasp.result import Outcome
 from palpate.produce.identify.features import FeaturePoint
 from palpate.produce.identify.identifier import UNKNOWN, Identifier, Identity, TaughtItem
 from palpate.produce.records import About, Grasp, Verdict
-from palpate.produce.sorting.conditions import BruiseIs, Evidence, KindIs, SizeWithin, StageIs
-from palpate.produce.sorting.decide import decide
+from palpate.produce.sorting.conditions import Evidence, OneOf, Within
 from palpate.produce.sorting.hand import TimedGrasp
-from palpate.produce.sorting.rules import Rule, RuleBook
+from palpate.produce.sorting.rules import Rule, RuleBook, decide
 from palpate.produce.sorting.run import bin_verdict, evidence_of, sort_item
 from palpate.produce.sorting.score import Placed, score_sorting, where_it_belongs
 
 NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
-KIWIS, RIPE = KindIs(frozenset({"kiwi"})), StageIs(frozenset({"ripe"}))
+KIWIS, RIPE = OneOf("class", frozenset({"kiwi"})), OneOf("ripeness", frozenset({"ripe"}))
 KIWI = Rule(bin="kiwi", conditions=(KIWIS,), line=3)
-LIME = Rule(bin="lime", conditions=(KindIs(frozenset({"lime"})),), line=6)
-STRANGERS = Rule(bin="strangers", conditions=(KindIs(frozenset({UNKNOWN})),), line=9)
+LIME = Rule(bin="lime", conditions=(OneOf("class", frozenset({"lime"})),), line=6)
+STRANGERS = Rule(bin="strangers", conditions=(OneOf("class", frozenset({UNKNOWN})),), line=9)
 BOOK = RuleBook(rules=(KIWI, LIME, STRANGERS), default_bin="by hand")
 
 
@@ -81,7 +81,7 @@ def test_something_else_is_a_doubt_and_no_finding() -> None:
 
 
 def test_an_open_exception_asks_for_another_grasp_before_the_general_rule() -> None:
-    small = Rule(bin="small", conditions=(KIWIS, SizeWithin(low=0, high=50)), line=1)
+    small = Rule(bin="small", conditions=(KIWIS, Within("size_mm", 0, 50)), line=1)
     book = RuleBook(rules=(small, KIWI), default_bin="by hand")
     on_the_edge = Evidence(identity=looks(0.97, 0.02), size_mm=mm(50), grasps=1)
     assert decide(book, on_the_edge).again
@@ -99,6 +99,22 @@ def test_a_verdict_that_is_missing_is_named_and_not_grasped_for() -> None:
     assert decide(book, known).bin == "ripe"
 
 
+def test_a_rule_may_ask_for_a_firmness() -> None:
+    firm = Rule(bin="firm", conditions=(Within("firmness", 50, 100),), line=2)
+    book = RuleBook(rules=(firm,), default_bin="by hand", most_grasps=2)
+    index = Measurement(value=60.0, low=54.0, high=66.0, unit="index")
+    found = decide(book, Evidence(firmness=index, grasps=1))
+    assert found.why.startswith("firm: firmness 60 (54 to 66) within 50 to 100; rule in line 2")
+    wide = Measurement(value=55.0, low=40.0, high=70.0, unit="index")
+    assert decide(book, Evidence(firmness=wide, grasps=1)).again
+    one = grasp(50.0, 1.4).grasp
+    seen = evidence_of(
+        [replace(one, measurements={**one.measurements, "firmness": index})], identifier=None
+    )
+    assert seen.firmness is not None
+    assert seen.firmness.value == 60.0
+
+
 def test_what_no_rule_takes_is_said_so() -> None:
     book = RuleBook(rules=(LIME,), default_bin="by hand")
     found = decide(book, Evidence(identity=looks(0.98, 0.01), grasps=1))
@@ -107,7 +123,7 @@ def test_what_no_rule_takes_is_said_so() -> None:
 
 
 def test_all_that_rules_ask_for_is_named_where_none_takes_it() -> None:
-    soon = Rule(bin="shop", conditions=(RIPE, BruiseIs(False)), line=4)
+    soon = Rule(bin="shop", conditions=(RIPE, OneOf("bruised", frozenset({"false"}))), line=4)
     book = RuleBook(rules=(KIWI, soon), default_bin="by hand")
     stages = {"hard": 0.97, "ripe": 0.03}
     known = Evidence(identity=looks(0.01, 0.98), ripeness=stages, bruised=0.1, grasps=3)

@@ -1,4 +1,4 @@
-"""Sorting rules: what an item must be to go to a bin, and how sure one must be of it.
+"""Sorting rules, and the bin that they choose for an item, with the reason in a sentence.
 
 A rule's conditions are each a probability, and together their product. Where a verdict that a rule
 asks for was never given, all that is known is a range from 0 up: a rule answers yes, no, or that it
@@ -7,10 +7,9 @@ can't decide, and only the first rule that answers yes gets the item.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-from palpate.produce.sorting.conditions import Condition, Evidence
+from palpate.produce.sorting.conditions import ASKS, CONDITIONS, Condition, Evidence, percent
 
 #: Defaults of a rules file: a rule is sure at this probability, and grasps are tried this often.
 CONFIDENCE, MOST_GRASPS = 0.8, 3
@@ -22,22 +21,23 @@ class Rule:
 
     #: Where the item goes.
     bin: str
-    #: All that it must be, one of a class at most.
+    #: All that it must be, one of a key at most.
     conditions: tuple[Condition, ...] = ()
     #: How probable all of that must be together.
     confidence: float = CONFIDENCE
     #: Its line in the file.
     line: int = 0
 
-    def asks(self, form: type[Condition]) -> bool:
-        """Whether one of its conditions is of a class."""
-        return any(isinstance(condition, form) for condition in self.conditions)
+    def asks(self, key: str) -> bool:
+        """Whether one of its conditions is of this key."""
+        return any(condition.key == key for condition in self.conditions)
 
     def probability(self, evidence: Evidence) -> tuple[float, float]:
         """Return the least and the largest probability that every condition holds.
 
-        >>> from palpate.produce.sorting.conditions import BruiseIs, StageIs
-        >>> ripe = Rule(bin="shop", conditions=(StageIs(frozenset({"ripe"})), BruiseIs(False)))
+        >>> from palpate.produce.sorting.conditions import OneOf
+        >>> sound = OneOf("bruised", frozenset({"false"}))
+        >>> ripe = Rule(bin="shop", conditions=(OneOf("ripeness", frozenset({"ripe"})), sound))
         >>> ripe.probability(Evidence(ripeness={"ripe": 0.9, "hard": 0.1}, bruised=0.2))
         (0.72, 0.72)
         >>> ripe.probability(Evidence(ripeness={"ripe": 0.9, "hard": 0.1}))
@@ -52,14 +52,8 @@ class Rule:
 
     def lacking(self, evidence: Evidence) -> str:
         """Return what it asks, in words, that only a verdict which is missing would answer."""
-        return next(
-            (
-                one.asks
-                for one in self.conditions
-                if one.asks is not None and one.probability(evidence) is None
-            ),
-            "",
-        )
+        asked = (one for one in self.conditions if one.key in ASKS)
+        return next((ASKS[one.key] for one in asked if one.probability(evidence) is None), "")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,12 +67,91 @@ class RuleBook:
     #: Grasps of one item before it goes there.
     most_grasps: int = MOST_GRASPS
 
-    def asks(self, form: type[Condition]) -> bool:
-        """Whether any rule has a condition of a class."""
-        return any(rule.asks(form) for rule in self.rules)
+    def asks(self, key: str) -> bool:
+        """Whether any rule has a condition of this key."""
+        return any(rule.asks(key) for rule in self.rules)
 
     @property
     def bins(self) -> tuple[str, ...]:
         """Every bin, the default one last."""
-        named: Sequence[str] = [rule.bin for rule in self.rules]
-        return tuple(dict.fromkeys([*named, self.default_bin]))
+        return tuple(dict.fromkeys([*(rule.bin for rule in self.rules), self.default_bin]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BinDecision:
+    """Where an item goes."""
+
+    #: The bin; the default one where no rule is sure.
+    bin: str
+    #: The rule that decides so; None for the default.
+    rule: Rule | None
+    #: That all the rule's conditions hold; None for the default.
+    probability: float | None
+    #: Whether another grasp may settle what is unsure; the bin then is only for now.
+    again: bool
+    #: The reason, for people.
+    why: str
+
+
+def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
+    """Apply the rules: the first that is sure of all its conditions wins.
+
+    Where an earlier rule can't decide yet, or none is sure, another grasp is asked for, as long as
+    it can help and there are grasps left. What looks unknown at its first grasp is grasped again
+    too: one bad grasp is no stranger.
+
+    `evidence`: all that is known, every grasp so far together.
+
+    >>> from palpate.estimate.measurement import Measurement
+    >>> from palpate.produce.sorting.conditions import Within
+    >>> small = Rule(bin="small", conditions=(Within("size_mm", 0, 45),), line=2)
+    >>> book = RuleBook(rules=(small,), default_bin="by hand", most_grasps=2)
+    >>> size = Measurement(value=44.0, low=43.5, high=44.5, unit="mm")
+    >>> decide(book, Evidence(size_mm=size, grasps=1)).why
+    'small: 44.0 mm (43.5 to 44.5) within 0 to 45; rule in line 2 met with 100 %; 1 grasp'
+    >>> size = Measurement(value=45.0, low=44.0, high=46.0, unit="mm")
+    >>> decide(book, Evidence(size_mm=size, grasps=1)).again
+    True
+    """
+    is_open, sure, probability = False, None, None
+    for rule in book.rules:
+        low, high = rule.probability(evidence)
+        if low >= rule.confidence:
+            sure, probability = rule, low
+            break
+        # A grasp measures some of what is asked. A verdict that was never given stays unknown.
+        by_touch = any(condition.key not in ASKS for condition in rule.conditions)
+        is_open |= high > 1.0 - rule.confidence and by_touch and not rule.lacking(evidence)
+    rejected = evidence.identity is not None and evidence.identity.rejected
+    is_open |= evidence.grasps == 0 or (rejected and evidence.grasps < 2)
+    if sure is None:
+        found, why = book.default_bin, f"{book.default_bin} (default): {_no_rule(book, evidence)}"
+    else:
+        reasons = ", ".join(condition.reason(evidence) for condition in sure.conditions)
+        found, met = sure.bin, f"rule in line {sure.line} met with {percent(probability or 0.0)}"
+        why = f"{sure.bin}: {reasons}; {met}"
+    return BinDecision(
+        bin=found,
+        rule=sure,
+        probability=probability,
+        again=evidence.grasps < book.most_grasps and is_open,
+        why=f"{why}; {evidence.grasps} grasp{'s' if evidence.grasps != 1 else ''}",
+    )
+
+
+def _no_rule(book: RuleBook, evidence: Evidence) -> str:
+    """Return why no rule is sure: the one that came nearest, and what it lacked."""
+    nearest = max(book.rules, key=lambda rule: rule.probability(evidence)[1])
+    low, high = nearest.probability(evidence)
+    # All that is known of what any rule asks for; a known kind in any case.
+    has_kind = evidence.identity is not None
+    names = [key for key in CONDITIONS if book.asks(key) or (key == "class" and has_kind)]
+    known = ", ".join(filter(None, map(evidence.describe, names))) or "not measured"
+    if high <= 1.0 - nearest.confidence:
+        return f"{known}, which no rule takes"
+    if lacking := nearest.lacking(evidence):
+        return f"{known}; the rule in line {nearest.line} asks {lacking}, which is not known"
+    return (
+        f"{known}; the rule in line {nearest.line} ({nearest.bin}) comes nearest: "
+        f"{percent(low)}, {percent(nearest.confidence)} needed"
+    )

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from palpate.errors import InputError
 from palpate.produce.identify.identifier import FEWEST_ITEMS, UNKNOWN
-from palpate.produce.sorting.conditions import CONDITIONS, Condition, KindIs
-from palpate.produce.sorting.rule_conflicts import refuse_hidden
+from palpate.produce.sorting.conditions import CONDITIONS, Condition, OneOf
 from palpate.produce.sorting.rules import CONFIDENCE, MOST_GRASPS, Rule, RuleBook
 
 _TOP_KEYS = ("default", "confidence", "most_grasps", "rule")
@@ -24,8 +23,8 @@ def read_rules(path: str | Path) -> RuleBook:
 
     At the top stand ``default``, the bin of whatever no rule takes, and perhaps ``confidence`` and
     ``most_grasps``. Each ``[[rule]]`` has a ``bin`` and at least one of ``class`` and ``ripeness``
-    (a name or a list of names), ``size_mm = [from, to]``, ``bruised`` (true or false), and perhaps
-    a ``confidence`` of its own.
+    (a name or a list of names), ``size_mm`` and ``firmness`` (``[from, to]``), ``bruised`` (true or
+    false), and perhaps a ``confidence`` of its own.
 
     Raises `InputError` if the file can't be read, a key is not known or a value not possible, or a
     rule can never decide anything; one line with the number of the line.
@@ -46,13 +45,63 @@ def check_kinds(book: RuleBook, *, taught: Collection[str], path: str | Path) ->
     Raises `InputError`: with the rule's line, and the kinds that are known.
     """
     for rule in book.rules:
-        asked = [one.names for one in rule.conditions if isinstance(one, KindIs)]
-        for kind in sorted(frozenset().union(*asked) - {UNKNOWN, *taught}):
+        kinds = (one for one in rule.conditions if isinstance(one, OneOf) and one.key == "class")
+        for kind in sorted({name for one in kinds for name in one.names} - {UNKNOWN, *taught}):
             raise InputError(
                 f"rules file {path} line {rule.line}: class {kind!r} was not taught by "
                 f"{FEWEST_ITEMS} labelled items; known are {', '.join(sorted(taught))} and "
                 f"{UNKNOWN}"
             )
+
+
+def refuse_hidden(rules: Sequence[Rule], *, path: str) -> None:
+    """Refuse a rule that an earlier one hides, or that overlaps an earlier one in part.
+
+    The first match wins, so an exception comes before the general rule, and that is welcome. A
+    rule is unreachable where an earlier one takes all that it takes, as easily. It overlaps where
+    both state the same conditions, each takes something the other does not, and what both take
+    would go to another bin only by the order of the lines.
+
+    Raises `InputError`: one line with the numbers of both lines.
+
+    >>> from palpate.produce.sorting.conditions import Within
+    >>> small = Rule(bin="small", conditions=(Within("size_mm", 0, 45),), line=3)
+    >>> large = Rule(bin="large", conditions=(Within("size_mm", 40, 90),), line=7)
+    >>> try:
+    ...     refuse_hidden([small, large], path="r.toml")
+    ... except InputError as error:
+    ...     print(str(error).split(", and")[0])
+    rules file r.toml line 7: overlaps the rule of line 3 (size_mm 40 to 45 fits both
+    """
+    for later, rule in enumerate(rules):
+        for earlier in rules[:later]:
+            if earlier.confidence <= rule.confidence and _is_wider(earlier, rule):
+                raise InputError(
+                    f"rules file {path} line {rule.line}: no item reaches this rule, because that "
+                    f"of line {earlier.line} takes them all; move it up or remove it"
+                )
+            if common := _half_overlap(earlier, rule):
+                raise InputError(
+                    f"rules file {path} line {rule.line}: overlaps the rule of line {earlier.line} "
+                    f"({common} fits both, and they name different bins); set their ranges apart"
+                )
+
+
+def _is_wider(one: Rule, other: Rule) -> bool:
+    """Whether every item that meets the other's conditions meets this one's."""
+    theirs = {condition.key: condition for condition in other.conditions}
+    return all(ours.key in theirs and ours.covers(theirs[ours.key]) for ours in one.conditions)
+
+
+def _half_overlap(one: Rule, other: Rule) -> str | None:
+    """Return what both rules take, if they ask for the same things and neither holds the other."""
+    ours = {condition.key: condition for condition in one.conditions}
+    if one.bin == other.bin or set(ours) != {condition.key for condition in other.conditions}:
+        return None
+    if _is_wider(one, other) or _is_wider(other, one):
+        return None
+    common = [ours[theirs.key].common(theirs) for theirs in other.conditions]
+    return None if None in common else ", ".join(filter(None, common))
 
 
 class _Reader:
@@ -120,7 +169,7 @@ class _Reader:
 
     def _condition(self, table: Mapping[str, Any], key: str, *, start: int, end: int) -> Condition:
         try:
-            return CONDITIONS[key].read(table[key])
+            return CONDITIONS[key](key, table[key])
         except ValueError as error:
             line = self._line(key, start, end)
             raise self._fault(line, f"{key} is {table[key]!r}, not {error}") from error

@@ -13,9 +13,8 @@ from palpate.produce.identify.identifier import Identifier, Identity, as_labelle
 from palpate.produce.identify.items import touches_of
 from palpate.produce.records import About, Drive, Grasp, Verdict
 from palpate.produce.sorting.conditions import Evidence
-from palpate.produce.sorting.decide import BinDecision, decide
 from palpate.produce.sorting.hand import TimedGrasp
-from palpate.produce.sorting.rules import RuleBook
+from palpate.produce.sorting.rules import BinDecision, RuleBook, decide
 
 #: Used until repeated grasps of taught items show how much of a size's error differs between
 #: grasps.
@@ -88,43 +87,35 @@ def evidence_of(
     identity = None if kind is None else as_labelled(kind)
     if identity is None and identifier is not None and touches:
         identity = identifier.identify(touches)
-    sizes = [one.measurements["size_mm"] for one in held if "size_mm" in one.measurements]
     own_share = _OWN_SHARE if identifier is None else float(identifier.own_share[0])
+    last = {one.about: one for one in sorted(verdicts, key=lambda one: one.given_at)}
     return Evidence(
         identity=identity,
-        size_mm=put_together(sizes, own_share=own_share) if sizes else None,
-        ripeness=_ripeness(verdicts),
-        bruised=_bruised(verdicts),
+        size_mm=_average(held, "size_mm", own_share=own_share),
+        firmness=_average(held, "firmness", own_share=_OWN_SHARE),
+        ripeness=_stages(last[About.RIPENESS]) if About.RIPENESS in last else {},
+        bruised=_bruised(last[About.BRUISE]) if About.BRUISE in last else None,
         grasps=len(grasps),
     )
 
 
-def _last(verdicts: Sequence[Verdict], about: About) -> Verdict | None:
-    return max(
-        (one for one in verdicts if one.about is about),
-        key=lambda verdict: verdict.given_at,
-        default=None,
-    )
+def _average(grasps: Sequence[Grasp], name: str, *, own_share: float) -> Measurement | None:
+    found = [one.measurements[name] for one in grasps if name in one.measurements]
+    return put_together(found, own_share=own_share) if found else None
 
 
-def _ripeness(verdicts: Sequence[Verdict]) -> dict[str, float]:
+def _stages(verdict: Verdict) -> dict[str, float]:
     """Return the probability of each stage; of one only, where the verdict gives no more."""
-    last = _last(verdicts, About.RIPENESS)
-    if last is None:
-        return {}
-    stages = last.details.get("probabilities")
+    stages = verdict.details.get("probabilities")
     if isinstance(stages, Mapping):
         return {str(stage): float(p) for stage, p in stages.items()}
-    return {last.text: 1.0 if last.probability is None else last.probability}
+    return {verdict.text: 1.0 if verdict.probability is None else verdict.probability}
 
 
-def _bruised(verdicts: Sequence[Verdict]) -> float | None:
-    """Return the probability of a bruise, whichever way the verdict was put."""
-    last = _last(verdicts, About.BRUISE)
-    if last is None:
-        return None
-    sure = 1.0 if last.probability is None else last.probability
-    return sure if last.text == "bruised" else 1.0 - sure
+def _bruised(verdict: Verdict) -> float:
+    """Return the probability of a bruise, for either text of the verdict."""
+    sure = 1.0 if verdict.probability is None else verdict.probability
+    return sure if verdict.text == "bruised" else 1.0 - sure
 
 
 def bin_verdict(done: Sorted, *, given_at: datetime) -> Verdict:

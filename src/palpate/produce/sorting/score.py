@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from palpate.estimate.measurement import Measurement
 from palpate.produce.identify.identifier import UNKNOWN, as_labelled
 from palpate.produce.sorting.conditions import Evidence
-from palpate.produce.sorting.decide import decide
-from palpate.produce.sorting.rules import RuleBook
+from palpate.produce.sorting.rules import RuleBook, decide
 
 #: What no grasp measures, and is taken for granted in items per hour: bringing an item and carrying
 #: it to its bin, and turning it for another grasp.
@@ -84,9 +83,9 @@ def score_sorting(placed: Sequence[Placed], *, book: RuleBook) -> Score:
 def where_it_belongs(book: RuleBook, *, kind: str, taught: bool, size_mm: float) -> str:
     """Return the bin of an item about which everything is known, apart from ripeness and bruises.
 
-    >>> from palpate.produce.sorting.conditions import KindIs
+    >>> from palpate.produce.sorting.conditions import OneOf
     >>> from palpate.produce.sorting.rules import Rule
-    >>> eggs = Rule(bin="a", conditions=(KindIs(frozenset({"egg"})),))
+    >>> eggs = Rule(bin="a", conditions=(OneOf("class", frozenset({"egg"})),))
     >>> book = RuleBook(rules=(eggs,), default_bin="rest")
     >>> where_it_belongs(book, kind="egg", taught=True, size_mm=44.0)
     'a'
