@@ -75,7 +75,7 @@ SHOWN: dict[str, dict[str, tuple[str, ...]]] = {
         )
     },
     "environment": {"Spread": ()},
-    "fatigue": {"Drift": ("drift of force",)},
+    "fatigue": {"Drift": ()},
     "noise": {
         "Level field": tuple(
             f"{rate} Hz, {chain} |"

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from tests.pdf_fonts import check_all_fonts
 
 from palpate_studies import table1
 from palpate_studies.report import StudyReport
@@ -57,19 +54,6 @@ def test_calibration_inputs_are_named(payload: dict[str, Any]) -> None:
     assert (misfit["fitted"]["entries"], misfit["predicted"]["entries"]) == (14, 11)
     assert payload["origin"] == "twin"
     assert set(payload["families"]["two-mode"]) >= {"recorded", "exponential", "relaxation"}
-
-
-def test_report_is_written_with_both_figures(report: StudyReport, tmp_path: Path) -> None:
-    report.write(tmp_path)
-    check_all_fonts(tmp_path)
-    written = {path.name for path in tmp_path.iterdir()}
-    assert written == {
-        "table1.json",
-        "table1.md",
-        *(f"figure{number}.{ending}" for number in (5, 6) for ending in ("png", "svg", "pdf")),
-    }
-    assert json.loads((tmp_path / "table1.json").read_text())["holds"] == {"two-mode": 40}
-    assert "Simulated" in (tmp_path / "table1.md").read_text()
 
 
 def test_twin_holds_fall_and_settle() -> None:

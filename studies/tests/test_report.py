@@ -20,7 +20,7 @@ def test_a_file_is_no_folder_for_a_report(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.delattr(table2, "report")  # not even begun
+    monkeypatch.delattr(table2, "settled_readings")  # not even begun
     file = tmp_path / "taken"
     file.write_text("mine")
     out = file / "report" if inside else file
@@ -48,17 +48,17 @@ def test_a_format_that_nothing_would_show_is_refused_before_the_work(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.delattr(table2, "report")  # not even begun
+    monkeypatch.delattr(table2, "settled_readings")  # not even begun
     assert run(build_app(), ["study", "table2", *options], name="palpate") == 2
     assert reason in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
 def test_figures_have_the_format_and_the_dots_that_were_asked_for(tmp_path: Path) -> None:
-    few = ["slip", "--events", "2", "--hours", "0.1", "--out", str(tmp_path / "asked")]
+    few = ["figure16", "--fruits", "1", "--out", str(tmp_path / "asked")]
     asked = ["study", *few, "--format", "png", "--dpi", "50"]
     assert run(build_app(), asked, name="palpate") == 0
-    [picture] = (tmp_path / "asked").glob("slip.[!jm]*")
+    [picture] = (tmp_path / "asked").glob("figure16.[!jm]*")
     assert picture.suffix == ".png"
     with Image.open(picture) as image:
         assert image.info["dpi"] == pytest.approx((50, 50), abs=0.1)

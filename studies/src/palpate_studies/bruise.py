@@ -1,264 +1,260 @@
-"""Table 6 and Figure 17 of the paper, and how surely bruised apples differ from sound ones."""
+"""How surely bruised apples differ from sound ones, by every way on the same simulated grasps."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from functools import partial
+from itertools import pairwise
+from typing import Annotated, Any
 
+import numpy as np
 import typer
 
-from palpate.commands.options import JsonOption
 from palpate.produce.bruise.model import BruiseModel
 from palpate_studies.bruise_data import (
     EARLY_S,
     PLACED_WITHIN_MM,
     REFERENCE_APPLES,
+    SIDES_AROUND,
     Examined,
     examine,
 )
 from palpate_studies.bruise_scores import (
     CHANGE,
+    EARLIER,
+    FALSE_ALARMS,
+    KIND,
     SAME_WIDTH,
     THRESHOLD,
     TREES,
     Scored,
     area_lost,
+    around,
+    felt_of,
     locate,
+    log_odds,
     models_of,
     score_all,
+    scored,
     way,
 )
-from palpate_studies.bruise_table6 import (
-    COLUMNS,
-    FIRST_SENSOR,
-    PUBLISHED,
-    ROWS,
-    SENSORS,
-    Table6,
-    grasped,
-    summary,
-    table,
-)
-from palpate_studies.bruise_tables import (
-    SHOWN,
-    areas_table,
-    beyond_table,
-    beyond_touch,
-    by_size,
-    of_purpose,
-    reliability,
-    reliability_table,
-    sizes_table,
-)
-from palpate_studies.report import OutOption, StudyReport
-from palpate_studies.twin_session import LEVELS
+from palpate_studies.report import StudyReport, Table, as_command
+from palpate_studies.rows import LEVELS
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-SEED, REPEATS = 1, 10
+#: Edges of the classes of bruises by diameter, mm.
+_DIAMETERS_MM = (4.0, 7.0, 11.3, 15.0, 20.0, 30.0)
+#: What is shown of ours: against which references, and in words.
+SHOWN = {KIND: "ours, first met, 2.5 s", EARLIER: "ours, with its earlier record, 2.5 s"}
 
 
-def command(
+def report(
+    *,
     apples: Annotated[
         int, typer.Option(help="Apples tested on each level; 500 for figures to rely on.", min=24)
     ] = 48,
-    seed: Annotated[int, typer.Option(help="Seed of apples and sensors.", min=0)] = SEED,
-    as_json: JsonOption = False,
-    out: OutOption = None,
-) -> None:
-    """Grasp a simulated apple before and after its fall, and many sound and bruised ones.
+    seed: Annotated[int, typer.Option(help="Seed of apples and sensors.", min=0)] = 1,
+) -> StudyReport:
+    """Grasp many sound and bruised apples on the twin, and tell them apart in every way.
 
     With --out, the model learned at each level is written too.
 
     Example: palpate study bruise --apples 96 --out reports
     """
-    learned = max(2 * apples // 24 * 24, 48)
     purposes = {
-        "learn": learned,
+        "learn": max(2 * apples // 24 * 24, 48),
         "test": apples,
         "small": apples // 7,
         "off": apples // 7,
         "around": max(apples // 10, 8),
     }
-    examined = examine(purposes, levels=LEVELS, seed=seed)
-    made = {
-        level: [grasped(level, FIRST_SENSOR + sensor, repeats=REPEATS) for sensor in range(SENSORS)]
-        for level in LEVELS
-    }
-    models = learned_models(examined)
-    report(examined, made, models=models).emit(as_json=as_json, out=out)
-    if out is not None:
-        for level in LEVELS:
-            models[level][EARLY_S].save(out / f"bruise-model-{level}.json")
+    return judge(examine(purposes, levels=LEVELS, seed=seed))
 
 
-def learned_models(examined: Sequence[Examined]) -> dict[str, dict[float, BruiseModel]]:
-    """Learn at each level, for each cut-off, from the apples that are there to learn from."""
-    return {level: models_of(of_purpose(examined, "learn", level), level=level) for level in LEVELS}
+command = as_command(report)
 
 
-def report(
-    examined: Sequence[Examined],
-    made: Mapping[str, list[Table6]],
-    *,
-    models: Mapping[str, Mapping[float, BruiseModel]],
-) -> StudyReport:
+def judge(examined: Sequence[Examined]) -> StudyReport:
     """Score everything and put it into tables."""
-    scores = {
-        level: score_all(
-            of_purpose(examined, "test", level),
-            models[level],
-            learned=of_purpose(examined, "learn", level),
-        )
-        for level in LEVELS
-    }
-    sizes = {level: by_size(examined, level, models[level][EARLY_S]) for level in LEVELS}
-    beyond = {level: beyond_touch(examined, level, models[level][EARLY_S]) for level in LEVELS}
-    places = {
-        level: locate(of_purpose(examined, "test", level), models[level][EARLY_S])
-        for level in LEVELS
-    }
-    reliable = {
-        level: {
-            label: reliability(scores[level][way(names, EARLY_S)]) for names, label in SHOWN.items()
+    counts, ways, compared = dict[str, Any](), dict[str, Any](), list[dict[str, Any]]()
+    sizes, beyond, places = (dict[str, Any]() for _ in range(3))
+    models = dict[str, BruiseModel]()
+    for level in LEVELS:
+        of = {
+            purpose: [one for one in examined if (one.purpose, one.level) == (purpose, level)]
+            for purpose in dict.fromkeys(one.purpose for one in examined)
         }
-        for level in LEVELS
-    }
+        by_cutoff = models_of(of["learn"], level=level)
+        models[level] = by_cutoff[EARLY_S]
+        scores = score_all(of["test"], by_cutoff, learned=of["learn"])
+        counts[level] = {purpose: len(mine) for purpose, mine in of.items()}
+        ways[level] = {
+            name: {"auc": one.auc, "interval": one.interval(), "found": one.found()}
+            for name, one in scores.items()
+        }
+        compared += [
+            {
+                "level": level,
+                "ours": label,
+                "rival": rival,
+                **area_lost(scores[way(names, EARLY_S)], scores[rival]).to_dict(),
+            }
+            for names, label in SHOWN.items()
+            for rival in (THRESHOLD, CHANGE, SAME_WIDTH, TREES[names])
+        ]
+        sizes[level] = by_size(of, models[level])
+        beyond[level] = beyond_touch(of, models[level])
+        places[level] = locate(of["test"], models[level])
     return StudyReport(
         name="bruise",
-        title="Table 6 and Figure 17: bruised apples",
-        provenance=_provenance(examined),
-        tables=[
-            table(made),
-            areas_table(scores),
-            sizes_table(sizes),
-            beyond_table(beyond, places),
-            reliability_table(scores),
+        title="Bruised and sound apples (simulated)",
+        provenance=[
+            f"Simulated, both levels: {counts['lab']['test']} apples tested and "
+            f"{counts['lab']['learn']} others, on other sensors, learned from, half of them "
+            f"bruised, each with its bruise within {PLACED_WITHIN_MM:g} mm of the middle of either "
+            "finger; grasped once at the side in question, closed by contact. They differ in size, "
+            "firmness, roundness, firmer sides; bruises in diameter, depth, softness, dent and "
+            "place (ranges: `palpate_studies.fruit_ranges`).",
+            f"References: class, {REFERENCE_APPLES} other sound apples on the same sensor; item, "
+            "one grasp a quarter turn on; history, one earlier grasp of the same side, sound then.",
+            "A first look, five grasps around apples bruised anywhere on a belt of 20 mm, found "
+            "one bruise in two never touched: a round, firm fruit touches a finger over some "
+            "10 mm. So the side in question is presented here, and the belt is reported apart.",
         ],
+        tables=_tables(ways, sizes, beyond, places),
         payload={
             "study": "bruise",
             "origin": "twin",
-            **_table6(made),
-            "apples": {level: _counts(examined, level) for level in LEVELS},
-            "ways": {level: _ways(scores[level]) for level in LEVELS},
-            "compared": [row for level in LEVELS for row in _compared(level, scores[level])],
+            "apples": counts,
+            "ways": ways,
+            "compared": compared,
             "by_diameter": sizes,
             "beyond": beyond,
             "places": places,
-            "reliability": reliable,
         },
-        figures=_figures(made, scores, sizes, reliable),
+        files={
+            f"bruise-model-{level}.json": partial(_save, model) for level, model in models.items()
+        },
     )
 
 
-def _table6(made: Mapping[str, list[Table6]]) -> dict[str, object]:
-    published = {
-        row: dict(zip(COLUMNS, map(list, values), strict=True)) for row, values in PUBLISHED.items()
+def _save(model: BruiseModel, path: Any) -> None:
+    model.save(path)
+
+
+def by_size(
+    of: Mapping[str, Sequence[Examined]], model: BruiseModel
+) -> dict[str, list[dict[str, float]]]:
+    """Score bruises by their diameter against the sound apples of the test."""
+    sound = [one for one in of["test"] if not one.bruised]
+    bruised = [one for one in (*of["small"], *of["test"]) if one.bruised]
+    diameter_mm = np.array([one.apple.bruise.diameter_mm for one in bruised if one.apple.bruise])
+    found, felt = {}, felt_of([*sound, *bruised])
+    for names, label in SHOWN.items():
+        score, rows = log_odds(felt, model, names), []
+        for low, high in pairwise(_DIAMETERS_MM):
+            inside = (diameter_mm >= low) & (diameter_mm < high)
+            if inside.any():
+                chosen = Scored(
+                    bruised=np.repeat([False, True], [len(sound), int(inside.sum())]),
+                    score=np.concatenate([score[: len(sound)], score[len(sound) :][inside]]),
+                    sensors=(),
+                )
+                rows.append(
+                    {
+                        "from_mm": low,
+                        "to_mm": high,
+                        "bruises": int(inside.sum()),
+                        "auc": chosen.auc,
+                        "found": chosen.found(),
+                    }
+                )
+        found[label] = rows
+    return found
+
+
+def beyond_touch(
+    of: Mapping[str, Sequence[Examined]], model: BruiseModel
+) -> dict[str, dict[str, float]]:
+    """Score what the fingers hardly touch: bruises off the belt, and sides nobody pointed at."""
+    off = [*(one for one in of["test"] if not one.bruised), *of["off"]]
+    found = {
+        "12 to 25 mm above the middle, with its earlier record": scored(
+            off, log_odds(felt_of(off), model, EARLIER)
+        ),
+        f"anywhere on a belt of 20 mm, first met, {SIDES_AROUND} grasps around": around(
+            of["around"], model
+        ),
     }
-    simulated = {
-        level: {
-            row: {column: summary(made[level], row, column) for column in COLUMNS} for row in ROWS
-        }
+    return {name: {"auc": one.auc, "found": one.found()} for name, one in found.items()}
+
+
+def _tables(
+    ways: Mapping[str, Any],
+    sizes: Mapping[str, Any],
+    beyond: Mapping[str, Any],
+    places: Mapping[str, Any],
+) -> list[Table]:
+    """Return the tables of every way, of bruises by size, and of what is missed."""
+
+    def area(row: Mapping[str, Any]) -> str:
+        between = "" if row["interval"] is None else " ({:.3f} to {:.3f})".format(*row["interval"])
+        return f"{row['auc']:.3f}{between}"
+
+    each = [
+        {"level": level, "way": name, **one, "area": area(one)}
         for level in LEVELS
-    }
-    return {"published_table6": published, "table6": simulated}
-
-
-def _ways(scores: Mapping[str, Scored]) -> dict[str, dict[str, object]]:
-    return {
-        name: {"auc": one.auc, "interval": one.interval(), "found": one.found()}
-        for name, one in scores.items()
-    }
-
-
-def _compared(level: str, scores: Mapping[str, Scored]) -> list[dict[str, Any]]:
-    """Return ours against each way that needs no learning and boosted trees, paired by sensor."""
-    return [
-        {
-            "level": level,
-            "ours": label,
-            "rival": rival,
-            **area_lost(scores[way(names, EARLY_S)], scores[rival]).to_dict(),
-        }
-        for names, label in SHOWN.items()
-        for rival in (THRESHOLD, CHANGE, SAME_WIDTH, TREES[names])
+        for name, one in ways[level].items()
     ]
-
-
-def _counts(examined: Sequence[Examined], level: str) -> dict[str, int]:
-    purposes = dict.fromkeys(one.purpose for one in examined)
-    return {purpose: len(of_purpose(examined, purpose, level)) for purpose in purposes}
-
-
-def _provenance(examined: Sequence[Examined]) -> list[str]:
-    counts = _counts(examined, LEVELS[0])
-    return [
-        f"Simulated, both levels. Table 6: one apple, {REPEATS} grasps before and after its fall "
-        f"at one width on each of {SENSORS} sensors; median sensor's mean ± sd (range of means).",
-        "Published: the paper's Table 6. Calibration inputs, marked *: the width (not printed) was "
-        "set so that the level lab gives the change after 20 s before the fall, the depth of the "
-        "dent so that it gives the one after. All else is a prediction.",
-        "Both twin fingers carry one force, so both read less of a dented apple at one width. The "
-        "published columns have the sound finger read as before (2 x 13.0 - 3.75 = 22.3 %): "
-        "forces on the paper's fingers can't have been equal, or much of one missed the "
-        "pixels. The twin does not reproduce that.",
-        f"Sides: {counts['test']} apples tested and {counts['learn']} others, on other sensors, "
-        f"learned from, half of them bruised, each with its bruise within {PLACED_WITHIN_MM:g} mm "
-        "of the middle of either finger; grasped once at the side in question, closed by contact. "
-        "They differ in size, firmness, roundness, firmer sides; bruises in diameter, depth, "
-        "softness, dent and place (ranges: `palpate_studies.fruit_ranges`).",
-        f"References: class, {REFERENCE_APPLES} other sound apples on the same sensor; item, one "
-        "grasp a quarter turn on; history, one earlier grasp of the same side, sound then.",
-        "What keeps a side met for the first time from being judged at 0.97 is how the gains of "
-        "pixels scatter from grasp to grasp, in addition to the fruit's own shape.",
-        "A first look, five grasps around apples bruised anywhere on a belt of 20 mm, found one "
-        "bruise in two never touched: a round, firm fruit touches a finger over some 10 mm. So "
-        "the side in question is presented here, as in the paper, and the belt is reported apart.",
+    by_diameter = [
+        {"level": level, "way": label, **row}
+        for label in SHOWN.values()
+        for level in LEVELS
+        for row in sizes[level][label]
     ]
-
-
-def _figures(
-    made: Mapping[str, list[Table6]],
-    scores: Mapping[str, Mapping[str, Scored]],
-    sizes: Mapping[str, Mapping[str, Sequence[Mapping[str, float]]]],
-    reliable: Mapping[str, Mapping[str, Sequence[Mapping[str, float]]]],
-) -> dict[str, Any]:
-    def figure_17() -> Figure:
-        from palpate_studies.plots.bruise import draw_before_and_after
-
-        shown = {level: (made[level][0].time_s, made[level][0].traces) for level in LEVELS}
-        published = dict(zip(COLUMNS, PUBLISHED["recorded, 20 s"], strict=True))
-        return draw_before_and_after(shown, published=published)
-
-    def roc() -> Figure:
-        from palpate_studies.plots.bruise import draw_roc
-
-        ways = {THRESHOLD: THRESHOLD, CHANGE: CHANGE, SAME_WIDTH: SAME_WIDTH}
-        ways |= {label: way(names, EARLY_S) for names, label in SHOWN.items()}
-        return draw_roc(
-            {
-                level: {
-                    label: (scores[level][name].bruised, scores[level][name].score)
-                    for label, name in ways.items()
-                }
-                for level in LEVELS
-            }
+    missed = [
+        {"level": level, "what": name, "text": "AUC {auc:.3f}, found {found:.0%}".format(**one)}
+        for level in LEVELS
+        for name, one in beyond[level].items()
+    ]
+    # Too few to learn from name no places.
+    missed += [
+        {"level": level, "what": what, "text": text.format(**places[level])}
+        for level in LEVELS
+        if places[level]
+        for what, text in (
+            ("finger named rightly", "{finger_right:.0%}"),
+            (
+                "place on that finger, median off (off if its middle is named)",
+                "{median_off_mm:.1f} mm ({median_spread_mm:.1f} mm)",
+            ),
         )
-
-    def calibration() -> Figure:
-        from palpate_studies.plots.bruise import draw_reliability
-
-        return draw_reliability(reliable)
-
-    def by_size() -> Figure:
-        from palpate_studies.plots.bruise import draw_sizes
-
-        return draw_sizes(sizes)
-
-    return {
-        "figure17": figure_17,
-        "bruise-roc": roc,
-        "bruise-reliability": calibration,
-        "bruise-sizes": by_size,
-    }
+    ]
+    return [
+        Table.wide(
+            "Bruised or not, from one grasp of the side: area under the ROC curve (90 % interval "
+            f"over sensors), and percent found at {100 * FALSE_ALARMS:g} % false alarms",
+            each,
+            {"way": "{way}"},
+            over="level",
+            form="{area}, {found:.0p}",
+        ),
+        Table.of(
+            "By diameter of the bruise (below 11.3 mm: smaller than what was learned from)",
+            by_diameter,
+            {
+                "way": "{way}",
+                "diameter, mm": "{from_mm:g} to {to_mm:g}",
+                "level": "{level}",
+                "bruises": "{bruises}",
+                "AUC": "{auc:.3f}",
+                "found, %": "{found:.0p}",
+            },
+        ),
+        Table.wide(
+            "Bruises that the fingers may not touch, and where those that they touch are",
+            missed,
+            {"what": "{what}"},
+            over="level",
+            form="{text}",
+        ),
+    ]

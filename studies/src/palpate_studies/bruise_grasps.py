@@ -82,7 +82,7 @@ def press(
     clock.sleep_s(1.0)
     world.place(apple.facing(angle_deg))
     clock.sleep_s(REST_S - 1.0 - SETTLED_MEAN_S)
-    rest_ohm = session.rest_ohm()
+    rest_ohm = session.mean_ohm()
     width_mm = _search(session, rest_ohm) if to_mm is None else to_mm + CLOSURE_MM
     session.close_to(width_mm - CLOSURE_MM)
     change = relative_change_percent(session.read(CUTOFF_S), rest_ohm=rest_ohm)

@@ -11,10 +11,10 @@ import numpy as np
 from scipy.stats import rankdata
 
 from palpate.arrays import FloatArray
+from palpate.errors import needing
 from palpate.produce.bruise.learning import learn_bruises
-from palpate.produce.bruise.model import REFERENCES, BruiseModel, at_share
+from palpate.produce.bruise.model import REFERENCES, BruiseModel
 from palpate.produce.bruise.shape import contrast, finger_contrast, slopes
-from palpate_studies.baselines.bruise_trees import tree_scores
 from palpate_studies.bootstrap import bootstrap_interval
 from palpate_studies.bruise_data import CUTOFFS_S, EARLY_S, SIDES_AROUND, Examined
 from palpate_studies.protocol.paired import Difference, IntArray, drawn_difference
@@ -163,12 +163,20 @@ def score_all(
             scores[way(names, cutoff_s)] = log_odds(felt[cutoff_s], models[cutoff_s], names)
         both = [log_odds(one, models[EARLY_S], names) for one in (felt[EARLY_S], again)]
         scores[f"{way(names, EARLY_S)}, two grasps"] = np.mean(both, axis=0)
-    taught, bruised = felt_of(learned), [one.bruised for one in learned]
+    known, bruised = felt_of(learned), [one.bruised for one in learned]
     for names, name in TREES.items():
-        scores[name] = tree_scores(
-            _numbers(taught, names), bruised, tested=_numbers(felt[EARLY_S], names)
-        )
+        scores[name] = _by_trees(_numbers(known, names), bruised, _numbers(felt[EARLY_S], names))
     return {name: scored(tested, score) for name, score in scores.items()}
+
+
+def _by_trees(learned: FloatArray, bruised: Sequence[bool], tested: FloatArray) -> FloatArray:
+    """Learn boosted trees, one setting, not tuned, and return a score for each tested side."""
+    with needing("the study of bruises", extra="produce"):
+        from sklearn.ensemble import HistGradientBoostingClassifier
+    trees = HistGradientBoostingClassifier(
+        max_iter=300, learning_rate=0.05, max_leaf_nodes=15, random_state=0
+    )
+    return np.asarray(trees.fit(learned, bruised).decision_function(tested))
 
 
 def way(names: str, cutoff_s: float) -> str:
@@ -192,11 +200,6 @@ def around(examined: Sequence[Examined], model: BruiseModel) -> Scored:
         for turn in range(SIDES_AROUND)
     ]
     return scored(examined, np.max(each, axis=0))
-
-
-def probabilities(one: Scored) -> FloatArray:
-    """Return log odds as probabilities for as many bruised as sound sides."""
-    return np.array([at_share(float(score), bruised_share=0.5) for score in one.score])
 
 
 def locate(examined: Sequence[Examined], model: BruiseModel) -> dict[str, float] | None:

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.commands.options import JsonOption
 from palpate.errors import CalibrationError
 from palpate.estimate.force import PowerForceLaw
 from palpate.signal.relative import CONTACT_PERCENT, finger_means, relative_change_percent
 from palpate_studies.contact_events import running_median
 from palpate_studies.equal_width import SEED
-from palpate_studies.report import OutOption, StudyReport, Table
-from palpate_studies.twin_session import GAP_MM, LEVELS, STILL_S, Session, drawn, grasps
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from palpate_studies.report import StudyReport, Table, as_command
+from palpate_studies.rows import LEVELS
+from palpate_studies.twin_session import GAP_MM, STILL_S, Session, drawn, grasps
 
 SENSORS, SMOOTH = 6, 3
 #: Rest from which the noise is taken, and standard deviations that give about one false contact an
@@ -31,16 +26,11 @@ STIFF, CLOSURES_MM = "dragonskin-30", tuple(np.geomspace(0.3, 8.5, 18))
 SPANS_N = (2.0, 5.0, 10.0, 20.0, 30.0)
 
 
-def command(as_json: JsonOption = False, out: OutOption = None) -> None:
+def report(*, sensors: int = SENSORS) -> StudyReport:
     """Find the weakest force that simulated sensors see, and how linear they are up to 30 N.
 
     Example: palpate study detection-limit --out reports
     """
-    report().emit(as_json=as_json, out=out)
-
-
-def report(*, sensors: int = SENSORS) -> StudyReport:
-    """Close gently on soft things, and hard on a stiff one."""
     limits = {
         (level, face): np.array([weakest_n(sensor, name, level=level) for sensor in range(sensors)])
         for level in LEVELS
@@ -94,8 +84,10 @@ def report(*, sensors: int = SENSORS) -> StudyReport:
             "spans_n": list(SPANS_N),
             "departure_percent": {level: [_known(one) for one in bends[level]] for level in LEVELS},
         },
-        figures={"linearity": lambda: draw(ranges)},
     )
+
+
+command = as_command(report)
 
 
 def weakest_n(sensor: int, name: str, *, level: str) -> tuple[float, float]:
@@ -167,24 +159,3 @@ def _cell(values: FloatArray) -> str:
     if not found.size:
         return "none"
     return f"{np.median(found):.2g} ({found.max():.2g}{missing})"
-
-
-def draw(ranges: dict[str, list[tuple[FloatArray, FloatArray, FloatArray]]]) -> Figure:
-    """Draw mean change and summed excess against force for every sensor."""
-    from palpate.plots.style import BLUE, ORANGE, log_axis, new_figure
-
-    with new_figure(columns=2, width_in=9.0, height_in=3.8) as (figure, axes):
-        for level, colour in zip(LEVELS, (BLUE, ORANGE), strict=True):
-            for place, (force_n, percent, excess) in enumerate(ranges[level]):
-                label = f"simulated, {level}" if place == 0 else None
-                axes[0, 0].plot(force_n, percent, ".-", color=colour, lw=0.8, label=label)
-                axes[0, 1].loglog(force_n, excess, ".-", color=colour, lw=0.8)
-        axes[0, 0].set(xlabel="force (N)", ylabel="mean relative change (%)")
-        axes[0, 0].legend()
-        axes[0, 1].set(
-            xlabel="force (N)", ylabel="summed excess conductance, G/G₀ \N{MINUS SIGN} 1"
-        )
-        for axis in (axes[0, 1].xaxis, axes[0, 1].yaxis):
-            log_axis(axis)
-        figure.suptitle("One line per sensor")
-    return figure

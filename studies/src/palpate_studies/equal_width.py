@@ -14,7 +14,8 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.twin.objects import TwinObject
 from palpate_studies.report import StudyReport, Table
-from palpate_studies.twin_session import LEVELS, Reading, Session, grasps
+from palpate_studies.rows import LEVELS
+from palpate_studies.twin_session import Reading, Session, grasps
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,8 +30,6 @@ CALIBRATION_INPUT = (
     "are guesses in the ratio of their makers' ratings. So agreement of single entries shows "
     "little; order, linearity and what is lost at `field` are predictions."
 )
-
-
 #: Reading -> what it is of a grasp. The first two are the paper's.
 READINGS: dict[str, Callable[[Reading], float]] = {
     "mean change": lambda reading: reading.mean_percent,
@@ -56,9 +55,8 @@ class Settled:
 
     def cell(self, reading: str, index: int) -> str:
         """Return the median sensor's mean and sd of one object, and the means' range."""
-        mean = self.values[reading][index].mean(axis=1)
-        sd = self.values[reading][index].std(axis=1, ddof=1)
-        return f"{np.median(mean):.1f} ± {np.median(sd):.2g} ({mean.min():.1f} to {mean.max():.1f})"
+        values = self.values[reading][index]
+        return mean_and_range(values.mean(axis=1), values.std(axis=1, ddof=1))
 
     def means(self, reading: str) -> FloatArray:
         """Return means over repeats, shape (objects, sensors)."""
@@ -73,6 +71,11 @@ class Settled:
         }
 
 
+def mean_and_range(mean: FloatArray, sd: FloatArray) -> str:
+    """Return mean and sd of the median sensor, and the range of the means."""
+    return f"{np.median(mean):.1f} ± {np.median(sd):.2g} ({mean.min():.1f} to {mean.max():.1f})"
+
+
 def settled_readings(
     objects: Sequence[TwinObject],
     *,
@@ -80,11 +83,11 @@ def settled_readings(
     repeats: int,
     sensors: int,
     fixture: bool = False,
-    anew: bool = False,
+    replace_each: bool = False,
 ) -> dict[str, Settled]:
     """Grasp each object `repeats` times at one width on each sensor; level -> what was read.
 
-    `anew` places it again before every grasp, else once.
+    `replace_each` places it again before every grasp, else once.
     """
     found = {}
     for level in LEVELS:
@@ -92,7 +95,7 @@ def settled_readings(
         for sensor in range(sensors):
             for index, obj in enumerate(objects):
                 session = Session(sensor, level=level, trial=index)
-                each = 1 if anew else repeats
+                each = 1 if replace_each else repeats
                 made = [
                     reading
                     for _ in range(repeats // each)
@@ -117,52 +120,10 @@ def r_squared(x: FloatArray, y: FloatArray) -> float:
     return float(np.corrcoef(x, y)[0, 1] ** 2)
 
 
-def fits(found: Settled, reading: str, ratings: Sequence[float]) -> FloatArray:
+def fit_lines(found: Settled, reading: str, ratings: Sequence[float]) -> FloatArray:
     """Return R^2 of the line through the objects' means, sensor by sensor."""
     rating = np.asarray(ratings, dtype=float)
     return np.array([r_squared(rating, means) for means in found.means(reading).T])
-
-
-def r_squared_table(
-    conditions: Mapping[str, Mapping[str, Settled]],
-    ratings: Sequence[float],
-    *,
-    published: tuple[str, float],
-) -> Table:
-    """Return R^2 for every condition and reading: median sensor, worst and best.
-
-    `published` names the reading that the paper's value is of, and the value. How far the readings
-    of the first object and the last lie apart shows how much of the range a line has to span.
-    """
-    rows = []
-    for condition, found in conditions.items():
-        for reading in READINGS:
-            each = [fits(found[level], reading, ratings) for level in LEVELS]
-            cells = [f"{np.median(r):.3f} ({r.min():.3f} to {r.max():.3f})" for r in each]
-            first, *_, last = np.median(found[LEVELS[0]].means(reading), axis=1)
-            paper = f"{published[1]:g}" if reading == published[0] else ""
-            rows.append([condition, reading, f"{first:.3g} to {last:.3g}", paper, *cells])
-    return Table(
-        title="R^2 of a line through the objects' means: median sensor (worst to best)",
-        columns=("condition", "reading", f"range, {LEVELS[0]}", "published", *LEVELS),
-        rows=rows,
-    )
-
-
-def r_squared_payload(
-    conditions: Mapping[str, Mapping[str, Settled]], ratings: Sequence[float]
-) -> dict[str, Any]:
-    """Return R^2 of every sensor, by condition, level and reading."""
-    return {
-        condition: {
-            level: {
-                reading: fits(found[level], reading, ratings).tolist()
-                for reading in found[level].values
-            }
-            for level in LEVELS
-        }
-        for condition, found in conditions.items()
-    }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -221,7 +182,13 @@ class LineStudy:
         """
         shown = conditions[main]
         title, columns, leads = changes
-        published = (self.reading, self.published_r_squared)
+        fits = {
+            condition: {
+                level: {name: fit_lines(found[level], name, self.ratings) for name in READINGS}
+                for level in LEVELS
+            }
+            for condition, found in conditions.items()
+        }
         return StudyReport(
             name=self.name,
             title=self.title,
@@ -235,7 +202,7 @@ class LineStudy:
                         for index, lead in enumerate(leads)
                     ],
                 ),
-                r_squared_table(conditions, self.ratings, published=published),
+                self._fits_table(conditions, fits),
             ],
             payload={
                 "study": self.name,
@@ -243,56 +210,79 @@ class LineStudy:
                 **payload,
                 "published_r_squared": self.published_r_squared,
                 "levels": {level: shown[level].to_dict(self.reading) for level in LEVELS},
-                "r_squared": r_squared_payload(conditions, self.ratings),
+                "r_squared": {
+                    condition: {
+                        level: {name: fit.tolist() for name, fit in each.items()}
+                        for level, each in by_level.items()
+                    }
+                    for condition, by_level in fits.items()
+                },
             },
-            figures={
-                **(figures or {}),
-                self.figure: lambda: draw_lines(
-                    shown, study=self, readings=(self.reading, "summed excess")
-                ),
-            },
+            figures={**(figures or {}), self.figure: lambda: self._draw(shown)},
         )
 
+    def _fits_table(
+        self,
+        conditions: Mapping[str, Mapping[str, Settled]],
+        fits: Mapping[str, Mapping[str, Mapping[str, FloatArray]]],
+    ) -> Table:
+        """Return R^2 for every condition and reading: median sensor, worst and best.
 
-def draw_lines(
-    found: Mapping[str, Settled], *, study: LineStudy, readings: Sequence[str]
-) -> Figure:
-    """Draw every grasp against the rating, level by level, with each sensor's line."""
-    from palpate.plots.style import AMBER, BLUE, GREEN, INK, ORANGE, PURPLE, new_figure
+        How far the readings of the first object and the last lie apart shows how much of the range
+        a line has to span.
+        """
+        rows = []
+        for condition, found in conditions.items():
+            for reading in READINGS:
+                first, *_, last = np.median(found[LEVELS[0]].means(reading), axis=1)
+                paper = f"{self.published_r_squared:g}" if reading == self.reading else ""
+                each = [fits[condition][level][reading] for level in LEVELS]
+                cells = [f"{np.median(r):.3f} ({r.min():.3f} to {r.max():.3f})" for r in each]
+                rows.append([condition, reading, f"{first:.3g} to {last:.3g}", paper, *cells])
+        return Table(
+            title="R^2 of a line through the objects' means: median sensor (worst to best)",
+            columns=("condition", "reading", f"range, {LEVELS[0]}", "published", *LEVELS),
+            rows=rows,
+        )
 
-    rating, colours = np.asarray(study.ratings, dtype=float), (BLUE, ORANGE, GREEN, PURPLE, AMBER)
-    with new_figure(rows=len(readings), columns=2, width_in=9.0, height_in=3.4 * len(readings)) as (
-        figure,
-        axes,
-    ):
-        for row, reading in zip(axes, readings, strict=True):
-            for axis, level in zip(row, LEVELS, strict=True):
-                values = found[level].values[reading]
+    def _draw(self, found: Mapping[str, Settled]) -> Figure:
+        """Draw every grasp against the rating, level by level, with each sensor's line."""
+        from palpate.plots.style import AMBER, BLUE, GREEN, INK, ORANGE, PURPLE, new_figure
+
+        rating, colours = (
+            np.asarray(self.ratings, dtype=float),
+            (BLUE, ORANGE, GREEN, PURPLE, AMBER),
+        )
+        with new_figure(columns=2, width_in=9.0, height_in=3.4) as (figure, axes):
+            for axis, level in zip(axes[0], LEVELS, strict=True):
+                values = found[level].values[self.reading]
                 for sensor, colour in zip(range(values.shape[1]), colours, strict=False):
                     points = values[:, sensor]
                     x = np.repeat(rating, points.shape[1])
                     axis.plot(x, points.ravel(), ".", color=colour, ms=4, alpha=0.4)
-                    line = np.polyfit(rating, points.mean(axis=1), 1)
-                    fit = r_squared(rating, points.mean(axis=1))
-                    label = f"sensor {sensor}: R² {fit:.2f}"
-                    axis.plot(rating, np.polyval(line, rating), color=colour, lw=1, label=label)
-                unit = " conductance, G/G₀ \N{MINUS SIGN} 1" if "excess" in reading else " (%)"
-                axis.set(xlabel=study.rated, ylabel=f"{reading}{unit}", title=f"simulated, {level}")
-                if reading == study.reading:
-                    # Without printed points the entry alone gives the line's R².
-                    label = f"published: R² {study.published_r_squared:.2f}"
-                    marker = "D" if study.published_values else ""
-                    printed = study.published_values
-                    style = {"ls": "", "marker": marker, "c": INK, "mfc": "none", "label": label}
-                    axis.plot(rating[: len(printed)], printed, **style)
+                    mean = points.mean(axis=1)
+                    axis.plot(
+                        rating,
+                        np.polyval(np.polyfit(rating, mean, 1), rating),
+                        color=colour,
+                        lw=1,
+                        label=f"sensor {sensor}: R² {r_squared(rating, mean):.2f}",
+                    )
+                axis.set(xlabel=self.rated, ylabel=f"{self.reading} (%)")
+                axis.set_title(f"simulated, {level}")
+                # Without printed points the entry alone gives the line's R².
+                printed = self.published_values
+                axis.plot(
+                    rating[: len(printed)],
+                    printed,
+                    ls="",
+                    marker="D" if printed else "",
+                    c=INK,
+                    mfc="none",
+                    label=f"published: R² {self.published_r_squared:.2f}",
+                )
                 # Room for the legend: no height is free of readings at every level.
                 lowest, highest = axis.get_ylim()
                 axis.set_ylim(lowest, highest + 0.3 * (highest - lowest))
-                axis.legend(
-                    loc="upper center",
-                    ncols=2,
-                    fontsize=7,
-                    title="lines through means",
-                    title_fontsize=7,
-                )
-    return figure
+                axis.legend(loc="upper center", ncols=2, fontsize=7)
+        return figure

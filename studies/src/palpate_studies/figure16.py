@@ -10,15 +10,15 @@ import numpy as np
 import typer
 
 from palpate.arrays import FloatArray
-from palpate.commands.options import JsonOption
 from palpate.gripper.interface import GripperCommand
 from palpate.twin.devices import TwinGripper
 from palpate.twin.objects import TwinObject
 from palpate.twin.placement import PixelGrid
 from palpate.twin.world import OPEN_MM, SOFT_MM_PER_KPA, SOFT_MM_PER_N, GripperKind, World
-from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.report import StudyReport, Table, as_command
+from palpate_studies.rows import LEVELS
 from palpate_studies.twin_avocado import Avocado, draw_avocado
-from palpate_studies.twin_session import HOLD_S, LEVELS, PAUSE_S, STILL_S
+from palpate_studies.twin_session import HOLD_S, PAUSE_S, STILL_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -102,20 +102,15 @@ class GrowingContact:
         return np.asarray(caught / (0.5 * np.pi * reach_mm**2))
 
 
-def command(
+def report(
     fruits: Annotated[int, typer.Option(help="Fruits that ripen in four days.", min=1)] = 10,
-    as_json: JsonOption = False,
-    out: OutOption = None,
-) -> None:
+    *,
+    grasps: int = GRASPS,
+) -> StudyReport:
     """Grasp avocados ten times a day for four days, by rigid and by four kinds of soft fingers.
 
     Example: palpate study figure16 --out reports
     """
-    report(fruits).emit(as_json=as_json, out=out)
-
-
-def report(fruits: int, *, grasps: int = GRASPS) -> StudyReport:
-    """Make the grasps and report the settled change of each day."""
     chosen = ripening(fruits)
     rows = list[dict[str, Any]]()
     for level in LEVELS:
@@ -137,10 +132,29 @@ def report(fruits: int, *, grasps: int = GRASPS) -> StudyReport:
             "Published: one avocado in Figure 16b (rigid) and 16c (soft), a falling change in "
             "both; no numbers are printed.",
         ],
-        tables=[_table(level, rows) for level in LEVELS],
+        tables=[
+            Table.of(
+                "Mean settled change, percent (sd of the grasps of a day)",
+                rows,
+                {
+                    "level": "{level}",
+                    "fingers": "{hand}",
+                    **{
+                        f"day {day + 1}": f"{{mean_percent[{day}]:.1f}} "
+                        f"({{sd_of_grasps[{day}]:.1f}})"
+                        for day in range(DAYS)
+                    },
+                    "fruits that fall every day": "{falls_every_day} of {fruits}",
+                    "that fall by 2 sd in all": "{falls_clearly} of {fruits}",
+                },
+            )
+        ],
         payload={"study": "figure16", "origin": "twin", "fruits": fruits, "summary": rows},
-        figures={"figure16": lambda: _figure(rows)},
+        figures={"figure16": lambda: draw(rows)},
     )
+
+
+command = as_command(report)
 
 
 def ripening(count: int) -> list[Avocado]:
@@ -219,38 +233,18 @@ def scores(settled: FloatArray) -> dict[str, Any]:
     }
 
 
-def _table(level: str, rows: Sequence[Mapping[str, Any]]) -> Table:
-    return Table(
-        title=f"Level {level}: mean settled change, percent (sd of the grasps of a day)",
-        columns=(
-            "fingers",
-            *(f"day {day + 1}" for day in range(DAYS)),
-            "fruits that fall every day",
-            "that fall by 2 sd in all",
-        ),
-        rows=[
-            [
-                str(row["hand"]),
-                *(
-                    f"{mean:.1f} ({sd:.1f})"
-                    for mean, sd in zip(row["mean_percent"], row["sd_of_grasps"], strict=True)
-                ),
-                f"{row['falls_every_day']} of {row['fruits']}",
-                f"{row['falls_clearly']} of {row['fruits']}",
-            ]
-            for row in rows
-            if row["level"] == level
-        ],
-    )
+def draw(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """Draw mean and sd of the settled change over days at `lab`, for three of the hands."""
+    from palpate.plots.style import BLUE, GREEN, ORANGE, new_figure
 
-
-def _figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    from palpate_studies.plots.ripeness_study import figure16
-
-    return figure16(
-        {
-            row["hand"]: list(zip(row["mean_percent"], row["sd_of_grasps"], strict=True))
-            for row in rows
-            if row["level"] == "lab" and row["hand"] in {HANDS[number].name for number in (0, 1, 3)}
-        }
-    )
+    names = [HANDS[number].name for number in (0, 1, 3)]
+    shown = [row for row in rows if row["level"] == "lab" and row["hand"] in names]
+    with new_figure(columns=3, width_in=9.6, height_in=2.8, shared=True) as (figure, axes):
+        for axis, row, colour in zip(axes[0], shown, (BLUE, ORANGE, GREEN), strict=True):
+            at = np.arange(1, DAYS + 1)
+            axis.errorbar(
+                at, row["mean_percent"], yerr=row["sd_of_grasps"], fmt="o-", color=colour, capsize=3
+            )
+            axis.set(xlabel="day", xticks=at, title=f"{row['hand']}, simulated")
+        axes[0][0].set_ylabel("settled change (%)")
+    return figure

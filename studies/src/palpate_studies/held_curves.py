@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.arrays import FloatArray
-from palpate.signal.relative import mean_change, relative_change_percent
+from palpate.signal.relative import mean_change
 from palpate.twin.objects import TwinObject
-from palpate_studies.twin_session import GAP_MM, HOLD_S, LEVELS, STILL_S, Session
+from palpate_studies.rows import LEVELS
+from palpate_studies.twin_session import Session, stack
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,16 +48,22 @@ def draw_curves(
 
     with new_figure(columns=2, width_in=9.0, height_in=3.8) as (figure, axes):
         for axis, level in zip(axes[0], LEVELS, strict=True):
-            colours = (PURPLE, GREEN, ORANGE, BLUE, SKY, AMBER)
-            drawn = zip(objects.items(), colours, strict=False)
+            drawn = zip(objects.items(), (PURPLE, GREEN, ORANGE, BLUE, SKY, AMBER), strict=False)
             for rank, ((label, obj), colour) in enumerate(drawn):
-                time_s, curves = _curves(obj, level, width_mm=width_mm, fixture=fixture)
+                session = Session(SHOWN_SENSOR, level=level)
+                session.place(obj, fixture=fixture)
+                curves = stack(
+                    [
+                        mean_change(session.hold(obj.size_mm, width_mm=width_mm))
+                        for _ in range(SHOWN_GRASPS)
+                    ]
+                )
+                time_s = np.arange(1, curves.shape[1] + 1) / session.world.frame_rate_hz
                 mean, sd = curves.mean(axis=0), curves.std(axis=0, ddof=1)
                 axis.fill_between(time_s, mean - sd, mean + sd, color=colour, alpha=0.25, lw=0)
                 axis.plot(time_s, mean, "--", color=colour, label=label)
-                value, spread = published[label]
                 at_s = PUBLISHED_AT_S + 0.5 * rank
-                axis.errorbar(at_s, value, spread, fmt="o", ms=4, color=colour, capsize=2)
+                axis.errorbar(at_s, *published[label], fmt="o", ms=4, color=colour, capsize=2)
             axis.set(
                 xlabel="time from actuation (s)",
                 ylabel="mean relative change (%)",
@@ -69,24 +75,3 @@ def draw_curves(
             )
         axes[0, 0].legend(ncols=2, loc="upper right", fontsize=7)
     return figure
-
-
-def _curves(
-    obj: TwinObject, level: str, *, width_mm: float, fixture: bool
-) -> tuple[FloatArray, FloatArray]:
-    """Return times and mean relative change of a few grasps, shape (grasps, times)."""
-    session = Session(SHOWN_SENSOR, level=level)
-    session.place(obj, fixture=fixture)
-    curves = []
-    for _ in range(SHOWN_GRASPS):
-        session.close_to(obj.size_mm + GAP_MM)
-        session.world.clock.sleep_s(STILL_S)
-        rest_ohm = session.mean_ohm()
-        session.close_to(width_mm)
-        ohm = session.read(HOLD_S)
-        curves.append(mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm)))
-        session.gripper.release()
-        session.world.clock.sleep_s(HOLD_S)
-    shortest = min(map(len, curves))
-    time_s = np.arange(1, shortest + 1) / session.world.frame_rate_hz
-    return time_s, np.array([curve[:shortest] for curve in curves])

@@ -74,7 +74,7 @@ def clean_hold(sensor: int, *, level: str) -> CleanHold:
     return CleanHold(time_s=fast_s, ohm=ohm.reshape(-1, layout.rows, layout.cols), session=session)
 
 
-def sampled_percent(
+def sample_percent(
     clean: CleanHold,
     *,
     disturbance: Disturbance,

@@ -31,7 +31,7 @@ from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 from palpate_studies.report import OutOption, StudyReport, Table
-from palpate_studies.twin_session import LEVELS
+from palpate_studies.rows import LEVELS
 
 #: Twin fruit of the pool, grasps of each, and the sensor's seed.
 ITEMS, GRASPS, SENSOR = 160, 2, 46

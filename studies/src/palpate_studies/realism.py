@@ -27,7 +27,7 @@ from palpate_studies.realism_quantities import (
 )
 from palpate_studies.realism_twin import twin_ladder, twin_presses, twin_weights
 from palpate_studies.report import OutOption, StudyReport, Table
-from palpate_studies.twin_session import LEVELS
+from palpate_studies.rows import LEVELS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,17 +1,20 @@
-"""The report of a study: tables to read, figures to look at, and one JSON document."""
+"""The frame of a study: a function that returns a report, its command, tables, figures and JSON."""
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from string import Formatter
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, get_origin, get_type_hints
 
 import typer
 
+from palpate.commands.options import JsonOption
 from palpate.errors import InputError, needing
 from palpate.files import atomic_path
 
@@ -41,6 +44,75 @@ OutOption: TypeAlias = Annotated[
         callback=_folder,
     ),
 ]
+#: Give it the default False.
+SecondOption: TypeAlias = Annotated[
+    bool,
+    typer.Option(
+        "--second", help="On the second generator: cases that no estimator was written for."
+    ),
+]
+#: A mapping of column heads to format strings or functions of a row; see `Table.of`.
+Columns: TypeAlias = Mapping[str, str | Callable[[Mapping[str, Any]], str]]
+
+
+def as_command(report: Callable[..., StudyReport]) -> Callable[..., None]:
+    """Return the command of a study: the options of its report, --json and --out.
+
+    Parameters of the report without an annotated option are not offered on the command line.
+
+    Examples
+    --------
+    >>> def report(*, few: Annotated[int, typer.Option()] = 1, seed: int = 0) -> StudyReport:
+    ...     '''Do nothing.'''
+    >>> list(inspect.signature(as_command(report)).parameters)
+    ['few', 'as_json', 'out']
+    """
+
+    def command(*, as_json: bool = False, out: Path | None = None, **options: Any) -> None:
+        report(**options).emit(as_json=as_json, out=out)
+
+    kind = inspect.Parameter.KEYWORD_ONLY
+    hints = get_type_hints(report, include_extras=True)
+    shown = [
+        one.replace(annotation=hints[name], kind=kind)
+        for name, one in inspect.signature(report).parameters.items()
+        if get_origin(hints[name]) is Annotated
+    ]
+    shown += [
+        inspect.Parameter("as_json", kind, default=False, annotation=JsonOption),
+        inspect.Parameter("out", kind, default=None, annotation=OutOption),
+    ]
+    vars(command)["__signature__"] = inspect.Signature(shown)
+    command.__doc__ = report.__doc__
+    return command
+
+
+class _UnknownError(Exception):
+    """A figure of a cell is None."""
+
+
+class _Cells(Formatter):
+    """Format strings whose figures may be None, and shares as percent: `{share:.0p}`."""
+
+    def get_field(self, field_name: str, args: Any, kwargs: Any) -> Any:
+        found = super().get_field(field_name, args, kwargs)
+        if found[0] is None:
+            raise _UnknownError
+        return found
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        if format_spec.endswith("p"):
+            return f"{100 * value:{format_spec[:-1]}f}"
+        return str(super().format_field(value, format_spec))
+
+
+def _cell(form: str | Callable[[Mapping[str, Any]], str], row: Mapping[str, Any]) -> str:
+    if not isinstance(form, str):
+        return form(row)
+    try:
+        return _Cells().vformat(form, (), row)
+    except _UnknownError:
+        return "-"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +122,46 @@ class Table:
     title: str
     columns: tuple[str, ...]
     rows: Sequence[Sequence[str]]
+
+    @classmethod
+    def of(cls, title: str, rows: Iterable[Mapping[str, Any]], columns: Columns) -> Table:
+        """Return a table of the rows of a study's JSON; a cell of an unknown figure is a dash.
+
+        Examples
+        --------
+        >>> rows = [{"way": "a", "share": 0.5, "mm": None}]
+        >>> Table.of("T", rows, {"way": "{way}", "%": "{share:.0p}", "mm": "{mm:.1f}"}).rows
+        [['a', '50', '-']]
+        """
+        cells = [[_cell(form, row) for form in columns.values()] for row in rows]
+        return cls(title=title, columns=tuple(columns), rows=cells)
+
+    @classmethod
+    def wide(
+        cls, title: str, rows: Sequence[Mapping[str, Any]], lead: Columns, *, over: str, form: str
+    ) -> Table:
+        """Return a table with a column for each value of one key; several rows share a cell.
+
+        Examples
+        --------
+        >>> rows = [{"way": way, "level": at, "mm": 1} for at in ("lab", "field") for way in "ab"]
+        >>> table = Table.wide("T", rows, {"way": "{way}"}, over="level", form="{mm:.1f}")
+        >>> table.columns, table.rows
+        (('way', 'lab', 'field'), [['a', '1.0', '1.0'], ['b', '1.0', '1.0']])
+        """
+        found: dict[tuple[str, ...], dict[str, list[str]]] = {}
+        for row in rows:
+            cells = found.setdefault(tuple(_cell(one, row) for one in lead.values()), {})
+            cells.setdefault(str(row[over]), []).append(_cell(form, row))
+        heads = list(dict.fromkeys(str(row[over]) for row in rows))
+        return cls(
+            title=title,
+            columns=(*lead, *heads),
+            rows=[
+                [*key, *(" / ".join(cells.get(head, ["-"])) for head in heads)]
+                for key, cells in found.items()
+            ],
+        )
 
     def as_markdown(self) -> str:
         """Return the table as Markdown, its title above it."""
@@ -75,6 +187,8 @@ class StudyReport:
         The JSON document.
     figures : mapping of str to callable
         File stem -> function that draws it; called only where figures are wanted.
+    files : mapping of str to callable
+        File name -> function that writes it to a path, with --out.
     """
 
     name: str
@@ -83,6 +197,7 @@ class StudyReport:
     tables: Sequence[Table]
     payload: Mapping[str, Any]
     figures: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
+    files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
 
     def emit(self, *, as_json: bool, out: Path | None) -> None:
         """Print the report (JSON or tables) and, where asked, write it to a folder."""
@@ -105,13 +220,15 @@ class StudyReport:
             console.print(f"Written to {out}")
 
     def write(self, out: Path) -> None:
-        """Write `<name>.json`, `<name>.md` and the files of each figure into a folder."""
+        """Write `<name>.json`, `<name>.md`, other files and those of each figure into a folder."""
         out.mkdir(parents=True, exist_ok=True)
         with atomic_path(out / f"{self.name}.json") as path:
             path.write_text(json.dumps(self.payload, allow_nan=False, indent=1) + "\n")
         body = [f"# {self.title}", *self.provenance, *(t.as_markdown() for t in self.tables)]
         with atomic_path(out / f"{self.name}.md") as path:
             path.write_text("\n\n".join(body) + "\n")
+        for name, write in self.files.items():
+            write(out / name)
         from palpate.plots.style import letter_panels, save_figures
 
         for stem, draw in self.figures.items():

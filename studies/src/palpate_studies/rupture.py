@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import typer
@@ -39,9 +39,6 @@ from palpate_studies.rupture_tradeoff import (
     stops,
     tradeoff,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Learnt = TypeVar("Learnt")
 
@@ -158,7 +155,6 @@ def _report(splits: Splits, *, how: str, nominal_rate: float, second: bool) -> S
             "tradeoff": entries,
             "compared": compared,
         },
-        figures={"rupture": lambda: _figure(entries)},
     )
 
 
@@ -365,9 +361,3 @@ def _compared_table(compared: Sequence[dict[str, Any]]) -> Table:
             for row in compared
         ],
     )
-
-
-def _figure(entries: Sequence[dict[str, Any]]) -> Figure:
-    from palpate_studies.plots.rupture import tradeoff_figure
-
-    return tradeoff_figure(entries)

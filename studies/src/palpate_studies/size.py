@@ -13,8 +13,8 @@ from palpate_studies.baselines.told_everything import LEARNERS, RIDGE, TREES
 from palpate_studies.other_things import other_thing
 from palpate_studies.protocol.paired import paired_difference, rms
 from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.rows import LEVELS
 from palpate_studies.size_grasps import Sized, deeper_mm, errors_mm, measured, sized
-from palpate_studies.twin_session import LEVELS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -123,7 +123,7 @@ def _faced(obj: TwinObject, level: str, sensor: int, berry: int) -> Session:
 
 def previous_width_mm(session: Session) -> float:
     """Close as in Figure 13 until all pixels' mean has fallen by 10 %; return the width before."""
-    rest_ohm, width_mm = session.rest_ohm(), START_MM
+    rest_ohm, width_mm = session.mean_ohm(), START_MM
     while width_mm > session.gripper.limits.lowest:
         before_mm, width_mm = width_mm, width_mm - STEP_MM
         session.close_to(width_mm)

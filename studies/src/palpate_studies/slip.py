@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 from scipy.stats import chi2
 
 from palpate.arrays import FloatArray
-from palpate.commands.options import JsonOption
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.events import EventKind
 from palpate.signal.relative import finger_means, relative_change_percent
@@ -21,11 +20,9 @@ from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.ranges import ranges_of
 from palpate.twin.readout import Readout
 from palpate_studies.contact_events import contact_events
-from palpate_studies.report import OutOption, StudyReport, Table
-from palpate_studies.twin_session import LEVELS, Session
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from palpate_studies.report import StudyReport, Table, as_command
+from palpate_studies.rows import LEVELS, median
+from palpate_studies.twin_session import Session
 
 FIRST_SENSOR = 30_000
 #: What is held, in turn.
@@ -64,31 +61,25 @@ class Happening:
     false: int
 
 
-def command(
+def report(
+    *,
     events: Annotated[int, typer.Option(help="Slips and removals of each level.", min=2)] = 60,
     hours: Annotated[float, typer.Option(help="Quiet holding of each level.", min=0.1)] = 0.5,
-    as_json: JsonOption = False,
-    out: OutOption = None,
-) -> None:
+) -> StudyReport:
     """Let simulated objects slip or vanish, and hold others quietly for hours.
 
     Example: palpate study slip --events 500 --hours 10 --out reports
     """
-    report(events=events, hours=hours).emit(as_json=as_json, out=out)
-
-
-def report(*, events: int, hours: float, first_sensor: int = FIRST_SENSOR) -> StudyReport:
-    """Make events and quiet holds at both levels and count what is called what."""
     happened = {
         level: [
-            _happening(level, sensor=first_sensor + n // 10, trial=n % 10, kind=KINDS[n % 2])
+            _happening(level, sensor=FIRST_SENSOR + n // 10, trial=n % 10, kind=KINDS[n % 2])
             for n in range(events)
         ]
         for level in LEVELS
     }
     holds = max(round(3600.0 * hours / QUIET_S), 1)
     quiet = {
-        level: [_quiet(level, sensor=first_sensor + n) for n in range(holds)] for level in LEVELS
+        level: [_quiet(level, sensor=FIRST_SENSOR + n) for n in range(holds)] for level in LEVELS
     }
     summary = [
         {"level": level, "kind": kind, **_scores([h for h in happened[level] if h.kind == kind])}
@@ -101,7 +92,7 @@ def report(*, events: int, hours: float, first_sensor: int = FIRST_SENSOR) -> St
         title="Slip and removal on the twin (simulated)",
         provenance=[
             f"Simulated: {events} events per level, frames at 15 Hz, ten on each sensor, from seed "
-            f"{first_sensor}; a slip is a pull of {PULLS[0]:g} to {PULLS[1]:g} times what friction "
+            f"{FIRST_SENSOR}; a slip is a pull of {PULLS[0]:g} to {PULLS[1]:g} times what friction "
             "holds. Seen means that a finger calls slip or removal within a second, by the rules "
             "of `palpate.signal.events` that run live.",
             "Counted are grips that both fingers feel before (mean change below -10 %). Once it "
@@ -111,10 +102,41 @@ def report(*, events: int, hours: float, first_sensor: int = FIRST_SENSOR) -> St
             f"course worked out every {QUIET_STEP_S:g} s and drawn straight between, its noise and "
             "the converter's drawn for every frame.",
         ],
-        tables=[_event_table(summary), _alarm_table(alarms)],
+        tables=[
+            Table.of(
+                "Slips and removals seen within a second",
+                summary,
+                {
+                    "level": "{level}",
+                    "event": "{kind}",
+                    "events": "{events}",
+                    "felt before": "{felt_before}",
+                    "seen": "{seen}",
+                    "rate": "{rate:.2f}",
+                    "median delay, s": "{median_delay_s:.2f}",
+                    "95 % delay, s": "{p95_delay_s:.2f}",
+                    "called before": "{called_before}",
+                },
+            ),
+            Table.of(
+                "Slips and removals called in quiet holds",
+                alarms,
+                {
+                    "level": "{level}",
+                    "holds": "{holds}",
+                    "felt": "{felt}",
+                    "hours": "{hours:.2f}",
+                    "called": "{called}",
+                    "per hour": "{per_hour:.2f}",
+                    "at most (95 %)": "{per_hour_at_most:.2f}",
+                },
+            ),
+        ],
         payload={"study": "slip", "origin": "twin", "summary": summary, "quiet": alarms},
-        figures={"slip": lambda: _figure(happened)},
     )
+
+
+command = as_command(report)
 
 
 def _happening(level: str, *, sensor: int, trial: int, kind: str) -> Happening:
@@ -142,7 +164,7 @@ def _hold(session: Session, rng: np.random.Generator) -> tuple[TwinObject, Float
     session.place(obj)
     session.close_to(obj.size_mm + 6.0)
     session.world.clock.sleep_s(1.0)
-    rest_ohm = session.rest_ohm()
+    rest_ohm = session.mean_ohm()
     session.close_to(obj.size_mm - float(rng.uniform(*CLOSURES_MM)))
     session.world.clock.sleep_s(1.0)
     return obj, rest_ohm
@@ -236,8 +258,8 @@ def _scores(found: Sequence[Happening]) -> dict[str, Any]:
         "felt_before": len(held),
         "seen": len(delays),
         "rate": len(delays) / len(held) if held else None,
-        "median_delay_s": float(np.median(delays)) if delays else None,
-        "p95_delay_s": float(np.quantile(delays, 0.95)) if delays else None,
+        "median_delay_s": median(delays),
+        "p95_delay_s": median(delays, 0.95),
         "called_before": sum(one.false for one in held),
     }
 
@@ -254,52 +276,3 @@ def _alarms(holds: Sequence[tuple[float, int, bool]]) -> dict[str, Any]:
         # None in that many hours bounds the rate at three over them (95 %).
         "per_hour_at_most": float(chi2.ppf(0.95, 2 * called + 2) / (2 * hours)) if hours else None,
     }
-
-
-def _event_table(summary: Sequence[dict[str, Any]]) -> Table:
-    keys = ("rate", "median_delay_s", "p95_delay_s")
-    return Table(
-        title="Slips and removals seen within a second",
-        columns=(
-            "level",
-            "event",
-            "events",
-            "felt before",
-            "seen",
-            "rate",
-            "median delay, s",
-            "95 % delay, s",
-            "called before",
-        ),
-        rows=[
-            [row["level"], row["kind"]]
-            + [str(row[key]) for key in ("events", "felt_before", "seen")]
-            + ["" if row[key] is None else f"{row[key]:.2f}" for key in keys]
-            + [str(row["called_before"])]
-            for row in summary
-        ],
-    )
-
-
-def _alarm_table(alarms: Sequence[dict[str, Any]]) -> Table:
-    return Table(
-        title="Slips and removals called in quiet holds",
-        columns=("level", "holds", "felt", "hours", "called", "per hour", "at most (95 %)"),
-        rows=[
-            [row["level"], str(row["holds"]), str(row["felt"]), f"{row['hours']:.2f}"]
-            + [str(row["called"])]
-            + ["" if row[k] is None else f"{row[k]:.2f}" for k in ("per_hour", "per_hour_at_most")]
-            for row in alarms
-        ],
-    )
-
-
-def _figure(happened: dict[str, list[Happening]]) -> Figure:
-    from palpate_studies.plots.slip import delay_figure
-
-    return delay_figure(
-        {
-            level: {kind: [o.delay_s for o in found if o.kind == kind and o.held] for kind in KINDS}
-            for level, found in happened.items()
-        }
-    )

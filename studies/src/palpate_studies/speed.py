@@ -2,101 +2,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
-import typer
-from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate.commands.options import JsonOption
 from palpate.settling.exponential import Exponential
 from palpate.settling.percent import for_unit
 from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod, Status
-from palpate.signal.relative import mean_change, relative_change_percent
+from palpate.signal.relative import mean_change
 from palpate.twin.velostat import Sheet
 from palpate_studies.equal_width import SEED
 from palpate_studies.other_sheets import other_sheet
-from palpate_studies.protocol.paired import paired_difference
-from palpate_studies.report import OutOption, StudyReport, Table
-from palpate_studies.twin_session import GAP_MM, HOLD_S, LEVELS, STILL_S, Session, drawn
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from palpate_studies.protocol.paired import compare
+from palpate_studies.report import SecondOption, StudyReport, Table, as_command
+from palpate_studies.rows import LEVELS
+from palpate_studies.twin_session import GAP_MM, HOLD_S, Session, drawn, stack
 
 SPEEDS_MM_PER_S = (3.0, 6.0, 12.0, 25.0, 60.0)
 SENSORS, REPEATS, OBJECT, CLOSURE_MM, CUTOFF_S = 6, 2, "dragonskin-10", 3.0, 2.5
+OURS = "relaxation"
 METHODS: dict[str, SettlingMethod] = {
     "recorded": Recorded(),
     "exponential": Exponential(),
-    "relaxation": Relaxation(),
+    OURS: Relaxation(),
 }
 #: From what the 2.5 s are counted.
 CLOCKS = ("start of actuation", "end of actuation")
 
 
-def command(
-    second: Annotated[
-        bool,
-        typer.Option("--second", help="Sheets with a logarithmic law, play and even creep."),
-    ] = False,
-    as_json: JsonOption = False,
-    out: OutOption = None,
-) -> None:
+def report(
+    *, second: SecondOption = False, sensors: int = SENSORS, repeats: int = REPEATS
+) -> StudyReport:
     """Close at five speeds on the twin and predict the settled value at 2.5 s.
 
     Example: palpate study speed --out reports
     """
-    report(remade=other_sheet if second else None).emit(as_json=as_json, out=out)
-
-
-def report(
-    *,
-    sensors: int = SENSORS,
-    repeats: int = REPEATS,
-    remade: Callable[[Sheet], Sheet] | None = None,
-) -> StudyReport:
-    """Make the holds and score the predictors at each speed; `remade` as in `World`."""
-    curves = {
-        (level, speed): np.concatenate(
-            [
-                holds(sensor, level=level, speed=speed, repeats=repeats, remade=remade)
+    remade = other_sheet if second else None
+    rows, compared, spikes = list[dict[str, Any]](), list[dict[str, Any]](), []
+    of = [str(sensor) for sensor in range(sensors) for _ in range(repeats)]
+    for level in LEVELS:
+        for speed in SPEEDS_MM_PER_S:
+            curves = [
+                mean_holds(sensor, level=level, speed=speed, repeats=repeats, remade=remade)
                 for sensor in range(sensors)
             ]
-        )
-        for level in LEVELS
-        for speed in SPEEDS_MM_PER_S
-    }
-    scored = {key: _errors(values, speed=key[1]) for key, values in curves.items()}
-    errors = {
-        key: {way: one.error_percent for way, one in found.items()} for key, found in scored.items()
-    }
-    rows = []
-    for speed in SPEEDS_MM_PER_S:
-        for clock in CLOCKS:
-            cells = [
-                f"{np.median(errors[level, speed][clock, method]):.1f}"
-                for level in LEVELS
-                for method in METHODS
-            ]
-            peaks = [f"{np.median(curves[level, speed].max(axis=1)):+.0f}" for level in LEVELS]
-            ours = [scored[level, speed][clock, "relaxation"] for level in LEVELS]
-            believed = [f"{100 * np.mean(one.ok):.0f}" for one in ours]
-            covered = [f"{100 * np.mean(one.covered):.0f}" for one in ours]
-            rows.append(
-                [
-                    f"{speed:g}",
-                    clock,
-                    *cells,
-                    " / ".join(believed),
-                    " / ".join(covered),
-                    " / ".join(peaks),
-                ]
-            )
+            values = np.concatenate(curves)
+            spikes.append(float(np.median(values.max(axis=1))))
+            for clock, offset_s in zip(CLOCKS, (0.0, _closing_s(speed)), strict=True):
+                key: dict[str, Any] = {"level": level, "speed_mm_per_s": speed, "clock": clock}
+                found = {name: _score(method, values, offset_s) for name, method in METHODS.items()}
+                rows += [{**key, "method": name, **one} for name, (one, _) in found.items()]
+                errors = {name: error for name, (_, error) in found.items()}
+                compared += compare(errors, of, ours=OURS, **key)
     return StudyReport(
         name="speed",
         title="Actuation speed: spike, and error of the value predicted at 2.5 s",
@@ -110,71 +71,21 @@ def report(
             "paper's delay of 2.5 s from actuation, so nothing can be predicted then; counted from "
             "the end of the movement the speed matters little.",
         ],
-        tables=[
-            Table(
-                title="Median |error| of the settled change, percent; highest spike, points",
-                columns=(
-                    "mm/s",
-                    "2.5 s from",
-                    *(f"{method}, {level}" for level in LEVELS for method in METHODS),
-                    f"ours `ok`, %, {' / '.join(LEVELS)}",
-                    f"ours covered, %, {' / '.join(LEVELS)}",
-                    f"spike, {' / '.join(LEVELS)}",
-                ),
-                rows=rows,
-            )
-        ],
+        tables=[_table(rows, spikes)],
         payload={
             "study": "speed",
             "origin": "twin",
-            "second_generator": remade is not None,
-            "rows": [
-                {
-                    "level": level,
-                    "speed_mm_per_s": speed,
-                    "clock": clock,
-                    "method": method,
-                    "median_abs_error_percent": float(np.median(one.error_percent)),
-                    "ok": float(np.mean(one.ok)),
-                    "coverage": float(np.mean(one.covered))
-                    if np.isfinite(one.covered).all()
-                    else None,
-                }
-                for (level, speed), found in scored.items()
-                for (clock, method), one in found.items()
-            ],
-            "compared": _compared(scored, sensors=sensors, repeats=repeats),
+            "second_generator": second,
+            "rows": rows,
+            "compared": compared,
         },
-        figures={"speed": lambda: draw(curves)},
     )
 
 
-def _compared(
-    scored: Mapping[tuple[str, float], Mapping[tuple[str, str], Predicted]],
-    *,
-    sensors: int,
-    repeats: int,
-) -> list[dict[str, Any]]:
-    """Return the error of ours less that of each rival on the same holds, by sensor."""
-    of = [str(sensor) for sensor in range(sensors) for _ in range(repeats)]
-    return [
-        {
-            "level": level,
-            "speed_mm_per_s": speed,
-            "clock": clock,
-            "rival": rival,
-            **paired_difference(
-                found[clock, "relaxation"].error_percent, found[clock, rival].error_percent, of
-            ).to_dict(),
-        }
-        for (level, speed), found in scored.items()
-        for clock in CLOCKS
-        for rival in METHODS
-        if rival != "relaxation"
-    ]
+command = as_command(report)
 
 
-def holds(
+def mean_holds(
     sensor: int,
     *,
     level: str,
@@ -185,83 +96,75 @@ def holds(
     """Return mean changes from the start of actuation on, shape (repeats, times), at 15 Hz."""
     session, obj = Session(sensor, level=level, remade=remade), drawn(OBJECT, seed=SEED)
     session.place(obj)
-    made = []
-    for _ in range(repeats):
-        session.close_to(obj.size_mm + GAP_MM)
-        session.world.clock.sleep_s(STILL_S)
-        rest_ohm = session.mean_ohm()
-        session.close_to(obj.size_mm - CLOSURE_MM, speed_mm_per_s=speed)
-        ohm = session.read(HOLD_S + _closing_s(speed) + 0.2)
-        made.append(mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm)))
-        session.gripper.release()
-        session.world.clock.sleep_s(HOLD_S)
-    shortest = min(map(len, made))
-    return np.array([values[:shortest] for values in made])
+    width_mm, read_s = obj.size_mm - CLOSURE_MM, HOLD_S + _closing_s(speed) + 0.2
+    return stack(
+        [
+            mean_change(
+                session.hold(obj.size_mm, width_mm=width_mm, read_s=read_s, speed_mm_per_s=speed)
+            )
+            for _ in range(repeats)
+        ]
+    )
 
 
 def _closing_s(speed: float) -> float:
     return (GAP_MM + CLOSURE_MM) / speed
 
 
-def _times(values: FloatArray) -> FloatArray:
-    return np.arange(1, values.shape[1] + 1) / 15.0
+def _score(
+    method: SettlingMethod, values: FloatArray, offset_s: float
+) -> tuple[dict[str, Any], FloatArray]:
+    """Return the scores of a method on the holds of one speed, and each |error|, percent."""
+    after_s = np.arange(1, values.shape[1] + 1) / 15.0 - offset_s
+    settled = values[:, (after_s > HOLD_S - 0.5) & (after_s <= HOLD_S)].mean(axis=1)
+    seen = (after_s >= 0) & (after_s <= CUTOFF_S)
+    predicted = for_unit(method, "percent").predict(
+        after_s[seen], values[:, seen], horizon_s=HOLD_S, level=0.9
+    )
+    error = np.abs(100 * (np.asarray(predicted.value) / settled - 1))
+    low, high = (np.asarray(end, dtype=float) for end in (predicted.low, predicted.high))
+    known = bool(np.isfinite(low).all())
+    return {
+        "median_abs_error_percent": float(np.median(error)),
+        "ok": float(np.mean(np.asarray(predicted.status) == Status.OK)),
+        "coverage": float(np.mean((low <= settled) & (settled <= high))) if known else None,
+    }, error
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Predicted:
-    """One method on the holds of one speed; arrays of shape (holds,).
-
-    Attributes
-    ----------
-    error_percent : ndarray
-        |error| of the settled value.
-    ok : ndarray of bool
-        Whether the status is `ok`.
-    covered : ndarray
-        1 where the interval holds the truth, 0 where not, NaN without an interval.
-    """
-
-    error_percent: FloatArray
-    ok: NDArray[np.bool_]
-    covered: FloatArray
-
-
-def _errors(values: FloatArray, *, speed: float) -> dict[tuple[str, str], Predicted]:
-    """Return what came of each hold, by clock and method."""
-    found, time_s = {}, _times(values)
-    for clock, offset_s in zip(CLOCKS, (0.0, _closing_s(speed)), strict=True):
-        after_s = time_s - offset_s
-        settled = values[:, (after_s > HOLD_S - 0.5) & (after_s <= HOLD_S)].mean(axis=1)
-        seen = (after_s >= 0) & (after_s <= CUTOFF_S)
-        for name, method in METHODS.items():
-            predicted = for_unit(method, "percent").predict(
-                after_s[seen], values[:, seen], horizon_s=HOLD_S, level=0.9
+def _table(rows: list[dict[str, Any]], spikes: list[float]) -> Table:
+    """Return a line for each speed and clock; errors by level and method, ours and the spike."""
+    figures = dict(
+        zip(((level, speed) for level in LEVELS for speed in SPEEDS_MM_PER_S), spikes, strict=True)
+    )
+    by = {(row["level"], row["speed_mm_per_s"], row["clock"], row["method"]): row for row in rows}
+    lines = []
+    for speed in SPEEDS_MM_PER_S:
+        for clock in CLOCKS:
+            ours = [by[level, speed, clock, OURS] for level in LEVELS]
+            lines.append(
+                [
+                    f"{speed:g}",
+                    clock,
+                    *(
+                        f"{by[level, speed, clock, name]['median_abs_error_percent']:.1f}"
+                        for level in LEVELS
+                        for name in METHODS
+                    ),
+                    " / ".join(f"{100 * one['ok']:.0f}" for one in ours),
+                    " / ".join(f"{100 * one['coverage']:.0f}" for one in ours),
+                    " / ".join(f"{figures[level, speed]:+.0f}" for level in LEVELS),
+                ]
             )
-            low, high = (np.asarray(end, dtype=float) for end in (predicted.low, predicted.high))
-            found[clock, name] = Predicted(
-                error_percent=np.abs(100 * (np.asarray(predicted.value) / settled - 1)),
-                ok=np.asarray(predicted.status) == Status.OK,
-                covered=np.where(np.isfinite(low), (low <= settled) & (settled <= high), np.nan),
-            )
-    return found
-
-
-def draw(curves: dict[tuple[str, float], FloatArray]) -> Figure:
-    """Draw the first hold at each speed."""
-    from palpate.plots.style import AMBER, BLUE, GREEN, INK, ORANGE, PURPLE, new_figure
-
-    colours = (PURPLE, BLUE, GREEN, AMBER, ORANGE)
-    with new_figure(columns=2, width_in=9.0, height_in=3.8) as (figure, axes):
-        for axis, level in zip(axes[0], LEVELS, strict=True):
-            for speed, colour in zip(SPEEDS_MM_PER_S, colours, strict=True):
-                values = curves[level, speed]
-                axis.plot(_times(values), values[0], color=colour, label=f"{speed:g} mm/s")
-            axis.axvline(CUTOFF_S, color=INK, ls="--", lw=1, label="the paper's 2.5 s")
-            axis.set(
-                xlim=(0, 8),
-                xlabel="time from actuation (s)",
-                ylabel="mean relative change (%)",
-                title=f"simulated, {level}, one sensor",
-            )
-        axes[0, 0].legend()
-    return figure
+    both = " / ".join(LEVELS)
+    return Table(
+        title="Median |error| of the settled change, percent; highest spike, points",
+        columns=(
+            "mm/s",
+            "2.5 s from",
+            *(f"{method}, {level}" for level in LEVELS for method in METHODS),
+            f"ours `ok`, %, {both}",
+            f"ours covered, %, {both}",
+            f"spike, {both}",
+        ),
+        rows=lines,
+    )

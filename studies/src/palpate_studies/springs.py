@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from palpate.commands.options import JsonOption
 from palpate_studies.equal_width import (
     CLOSURE_MM,
     SEED,
@@ -10,7 +9,7 @@ from palpate_studies.equal_width import (
     LineStudy,
     settled_readings,
 )
-from palpate_studies.report import OutOption, StudyReport
+from palpate_studies.report import StudyReport, as_command
 from palpate_studies.twin_session import drawn
 
 #: The twin's setups and their nominal stiffness, N/mm; the paper prints none.
@@ -30,16 +29,11 @@ SIZE_MM, REPEATS = 45.0, 10
 CLOSURES_MM = (1.0, 2.0, CLOSURE_MM)
 
 
-def command(as_json: JsonOption = False, out: OutOption = None) -> None:
+def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
     """Grasp simulated springs of four stiffnesses and compare R^2 with the paper's section 3.2.
 
     Example: palpate study springs --out reports
     """
-    report().emit(as_json=as_json, out=out)
-
-
-def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
-    """Make the grasps and compare R^2 with the published one."""
     setups = [drawn(name, seed=SEED) for name in SETUPS]
     conditions = {
         f"closed by {closure_mm:g} mm": settled_readings(
@@ -65,3 +59,6 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
         ),
         payload={"closures_mm": list(CLOSURES_MM), "stiffness_n_per_mm": SETUPS},
     )
+
+
+command = as_command(report)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from palpate.commands.options import JsonOption
 from palpate.holds import Hold, settled_value
 from palpate.settling.exponential import Exponential, fit_exponential
 from palpate.settling.log_law import LogLaw
@@ -19,7 +18,7 @@ from palpate.settling.scores import Prediction, predict_holds, score_predictions
 from palpate.signal.transient import WAIT_S
 from palpate_studies.bootstrap import bootstrap_interval
 from palpate_studies.misfit import Entry, missed, sentence
-from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.twin_holds import twin_holds
 
 if TYPE_CHECKING:
@@ -52,35 +51,30 @@ METHODS: Mapping[str, SettlingMethod] = {
 }
 
 
-def command(
-    as_json: JsonOption = False,
-    out: OutOption = None,
+def report(
+    *,
     families: Annotated[
         bool, typer.Option("--families", help="Also on the twin's other relaxation families.")
     ] = False,
-) -> None:
+    repeats: int = REPEATS,
+) -> StudyReport:
     """Compare predictions of the settled value on simulated holds with the paper's Table 1.
 
     Example: palpate study table1 --out reports
     """
     names = tuple(CALIBRATION_INPUTS) if families else (FITTED_FAMILY,)
-    report(families=names).emit(as_json=as_json, out=out)
-
-
-def report(*, families: Sequence[str] = (FITTED_FAMILY,), repeats: int = REPEATS) -> StudyReport:
-    """Make the holds of each family, predict, and compare the errors with the published ones."""
-    sensors = {n: repeats if n == FITTED_FAMILY else OTHERS_TIMES * repeats for n in families}
-    holds = {name: list(twin_holds(repeats=sensors[name], family=name)) for name in families}
+    sensors = {n: repeats if n == FITTED_FAMILY else OTHERS_TIMES * repeats for n in names}
+    holds = {name: list(twin_holds(repeats=sensors[name], family=name)) for name in names}
     results = {name: _errors(made) for name, made in holds.items()}
-    misfit = {name: missed(_entries(name, results[name])) for name in families}
+    misfit = {name: missed(_entries(name, results[name])) for name in names}
     return StudyReport(
         name="table1",
         title="Table 1: errors of the predicted settled value, percent of it",
         provenance=[
             *_provenance(sensors),
-            *(sentence(misfit[name], of=f"Table 1 by the family {name}") for name in families),
+            *(sentence(misfit[name], of=f"Table 1 by the family {name}") for name in names),
         ],
-        tables=[error_table(name, results[name]) for name in families],
+        tables=[error_table(name, results[name]) for name in names],
         payload={
             "study": "table1",
             "origin": "twin",
@@ -90,16 +84,19 @@ def report(*, families: Sequence[str] = (FITTED_FAMILY,), repeats: int = REPEATS
             "published_mean_abs_error_percent": {k: list(v) for k, v in PUBLISHED.items()},
             "calibration_inputs": {
                 name: {method: list(used) for method, used in CALIBRATION_INPUTS[name].items()}
-                for name in families
+                for name in names
             },
             "misfit": misfit,
             "families": results,
         },
         figures={
-            "figure5": lambda: figure_5(holds[families[0]]),
-            "figure6": lambda: figure_6(results[families[0]]),
+            "figure5": lambda: figure_5(holds[names[0]]),
+            "figure6": lambda: figure_6(results[names[0]]),
         },
     )
+
+
+command = as_command(report)
 
 
 def _provenance(sensors: Mapping[str, int]) -> list[str]:

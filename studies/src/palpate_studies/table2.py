@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.commands.options import JsonOption
 from palpate_studies.equal_width import (
     CALIBRATION_INPUT,
     CLOSURE_MM,
     SEED,
     SENSORS,
-    Settled,
     settled_readings,
 )
 from palpate_studies.held_curves import draw_curves
-from palpate_studies.report import OutOption, StudyReport, Table
-from palpate_studies.twin_session import LEVELS, drawn
+from palpate_studies.report import StudyReport, Table, as_command
+from palpate_studies.rows import LEVELS
+from palpate_studies.twin_session import drawn
 
 #: Paper, Table 2: mean and standard deviation over 10 grasps, percent; Shore hardness.
 PUBLISHED = {
@@ -29,16 +28,11 @@ WIDTH_MM, REPEATS = 40.0 - CLOSURE_MM, 10
 READING = "mean change"
 
 
-def command(as_json: JsonOption = False, out: OutOption = None) -> None:
+def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
     """Grasp four simulated silicone sheets at one width and compare with the paper's Table 2.
 
     Example: palpate study table2 --out reports
     """
-    report().emit(as_json=as_json, out=out)
-
-
-def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
-    """Make the grasps and compare the changes with the published ones."""
     names = tuple(PUBLISHED)
     found = settled_readings(
         [drawn(name, seed=SEED) for name in names],
@@ -51,7 +45,11 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
         + [found[level].cell(READING, index) for level in LEVELS]
         for index, name in enumerate(names)
     ]
-    ordered = {level: _in_order(found[level]) for level in LEVELS}
+    # Sensors on which a stiffer sheet changed more, for all four.
+    ordered = {
+        level: int(np.sum(np.all(np.diff(found[level].means(READING), axis=0) < 0, axis=0)))
+        for level in LEVELS
+    }
     return StudyReport(
         name="table2",
         title="Table 2: settled relative change of four silicone sheets at one width",
@@ -90,6 +88,4 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
     )
 
 
-def _in_order(found: Settled) -> int:
-    """Return on how many sensors a stiffer sheet changed more, for all four."""
-    return int(np.sum(np.all(np.diff(found.means(READING), axis=0) < 0, axis=0)))
+command = as_command(report)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from palpate.commands.options import JsonOption
 from palpate_studies.equal_width import (
     CLOSURE_MM,
     SEED,
@@ -13,7 +12,7 @@ from palpate_studies.equal_width import (
     settled_readings,
 )
 from palpate_studies.held_curves import draw_curves
-from palpate_studies.report import OutOption, StudyReport
+from palpate_studies.report import StudyReport, as_command
 from palpate_studies.twin_session import drawn
 
 #: Paper, Table 3: grip strength (lbs), mean and standard deviation over 30 trials, percent. The
@@ -41,23 +40,18 @@ STUDY = LineStudy(
 SIZE_MM, REPEATS, FREE_REPEATS = 49.5, 30, 10
 
 
-def command(as_json: JsonOption = False, out: OutOption = None) -> None:
+def report(
+    *, sensors: int = SENSORS, repeats: int = REPEATS, free_repeats: int = FREE_REPEATS
+) -> StudyReport:
     """Grasp six simulated exercise balls and compare with the paper's Table 3 and Figure 9.
 
     Example: palpate study table3 --out reports
     """
-    report().emit(as_json=as_json, out=out)
-
-
-def report(
-    *, sensors: int = SENSORS, repeats: int = REPEATS, free_repeats: int = FREE_REPEATS
-) -> StudyReport:
-    """Make the grasps and compare changes and R^2 with the published ones."""
     balls = {name: replace(drawn(name, seed=SEED), size_mm=SIZE_MM) for name in PUBLISHED}
     width_mm, each = SIZE_MM - CLOSURE_MM, list(balls.values())
     held = settled_readings(each, width_mm=width_mm, repeats=repeats, sensors=sensors, fixture=True)
     placed_again = settled_readings(
-        each, width_mm=width_mm, repeats=repeats, sensors=sensors, fixture=True, anew=True
+        each, width_mm=width_mm, repeats=repeats, sensors=sensors, fixture=True, replace_each=True
     )
     free = settled_readings(each, width_mm=width_mm, repeats=free_repeats, sensors=sensors)
     return STUDY.report(
@@ -102,3 +96,6 @@ def report(
             )
         },
     )
+
+
+command = as_command(report)

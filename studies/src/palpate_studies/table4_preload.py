@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.commands.options import JsonOption
 from palpate_studies.equal_width import SEED, r_squared
-from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.report import StudyReport, Table, as_command
+from palpate_studies.rows import LEVELS
 from palpate_studies.table4 import CLOSURES_MM, PUBLISHED
-from palpate_studies.twin_session import LEVELS, Session, drawn, grasps
+from palpate_studies.twin_session import Session, drawn, grasps
 
 #: Closures at which the change under a small force is found, before those of Table 4.
 SMALL_MM = (0.1, 0.2, 0.35, 0.5, 0.7)
@@ -21,17 +21,12 @@ PRELOADS_N = (0.0, 1.0, 2.0, 2.5, 3.0)
 SENSORS, REPEATS = 3, 2
 
 
-def command(as_json: JsonOption = False, out: OutOption = None) -> None:
+def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
     """Fit Table 4's lines to changes relative to rest values taken under a preload.
 
     Example: palpate study table4-preload --out reports
     """
-    report().emit(as_json=as_json, out=out)
-
-
-def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
-    """Make the grasps and fit the lines for each preload."""
-    rows = list[dict[str, Any]]()
+    lines, summary = list[dict[str, Any]](), list[dict[str, Any]]()
     for level in LEVELS:
         found = {
             name: [
@@ -40,16 +35,20 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             ]
             for index, name in enumerate(PUBLISHED)
         }
-        rows += [
-            {"level": level, "preload_n": preload_n, "sheet": name, **scores(name, each, preload_n)}
-            for preload_n in PRELOADS_N
-            for name, each in found.items()
-        ]
-    summary = [
-        {"level": level, "preload_n": preload_n, **counts(rows, level, preload_n)}
-        for level in LEVELS
-        for preload_n in PRELOADS_N
+        for preload_n in PRELOADS_N:
+            key = {"level": level, "preload_n": preload_n}
+            each = [
+                {**key, "sheet": name, **scores(name, made, preload_n)}
+                for name, made in found.items()
+            ]
+            lines += each
+            summary.append({**key, **counts(each)})
+    published = {"level": "published", "preload_n": None}
+    shown = [
+        {**published, "sheet": name, "slope": slope, "intercept_n": force_n}
+        for name, (_, slope, force_n) in PUBLISHED.items()
     ]
+    lead = {"level": "{level}", "preload, N": "{preload_n:g}"}
     return StudyReport(
         name="table4-preload",
         title="Table 4 with rest values taken under a preload",
@@ -60,9 +59,30 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             "Published: Table 4, one sensor. The preload is an input, chosen here by looking at "
             "these sheets; the paper mentions none.",
         ],
-        tables=[_lines_table(rows), _counts_table(summary)],
-        payload={"study": "table4-preload", "origin": "twin", "lines": rows, "summary": summary},
+        tables=[
+            Table.wide(
+                "Slope (N/%) and intercept (N): median sensor",
+                [*shown, *lines],
+                lead,
+                over="sheet",
+                form="{slope:.3f}, {intercept_n:.2f}",
+            ),
+            Table.of(
+                "Published entries within the range over sensors",
+                summary,
+                {
+                    **lead,
+                    "slopes": "{slopes_within} of {sheets}",
+                    "intercepts": "{intercepts_within} of {sheets}",
+                    "intercepts of the other sign": "{other_sign} of {fits}",
+                },
+            ),
+        ],
+        payload={"study": "table4-preload", "origin": "twin", "lines": lines, "summary": summary},
     )
+
+
+command = as_command(report)
 
 
 def closing(
@@ -120,57 +140,14 @@ def scores(
     }
 
 
-def counts(rows: Sequence[Mapping[str, Any]], level: str, preload_n: float) -> dict[str, int]:
+def counts(rows: Sequence[dict[str, Any]]) -> dict[str, int]:
     """Count the sheets whose published entries lie within the range over sensors."""
-    mine = [row for row in rows if row["level"] == level and row["preload_n"] == preload_n]
+    keys = ("slope_within", "intercept_within", "fits", "other_sign")
+    slopes, intercepts, fits, other = (sum(row[key] for row in rows) for key in keys)
     return {
-        "sheets": len(mine),
-        "slopes_within": sum(row["slope_within"] for row in mine),
-        "intercepts_within": sum(row["intercept_within"] for row in mine),
-        "fits": sum(row["fits"] for row in mine),
-        "other_sign": sum(row["other_sign"] for row in mine),
+        "sheets": len(rows),
+        "slopes_within": slopes,
+        "intercepts_within": intercepts,
+        "fits": fits,
+        "other_sign": other,
     }
-
-
-def _lines_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    return Table(
-        title="Slope (N/%) and intercept (N): median sensor",
-        columns=("level", "preload, N", *PUBLISHED),
-        rows=[
-            [
-                "published",
-                "",
-                *(f"{slope:g}, {force_n:g}" for _, slope, force_n in PUBLISHED.values()),
-            ],
-            *(
-                [
-                    level,
-                    f"{preload_n:g}",
-                    *(
-                        f"{row['slope']:.3f}, {row['intercept_n']:.2f}"
-                        for row in rows
-                        if row["level"] == level and row["preload_n"] == preload_n
-                    ),
-                ]
-                for level in LEVELS
-                for preload_n in PRELOADS_N
-            ),
-        ],
-    )
-
-
-def _counts_table(summary: Sequence[Mapping[str, Any]]) -> Table:
-    return Table(
-        title="Published entries within the range over sensors",
-        columns=("level", "preload, N", "slopes", "intercepts", "intercepts of the other sign"),
-        rows=[
-            [
-                row["level"],
-                f"{row['preload_n']:g}",
-                f"{row['slopes_within']} of {row['sheets']}",
-                f"{row['intercepts_within']} of {row['sheets']}",
-                f"{row['other_sign']} of {row['fits']}",
-            ]
-            for row in summary
-        ],
-    )

@@ -10,11 +10,9 @@ import numpy as np
 import typer
 
 from palpate.arrays import FloatArray
-from palpate.commands.options import JsonOption
 from palpate.estimate.line_law import LineForceLaw
 from palpate.gripper.interface import GripperCommand
 from palpate.holds import Hold
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.settling.exponential import Exponential
 from palpate.settling.own import OwnRelaxation
 from palpate.settling.predict import predict_settled
@@ -22,24 +20,29 @@ from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod
 from palpate.signal.relative import mean_change, relative_change_percent, rest_baseline
-from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
+from palpate.twin.devices import TwinGripper, TwinLoadCell
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 from palpate_studies.bootstrap import bootstrap_interval
 from palpate_studies.misfit import Entry, missed, sentence
 from palpate_studies.paper_contradictions import contradictions
-from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.report import StudyReport, Table, as_command
+from palpate_studies.rows import LEVELS
+from palpate_studies.twin_holds import CLOSURES_MM, HOLD_S, MATERIALS, REST_S
+from palpate_studies.twin_session import (
+    GAP_MM,
+    PAUSE_S,
+    SETTLED_MEAN_S,
+    SPEED_MM_PER_S,
+    STILL_S,
+    read_ohm,
+    stack,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LEVELS = ("lab", "field")
-MATERIALS = ("ecoflex-10", "dragonskin-10", "dragonskin-20", "dragonskin-30")
-#: Five widths of each sheet, as closures beyond contact, mm (the paper does not print them).
-CLOSURES_MM = (2.0, 2.5, 3.0, 3.5, 4.0)
-HORIZON_S, HOLD_S, PAUSE_S, STILL_S = 20.0, 20.2, 20.0, 2.0
-_GAP_MM, _SPEED_MM_PER_S, _SETTLED_MEAN_S = 6.0, 40.0, 0.5
-
+HORIZON_S = 20.0
 #: Row -> method and cut-off.
 ROWS: dict[str, tuple[SettlingMethod, float]] = {
     "recorded, 2.5 s": (Recorded(), 2.5),
@@ -57,15 +60,13 @@ OWN_ROWS: dict[str, tuple[float, bool]] = {
     "ours, own holds, 2.5 s": (2.5, False),
     "ours, other sheets' holds, 2.5 s": (2.5, True),
 }
-ALL_ROWS = (*ROWS, SCALED, *OWN_ROWS)
-#: Paper, Table 5: average error in newtons (its percentages don't fit them).
+#: Paper, Table 5: average error in newtons (its percentages don't fit them), and in percent.
 PUBLISHED_N = {
     "recorded, 2.5 s": 1.32,
     "recorded, 10 s": 0.42,
     "recorded, 20 s": 0.045,
     "exponential, 2.5 s": 0.14,
 }
-#: The same as the paper prints it in percent.
 PUBLISHED_PERCENT = {
     "recorded, 2.5 s": 64.4,
     "recorded, 10 s": 20.0,
@@ -73,20 +74,6 @@ PUBLISHED_PERCENT = {
     "exponential, 2.5 s": 7.94,
 }
 _REFERENCE = "recorded, 2.5 s"
-
-
-def command(
-    sensors: Annotated[int, typer.Option(help="Sensors of each level.", min=1)] = 3,
-    repeats: Annotated[int, typer.Option(help="Grasps at each width; the paper made 10.")] = 2,
-    as_json: JsonOption = False,
-    out: OutOption = None,
-) -> None:
-    """Estimate the settled force early, through a line per sheet, as in Table 5.
-
-    Example: palpate study table5 --out reports
-    """
-    errors = {level: _errors(level, sensors=sensors, repeats=repeats) for level in LEVELS}
-    _report(errors, sensors=sensors, repeats=repeats).emit(as_json=as_json, out=out)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,154 +104,16 @@ class Errors:
     of_force_n: FloatArray
 
 
-def _errors(level: str, *, sensors: int, repeats: int) -> dict[str, Errors]:
-    """Return for each row its errors against the settled reading and against the load cell."""
-    found: dict[str, list[tuple[FloatArray, FloatArray]]] = {name: [] for name in ALL_ROWS}
-    for sensor in range(sensors):
-        sheets = [_sheet(sensor, level, index, repeats) for index in range(len(MATERIALS))]
-        for index, sheet in enumerate(sheets):
-            settled = _settled(sheet.time_s, sheet.tested)
-            reference_n = sheet.law.force_n(settled).value
-            for name, early in _predicted(sheets, index).items():
-                early_n = sheet.law.force_n(early).value
-                found[name].append(
-                    (np.abs(early_n - reference_n), np.abs(early_n - sheet.tested_n))
-                )
-    return {
-        name: Errors(of_reading_n=np.concatenate(reading), of_force_n=np.concatenate(force))
-        for name, each in found.items()
-        for reading, force in [zip(*each, strict=True)]
-    }
+def report(
+    *,
+    sensors: Annotated[int, typer.Option(help="Sensors of each level.", min=1)] = 3,
+    repeats: Annotated[int, typer.Option(help="Grasps at each width; the paper made 10.")] = 2,
+) -> StudyReport:
+    """Estimate the settled force early, through a line per sheet, as in Table 5.
 
-
-def _sheet(sensor: int, level: str, index: int, repeats: int) -> _Sheet:
-    time_s, calibration, force_n = _holds(sensor, level, index, repeats=1, session=0)
-    later_s, tested, tested_n = _holds(sensor, level, index, repeats=repeats, session=1)
-    count = min(len(time_s), len(later_s))
-    law = LineForceLaw.fit(_settled(time_s, calibration), force_n=force_n)
-    return _Sheet(
-        time_s=time_s[:count],
-        calibration=calibration[:, :count],
-        law=law,
-        tested=tested[:, :count],
-        tested_n=tested_n,
-    )
-
-
-def _settled(time_s: FloatArray, holds: FloatArray) -> FloatArray:
-    return np.asarray(holds[:, time_s > HORIZON_S - _SETTLED_MEAN_S].mean(axis=1))
-
-
-def _predicted(sheets: Sequence[_Sheet], index: int) -> dict[str, FloatArray]:
-    """Return each row's values of the tested holds on one sheet."""
-    sheet = sheets[index]
-
-    def early(method: SettlingMethod, cutoff_s: float) -> FloatArray:
-        found = predict_settled(
-            sheet.time_s,
-            sheet.tested,
-            cutoff_s=cutoff_s,
-            horizon_s=HORIZON_S,
-            method=method,
-            unit="percent",
-        )
-        return np.asarray(found.value)
-
-    rows = {name: early(method, cutoff_s) for name, (method, cutoff_s) in ROWS.items()}
-    seen = int(np.searchsorted(sheet.time_s, 2.5, side="right")) - 1
-    went_on = [_settled(one.time_s, one.calibration) / one.calibration[:, seen] for one in sheets]
-    rows[SCALED] = rows["recorded, 2.5 s"] * np.median(np.concatenate(went_on))
-    for name, (cutoff_s, others) in OWN_ROWS.items():
-        taught = [*sheets[:index], *sheets[index + 1 :]] if others else sheets
-        rows[name] = early(_own(taught), cutoff_s)
-    return rows
-
-
-def _own(sheets: Sequence[_Sheet]) -> OwnRelaxation:
-    return OwnRelaxation(
-        holds=tuple(
-            Hold(
-                hold_id=f"{sheet}/{place}",
-                channel=None,
-                time_s=one.time_s,
-                values=values,
-                unit="percent",
-            )
-            for sheet, one in enumerate(sheets)
-            for place, values in enumerate(one.calibration)
-        )
-    )
-
-
-def _holds(
-    sensor: int, level: str, index: int, *, repeats: int, session: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return times, mean relative changes (holds, times) and the load cell at the end."""
-    obj = draw_object(np.random.default_rng([5, index]), MATERIALS[index])
-    seed = 5_000 + sensor + 1_000_000 * (index + len(MATERIALS) * session)
-    world = World(obj, seed=seed, sheet_seed=5_000 + sensor, level=level)
-    gripper, cell, clock = TwinGripper(world), TwinLoadCell(world), world.clock
-    rest_ohm = rest_baseline(_ohm(world, 1.4)).rest_ohm
-    rows, forces = [], []
-    for closure_mm in CLOSURES_MM * repeats:
-        gripper.command(GripperCommand(target=obj.size_mm + _GAP_MM, rate=_SPEED_MM_PER_S))
-        clock.sleep_s(STILL_S)
-        gripper.command(GripperCommand(target=obj.size_mm - closure_mm, rate=_SPEED_MM_PER_S))
-        ohm = _ohm(world, HOLD_S)
-        forces.append(cell.read_n())
-        gripper.release()
-        clock.sleep_s(PAUSE_S)
-        rows.append(mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm)))
-    count = min(len(row) for row in rows)
-    time_s = np.arange(1, count + 1) / world.frame_rate_hz
-    return time_s, np.stack([row[:count] for row in rows]), np.array(forces)
-
-
-def _ohm(world: World, duration_s: float) -> FloatArray:
-    array, found = TwinArray(world), []
-    until_s = world.clock.now_s() + duration_s
-    while world.clock.now_s() < until_s - 1e-9:
-        found.append(array.read(timeout_s=1.0).counts)
-    array.close()
-    return pixel_resistance_ohm(np.stack(found), layout=world.layout)
-
-
-def _rows(errors: dict[str, Errors], level: str) -> list[dict[str, Any]]:
-    reference = float(errors[_REFERENCE].of_reading_n.mean())
-    return [
-        {
-            "level": level,
-            "technique": name,
-            "mean_abs_error_n": float(each.of_reading_n.mean()),
-            "sd_error_n": float(each.of_reading_n.std()),
-            "median_abs_error_n": float(np.median(each.of_reading_n)),
-            "mean_abs_error_of_force_n": float(each.of_force_n.mean()),
-            "median_abs_error_of_force_n": float(np.median(each.of_force_n)),
-            "ratio": float(each.of_reading_n.mean()) / reference,
-            "published_n": PUBLISHED_N.get(name),
-            "published_ratio": (
-                PUBLISHED_N[name] / PUBLISHED_N[_REFERENCE] if name in PUBLISHED_N else None
-            ),
-        }
-        for name, each in errors.items()
-    ]
-
-
-def _misfit(errors: dict[str, Errors], *, groups: int) -> dict[str, dict[str, int]]:
-    """Count the printed newtons outside our 90 % interval; holds of a sensor and sheet go together.
-
-    Errors are of the settled reading, as the paper's can only be.
+    Example: palpate study table5 --out reports
     """
-    entries = []
-    for name, published in PUBLISHED_N.items():
-        lost = errors[name].of_reading_n
-        of = [str(place * groups // len(lost)) for place in range(len(lost))]
-        low, high = bootstrap_interval(lost, of, statistic=np.mean)
-        entries.append(Entry(published=published, low=low, high=high))
-    return missed(entries)
-
-
-def _report(errors: dict[str, dict[str, Errors]], *, sensors: int, repeats: int) -> StudyReport:
+    errors = {level: _errors(level, sensors=sensors, repeats=repeats) for level in LEVELS}
     rows = [row for level in LEVELS for row in _rows(errors[level], level)]
     misfit = {level: _misfit(errors[level], groups=len(MATERIALS) * sensors) for level in LEVELS}
     count = len(errors[LEVELS[0]][_REFERENCE].of_force_n)
@@ -302,40 +151,148 @@ def _report(errors: dict[str, dict[str, Errors]], *, sensors: int, repeats: int)
     )
 
 
+command = as_command(report)
+
+
+def _errors(level: str, *, sensors: int, repeats: int) -> dict[str, Errors]:
+    """Return for each row its errors against the settled reading and against the load cell."""
+    found: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
+    for sensor in range(sensors):
+        sheets = [_sheet(sensor, level, index, repeats) for index in range(len(MATERIALS))]
+        for index, sheet in enumerate(sheets):
+            reference_n = sheet.law.force_n(_settled(sheet.time_s, sheet.tested)).value
+            for name, early in _predicted(sheets, index).items():
+                early_n = sheet.law.force_n(early).value
+                found.setdefault(name, []).append(
+                    (np.abs(early_n - reference_n), np.abs(early_n - sheet.tested_n))
+                )
+    return {
+        name: Errors(of_reading_n=np.concatenate(reading), of_force_n=np.concatenate(force))
+        for name, each in found.items()
+        for reading, force in [zip(*each, strict=True)]
+    }
+
+
+def _sheet(sensor: int, level: str, index: int, repeats: int) -> _Sheet:
+    time_s, calibration, force_n = _holds(sensor, level, index, repeats=1, session=0)
+    later_s, tested, tested_n = _holds(sensor, level, index, repeats=repeats, session=1)
+    count = min(len(time_s), len(later_s))
+    law = LineForceLaw.fit(_settled(time_s, calibration), force_n=force_n)
+    return _Sheet(
+        time_s=time_s[:count],
+        calibration=calibration[:, :count],
+        law=law,
+        tested=tested[:, :count],
+        tested_n=tested_n,
+    )
+
+
+def _settled(time_s: FloatArray, holds: FloatArray) -> FloatArray:
+    return np.asarray(holds[:, time_s > HORIZON_S - SETTLED_MEAN_S].mean(axis=1))
+
+
+def _predicted(sheets: Sequence[_Sheet], index: int) -> dict[str, FloatArray]:
+    """Return each row's values of the tested holds on one sheet."""
+    sheet = sheets[index]
+
+    def early(method: SettlingMethod, cutoff_s: float) -> FloatArray:
+        found = predict_settled(
+            sheet.time_s,
+            sheet.tested,
+            cutoff_s=cutoff_s,
+            horizon_s=HORIZON_S,
+            method=method,
+            unit="percent",
+        )
+        return np.asarray(found.value)
+
+    rows = {name: early(method, cutoff_s) for name, (method, cutoff_s) in ROWS.items()}
+    seen = int(np.searchsorted(sheet.time_s, 2.5, side="right")) - 1
+    factors = [_settled(one.time_s, one.calibration) / one.calibration[:, seen] for one in sheets]
+    rows[SCALED] = rows["recorded, 2.5 s"] * np.median(np.concatenate(factors))
+    for name, (cutoff_s, others) in OWN_ROWS.items():
+        known = [*sheets[:index], *sheets[index + 1 :]] if others else sheets
+        own = [
+            Hold(hold_id="", channel=None, time_s=one.time_s, values=values, unit="percent")
+            for one in known
+            for values in one.calibration
+        ]
+        rows[name] = early(OwnRelaxation(holds=tuple(own)), cutoff_s)
+    return rows
+
+
+def _holds(
+    sensor: int, level: str, index: int, *, repeats: int, session: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return times, mean relative changes (holds, times) and the load cell at the end."""
+    obj = draw_object(np.random.default_rng([5, index]), MATERIALS[index])
+    seed = 5_000 + sensor + 1_000_000 * (index + len(MATERIALS) * session)
+    world = World(obj, seed=seed, sheet_seed=5_000 + sensor, level=level)
+    gripper, cell, clock = TwinGripper(world), TwinLoadCell(world), world.clock
+    rest_ohm = rest_baseline(read_ohm(world, until_s=REST_S)).rest_ohm
+    rows, forces = [], []
+    for closure_mm in CLOSURES_MM * repeats:
+        gripper.command(GripperCommand(target=obj.size_mm + GAP_MM, rate=SPEED_MM_PER_S))
+        clock.sleep_s(STILL_S)
+        gripper.command(GripperCommand(target=obj.size_mm - closure_mm, rate=SPEED_MM_PER_S))
+        ohm = read_ohm(world, until_s=clock.now_s() + HOLD_S)
+        forces.append(cell.read_n())
+        gripper.release()
+        clock.sleep_s(PAUSE_S)
+        rows.append(mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm)))
+    holds = stack(rows)
+    return np.arange(1, holds.shape[1] + 1) / world.frame_rate_hz, holds, np.array(forces)
+
+
+def _rows(errors: dict[str, Errors], level: str) -> list[dict[str, Any]]:
+    reference = float(errors[_REFERENCE].of_reading_n.mean())
+    return [
+        {
+            "level": level,
+            "technique": name,
+            "mean_abs_error_n": float(each.of_reading_n.mean()),
+            "sd_error_n": float(each.of_reading_n.std()),
+            "median_abs_error_n": float(np.median(each.of_reading_n)),
+            "mean_abs_error_of_force_n": float(each.of_force_n.mean()),
+            "median_abs_error_of_force_n": float(np.median(each.of_force_n)),
+            "ratio": float(each.of_reading_n.mean()) / reference,
+            "published_n": PUBLISHED_N.get(name),
+            "published_ratio": (
+                PUBLISHED_N[name] / PUBLISHED_N[_REFERENCE] if name in PUBLISHED_N else None
+            ),
+        }
+        for name, each in errors.items()
+    ]
+
+
+def _misfit(errors: dict[str, Errors], *, groups: int) -> dict[str, dict[str, int]]:
+    """Count the printed newtons outside our 90 % interval; holds of a sensor and sheet go together.
+
+    Errors are of the settled reading, as the paper's can only be.
+    """
+    entries = []
+    for name, published in PUBLISHED_N.items():
+        lost = errors[name].of_reading_n
+        of = [str(place * groups // len(lost)) for place in range(len(lost))]
+        low, high = bootstrap_interval(lost, of, statistic=np.mean)
+        entries.append(Entry(published=published, low=low, high=high))
+    return missed(entries)
+
+
 def error_table(rows: Sequence[Mapping[str, Any]], *, grasps: int) -> Table:
     """Return the rows of the study's JSON as its table."""
-
-    def shown(value: float | None, digits: int) -> str:
-        return "-" if value is None else f"{value:.{digits}f}"
-
-    return Table(
-        title=f"Error of the settled force, {grasps} grasps of each level",
-        columns=(
-            "level",
-            "technique",
-            "of the settled reading: mean, N",
-            "median, N",
-            "ratio",
-            "of the load cell: mean, N",
-            "median, N",
-            "published, N",
-            "published ratio",
-        ),
-        rows=[
-            [
-                row["level"],
-                row["technique"],
-                f"{row['mean_abs_error_n']:.3f} ± {row['sd_error_n']:.3f}",
-                shown(row["median_abs_error_n"], 3),
-                shown(row["ratio"], 3),
-                shown(row["mean_abs_error_of_force_n"], 2),
-                shown(row["median_abs_error_of_force_n"], 2),
-                shown(row["published_n"], 3),
-                shown(row["published_ratio"], 3),
-            ]
-            for row in rows
-        ],
-    )
+    columns = {
+        "level": "{level}",
+        "technique": "{technique}",
+        "of the settled reading: mean, N": "{mean_abs_error_n:.3f} ± {sd_error_n:.3f}",
+        "median, N": "{median_abs_error_n:.3f}",
+        "ratio": "{ratio:.3f}",
+        "of the load cell: mean, N": "{mean_abs_error_of_force_n:.2f}",
+        "of the load cell: median, N": "{median_abs_error_of_force_n:.2f}",
+        "published, N": "{published_n:.3f}",
+        "published ratio": "{published_ratio:.3f}",
+    }
+    return Table.of(f"Error of the settled force, {grasps} grasps of each level", rows, columns)
 
 
 def _excluding(found: Mapping[str, Any]) -> str:
@@ -355,17 +312,18 @@ def _excluding(found: Mapping[str, Any]) -> str:
 def _figure(rows: Sequence[dict[str, Any]]) -> Figure:
     from palpate.plots.style import BLUE, GREY, ORANGE, legend_below, log_axis, new_figure
 
+    names = list(dict.fromkeys(row["technique"] for row in rows))
     # Dots, not bars: a logarithmic axis has no zero for a bar to begin at.
     with new_figure(width_in=6.0, height_in=3.8) as (figure, axes):
         panel = axes[0, 0]
-        place = np.arange(len(ALL_ROWS))
+        place = np.arange(len(names))
         looks = (("lab", -0.12, BLUE, "o"), ("field", 0.12, ORANGE, "s"))
         for level, shift, colour, marker in looks:
             values = [row["mean_abs_error_n"] for row in rows if row["level"] == level]
             panel.plot(values, place + shift, marker, color=colour, label=f"simulated, {level}")
-        printed = [(PUBLISHED_N[name], k) for k, name in enumerate(ALL_ROWS) if name in PUBLISHED_N]
+        printed = [(PUBLISHED_N[name], k) for k, name in enumerate(names) if name in PUBLISHED_N]
         panel.plot(*zip(*printed, strict=True), "D", color=GREY, mfc="none", label="published")
-        panel.set_yticks(place, ALL_ROWS)
+        panel.set_yticks(place, names)
         panel.invert_yaxis()
         panel.set_xlabel("mean |error| against the force of the settled reading (N)")
         log_axis(panel.xaxis)

@@ -9,20 +9,19 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.gripper.interface import GripperCommand
 from palpate.holds import Hold
-from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import mean_change, relative_change_percent, rest_baseline
-from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.devices import TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
+from palpate_studies.twin_session import GAP_MM, PAUSE_S, SPEED_MM_PER_S, STILL_S, read_ohm
 
 #: The four silicone sheets of section 3.2.
 MATERIALS = ("ecoflex-10", "dragonskin-10", "dragonskin-20", "dragonskin-30")
 #: Five force levels: by how much the fingers close beyond contact, mm.
 CLOSURES_MM = (2.0, 2.5, 3.0, 3.5, 4.0)
 
-#: Gap from which the fingers close, their speed, and how the hold goes on.
-_GAP_MM, _SPEED_MM_PER_S = 6.0, 40.0
-_REST_S, _STILL_S, _HOLD_S, _PAUSE_S = 1.4, 2.0, 20.2, 20.0
+#: Seconds of rest before the first hold, and read of each hold.
+REST_S, HOLD_S = 1.4, 20.2
 
 
 def twin_holds(
@@ -68,22 +67,22 @@ def twin_holds(
             world = World(
                 obj, seed=sensor + 1_000_000 * index, sheet_seed=sensor, level=level, family=family
             )
-            rest_ohm = rest_baseline(_ohm(world, until_s=_REST_S)).rest_ohm
+            rest_ohm = rest_baseline(read_ohm(world, until_s=REST_S)).rest_ohm
             for closure_mm in closures_mm:
                 name = f"{repeat}/{material}/{closure_mm:g}"
                 touch_mm = obj.size_mm
                 yield _hold(world, name, touch_mm, closure_mm=closure_mm, rest_ohm=rest_ohm)
-                world.clock.sleep_s(_PAUSE_S)
+                world.clock.sleep_s(PAUSE_S)
 
 
 def _hold(
     world: World, name: str, touch_mm: float, *, closure_mm: float, rest_ohm: FloatArray
 ) -> Hold:
     gripper, clock = TwinGripper(world), world.clock
-    gripper.command(GripperCommand(target=touch_mm + _GAP_MM, rate=_SPEED_MM_PER_S))
-    clock.sleep_s(_STILL_S)
-    gripper.command(GripperCommand(target=touch_mm - closure_mm, rate=_SPEED_MM_PER_S))
-    ohm = _ohm(world, until_s=clock.now_s() + _HOLD_S)
+    gripper.command(GripperCommand(target=touch_mm + GAP_MM, rate=SPEED_MM_PER_S))
+    clock.sleep_s(STILL_S)
+    gripper.command(GripperCommand(target=touch_mm - closure_mm, rate=SPEED_MM_PER_S))
+    ohm = read_ohm(world, until_s=clock.now_s() + HOLD_S)
     gripper.release()
     return Hold(
         hold_id=name,
@@ -93,13 +92,3 @@ def _hold(
         values=mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm)),
         unit="percent",
     )
-
-
-def _ohm(world: World, *, until_s: float) -> FloatArray:
-    """Read frames from now on up to a time, shape (frames, rows, cols)."""
-    array = TwinArray(world)
-    counts = []
-    while world.clock.now_s() < until_s - 1e-9:
-        counts.append(array.read(timeout_s=1.0).counts)
-    array.close()
-    return resistance_ohm(np.stack(counts), divider=world.layout.divider)

@@ -28,8 +28,6 @@ SETTLED_MEAN_S = 0.5
 #: Gap from which the fingers close, their speed, the still time before, the pause after.
 GAP_MM, SPEED_MM_PER_S, STILL_S, PAUSE_S = 6.0, 40.0, 2.0, 20.0
 HOLD_S = 20.0
-#: Every result on the twin is given at both of its levels.
-LEVELS = ("lab", "field")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,10 +117,6 @@ class Session:
         self.world.clock.sleep_s(STILL_S)
         self.world.place(obj, fixture=fixture)
 
-    def rest_ohm(self) -> FloatArray:
-        """Return the mean over half a second with the fingers open and still."""
-        return self.mean_ohm()
-
     def mean_ohm(self) -> FloatArray:
         """Return the mean over the last half second from now on, shape (rows, cols)."""
         return np.asarray(self.read(SETTLED_MEAN_S).mean(axis=0))
@@ -133,13 +127,8 @@ class Session:
         A pixel at the end of its converter has the least resistance that it can show, as in a
         grasp and in a calibration.
         """
-        array, counts = TwinArray(self.world), []
-        until_s = self.world.clock.now_s() + duration_s
-        while self.world.clock.now_s() < until_s - 1e-9:
-            counts.append(array.read(timeout_s=1.0).counts)
-        array.close()
-        divider = self.world.layout.divider
-        return np.maximum(resistance_ohm(np.stack(counts), divider=divider), divider.least_ohm)
+        ohm = read_ohm(self.world, until_s=self.world.clock.now_s() + duration_s)
+        return np.maximum(ohm, self.world.layout.divider.least_ohm)
 
     def close_to(self, width_mm: float, *, speed_mm_per_s: float = SPEED_MM_PER_S) -> None:
         """Send the fingers to a width."""
@@ -157,7 +146,7 @@ class Session:
         clock = self.world.clock
         self.close_to(obj_size_mm + GAP_MM)
         clock.sleep_s(STILL_S)
-        rest_ohm = self.rest_ohm()
+        rest_ohm = self.mean_ohm()
         self.close_to(width_mm, speed_mm_per_s=speed_mm_per_s)
         clock.sleep_s(hold_s - SETTLED_MEAN_S)
         ohm = self.mean_ohm()
@@ -165,6 +154,42 @@ class Session:
         self.gripper.release()
         clock.sleep_s(PAUSE_S)
         return reading
+
+    def hold(
+        self,
+        obj_size_mm: float,
+        *,
+        width_mm: float,
+        read_s: float = HOLD_S,
+        speed_mm_per_s: float = SPEED_MM_PER_S,
+    ) -> FloatArray:
+        """Take rest values, close to a width and read changes, open, and pause.
+
+        Percent from the start of actuation on, shape (times, rows, cols).
+        """
+        self.close_to(obj_size_mm + GAP_MM)
+        self.world.clock.sleep_s(STILL_S)
+        rest_ohm = self.mean_ohm()
+        self.close_to(width_mm, speed_mm_per_s=speed_mm_per_s)
+        change = relative_change_percent(self.read(read_s), rest_ohm=rest_ohm)
+        self.gripper.release()
+        self.world.clock.sleep_s(PAUSE_S)
+        return change
+
+
+def read_ohm(world: World, *, until_s: float) -> FloatArray:
+    """Read frames from now on up to a time, shape (frames, rows, cols)."""
+    array, counts = TwinArray(world), []
+    while world.clock.now_s() < until_s - 1e-9:
+        counts.append(array.read(timeout_s=1.0).counts)
+    array.close()
+    return resistance_ohm(np.stack(counts), divider=world.layout.divider)
+
+
+def stack(holds: Sequence[FloatArray]) -> FloatArray:
+    """Return holds as one array, each as long as the shortest."""
+    shortest = min(map(len, holds))
+    return np.array([hold[:shortest] for hold in holds])
 
 
 def grasps(

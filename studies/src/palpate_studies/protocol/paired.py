@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -111,6 +111,44 @@ def paired_difference(
     return drawn_difference(
         lambda chosen: np.float64(statistic(a[chosen]) - statistic(b[chosen])), specimens
     )
+
+
+def compare(
+    losses: Mapping[str, ArrayLike],
+    specimens: Sequence[str],
+    *,
+    ours: str = "ours",
+    statistic: Callable[[FloatArray], np.floating[Any]] = np.median,
+    **named: Any,
+) -> list[dict[str, Any]]:
+    """Return a row for each rival: ours less it on the same cases.
+
+    Parameters
+    ----------
+    losses : mapping of str to array_like, shape (cases,)
+        Method -> losses.
+    specimens, statistic
+        As of `paired_difference`.
+    ours : str
+        The method that the others are compared with.
+    named
+        What else a row has at its start.
+
+    Examples
+    --------
+    >>> rows = compare({"ours": [1.0, 1], "static": [2.0, 3]}, ["a", "b"], level="lab")
+    >>> [(row["level"], row["rival"], row["difference"]) for row in rows]
+    [('lab', 'static', -1.5)]
+    """
+    return [
+        {
+            **named,
+            "rival": rival,
+            **paired_difference(losses[ours], lost, specimens, statistic=statistic).to_dict(),
+        }
+        for rival, lost in losses.items()
+        if rival != ours
+    ]
 
 
 def drawn_difference(

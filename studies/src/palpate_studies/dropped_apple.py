@@ -1,4 +1,4 @@
-"""Table 6 and Figure 17 of the paper: one apple before and after it was dropped."""
+"""The apple of the paper's Table 6 and Figure 17, grasped before and after it was dropped."""
 
 from __future__ import annotations
 
@@ -9,20 +9,11 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.settling.predict import predict_settled
-from palpate.signal.relative import mean_change, relative_change_percent
+from palpate.signal.relative import mean_change
 from palpate.twin.objects import TwinObject
 from palpate_studies.apple_faces import Faces, first_touch
-from palpate_studies.report import Table
 from palpate_studies.twin_apple import Apple, Bruise, draw_apple
-from palpate_studies.twin_session import (
-    GAP_MM,
-    HOLD_S,
-    LEVELS,
-    PAUSE_S,
-    SETTLED_MEAN_S,
-    STILL_S,
-    Session,
-)
+from palpate_studies.twin_session import HOLD_S, SETTLED_MEAN_S, Session, stack
 
 #: Paper, Table 6: mean and standard deviation over 10 grasps, percent.
 COLUMNS = ("before", "after", "only bruised")
@@ -30,16 +21,6 @@ PUBLISHED: dict[str, tuple[tuple[float, float], ...]] = {
     "exponential, 2.5 s": ((-24.9, 0.78), (-15.8, 1.3), (-5.89, 3.7)),
     "recorded, 20 s": ((-21.2, 1.9), (-13.0, 2.4), (-3.75, 1.6)),
 }
-#: Row -> method and cut-off; the last row is the mean of the last half second.
-ROWS: dict[str, tuple[str, float]] = {
-    "exponential, 2.5 s": ("exponential", 2.5),
-    "recorded, 2.5 s": ("recorded", 2.5),
-    "ours, 1 s": ("relaxation", 1.0),
-    "ours, 2.5 s": ("relaxation", 2.5),
-    "recorded, 20 s": ("recorded", 20.0),
-}
-#: Published entries that the twin's apple was set by.
-CALIBRATION_INPUTS = (("recorded, 20 s", "before"), ("recorded, 20 s", "after"))
 SENSORS, REPEATS, FIRST_SENSOR = 3, 10, 70_000
 #: The apple: round and of middling firmness. The width, which the paper doesn't print, gives the
 #: published change before; the depth of the fresh dent the one after (-21.4 and -13.0 %: median of
@@ -51,7 +32,7 @@ DROPPED = Bruise(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Table6:
+class Traces:
     """Traces of one sensor: column -> times and mean relative changes, shape (repeats, times).
 
     `support_n`: force that the support takes up at 20 s, because the fingers press unequally.
@@ -61,9 +42,8 @@ class Table6:
     traces: Mapping[str, FloatArray]
     support_n: float = 0.0
 
-    def values(self, row: str, column: str) -> FloatArray:
-        """Return a row's values for each grasp of a column, percent."""
-        method, cutoff_s = ROWS[row]
+    def values(self, column: str, method: str, cutoff_s: float) -> FloatArray:
+        """Return the settled value of each grasp of a column, percent, predicted at a cut-off."""
         traces = self.traces[column]
         if cutoff_s == HOLD_S:
             return np.asarray(traces[:, self.time_s > HOLD_S - SETTLED_MEAN_S].mean(axis=1))
@@ -82,25 +62,16 @@ def dropped_apple() -> Apple:
     )
 
 
-def grasped(level: str, sensor: int, *, repeats: int = REPEATS) -> Table6:
+def grasp_free(level: str, sensor: int, *, repeats: int = REPEATS) -> Traces:
     """Grasp the apple before and after its fall, at one width, bruise to the first finger."""
     session, apple = Session(sensor, level=level), dropped_apple()
-    first = session.world.layout.finger_mask(0)
     before = _holds(session, replace(apple, bruise=None).facing(0.0), repeats=repeats)
     after = _holds(session, apple.facing(0.0), repeats=repeats)
-    times = min(before.shape[1], after.shape[1])
-    return Table6(
-        time_s=np.arange(1, times + 1) / session.world.frame_rate_hz,
-        traces={
-            "before": mean_change(before)[:, :times],
-            "after": mean_change(after)[:, :times],
-            "only bruised": after[:, :times, first].mean(axis=2),
-        },
-    )
+    return _traces(session, before, after)
 
 
-def supported(level: str, sensor: int, *, repeats: int = REPEATS) -> Table6:
-    """Grasp the apple as `grasped` does, but held in place by what it rests on.
+def grasp_supported(level: str, sensor: int, *, repeats: int = REPEATS) -> Traces:
+    """Grasp the apple as `grasp_free` does, but held in place by what it rests on.
 
     Each finger then presses its own side by the same way, so forces are not equal. A side is that
     of an apple whose other side is alike: the bruised one twice for the first finger, the sound
@@ -108,26 +79,34 @@ def supported(level: str, sensor: int, *, repeats: int = REPEATS) -> Table6:
     """
     session, apple = Session(sensor, level=level), dropped_apple()
     sound = replace(apple, bruise=None).facing(0.0)
-    first = session.world.layout.finger_mask(0)
     before = _holds(session, sound, repeats=repeats)
     sound_n = session.world.truth().force_n
-    bruised = _holds(session, _alike(apple), repeats=repeats)
+    bruised = _holds(session, _bruised_twice(apple), repeats=repeats)
     support_n = sound_n - session.world.truth().force_n
     other = _holds(session, sound, repeats=repeats)
-    times = min(map(len, (before[0], bruised[0], other[0])))
+    times = min(bruised.shape[1], other.shape[1])
+    first = session.world.layout.finger_mask(0)
     after = np.where(first, bruised[:, :times], other[:, :times])
-    return Table6(
+    return _traces(session, before, after, support_n=support_n)
+
+
+def _traces(
+    session: Session, before: FloatArray, after: FloatArray, *, support_n: float = 0.0
+) -> Traces:
+    times = min(before.shape[1], after.shape[1])
+    first = session.world.layout.finger_mask(0)
+    return Traces(
         time_s=np.arange(1, times + 1) / session.world.frame_rate_hz,
         traces={
             "before": mean_change(before)[:, :times],
-            "after": mean_change(after),
-            "only bruised": after[:, :, first].mean(axis=2),
+            "after": mean_change(after)[:, :times],
+            "only bruised": after[:, :times, first].mean(axis=2),
         },
         support_n=support_n,
     )
 
 
-def _alike(apple: Apple) -> TwinObject:
+def _bruised_twice(apple: Apple) -> TwinObject:
     """Return an apple both of whose sides are its bruised one."""
     faces = apple.facing(0.0).faces
     assert isinstance(faces, Faces)
@@ -146,46 +125,5 @@ def _holds(session: Session, apple: TwinObject, *, repeats: int) -> FloatArray:
     holds = []
     for _ in range(repeats):
         session.place(apple)
-        session.close_to(SIZE_MM + GAP_MM)
-        session.world.clock.sleep_s(STILL_S)
-        rest_ohm = session.rest_ohm()
-        session.close_to(SIZE_MM - CLOSURE_MM)
-        holds.append(relative_change_percent(session.read(HOLD_S), rest_ohm=rest_ohm))
-        session.gripper.release()
-        session.world.clock.sleep_s(PAUSE_S)
-    shortest = min(map(len, holds))
-    return np.array([hold[:shortest] for hold in holds])
-
-
-def table(made: Mapping[str, list[Table6]]) -> Table:
-    """Pair the published numbers with those of the median sensor of each level."""
-    rows = []
-    for row in ROWS:
-        for index, column in enumerate(COLUMNS):
-            published = ""
-            if row in PUBLISHED:
-                mark = " *" if (row, column) in CALIBRATION_INPUTS else ""
-                published = "{:.3g} ± {:.2g}".format(*PUBLISHED[row][index]) + mark
-            rows.append(
-                [row, column, published, *(_cell(made[level], row, column) for level in LEVELS)]
-            )
-    return Table(
-        title="Table 6: mean relative change of an apple, percent (* calibration input)",
-        columns=("row", "column", "published", *LEVELS),
-        rows=rows,
-    )
-
-
-def summary(made: list[Table6], row: str, column: str) -> dict[str, list[float]]:
-    """Return mean and standard deviation over the grasps of each sensor."""
-    values = [one.values(row, column) for one in made]
-    return {
-        "mean": [float(v.mean()) for v in values],
-        "sd": [float(v.std(ddof=1)) for v in values],
-    }
-
-
-def _cell(made: list[Table6], row: str, column: str) -> str:
-    found = summary(made, row, column)
-    mean, sd = np.array(found["mean"]), np.array(found["sd"])
-    return f"{np.median(mean):.1f} ± {np.median(sd):.2g} ({mean.min():.1f} to {mean.max():.1f})"
+        holds.append(session.hold(SIZE_MM, width_mm=SIZE_MM - CLOSURE_MM))
+    return stack(holds)

@@ -1,4 +1,4 @@
-"""Studies of size and slip: small runs, and scores of known errors."""
+"""The study of sizes: small runs, and scores of known errors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from tests.pdf_fonts import check_all_fonts
 
 from palpate.estimate.measurement import Measurement
-from palpate_studies import size, slip
+from palpate_studies import size
 from palpate_studies.baselines.told_everything import LEARNERS
 from palpate_studies.size_grasps import Sized, deeper_mm, errors_mm, sized
 
@@ -76,15 +76,3 @@ def test_learners_of_the_size_see_all_that_ours_read_and_no_fruit_of_the_same_se
         assert np.abs(moved[3:]).max() > 0.01
     widths = [one.steps[1:].reshape(-1, 9)[:, 0] for one in berries]
     assert all(one[-1] == 0.0 and one.min() == 0.0 and one[0] > 0.5 for one in widths)
-
-
-def test_slip_study_sees_and_stays_quiet(tmp_path: Path) -> None:
-    report = slip.report(events=4, hours=0.1, first_sensor=900)
-    report.write(tmp_path)
-    for row in report.payload["summary"]:
-        assert row["seen"] == row["felt_before"]
-        assert row["called_before"] == 0
-    for row in report.payload["quiet"]:
-        assert row["called"] == 0
-    assert (tmp_path / "slip.png").stat().st_size > 10_000
-    check_all_fonts(tmp_path)

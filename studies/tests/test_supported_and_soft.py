@@ -2,38 +2,29 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
 from palpate.sensor.array import SOFT_LAYOUT
 from palpate.twin.placement import PixelGrid
-from palpate_studies import figure16, table6
-from palpate_studies.bruise_table6 import grasped, supported
-from palpate_studies.figure16 import DAYS, GrowingContact, scores
+from palpate_studies.dropped_apple import CLOSURE_MM, DROPPED, SIZE_MM, grasp_free, grasp_supported
+from palpate_studies.figure16 import GrowingContact, scores
 from palpate_studies.table4_preload import preloaded_line
 
 
 def test_supported_apple_keeps_the_load_of_its_sound_side() -> None:
-    free, held = grasped("lab", 70_002, repeats=2), supported("lab", 70_002, repeats=2)
+    free, held = grasp_free("lab", 70_002, repeats=2), grasp_supported("lab", 70_002, repeats=2)
     before, after, bruised = (
-        held.values("recorded, 20 s", column).mean()
+        held.values(column, "recorded", 20.0).mean()
         for column in ("before", "after", "only bruised")
     )
     assert 2.0 * after - bruised == pytest.approx(before, abs=3.0)
-    assert bruised > free.values("recorded, 20 s", "only bruised").mean() + 4.0
+    assert bruised > free.values("only bruised", "recorded", 20.0).mean() + 4.0
     assert held.support_n > 1.0
     assert free.support_n == 0.0
-
-
-def test_report_of_table_6_names_every_published_entry() -> None:
-    found = table6.report(sensors=1, repeats=2)
-    document = json.loads(json.dumps(found.payload, allow_nan=False))
-    for variant in ("free", "supported"):
-        entries = document["met"][variant]["lab"]
-        assert len(entries) == 6
-        assert entries["recorded, 20 s, before"]["published"] == -21.2
+    settled = [free.values(name, "recorded", 20.0).mean() for name in ("before", "after")]
+    assert settled[0] < settled[1] < 0
+    assert DROPPED.dent_mm < CLOSURE_MM < SIZE_MM
 
 
 @pytest.mark.parametrize("deformation_mm", [0.0, 4.0])
@@ -57,15 +48,6 @@ def test_trend_is_counted_by_fruit() -> None:
     stays = np.array([-40.0, -41.0, -40.5, -39.5])[:, None] + np.array([-0.5, 0.5])
     found = scores(np.array([falls, stays]))
     assert (found["falls_every_day"], found["falls_clearly"], found["fruits"]) == (1, 1, 2)
-
-
-def test_report_of_figure_16_has_every_hand_and_day() -> None:
-    found = figure16.report(1, grasps=2)
-    rows = found.payload["summary"]
-    assert len(rows) == 10
-    assert all(len(row["mean_percent"]) == DAYS for row in rows)
-    stopped = {row["hand"]: row["mean_percent"] for row in rows if row["level"] == "lab"}
-    assert stopped["rigid, one width"][-1] > stopped["rigid, one width"][0] + 5.0
 
 
 def test_preload_at_rest_turns_the_sign_of_an_intercept() -> None:

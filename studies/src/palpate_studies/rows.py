@@ -1,0 +1,77 @@
+"""Rows of a study's JSON: cases grouped, figures that may be unknown, dataclasses as mappings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from operator import attrgetter
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.arrays import FloatArray
+
+Item = TypeVar("Item")
+#: The two levels of the twin at which every simulated result is given.
+LEVELS = ("lab", "field")
+
+
+def group(items: Sequence[Item], *names: str) -> Iterator[tuple[dict[str, Any], list[Item]]]:
+    """Yield the items that agree in some attributes, with these as the start of a row.
+
+    A dotted name is known by its last part.
+
+    Examples
+    --------
+    >>> for key, found in group([1 + 1j, 2 + 1j, 3 + 0j], "imag"):
+    ...     print(key, len(found))
+    {'imag': 1.0} 2
+    {'imag': 0.0} 1
+    """
+    found: dict[tuple[Any, ...], list[Item]] = {}
+    for item in items:
+        found.setdefault(tuple(attrgetter(name)(item) for name in names), []).append(item)
+    for key, same in found.items():
+        yield dict(zip((name.rpartition(".")[2] for name in names), key, strict=True)), same
+
+
+def mean(values: ArrayLike) -> float | None:
+    """Return the mean of what is finite, None where nothing is."""
+    known = _finite(values)
+    return float(np.mean(known)) if known.size else None
+
+
+def median(values: ArrayLike, share: float = 0.5) -> float | None:
+    """Return the median, or another quantile, of what is finite; None where nothing is.
+
+    Examples
+    --------
+    >>> median([1.0, 2.0, np.nan, 9.0]), median([])
+    (2.0, None)
+    """
+    known = _finite(values)
+    return float(np.quantile(known, share)) if known.size else None
+
+
+def _finite(values: ArrayLike) -> FloatArray:
+    array = np.asarray(values, dtype=float)
+    return np.asarray(array[np.isfinite(array)])
+
+
+def as_row(item: Any) -> dict[str, Any]:
+    """Return a dataclass as a mapping for JSON; what is not finite is None.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> @dataclass
+    ... class Found:
+    ...     force_n: float
+    >>> as_row(Found(np.nan))
+    {'force_n': None}
+    """
+    return {
+        name: None if isinstance(value, float) and not np.isfinite(value) else value
+        for name, value in asdict(item).items()
+    }
