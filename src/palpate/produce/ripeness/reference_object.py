@@ -49,7 +49,7 @@ _SHARES = np.geomspace(1 / 16, 2.0, 11)
 #: Least share of the deformation read that is taken to be the fruit's.
 _LEAST_SHARE = 0.2
 
-#: Beyond this, wear is more than a correction should carry, as in `palpate_studies.wear`.
+#: Beyond this, wear is more than a correction should carry.
 _ADVISED = 0.3
 
 #: How much more steeply than by its secant a ball's force rises: between a spring and Hertz (1.5).
