@@ -149,7 +149,18 @@ def test_a_rig_file_opens_a_board_that_prints(
     sender.start()
     try:
         assert (
-            run(build_app(), ["doctor", "--rig", str(desk.rig), "--duration", "1"], name="palpate")
+            run(
+                build_app(),
+                [
+                    "record",
+                    str(tmp_path / "rest.mcap"),
+                    "--rig",
+                    str(desk.rig),
+                    "--duration",
+                    "0.5",
+                ],
+                name="palpate",
+            )
             == status
         )
     finally:
