@@ -22,6 +22,15 @@ from palpate.signal.circuit import Divider, ohm_to_volts, volts_to_counts
 PADS = ArrayLayout(name="4x2", rows=4, cols=2, finger_of_row=(0, 0, 1, 1))
 
 
+FLEXITAC = ArrayLayout(
+    name="flexitac-12x32",
+    rows=12,
+    cols=32,
+    finger_of_row=(0,) * 12,
+    divider=Divider(reference_ohm=1000.0, adc_bits=8),
+)
+
+
 class Sheet:
     """Pixels under a load that was laid on at some time."""
 
@@ -35,9 +44,9 @@ class Sheet:
     def lay(self, load_n: float, *, now_s: float) -> None:
         self.load_n, self._since_s = load_n, now_s
 
-    def conductance_s(self, now_s: float, load_n: float | None = None) -> NDArray[np.float64]:
+    def conductance_s(self, now_s: float) -> NDArray[np.float64]:
         creep = 1.0 - 0.2 * math.exp(-(now_s - self._since_s) / 3.0)
-        excess = 8.0 * (self.load_n if load_n is None else load_n) ** 1.1 * creep * self._share
+        excess = 8.0 * self.load_n**1.1 * creep * self._share
         return np.asarray(self._rest_s * (1.0 + excess))
 
 
@@ -70,11 +79,7 @@ class SendingBoard(PtyPort):
     def counts(self, now_s: float) -> NDArray[np.int32]:
         conductance, divider = self.sheet.conductance_s(now_s), self.layout.divider
         noise = self._rng.normal(0.0, 0.4, conductance.shape)
-        if self.layout.idle_lines != "held":
-            volts = ohm_to_volts(1.0 / conductance, divider=divider)
-        else:  # the others of its column load the divider
-            column = conductance.sum(axis=0) + 1.0 / divider.reference_ohm
-            volts = divider.supply_v * conductance / column
+        volts = ohm_to_volts(1.0 / conductance, divider=divider)
         return volts_to_counts(volts, divider=divider, noise_counts=noise)
 
     def advance(self, now_s: float) -> None:
@@ -142,6 +147,11 @@ def ohm_line_of(divider: Divider) -> Callable[[NDArray[np.int32]], bytes]:
         return ("12345; " + "; ".join(f"{value:.1f}" for value in ohm) + "\n").encode()
 
     return encode
+
+
+def marked(counts: NDArray[np.int32]) -> bytes:
+    """Return a frame as FlexiTac's program sends it."""
+    return b"\xaa\x55" + counts.astype(np.uint8).tobytes()
 
 
 def heard_at(data: bytes, *, sent_baud: int, read_baud: int) -> bytes:

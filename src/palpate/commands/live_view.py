@@ -24,8 +24,8 @@ DRAW_HZ = 10.0
 _DEEPEST_PERCENT, _CURVE_COLUMNS, _COLUMN_S = 80.0, 64, 0.25
 #: A pixel about to come loose reads a hundred times its rest value: more digits add nothing.
 _HIGHEST_PERCENT = 999
-#: Widest matrix -> characters per pixel: sixteen columns must fit a terminal of eighty.
-_CELL_WIDTHS = ((4, 11), (8, 7), (16, 4))
+#: Widest matrix -> characters per pixel: it must fit a terminal of eighty. Below four, color alone.
+_CELL_WIDTHS = ((4, 11), (8, 7), (16, 4), (32, 2), (64, 1))
 _BLOCKS = " ▁▂▃▄▅▆▇█"
 #: From rest to deep: dark blue, magenta, orange, pale yellow (points of matplotlib's inferno).
 _COLORS = np.array([[20, 18, 46], [101, 21, 110], [212, 72, 66], [250, 193, 39], [252, 255, 164]])
@@ -106,7 +106,8 @@ class LiveView:
             style = _style(-value / _DEEPEST_PERCENT)
         width = next(width for cols, width in _CELL_WIDTHS if self._layout.cols <= cols)
         blank = " " * width
-        middle = f"{words.removesuffix(' %') if width < 7 else words:^{width}}"
+        shown = words if width >= 7 else words.removesuffix(" %") if width >= 4 else ""
+        middle = f"{shown:^{width}}"
         return Text(f"{blank}\n{middle}\n{blank}" if tall else middle, style=style)
 
     def _aggregate(self, change: NDArray[np.float64]) -> RenderableType:

@@ -1,0 +1,89 @@
+"""FlexiTac's frames over a real pseudo-terminal against a manual clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+from tests.other_boards import FLEXITAC, SendingBoard, SendingClock, heard_at, marked
+
+from palpate.errors import DeviceNotFoundError, InputError, WireError
+from palpate.sensor.flexitac import FlexitacDecoder, open_board
+
+
+@pytest.fixture
+def clock() -> Iterator[SendingClock]:
+    clock = SendingClock()
+    yield clock
+    clock.close()
+
+
+@pytest.fixture
+def board(clock: SendingClock) -> SendingBoard:
+    return SendingBoard(clock, layout=FLEXITAC, encode=marked)
+
+
+def test_every_byte_arrives_as_a_count(board: SendingBoard) -> None:
+    sent = []
+    board.spoil = lambda _, data: sent.append(data) or data
+    array = board.array(FlexitacDecoder(rows=12))
+    frames = [array.read(timeout_s=0.1) for _ in range(100)]
+    assert [frame.counts.astype(np.uint8).tobytes() for frame in frames] == [
+        data[2:] for data in sent[:100]
+    ]
+    counters = array.counters
+    assert (counters.frames, counters.lost, counters.corrupt) == (100, 0, 0)
+
+
+def test_a_marker_among_the_pixels_begins_no_frame(board: SendingBoard) -> None:
+    board.spoil = lambda _, data: data[:100] + b"\xaa\x55" + data[102:]
+    array = board.array(FlexitacDecoder(rows=12))
+    for _ in range(100):
+        assert array.read(timeout_s=0.1).counts.ravel()[98:100].tolist() == [0xAA, 0x55]
+    assert (array.counters.lost, array.counters.corrupt) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "rejected", "lost"),
+    [
+        (lambda data: b"", 0, 1),
+        (lambda data: data[:200], 1, 1),
+        (lambda data: data[:50] + data[51:], 1, 1),
+        (lambda data: data + b"\xaa", 1, 1),
+        # The end of one frame and the beginning of the next.
+        (lambda data: b"\x00" + data[1:], 1, 2),
+        (lambda data: b"\xaa\x55" + data, 1, 0),
+    ],
+)
+def test_a_lost_or_torn_frame_is_counted(
+    board: SendingBoard, spoilt: Callable[[bytes], bytes], rejected: int, lost: int
+) -> None:
+    board.spoil = lambda number, data: spoilt(data) if number in (80, 120) else data
+    array = board.array(FlexitacDecoder(rows=12))
+    frames = [array.read(timeout_s=0.1) for _ in range(170)]
+    missing = set(range(frames[-1].sequence)) - {frame.sequence for frame in frames}
+    assert len(missing) == array.counters.lost == 2 * lost
+    assert array.counters.corrupt == 2 * rejected
+
+
+@pytest.mark.parametrize(
+    ("rows", "garbage"), [(16, False), (12, True)], ids=["other rows", "other baud rate"]
+)
+def test_frames_that_do_not_fit_name_rows_and_baud(
+    board: SendingBoard, rows: int, garbage: bool
+) -> None:
+    if garbage:
+        heard = heard_at(marked(board.counts(0.0)), sent_baud=2_000_000, read_baud=115200)
+        board.spoil = lambda *_: heard
+    with pytest.raises(WireError, match=r"no frame of .* no marker .*check rows and baud"):
+        board.array(FlexitacDecoder(rows=rows))
+
+
+def test_options_that_do_not_fit_are_refused(board: SendingBoard) -> None:
+    with pytest.raises(InputError, match="sends 1 to 16"):
+        open_board(port=board.port, rows=17)
+    with pytest.raises(InputError, match="above 0 ohm"):
+        open_board(port=board.port, reference_ohm=0.0)
+    with pytest.raises(DeviceNotFoundError, match="no port"):
+        open_board(port="/dev/ttyUSB99")
