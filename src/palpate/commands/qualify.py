@@ -62,8 +62,7 @@ def qualify(
 
     Example: palpate qualify readings.csv --tolerance 1 --unit lbf --limit 13 --report page.html
     """
-    from palpate.produce.qualify.agreement import Demand, agreement_of
-    from palpate.produce.qualify.effort import effort_of
+    from palpate.produce.qualify.agreement import Demand, agreement_of, effort_of
     from palpate.produce.qualify.readings import read_pairs
     from palpate.produce.qualify.scatter import scatter_of
 

@@ -7,14 +7,14 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from palpate.produce.qualify.agreement import Agreement, Demand
-    from palpate.produce.qualify.effort import Effort
+    from palpate.produce.qualify.agreement import Agreement, Demand, Effort
 
 
 def qualification_document(
     found: Agreement, effort: Effort, demand: Demand, *, unit: str, items: int, pairs: int
 ) -> dict[str, object]:
     """Return the JSON of a qualification; null for what can't be had."""
+    from palpate.produce.qualify.agreement import confusion_of
 
     def known(value: float) -> float | None:
         return value if math.isfinite(value) else None
@@ -39,7 +39,7 @@ def qualification_document(
             name: {"between": known(scatter.between), "within": known(scatter.within)}
             for name, scatter in (("reference", found.reference), ("grasp", found.grasp))
         },
-        "confusion": found.confusion.astype(int).tolist(),
+        "confusion": confusion_of(found, demand.limits).tolist(),
         "reference_readings_needed": effort.reference_readings,
         "grasps_needed": effort.grasps,
         "mismatch": effort.mismatch,

@@ -16,12 +16,13 @@ if TYPE_CHECKING:
 
 def readings_figure(found: Agreement, *, unit: str) -> Figure:
     """Draw every pair: the grasp, converted, over the reference, with the line of equality."""
-    reference = found.middle - found.difference / 2.0
-    grasp = found.middle + found.difference / 2.0
-    ends = [min(reference.min(), grasp.min()), max(reference.max(), grasp.max())]
+    ends = [
+        min(found.read.min(), found.converted.min()),
+        max(found.read.max(), found.converted.max()),
+    ]
     with page_figure() as (figure, (axis,)):
         axis.plot(ends, ends, "-", color=GREY, lw=1.0)
-        axis.plot(reference, grasp, "o", color=BLUE, ms=3.5, alpha=0.6, mew=0)
+        axis.plot(found.read, found.converted, "o", color=BLUE, ms=3.5, alpha=0.6, mew=0)
         axis.set_xlabel(f"reference{unit}")
         axis.set_ylabel(f"grasp, converted{unit}")
     return figure
@@ -30,7 +31,8 @@ def readings_figure(found: Agreement, *, unit: str) -> Figure:
 def differences_figure(found: Agreement, *, unit: str) -> Figure:
     """Draw the difference of each pair over its mean, with the limits of agreement."""
     with page_figure() as (figure, (axis,)):
-        axis.plot(found.middle, found.difference, "o", color=BLUE, ms=3.5, alpha=0.6, mew=0)
+        middle = (found.read + found.converted) / 2.0
+        axis.plot(middle, found.difference, "o", color=BLUE, ms=3.5, alpha=0.6, mew=0)
         limit = found.figures["limit_of_agreement"].value
         axis.axhline(0.0, color=GREY, lw=1.0)
         for value in (-limit, limit):

@@ -195,7 +195,7 @@ def _true_figures(
     """Return the figures of endless readings; the ceiling from the scatter that was put in."""
     exact = Scatter(between=float(pool.truth.std()), within=side_sd)
     figures = measure(large, demand).figures
-    return figures | {
+    return {name: figure.value for name, figure in figures.items()} | {
         "r_squared_ceiling": exact.repeatability,
         "share_within_ceiling": exact.share_within(demand.tolerance),
     }

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import norm
 
 from palpate.arrays import FloatArray
-from palpate.produce.qualify.line import deming_line, left_out_lines
 from palpate.produce.qualify.readings import FEWEST_ITEMS, PairedReadings
-from palpate.produce.qualify.scatter import Scatter, scatter_of
+from palpate.produce.qualify.scatter import Scatter, deming_lines, scatter_of
 
 #: Draws of the bootstrap over items, and its seed.
 _DRAWS, _SEED = 1000, 0
@@ -44,8 +44,8 @@ class Estimate:
     """A figure with its interval by the bootstrap over items; NaN where it can't be had."""
 
     value: float
-    low: float
-    high: float
+    low: float = math.nan
+    high: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,11 +60,9 @@ class Agreement:
         Of the reference, in its unit; of grasps, converted to the reference's unit.
     slope, offset : float
         Reference = offset + slope x grasp, by Deming regression.
-    middle, difference : ndarray, shape (n_pairs,)
-        Mean of the two instruments at each pair, and grasp less reference; grasps are converted by
-        the line of the other items, so that the differences have no bias.
-    confusion : ndarray of int, shape (n_grades, n_grades)
-        Rows: grade by the reference; columns: by the grasp. Empty without limits.
+    read, converted : ndarray, shape (n_pairs,)
+        The two instruments at each pair; grasps are converted by the line of the other items, so
+        that the differences have no bias.
     """
 
     figures: Mapping[str, Estimate]
@@ -72,9 +70,13 @@ class Agreement:
     grasp: Scatter
     slope: float
     offset: float
-    middle: FloatArray
-    difference: FloatArray
-    confusion: FloatArray
+    read: FloatArray
+    converted: FloatArray
+
+    @property
+    def difference(self) -> FloatArray:
+        """Grasp less reference at each pair, shape (n_pairs,)."""
+        return self.converted - self.read
 
 
 #: Name of a figure -> meaning, as the table shows it.
@@ -120,105 +122,69 @@ def agreement_of(readings: PairedReadings, demand: Demand) -> Agreement:
     """
     measured = measure(readings, demand)
     random = np.random.default_rng(_SEED)
-    draws: list[dict[str, float]] = []
+    draws = []
     for _ in range(_DRAWS):
         drawn = readings.drawn(random.integers(readings.items, size=readings.items))
         if np.unique(drawn.item[drawn.paired]).size >= FEWEST_ITEMS // 2:
             draws.append(measure(drawn, demand).figures)
     tail = (1.0 - demand.level) / 2.0
     figures = {}
-    for name, value in measured.figures.items():
-        known = np.array([draw[name] for draw in draws])
+    for name, estimate in measured.figures.items():
+        known = np.array([draw[name].value for draw in draws])
         known = known[np.isfinite(known)]
-        low, high = (math.nan, math.nan)
-        if math.isfinite(value) and known.size:
-            low, high = (float(end) for end in np.quantile(known, [tail, 1.0 - tail]))
-        figures[name] = Estimate(value=value, low=low, high=high)
-    return Agreement(
-        figures=figures,
-        reference=measured.reference,
-        grasp=measured.grasp,
-        slope=measured.slope,
-        offset=measured.offset,
-        middle=measured.middle,
-        difference=measured.difference,
-        confusion=_confusion(measured, demand.limits),
-    )
+        if math.isfinite(estimate.value) and known.size:
+            low, high = map(float, np.quantile(known, [tail, 1.0 - tail]))
+            estimate = replace(estimate, low=low, high=high)
+        figures[name] = estimate
+    return replace(measured, figures=figures)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Measured:
-    """Everything that one set of readings gives, without intervals."""
-
-    figures: dict[str, float]
-    reference: Scatter
-    grasp: Scatter
-    slope: float
-    offset: float
-    middle: FloatArray
-    difference: FloatArray
-
-
-def measure(readings: PairedReadings, demand: Demand) -> Measured:
-    """Return every figure of the readings, without intervals; arguments as `agreement_of`."""
+def measure(readings: PairedReadings, demand: Demand) -> Agreement:
+    """Return what the readings show, without intervals; arguments as `agreement_of`."""
     reference = scatter_of(readings.reference, readings.item)
     raw = scatter_of(readings.grasp, readings.item)
-    x = _item_means(readings.grasp, readings)
-    y = _item_means(readings.reference, readings)
-    ratio = (reference.within / raw.within) ** 2 if raw.within > 0 else math.nan
-    slope, offset = deming_line(x, y, ratio=ratio)
-    slopes, offsets = left_out_lines(x, y, ratio=ratio)
     paired = readings.paired
+    grasp, read = readings.grasp[paired], readings.reference[paired]
     # Number of each pair's item among those with both readings.
-    place = np.unique(readings.item[paired], return_inverse=True)[1]
-    converted = offsets[place] + slopes[place] * readings.grasp[paired]
-    read = readings.reference[paired]
+    _, place, count = np.unique(readings.item[paired], return_inverse=True, return_counts=True)
+    means = [np.bincount(place, weights=values) / count for values in (grasp, read)]
+    ratio = (reference.within / raw.within) ** 2 if raw.within > 0 else math.nan
+    slope, offset = (float(one) for one in deming_lines(*means, ratio=ratio))
+    slopes, offsets = deming_lines(*means, ratio=ratio, leave_out=True)
+    converted = offsets[place] + slopes[place] * grasp
     difference = converted - read
-    first, second = _reference_twice(readings)
+    first, second = _read_twice(readings)
     figures = {
         "limit_of_agreement": _LIMITS * float(difference.std(ddof=1)),
-        "r_squared": _r_squared(readings.grasp[paired], read),
+        "r_squared": _r_squared(grasp, read),
         "r_squared_ceiling": reference.repeatability,
-        "share_within": float((np.abs(difference) <= demand.tolerance).mean()),
+        "share_within": _share(np.abs(difference) <= demand.tolerance),
         "share_within_ceiling": reference.share_within(demand.tolerance),
-        "share_within_reference": _mean(np.abs(first - second) <= demand.tolerance),
+        "share_within_reference": _share(np.abs(first - second) <= demand.tolerance),
     }
     if demand.limits:
-        figures["same_grade"] = _mean(
-            np.digitize(converted, demand.limits) == np.digitize(read, demand.limits)
-        )
-        figures["same_grade_reference"] = _mean(
-            np.digitize(first, demand.limits) == np.digitize(second, demand.limits)
-        )
-    return Measured(
-        figures=figures,
+        grades = [np.digitize(one, demand.limits) for one in (converted, read, first, second)]
+        figures["same_grade"] = _share(grades[0] == grades[1])
+        figures["same_grade_reference"] = _share(grades[2] == grades[3])
+    return Agreement(
+        figures={name: Estimate(value=value) for name, value in figures.items()},
         reference=reference,
         grasp=Scatter(between=abs(slope) * raw.between, within=abs(slope) * raw.within),
         slope=slope,
         offset=offset,
-        middle=(converted + read) / 2.0,
-        difference=difference,
+        read=read,
+        converted=converted,
     )
 
 
-def _confusion(measured: Measured, limits: Sequence[float]) -> FloatArray:
-    if not limits:
-        return np.zeros((0, 0))
-    read = measured.middle - measured.difference / 2.0
-    converted = measured.middle + measured.difference / 2.0
-    table = np.zeros((len(limits) + 1, len(limits) + 1))
-    np.add.at(table, (np.digitize(read, limits), np.digitize(converted, limits)), 1.0)
-    return table
+def confusion_of(found: Agreement, limits: tuple[float, ...]) -> NDArray[np.int64]:
+    """Return pairs by the grade of the reference (rows) and of the grasp (columns)."""
+    table = np.zeros((len(limits) + 1, len(limits) + 1), dtype=np.int64)
+    np.add.at(table, (np.digitize(found.read, limits), np.digitize(found.converted, limits)), 1)
+    return table if limits else table[:0, :0]
 
 
-def _item_means(values: FloatArray, readings: PairedReadings) -> FloatArray:
-    """Return the means of a reading over the pairs of each item that has pairs."""
-    paired = readings.paired
-    _, place, count = np.unique(readings.item[paired], return_inverse=True, return_counts=True)
-    return np.bincount(place, weights=values[paired]) / count
-
-
-def _reference_twice(readings: PairedReadings) -> tuple[FloatArray, FloatArray]:
+def _read_twice(readings: PairedReadings) -> tuple[FloatArray, FloatArray]:
     """Return the first two readings of the reference on each item that has two."""
     read = np.isfinite(readings.reference)
     item, value = readings.item[read], readings.reference[read]
@@ -235,5 +201,83 @@ def _r_squared(x: FloatArray, y: FloatArray) -> float:
     return float(np.corrcoef(x, y)[0, 1] ** 2)
 
 
-def _mean(values: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> float:
+def _share(values: NDArray[np.bool_]) -> float:
     return float(values.mean()) if values.size else math.nan
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Effort:
+    """What a demand costs.
+
+    Attributes
+    ----------
+    reference_readings, grasps : int or None
+        Readings of an item whose mean is within the tolerance of what the item is; None where no
+        number of them is.
+    mismatch : float
+        Standard deviation of what no repeat takes away: the two instruments feel different things.
+    items_per_hour : float or None
+        At that number of grasps.
+    items_to_test : int
+        Items that show each limit of agreement to within half the tolerance.
+    """
+
+    reference_readings: int | None
+    grasps: int | None
+    mismatch: float
+    items_per_hour: float | None
+    items_to_test: int
+
+
+def effort_of(found: Agreement, demand: Demand, *, grasp_s: float, handling_s: float) -> Effort:
+    """Return what a demand costs.
+
+    Parameters
+    ----------
+    found : Agreement
+        Of the readings.
+    demand : Demand
+        Tolerance and level.
+    grasp_s, handling_s : float
+        Seconds of each grasp, and of the handling of an item.
+
+    References
+    ----------
+    J. M. Bland, D. G. Altman, Lancet 327 (1986) 307: a limit of agreement has the standard error
+    sqrt(3 / n) times the standard deviation of the differences.
+
+    Examples
+    --------
+    >>> random = np.random.default_rng(3)
+    >>> item = np.repeat(np.arange(60), 2)
+    >>> firmness = random.normal(70, 6, 60)[item]
+    >>> readings = PairedReadings(
+    ...     item=item,
+    ...     reference=firmness + random.normal(0, 3, 120),
+    ...     grasp=firmness + random.normal(0, 1, 120),
+    ... )
+    >>> demand = Demand(tolerance=3.0)
+    >>> effort = effort_of(agreement_of(readings, demand), demand, grasp_s=15, handling_s=5)
+    >>> effort.reference_readings, effort.grasps, effort.items_per_hour
+    (3, 1, 180.0)
+    """
+    reach = float(norm.ppf(0.5 + demand.level / 2.0))
+    spread = float(found.difference.std(ddof=1))
+    # The differences hold the scatter of both instruments and their mismatch.
+    known = sum(s.within**2 for s in (found.reference, found.grasp) if math.isfinite(s.within))
+    mismatch = math.sqrt(max(0.0, spread**2 - known))
+
+    def readings_needed(within: float, fixed: float) -> int | None:
+        left = (demand.tolerance / reach) ** 2 - fixed**2
+        if left <= 0 or not math.isfinite(within):
+            return None
+        return max(1, math.ceil(within**2 / left))
+
+    grasps = readings_needed(found.grasp.within, mismatch)
+    return Effort(
+        reference_readings=readings_needed(found.reference.within, 0.0),
+        grasps=grasps,
+        mismatch=mismatch,
+        items_per_hour=None if grasps is None else 3600.0 / (grasps * grasp_s + handling_s),
+        items_to_test=math.ceil(3.0 * (reach * spread / (demand.tolerance / 2.0)) ** 2),
+    )

@@ -1,4 +1,4 @@
-"""Scatter of one instrument: between items, and between the sides of an item."""
+"""Scatter of one instrument between items and their sides, and the line between two instruments."""
 
 from __future__ import annotations
 
@@ -81,3 +81,43 @@ def scatter_of(values: FloatArray, item: NDArray[np.intp]) -> Scatter:
         between=math.sqrt(max(0.0, (between_square - within_square) / per_item)),
         within=math.sqrt(within_square),
     )
+
+
+def deming_lines(
+    x: FloatArray, y: FloatArray, *, ratio: float, leave_out: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Return slope and offset of the line of `y` over `x`, both with errors.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n_items,)
+        Means of the two instruments on each item.
+    ratio : float
+        Variance of the errors of `y` over that of `x`; NaN or 0 where it is not known, and then
+        the ratio of the whole variances.
+    leave_out : bool
+        Whether to return, for each item, the line of all others: two arrays of shape (n_items,).
+
+    References
+    ----------
+    K. Linnet, "Evaluation of regression procedures for methods comparison studies", Clin. Chem. 39
+    (1993) 424.
+
+    Examples
+    --------
+    >>> slope, offset = deming_lines(np.arange(3.0), np.array([1.0, 3.0, 5.0]), ratio=1.0)
+    >>> float(slope), float(offset)
+    (2.0, 1.0)
+    """
+    terms = np.array([np.ones_like(x), x, y, x * x, y * y, x * y])
+    n, sx, sy, xx, yy, xy = terms.sum(axis=1)[:, None] - terms if leave_out else terms.sum(axis=1)
+    sxx = np.maximum(xx - sx * sx / n, 0.0)
+    syy = np.maximum(yy - sy * sy / n, 0.0)
+    sxy = xy - sx * sy / n
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = ratio if math.isfinite(ratio) and ratio > 0 else syy / sxx
+        lead = syy - share * sxx
+        slope = (lead + np.sqrt(lead**2 + 4.0 * share * sxy**2)) / (2.0 * sxy)
+    # Items all alike, or unrelated readings: the best line is level.
+    slope = np.where(np.isfinite(slope), slope, 0.0)
+    return slope, (sy - slope * sx) / n

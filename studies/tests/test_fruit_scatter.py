@@ -1,0 +1,101 @@
+"""The twin's fruit is no more even than real food where both were measured."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sklearn.discriminant_analysis import QuadraticDiscriminantAnalysis
+
+from palpate.arrays import FloatArray
+from palpate.twin.crate import CRATE_SIDE_LOG_SD, CRATE_TAUGHT, draw_crate
+from palpate_studies.apple_faces import Faces
+from palpate_studies.fruit_ranges import AVOCADO_BOUNDS_N, AVOCADO_STAGES, AVOCADOS
+from palpate_studies.twin_apple import draw_apple
+from palpate_studies.twin_avocado import draw_avocado
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    with gzip.open(path, "rt", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def side_log_sd(first: FloatArray, second: FloatArray) -> float:
+    """Return the scatter of one side about the mean of both, ln."""
+    return float(np.std(np.log(first / second)) / np.sqrt(2.0))
+
+
+@pytest.fixture(scope="module")
+def real_side_log_sd(real_data: Path) -> float:
+    rows = read_rows(real_data / "apples_firmness.csv.gz")
+    pairs = [(row["side1_lbf"], row["side2_lbf"]) for row in rows]
+    sides = np.array([pair for pair in pairs if all(pair) and "NA" not in pair], dtype=float)
+    assert len(sides) > 700
+    return side_log_sd(sides[:, 0], sides[:, 1])
+
+
+def test_twin_apples_differ_between_sides_as_real_ones_do(real_side_log_sd: float) -> None:
+    random = np.random.default_rng(1)
+    apples = [draw_apple(random, bruises=None) for _ in range(2000)]
+    faces = [apple.facing(0.0).faces for apple in apples]
+    firmness = np.array(
+        [[f.firmness for f in two.faces] for two in faces if isinstance(two, Faces)]
+    )
+    twin = side_log_sd(firmness[:, 0], firmness[:, 1])
+    assert real_side_log_sd <= twin <= 1.1 * real_side_log_sd
+
+
+def test_sides_of_other_twin_fruit_differ_no_less(real_side_log_sd: float) -> None:
+    assert min(CRATE_SIDE_LOG_SD, AVOCADOS.spot_log_sd) >= real_side_log_sd
+
+
+def test_real_food_relaxes_within_what_twin_fruit_does(real_data: Path) -> None:
+    holds: dict[str, list[tuple[float, float]]] = {}
+    for row in read_rows(real_data / "holds_food.csv.gz"):
+        holds.setdefault(row["hold_id"], []).append((float(row["time_s"]), float(row["value"])))
+    lost = []
+    for points in holds.values():
+        time_s, force_n = np.array(points).T
+        peak = int(np.argmax(force_n))
+        after = np.interp(time_s[peak] + 20.0, time_s, force_n)
+        lost.append(1.0 - after / force_n[peak])
+    twin = []
+    for item in draw_crate([kind for kind in CRATE_TAUGHT if kind != "egg"] * 20, seed=1):
+        share, time = np.array(item.mean.relaxing_share), np.array(item.mean.relaxing_time_s)
+        twin.append(float((share * -np.expm1(-20.0 / time)).sum()))
+    low, high = np.quantile(twin, [0.05, 0.95])
+    assert low <= min(lost)
+    assert max(lost) <= high
+    assert np.std(twin) > np.std(lost)
+
+
+@pytest.mark.parametrize(("places", "exact"), [(1, 0.944), (10, 0.982)])
+def test_error_free_reading_of_some_places_limits_the_stage(places: int, exact: float) -> None:
+    """The ceiling that docs/ripeness.md states."""
+    random = np.random.default_rng(5)
+    hits = []
+    for _ in range(1000):
+        fruit = draw_avocado(random)
+        for day in range(4):
+            error = AVOCADOS.spot_log_sd * random.standard_normal(places).mean()
+            read_n = fruit.force_at_1mm_n(day) * np.exp(error)
+            passed = sum(read_n < bound for bound in AVOCADO_BOUNDS_N)
+            hits.append(AVOCADO_STAGES[passed] == fruit.stage(day))
+    assert np.mean(hits) == pytest.approx(exact, abs=0.012)
+
+
+def test_error_free_size_and_stiffness_limit_the_kind() -> None:
+    """The ceiling that docs/sort.md states."""
+
+    def read(items: int, seed: int) -> tuple[FloatArray, list[str]]:
+        drawn = draw_crate(list(CRATE_TAUGHT) * items, seed=seed)
+        sides = [item.side(0) for item in drawn]
+        pressed_mm = [(2.0 / side.force_at_1mm_n) ** (1.0 / side.exponent) for side in sides]
+        values = np.log([(s.size_mm, 2.0 / x) for s, x in zip(sides, pressed_mm, strict=True)])
+        return values, [item.kind for item in drawn]
+
+    learned = QuadraticDiscriminantAnalysis().fit(*read(200, 11))
+    assert learned.score(*read(100, 12)) == pytest.approx(0.94, abs=0.02)
