@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-ros test-lerobot lint docs wheel wheel-test dist-check clean
+.PHONY: demo test test-ros test-lerobot check-lerobot lint docs wheel wheel-test dist-check clean
 
 # The base environment has every extra, the archive and the LeRobot export, so that the README's
 # paths work in it; the development one
@@ -52,6 +52,18 @@ $(LEROBOT_VENV)/.made: $(VENV)/.dev bridges/lerobot/pyproject.toml
 
 test-lerobot: $(LEROBOT_VENV)/.made
 	cd bridges/lerobot && ../../$(LEROBOT_VENV)/bin/python -m pytest
+
+# LeRobot whole, with torch, so several GB and not in CI: PYTHON decides, 3.11 gets LeRobot 0.4 and
+# 3.12 LeRobot 0.6. Its loader reads an export, its recorder records from the robot and the camera.
+check-lerobot:
+	folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
+	$(PYTHON) -m venv $$folder/venv && python=$$folder/venv/bin/python && \
+	$$python -m pip install --quiet --disable-pip-version-check 'lerobot[core-scripts]>=0.4.4,<0.7' . \
+	  ./bridges/lerobot-dataset ./bridges/lerobot ./bridges/lerobot-robot && \
+	$$python -m palpate grasp --rig sim-rigid --seed 1 --record $$folder/grasp.mcap && \
+	$$python -m palpate export $$folder/grasp.mcap --lerobot $$folder/grasps && \
+	$$python bridges/lerobot/check_with_lerobot.py $$folder/grasps && \
+	$$python bridges/lerobot-robot/check_record_loop.py
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

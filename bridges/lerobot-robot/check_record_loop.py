@@ -1,7 +1,7 @@
 """Whether LeRobot's own recording runs with palpate's robot and camera, on the twin.
 
-Run `python bridges/lerobot-robot/check_record_loop.py` in an environment with LeRobot 0.4, palpate,
-`lerobot_robot_palpate` and `lerobot_camera_palpate`. `lerobot-record`'s own function records two
+Run `python bridges/lerobot-robot/check_record_loop.py` in an environment with LeRobot 0.4 or 0.6,
+palpate, `lerobot_robot_palpate` and `lerobot_camera_palpate`. `lerobot-record`'s own function records two
 episodes in which the hand is sent to close all the way, with 3 N as the limit. Ends with status 1
 where something is not as it should be.
 """
@@ -27,6 +27,13 @@ from lerobot.teleoperators import Teleoperator, TeleoperatorConfig
 from lerobot.utils.import_utils import register_third_party_plugins
 
 LIMIT_N, FPS, EPISODES, EPISODE_S = 3.0, 15, 2, 30.0
+#: How LeRobot 0.6, and 0.4, choose a codec that every player has.
+try:
+    from lerobot.configs.video import RGBEncoderConfig
+
+    H264: dict[str, Any] = {"rgb_encoder": RGBEncoderConfig(vcodec="h264"), "no_stamp": True}
+except ImportError:
+    H264 = {"vcodec": "h264"}
 
 
 @TeleoperatorConfig.register_subclass("closing")
@@ -78,8 +85,8 @@ def main() -> None:
             episode_time_s=EPISODE_S,
             reset_time_s=0,
             num_episodes=EPISODES,
-            vcodec="h264",
             push_to_hub=False,
+            **H264,
         )
         record(
             RecordConfig(robot=robot, teleop=ClosingConfig(), dataset=dataset, play_sounds=False)

@@ -1,6 +1,6 @@
 """Whether LeRobot itself reads what `palpate export --lerobot` writes.
 
-Run `python bridges/lerobot/check_with_lerobot.py DIR` in an environment with LeRobot 0.4; palpate
+Run `python bridges/lerobot/check_with_lerobot.py DIR` in an environment with LeRobot 0.4 or 0.6; palpate
 need not be in it. Its loader opens the data set, its own statistics of each episode are compared
 with ours, and a loader of torch goes through it in batches with a window of the past. Ends with
 status 1 where something is not as it should be.
@@ -9,6 +9,7 @@ status 1 where something is not as it should be.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 from pathlib import Path
@@ -69,7 +70,8 @@ def main() -> None:
     meta = data.meta
     print(f"{meta.robot_type}: {meta.total_episodes} episodes, {meta.total_frames} frames")
     check(len(data) == meta.total_frames, "every frame is there")
-    check(meta.info["palpate"]["simulated"] is True, "the origin is in the metadata: simulated")
+    info = json.loads((folder / "meta/info.json").read_text())
+    check(info["palpate"]["simulated"] is True, "the origin is in the metadata: simulated")
     width = len(meta.names["observation.state"])
     first = data[0]
     check(tuple(first["observation.state"].shape) == (width,), "a state has all its names")

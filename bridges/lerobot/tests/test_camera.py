@@ -3,19 +3,31 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 from collections import deque
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
+import draccus
 import numpy as np
 import pytest
-from benchmarks.dashboard import board_on_a_line
 from lerobot.cameras import CameraConfig
 from lerobot.cameras.utils import make_cameras_from_configs
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 from lerobot.utils.import_utils import register_third_party_plugins
+from palpate_studies.benchmarks.pty_board import board, on_a_port
 
 register_third_party_plugins()
+PAGE = Path(__file__).parents[3] / "docs/lerobot.md"
+
+
+@dataclass
+class Cameras:
+    """The part of a robot's configuration that the page sets."""
+
+    cameras: dict[str, CameraConfig]
 
 
 def camera(rig: str, **settings: object):  # type: ignore[no-untyped-def]
@@ -69,6 +81,16 @@ def test_each_image_is_given_once_and_the_latest_at_any_time() -> None:
         touch.read_latest()
 
 
+def test_option_of_the_page_makes_a_camera_for_a_robot() -> None:
+    found = re.search(r'--robot\.cameras="(.*)"', PAGE.read_text(encoding="utf-8"))
+    assert found is not None
+    configs = draccus.parse(Cameras, args=[f"--cameras={found[1]}"]).cameras
+    touch = configs["touch"]
+    # LeRobot's robots refuse a camera without any of them.
+    assert None not in (touch.width, touch.height, touch.fps)
+    assert make_cameras_from_configs(configs)["touch"].fps == touch.fps
+
+
 def test_a_simulated_sensor_is_called_so(caplog: pytest.LogCaptureFixture) -> None:
     with camera("sim-rigid"):
         assert "SIMULATED" in caplog.text
@@ -81,7 +103,7 @@ def test_a_size_that_does_not_fit_is_refused() -> None:
 
 def test_a_board_without_calibration_is_seen_from_its_first_second_on(tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
-    with board_on_a_line(100.0) as (port, process):
+    with on_a_port(partial(board, rate_hz=100.0)) as (port, process):
         rig.write_text(
             '[array]\nopen = "palpate.sensor.board_array:open_board"\n'
             f'port = "{port}"\nrate_hz = 100.0\n'

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ READ = json.loads(LAYOUT.read_text(encoding="utf-8"))
 PANELS: dict[str, dict[str, Any]] = READ["configById"]
 CHANNELS = SCHEMAS | live_schemas(RIGID_LAYOUT)
 PATH = re.compile(r"(?P<topic>/\w+)\.(?P<field>\w+)(\[(?P<index>\d+)\])?")
+#: Settings of a series that SDK 0.25, the newest that LeRobot 0.6 takes, does not describe.
+UNDESCRIBED = {"lineStyle"} if version("foxglove-sdk").startswith("0.25.") else set()
 #: What Foxglove makes of a JSON schema: no unions, no null.
 KNOWN_TYPES = ("boolean", "string", "number", "integer", "object", "array")
 
@@ -51,7 +54,7 @@ def test_a_panel_has_only_settings_that_foxglove_knows(panel: str) -> None:
         assert set(PANELS[panel]["imageMode"]) <= set(layouts.ImageModeConfig()._to_dict())
     for path in PANELS[panel].get("paths", ()):
         series = getattr(layouts, f"{panel.split('!')[0]}Series")()._to_dict()
-        assert set(path) <= set(series)
+        assert set(path) - UNDESCRIBED <= set(series)
 
 
 @pytest.mark.parametrize("path", plotted())

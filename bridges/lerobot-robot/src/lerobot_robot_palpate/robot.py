@@ -88,7 +88,7 @@ class PalpateHand(Robot):
 
     def get_observation(self) -> dict[str, Any]:
         """Return numbers and images."""
-        images = {name: camera.async_read() for name, camera in self.cameras.items()}
+        images = {name: camera.read_latest() for name, camera in self.cameras.items()}
         return self._connected().observe() | images
 
     def send_action(self, action: dict[str, Any]) -> dict[str, float]:

@@ -2,7 +2,7 @@
 
 LeRobot finds this package by its name. A robot takes the camera by its type::
 
-    --robot.cameras="{touch: {type: palpate, rig: rig.toml, width: 64, height: 128}}"
+    --robot.cameras="{touch: {type: palpate, rig: rig.toml, width: 64, height: 128, fps: 15}}"
 """
 
 from lerobot_camera_palpate.camera import PalpateCamera

@@ -20,7 +20,7 @@ class PalpateCameraConfig(CameraConfig):
         Size of the image: whole multiples of the sensor's columns and rows. None takes 32 for each
         pixel of the sensor; LeRobot's robots need the numbers before they connect.
     fps : int or None
-        Not set here: the rig states its rate.
+        LeRobot's robots need a number; the rig's own rate is the camera's.
     """
 
     rig: str = "rig.toml"
