@@ -1,9 +1,9 @@
 """Whether LeRobot's own recording runs with palpate's robot and camera, on the twin.
 
 Run `python bridges/lerobot-robot/check_record_loop.py` in an environment with LeRobot 0.4 or 0.6,
-palpate, `lerobot_robot_palpate` and `lerobot_camera_palpate`. `lerobot-record`'s own function records two
-episodes in which the hand is sent to close all the way, with 3 N as the limit. Ends with status 1
-where something is not as it should be.
+palpate, `lerobot_robot_palpate` and `lerobot_camera_palpate`. `lerobot-record`'s own function
+records two episodes in which the hand is sent to close all the way, with 3 N as the limit. Ends
+with status 1 where something is not as it should be.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Whether LeRobot itself reads what `palpate export --lerobot` writes.
 
-Run `python bridges/lerobot/check_with_lerobot.py DIR` in an environment with LeRobot 0.4 or 0.6; palpate
-need not be in it. Its loader opens the data set, its own statistics of each episode are compared
-with ours, and a loader of torch goes through it in batches with a window of the past. Ends with
-status 1 where something is not as it should be.
+Run `python bridges/lerobot/check_with_lerobot.py DIR` in an environment with LeRobot 0.4 or 0.6;
+palpate need not be in it. Its loader opens the data set, its own statistics of each episode are
+compared with ours, and a loader of torch goes through it in batches with a window of the past. Ends
+with status 1 where something is not as it should be.
 """
 
 from __future__ import annotations
