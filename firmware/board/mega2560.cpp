@@ -25,9 +25,11 @@ using palpate::Scan;
 
 // 16 MHz / 128 = 125 kHz: inside the 50-200 kHz that the data sheet asks for full 10-bit accuracy
 // (section 26.4). A prescaler of 16 would be eight times faster and lose about 1 LSB.
-constexpr uint8_t kAdcEnable = _BV(ADEN) | _BV(ADIE) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0);
+constexpr uint8_t kAdcSilent = _BV(ADEN) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0);
+constexpr uint8_t kAdcEnable = kAdcSilent | _BV(ADIE);
 constexpr uint8_t kAdcSupplyReference = _BV(REFS0);
 constexpr uint8_t kReadBackChannel = 1;
+constexpr uint8_t kGroundChannel = 0x1F;
 
 // Timer 1 gives the frames, timer 4 the settle time, timer 5 the clock, all at 16 MHz / 8. One each:
 // a compare register is never written on the timer whose overflows are counted.
@@ -215,13 +217,16 @@ class Mega final : public palpate::Board {
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
       TIMSK1 = 0;
       TIMSK4 = 0;
-      // Off and on again: ends a conversion under way.
-      ADCSRA = 0;
-      ADCSRA = kAdcEnable | _BV(ADIF);
-      ADMUX = kAdcSupplyReference;
+      ADCSRA = kAdcSilent;
       scanner.active = false;
       scanner.ready = false;
     }
+    // A conversion under way ends by itself. Switched off and on, the converter would take 25 clocks
+    // for the next one to initialize itself (section 26.4).
+    while (ADCSRA & _BV(ADSC)) {
+    }
+    ADCSRA = kAdcEnable | _BV(ADIF);
+    ADMUX = kAdcSupplyReference;
   }
 
   uint8_t* transmit_buffer() override {
@@ -299,8 +304,11 @@ void poll_load_cells() {
     if (load_ready(i)) {
       read_load_cell(i);
       load_read_us[i] = now;
+      load_cells[i].silent = false;
+    } else if (now - load_read_us[i] > kSilentUs) {
+      // Stays so when the clock wraps, after 71 minutes.
+      load_cells[i].silent = true;
     }
-    load_cells[i].silent = now - load_read_us[i] > kSilentUs;
   }
 }
 
@@ -314,6 +322,14 @@ void set_up_pins() {
   // Pulled up, so that an absent load cell reads as never ready.
   PORTJ |= _BV(PJ1);
   PORTD |= _BV(PD7);
+}
+
+void set_up_converter() {
+  // The digital inputs of the two analog pins draw current at half the supply (section 26.8.6).
+  DIDR0 = _BV(ADC0D) | _BV(ADC1D);
+  // The first conversion, which initializes the converter, is of ground.
+  ADMUX = kAdcSupplyReference | kGroundChannel;
+  ADCSRA = kAdcSilent | _BV(ADSC);
 }
 
 void set_up_timers() {
@@ -441,6 +457,7 @@ int main() {
   set_up_pins();
   set_up_timers();
   set_up_serial();
+  set_up_converter();
   mega.stop_scanning();
   set_sleep_mode(SLEEP_MODE_IDLE);
   wdt_enable(WDTO_250MS);

@@ -107,11 +107,12 @@ static void on_convert(avr_irq_t *irq, uint32_t value, void *param) {
     avr_adc_mux_t mux;
     uint32_t value;
   } request = {.value = value};
+  int pin = request.mux.kind == ADC_MUX_SINGLE ? request.mux.src : -1; /* -1: ground, at first */
   double mv = 0;
-  if (request.mux.src == 0) {
+  if (pin == 0) {
     mv = pixel_mv(board);
     board->conversions++;
-  } else if (request.mux.src == 1) {
+  } else if (pin == 1) {
     mv = SUPPLY_MV * pressure_now(board);
   }
   mv += board->noise_mv * gaussian(board);
@@ -290,6 +291,11 @@ void board_hang(board_t *board) {
   board->avr->flash[nowhere] = 0xFF; /* rjmp to itself */
   board->avr->flash[nowhere + 1] = 0xCF;
   board->avr->pc = nowhere;
+}
+
+/* Sets four bytes of its memory: a variable of the program. */
+void board_set_memory(board_t *board, uint32_t address, uint32_t value) {
+  memcpy(board->avr->data + address, &value, sizeof value);
 }
 
 /* Queues bytes for the board's receiver; returns how many fitted. */

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import re
+import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -184,6 +186,20 @@ def test_an_absent_load_cell_is_said_to_be_silent(desk: Desk) -> None:
     last = desk.frames(0.7)[-1]
     assert last.status & wm.BoardStatus.LOAD_CELL_SILENT
     assert last.load_cells[1].raw == wm.NO_READING
+
+
+def test_an_absent_load_cell_stays_silent_when_the_clock_wraps(desk: Desk) -> None:
+    elf = ROOT / "firmware/build/palpate-mega2560.elf"
+    symbols = subprocess.run(["avr-nm", elf], check=True, capture_output=True, text=True).stdout
+    (found,) = re.findall(r"(\w+) b \S*overflows", symbols)
+    desk.board.set_load(0, 5)
+    desk.ask(wm.Start(contents=wm.Contents.LOAD_CELLS))
+    desk.frames(0.7)
+    # 71 minutes less 33 ms, in overflows of 32.768 ms.
+    desk.board.set_memory(int(found, 16) & 0xFFFF, 0x1FFFF)
+    frames = desk.frames(0.3)
+    assert frames[-1].time_us % 2**32 < 300_000
+    assert all(frame.status & wm.BoardStatus.LOAD_CELL_SILENT for frame in frames)
 
 
 def test_the_ceiling_acts_without_the_host(desk: Desk) -> None:

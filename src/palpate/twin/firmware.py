@@ -42,6 +42,7 @@ _SIGNATURES: dict[str, tuple[object, list[object]]] = {
     "board_safe_edges": (ctypes.c_uint32, [ctypes.c_void_p]),
     "board_reset": (None, [ctypes.c_void_p]),
     "board_hang": (None, [ctypes.c_void_p]),
+    "board_set_memory": (None, [ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32]),
     "board_set_noise_mv": (None, [ctypes.c_void_p, ctypes.c_float]),
     "board_set_pixels": (None, [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint64]),
     "board_set_load": (None, [ctypes.c_void_p, ctypes.c_int, ctypes.c_int32]),
@@ -167,6 +168,10 @@ class FirmwareBoard:
     def hang(self) -> None:
         """Make the program hang where it is; interrupts go on."""
         self._library.board_hang(self._board)
+
+    def set_memory(self, address: int, value: int) -> None:
+        """Set a 32-bit variable of the program."""
+        self._library.board_set_memory(self._board, address, value)
 
     @property
     def conversions(self) -> int:
