@@ -47,8 +47,6 @@ REAL = (
     (
         "presses",
         "--recordings=velostat_presses.csv.gz",
-        "--stretch-resistance=holds_cbsilicone.csv.gz",
-        "--stretch-force=holds_force_relaxation.csv.gz",
     ),
     ("histories", "--recordings=silicone_histories.csv.gz"),
     ("rupture", "--curves=fruit_rupture.csv.gz", "--index=fruit_rupture_index.csv"),
@@ -88,10 +86,10 @@ SHOWN: dict[str, dict[str, tuple[str, ...]]] = {
     "realism": {"holds_velostat": ()},
     "settled": {"Median |error|, %": (), "Regret": ()},
     "force-ladders": {"New sensor": ("mean of ladders",)},
-    "presses": {"Force after": ("all",), "Relaxation": ("all",)},
+    "presses": {"Force after": ("all",)},
     "histories": {"RMS": ("resistance",)},
     "rupture": {"Firmness": ("all",)},
-    "rupture-limits": {"Mean error": ()},
+    "rupture-limits": {"Firmness": ("all",)},
 }
 #: Beginnings of the paragraphs of a report that the page keeps: what the data are, and what was an
 #: input. The command prints the others.

@@ -13,7 +13,7 @@ from palpate_studies.baselines.constant import Constant
 from palpate_studies.baselines.log_law import TunedLogLaw
 from palpate_studies.baselines.pooled_law import PooledLaw
 from palpate_studies.baselines.ridge import Ridge
-from palpate_studies.challenge import METHODS, entered_from, report
+from palpate_studies.challenge import METHODS, entered_from, judge
 from palpate_studies.protocol.challenges import CHALLENGES, Challenge
 from palpate_studies.protocol.method import Case, Question, losses
 from palpate_studies.protocol.parts import folds
@@ -105,7 +105,7 @@ def test_a_method_must_answer_with_a_positive_number() -> None:
 
 
 def test_the_table_pairs_everyone_with_ours() -> None:
-    rows = report([made_up()]).payload["settled"]
+    rows = judge([made_up()], (), second=False).payload["settled"]
     assert [row["method"] for row in rows] == [method.name for method in METHODS["settled"]]
     assert rows[0]["ours_less_this"] is None
     constant = next(row for row in rows if row["method"].startswith("best constant"))

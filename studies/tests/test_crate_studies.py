@@ -1,4 +1,4 @@
-"""Studies of the mixed crate, on crates made up here: what they count, and that they draw."""
+"""Studies of the mixed crate, on crates made up here: what they count."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 import typer
-from tests.pdf_fonts import check_all_fonts
 
 from palpate.commands.outcome import run
 from palpate.errors import InputError
@@ -106,7 +105,7 @@ def crates() -> list[CrateItemGrasps]:
 
 
 def test_ours_beats_size_alone_and_finds_the_stranger(crates: list[CrateItemGrasps]) -> None:
-    found = identify.report(crates).payload["summary"]
+    found = identify.judge(crates).payload["summary"]
     size, ours = (of(found, "lab", m) for m in ("size thresholds", "ours, 3 grasps"))
     assert ours["right"] > size["right"] + 0.1
     assert ours["falsely_unknown"] <= 0.2
@@ -117,7 +116,7 @@ def test_ours_beats_size_alone_and_finds_the_stranger(crates: list[CrateItemGras
 
 
 def test_one_sensor_has_no_other_to_be_taught_on() -> None:
-    report = identify.report(made_up(levels=("lab",), sensors=1))
+    report = identify.judge(made_up(levels=("lab",), sensors=1))
     methods = {row["method"] for row in report.payload["summary"]}
     assert "ours, taught on other sensors" not in methods
     assert {row["level"] for row in report.payload["summary"]} == {"lab"}
@@ -141,14 +140,14 @@ def test_what_was_not_measured_is_unknown_to_all(crates: list[CrateItemGrasps]) 
     ]
     said = {one.said for one in identify.answers(lost)}
     assert said == {"unknown"}
-    runs = sorting.runs(lost, book=sorting.BOOK)
-    assert {run.score.left_over for run in runs} == {1.0}
+    sorted_by_all = sorting.sort_crates(lost, book=sorting.BOOK)
+    assert {score.left_over for score in sorted_by_all.values()} == {1.0}
 
 
 def test_rules_make_purer_bins_than_guesses_and_leave_some_over(
     crates: list[CrateItemGrasps],
 ) -> None:
-    found = sorting.report(crates).payload["summary"]
+    found = sorting.judge(crates).payload["summary"]
     size, one, three = (
         of(found, "lab", method)
         for method in ("size thresholds", "ours, one grasp", "ours, up to 3 grasps")
@@ -164,7 +163,7 @@ def test_crates_are_read_as_they_were_written(
 ) -> None:
     write_crates(crates, tmp_path / "crates.json")
     again = read_crates(tmp_path / "crates.json")
-    assert identify.report(again).payload == identify.report(crates).payload
+    assert identify.judge(again).payload == identify.judge(crates).payload
     assert json.loads((tmp_path / "crates.json").read_text())["simulated"] is True
 
 
@@ -178,7 +177,7 @@ def test_a_file_that_holds_no_crates_says_so(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("study", [identify, sorting])
-def test_the_command_writes_tables_and_figures(
+def test_the_command_writes_what_it_read(
     study: ModuleType,
     crates: list[CrateItemGrasps],
     tmp_path: Path,
@@ -190,26 +189,7 @@ def test_the_command_writes_tables_and_figures(
     arguments = ["--crates", str(tmp_path / "in.json"), "--out", str(tmp_path / "out"), "--json"]
     assert run(app, arguments, name="study") == 0
     assert json.loads(capsys.readouterr().out)["simulated"] is True
-    pictures = sorted((tmp_path / "out").glob("*.png"))
-    assert pictures
-    assert all(picture.stat().st_size > 10_000 for picture in pictures)
-    check_all_fonts(tmp_path / "out")
     assert (tmp_path / "out" / "crates.json").is_file()
-
-
-def test_rules_of_ones_own_are_checked_against_what_was_taught(
-    crates: list[CrateItemGrasps], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    write_crates(crates, tmp_path / "in.json")
-    rules = tmp_path / "rules.toml"
-    rules.write_text('default = "x"\n[[rule]]\nbin = "pears"\nclass = "pear"\n')
-    app = typer.Typer()
-    app.command()(sorting.command)
-    arguments = ["--crates", str(tmp_path / "in.json"), "--rules", str(rules)]
-    assert run(app, arguments, name="study") == 2
-    assert "line 2: class 'pear' was not taught" in capsys.readouterr().err
-    assert run(app, [*arguments[:2], "--target-force-n", "5"], name="study") == 2
-    assert "in.json was grasped already" in capsys.readouterr().err
 
 
 def test_a_crate_is_measured_by_grasps(monkeypatch: pytest.MonkeyPatch) -> None:

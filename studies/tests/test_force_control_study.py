@@ -13,8 +13,7 @@ from palpate.twin.world import GripperKind
 from palpate_studies.baselines.learned_loop import LOOPS, _taught, learned_laws, learned_loop
 from palpate_studies.baselines.paper_loop import EXPONENTIAL, paper_loop
 from palpate_studies.baselines.told_everything import RIDGE
-from palpate_studies.force_control import compare, scores
-from palpate_studies.force_control import report as force_report
+from palpate_studies.force_control import compared, judge, scores
 from palpate_studies.force_control_baselines import best_fixed, chosen_extra
 from palpate_studies.force_control_grasps import UNLIMITED, Gripped, ours
 from palpate_studies.force_control_world import (
@@ -99,7 +98,7 @@ def test_things_kept_below_that_could_have_borne_it_are_counted() -> None:
 
 
 def test_the_report_says_simulated() -> None:
-    document = force_report([made(force_share=1.0)])
+    document = judge([made(force_share=1.0)])
     assert document.payload["simulated"] is True
     assert "imulated" in document.title
 
@@ -162,7 +161,7 @@ def test_ours_is_compared_on_the_things_that_both_gripped() -> None:
     near, far = made(force_share=1.0), made(force_share=1.5)
     rival = replace(far, method="rival")
     other = replace(near, task=task(8, level="lab"), method="ours")
-    (row,) = compare([near, rival, other])
+    (row,) = compared([near, rival, other])
     assert (row["cases"], row["ours_near"], row["rival_near"]) == (1, 1.0, 0.0)
     assert row["difference"] == -1.0
 
@@ -170,6 +169,6 @@ def test_ours_is_compared_on_the_things_that_both_gripped() -> None:
 def test_ours_without_its_limit_is_compared_with_rivals_alone() -> None:
     near, far = made(force_share=1.0), made(force_share=1.5)
     found = [far, replace(near, method=UNLIMITED), replace(far, method="rival")]
-    assert [row["rival"] for row in compare(found)] == ["rival"]
-    (row,) = compare(found, method=UNLIMITED)
+    assert [row["rival"] for row in compared(found)] == ["rival"]
+    (row,) = compared(found, method=UNLIMITED)
     assert (row["method"], row["ours_near"], row["rival_near"]) == (UNLIMITED, 1.0, 0.0)

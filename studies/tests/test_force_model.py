@@ -30,14 +30,6 @@ def test_intervals_hold_on_sensors_that_were_not_learned() -> None:
     assert 0.8 < covered.mean() < 0.98
 
 
-def test_one_measured_force_moves_the_gain() -> None:
-    x, y, group = samples()
-    model = ForceModel.fit(x, target=y, group=group)
-    mine = model.adapted([[2.0]], target=[0.8 * 2.0 + 0.5])
-    before, after = (one.predict([[1.0], [3.0]])[0] for one in (model, mine))
-    assert after - before == pytest.approx(0.4, abs=0.15)
-
-
 @settings(max_examples=10, deadline=None)
 @given(st.floats(-3.0, 3.0))
 def test_forces_in_another_unit_shift_the_answer_alone(shift: float) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palpate_studies.harvest import FIRST_SEED, PULLS_N, pulls, report
+from palpate_studies.harvest import FIRST_SEED, PULLS_N, judge, pulls
 
 
 def test_a_pull_beyond_friction_slips_and_is_not_called_secure() -> None:
@@ -11,5 +11,5 @@ def test_a_pull_beyond_friction_slips_and_is_not_called_secure() -> None:
     assert not any(one.slipped for one in found if one.verdict == "secure to pull")
     slipped = [one.slipped for one in found]
     assert slipped == sorted(slipped)
-    rows = report(found).payload["summary"]
+    rows = judge(found).payload["summary"]
     assert sum(row["pulls"] for row in rows) == len(PULLS_N)

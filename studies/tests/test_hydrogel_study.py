@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate_studies.hydrogel import command, read_contacts, score
+from palpate_studies.hydrogel import read_contacts, report, score
 
 
 def loop_csv(path: Path, *, recordings: int = 2, rest: int = 30) -> Path:
@@ -51,4 +51,4 @@ def test_score_on_another_recording_beats_the_mean_force(tmp_path: Path) -> None
 
 def test_command_on_one_recording_refuses(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="one recording; each is left out in turn"):
-        command(loop_csv(tmp_path / "loop.csv", recordings=1))
+        report(recordings=loop_csv(tmp_path / "loop.csv", recordings=1))

@@ -12,7 +12,7 @@ from palpate.estimate.damage_learning import FruitClosing, follow_closing
 from palpate_studies.protocol.method import Answer, Case, Question, losses
 from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.protocol.parts import Fold, SeenBeforeError, choose, folds
-from palpate_studies.rupture import _policies
+from palpate_studies.rupture import OURS
 from palpate_studies.rupture_tradeoff import RATES, applied, stops, tradeoff
 
 
@@ -98,15 +98,13 @@ def test_what_makes_a_specimen_hard_for_both_drops_out_of_a_paired_difference() 
 
 def test_a_rupture_setting_is_never_used_on_fruit_that_it_was_chosen_on() -> None:
     fruit = pears(24, seed=1)
-    policy = _policies([(fruit, fruit)])[0]
     with pytest.raises(SeenBeforeError, match="used for fitting or choosing"):
-        applied(policy, [(fruit, fruit[:3])])
+        applied(OURS, [(fruit, fruit[:3])])
 
 
 def test_rupture_settings_come_from_the_training_fruit_alone() -> None:
     training, test = pears(60, seed=1), pears(30, seed=2)
-    policy = _policies([(training, test)])[0]
-    whole, part = (applied(policy, [(training, some)]) for some in (test, test[:5]))
+    whole, part = (applied(OURS, [(training, some)]) for some in (test, test[:5]))
     assert part.settings == pytest.approx(whole.settings[:5])
     assert stops(part, test[:5]) == pytest.approx(stops(whole, test)[:5])
     assert np.all(np.diff(whole.settings[0]) >= 0)

@@ -37,7 +37,7 @@ def test_noise_and_change_to_come_of_a_known_hold() -> None:
 
 
 def test_without_recordings_the_twin_stands_alone() -> None:
-    report = realism.report({}, sensors=3)
+    report = realism.report(sensors=3)
     assert "twin alone" in report.provenance[-1]
     assert [row[0].split(":")[0] for row in report.tables[0].rows] == list(realism.COMPARED)
 
@@ -52,16 +52,10 @@ def test_eight_independent_places_average_and_alike_neighbours_do_not() -> None:
 
 
 def test_field_is_kinder_than_velostat_in_nothing(real_data: Path) -> None:
-    real = realism.real_quantities(
+    rows = realism.report(
         ladders=real_data / "velostat_force_ladders.csv",
         presses=real_data / "velostat_presses.csv.gz",
         holds=[real_data / "holds_velostat.csv.gz"],
-    )
-    field = realism.twin_quantities(level="field")
-    compared = [
-        realism.Comparison(quantity=name, real=values, twin={"field": field[name]})
-        for quantities in real.values()
-        for name, values in quantities.items()
-    ]
-    assert {one.quantity for one in compared} == set(realism.COMPARED)
-    assert [one.quantity for one in compared if one.kinder("field")] == []
+    ).payload["compared"]
+    assert {row["quantity"] for row in rows} == set(realism.COMPARED)
+    assert [row["quantity"] for row in rows if row["kinder"]["field"]] == []

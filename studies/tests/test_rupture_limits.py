@@ -1,4 +1,4 @@
-"""Learners that are told everything, beside our line."""
+"""Learners that are given everything, next to our line."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import pytest
 
 from palpate.cli import build_app, run
 from palpate.estimate.damage_learning import FruitClosing, follow_closing
-from palpate_studies import rupture_limits
 from palpate_studies.rupture_learners import features, learned_scores, learners
 
 
@@ -23,17 +22,6 @@ def spring(name: str, *, stiffness: float, limit_n: float, size_mm: float = 0.0)
         closure_mm=size_mm + closure_mm,
         force_n=stiffness * closure_mm,
     )
-
-
-def springs(*, hidden: bool) -> list[FruitClosing]:
-    """Springs that rupture at twice their stiffness, or by their size, which no stiffness tells."""
-    rng = np.random.default_rng(2)
-    made = []
-    for number in range(60):
-        stiffness, size_mm = float(rng.uniform(2, 8)), float(rng.uniform(30, 60))
-        limit_n = 0.2 * size_mm if hidden else 2.0 * stiffness
-        made.append(spring(f"s{number}", stiffness=stiffness, limit_n=limit_n, size_mm=size_mm))
-    return made
 
 
 def test_a_spring_shows_its_stiffness_and_nothing_else() -> None:
@@ -63,22 +51,21 @@ def test_what_comes_later_shows_nothing_of_itself_before() -> None:
 
 @pytest.mark.parametrize("name", list(learners()))
 def test_a_learner_finds_what_our_line_can_not_see(name: str) -> None:
-    closings = springs(hidden=True)
+    rng, closings = np.random.default_rng(2), []
+    for number in range(60):
+        stiffness, size_mm = float(rng.uniform(2, 8)), float(rng.uniform(30, 60))
+        closings.append(
+            spring(f"s{number}", stiffness=stiffness, limit_n=0.2 * size_mm, size_mm=size_mm)
+        )
     shown = {closing.grasp_id: features(closing) for closing in closings}
     scored = learned_scores(
         learners()[name], training=closings[:45], test=closings[45:], shown=shown
     )
-    missed = [
-        rupture_limits._missed(closing, one)
-        for closing, one in zip(closings[45:], scored, strict=True)
-    ]
+    missed = []
+    for closing, one in zip(closings[45:], scored, strict=True):
+        half = int(np.argmax(one.score >= 0.5))
+        missed.append(abs(one.force_n[half] / one.score[half] / closing.rupture_force_n - 1))
     assert np.mean(missed) < 0.12
-
-
-def test_whole_stretches_are_left_out_once_each() -> None:
-    closings = springs(hidden=False)
-    tested = [c.grasp_id for _, test in rupture_limits._stretches(closings) for c in test]
-    assert tested == [c.grasp_id for c in closings]
 
 
 def test_on_real_fruit_no_learner_is_much_nearer_than_our_line(
@@ -89,11 +76,12 @@ def test_on_real_fruit_no_learner_is_much_nearer_than_our_line(
         *("--index", str(real_data / "fruit_rupture_index.csv")),
     ]
     assert run(build_app(), ["study", "rupture-limits", *files, "--json"], name="palpate") == 0
-    found = json.loads(capsys.readouterr().out)["mean_abs_error_percent"]
-    told = [found[name] for name in found if name.endswith("told everything")]
-    assert len(told) == 2
-    for errors in told:
-        assert errors["banana"] > found["ours"]["banana"] - 1
-        assert errors["kiwi"] > 15
-        assert errors["mango"] > found["ours"]["mango"] - 2
-    assert found["rule as published, told the true half load"]["kiwi"] > 20
+    firmness = {
+        entry["method"]: entry["firmness"]
+        for entry in json.loads(capsys.readouterr().out)["tradeoff"]
+        if (entry["fruit"], entry["rate_limit"]) == ("all", 0.05)
+    }
+    learned = [firmness[name] for name in firmness if name.endswith("told everything")]
+    assert len(learned) == 2
+    assert firmness["ours"] > max(learned) - 0.01
+    assert firmness["ours"] > firmness["rule as published"] + 0.05

@@ -8,26 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.pdf_fonts import check_all_fonts
 
 from palpate.cli import run
 from palpate.errors import InputError
 from palpate.estimate.damage_learning import follow_closing, read_closings
 from palpate.grasp.plan import Plan
 from palpate_studies import rupture
-from palpate_studies.catalogue import STUDIES
 from palpate_studies.other_closings import other_closings
-from palpate_studies.rupture_published import published_scores
-
-ROW_KEYS = {
-    "grasp_id",
-    "fruit",
-    "rupture_force_n",
-    "predicted_n",
-    "low_n",
-    "stop_force_n",
-    "ruptured",
-}
+from palpate_studies.rupture_policies import published_scores
 
 
 def run_study(arguments: list[str]) -> int:
@@ -44,13 +32,12 @@ def test_on_real_fruit_it_is_firmer_than_a_cap(
     files = [real_data / "fruit_rupture.csv.gz", real_data / "fruit_rupture_index.csv"]
     assert run_study(["--curves", str(files[0]), "--index", str(files[1]), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
-    assert len(result["rows"]) == 163
-    assert set(result["rows"][0]) == ROW_KEYS
-    for row in result["rows"]:
-        assert row["ruptured"] == (row["stop_force_n"] >= row["rupture_force_n"])
-    ruptured = sum(row["ruptured"] for row in result["rows"])
+    key = ("all", "ours", 0.01)
+    (at_nominal,) = (
+        e for e in result["tradeoff"] if (e["fruit"], e["method"], e["rate_limit"]) == key
+    )
     # A nominal 1 % of 163 is 1.6; more than 7 has a probability below 0.1 % under it.
-    assert ruptured <= 7
+    assert (at_nominal["grasps"], at_nominal["ruptured"] <= 7) == (163, True)
     firmness = {
         (e["method"], e["rate_limit"]): e["firmness"]
         for e in result["tradeoff"]
@@ -102,16 +89,13 @@ def test_fruit_without_published_constants_is_judged_without_them(
     files = tmp_path / "curves.csv", tmp_path / "index.csv"
     files[0].write_text("\n".join(curves) + "\n")
     files[1].write_text("\n".join(index) + "\n")
-    out = ["--out", str(tmp_path / "report"), "--json"]
-    assert run_study(["--curves", str(files[0]), "--index", str(files[1]), *out]) == 0
+    assert run_study(["--curves", str(files[0]), "--index", str(files[1]), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     methods = {entry["method"] for entry in result["tradeoff"]}
     assert methods == {
         *("ours", "ours, fruit unknown", "load quantile"),
         *("cap per fruit", "stiffness rule"),
     }
-    assert (tmp_path / "report" / "rupture.png").stat().st_size > 10_000
-    check_all_fonts(tmp_path / "report")
 
 
 def test_the_published_rule_reads_the_stiffness_of_its_window() -> None:
@@ -162,10 +146,6 @@ def test_too_few_fruit_end_in_one_line(tmp_path: Path, capsys: pytest.CaptureFix
     assert "give more closings" in capsys.readouterr().err
 
 
-def test_the_study_is_listed() -> None:
-    assert STUDIES["rupture"][0] == "palpate_studies.rupture"
-
-
 def test_fruit_of_two_ripenesses_is_judged_without_files(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -177,7 +157,6 @@ def test_fruit_of_two_ripenesses_is_judged_without_files(
     assert run_study(["--second", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["second_generator"] is True
-    assert result["provenance"][0].startswith("Simulated (second generator)")
     assert {row["rival"] for row in result["compared"]} >= {"stiffness rule", "cap per fruit"}
     assert run_study([]) == 2
     assert "either --curves and --index or --second" in capsys.readouterr().err

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from palpate.cli import build_app
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.twin.crate import draw_crate
 from palpate.twin.sheet_state import SheetState
 from palpate.twin.velostat import draw_sheet
 from palpate.twin.world import World
-from palpate_studies import size
+from palpate_studies import ripeness, size
 from palpate_studies.bruise_data import as_drawn
 from palpate_studies.force_control_world import task
 from palpate_studies.fruit_ranges import BRUISES
@@ -56,14 +53,11 @@ def test_a_corky_bruise_has_a_core_and_a_rim_and_a_sound_apple_stays_as_it_is() 
     assert as_drawn(sound) is sound
 
 
-def test_the_study_pairs_ours_with_that_day_alone(tmp_path: Path) -> None:
-    arguments = ["--sensors", "1", "--fruits", "4", "--apple-sensors", "0", "--out", str(tmp_path)]
-    found = CliRunner().invoke(build_app(), ["study", "second-generators", *arguments, "--json"])
-    assert found.exit_code == 0
-    document = json.loads((tmp_path / "second-generators.json").read_text())
-    assert document["simulated"] is True
-    assert [row["generator"] for row in document["ripeness"]] == ["first", *WAYS, "all three"]
-    for row in document["ripeness"]:
+def test_ripeness_pairs_ours_with_that_day_alone() -> None:
+    payload = ripeness.report(sensors=1, fruits=4, second=True).payload
+    assert payload["simulated"] is True
+    assert [row["generator"] for row in payload["ripeness"]] == ["first", *WAYS, "all three"]
+    for row in payload["ripeness"]:
         assert row["fruit_days"] == row["wrong_less_one_day"]["cases"] == 16
         assert row["wrong_less_one_day"]["specimens"] == 4
         for learner, exact in row["exact_learned"].items():

@@ -1,17 +1,12 @@
-"""The staircase, Table 5 and stiffness studies: small runs say what they are and stay finite."""
+"""The staircase study: laws and learners follow sheets that they never saw."""
 
 from __future__ import annotations
 
-import json
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 import pytest
-from tests.pdf_fonts import check_all_fonts
 
 from palpate.rig.simulated import calibrated
-from palpate_studies import staircases, stiffness, table5
+from palpate_studies import staircases
 from palpate_studies.baselines.learned_now import numbers_of
 from palpate_studies.protocol.parts import SeenBeforeError
 from palpate_studies.staircase_data import FAINT_N, FollowedForce, followed, learned_from
@@ -76,52 +71,3 @@ def test_scores_of_known_errors() -> None:
     assert scores["rms_log_error_own_gain_out"] == pytest.approx(0)
     assert scores["coverage"] == 0
     assert staircases._scores([exact], [half])["share_of_settled"] == 0
-
-
-def test_table5_report(tmp_path: Path) -> None:
-    errors = {
-        level: {
-            name: table5.Errors(of_reading_n=np.array([0.1, 0.3]), of_force_n=np.array([0.5, 0.7]))
-            for name in table5.ALL_ROWS
-        }
-        for level in table5.LEVELS
-    }
-    report = table5._report(errors, sensors=1, repeats=1)
-    report.write(tmp_path)
-    check_all_fonts(tmp_path)
-    document = json.loads((tmp_path / "table5.json").read_text())
-    rows = {(row["level"], row["technique"]): row for row in document["rows"]}
-    assert rows["lab", "exponential, 2.5 s"]["published_n"] == 0.14
-    assert rows["field", "ours, 1 s"]["published_ratio"] is None
-    assert rows["lab", "ours, 2.5 s"]["ratio"] == 1
-    assert "Simulated" in (tmp_path / "table5.md").read_text()
-    assert {row["mean_abs_error_of_force_n"] for row in document["rows"]} == {0.6}
-    assert {row["mean_abs_error_n"] for row in document["rows"]} == {0.2}
-    # Four entries, none within 0.1 to 0.3 N but that of 0.14 N.
-    assert document["misfit"]["lab"]["predicted"] == {"entries": 4, "missed": 3}
-    assert (tmp_path / "figure12.png").stat().st_size > 1000
-
-
-def test_stiffness_report_counts_what_was_not_answered(tmp_path: Path) -> None:
-    given = stiffness.Answer(
-        gripper="rigid",
-        level="lab",
-        squeeze="10 N",
-        object="spring, flat",
-        truth=2.0,
-        value=2.2,
-        low=1.0,
-        high=4.0,
-        status="ok",
-    )
-    nan = float("nan")
-    none = replace(given, truth=9.0, value=nan, low=nan, high=nan, status="none")
-    report = stiffness._report([given, none])
-    report.write(tmp_path)
-    check_all_fonts(tmp_path)
-    document = json.loads((tmp_path / "stiffness.json").read_text())
-    overall = document["summary"][0]
-    assert (overall["grasps"], overall["answered"]) == (2, 1)
-    assert overall["median_abs_error_percent"] == pytest.approx(10.0)
-    assert overall["coverage"] == 1
-    assert overall["no_upper_end"] == 0

@@ -22,15 +22,21 @@ from palpate_studies import (
     environment,
     fatigue,
     figure16,
+    harvest,
     noise,
+    realism,
+    ripeness,
+    size,
     slip,
     speed,
     springs,
+    stiffness,
     table1,
     table2,
     table3,
     table4,
     table4_preload,
+    table5,
     table6,
 )
 from palpate_studies.catalogue import BENCHMARKS, STUDIES
@@ -57,6 +63,12 @@ REPORTS: dict[str, Callable[[], StudyReport]] = {
     "detection-limit": lambda: detection_limit.report(sensors=1),
     "slip": lambda: slip.report(events=4, hours=0.1),
     "speed": lambda: speed.report(sensors=1, repeats=1),
+    "table5": lambda: table5.report(sensors=1, repeats=1),
+    "stiffness": lambda: stiffness.report(grasps=4),
+    "size": lambda: size.report(sensors=1, first_sensor=300, berries=2),
+    "ripeness": lambda: ripeness.report(sensors=1, fruits=4, second=True),
+    "realism": lambda: realism.report(sensors=3),
+    "harvest": lambda: harvest.judge(harvest.pulls(harvest.FIRST_SEED - 4, level="lab")),
 }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import Annotated, Any
@@ -10,19 +10,21 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from palpate.produce.bruise.model import BruiseModel
+from palpate.produce.bruise.model import BruiseModel, default_model
 from palpate_studies.bruise_data import (
     EARLY_S,
     PLACED_WITHIN_MM,
     REFERENCE_APPLES,
     SIDES_AROUND,
     Examined,
+    as_drawn,
     examine,
 )
 from palpate_studies.bruise_scores import (
     CHANGE,
     EARLIER,
     FALSE_ALARMS,
+    FIRST_MET,
     KIND,
     SAME_WIDTH,
     THRESHOLD,
@@ -38,8 +40,10 @@ from palpate_studies.bruise_scores import (
     scored,
     way,
 )
-from palpate_studies.report import StudyReport, Table, as_command
+from palpate_studies.other_fruit import corky
+from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
+from palpate_studies.twin_apple import Apple
 
 #: Edges of the classes of bruises by diameter, mm.
 _DIAMETERS_MM = (4.0, 7.0, 11.3, 15.0, 20.0, 30.0)
@@ -53,13 +57,17 @@ def report(
         int, typer.Option(help="Apples tested on each level; 500 for figures to rely on.", min=24)
     ] = 48,
     seed: Annotated[int, typer.Option(help="Seed of apples and sensors.", min=0)] = 1,
+    second: SecondOption = False,
 ) -> StudyReport:
     """Grasp many sound and bruised apples on the twin, and tell them apart in every way.
 
-    With --out, the model learned at each level is written too.
+    With --out, the model learned at each level is written too. --second judges bruises of another
+    shape, and the same apples of the first, by the model that palpate ships; two dozen on a sensor.
 
     Example: palpate study bruise --apples 96 --out reports
     """
+    if second:
+        return second_report(range(seed, seed + apples // 24))
     purposes = {
         "learn": max(2 * apples // 24 * 24, 48),
         "test": apples,
@@ -135,6 +143,63 @@ def judge(examined: Sequence[Examined]) -> StudyReport:
             f"bruise-model-{level}.json": partial(_save, model) for level, model in models.items()
         },
     )
+
+
+def second_report(seeds: Sequence[int]) -> StudyReport:
+    """Judge the same apples of both generators by the model that palpate ships."""
+    remakes: dict[str, Callable[[Apple], Apple]] = {"first": as_drawn, "second": corky}
+    rows = [
+        {"generator": name, **_shipped([one for seed in seeds for one in _apples(seed, remade)])}
+        for name, remade in remakes.items()
+    ]
+    return StudyReport(
+        name="bruise",
+        title="Bruises of another shape (simulated)",
+        provenance=(
+            "Simulated, at level lab. The second generator is described in "
+            "`palpate_studies.other_fruit`, fixed before anything was scored on it; the model that "
+            "palpate ships was learned on the first.",
+        ),
+        tables=[
+            Table.of(
+                "Bruised or sound: area under the ROC curve",
+                rows,
+                {
+                    "generator": "{generator}",
+                    "apples": "{apples}",
+                    "ours, earlier record": "{area_with_an_earlier_record:.2f}",
+                    "ours, first met": "{area_first_met:.2f}",
+                    "the paper's way": "{area_the_papers_way:.2f}",
+                },
+            )
+        ],
+        payload={"study": "bruise", "simulated": True, "bruise": rows},
+    )
+
+
+def _apples(seed: int, remade: Callable[[Apple], Apple]) -> list[Examined]:
+    return list(examine({"test": 24}, levels=["lab"], seed=seed, remade=remade))
+
+
+def _shipped(found: Sequence[Examined]) -> dict[str, Any]:
+    felt, model = felt_of(found), default_model()
+    change = [
+        one.presses["same_width"].mean_percent - one.presses["before"].mean_percent for one in found
+    ]
+    scores = {
+        "with_an_earlier_record": log_odds(felt, model, EARLIER),
+        "first_met": log_odds(felt, model, FIRST_MET),
+        "the_papers_way": np.array(change),
+    }
+    each = {name: scored(found, score) for name, score in scores.items()}
+    return {
+        "apples": len(found),
+        "sensors": len({one.sensor for one in found}),
+        **{f"area_{name}": one.auc for name, one in each.items()},
+        "lost_less_the_papers_way": area_lost(
+            each["with_an_earlier_record"], each["the_papers_way"]
+        ).to_dict(),
+    }
 
 
 def _save(model: BruiseModel, path: Any) -> None:

@@ -26,7 +26,6 @@ _SHOWN = {
     "detection-limit": "Weakest force seen and linearity, on the twin",
     "environment": "Figures 1b and 3, climate and suction on the twin",
     "fatigue": "Figure 4, 2 500 cycles on the twin",
-    "second-generators": "Ripening and bruises of a shape that no rule was made on, simulated",
     "speed": "Actuation speed against every predictor, on the twin",
     "size": "Figure 14, size of strawberries in 1 mm steps, simulated",
     "slip": "Slip and removal: rates, false alarms, delays, simulated",

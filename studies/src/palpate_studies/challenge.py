@@ -10,8 +10,6 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from palpate.arrays import FloatArray
-from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 from palpate_studies.baselines.boosting import Boosting
 from palpate_studies.baselines.constant import Constant
@@ -24,7 +22,7 @@ from palpate_studies.protocol.challenges import CHALLENGES, Challenge
 from palpate_studies.protocol.method import Method, losses
 from palpate_studies.protocol.other_challenges import OTHER_CHALLENGES
 from palpate_studies.protocol.paired import paired_difference
-from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 
 _SECOND = (
     "Holds drawn from formulas (no sensor) and weights on simulated sheets, both of shapes that no "
@@ -39,30 +37,25 @@ METHODS: dict[str, tuple[Method, ...]] = {
 }
 
 
-def command(
+def report(
+    *,
     data: Annotated[Path, typer.Option(help="Folder of the real recordings.", metavar="DIR")],
     method: Annotated[
         list[Path] | None,
         typer.Option(help="Python file that defines METHOD: one of your own.", metavar="FILE"),
     ] = None,
-    second: Annotated[
-        bool,
-        typer.Option(
-            "--second",
-            help="Ask on other cases: drawn holds, simulated sheets, kinds of fruit left out.",
-        ),
-    ] = False,
-    as_json: JsonOption = False,
-    out: OutOption = None,
-) -> None:
+    second: SecondOption = False,
+) -> StudyReport:
     """Enter a method of your own in three challenges, against ours and every rival.
 
     Example: palpate study challenge --data recordings --method mine.py
     """
     entered = [entered_from(path) for path in method or []]
     asked = OTHER_CHALLENGES if second else CHALLENGES
-    found = report([read(data) for read in asked.values()], entered, second=second)
-    found.emit(as_json=as_json, out=out)
+    return judge([read(data) for read in asked.values()], entered, second=second)
+
+
+command = as_command(report)
 
 
 def entered_from(path: Path) -> Method:
@@ -87,7 +80,7 @@ def entered_from(path: Path) -> Method:
     return found
 
 
-def report(
+def judge(
     challenges: Sequence[Challenge], entered: Sequence[Method] = (), *, second: bool = False
 ) -> StudyReport:
     """Score every method of every challenge, and pair each with ours."""
@@ -116,50 +109,39 @@ def report(
 
 
 def _rows(challenge: Challenge, entered: Sequence[Method]) -> list[dict[str, Any]]:
-    ours, *rivals = (*METHODS[challenge.name], *entered)
-    specimens = [case.specimen for case in challenge.cases]
-    best = losses(ours, challenge.cases, parts=challenge.folds)
-    found = [_row(challenge, ours.name, best, None)]
-    for rival in rivals:
-        lost = losses(rival, challenge.cases, parts=challenge.folds)
-        difference = paired_difference(best, lost, specimens)
-        found.append(_row(challenge, rival.name, lost, difference.to_dict()))
-    return found
-
-
-def _row(
-    challenge: Challenge, name: str, lost: FloatArray, difference: dict[str, Any] | None
-) -> dict[str, Any]:
-    return {
-        "method": name,
-        "cases": len(challenge.cases),
-        "specimens": len({case.specimen for case in challenge.cases}),
-        "median_abs_log_error": float(np.median(lost)),
-        "p90_abs_log_error": float(np.quantile(lost, 0.9)),
-        "ours_less_this": difference,
-    }
+    methods, cases = (*METHODS[challenge.name], *entered), challenge.cases
+    specimens = [case.specimen for case in cases]
+    lost = {one.name: losses(one, cases, parts=challenge.folds) for one in methods}
+    best = lost[methods[0].name]
+    return [
+        {
+            "method": name,
+            "cases": len(cases),
+            "specimens": len(set(specimens)),
+            "median_abs_log_error": float(np.median(each)),
+            "p90_abs_log_error": float(np.quantile(each, 0.9)),
+            "ours_less_this": None
+            if each is best
+            else paired_difference(best, each, specimens).to_dict(),
+        }
+        for name, each in lost.items()
+    ]
 
 
 def _table(challenge: Challenge, rows: Sequence[dict[str, Any]]) -> Table:
-    mine = sorted(rows, key=lambda row: row["median_abs_log_error"])
-    count = len({case.specimen for case in challenge.cases})
-    return Table(
-        title=f"{challenge.name}: {challenge.asks}, {len(challenge.cases)} cases of {count}",
-        columns=("method", "median |ln ratio|", "p90", "ours less this (90 %)", "who errs less"),
-        rows=[
-            (
-                row["method"],
-                f"{row['median_abs_log_error']:.3f}",
-                f"{row['p90_abs_log_error']:.3f}",
-                *_cells(row["ours_less_this"]),
-            )
-            for row in mine
-        ],
+    less = "ours_less_this"
+    return Table.of(
+        f"{challenge.name}: {challenge.asks}, {rows[0]['cases']} cases of {rows[0]['specimens']}",
+        sorted(rows, key=lambda row: float(row["median_abs_log_error"])),
+        {
+            "method": "{method}",
+            "median |ln ratio|": "{median_abs_log_error:.3f}",
+            "p90": "{p90_abs_log_error:.3f}",
+            "ours less this (90 %)": lambda row: (
+                "{difference:+.3f} ({low:+.3f} to {high:+.3f})".format(**row[less])
+                if row[less]
+                else ""
+            ),
+            "who errs less": lambda row: row[less]["verdict"] if row[less] else "",
+        },
     )
-
-
-def _cells(difference: dict[str, Any] | None) -> tuple[str, str]:
-    if difference is None:
-        return "", ""
-    value, low, high = (difference[key] for key in ("difference", "low", "high"))
-    return f"{value:+.3f} ({low:+.3f} to {high:+.3f})", difference["verdict"]

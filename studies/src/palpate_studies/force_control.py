@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from textwrap import fill
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
 from scipy.stats import beta
 
-from palpate.commands.options import JsonOption
 from palpate_studies.baselines.learned_loop import LOOPS, Laws, learned_laws, learned_loop
 from palpate_studies.baselines.paper_loop import EXPONENTIAL, PATIENT, paper_loop
 from palpate_studies.force_control_baselines import best_fixed, by_current, chosen_extra
@@ -23,17 +21,15 @@ from palpate_studies.force_control_world import (
     learned_damage,
     task,
 )
-from palpate_studies.protocol.paired import paired_difference
+from palpate_studies.protocol.paired import compare
 from palpate_studies.protocol.parts import Learned
-from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.report import SecondOption, StudyReport, Table, as_command
+from palpate_studies.rows import LEVELS, mean, median
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from palpate.estimate.damage import DamageModel
     from palpate.twin.world import GripperKind
 
-LEVELS = ("lab", "field")
 #: The first seed of the shown grasps of each generator, written down before anything was scored on
 #: them. Looked at before: 800_000 on and 840_000 on, and of the second generator 960_000 on.
 FIRST_SEED, SECOND_SEED = 870_000, 966_000
@@ -46,23 +42,17 @@ _SECOND = (
 COMPARED = 40
 #: Things that ours grips without its damage limit too.
 UNLIMITED_ON = 200
-#: Letters that fit in a row of titles.
-_TITLES_LETTERS = 90
 #: Seeds that the best fixed closing is chosen on; none of them is shown.
 CHOOSING_SEED, CHOSEN_ON = 1_500_000, 24
 #: Seeds that the learners learn from; none of them is shown.
 LEARNING_SEED, LEARNED_FROM = 1_600_000, 240
 
 
-def command(
+def report(
+    *,
     grasps: Annotated[int, typer.Option(help="Things gripped at each level.", min=1)] = 8,
-    second: Annotated[
-        bool,
-        typer.Option("--second", help="Things with a skin and a core, of foam, and of dough."),
-    ] = False,
-    as_json: JsonOption = False,
-    out: OutOption = None,
-) -> None:
+    second: SecondOption = False,
+) -> StudyReport:
     """Grip random things to a force, lift them, and count what was missed, dropped and damaged.
 
     Example: palpate study force-control --grasps 100 --out reports
@@ -80,7 +70,10 @@ def command(
         else:
             extra = chosen_for(tasks, level=level)
             found += gripped(tasks, damage=damage, extra=extra, laws=laws)
-    report(found, second=second).emit(as_json=as_json, out=out)
+    return judge(found, second=second)
+
+
+command = as_command(report)
 
 
 def chosen_for(tasks: Sequence[Task], *, level: str) -> Mapping[GripperKind, Learned[float]]:
@@ -159,48 +152,44 @@ def scores(found: Sequence[Gripped]) -> dict[str, Any]:
         "aimed": len(aimed),
         # Of every thing that was to be gripped, and of those that the method aimed at the target.
         "within_10_percent_of_all": float(np.mean(near_of_all)),
-        "within_10_percent": float(np.mean(near)) if near else None,
+        "within_10_percent": mean(near),
         # Of grasps that were held: as near an answer that knew settling and wear would have come.
-        "within_10_percent_if_known": float(np.mean(known)) if known else None,
-        "median_off_target_percent": (
-            float(100 * np.median([abs(one.off_target) for one in aimed])) if aimed else None
-        ),
-        "coverage": float(np.mean(covered)) if covered else None,
-        "median_on_target_s": float(np.median(times_s)) if times_s else None,
+        "within_10_percent_if_known": mean(known),
+        "median_off_target_percent": median([100 * abs(one.off_target) for one in aimed]),
+        "coverage": mean(covered),
+        "median_on_target_s": median(times_s),
     }
 
 
-def compare(found: Sequence[Gripped], *, method: str = "ours") -> list[dict[str, Any]]:
+def compared(found: Sequence[Gripped], *, method: str = "ours") -> list[dict[str, Any]]:
     """Return a method of ours against every rival on the things that both gripped, by sensor.
 
     A thing's loss is 1 where the settled force is not within 10 % of the target, whatever kept it.
     """
     rows = []
     for level in LEVELS:
-        by_method: dict[str, dict[int, float]] = {}
+        lost: dict[str, dict[int, float]] = {}
         for one in found:
             if one.task.level == level:
                 missed = float(abs(one.off_target) > NEAR)
-                by_method.setdefault(one.method, {})[one.task.seed] = missed
-        ours_missed = by_method.pop(method, {})
-        for rival, rival_missed in by_method.items():
-            both = [seed for seed in rival_missed if seed in ours_missed]
+                lost.setdefault(one.method, {})[one.task.seed] = missed
+        ours = lost.pop(method, {})
+        for rival, theirs in lost.items():
+            both = [seed for seed in theirs if seed in ours]
             if not both or rival in ("ours", UNLIMITED):
                 continue
-            rows.append(
-                {
-                    "level": level,
-                    "method": method,
-                    "rival": rival,
-                    "ours_near": 1 - float(np.mean([ours_missed[seed] for seed in both])),
-                    "rival_near": 1 - float(np.mean([rival_missed[seed] for seed in both])),
-                    **paired_difference(
-                        [ours_missed[seed] for seed in both],
-                        [rival_missed[seed] for seed in both],
-                        [str(seed // GRASPS_PER_SHEET) for seed in both],
-                        statistic=np.mean,
-                    ).to_dict(),
-                }
+            pair = {method: [ours[seed] for seed in both], rival: [theirs[seed] for seed in both]}
+            sensors = [str(seed // GRASPS_PER_SHEET) for seed in both]
+            near = [1 - float(np.mean(each)) for each in pair.values()]
+            rows += compare(
+                pair,
+                sensors,
+                ours=method,
+                statistic=np.mean,
+                level=level,
+                method=method,
+                ours_near=near[0],
+                rival_near=near[1],
             )
     return rows
 
@@ -209,7 +198,7 @@ def _most(bad: int, count: int) -> float:
     return 1.0 if bad == count else float(beta.ppf(0.95, bad + 1, count - bad))
 
 
-def report(found: Sequence[Gripped], *, second: bool = False) -> StudyReport:
+def judge(found: Sequence[Gripped], *, second: bool = False) -> StudyReport:
     """Return the report of any number of grasps."""
     methods = list(dict.fromkeys(one.method for one in found))
     summary = [
@@ -217,7 +206,15 @@ def report(found: Sequence[Gripped], *, second: bool = False) -> StudyReport:
         for level in LEVELS
         for method in methods
         for kind in ("all", "rigid", "soft")
-        if (part := _part(found, level, method, kind))
+        for part in [
+            [
+                one
+                for one in found
+                if (one.task.level, one.method) == (level, method)
+                and kind in ("all", one.task.kind)
+            ]
+        ]
+        if part
     ]
     return StudyReport(
         name="force-control",
@@ -251,131 +248,41 @@ def report(found: Sequence[Gripped], *, second: bool = False) -> StudyReport:
             f"(seeds from {LEARNING_SEED} on).",
         ),
         tables=[
-            _table("What came of it", summary, columns=_BECAME),
-            _table("How near the target", summary, columns=_CAME_NEAR),
+            Table.of(
+                title, summary, _LEAD | {head: f"{{{form}}}" for head, form in columns.items()}
+            )
+            for title, columns in _TABLES.items()
         ],
         payload={
             "study": "force-control",
             "simulated": True,
             "second_generator": second,
             "summary": summary,
-            "compared": [*compare(found), *compare(found, method=UNLIMITED)],
-            "rows": [_row(one) for one in found],
+            "compared": [*compared(found), *compared(found, method=UNLIMITED)],
         },
-        figures={"force-control": lambda: _figure(found, methods)},
     )
 
 
-def _part(found: Sequence[Gripped], level: str, method: str, kind: str) -> list[Gripped]:
-    mine = [one for one in found if (one.task.level, one.method) == (level, method)]
-    return [one for one in mine if kind in ("all", one.task.kind)]
-
-
-def _row(one: Gripped) -> dict[str, Any]:
-    return {
-        "seed": one.task.seed,
-        "level": one.task.level,
-        "gripper": one.task.kind,
-        "method": one.method,
-        "outcome": one.outcome,
-        "stiffness_n_per_mm": one.task.obj.force_at_1mm_n,
-        "yield_n": one.task.obj.yield_n,
-        "target_n": one.task.target_n,
-        "lift_n": one.task.lift_n,
-        "force_n": one.force_n,
-        "said_n": one.said_n,
-        "known_n": one.known_n,
-        "low_n": one.low_n,
-        "high_n": one.high_n,
-        "lifted": one.lifted,
-        "dropped": one.dropped,
-        "damaged": one.damaged,
-        "limited": one.limited,
-        "could_bear": one.could_bear,
-        "risk": one.risk,
-        "touch_risk": one.touch_risk,
-        "on_target_s": one.on_target_s,
-    }
-
-
-#: Two tables, because one of all columns fits no screen: header -> key and form.
-_BECAME = {
-    "grasps": ("grasps", "d"),
-    "damaged": ("damaged", "d"),
-    "risked, of 1000": ("risk_per_1000", ".1f"),
-    "by the touch alone": ("touch_risk_per_1000", ".1f"),
-    "lifted": ("lifted", "d"),
-    "dropped": ("dropped", "d"),
-    "kept below by the damage limit": ("limited", "d"),
-    "could have borne it": ("limited_could_bear", "d"),
+_LEAD = {"level": "{level}", "method": "{method}", "gripper": "{gripper}"}
+#: Two tables, because one of all columns fits no screen: title -> head -> figure and form.
+_TABLES = {
+    "What came of it": {
+        "grasps": "grasps",
+        "damaged": "damaged",
+        "risked, of 1000": "risk_per_1000:.1f",
+        "by the touch alone": "touch_risk_per_1000:.1f",
+        "lifted": "lifted",
+        "dropped": "dropped",
+        "kept below by the damage limit": "limited",
+        "could have borne it": "limited_could_bear",
+    },
+    "How near the target": {
+        "within 10 % of target, of all": "within_10_percent_of_all:.2f",
+        "aimed": "aimed",
+        "within 10 %, of those": "within_10_percent:.2f",
+        "were settling and wear known": "within_10_percent_if_known:.2f",
+        "median miss, %": "median_off_target_percent:.0f",
+        "coverage (0.9)": "coverage:.2f",
+        "median s from contact to on target": "median_on_target_s:.1f",
+    },
 }
-_CAME_NEAR = {
-    "within 10 % of target, of all": ("within_10_percent_of_all", ".2f"),
-    "aimed": ("aimed", "d"),
-    "within 10 %, of those": ("within_10_percent", ".2f"),
-    "were settling and wear known": ("within_10_percent_if_known", ".2f"),
-    "median miss, %": ("median_off_target_percent", ".0f"),
-    "coverage (0.9)": ("coverage", ".2f"),
-    "median s from contact to on target": ("median_on_target_s", ".1f"),
-}
-
-
-def _table(
-    title: str, summary: Sequence[dict[str, Any]], *, columns: Mapping[str, tuple[str, str]]
-) -> Table:
-    return Table(
-        title=title,
-        columns=("level", "method", "gripper", *columns),
-        rows=[
-            (
-                *(row[name] for name in ("level", "method", "gripper")),
-                *(
-                    "-" if row[key] is None else f"{row[key]:{form}}"
-                    for key, form in columns.values()
-                ),
-            )
-            for row in summary
-        ],
-    )
-
-
-def _figure(found: Sequence[Gripped], methods: Sequence[str]) -> Figure:
-    from palpate.plots.style import AMBER, BLUE, ORANGE, legend_below, new_figure
-
-    with new_figure(
-        rows=2, columns=len(methods), width_in=2.6 * len(methods), height_in=5.2, shared=True
-    ) as (figure, panels):
-        ends = np.array([0.8 * TARGETS_N[0], 1.25 * TARGETS_N[1]])
-        for row, level in enumerate(LEVELS):
-            for column, method in enumerate(methods):
-                panel = panels[row, column]
-                mine = [one for one in found if (one.task.level, one.method) == (level, method)]
-                size = 6.0 if len(mine) < 200 else 3.0
-                panel.fill_between(
-                    ends, (1 - NEAR) * ends, (1 + NEAR) * ends, color="#DDDDDD", lw=0
-                )
-                for name, colour, chosen in (
-                    ("as aimed", BLUE, [one for one in mine if not _bad(one) and not one.limited]),
-                    ("damage limit", AMBER, [one for one in mine if one.limited]),
-                    ("dropped or damaged", ORANGE, [one for one in mine if _bad(one)]),
-                ):
-                    target_n = [one.task.target_n for one in chosen]
-                    force_n = [max(one.force_n, 0.3) for one in chosen]
-                    panel.plot(target_n, force_n, ".", ms=size, color=colour, label=name)
-                panel.set(xscale="log", yscale="log", ylim=(0.25, 40.0))
-                for axis in (panel.xaxis, panel.yaxis):
-                    axis.set_major_formatter("{x:g}")
-                    axis.set_minor_formatter("")
-                panel.set_xticks([2, 4, 8])
-                if row == 0:
-                    panel.set_title(fill(method, _TITLES_LETTERS // len(methods)))
-                if column == 0:
-                    panel.set_ylabel(f"simulated, {level}\nsettled force (N)")
-                if row == 1:
-                    panel.set_xlabel("target (N)")
-        legend_below(figure, panels)
-    return figure
-
-
-def _bad(one: Gripped) -> bool:
-    return one.dropped or one.damaged

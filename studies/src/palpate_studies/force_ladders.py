@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import typer
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 from palpate.holds.strict import read_table
 from palpate_studies.ladder_models import MODELS, Ladder, Predicted
-from palpate_studies.report import OutOption, StudyReport, Table
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from palpate_studies.report import StudyReport, Table, as_command
 
 #: Loads at which a test ladder is given its own steps, newtons: spread over the working range. The
 #: first weights of a ladder lie at the threshold of contact, where they show little.
@@ -32,31 +27,71 @@ SMALLEST_LOAD_N = 0.5
 FLOOR_N = 0.05
 LEVEL = 0.9
 
+#: Figure of a model -> its head.
+FIGURES = {
+    "median_abs_error_percent": "error %",
+    "median_abs_log_ratio": "abs ln ratio",
+    "coverage": "coverage",
+}
+
 Rows: TypeAlias = list[dict[str, Any]]
 
 
-def command(
+def report(
+    *,
     ladders: Annotated[Path, typer.Option(help="Ladders of weights to learn from.", metavar="CSV")],
-    test_ladders: Annotated[
-        Path | None,
-        typer.Option(help="Ladders to predict; without, each in turn of --ladders.", metavar="CSV"),
-    ] = None,
-    as_json: JsonOption = False,
-    out: OutOption = None,
-) -> None:
+) -> StudyReport:
     """Predict dead weights on real sensors, each given those nearest to 1.5, 4 and 9 N.
 
     Example: palpate study force-ladders --ladders ladders.csv
     """
-    known = read_ladders(ladders)
-    tested = read_ladders(test_ladders) if test_ladders else known
-    rows: Rows = []
-    for one in tested:
+    known, rows = read_ladders(ladders), list[dict[str, Any]]()
+    for one in known:
         others = [ladder for ladder in known if ladder.name != one.name]
         if not others:
             raise InputError(f"{ladders}: no ladder other than {one.name!r} to learn from; add one")
-        rows += _rows(one, others, told=_nearest(one.load_n))
-    _report(rows, _left_out_steps(known), figure=lambda: draw(rows)).emit(as_json=as_json, out=out)
+        rows += _rows(one, others, given=_nearest(one.load_n))
+    summary = [
+        {"ladder": ladder, "model": model, **_scores(mine)}
+        for ladder, model in dict.fromkeys((row["ladder"], row["model"]) for row in rows)
+        for mine in [[row for row in rows if (row["ladder"], row["model"]) == (ladder, model)]]
+    ]
+    means = [
+        {"model": model, **{key: float(np.mean([one[key] for one in mine])) for key in FIGURES}}
+        for model in MODELS
+        for mine in [[one for one in summary if one["model"] == model]]
+    ]
+    return StudyReport(
+        name="force-ladders",
+        title="Dead weights on real Velostat",
+        provenance=(
+            "Real recordings. A ladder is never learned from when it is predicted, apart from its "
+            "steps nearest to 1.5, 4 and 9 N, which are not scored.",
+            f"Loads above {SMALLEST_LOAD_N} N; intervals at level {LEVEL}. "
+            f"Predictions below {FLOOR_N} N count as {FLOOR_N} N in ratios.",
+        ),
+        tables=[
+            Table.of(
+                "New sensor, given three spread weights, medians",
+                [*summary, *({"ladder": "mean of ladders", **mean} for mean in means)],
+                {
+                    "ladder": "{ladder}",
+                    "model": "{model}",
+                    **{head: f"{{{key}:.3g}}" for key, head in FIGURES.items()},
+                },
+            )
+        ],
+        payload={
+            "study": "force-ladders",
+            "rows": rows,
+            "summary": summary,
+            "means": means,
+            "level": LEVEL,
+        },
+    )
+
+
+command = as_command(report)
 
 
 def read_ladders(path: Path) -> list[Ladder]:
@@ -102,16 +137,16 @@ def read_ladders(path: Path) -> list[Ladder]:
 
 def _nearest(load_n: FloatArray) -> NDArray[np.bool_]:
     """Return the steps whose loads are nearest to those given, each step once."""
-    told = np.zeros(len(load_n), dtype=bool)
+    given = np.zeros(len(load_n), dtype=bool)
     for at_n in GIVEN_N:
-        told[np.argmin(np.where(told, np.inf, np.abs(load_n - at_n)))] = True
-    return told
+        given[np.argmin(np.where(given, np.inf, np.abs(load_n - at_n)))] = True
+    return given
 
 
-def _rows(one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_]) -> Rows:
+def _rows(one: Ladder, others: Sequence[Ladder], *, given: NDArray[np.bool_]) -> Rows:
     rows: Rows = []
     for name, predict in MODELS.items():
-        answer: Predicted = predict(one, others, told=told, level=LEVEL)
+        answer: Predicted = predict(one, others, told=given, level=LEVEL)
         rows += [
             {
                 "ladder": one.name,
@@ -122,163 +157,19 @@ def _rows(one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_]) -> 
                 "low_n": float(answer.low[k]),
                 "high_n": float(answer.high[k]),
             }
-            for k in np.flatnonzero((one.load_n > SMALLEST_LOAD_N) & ~told)
+            for k in np.flatnonzero((one.load_n > SMALLEST_LOAD_N) & ~given)
         ]
     return rows
 
 
-def _left_out_steps(ladders: Sequence[Ladder]) -> Rows:
-    """Predict every third step of each ladder from its other steps, and the other ladders."""
-    rows: Rows = []
-    for one in ladders:
-        others = [ladder for ladder in ladders if ladder.name != one.name]
-        for phase in range(3) if others else ():
-            told = np.arange(len(one.load_n)) % 3 != phase
-            rows += _rows(one, others, told=told)
-    return rows
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Score:
-    error_percent: float
-    log_ratio: float
-    coverage: float
-
-    @classmethod
-    def of(cls, rows: Rows) -> _Score:
-        load, predicted, low, high = (
-            np.array([row[key] for row in rows])
-            for key in ("load_n", "predicted_n", "low_n", "high_n")
-        )
-        return cls(
-            error_percent=float(np.median(np.abs(predicted / load - 1)) * 100),
-            log_ratio=float(np.median(np.abs(np.log(np.maximum(predicted, FLOOR_N) / load)))),
-            coverage=float(np.mean((low <= load) & (load <= high))),
-        )
-
-
-def _summary(rows: Rows) -> Rows:
-    summary = []
-    for ladder, model in dict.fromkeys((row["ladder"], row["model"]) for row in rows):
-        mine = [row for row in rows if row["ladder"] == ladder and row["model"] == model]
-        every = _Score.of(mine)
-        summary.append(
-            {
-                "ladder": ladder,
-                "model": model,
-                "median_abs_error_percent": every.error_percent,
-                "median_abs_log_ratio": every.log_ratio,
-                "coverage": every.coverage,
-            }
-        )
-    return summary
-
-
-def _table(title: str, summary: Rows) -> Table:
-    keys = {
-        "median_abs_error_percent": "error %",
-        "median_abs_log_ratio": "abs ln ratio",
-        "coverage": "coverage",
-    }
-    rows = [[one["ladder"], one["model"], *(f"{one[key]:.3g}" for key in keys)] for one in summary]
-    rows += [
-        ["mean of ladders", mean["model"], *(f"{mean[key]:.3g}" for key in keys)]
-        for mean in _means(summary)
-    ]
-    return Table(title=title, columns=("ladder", "model", *keys.values()), rows=rows)
-
-
-def _means(summary: Rows) -> Rows:
-    """Return each model's figures, averaged over ladders."""
-    found = []
-    for model in dict.fromkeys(one["model"] for one in summary):
-        mine = [one for one in summary if one["model"] == model]
-        keys = [key for key in mine[0] if key not in ("ladder", "model")]
-        means = {key: float(np.mean([one[key] for one in mine])) for key in keys}
-        found.append({"model": model, **means})
-    return found
-
-
-def _report(rows: Rows, left_out: Rows, *, figure: Callable[[], Figure]) -> StudyReport:
-    summary = _summary(rows)
-    payload: dict[str, Any] = {
-        "rows": rows,
-        "summary": summary,
-        "means": _means(summary),
-        "level": LEVEL,
-    }
-    tables = [_table("New sensor, given three spread weights, medians", summary)]
-    if left_out:
-        payload["left_out_steps"] = {"rows": left_out, "summary": _summary(left_out)}
-        tables.append(
-            _table("Every third step left out, medians", payload["left_out_steps"]["summary"])
-        )
-    return StudyReport(
-        name="force-ladders",
-        title="Dead weights on real Velostat",
-        provenance=(
-            "Real recordings. A ladder is never learned from when it is predicted, apart from its "
-            "steps nearest to 1.5, 4 and 9 N, which are not scored.",
-            f"Loads above {SMALLEST_LOAD_N} N; intervals at level {LEVEL}. "
-            f"Predictions below {FLOOR_N} N count as {FLOOR_N} N in ratios.",
-        ),
-        tables=tables,
-        payload=payload,
-        figures={"force-ladders": figure},
+def _scores(rows: Rows) -> dict[str, float]:
+    load, predicted, low, high = (
+        np.array([row[key] for row in rows]) for key in ("load_n", "predicted_n", "low_n", "high_n")
     )
-
-
-LOOKS: Mapping[str, tuple[str, str]] = {
-    "line": ("#8A8A8A", "v"),
-    "power": ("#D55E00", "s"),
-    "pooled": ("#CC79A7", "s"),
-    "ours": ("#0072B2", "o"),
-}
-
-
-def draw(rows: Rows) -> Figure:
-    """Draw prediction against load, one panel per ladder, our interval as bars."""
-    from palpate.plots.style import legend_below, new_figure
-
-    names = list(dict.fromkeys(row["ladder"] for row in rows))
-    shown, columns = names[:9], min(len(names), 3)
-    lines = -(-len(shown) // columns)
-    with new_figure(
-        rows=lines,
-        columns=columns,
-        width_in=2.4 * columns,
-        height_in=0.4 + 2.5 * lines,
-        shared=True,
-    ) as (figure, panels):
-        for panel in panels.flat[len(shown) :]:
-            panel.set_visible(False)
-        for name, panel in zip(shown, panels.flat, strict=False):
-            _draw_ladder(panel, [row for row in rows if row["ladder"] == name])
-            panel.set_title(name)
-        for panel in panels[-1]:
-            panel.set_xlabel("load (N)")
-        for panel in panels[:, 0]:
-            panel.set_ylabel("predicted (N)")
-        legend_below(figure, panels)
-    return figure
-
-
-def _draw_ladder(panel: Any, rows: Rows) -> None:
-    from palpate.plots.style import log_axis
-
-    panel.plot([0.3, 15], [0.3, 15], color="#222222", lw=0.8, label="exact")
-    for model, (colour, marker) in LOOKS.items():
-        mine = [row for row in rows if row["model"] == model]
-        load, value, low, high = (
-            np.array([max(row[key], FLOOR_N) for row in mine])
-            for key in ("load_n", "predicted_n", "low_n", "high_n")
-        )
-        if model == "ours":
-            interval = f"palpate, {100 * LEVEL:.0f} % interval"
-            panel.vlines(load, low, high, color=colour, alpha=0.25, lw=2, label=interval)
-        panel.plot(load, value, marker, color=colour, ms=4, label=model, alpha=0.85)
-    for at_n in GIVEN_N:
-        panel.axvline(at_n, color="#DDDDDD", lw=2, zorder=0)
-    log_axis(panel.xaxis)
-    log_axis(panel.yaxis)
-    panel.set(xlim=(0.45, 15), ylim=(0.2, 60))
+    return {
+        "median_abs_error_percent": float(np.median(np.abs(predicted / load - 1)) * 100),
+        "median_abs_log_ratio": float(
+            np.median(np.abs(np.log(np.maximum(predicted, FLOOR_N) / load)))
+        ),
+        "coverage": float(np.mean((low <= load) & (load <= high))),
+    }

@@ -5,8 +5,6 @@ the training samples. A ridge keeps the bumps small where samples do not ask for
 samples the model is smooth and far from them it is a plane: the power law with linear memory. It
 predicts any target (ln force, the change of ln force since a measured one, newtons).
 
-Own samples move it (`adapted`): the weights of a place are the weights of the population plus a
-deviation under a ridge of its own, so one measured force shifts the gain, a whole touch the law.
 Interval widths are not assumed. They are a second, coarser ridge on the errors made on groups left
 out, scaled so that the interval covers those errors at its level.
 """
@@ -35,10 +33,6 @@ _LINEAR_RIDGE = 1e-2
 #: Errors of the target below this are as good as none, and larger ones count in proportion rather
 #: than squared: a share of each recording is a slip or a bounce.
 _GOOD_ENOUGH, _POWER, _ROUNDS = 0.05, 0.7, 4
-#: How far own samples may move the law: prior precision of the slopes and of the bumps, in samples;
-#: that of the gain is learned, within these bounds.
-_OWN_SLOPE, _OWN_BUMP = 2.0, 1.0
-_OWN_GAIN = (0.3, 10.0)
 #: Left-out parts from which settings and interval widths are learned.
 _FOLDS = 5
 #: Samples from which settings and interval widths are learned, about.
@@ -94,9 +88,6 @@ class ForceModel:
         Of the target, and of ln |error|.
     tail : float
         Half width of the 90 % interval, in typical errors.
-    gain_precision : float
-        Prior precision of the gain of a group, in samples: scatter within groups left out over
-        that between them.
     """
 
     centre: FloatArray
@@ -107,7 +98,6 @@ class ForceModel:
     weights: FloatArray
     spread: FloatArray
     tail: float
-    gain_precision: float
 
     @classmethod
     def fit(
@@ -118,7 +108,6 @@ class ForceModel:
         group: Sequence[object],
         weight: ArrayLike | None = None,
         robust: bool = True,
-        landmarks: int = _LANDMARKS,
     ) -> ForceModel:
         """Learn from samples with a reference force.
 
@@ -135,8 +124,6 @@ class ForceModel:
             How much each sample counts.
         robust : bool
             Whether large errors count less than squared.
-        landmarks : int
-            Most bumps.
 
         Raises
         ------
@@ -162,18 +149,11 @@ class ForceModel:
         # Neighbouring samples repeat each other: every n-th shows the errors as well.
         few = slice(None, None, max(len(y) // _ENOUGH, 1))
         seen = x[few], y[few], w[few], _folds(list(group)[few])
-        tried = [
-            _left_out(cls, *seen, length=a, ridge=b, robust=robust, landmarks=landmarks)
-            for a, b in SETTINGS
-        ]
+        tried = [_left_out(cls, *seen, length=a, ridge=b, robust=robust) for a, b in SETTINGS]
         cost = np.array([w[few] @ (np.abs(left) if robust else left**2) for left in tried])
         best = int(np.flatnonzero(cost <= _AS_GOOD * cost.min())[0])
         length, ridge = SETTINGS[best]
-        model = cls._weighed(
-            x, y, w, length=length, ridge=ridge, robust=robust, landmarks=landmarks
-        )
-        precise = _gain_precision(tried[best], list(group)[few])
-        model = replace(model, gain_precision=precise)
+        model = cls._weighed(x, y, w, length=length, ridge=ridge, robust=robust)
         return model.with_errors(x[few], errors=tried[best], weight=w[few])
 
     @classmethod
@@ -186,14 +166,13 @@ class ForceModel:
         length: float,
         ridge: float,
         robust: bool,
-        landmarks: int,
     ) -> ForceModel:
         centre = np.average(x, axis=0, weights=w)
         scale = np.sqrt(np.average((x - centre) ** 2, axis=0, weights=w))
         scale[scale < 1e-9] = 1.0
         # A draw with a fixed seed: the same recordings give the same model.
         rng = np.random.default_rng(0)
-        drawn = rng.choice(len(x), size=min(landmarks, len(x)), replace=False, p=w / w.sum())
+        drawn = rng.choice(len(x), size=min(_LANDMARKS, len(x)), replace=False, p=w / w.sum())
         bumps = _Bumps(
             centre=centre,
             scale=scale,
@@ -210,7 +189,6 @@ class ForceModel:
             weights=weights,
             spread=np.zeros_like(weights),
             tail=1.0,
-            gain_precision=1.0,
         )
 
     @property
@@ -225,32 +203,6 @@ class ForceModel:
         typical = np.exp(np.clip(basis @ self.spread, -6.0, 3.0))
         reach = float(ndtri(0.5 + level / 2) / ndtri(0.5 + _LEVEL / 2))
         return basis @ self.weights, reach * self.tail * typical
-
-    def adapted(
-        self, inputs: ArrayLike, *, target: ArrayLike, weight: ArrayLike | None = None
-    ) -> ForceModel:
-        """Return the model of the place or sensor that these samples come from.
-
-        Interval widths stay those of the population; see `with_errors`.
-
-        Examples
-        --------
-        Two sensors whose gains differ by 0.4, and one measured force of a third:
-
-        >>> x = np.linspace(0.0, 4.0, 80)[:, None]
-        >>> gain = np.tile([-0.2, 0.2], 40)
-        >>> model = ForceModel.fit(x, target=0.5 * x[:, 0] + gain, group=[0, 1] * 40)
-        >>> own = model.adapted([[2.0]], target=[1.5])
-        >>> 1.3 < own.predict([[2.0]])[0].item() < 1.5
-        True
-        """
-        x, y = np.asarray(inputs, dtype=float), np.asarray(target, dtype=float)
-        w = np.ones(len(y)) if weight is None else np.asarray(weight, dtype=float)
-        bumps = self._bumps
-        penalty = bumps.penalty(self.gain_precision, _OWN_SLOPE, _OWN_BUMP)
-        basis = bumps(x)
-        moved = _solved(basis, y - basis @ self.weights, w, penalty, robust=True)
-        return replace(self, weights=self.weights + moved)
 
     def with_errors(
         self, inputs: ArrayLike, *, errors: ArrayLike, weight: ArrayLike | None = None
@@ -288,14 +240,6 @@ def _folds(group: Sequence[object]) -> list[NDArray[np.bool_]]:
     part = {name: place % _FOLDS for place, name in enumerate(names)}
     number = np.array([part[name] for name in group])
     return [number == k for k in range(min(_FOLDS, len(names)))]
-
-
-def _gain_precision(left: FloatArray, group: Sequence[object]) -> float:
-    """Return the scatter of errors within groups over that of the groups' means."""
-    number = np.unique([str(name) for name in group], return_inverse=True)[1]
-    mean = np.bincount(number, weights=left) / np.bincount(number)
-    within = float(np.mean((left - mean[number]) ** 2))
-    return float(np.clip(within / max(float(np.mean(mean**2)), 1e-12), *_OWN_GAIN))
 
 
 def _left_out(

@@ -11,14 +11,13 @@ from typing import Annotated, TypeVar
 import numpy as np
 import typer
 
-from palpate.commands.options import JsonOption
 from palpate.estimate.force_law import Population, shipped_population
 from palpate.files import atomic_path, check_place
 from palpate_studies import ladder_models, press_models, stroke_models
 from palpate_studies.force_ladders import read_ladders
 from palpate_studies.force_learning import KnownContact, learn_population
 from palpate_studies.press_data import read_presses
-from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.stroke_data import read_strokes
 
 Contact = TypeVar("Contact")
@@ -32,16 +31,15 @@ _WIDER = 2.0
 _CONTACTS = 200
 
 
-def command(
+def report(
+    *,
     strokes: Annotated[Path, typer.Option(help="Touches with a load cell.", metavar="CSV")],
     presses: Annotated[Path, typer.Option(help="Presses with a load cell.", metavar="CSV")],
     ladders: Annotated[Path, typer.Option(help="Ladders of weights.", metavar="CSV")],
     write: Annotated[
         Path | None, typer.Option(help="Write the population for palpate.", metavar="JSON")
     ] = None,
-    as_json: JsonOption = False,
-    out: OutOption = None,
-) -> None:
+) -> StudyReport:
     """Learn what sensors have in common, and compare it with what palpate ships.
 
     Example: palpate study force-population --strokes s.csv.gz --presses p.csv.gz --ladders l.csv
@@ -58,7 +56,10 @@ def command(
     if write is not None:
         with atomic_path(write) as partial:
             partial.write_text(_text(population))
-    _report(population, parts).emit(as_json=as_json, out=out)
+    return _report(population, parts)
+
+
+command = as_command(report)
 
 
 def _spread(contacts: Sequence[Contact]) -> Sequence[Contact]:
@@ -102,7 +103,6 @@ def _report(population: Population, parts: Mapping[str, Sequence[KnownContact]])
         }
         for place in range(len(population.mean))
     ]
-    keys = ("mean", "spread", "contact_spread", "shipped_mean")
     counts = ", ".join(f"{len(part)} {name}" for name, part in parts.items())
     return StudyReport(
         name="force-population",
@@ -112,11 +112,19 @@ def _report(population: Population, parts: Mapping[str, Sequence[KnownContact]])
             "inputs, ln N; spread over places and sensors, and from contact to contact.",
         ),
         tables=[
-            Table(
-                title="Weights of the force law",
-                columns=("weight", *keys),
-                rows=[[str(row["weight"]), *(f"{row[key]:.3f}" for key in keys)] for row in rows],
+            Table.of(
+                "Weights of the force law",
+                rows,
+                {"weight": "{weight}"}
+                | {
+                    key: f"{{{key}:.3f}}"
+                    for key in ("mean", "spread", "contact_spread", "shipped_mean")
+                },
             )
         ],
-        payload={"rows": rows, "contacts": {name: len(part) for name, part in parts.items()}},
+        payload={
+            "study": "force-population",
+            "rows": rows,
+            "contacts": {name: len(part) for name, part in parts.items()},
+        },
     )

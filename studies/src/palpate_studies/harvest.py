@@ -10,7 +10,6 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from palpate.commands.options import JsonOption
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.belief import Belief
 from palpate.grasp.planning import plan_grasp
@@ -22,9 +21,9 @@ from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 from palpate_studies.force_control_grasps import calibration_of
 from palpate_studies.force_control_world import GRASPS_PER_SHEET
-from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.report import StudyReport, Table, as_command
+from palpate_studies.rows import LEVELS
 
-LEVELS = ("lab", "field")
 FRUIT = ("strawberry", "tomato", "apple", "kiwi")
 PULLS_N = tuple(float(pull_n) for pull_n in range(1, 11))
 #: Seed of the first fruit; none was looked at before. Targets are drawn from here, newtons.
@@ -46,11 +45,9 @@ class Pulled:
     slipped: bool
 
 
-def command(
-    fruits: Annotated[int, typer.Option(help="Fruit of each level.", min=1)] = 40,
-    as_json: JsonOption = False,
-    out: OutOption = None,
-) -> None:
+def report(
+    *, fruits: Annotated[int, typer.Option(help="Fruit of each level.", min=1)] = 40
+) -> StudyReport:
     """Grip fruit, judge pulls of 1 to 10 N by its friction, and pull.
 
     Example: palpate study harvest --fruits 100 --out reports
@@ -61,7 +58,10 @@ def command(
         for seed in range(FIRST_SEED, FIRST_SEED + fruits)
         for pulled in pulls(seed, level=level)
     ]
-    report(found).emit(as_json=as_json, out=out)
+    return judge(found)
+
+
+command = as_command(report)
 
 
 def pulls(seed: int, *, level: str) -> list[Pulled]:
@@ -108,7 +108,7 @@ def pulls(seed: int, *, level: str) -> list[Pulled]:
     return found
 
 
-def report(found: Sequence[Pulled]) -> StudyReport:
+def judge(found: Sequence[Pulled]) -> StudyReport:
     """Return the report of any number of pulls."""
     summary = list[dict[str, Any]]()
     for level in LEVELS:
@@ -134,10 +134,13 @@ def report(found: Sequence[Pulled]) -> StudyReport:
             "known.",
         ],
         tables=[
-            Table(
-                title="Verdict, and whether it slipped",
-                columns=("level", "fruits", "verdict", "pulls", "slipped"),
-                rows=[tuple(str(value) for value in row.values()) for row in summary],
+            Table.of(
+                "Verdict, and whether it slipped",
+                summary,
+                {
+                    name: f"{{{name}}}"
+                    for name in ("level", "fruits", "verdict", "pulls", "slipped")
+                },
             )
         ],
         payload={

@@ -15,56 +15,48 @@ import numpy as np
 import typer
 
 from palpate.arrays import FloatArray
-from palpate.commands.options import JsonOption
 from palpate.errors import InputError, needing
 from palpate_studies.force_model import ForceModel
 from palpate_studies.history_data import INPUTS, History, read_histories
 from palpate_studies.other_histories import RUBBERS, other_histories
-from palpate_studies.protocol.paired import paired_difference
-from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.protocol.paired import compare
+from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 
 LEVEL = 0.9
 _RIDGE = 1e-3
 #: Neighbours repeat each other: every second sample is learned from.
 _EVERY = 2
 
+_SECOND = (
+    f"Simulated: {RUBBERS} rubbers whose resistance is that of contacts that break and, after a "
+    "delay, close again, and whose force softens, relaxes by a power of time and rubs alike at any "
+    "speed. Each kind of motion of a rubber is predicted by models learned from its other kinds; "
+    "columns are means over rubbers."
+)
 #: From the inputs of a recording to force and half width of its interval, where it has one.
 Predictor: TypeAlias = Callable[[FloatArray], tuple[FloatArray, FloatArray | None]]
 Histories: TypeAlias = Sequence[History]
 Rows: TypeAlias = list[dict[str, Any]]
 
 
-def command(
+def report(
+    *,
     recordings: Annotated[
         Path | None, typer.Option(help="Recordings of stretching to learn from.", metavar="CSV")
     ] = None,
-    test_recordings: Annotated[
-        Path | None,
-        typer.Option(help="Recordings to follow; without, each kind of motion.", metavar="CSV"),
-    ] = None,
-    second: Annotated[
-        bool,
-        typer.Option("--second", help="Simulated rubbers with another memory, no recordings."),
-    ] = False,
-    as_json: JsonOption = False,
-    out: OutOption = None,
-) -> None:
+    second: SecondOption = False,
+) -> StudyReport:
     """Predict the force of stretched silicone from its resistance, kinds of motion left out.
 
     Example: palpate study histories --recordings silicone_histories.csv.gz
     """
     if second == (recordings is not None):
         raise InputError("give either --recordings or --second")
-    if recordings is None:
-        splits = [
-            split
-            for rubber in range(RUBBERS)
-            for split in _kinds_left_out(other_histories(rubber), path="second generator")
-        ]
-    elif test_recordings is None:
-        splits = [*_kinds_left_out(read_histories(recordings), path=recordings)]
-    else:
-        splits = [(read_histories(recordings), read_histories(test_recordings))]
+    sources = (
+        [other_histories(rubber) for rubber in range(RUBBERS)]
+        if recordings is None
+        else [read_histories(recordings)]
+    )
     rows = [
         {
             "recording_id": one.recording_id,
@@ -74,20 +66,52 @@ def command(
             "model": model,
             **_scores(predict(one.inputs(name)), one.force_n),
         }
-        for inside, tested in splits
+        for known in sources
+        for inside, tested in _leave_kinds_out(known, path=recordings or "second generator")
         for name in INPUTS
         for model, learn in MODELS.items()
         for predict in [learn(inside, name)]
         for one in tested
     ]
-    report = _second_report(rows) if second else _report(rows, own=test_recordings is None)
-    report.emit(as_json=as_json, out=out)
+    return StudyReport(
+        name="histories",
+        title="Force of stretched silicone from the history of its resistance"
+        if recordings
+        else "Force of simulated rubbers with another memory (second generator)",
+        provenance=(
+            "Real recordings (carbon-black silicone). Each kind of motion is predicted by models "
+            "learned from the other kinds. Causal; no force of the tested recording is known."
+            if recordings
+            else _SECOND,
+            "`displacement` is no sensor: the gripper's or clip's position. `zero known` takes the "
+            "mean error of each recording away: the load cell's zero was set again in each, in "
+            "another state of the rubber, and no reading shows where.",
+        ),
+        tables=[
+            _table(rows, "rms_percent", title="RMS error, percent of the range of force"),
+            _table(rows, "rms_percent_zero_known", title="The same, zero known"),
+            _table(rows, "coverage", title="Coverage of 90 % intervals"),
+        ],
+        payload={
+            "study": "histories",
+            "second_generator": second,
+            "rows": rows,
+            "summary": _summary(rows),
+            "compared": _compared(rows),
+            "level": LEVEL,
+        },
+    )
 
 
-def _kinds_left_out(known: Histories, *, path: Path | str) -> Iterator[tuple[Histories, Histories]]:
+command = as_command(report)
+
+
+def _leave_kinds_out(
+    known: Histories, *, path: Path | str
+) -> Iterator[tuple[Histories, Histories]]:
     kinds = list(dict.fromkeys(one.kind for one in known))
     if len(kinds) < 2:
-        raise InputError(f"{path}: one kind of motion only; give --test-recordings")
+        raise InputError(f"{path}: one kind of motion only; two are needed")
     for kind in kinds:
         yield (
             [one for one in known if one.kind != kind],
@@ -179,91 +203,36 @@ def _scores(answer: tuple[FloatArray, FloatArray | None], force_n: FloatArray) -
     }
 
 
-def _report(rows: Rows, *, own: bool) -> StudyReport:
-    split = (
-        "Each kind of motion is predicted by models learned from the other kinds."
-        if own
-        else "Learned from the recordings, tested on others."
-    )
-    return StudyReport(
-        name="histories",
-        title="Force of stretched silicone from the history of its resistance",
-        provenance=(
-            f"Real recordings (carbon-black silicone). {split} Causal; no force of the tested "
-            "recording is known.",
-            "`displacement` is no sensor: the gripper's or clip's position. `zero known` takes the "
-            "mean error of each recording away: the load cell's zero was set again in each, in "
-            "another state of the rubber, and no reading shows where.",
-        ),
-        tables=_tables(rows, by="recording_id"),
-        payload=_payload(rows),
-    )
-
-
-def _second_report(rows: Rows) -> StudyReport:
-    return StudyReport(
-        name="histories",
-        title="Force of simulated rubbers with another memory (second generator)",
-        provenance=(
-            f"Simulated: {RUBBERS} rubbers whose resistance is that of contacts that break and, "
-            "after a delay, close again, and whose force softens, relaxes by a power of time and "
-            "rubs alike at any speed. Each kind of motion of a rubber is predicted by models "
-            "learned from its other kinds; columns are means over rubbers.",
-        ),
-        tables=_tables(rows, by="kind"),
-        payload={"second_generator": True, **_payload(rows)},
-    )
-
-
-def _tables(rows: Rows, *, by: str) -> list[Table]:
-    return [
-        _table(rows, "rms_percent", by=by, title="RMS error, percent of the range of force"),
-        _table(rows, "rms_percent_zero_known", by=by, title="The same, zero known"),
-        _table(rows, "coverage", by=by, title="Coverage of 90 % intervals"),
-    ]
-
-
-def _payload(rows: Rows) -> dict[str, Any]:
-    return {"rows": rows, "summary": _summary(rows), "compared": _compared(rows), "level": LEVEL}
-
-
-def _table(rows: Rows, key: str, *, by: str, title: str) -> Table:
-    """Return a line for each model, a column for each recording or kind of motion."""
-    columns = list(dict.fromkeys(row[by] for row in rows))
-    shown = [row for row in rows if row[key] is not None]
+def _table(rows: Rows, key: str, *, title: str) -> Table:
+    """Return a line for each model, a column for each recording; of rubbers, for each kind."""
+    by = "kind" if len({row["specimen"] for row in rows}) > len({r["kind"] for r in rows}) else ""
     cells: dict[tuple[str, str, str], list[float]] = {}
-    for row in shown:
-        cells.setdefault((row["inputs"], row["model"], row[by]), []).append(row[key])
-    form = "{:.2f}" if key == "coverage" else "{:.1f}"
-    return Table(
-        title=title,
-        columns=("inputs", "model", *columns),
-        rows=[
-            [*which, *(form.format(float(np.mean(cells[*which, name]))) for name in columns)]
-            for which in dict.fromkeys((row["inputs"], row["model"]) for row in shown)
-        ],
-    )
+    for row in rows:
+        if row[key] is not None:
+            where = row[by or "recording_id"]
+            cells.setdefault((row["inputs"], row["model"], where), []).append(row[key])
+    means = [
+        {"inputs": inputs, "model": model, "where": where, "mean": float(np.mean(values))}
+        for (inputs, model, where), values in cells.items()
+    ]
+    form = "{mean:.2f}" if key == "coverage" else "{mean:.1f}"
+    lead = {"inputs": "{inputs}", "model": "{model}"}
+    return Table.wide(title, means, lead, over="where", form=form)
 
 
 def _compared(rows: Rows) -> Rows:
     """Return the error of ours less that of each other model, by kind of motion or rubber."""
-    lost = {(row["inputs"], row["model"], row["recording_id"]): row["rms_percent"] for row in rows}
-    of = {row["recording_id"]: row["specimen"] for row in rows}
-    return [
-        {
-            "inputs": inputs,
-            "rival": rival,
-            **paired_difference(
-                [lost[inputs, "ours", name] for name in of],
-                [lost[inputs, rival, name] for name in of],
-                [*of.values()],
-                statistic=np.mean,
-            ).to_dict(),
-        }
-        for inputs in INPUTS
-        for rival in MODELS
-        if rival != "ours"
-    ]
+    found: Rows = []
+    for inputs in INPUTS:
+        lost: dict[str, dict[str, float]] = {model: {} for model in MODELS}
+        of: dict[str, str] = {}
+        for row in rows:
+            if row["inputs"] == inputs:
+                lost[row["model"]][row["recording_id"]] = row["rms_percent"]
+                of[row["recording_id"]] = row["specimen"]
+        losses = {model: [each[name] for name in of] for model, each in lost.items()}
+        found += compare(losses, list(of.values()), statistic=np.mean, inputs=inputs)
+    return found
 
 
 def _summary(rows: Rows) -> Rows:

@@ -14,13 +14,12 @@ from scipy.special import ndtri
 
 from palpate import ForceLaw
 from palpate.arrays import FloatArray
-from palpate.commands.options import JsonOption
 from palpate.errors import InputError, needing
 from palpate.estimate.force_law import INPUTS
 from palpate.estimate.force_states import log_reading, states_of
 from palpate.holds.strict import read_table
 from palpate_studies.force_learning import KnownContact, learn_population
-from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.report import StudyReport, Table, as_command
 
 LEVEL = 0.9
 #: Forces from here on are scored, newtons; a contact has at least so many scored samples.
@@ -59,11 +58,9 @@ class Contact:
         return self.force_n >= SMALLEST_N
 
 
-def command(
-    recordings: Annotated[Path, typer.Option(help="Recordings of the loop.", metavar="CSV")],
-    as_json: JsonOption = False,
-    out: OutOption = None,
-) -> None:
+def report(
+    *, recordings: Annotated[Path, typer.Option(help="Recordings of the loop.", metavar="CSV")]
+) -> StudyReport:
     """Follow the force of a hydrogel sensor by laws learned on the other recordings.
 
     Example: palpate study hydrogel --recordings hydrogel_force_control.csv.gz
@@ -80,7 +77,35 @@ def command(
             tested=[one for one in contacts if one.recording == name],
         )
     ]
-    report(rows, contacts=len(contacts)).emit(as_json=as_json, out=out)
+    return StudyReport(
+        name="hydrogel",
+        title="Force of a hydrogel sensor under a robot's force loop (real)",
+        provenance=(
+            f"Real recordings with load cells, {len(contacts)} contacts from {SMALLEST_N:g} N on. "
+            "Each recording in turn is left out of what the laws learn; the authors' LSTM was "
+            "trained by its authors and ran live.",
+            "`ours` is `palpate.ForceLaw` on the sum of 16 channels, scaled by the training "
+            "contacts; ridge and trees see each channel and the same states.",
+        ),
+        tables=[
+            Table.of(
+                "Recording left out",
+                rows,
+                {
+                    "recording": "{recording}",
+                    "contacts": "{contacts}",
+                    "method": "{method}",
+                    "RMS error, N": "{rms_n:.1f}",
+                    "median |ln error|": "{median_abs_log_error:.2f}",
+                    "coverage": "{coverage:.2f}",
+                },
+            )
+        ],
+        payload={"study": "hydrogel", "origin": "real", "rows": rows},
+    )
+
+
+command = as_command(report)
 
 
 def read_contacts(path: Path) -> list[Contact]:
@@ -200,37 +225,3 @@ def _learned(
         name: np.asarray(machine.fit(inputs, force_n).predict(unseen))
         for name, machine in machines.items()
     }
-
-
-def report(rows: Sequence[dict[str, Any]], *, contacts: int) -> StudyReport:
-    """Return the report: a row for each method and recording left out."""
-    return StudyReport(
-        name="hydrogel",
-        title="Force of a hydrogel sensor under a robot's force loop (real)",
-        provenance=(
-            f"Real recordings with load cells, {contacts} contacts from {SMALLEST_N:g} N on. Each "
-            "recording in turn is left out of what the laws learn; the authors' LSTM was trained "
-            "by its authors and ran live.",
-            "`ours` is `palpate.ForceLaw` on the sum of 16 channels, scaled by the training "
-            "contacts; ridge and trees see each channel and the same states.",
-        ),
-        tables=[
-            Table(
-                title="Recording left out",
-                columns=(
-                    *("recording", "contacts", "method"),
-                    *("RMS error, N", "median |ln error|", "coverage"),
-                ),
-                rows=[
-                    (
-                        *(row["recording"], str(row["contacts"]), row["method"]),
-                        f"{row['rms_n']:.1f}",
-                        f"{row['median_abs_log_error']:.2f}",
-                        "" if row["coverage"] is None else f"{row['coverage']:.2f}",
-                    )
-                    for row in rows
-                ],
-            )
-        ],
-        payload={"study": "hydrogel", "origin": "real", "rows": list(rows)},
-    )

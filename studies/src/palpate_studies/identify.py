@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-from palpate.commands.options import JsonOption, TargetForceOption
+from palpate.commands.options import TargetForceOption
 from palpate.errors import InputError
-from palpate.produce.identify.identifier import FALSE_REJECT, UNKNOWN, Identifier, TaughtItem
+from palpate.produce.identify.identifier import (
+    FALSE_REJECT,
+    UNKNOWN,
+    Identifier,
+    Identity,
+    TaughtItem,
+)
 from palpate.produce.identify.items import touches_of
 from palpate_studies.baselines.lda_background import LdaBackground
 from palpate_studies.identify_baselines import guesses
 from palpate_studies.identify_data import (
-    LEVELS,
     SORTED_GRASPS,
     CrateItemGrasps,
     measured_crates,
@@ -24,20 +31,9 @@ from palpate_studies.identify_data import (
     squeeze_in_words,
     write_crates,
 )
-from palpate_studies.identify_tables import (
-    Answer,
-    as_row,
-    confusion,
-    confusion_table,
-    counted,
-    points,
-    reliability,
-    strangers_table,
-    summary_table,
-)
-from palpate_studies.plots.identify import confusion_figure, kinds_figure, reliability_figure
 from palpate_studies.protocol.paired import paired_difference
-from palpate_studies.report import OutOption, StudyReport
+from palpate_studies.report import SecondOption, StudyReport, Table, as_command
+from palpate_studies.rows import LEVELS, group
 
 #: Items of each kind that teach. A packhouse has that many at hand.
 TAUGHT = 10
@@ -66,18 +62,25 @@ CratesOption = Annotated[
 ]
 
 
-def command(
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """The answer of one method on one item."""
+
+    level: str
+    method: str
+    item: CrateItemGrasps
+    said: str
+    identity: Identity | None = None
+
+
+def report(
+    *,
     sensors: SensorsOption = 1,
     items: ItemsOption = 2,
     crates: CratesOption = None,
-    second: Annotated[
-        bool,
-        typer.Option("--second", help="Two cultivars of each kind, with a skin on softer flesh."),
-    ] = False,
+    second: SecondOption = False,
     target_force_n: TargetForceOption = None,
-    as_json: JsonOption = False,
-    out: OutOption = None,
-) -> None:
+) -> StudyReport:
     """Identify the kinds of a mixed crate, strangers among them, from one to three grasps.
 
     Example: palpate study identify --out reports
@@ -85,9 +88,10 @@ def command(
     found = crates_of(
         crates, sensors=sensors, items=items, second=second, target_force_n=target_force_n
     )
-    report(found, second=second).emit(as_json=as_json, out=out)
-    if out is not None:
-        write_crates(found, out / "crates.json")
+    return judge(found, second=second)
+
+
+command = as_command(report)
 
 
 def crates_of(
@@ -188,54 +192,74 @@ def _asked(
     return found
 
 
-def against_lda(given: Sequence[Answer], level: str) -> list[dict[str, Any]]:
+def against_lda(given: Sequence[Answer]) -> list[dict[str, Any]]:
     """Return ours against the discriminant analysis at equal grasps, paired by item.
 
     An item's loss is 1 where its answer, a kind or unknown, is not true.
     """
     found = []
-    for count in range(1, SORTED_GRASPS + 1):
-        grasps = f"{count} grasp{'s' if count > 1 else ''}"
-        ours, rival = (
-            {
-                (one.item.sensor, one.item.item_id): float(one.said != one.item.named)
-                for one in given
-                if (one.level, one.method) == (level, f"{name}, {grasps}")
+    for key, mine in group(given, "level"):
+        for count in range(1, SORTED_GRASPS + 1):
+            lost = {
+                name: {
+                    f"{one.item.sensor}/{one.item.item_id}": float(one.said != one.item.named)
+                    for one in mine
+                    if one.method == f"{name}, {count} grasp{'s' if count > 1 else ''}"
+                }
+                for name in (OURS, LDA)
             }
-            for name in (OURS, LDA)
-        )
-        found.append(
-            {
-                "level": level,
-                "grasps": count,
-                "ours_wrong": float(np.mean(list(ours.values()))),
-                "lda_wrong": float(np.mean(list(rival.values()))),
-                **paired_difference(
-                    list(ours.values()),
-                    [rival[key] for key in ours],
-                    [f"{sensor}/{item}" for sensor, item in ours],
-                    statistic=np.mean,
-                ).to_dict(),
-            }
-        )
+            items = list(lost[OURS])
+            ours, lda = ([each[item] for item in items] for each in lost.values())
+            found.append(
+                {
+                    **key,
+                    "grasps": count,
+                    "ours_wrong": float(np.mean(ours)),
+                    "lda_wrong": float(np.mean(lda)),
+                    **paired_difference(ours, lda, items, statistic=np.mean).to_dict(),
+                }
+            )
     return found
 
 
 def summed(given: Sequence[Answer]) -> list[dict[str, Any]]:
     """Return how many items each method named rightly, level by level."""
-    return [
-        counted([one for one in given if (one.level, one.method) == (level, method)])
-        for level, method in dict.fromkeys((one.level, one.method) for one in given)
-    ]
+    return [{**key, **counted(mine)} for key, mine in group(given, "level", "method")]
 
 
-def report(crates: Sequence[CrateItemGrasps], *, second: bool = False) -> StudyReport:
-    """Put the answers into tables and figures."""
+def counted(answers: Sequence[Answer]) -> dict[str, Any]:
+    """Return shares of known items and strangers that one method named rightly."""
+    known = [one for one in answers if one.item.known]
+    strangers = [one for one in answers if not one.item.known]
+    named = [one for one in known if one.said != UNKNOWN]
+    best = [_best_guess(one) == one.item.kind for one in known]
+    ours = [one for one in known if one.identity is not None]
+    return {
+        "items": len(known),
+        "right": float(np.mean(best)),
+        "named_right": float(np.mean([one.said == one.item.kind for one in named])),
+        "log_loss": (
+            float(np.mean([-np.log(max(_given(one), 1e-6)) for one in ours])) if ours else None
+        ),
+        "falsely_unknown": float(np.mean([one.said == UNKNOWN for one in known])),
+        "strangers": len(strangers),
+        "strangers_found": float(np.mean([one.said == UNKNOWN for one in strangers])),
+    }
+
+
+def _best_guess(one: Answer) -> str:
+    return one.said if one.identity is None else one.identity.best_guess
+
+
+def _given(one: Answer) -> float:
+    """Return the probability that was given to the true kind."""
+    return 0.0 if one.identity is None else one.identity.probability[one.item.kind]
+
+
+def judge(crates: Sequence[CrateItemGrasps], *, second: bool = False) -> StudyReport:
+    """Put the answers into tables."""
     given = answers(crates)
-    levels = [level for level in LEVELS if any(item.level == level for item in crates)]
     summary = summed(given)
-    last = f"ours, {SORTED_GRASPS} grasps"
-    best = [one for one in given if one.method == last]
     sensors = len({(item.level, item.sensor) for item in crates})
     return StudyReport(
         name="identify",
@@ -250,26 +274,28 @@ def report(crates: Sequence[CrateItemGrasps], *, second: bool = False) -> StudyR
             "kinds overlap in both size and stiffness, and strangers may feel like a taught kind.",
         ),
         tables=[
-            summary_table(summary),
-            strangers_table(best, levels),
-            *[confusion_table([o for o in best if o.level == level], level) for level in levels],
+            Table.of(
+                "Kinds named, and strangers found (stated: 5 % of known items called unknown)",
+                summary,
+                {
+                    "level": "{level}",
+                    "method": "{method}",
+                    "known items": "{items}",
+                    "best guess right, %": "{right:.0p}",
+                    "log loss": "{log_loss:.2f}",
+                    "falsely unknown, %": "{falsely_unknown:.1p}",
+                    "strangers": "{strangers}",
+                    "found, %": "{strangers_found:.0p}",
+                },
+            )
         ],
         payload={
+            "study": "identify",
             "simulated": True,
             "second_generator": second,
             "false_reject": FALSE_REJECT,
             "summary": summary,
-            "against_lda": [row for level in levels for row in against_lda(given, level)],
-            "reliability": {level: reliability(best, level) for level in levels},
-            "rows": [as_row(one) for one in best],
+            "against_lda": against_lda(given),
         },
-        figures={
-            "identify-confusion": lambda: confusion_figure(
-                {level: confusion(best, level) for level in levels}
-            ),
-            "identify-kinds": lambda: kinds_figure(points(crates, levels)),
-            "identify-reliability": lambda: reliability_figure(
-                {level: reliability(best, level) for level in levels}
-            ),
-        },
+        files={"crates.json": partial(write_crates, crates)},
     )

@@ -21,7 +21,6 @@ from palpate.settling.result import Status
 from palpate.twin.crate import CRATE_STRANGERS, CRATE_TAUGHT, CrateItem, CrateTable, draw_crate
 from palpate_studies.other_crates import other_item
 
-LEVELS = ("lab", "field")
 #: Grasps of each item that is taught, and of each that is sorted.
 TAUGHT_GRASPS, SORTED_GRASPS = 2, 3
 #: A simulated clock starts here.

@@ -11,14 +11,12 @@ import numpy as np
 import typer
 
 from palpate.arrays import FloatArray
-from palpate.commands.options import JsonOption
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.holds.strict import read_table
 from palpate.produce.qualify.agreement import (
     FIGURES,
-    Agreement,
     Demand,
     Estimate,
     agreement_of,
@@ -30,7 +28,7 @@ from palpate.rig.simulated import calibrated
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
-from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
 
 #: Twin fruit of the pool, grasps of each, and the sensor's seed.
@@ -55,34 +53,59 @@ class Pool:
     grasps: FloatArray
 
 
-def command(
+def report(
+    *,
     apples: Annotated[
         Path | None,
         typer.Option(help="Real apples: columns side1_lbf and side2_lbf.", metavar="CSV"),
     ] = None,
-    as_json: JsonOption = False,
-    out: OutOption = None,
-) -> None:
+    items: int = ITEMS,
+    campaigns: int = CAMPAIGNS,
+) -> StudyReport:
     """Qualify a real penetrometer against itself, and grasps on the twin against simulated ones.
 
     Example: palpate study qualify --apples apples_firmness.csv.gz
     """
-    report(apples).emit(as_json=as_json, out=out)
-
-
-def report(apples: Path | None, *, items: int = ITEMS, campaigns: int = CAMPAIGNS) -> StudyReport:
-    """Judge both; the apples only where their table is given."""
     tables: list[Table] = []
-    payload: dict[str, Any] = {"summary": []}
+    payload: dict[str, Any] = {"study": "qualify", "summary": []}
     if apples is not None:
         found = agreement_of(side_pairs(apples), Demand(tolerance=APPLE_TOLERANCE_LBF))
-        payload["apples"] = {name: _as_json(value) for name, value in found.figures.items()}
-        tables.append(_apples_table(found))
+        payload["apples"] = {
+            name: {
+                end: value if math.isfinite(value := getattr(figure, end)) else None
+                for end in ("value", "low", "high")
+            }
+            for name, figure in found.figures.items()
+        }
+        tables.append(
+            Table(
+                title="One penetrometer against itself on the other side, 720 apples, 1 lbf (real)",
+                columns=("figure", "value", "90 % interval"),
+                rows=[
+                    (FIGURES[name], f"{figure.value:.2f}", f"{figure.low:.2f} to {figure.high:.2f}")
+                    for name, figure in found.figures.items()
+                ],
+            )
+        )
     for level in LEVELS:
         pool = grasp_pool(items, level=level)
         for side_sd in SIDE_SCATTERS:
             payload["summary"] += check(pool, side_sd, level=level, campaigns=campaigns)
-    tables.append(_coverage_table(payload["summary"]))
+    tables.append(
+        Table.of(
+            "Grasps against simulated penetrometers (simulated)",
+            payload["summary"],
+            {
+                "level": "{level}",
+                "side scatter": "{side_sd:g}",
+                "figure": "{figure}",
+                "true": "{true:.2f}",
+                "median": "{median:.2f}",
+                "± half width": "{median_half_width:.2f}",
+                "coverage": "{coverage:.2f}",
+            },
+        )
+    )
     return StudyReport(
         name="qualify",
         title="Agreement with a reference, and the ceiling that the reference sets",
@@ -96,6 +119,9 @@ def report(apples: Path | None, *, items: int = ITEMS, campaigns: int = CAMPAIGN
         tables=tables,
         payload=payload,
     )
+
+
+command = as_command(report)
 
 
 def side_pairs(path: Path) -> PairedReadings:
@@ -199,40 +225,3 @@ def _true_figures(
         "r_squared_ceiling": exact.repeatability,
         "share_within_ceiling": exact.share_within(demand.tolerance),
     }
-
-
-def _as_json(figure: Estimate) -> dict[str, float | None]:
-    return {
-        name: value if math.isfinite(value) else None
-        for name, value in (("value", figure.value), ("low", figure.low), ("high", figure.high))
-    }
-
-
-def _apples_table(found: Agreement) -> Table:
-    return Table(
-        title="One penetrometer against itself on the other side, 720 apples (real), 1 lbf",
-        columns=("figure", "value", "90 % interval"),
-        rows=[
-            (FIGURES[name], f"{figure.value:.2f}", f"{figure.low:.2f} to {figure.high:.2f}")
-            for name, figure in found.figures.items()
-        ],
-    )
-
-
-def _coverage_table(summary: list[dict[str, Any]]) -> Table:
-    return Table(
-        title="Grasps against simulated penetrometers (simulated)",
-        columns=("level", "side scatter", "figure", "true", "median", "± half width", "coverage"),
-        rows=[
-            (
-                row["level"],
-                f"{row['side_sd']:g}",
-                row["figure"],
-                f"{row['true']:.2f}",
-                f"{row['median']:.2f}",
-                f"{row['median_half_width']:.2f}",
-                f"{row['coverage']:.2f}",
-            )
-            for row in summary
-        ],
-    )

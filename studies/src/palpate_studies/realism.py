@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
 from palpate.arrays import FloatArray
-from palpate.commands.options import JsonOption
 from palpate.holds import read_holds
 from palpate.twin.ranges import ranges_of
 from palpate_studies.force_ladders import read_ladders
@@ -26,11 +24,8 @@ from palpate_studies.realism_quantities import (
     together,
 )
 from palpate_studies.realism_twin import twin_ladder, twin_presses, twin_weights
-from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SENSORS, PRESSES, HOLDS = 12, 8, 3
 #: Levels whose resistance at rest is compared.
@@ -70,33 +65,8 @@ MEANING = {
 Quantities = Mapping[str, FloatArray]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Comparison:
-    """One quantity on real recordings and on both levels of the twin."""
-
-    quantity: str
-    real: FloatArray
-    twin: Mapping[str, FloatArray]
-
-    @property
-    def statistic(self) -> str:
-        """Name of what is compared."""
-        return COMPARED[self.quantity][1]
-
-    def value(self, values: FloatArray) -> float:
-        """Return what is compared, NaN left out."""
-        return float(np.nanstd(values) if self.statistic == "sd" else np.nanmedian(values))
-
-    def kinder(self, level: str) -> bool:
-        """Return whether the twin's value lies below the 90 % interval of the real one."""
-        rng = np.random.default_rng(0)
-        drawn = rng.choice(self.real, size=(2000, self.real.size))
-        spread = np.nanstd(drawn, axis=1)
-        found = spread if self.statistic == "sd" else np.nanmedian(drawn, axis=1)
-        return self.value(self.twin[level]) < float(np.quantile(found, 0.05))
-
-
-def command(
+def report(
+    *,
     ladders: Annotated[
         Path | None, typer.Option(help="Real ladders of weights.", metavar="CSV")
     ] = None,
@@ -104,19 +74,77 @@ def command(
         Path | None, typer.Option(help="Real presses with a load cell.", metavar="CSV")
     ] = None,
     holds: Annotated[
-        list[Path] | None,
-        typer.Option(help="Real holds in ohm; may be repeated.", metavar="FILE"),
+        list[Path] | None, typer.Option(help="Real holds in ohm; may be repeated.", metavar="FILE")
     ] = None,
-    as_json: JsonOption = False,
-    out: OutOption = None,
-) -> None:
+    sensors: int = SENSORS,
+) -> StudyReport:
     """Compare the twin's scatter, creep, shapes and noise with those of real recordings.
 
     Example: palpate study realism --ladders ladders.csv --presses presses.csv.gz --holds holds.csv
     """
     real = real_quantities(ladders=ladders, presses=presses, holds=holds or ())
     rest_ohm = [one.rest_ohm for one in read_ladders(ladders)] if ladders else []
-    report(real, rest_ohm=rest_ohm).emit(as_json=as_json, out=out)
+    twin = {level: twin_quantities(level=level, sensors=sensors) for level in LEVELS}
+    rows = [
+        _compare(quantity, values, twin, file=name)
+        for name, quantities in (real or {"": twin["lab"]}).items()
+        for quantity, values in quantities.items()
+    ]
+    return StudyReport(
+        name="realism",
+        title="The twin compared with real recordings",
+        provenance=[*_provenance(sensors, given=bool(real)), *_at_rest(rest_ohm)],
+        tables=[
+            Table.of(
+                f"{name or 'Twin'}: value compared (10 to 90 %)",
+                [row for row in rows if row["file"] == name],
+                {
+                    "quantity": lambda row: f"{row['quantity']}: {MEANING[row['quantity']]}",
+                    "compared": "{statistic}",
+                    **({"n": "{n}", "real": "{real}"} if name else {}),
+                    **{level: f"{{{level}}}" for level in LEVELS},
+                },
+            )
+            for name in dict.fromkeys(row["file"] for row in rows)
+        ],
+        payload={
+            "study": "realism",
+            "origin": "twin",
+            "compared": rows,
+            "rest_ohm": {
+                **({"real": _ends(rest_ohm) | {"sensors": len(rest_ohm)}} if rest_ohm else {}),
+                **{level: _ends(ranges_of(level).rest_ohm_log) for level in RESTING},
+            },
+        },
+    )
+
+
+command = as_command(report)
+
+
+def _compare(
+    quantity: str, real: FloatArray, twin: Mapping[str, Quantities], *, file: str
+) -> dict[str, Any]:
+    """Return a quantity of real recordings and of the twin; kinder lies below the real interval."""
+    statistic = COMPARED[quantity][1]
+    of = np.nanstd if statistic == "sd" else np.nanmedian
+    drawn = np.random.default_rng(0).choice(real, size=(2000, real.size))
+    lowest = float(np.quantile(of(drawn, axis=1), 0.05))
+
+    def cell(values: FloatArray) -> str:
+        low, high = np.nanquantile(values, [0.1, 0.9])
+        return f"{of(values):.3g} ({low:.3g} to {high:.3g})"
+
+    kinder = {level: bool(file and of(twin[level][quantity]) < lowest) for level in LEVELS}
+    return {
+        "file": file,
+        "quantity": quantity,
+        "statistic": statistic,
+        "n": real.size,
+        "real": cell(real),
+        **{level: cell(twin[level][quantity]) + " kinder" * kinder[level] for level in LEVELS},
+        "kinder": kinder,
+    }
 
 
 def real_quantities(
@@ -161,47 +189,6 @@ def twin_quantities(*, level: str, sensors: int = SENSORS) -> dict[str, FloatArr
     }
 
 
-def report(
-    real: Mapping[str, Quantities], *, sensors: int = SENSORS, rest_ohm: Sequence[float] = ()
-) -> StudyReport:
-    """Compare every quantity of every file with both levels; `rest_ohm` is of real sensors."""
-    twin = {level: twin_quantities(level=level, sensors=sensors) for level in LEVELS}
-    compared = {
-        name: [
-            Comparison(
-                quantity=quantity,
-                real=values,
-                twin={level: twin[level][quantity] for level in LEVELS},
-            )
-            for quantity, values in quantities.items()
-        ]
-        for name, quantities in real.items()
-    }
-    tables = [_table(name, comparisons) for name, comparisons in compared.items()]
-    if not tables:
-        tables = [_twin_table(twin)]
-    return StudyReport(
-        name="realism",
-        title="The twin compared with real recordings",
-        provenance=[*_provenance(sensors, given=bool(real)), *_at_rest(rest_ohm)],
-        tables=tables,
-        payload={
-            "study": "realism",
-            "origin": "twin",
-            "files": {name: [_as_json(one) for one in found] for name, found in compared.items()},
-            "twin": {
-                level: {name: _quantiles(values) for name, values in twin[level].items()}
-                for level in LEVELS
-            },
-            "rest_ohm": {
-                **({"real": _ends(rest_ohm) | {"sensors": len(rest_ohm)}} if rest_ohm else {}),
-                **{level: _ends(ranges_of(level).rest_ohm_log) for level in RESTING},
-            },
-        },
-        figures={"realism": lambda: draw(real, twin)},
-    )
-
-
 def _provenance(sensors: int, *, given: bool) -> list[str]:
     lines = [
         f"Simulated: {sensors} sensors of each level, {PRESSES} presses and {HOLDS} holds of each, "
@@ -238,79 +225,3 @@ def _at_rest(rest_ohm: Sequence[float]) -> list[str]:
         f"{high:g}: there the reference resistor fits. The level `low-rest` is for one that does "
         "not."
     ]
-
-
-def _table(name: str, comparisons: Sequence[Comparison]) -> Table:
-    rows = []
-    for one in comparisons:
-        cells = [f"{one.quantity}: {MEANING[one.quantity]}", one.statistic, _cell(one, one.real)]
-        for level in LEVELS:
-            verdict = " kinder" if one.kinder(level) else ""
-            cells.append(_cell(one, one.twin[level]) + verdict)
-        rows.append(cells)
-    columns = ("quantity", "compared", f"real, n = {len(comparisons[0].real)}", *LEVELS)
-    return Table(title=f"{name}: value compared (10 to 90 %)", columns=columns, rows=rows)
-
-
-def _twin_table(twin: Mapping[str, Quantities]) -> Table:
-    rows = []
-    for quantity in COMPARED:
-        one = Comparison(
-            quantity=quantity, real=np.zeros(0), twin={k: twin[k][quantity] for k in LEVELS}
-        )
-        cells = [_cell(one, one.twin[level]) for level in LEVELS]
-        rows.append([f"{quantity}: {MEANING[quantity]}", one.statistic, *cells])
-    return Table(
-        title="Twin: value compared (10 to 90 %)",
-        columns=("quantity", "compared", *LEVELS),
-        rows=rows,
-    )
-
-
-def _cell(one: Comparison, values: FloatArray) -> str:
-    low, high = np.nanquantile(values, [0.1, 0.9])
-    return f"{one.value(values):.3g} ({low:.3g} to {high:.3g})"
-
-
-def _quantiles(values: FloatArray) -> dict[str, float]:
-    low, middle, high = np.nanquantile(values, [0.1, 0.5, 0.9])
-    return {
-        "p10": float(low),
-        "median": float(middle),
-        "p90": float(high),
-        "sd": float(np.nanstd(values)),
-    }
-
-
-def _as_json(one: Comparison) -> dict[str, Any]:
-    return {
-        "quantity": one.quantity,
-        "statistic": one.statistic,
-        "real": _quantiles(one.real),
-        "kinder": {level: bool(one.kinder(level)) for level in LEVELS},
-    }
-
-
-def draw(real: Mapping[str, Quantities], twin: Mapping[str, Quantities]) -> Figure:
-    """Draw the range of each quantity: real recordings above the twin's two levels."""
-    from palpate.plots.style import AMBER, BLUE, GREY, INK, ORANGE, new_figure
-
-    shown = [name for name in COMPARED if name != "exponential error, % of rest"]
-    looks = dict(zip(LEVELS, (BLUE, ORANGE), strict=True))
-    with new_figure(rows=6, columns=2, width_in=9.0, height_in=11.0) as (figure, axes):
-        for axis, quantity in zip(axes.flat, shown, strict=True):
-            sets = [
-                (name.split(".")[0], values[quantity], (INK, GREY, AMBER)[place % 3])
-                for place, (name, values) in enumerate(real.items())
-                if quantity in values
-            ]
-            sets += [(f"twin, {level}", twin[level][quantity], looks[level]) for level in LEVELS]
-            for row, (_, values, colour) in enumerate(sets):
-                low, middle, high = np.nanquantile(values, [0.1, 0.5, 0.9])
-                axis.plot([low, high], [row, row], color=colour, lw=3, alpha=0.4)
-                axis.plot(middle, row, "o", color=colour)
-            axis.set_yticks(range(len(sets)), [label for label, _, _ in sets])
-            axis.set(ylim=(len(sets) - 0.5, -0.5), xlim=(0, None))
-            axis.set_title(quantity, loc="left")
-        figure.suptitle("10 to 90 % of each quantity, dot at the median; the twin is simulated")
-    return figure

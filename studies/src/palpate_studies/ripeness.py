@@ -1,28 +1,20 @@
-"""Figure 16 of the paper, and ripeness of many fruits: stages, days to ripe, drift separated."""
+"""Ripeness of many fruits of the twin: stages, days to ripe, drift separated."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal, TypeAlias
 
-import numpy as np
 import typer
 
-from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 from palpate.produce.ripeness.rule import SURE
+from palpate.twin.ranges import Level
 from palpate.twin.world import GripperKind
-from palpate_studies.report import OutOption, StudyReport
-from palpate_studies.ripeness_felt import Felt, drift_of
-from palpate_studies.ripeness_scores import (
-    WAYS,
-    Judged,
-    compared,
-    confusion,
-    judged,
-    ours_exact,
-    scores,
-)
+from palpate_studies import ripeness_virtual
+from palpate_studies.report import SecondOption, StudyReport, Table, as_command
+from palpate_studies.ripeness_felt import Felt
+from palpate_studies.ripeness_scores import WAYS, compared, judged, scores
 from palpate_studies.ripeness_station import (
     DAYS,
     GRASPS_AT_ONCE,
@@ -32,24 +24,11 @@ from palpate_studies.ripeness_station import (
     REFERENCE_GRASPS,
     run_station,
 )
-from palpate_studies.ripeness_tables import (
-    Condition,
-    accuracy_table,
-    compared_table,
-    confusion_table,
-    days_table,
-    figure16_table,
-    limits_table,
-    named,
-    ripened,
-    sensors_table,
-)
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 #: Levels of the twin that the study has conditions at.
 StudiedLevel: TypeAlias = Literal["lab", "field"]
+#: Level, gripper and whether the sensor ages: what is compared.
+Condition: TypeAlias = tuple[Level, GripperKind, bool]
 CONDITIONS: tuple[Condition, ...] = (
     ("lab", "rigid", True),
     ("lab", "soft", True),
@@ -63,7 +42,8 @@ CONDITIONS: tuple[Condition, ...] = (
 SEED, LABELLED = 93_021, 24
 
 
-def command(
+def report(
+    *,
     sensors: Annotated[int, typer.Option(help="Sensors of each condition.", min=1)] = 1,
     fruits: Annotated[
         int,
@@ -79,32 +59,39 @@ def command(
         bool | None,
         typer.Option("--aging/--no-aging", help="Only on sensors that age, or that do not."),
     ] = None,
-    as_json: JsonOption = False,
-    out: OutOption = None,
-) -> None:
+    second: SecondOption = False,
+) -> StudyReport:
     """Follow avocados of the twin over four days with both grippers, on sensors that age.
 
     By default it takes a quarter of an hour; `--sensors 5 --fruits 40` takes some hours. The
     conditions do not depend on each other: pick some with --level, --gripper and --aging, and give
-    each processor its own.
+    each processor its own. --second judges fruit that softens in other ways, on virtual sensors.
 
     Example: palpate study ripeness --out reports
     """
-    found = {
-        condition: [
-            run_station(
-                SEED + sensor,
-                level=condition[0],
-                gripper=condition[1],
-                aging=condition[2],
-                labelled=LABELLED,
-                others=fruits,
-            )
-            for sensor in range(sensors)
-        ]
-        for condition in chosen(level=level, gripper=gripper, aging=aging)
-    }
-    report(found).emit(as_json=as_json, out=out)
+    if second:
+        if (level, gripper, aging) != (None, None, None):
+            raise InputError("--second runs on virtual sensors: leave out level, gripper and aging")
+        return ripeness_virtual.report(sensors=sensors, fruits=fruits)
+    return judge(
+        {
+            condition: [
+                run_station(
+                    SEED + sensor,
+                    level=condition[0],
+                    gripper=condition[1],
+                    aging=condition[2],
+                    labelled=LABELLED,
+                    others=fruits,
+                )
+                for sensor in range(sensors)
+            ]
+            for condition in chosen(level=level, gripper=gripper, aging=aging)
+        }
+    )
+
+
+command = as_command(report)
 
 
 def chosen(
@@ -138,63 +125,78 @@ def chosen(
     return found
 
 
-def report(found: Mapping[Condition, Sequence[Felt]]) -> StudyReport:
+def judge(found: Mapping[Condition, Sequence[Felt]]) -> StudyReport:
     """Judge what the stations felt, condition by condition."""
-    apart = {c: _judged(stations) for c, stations in found.items()}
-    rows = {c: [row for station in stations for row in station] for c, stations in apart.items()}
-    if not all(any(row.wait_days > 0 for row in one) for one in rows.values()):
-        raise InputError("all fruits were ripe from the first day on: judge more with --fruits")
-    each = {condition: scores(rows[condition]) for condition in rows}
-    by_sensor = {c: [ours_exact(station) for station in stations] for c, stations in apart.items()}
-    settled = {c: days for c in _drawn(found) if (days := ripened(found[c]))}
+    rows = [_condition(condition, stations) for condition, stations in found.items()]
+    lead: dict[str, Any] = {
+        "level": "{level}",
+        "gripper": "{gripper}",
+        "aging": lambda row: "on" if row["aging"] else "off",
+    }
+    damaged, grasps = (sum(row[key] for row in rows) for key in ("damaged", "grasps"))
     return StudyReport(
         name="ripeness",
-        title="Figure 16 and ripeness over days (simulated)",
-        provenance=_provenance(found),
-        tables=[
-            accuracy_table(each),
-            compared_table({c: compared(rows[c]) for c in rows}),
-            sensors_table(by_sensor),
-            limits_table(each),
-            days_table(each),
-            *(confusion_table(c, rows[c]) for c in _drawn(rows)),
-            *([figure16_table(settled)] if settled else []),
+        title="Ripeness over days (simulated)",
+        provenance=[
+            "Simulated throughout. The avocados' ranges stand in `palpate_studies.fruit_ranges` "
+            "with their reasons.",
+            f"Each sensor: a calibration by a user's steps, then {LABELLED} labelled fruits for "
+            f"{DAYS} days (more where these did not show every stage), {LABELLED_GRASPS} grasps a "
+            f"day, and, {LATER_DAYS} days after their first, the others, which are judged: "
+            f"{GRASPS_AT_ONCE} grasps a day, and {GRASPS_AT_ONCE} more up to {MOST_GRASPS} while "
+            f"the stage is less than {100 * SURE:.0f} % sure. A nest centres the fruit. "
+            f"{REFERENCE_GRASPS} grasps of a rubber ball each morning, half before the fruit and "
+            "half after it; rest values taken again each morning with the hand empty. Judged on "
+            "each day by the days up to then.",
+            "Aging: break-in and wear by 100 to 400 other grasps a day, mornings at 14.8 to "
+            "26.8 C.",
+            "Labels are true stages; people err, and then no one is right more often than they "
+            "are.",
+            f"Pressed beyond its yield: {damaged} of {grasps} grasps.",
         ],
-        payload={
-            "study": "ripeness",
-            "origin": "twin",
-            "conditions": [
-                _condition(c, found[c])
+        tables=[
+            Table.of(
+                "Stage of four: exact / within one, % of fruit days",
+                rows,
+                lead
+                | {"fruit days": "{fruit_days}", "grasps a day": "{grasps_a_day:.1f}"}
+                | {way: f"{{{way}[exact]:.1p}} / {{{way}[within_one]:.1p}}" for way in WAYS},
+            ),
+            Table.of(
+                "Wrong stages: ours less the other way, points (90 % over fruits)",
+                [row | one for row in rows for one in row["compared"]],
+                lead
                 | {
-                    "compared": compared(rows[c]),
-                    "confusion": confusion(rows[c]).tolist(),
-                    "exact_by_sensor": by_sensor[c],
-                }
-                | each[c]
-                for c in found
-            ],
-        },
-        figures=_figures(each, {c: rows[c] for c in _drawn(rows)}, settled),
+                    "other way": "{rival}",
+                    "difference": "{difference:+.1p} ({low:+.1p} to {high:+.1p})",
+                    "who errs less": "{verdict}",
+                },
+            ),
+            Table.of(
+                "Days to ripe, of fruit not ripe yet; 90 % interval",
+                rows,
+                lead
+                | {
+                    "fruit days": "{days_to_ripe[fruit_days]}",
+                    "coverage": "{days_to_ripe[coverage]:.2f}",
+                    "median error": "{days_to_ripe[median_abs_error_days]:.2f} d",
+                    "width": "{days_to_ripe[median_width_days]:.1f} d",
+                },
+            ),
+        ],
+        payload={"study": "ripeness", "origin": "twin", "conditions": rows},
     )
 
 
-def _judged(stations: Sequence[Felt]) -> list[list[Judged]]:
-    """Judge the fruits of every station of a condition; learners see the labels of all of them."""
-    return [
-        judged(felt, taught=[*stations[:index], *stations[index + 1 :]], name=str(index))
+def _condition(condition: Condition, stations: Sequence[Felt]) -> dict[str, Any]:
+    """Judge the fruits of every station; learners see the labels of all of them."""
+    rows = [
+        row
         for index, felt in enumerate(stations)
+        for row in judged(felt, taught=[*stations[:index], *stations[index + 1 :]], name=str(index))
     ]
-
-
-def _drawn(conditions: Mapping[Condition, object]) -> list[Condition]:
-    """Return the first condition of each gripper: the one that is shown in detail."""
-    first: dict[GripperKind, Condition] = {}
-    for condition in conditions:
-        first.setdefault(condition[1], condition)
-    return list(first.values())
-
-
-def _condition(condition: Condition, stations: Sequence[Felt]) -> dict[str, object]:
+    if not any(row.wait_days > 0 for row in rows):
+        raise InputError("all fruits were ripe from the first day on: judge more with --fruits")
     level, gripper, aging = condition
     return {
         "level": level,
@@ -204,59 +206,6 @@ def _condition(condition: Condition, stations: Sequence[Felt]) -> dict[str, obje
         "fruits": sum(len(felt.others) for felt in stations),
         "grasps": sum(len(felt.grasps) for felt in stations),
         "damaged": sum(felt.damaged for felt in stations),
-        "reference_moved": [[float(one) for one in drift_of(felt).moved] for felt in stations],
+        "compared": compared(rows),
+        **scores(rows),
     }
-
-
-def _provenance(found: Mapping[Condition, Sequence[Felt]]) -> list[str]:
-    damaged = sum(felt.damaged for stations in found.values() for felt in stations)
-    grasps = sum(len(felt.grasps) for stations in found.values() for felt in stations)
-    return [
-        "Simulated throughout. The paper prints no numbers in Figure 16 (one avocado, four days, "
-        "ten grasps a day, each gripper); no published number was a calibration input here. The "
-        "avocados' ranges stand in `palpate_studies.fruit_ranges` with their reasons.",
-        f"Each sensor: a calibration by a user's steps, then {LABELLED} labelled fruits for {DAYS} "
-        f"days (more where these did not show every stage), {LABELLED_GRASPS} grasps a day, and, "
-        f"{LATER_DAYS} days after their first, the others, which are judged: {GRASPS_AT_ONCE} "
-        f"grasps a day, and {GRASPS_AT_ONCE} more up to {MOST_GRASPS} while the stage is less than "
-        f"{100 * SURE:.0f} % sure. A nest centres the fruit. {REFERENCE_GRASPS} grasps of a rubber "
-        "ball each morning, half before the fruit and half after it; rest values taken again each "
-        "morning with the hand empty. Judged on each day by the days up to then.",
-        "Aging: break-in and wear by 100 to 400 other grasps a day, mornings at 14.8 to 26.8 C.",
-        "Labels are true stages; people err, and then no one is right more often than they are.",
-        f"Pressed beyond its yield: {damaged} of {grasps} grasps.",
-    ]
-
-
-def _figures(
-    each: Mapping[Condition, Mapping[str, Any]],
-    rows: Mapping[Condition, Sequence[Judged]],
-    settled: Mapping[Condition, Sequence[tuple[float, float]]],
-) -> dict[str, Callable[[], Figure]]:
-    def figure_16() -> Figure:
-        from palpate_studies.plots.ripeness_study import figure16
-
-        return figure16({named(c): days for c, days in settled.items()})
-
-    def ripeness() -> Figure:
-        from palpate_studies.plots.ripeness_study import study_figure
-
-        accuracy = {
-            named(c): {
-                way: None if score[way] is None else 100 * score[way]["exact"] for way in WAYS
-            }
-            for c, score in each.items()
-        }
-        waits = {
-            named(c): np.array(
-                [
-                    (row.wait_days, row.value_days, row.low_days, row.high_days)
-                    for row in judgements
-                    if row.wait_days > 0
-                ]
-            )
-            for c, judgements in rows.items()
-        }
-        return study_figure(accuracy, waits)
-
-    return ({"figure16": figure_16} if settled else {}) | {"ripeness": ripeness}

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.stats import norm
 
 from palpate.errors import InputError
 from palpate.produce.ripeness.firmness import DayFelt
@@ -17,11 +14,9 @@ from palpate.produce.ripeness.reference_object import Drift
 from palpate.produce.ripeness.rule import judge_by_first_day
 from palpate.produce.ripeness.stages import RIPE, STAGES, Boundaries
 from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS, learned_stage, numbers_of
-from palpate_studies.fruit_ranges import AVOCADO_BOUNDS_N
 from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.ripeness_felt import Felt, days_of, drift_of, labelled_of, rule_of
 from palpate_studies.ripeness_station import DAYS
-from palpate_studies.twin_avocado import Avocado
 
 #: Ways to judge -> what they are.
 WAYS = {
@@ -32,12 +27,8 @@ WAYS = {
     "settled change": "the paper's way: change at one width or pressure, learned thresholds",
     **STAGE_LEARNERS,
 }
-
-
 #: Means of a day that learners see besides the firmness.
 _MEASURED = ("stiffness_n_per_mm", "force_n", "settled_percent", "size_mm", "width_mm")
-#: Distances from a boundary (ln of the force at 1 mm) between which errors are counted separately.
-MARGINS = (0.0, np.log(1.1), np.log(1.25), np.log(1.5), np.inf)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,13 +49,8 @@ class Judged:
         Our answer, with the reference object.
     day : int
         Which morning.
-    margin : float
-        How far the true firmness is from the nearest boundary, ln of the force at 1 mm.
     grasps : int
         How often it was grasped that day.
-    possible : float
-        Probability that as many grasps that day, measured without any error, fall into the true
-        stage: each meets another spot of the fruit.
     """
 
     fruit: str
@@ -75,9 +61,7 @@ class Judged:
     low_days: float
     high_days: float
     day: int
-    margin: float
     grasps: int
-    possible: float
 
 
 def judged(felt: Felt, *, taught: Sequence[Felt] = (), name: str = "") -> list[Judged]:
@@ -129,20 +113,9 @@ def judged(felt: Felt, *, taught: Sequence[Felt] = (), name: str = "") -> list[J
                     high_days=wait.high,
                     day=day,
                     grasps=days[count - 1].grasps,
-                    **_limits(fruit, day=day, grasps=days[count - 1].grasps),
                 )
             )
     return found
-
-
-def _limits(fruit: Avocado, *, day: int, grasps: int) -> dict[str, float]:
-    """Return margin and possible share, as of `Judged`."""
-    bounds = np.array([np.inf, *np.log(AVOCADO_BOUNDS_N), -np.inf])
-    above = np.log(fruit.force_at_1mm_n(day)) - bounds
-    stage = STAGES.index(fruit.stage(day))
-    spread = fruit.spot_log_sd / np.sqrt(grasps)
-    softer, firmer = norm.cdf(-above[[stage + 1, stage]] / spread)
-    return {"margin": float(np.abs(above).min()), "possible": float(firmer - softer)}
 
 
 def scores(rows: Sequence[Judged]) -> dict[str, Any]:
@@ -156,8 +129,6 @@ def scores(rows: Sequence[Judged]) -> dict[str, Any]:
             else None
         )
     found["grasps_a_day"] = float(np.mean([row.grasps for row in rows]))
-    found["possible"] = float(np.mean([row.possible for row in rows]))
-    found["by_margin"] = _by_margin(rows)
     waiting = [row for row in rows if row.wait_days > 0]
     found["days_to_ripe"] = {
         "fruit_days": len(waiting),
@@ -187,36 +158,6 @@ def compared(rows: Sequence[Judged]) -> list[dict[str, Any]]:
         for way in wrong
         if way != "ours"
     ]
-
-
-def ours_exact(rows: Sequence[Judged]) -> float:
-    """Return the share of fruit days on which ours is the true stage."""
-    return float(np.mean([row.said["ours"] == row.truth for row in rows]))
-
-
-def _by_margin(rows: Sequence[Judged]) -> list[dict[str, float]]:
-    """Return how often ours is exact by how far the fruit is from a boundary."""
-    found = []
-    for low, high in pairwise(MARGINS):
-        there = [row for row in rows if low <= row.margin < high]
-        if there:
-            found.append(
-                {
-                    "from_percent": 100 * float(np.expm1(low)),
-                    "fruit_days": len(there),
-                    "exact": ours_exact(there),
-                    "possible": float(np.mean([row.possible for row in there])),
-                }
-            )
-    return found
-
-
-def confusion(rows: Sequence[Judged]) -> NDArray[np.int64]:
-    """Return counts of true stage (rows) against ours (columns)."""
-    table = np.zeros((len(STAGES), len(STAGES)), dtype=np.int64)
-    for row in rows:
-        table[row.truth, row.said["ours"]] += 1
-    return table
 
 
 def _learners(stations: Sequence[Felt]) -> dict[str, Callable[[Sequence[float]], int]]:

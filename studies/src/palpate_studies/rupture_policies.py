@@ -15,6 +15,16 @@ from palpate.estimate.strength import ClosingState
 
 #: Half of the interval of a stiffness by load cell and encoder, as a share of it.
 _EXACT = 0.01
+#: Fruit -> mm by which the stiffness is multiplied, N that are added, and N that are given while
+#: there are too few samples: the parameters of its authors' evaluation (github.com/SheepLiu712/
+#: FruitRuptureEstimate).
+PUBLISHED: dict[str, tuple[float, float, float]] = {
+    "banana": (3.33, 0.254, 7.008),
+    "kiwi": (2.78, 0.345, 3.652),
+    "mango": (2.408, 1.666, 11.033),
+}
+#: Samples in the window that the stiffness is read from, by least squares: fewest and most.
+_FEWEST, _MOST = 10, 60
 
 
 class Scored(NamedTuple):
@@ -43,9 +53,9 @@ def _measured(state: ClosingState) -> Measurement:
     return Measurement(value=value, low=low, high=high, unit="n_per_mm")
 
 
-def our_scores(closing: FruitClosing, *, model: DamageModel, kind_known: bool) -> Scored:
+def our_scores(closing: FruitClosing, *, model: DamageModel) -> Scored:
     """Return the guard's score at each state."""
-    kind = closing.fruit if kind_known else ""
+    kind = closing.fruit
     score = [model.limit(state, kind=kind, stop_score=np.inf).score for state in closing.states]
     return Scored(closing.force_n, np.array(score))
 
@@ -62,6 +72,25 @@ def rule_scores(closing: FruitClosing, *, line: tuple[float, float]) -> Scored:
     predicted_n = np.maximum(intercept_n + slope_mm * stiffness, 0.1)
     force_n = np.array([state.force_n for state in closing.states])
     return Scored(closing.force_n, force_n / predicted_n)
+
+
+def published_scores(closing: FruitClosing) -> Scored:
+    """Return force as a share of what the published rule predicts, sample by sample.
+
+    Raises
+    ------
+    KeyError
+        For a fruit that it has no constants for.
+    """
+    slope_mm, offset_n, first_n = PUBLISHED[closing.fruit]
+    closure_mm, force_n = closing.samples.T
+    predicted_n = np.full(len(force_n), first_n)
+    for count in range(_FEWEST, len(force_n) + 1):
+        window = slice(max(0, count - _MOST), count)
+        x = closure_mm[window] - closure_mm[window].mean()
+        if power := float(x @ x):
+            predicted_n[count - 1] = slope_mm * float(x @ force_n[window]) / power + offset_n
+    return Scored(force_n, force_n / np.maximum(predicted_n, 0.1))
 
 
 def fit_rule(closings: Sequence[FruitClosing]) -> tuple[float, float]:

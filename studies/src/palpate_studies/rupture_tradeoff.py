@@ -11,6 +11,7 @@ from scipy.stats import beta
 
 from palpate.estimate.damage import LEAST_LOAD
 from palpate.estimate.damage_learning import FruitClosing, split
+from palpate_studies.protocol.paired import compare
 from palpate_studies.protocol.parts import Learned
 from palpate_studies.rupture_policies import Scored, stop_forces
 
@@ -101,6 +102,33 @@ def stops(method: Method, closings: Sequence[FruitClosing]) -> NDArray[np.float6
         for scored, at, closing in zip(method.scores, method.settings, closings, strict=True)
     ]
     return np.array(rows)
+
+
+def compare_grips(
+    methods: Sequence[Method], closings: Sequence[FruitClosing]
+) -> list[dict[str, Any]]:
+    """Return the first method against every other at each nominal rate, paired by fruit.
+
+    The loss of a fruit is what the grip falls short of its rupture force, as a share, and 1 where
+    it ruptured: a firm grip that ruptures gains nothing.
+    """
+    lost = {
+        method.name: np.where(found >= 1, 1.0, 1.0 - found)
+        for method in methods
+        for found in [stops(method, closings)]
+    }
+    names = [specimen(closing) for closing in closings]
+    return [
+        row
+        for column, rate in enumerate(RATES)
+        for row in compare(
+            {name: each[:, column] for name, each in lost.items()},
+            names,
+            ours=methods[0].name,
+            statistic=np.mean,
+            rate_limit=rate,
+        )
+    ]
 
 
 def tradeoff(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,13 +12,13 @@ import typer
 
 from palpate import predict_settled
 from palpate.arrays import FloatArray
-from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 from palpate.holds import Hold, settled_value
 from palpate.settling.own import OwnRelaxation
 from palpate.settling.result import SettlingMethod, Status
 from palpate_studies import settled_rules as rules
-from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.report import StudyReport, Table, as_command
+from palpate_studies.rows import mean, median
 from palpate_studies.settled_rules import HORIZON_S, Rule, Shown
 from palpate_studies.specimens import settled_holds
 
@@ -39,32 +39,34 @@ _TAU_S, _SHARE, _NOISE, _RATE_HZ = (0.4, 8.0), (0.05, 0.6), (2e-4, 2e-3), 15.0
 class Scores:
     """Signed errors in % of the settled value, and of ours its interval.
 
-    All of shape (n_holds,); `covered`, `half_width` and `ok` are None for rules without interval.
+    All of shape (n_holds,); `covered`, `half_width` and `ok` are empty for rules without interval.
     """
 
     error: FloatArray
-    covered: FloatArray | None = None
-    half_width: FloatArray | None = None
-    ok: FloatArray | None = None
+    covered: FloatArray = field(default_factory=lambda: np.zeros(0))
+    half_width: FloatArray = field(default_factory=lambda: np.zeros(0))
+    ok: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
-def command(
+def report(
+    *,
     holds: Annotated[
         list[Path] | None, typer.Option(help="Holds of one material; repeat it.", metavar="FILE")
     ] = None,
     held_out: Annotated[
         list[Path] | None, typer.Option(help="Holds that are only scored.", metavar="FILE")
     ] = None,
-    as_json: JsonOption = False,
-    out: OutOption = None,
-) -> None:
+) -> StudyReport:
     """Predict settled values on every material, the rules learned on the others.
 
     Example: palpate study settled --holds silicone.csv.gz --holds food.csv.gz --out report
     """
     if not holds or len(holds) < 2:
         raise InputError("name at least two materials with --holds FILE")
-    report(_read(holds), held_out=_read(held_out or [])).emit(as_json=as_json, out=out)
+    return judge(_read(holds), held_out=_read(held_out or []))
+
+
+command = as_command(report)
 
 
 def _read(files: Sequence[Path]) -> dict[str, list[Hold]]:
@@ -83,7 +85,7 @@ def _read(files: Sequence[Path]) -> dict[str, list[Hold]]:
     return found
 
 
-def report(
+def judge(
     materials: Mapping[str, Sequence[Hold]], *, held_out: Mapping[str, Sequence[Hold]]
 ) -> StudyReport:
     """Score every rule on every material without it, on held-out files, and with own holds."""
@@ -126,8 +128,8 @@ def report(
             "Own holds are those recorded before, and for the first ones the last of the file.",
             f"Drawn: {SINGLE_HOLDS} single exponentials of 0.4 to 8 s.",
         ],
-        tables=[*_tables(rows), _regret_table(regrets)],
-        payload={"rows": rows, "regret": regrets},
+        tables=_tables(rows, regrets),
+        payload={"study": "settled", "rows": rows, "regret": regrets},
     )
 
 
@@ -208,23 +210,15 @@ def _own_rows(name: str, holds: Sequence[Hold], *, count: int, wanted: int) -> l
 
 
 def _joined(scores: Sequence[Scores]) -> Scores:
-    def together(of: Callable[[Scores], FloatArray | None]) -> FloatArray:
-        return np.concatenate([part for one in scores if (part := of(one)) is not None])
-
+    names = ("error", "covered", "half_width", "ok")
     return Scores(
-        error=together(lambda one: one.error),
-        covered=together(lambda one: one.covered),
-        half_width=together(lambda one: one.half_width),
-        ok=together(lambda one: one.ok),
+        **{name: np.concatenate([getattr(one, name) for one in scores]) for name in names}
     )
 
 
 def _row(
     material: str, cutoff_s: float, method: str, scores: Scores, *, own_holds: int = 0
 ) -> dict[str, Any]:
-    def known(values: FloatArray | None, of: Callable[[FloatArray], Any]) -> float | None:
-        return None if values is None else float(of(values))
-
     size = np.abs(scores.error)
     return {
         "material": material,
@@ -234,9 +228,9 @@ def _row(
         "median_abs_error_percent": float(np.median(size)),
         "p90_abs_error_percent": float(np.quantile(size, 0.9)),
         "bias_percent": float(np.median(scores.error)),
-        "coverage": known(scores.covered, np.mean),
-        "half_width_percent": known(scores.half_width, np.median),
-        "share_ok": known(scores.ok, np.mean),
+        "coverage": mean(scores.covered),
+        "half_width_percent": median(scores.half_width),
+        "share_ok": mean(scores.ok),
         "own_holds": own_holds,
     }
 
@@ -290,78 +284,61 @@ def single_exponentials() -> list[Hold]:
     ]
 
 
-def _tables(rows: Sequence[Mapping[str, Any]]) -> list[Table]:
-    """Return errors of all rules, what palpate's intervals do, and both after own holds."""
+def _tables(rows: Sequence[Mapping[str, Any]], regrets: Sequence[Mapping[str, Any]]) -> list[Table]:
+    """Return errors of all rules, palpate's intervals, both after own holds, and the regret."""
     at = " / ".join(f"{cutoff_s:g}" for cutoff_s in CUTOFFS_S)
     without = [row for row in rows if row["own_holds"] == 0]
-    methods = list(dict.fromkeys(row["method"] for row in without))
-    error, own_rules = "median_abs_error_percent", (OURS, "multiple", "slope", "log_law")
-    titles = {
-        "median |error|, %": error,
+    figures = {
+        "median |error|, %": "median_abs_error_percent",
         "90th percentile, %": "p90_abs_error_percent",
         "bias, %": "bias_percent",
         "coverage": "coverage",
         "half-width, %": "half_width_percent",
         "share ok": "share_ok",
     }
-
-    def cell(material: str, method: str, own: int, figure: str) -> str:
-        some = [
-            row[figure]
-            for row in rows
-            if (row["material"], row["method"], row["own_holds"]) == (material, method, own)
-        ]
-        return " / ".join("" if value is None else f"{value:.2f}" for value in some)
-
-    materials = list(dict.fromkeys(row["material"] for row in rows))
-    owned = list(
-        dict.fromkeys((row["material"], row["own_holds"]) for row in rows if row["own_holds"])
-    )
+    ours = [
+        {"figure": head, "value": row[key], **row}
+        for row in rows
+        if row["method"] == OURS
+        for head, key in figures.items()
+    ]
+    # Errors of every rule, then palpate's intervals.
+    owned = [
+        {"figure": row["method"], "value": row["median_abs_error_percent"], **row}
+        for row in rows
+        if row["own_holds"]
+    ]
+    owned += [
+        one for one in ours if one["own_holds"] and one["figure"] in ("coverage", "half-width, %")
+    ]
+    material = {"material": "{material}"}
     return [
-        Table(
-            title=f"Median |error|, % of the settled value, at {at} s",
-            columns=("material", *methods),
-            rows=[[m, *(cell(m, method, 0, error) for method in methods)] for m in materials],
+        Table.wide(
+            f"Median |error|, % of the settled value, at {at} s",
+            without,
+            material,
+            over="method",
+            form="{median_abs_error_percent:.2f}",
         ),
-        Table(
-            title=f"palpate without own holds, at {at} s",
-            columns=("material", *titles),
-            rows=[
-                [m, *(cell(m, OURS, 0, figure) for figure in titles.values())] for m in materials
-            ],
+        Table.wide(
+            f"palpate without own holds, at {at} s",
+            [one for one in ours if not one["own_holds"]],
+            material,
+            over="figure",
+            form="{value:.2f}",
         ),
-        Table(
-            title=f"After own holds: median |error|, %, and palpate's intervals, at {at} s",
-            columns=("material", "own holds", *own_rules, "coverage", "half-width, %"),
-            rows=[
-                [
-                    m,
-                    str(own),
-                    *(cell(m, method, own, error) for method in own_rules),
-                    cell(m, OURS, own, "coverage"),
-                    cell(m, OURS, own, "half_width_percent"),
-                ]
-                for m, own in owned
-            ],
+        Table.wide(
+            f"After own holds: median |error|, %, and palpate's intervals, at {at} s",
+            owned,
+            material | {"own holds": "{own_holds}"},
+            over="figure",
+            form="{value:.2f}",
+        ),
+        Table.wide(
+            "Regret: geometric mean over materials of the error over the smallest of all",
+            regrets,
+            {"cut-off, s": "{cutoff_s:g}"},
+            over="method",
+            form="{regret:.2f}",
         ),
     ]
-
-
-def _regret_table(regrets: Sequence[Mapping[str, Any]]) -> Table:
-    methods = list(dict.fromkeys(row["method"] for row in regrets))
-    return Table(
-        title="Regret: geometric mean over materials of the error over the smallest of all",
-        columns=("cut-off, s", *methods),
-        rows=[
-            [
-                f"{cutoff_s:g}",
-                *(
-                    f"{row['regret']:.2f}"
-                    for method in methods
-                    for row in regrets
-                    if (row["cutoff_s"], row["method"]) == (cutoff_s, method)
-                ),
-            ]
-            for cutoff_s in CUTOFFS_S
-        ],
-    )

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from palpate.commands.options import JsonOption
 from palpate_studies.baselines.told_everything import LEARNERS, RIDGE, TREES
 from palpate_studies.other_things import other_thing
-from palpate_studies.protocol.paired import paired_difference, rms
-from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.protocol.paired import compare, rms
+from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
 from palpate_studies.size_grasps import Sized, deeper_mm, errors_mm, measured, sized
 
@@ -42,34 +41,18 @@ WAYS = {
 OURS = ("same_steps", "ours")
 
 
-def command(
+def report(
+    *,
     sensors: Annotated[
         int, typer.Option(help=f"Sensors of each level; {BERRIES} strawberries on each.", min=1)
     ] = 2,
-    second: Annotated[
-        bool,
-        typer.Option("--second", help="Things with a skin and a core, of foam, and of dough."),
-    ] = False,
-    as_json: JsonOption = False,
-    out: OutOption = None,
-) -> None:
+    second: SecondOption = False,
+    first_sensor: int | None = None,
+    berries: int = BERRIES,
+) -> StudyReport:
     """Size simulated strawberries as the paper does and as ours does, compared with Figure 14.
 
     Example: palpate study size --out reports
-    """
-    report(sensors=sensors, second=second).emit(as_json=as_json, out=out)
-
-
-def report(
-    *,
-    sensors: int,
-    first_sensor: int | None = None,
-    berries: int = BERRIES,
-    second: bool = False,
-) -> StudyReport:
-    """Make the grasps and compare the errors with the published ones.
-
-    `second`: on the second generator, forms that no estimator was written for.
     """
     first = (SECOND_SENSOR if second else FIRST_SENSOR) if first_sensor is None else first_sensor
     seeds = range(first, first + sensors)
@@ -108,10 +91,12 @@ def report(
             "summary": summary,
             "deeper_mm": {level: deeper_mm(found[level]) for level in LEVELS},
             "compared": [row for level in LEVELS for row in _compared(level, found[level])],
-            "rows": [{"level": level, **_row(one)} for level in LEVELS for one in found[level]],
         },
-        figures={"figure14": lambda: _figure(found, berries=berries)},
+        figures={"figure14": lambda: draw(found, shown=berries)},
     )
+
+
+command = as_command(report)
 
 
 def scores(found: Sequence[Sized], way: str) -> dict[str, Any]:
@@ -150,16 +135,13 @@ def _compared(level: str, found: Sequence[Sized]) -> list[dict[str, Any]]:
         if None not in (one.ours, one.same_steps) and np.isfinite(one.published_mm)
     ]
     of, lost = [str(one.sensor) for one in both], {way: errors_mm(both, way) for way in WAYS}
+    rivals = {way: e for way, e in lost.items() if way not in OURS and np.isfinite(e).all()}
     return [
-        {
-            "level": level,
-            "way": way,
-            "rival": rival,
-            **paired_difference(lost[way], lost[rival], of, statistic=rms).to_dict(),
-        }
+        row
         for way in OURS
-        for rival in WAYS
-        if rival not in OURS and np.isfinite(lost[rival]).all()
+        for row in compare(
+            {way: lost[way], **rivals}, of, ours=way, statistic=rms, level=level, way=way
+        )
     ]
 
 
@@ -184,42 +166,63 @@ def _rms(error: np.ndarray) -> float | None:
     return float(rms(error)) if len(error) else None
 
 
-def _row(one: Sized) -> dict[str, Any]:
-    return {
-        "sensor": one.sensor,
-        "berry": one.berry,
-        "true_mm": one.true_mm,
-        "published_mm": one.published_mm if np.isfinite(one.published_mm) else None,
-        "same_steps_mm": None if one.same_steps is None else one.same_steps.to_dict(),
-        "ours_mm": None if one.ours is None else one.ours.to_dict(),
-        "damaged": one.damaged,
-    }
+#: The row of the paper's Figure 14.
+_PRINTED = {"level": "published", "way": "", "answered": BERRIES, "within_1_mm": 1.0}
 
 
 def _table(summary: Sequence[Mapping[str, Any]]) -> Table:
     keys = {
-        "rms_mm": "RMS, mm",
-        "mean_mm": "mean, mm",
-        "worst_mm": "worst, mm",
-        "within_1_mm": "within 1 mm",
-        "rms_to_the_nearest_mm": "RMS to the nearest mm",
-        "coverage": "coverage (0.9)",
-        "median_half_width_mm": "half-width, mm",
+        "RMS, mm": "rms_mm",
+        "mean, mm": "mean_mm",
+        "worst, mm": "worst_mm",
+        "within 1 mm": "within_1_mm",
+        "RMS to the nearest mm": "rms_to_the_nearest_mm",
+        "coverage (0.9)": "coverage",
+        "half-width, mm": "median_half_width_mm",
     }
-    published = ["published", "Figure 14", str(BERRIES), "", "", "", "1.00", "0.89", "", ""]
-    rows = [
-        [row["level"], WAYS[row["way"]], str(row["answered"])]
-        + ["" if row[key] is None else f"{row[key]:.2f}" for key in keys]
-        for row in summary
-    ]
-    return Table(
-        title="Error of the size",
-        columns=("level", "way", "n", *keys.values()),
-        rows=[published, *rows],
+    printed = {**dict.fromkeys(keys.values()), **_PRINTED, "rms_to_the_nearest_mm": 0.89}
+    return Table.of(
+        "Error of the size",
+        [printed, *summary],
+        {
+            "level": "{level}",
+            "way": lambda row: WAYS.get(row["way"], "Figure 14"),
+            "n": "{answered}",
+            **{head: f"{{{key}:.2f}}" for head, key in keys.items()},
+        },
     )
 
 
-def _figure(found: Mapping[str, Sequence[Sized]], *, berries: int) -> Figure:
-    from palpate_studies.plots.size import size_figure
+def draw(found: Mapping[str, Sequence[Sized]], *, shown: int) -> Figure:
+    """Draw the first strawberries of each level as in the paper's Figure 14."""
+    from palpate.plots.style import GREY, look_of, new_figure
 
-    return size_figure(found, shown=berries, published_rms_mm=PUBLISHED["rms_mm"])
+    ends = (30.0, 42.0)
+    (grey, square), (blue, dot) = look_of("recorded"), look_of("relaxation")
+    with new_figure(columns=len(found), width_in=4.2 * len(found), height_in=3.4) as (figure, axes):
+        for axis, (level, every) in zip(axes[0], found.items(), strict=True):
+            some = every[:shown]
+            band = np.subtract(ends, 1), np.add(ends, 1)
+            axis.fill_between(ends, *band, color="#EEEEEE", label="±1 mm")
+            axis.plot(ends, ends, color=GREY, lw=0.8)
+            printed = [one.published_mm for one in some]
+            true_mm = [one.true_mm for one in some]
+            axis.plot(true_mm, printed, square, color=grey, label="published way (Figure 13)")
+            ours = measured(some, "ours")
+            axis.errorbar(
+                [true for _, true in ours],
+                [one.middle for one, _ in ours],
+                yerr=np.array([(one.middle - one.low, one.high - one.middle) for one, _ in ours])
+                .reshape(-1, 2)
+                .T,
+                fmt=dot,
+                color=blue,
+                lw=1,
+                ms=4,
+                label="ours, 90 % interval",
+            )
+            axis.set(xlabel="true size (mm)", xlim=ends, ylim=(ends[0] - 1, ends[1] + 1))
+            axis.set_title(f"simulated, {level}: {len(some)} strawberries")
+        axes[0][0].legend(loc="upper left")
+        axes[0][0].set_ylabel("estimated size (mm)")
+    return figure

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Annotated, Any
+from dataclasses import replace
+from functools import partial
 
-import typer
-
-from palpate.commands.options import JsonOption, TargetForceOption
+from palpate.commands.options import TargetForceOption
 from palpate.estimate.measurement import Measurement
 from palpate.produce.identify.identifier import Identifier, as_labelled
 from palpate.produce.sorting.conditions import Evidence, OneOf, Within
 from palpate.produce.sorting.hand import TimedGrasp
 from palpate.produce.sorting.rules import Rule, RuleBook, decide
-from palpate.produce.sorting.rules_file import check_kinds, read_rules
 from palpate.produce.sorting.run import sort_item
 from palpate.produce.sorting.score import (
     CARRY_S,
@@ -37,14 +33,13 @@ from palpate_studies.identify import (
 )
 from palpate_studies.identify_baselines import Guess, guesses
 from palpate_studies.identify_data import (
-    LEVELS,
     SORTED_GRASPS,
     CrateItemGrasps,
     squeeze_in_words,
     write_crates,
 )
-from palpate_studies.plots.sorting import purity_figure
-from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.report import StudyReport, Table, as_command
+from palpate_studies.rows import group
 
 
 def _bin_of(kind: str, *sizes: Within, bin_name: str | None = None) -> Rule:
@@ -71,56 +66,32 @@ BOOK = RuleBook(
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Run:
-    """One way of sorting all crates of one level."""
-
-    level: str
-    method: str
-    score: Score
-
-
-def command(
+def report(
+    *,
     sensors: SensorsOption = 1,
     items: ItemsOption = 2,
     crates: CratesOption = None,
-    rules: Annotated[
-        Path | None, typer.Option(help="Rules file; by default one bin per kind.", metavar="FILE")
-    ] = None,
     target_force_n: TargetForceOption = None,
-    as_json: JsonOption = False,
-    out: OutOption = None,
-) -> None:
+) -> StudyReport:
     """Sort mixed crates with strangers among them; purity and items per hour of each way.
 
     Example: palpate study sorting --out reports
     """
-    book = BOOK if rules is None else read_rules(rules)
-    found = crates_of(crates, sensors=sensors, items=items, target_force_n=target_force_n)
-    if rules is not None:
-        check_kinds(book, taught={item.kind for item in found if item.teaches}, path=rules)
-    report(found, book=book).emit(as_json=as_json, out=out)
-    if out is not None:
-        write_crates(found, out / "crates.json")
+    return judge(crates_of(crates, sensors=sensors, items=items, target_force_n=target_force_n))
 
 
-def runs(crates: Sequence[CrateItemGrasps], *, book: RuleBook) -> list[Run]:
-    """Sort every crate in every way."""
-    found = []
-    for level in LEVELS:
-        of_level = [item for item in crates if item.level == level]
-        if not of_level:
-            continue
-        placed: dict[str, list[Placed]] = {}
-        for sensor in sorted({item.sensor for item in of_level}):
-            mine = [item for item in of_level if item.sensor == sensor]
-            for method, done in _sorted_by_all(mine, book=book).items():
-                placed.setdefault(method, []).extend(done)
-        found += [
-            Run(level=level, method=method, score=score_sorting(done, book=book))
-            for method, done in placed.items()
-        ]
-    return found
+command = as_command(report)
+
+
+def sort_crates(
+    crates: Sequence[CrateItemGrasps], *, book: RuleBook
+) -> dict[tuple[str, str], Score]:
+    """Sort every crate in every way; level and method -> score."""
+    placed: dict[tuple[str, str], list[Placed]] = {}
+    for key, mine in group(crates, "level", "sensor"):
+        for method, done in _sorted_by_all(mine, book=book).items():
+            placed.setdefault((key["level"], method), []).extend(done)
+    return {key: score_sorting(done, book=book) for key, done in placed.items()}
 
 
 def _sorted_by_all(crate: Sequence[CrateItemGrasps], *, book: RuleBook) -> dict[str, list[Placed]]:
@@ -181,9 +152,23 @@ def _belongs(item: CrateItemGrasps, book: RuleBook) -> str:
     return where_it_belongs(book, kind=item.kind, taught=item.known, size_mm=item.size_mm)
 
 
-def report(crates: Sequence[CrateItemGrasps], *, book: RuleBook = BOOK) -> StudyReport:
-    """Put all ways of sorting into tables and a figure."""
-    found, given = runs(crates, book=book), answers(crates)
+def judge(crates: Sequence[CrateItemGrasps], *, book: RuleBook = BOOK) -> StudyReport:
+    """Put all ways of sorting into tables."""
+    given = answers(crates)
+    summary = [
+        {
+            "level": level,
+            "method": method,
+            "items": one.items,
+            "purity": one.purity,
+            "left_over": one.left_over,
+            "grasps_per_item": one.grasps_per_item,
+            "items_per_hour": one.items_per_hour,
+            "sorted_right_per_hour": one.items_per_hour * (1 - one.left_over) * (one.purity or 0.0),
+            "bins": {name: list(counts) for name, counts in one.bins.items()},
+        }
+        for (level, method), one in sort_crates(crates, book=book).items()
+    ]
     sorting = [item for item in crates if not item.teaches]
     damaged = sum(item.damaged for item in sorting)
     return StudyReport(
@@ -198,87 +183,31 @@ def report(crates: Sequence[CrateItemGrasps], *, book: RuleBook = BOOK) -> Study
             f"Pressed beyond their yield in up to {SORTED_GRASPS} grasps: {damaged} of "
             f"{len(sorting)} items.",
         ),
-        tables=[_ways_table(found), *_bins_tables(found, book)],
+        tables=[
+            Table.of(
+                "Purity of what a rule put into a bin, and what it costs",
+                summary,
+                {
+                    "level": "{level}",
+                    "method": "{method}",
+                    "purity, %": "{purity:.0p}",
+                    "left for hand, %": "{left_over:.0p}",
+                    "grasps per item": "{grasps_per_item:.2f}",
+                    "items per hour": "{items_per_hour:.0f}",
+                    "of them right in a bin": "{sorted_right_per_hour:.0f}",
+                },
+            )
+        ],
         payload={
+            "study": "sorting",
             "simulated": True,
             "carry_s": CARRY_S,
             "turn_s": TURN_S,
             "items": len(sorting),
             "damaged": damaged,
-            "summary": [_summary(run) for run in found],
+            "summary": summary,
             "identify": summed(given),
-            "against_lda": [
-                row
-                for level in dict.fromkeys(run.level for run in found)
-                for row in against_lda(given, level)
-            ],
+            "against_lda": against_lda(given),
         },
-        figures={"sorting-purity": lambda: purity_figure([_summary(run) for run in found])},
+        files={"crates.json": partial(write_crates, crates)},
     )
-
-
-def _summary(run: Run) -> dict[str, Any]:
-    one = run.score
-    return {
-        "level": run.level,
-        "method": run.method,
-        "items": one.items,
-        "purity": one.purity,
-        "left_over": one.left_over,
-        "grasps_per_item": one.grasps_per_item,
-        "items_per_hour": one.items_per_hour,
-        "sorted_right_per_hour": one.items_per_hour * (1 - one.left_over) * (one.purity or 0.0),
-        "bins": {name: list(counts) for name, counts in one.bins.items()},
-    }
-
-
-def _ways_table(found: Sequence[Run]) -> Table:
-    rows = []
-    for run in found:
-        row = _summary(run)
-        rows.append(
-            [
-                run.level,
-                run.method,
-                "-" if row["purity"] is None else f"{100 * row['purity']:.0f}",
-                f"{100 * row['left_over']:.0f}",
-                f"{row['grasps_per_item']:.2f}",
-                f"{row['items_per_hour']:.0f}",
-                f"{row['sorted_right_per_hour']:.0f}",
-            ]
-        )
-    return Table(
-        title="Purity of what a rule put into a bin, and what it costs",
-        columns=(
-            "level",
-            "method",
-            "purity, %",
-            "left for hand, %",
-            "grasps per item",
-            "items per hour",
-            "of them right in a bin",
-        ),
-        rows=rows,
-    )
-
-
-def _bins_tables(found: Sequence[Run], book: RuleBook) -> list[Table]:
-    tables = []
-    for level in dict.fromkeys(run.level for run in found):
-        mine = [run for run in found if run.level == level]
-        rows = []
-        for name in book.bins:
-            cells = []
-            for run in mine:
-                count, right = run.score.bins.get(name, (0, 0))
-                own = str(count) if name == book.default_bin else f"{right} of {count}"
-                cells.append("-" if count == 0 else own)
-            rows.append([name, *cells])
-        tables.append(
-            Table(
-                title=f"Right, of all in each bin, {level}",
-                columns=("bin", *(run.method for run in mine)),
-                rows=rows,
-            )
-        )
-    return tables

@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
 from palpate.arrays import FloatArray
-from palpate.commands.options import JsonOption
 from palpate.errors import CalibrationError
 from palpate_studies.baselines.told_everything import LEARNERS, RIDGE, TREES
 from palpate_studies.other_sheets import other_sheet
-from palpate_studies.protocol.paired import paired_difference, rms
-from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.protocol.paired import compare, rms
+from palpate_studies.report import SecondOption, StudyReport, Table, as_command
+from palpate_studies.rows import LEVELS
 from palpate_studies.staircase_data import FollowedForce, followed, learned_from
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-LEVELS = ("lab", "field")
 #: Method -> what it is, in the order of the table.
 METHODS = {
     "settled": "law of settled readings",
@@ -37,8 +33,6 @@ RIVALS = ("settled", RIDGE, TREES)
 FIRST_SHEET, SECOND_SHEET = 61_000, 97_300
 #: Sheets that the learners learn from; none of them is tested.
 LEARNING_SHEET, LEARNED_FROM = 1_700_000, 60
-#: Longer than a frame: force was too faint in between.
-_GAP_S = 0.3
 _SECOND = (
     "Second generator: sheets whose conductance rises steeply, then with the logarithm of the load "
     "only, with play of a fixed force, and creep that does not slow down."
@@ -46,16 +40,12 @@ _SECOND = (
 Runs = dict[str, dict[str, list[FollowedForce]]]
 
 
-def command(
+def report(
+    *,
     sheets: Annotated[int, typer.Option(help="Sheets of each level.", min=1)] = 4,
     staircases: Annotated[int, typer.Option(help="Test staircases of each.", min=1, max=6)] = 2,
-    second: Annotated[
-        bool,
-        typer.Option("--second", help="Sheets with a logarithmic law, play and even creep."),
-    ] = False,
-    as_json: JsonOption = False,
-    out: OutOption = None,
-) -> None:
+    second: SecondOption = False,
+) -> StudyReport:
     """Follow the force through staircases of 20 s with the laws of a calibration.
 
     Example: palpate study staircases --sheets 2
@@ -76,8 +66,10 @@ def command(
                 continue
             for name, some in each.items():
                 runs[level][name] += some
-    report = _report(runs, sheets=sheets, staircases=staircases, second=second)
-    report.emit(as_json=as_json, out=out)
+    return _report(runs, sheets=sheets, staircases=staircases, second=second)
+
+
+command = as_command(report)
 
 
 def _summary(runs: Runs) -> list[dict[str, Any]]:
@@ -112,19 +104,15 @@ def _scores(
 def _compared(runs: Runs) -> list[dict[str, Any]]:
     """Return the RMS error of `now` less that of each rival on the same frames, by sheet."""
     return [
-        {
-            "level": level,
-            "rival": rival,
-            **paired_difference(
-                _errors_n(runs[level]["now"]),
-                _errors_n(runs[level][rival]),
-                [str(one.sensor) for one in runs[level]["now"] for _ in one.force_n],
-                statistic=rms,
-            ).to_dict(),
-        }
-        for level in LEVELS
-        for rival in RIVALS
-        if runs[level][rival]
+        row
+        for level, each in runs.items()
+        for row in compare(
+            {name: _errors_n(each[name]) for name in ("now", *RIVALS) if each[name]},
+            [str(one.sensor) for one in each["now"] for _ in one.force_n],
+            ours="now",
+            statistic=rms,
+            level=level,
+        )
     ]
 
 
@@ -144,24 +132,6 @@ def _errors_n(each: Sequence[FollowedForce]) -> FloatArray:
 
 def _report(runs: Runs, *, sheets: int, staircases: int, second: bool) -> StudyReport:
     summary = _summary(runs)
-    columns = {
-        "rms_error_n": "RMS error, N",
-        "median_sheet_rms_n": "of the median sheet, N",
-        "share_of_settled": "of settled's",
-        "rms_log_error": "RMS ln error",
-        "rms_log_error_own_gain_out": "own gain out",
-        "coverage": "coverage (0.9)",
-        "mean_half_width_n": "half width, N",
-    }
-    table = Table(
-        title=f"Force now, {sheets} sheets of each level, {staircases} staircases of 20 s each",
-        columns=("level", "method", "what", *columns.values()),
-        rows=[
-            [one["level"], one["method"], METHODS[one["method"]]]
-            + ["-" if one[key] is None else f"{one[key]:.2f}" for key in columns]
-            for one in summary
-        ],
-    )
     return StudyReport(
         name="staircases",
         title="Force now during random staircases of closing and opening (simulated)",
@@ -177,7 +147,24 @@ def _report(runs: Runs, *, sheets: int, staircases: int, second: bool) -> StudyR
             "4 s ago and the times. They give no interval.",
             *([_SECOND] if second else []),
         ),
-        tables=[table],
+        tables=[
+            Table.of(
+                f"Force now, {sheets} sheets of each level, {staircases} staircases of 20 s each",
+                summary,
+                {
+                    "level": "{level}",
+                    "method": "{method}",
+                    "what": lambda row: METHODS[row["method"]],
+                    "RMS error, N": "{rms_error_n:.2f}",
+                    "of the median sheet, N": "{median_sheet_rms_n:.2f}",
+                    "of settled's": "{share_of_settled:.2f}",
+                    "RMS ln error": "{rms_log_error:.2f}",
+                    "own gain out": "{rms_log_error_own_gain_out:.2f}",
+                    "coverage (0.9)": "{coverage:.2f}",
+                    "half width, N": "{mean_half_width_n:.2f}",
+                },
+            )
+        ],
         payload={
             "second_generator": second,
             "summary": summary,
@@ -185,35 +172,4 @@ def _report(runs: Runs, *, sheets: int, staircases: int, second: bool) -> StudyR
             "sheets": sheets,
             "staircases": staircases,
         },
-        figures={"staircases": lambda: _figure(runs)},
     )
-
-
-def _figure(runs: Runs) -> Figure:
-    from palpate.plots.style import BLUE, INK, ORANGE, new_figure
-
-    with new_figure(rows=len(LEVELS), columns=2, width_in=10.5, height_in=5.4) as (figure, panels):
-        for row, level in zip(panels, LEVELS, strict=True):
-            each = runs[level]
-            size = [float(np.sqrt(np.mean((o.value_n - o.force_n) ** 2))) for o in each["now"]]
-            order = np.argsort(size)
-            places = {"median": order[len(order) // 2], "worst": order[-1]}
-            for panel, (name, place) in zip(row, places.items(), strict=True):
-                observed, settled = each["now"][place], each["settled"][place]
-                clock = observed.time_s - observed.time_s[0]
-                # Where the force was too faint to be scored, lines break.
-                clock = np.where(np.diff(clock, prepend=0.0) > _GAP_S, np.nan, clock)
-                panel.fill_between(
-                    clock, observed.low_n, observed.high_n, color=BLUE, alpha=0.15, lw=0
-                )
-                panel.plot(clock, observed.force_n, color=INK, lw=1.8, label="load cell")
-                panel.plot(clock, settled.value_n, color=ORANGE, lw=1, ls="--", label="settled law")
-                panel.plot(clock, observed.value_n, color=BLUE, lw=1.2, label="force now")
-                top = 1.6 * float(observed.force_n.max())
-                panel.set(
-                    title=f"simulated, {level}, {name} staircase", ylabel="force (N)", ylim=(0, top)
-                )
-        for panel in panels[-1]:
-            panel.set_xlabel("time since contact (s)")
-        panels[0, 0].legend(ncols=2, loc="upper left")
-    return figure

@@ -1,1 +1,0 @@
-"""Figures that only studies draw, in the style of `palpate.plots`."""
