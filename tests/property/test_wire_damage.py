@@ -160,7 +160,6 @@ def test_memory_is_bounded_without_a_zero() -> None:
     assert len(decoder._pending) <= MAX_STUFFED_BYTES
     tail = b"\0" + b"".join(_sent(2))
     assert len(decoder.feed(tail)) == 2
-    assert decoder.counters.rejected_bytes == 1_000_000
 
 
 @settings(max_examples=100, deadline=None)

@@ -54,23 +54,23 @@ CHECKS: dict[str, str] = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Finding:
     """One thing that is wrong.
 
-    >>> found = Finding(code="late", severity=Severity.ADVICE, where="link", text="7 frames late")
+    >>> found = Finding("late", "7 frames late", severity=Severity.ADVICE)
     >>> found.check
     'the computer stalls: close what loads it, or lower the rate'
     """
 
     #: A key of `CHECKS`.
     code: str
-    #: Fault or advice.
-    severity: Severity
-    #: The pixel ("R0 C1"), line ("row R0") or part that it is about.
-    where: str
     #: What was measured, with its numbers.
     text: str
+    #: The pixel ("R0 C1"), line ("row R0") or part that it is about.
+    where: str = "link"
+    #: Fault or advice.
+    severity: Severity = Severity.FAULT
 
     def __post_init__(self) -> None:
         if self.code not in CHECKS:

@@ -6,7 +6,7 @@ of resistances seen under load, or by an assumed one where there was no load.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,6 @@ from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError, InputError
 from palpate.sensor.array import ArrayLayout, Frame, LinkCounters
 from palpate.sensor.findings import Finding, Severity
-from palpate.sensor.health_link import LinkReadings, link_findings, measure_link
 from palpate.sensor.health_pixels import PixelReadings, measure_pixels, pixel_findings
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.sensor.reference_resistor import ResistorFit, fit_reference
@@ -30,6 +29,15 @@ FEWEST_FRAMES = 30
 _ASSUMED_FALL = 20.0
 #: Deep enough to show the range under load; half of what the assumption takes.
 _LOADED_FALL = 10.0
+
+#: Below this share of the asked rate something delays the board; a resonator has an error of 0.5 %.
+_SLOW_SHARE = 0.95
+#: Losses above this are a fault, fewer are worth a word.
+_LOST_PERCENT = 0.1
+#: Spread of the frame period: half of the settle time of a fast filter over ten frames.
+_JITTER_PERCENT = 10.0
+#: What a ceramic resonator may be off (the Mega's: 0.5 %).
+_DRIFT_PPM = 5000.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,6 +97,24 @@ class FrameColumns:
     def rest_ohm(self, *, layout: ArrayLayout) -> FloatArray:
         """Return the median resistance of each pixel: inf where open, 0 where short."""
         return measure_pixels(self.mean_counts, layout=layout).rest_ohm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkReadings:
+    """The stretch as frames in time."""
+
+    #: Received, and missing in the numbering.
+    frames: int
+    lost: int
+    #: From the first frame to the last.
+    duration_s: float
+    #: Frames scanned per second, lost ones included.
+    rate_hz: float
+    #: The interval between frames that 5 % of the intervals are further off than, percent of the
+    #: period.
+    jitter_percent: float
+    #: What the link counted.
+    events: LinkCounters
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -158,8 +184,8 @@ def examine(
     resistor, measured = _resistor(pixels.rest_ohm[sound], whole, sound=sound, layout=layout)
     if resistor is not None and not resistor.fits:
         findings.append(_resistor_finding(resistor, measured=measured, layout=layout))
-    link = measure_link(whole.time_s, sequence=whole.sequence, events=events or LinkCounters())
-    findings += [*also, *link_findings(link, asked_hz=asked_hz)]
+    link = _measure_link(whole.time_s, sequence=whole.sequence, events=events or LinkCounters())
+    findings += [*also, *_link_findings(link, asked_hz=asked_hz)]
     return Health(
         pixels=pixels,
         link=link,
@@ -188,7 +214,7 @@ def _unrest(ohm: FloatArray, *, known_ohm: FloatArray | None) -> list[Finding]:
         rest_baseline(ohm, known_ohm=known_ohm)
     except CalibrationError as error:
         reason = str(error).partition(";")[0]
-        return [Finding(code="unrest", severity=Severity.FAULT, where="sensor", text=reason)]
+        return [Finding("unrest", reason, "sensor")]
     return []
 
 
@@ -211,10 +237,67 @@ def _resistor(
 def _resistor_finding(fit: ResistorFit, *, measured: bool, layout: ArrayLayout) -> Finding:
     how = "measured" if measured else "assumed from the rest value"
     return Finding(
-        code="resistor",
-        severity=Severity.FAULT if measured else Severity.ADVICE,
-        where=f"{layout.divider.reference_ohm:g} ohm",
-        text=f"one count is {fit.step_percent:.1f} % at an end of the range {fit.low_ohm:.0f} to "
+        "resistor",
+        f"one count is {fit.step_percent:.1f} % at an end of the range {fit.low_ohm:.0f} to "
         f"{fit.high_ohm:.0f} ohm ({how}); {fit.recommended_ohm:g} ohm would make it "
         f"{fit.recommended_step_percent:.1f} %",
+        f"{layout.divider.reference_ohm:g} ohm",
+        _fault_if(measured),
     )
+
+
+def _measure_link(
+    time_s: FloatArray, *, sequence: NDArray[np.int64], events: LinkCounters
+) -> LinkReadings:
+    """Measure rate, losses and jitter of frames.
+
+    `time_s`, shape (frames,): when each was scanned; at least two frames.
+    `sequence`, shape (frames,): their numbers, without wrap.
+    """
+    span_s, numbers = float(time_s[-1] - time_s[0]), int(sequence[-1] - sequence[0])
+    steps, intervals_s = np.maximum(np.diff(sequence), 1), np.diff(time_s)
+    period_s = float(np.median(intervals_s / steps))
+    off = np.abs(intervals_s - steps * period_s) / period_s if period_s > 0 else np.zeros(1)
+    return LinkReadings(
+        frames=len(time_s),
+        lost=int((steps - 1).sum()),
+        duration_s=span_s,
+        rate_hz=numbers / span_s if span_s > 0 else 0.0,
+        jitter_percent=float(100.0 * np.quantile(off, 0.95)),
+        events=events,
+    )
+
+
+def _link_findings(link: LinkReadings, *, asked_hz: float | None) -> Iterator[Finding]:
+    """Yield what is wrong with the link.
+
+    `asked_hz`: the rate that the board was set to, where known.
+    """
+    if asked_hz is not None and link.rate_hz < _SLOW_SHARE * asked_hz:
+        yield Finding("slow", f"{link.rate_hz:.1f} frames/s instead of {asked_hz:g}")
+    lost_percent = 100.0 * link.lost / (link.frames + link.lost)
+    if link.lost:
+        text = f"{link.lost} of {link.frames + link.lost} frames lost ({lost_percent:.2g} %)"
+        yield Finding("lost", text, severity=_fault_if(lost_percent > _LOST_PERCENT))
+    events = link.events
+    if events.corrupt:
+        text = f"{events.corrupt} packets or lines rejected as corrupt"
+        bad = 100.0 * events.corrupt / link.frames > _LOST_PERCENT
+        yield Finding("corrupt", text, severity=_fault_if(bad))
+    if events.late:
+        yield Finding(
+            "late",
+            f"{events.late} frames read late: the computer stalled",
+            severity=Severity.ADVICE,
+        )
+    if link.jitter_percent > _JITTER_PERCENT:
+        text = f"the time between frames is off by {link.jitter_percent:.0f} % of the period"
+        yield Finding("jitter", text, severity=Severity.ADVICE)
+    if events.drift_ppm is not None and abs(events.drift_ppm) > _DRIFT_PPM:
+        yield Finding("clock", f"board and computer drift apart by {events.drift_ppm:+.0f} ppm")
+    if restarts := events.restarts + events.reconnects:
+        yield Finding("restarted", f"the stream began again {restarts} times")
+
+
+def _fault_if(bad: bool) -> Severity:
+    return Severity.FAULT if bad else Severity.ADVICE

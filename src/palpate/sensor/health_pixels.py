@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.sensor.array import ArrayLayout
-from palpate.sensor.findings import Finding, Severity, pixel_name
+from palpate.sensor.findings import Finding, pixel_name
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import relative_change_percent
@@ -149,8 +149,7 @@ def _changed(readings: PixelReadings, known_ohm: FloatArray) -> tuple[BoolArray,
 
 def _named(code: str, mask: BoolArray, text: str, values: FloatArray) -> Iterator[Finding]:
     for where, pixels in grouped(mask):
-        message = text.format(f"{float(np.median(values[pixels])):.3g}")
-        yield Finding(code=code, severity=Severity.FAULT, where=where, text=message)
+        yield Finding(code, text.format(f"{float(np.median(values[pixels])):.3g}"), where)
 
 
 def grouped(mask: BoolArray) -> Iterator[tuple[str, BoolArray]]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.sensor.array import ArrayLayout
-from palpate.sensor.findings import Finding, Severity, pixel_name
+from palpate.sensor.findings import Finding, pixel_name
 from palpate.signal.relative import relative_change_percent
 
 PixelPlace: TypeAlias = tuple[int, int]
@@ -134,7 +134,7 @@ def order_findings(presses: Sequence[Press], *, layout: ArrayLayout) -> list[Fin
     [('row R0', 'answers as row R1'), ('row R1', 'answers as row R0')]
     """
     findings = [
-        _fault("silent", pixel_name(*press.expected), "did not answer its press")
+        Finding("silent", "did not answer its press", pixel_name(*press.expected))
         for press in presses
         if press.answered is None
     ]
@@ -151,7 +151,7 @@ def order_findings(presses: Sequence[Press], *, layout: ArrayLayout) -> list[Fin
     for expected, answered in answers.items():
         if expected != answered:
             text = f"answers as {pixel_name(*answered)}"
-            findings.append(_fault("swapped", pixel_name(*expected), text))
+            findings.append(Finding("swapped", text, pixel_name(*expected)))
     return findings
 
 
@@ -166,8 +166,4 @@ def _line_map(answers: dict[PixelPlace, PixelPlace], *, axis: int) -> dict[int, 
 def _line_findings(name: str, lines: dict[int, int]) -> Iterator[Finding]:
     for line, answered in lines.items():
         if line != answered:
-            yield _fault("swapped", f"{name}{line}", f"answers as {name}{answered}")
-
-
-def _fault(code: str, where: str, text: str) -> Finding:
-    return Finding(code=code, severity=Severity.FAULT, where=where, text=text)
+            yield Finding("swapped", f"answers as {name}{answered}", f"{name}{line}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -144,13 +145,9 @@ class SerialArray:
     @property
     def counters(self) -> LinkCounters:
         """What happened on the link so far."""
-        wire = self._decoder.counters
-        return LinkCounters(
-            frames=wire.frames,
-            lost=wire.lost,
-            corrupt=wire.corrupt,
+        return replace(
+            self._decoder.counters,
             late=self._late,
-            restarts=wire.restarts,
             reconnects=self._reconnects,
             drift_ppm=self._device_clock.drift_ppm,
         )

@@ -9,14 +9,33 @@ from __future__ import annotations
 
 import struct
 import zlib
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import fields
 
-from palpate.sensor.wire_messages import Ack, BoardMessage, Command, MessageType
-from palpate.sensor.wire_payloads import (
-    pack_command,
-    unpack_ack,
-    unpack_frame,
-    unpack_identity,
+import numpy as np
+
+from palpate.sensor.array import LinkCounters
+from palpate.sensor.wire_messages import (
+    MAX_OVERSAMPLING,
+    Ack,
+    BoardIdentity,
+    BoardMessage,
+    CellSample,
+    Command,
+    CommandType,
+    Contents,
+    FrameMessage,
+    Identify,
+    MessageType,
+    Ping,
+    Result,
+    SetCeiling,
+    SetLayout,
+    SetOversampling,
+    SetPressure,
+    SetRate,
+    Start,
+    Stop,
 )
 
 _HEAD = struct.Struct("<BH")
@@ -27,6 +46,25 @@ MAX_STUFFED_BYTES = 640
 _WRAP = 2**32
 _KNOWN = frozenset(int(kind) for kind in MessageType)
 _FRAME = int(MessageType.FRAME)
+
+FRAME_HEAD = struct.Struct("<IIBBBBB")
+LOADS = struct.Struct("<iBiB")
+PRESSURE = struct.Struct("<HH")
+ACK = struct.Struct("<BBBBIII")
+IDENTITY = struct.Struct("<BBBBBHBBBBBBHHBIIII")
+#: Command -> its type, and the form of its fields after the tag; a quantity goes in thousandths.
+_COMMANDS: dict[type[Command], tuple[CommandType, str]] = {
+    Identify: (CommandType.IDENTIFY, ""),
+    SetLayout: (CommandType.LAYOUT, "BBH"),
+    SetRate: (CommandType.RATE, "I"),
+    SetOversampling: (CommandType.OVERSAMPLING, "B"),
+    Start: (CommandType.START, "B"),
+    Stop: (CommandType.STOP, ""),
+    Ping: (CommandType.PING, ""),
+    SetPressure: (CommandType.PRESSURE, "HI"),
+    SetCeiling: (CommandType.CEILING, "H"),
+}
+_ALL_CONTENTS = int(Contents.LOAD_CELLS | Contents.PRESSURE)
 
 
 def stuff(data: bytes) -> bytes:
@@ -96,31 +134,131 @@ def unpack(stuffed: bytes | bytearray) -> tuple[int, bytes] | None:
 def encode_command(command: Command, *, tag: int = 0) -> bytes:
     """Return the bytes that send `command`; the answer carries the same `tag` (0 to 255).
 
-    Raises `ValueError` if a value does not fit its field.
+    Raises `ValueError` if a value does not fit its field; whether it makes sense is for the board
+    to decide.
 
-    >>> from palpate.sensor.wire_messages import Ping
     >>> encode_command(Ping(), tag=7).hex()
     '03870106070aae6cce00'
     """
-    return pack(*pack_command(command, tag=tag))
+    kind, form = _COMMANDS[type(command)]
+    values = [(getattr(command, f.name), f.type == "float") for f in fields(command)]
+    numbers = [round(1e3 * value) if is_quantity else int(value) for value, is_quantity in values]
+    try:
+        return pack(kind, struct.pack(f"<B{form}", tag, *numbers))
+    except struct.error as error:
+        raise ValueError(f"{command} with tag {tag} can't be sent: {error}") from error
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WireCounters:
-    """Counts of a decoder so far."""
+def _as_sent(sequence: int, time_us: int, _stream: int) -> tuple[int, int]:
+    return sequence, time_us
 
-    #: Frames accepted.
-    frames: int = 0
-    #: Frames that the numbering shows to be missing, on the link or on the board.
-    lost: int = 0
-    #: Packets rejected (the cut-off piece before the very first zero is not one).
-    corrupt: int = 0
-    #: Sound packets of a type that this version doesn't know.
-    unknown: int = 0
-    #: Streams begun after the first: a start command or a reset of the board.
-    restarts: int = 0
-    #: Bytes in rejected packets and before the first zero.
-    rejected_bytes: int = 0
+
+def unpack_frame(
+    payload: bytes, *, place: Callable[[int, int, int], tuple[int, int]] = _as_sent
+) -> FrameMessage | None:
+    """Return the frame in `payload`, or None if it isn't one.
+
+    `place` turns the 32-bit sequence and time and the stream into unwrapped sequence and time; it
+    is called for valid frames only.
+    """
+    if len(payload) < FRAME_HEAD.size:
+        return None
+    head = FRAME_HEAD.unpack_from(payload)
+    sequence, time_us, stream, oversampling, sides, contents, status = head
+    rows, cols = (sides >> 4) + 1, (sides & 0x0F) + 1
+    end = FRAME_HEAD.size + 2 * rows * cols
+    if not 1 <= oversampling <= MAX_OVERSAMPLING:
+        return None
+    loads: tuple[CellSample, ...] = ()
+    set_kpa = read_kpa = None
+    if contents:
+        if contents > _ALL_CONTENTS or len(payload) != end + _extra_size(contents):
+            return None
+        loads, set_kpa, read_kpa = _unpack_extra(payload, end, contents)
+    elif len(payload) != end:
+        return None
+    pixels = np.ndarray((rows, cols), "<u2", payload, FRAME_HEAD.size)
+    sequence, time_us = place(sequence, time_us, stream)
+    return FrameMessage(
+        sequence=sequence,
+        time_us=time_us,
+        stream=stream,
+        oversampling=oversampling,
+        status=status,
+        counts=pixels,
+        load_cells=loads,
+        pressure_set_kpa=set_kpa,
+        pressure_kpa=read_kpa,
+    )
+
+
+def _extra_size(contents: int) -> int:
+    return (LOADS.size if contents & Contents.LOAD_CELLS else 0) + (
+        PRESSURE.size if contents & Contents.PRESSURE else 0
+    )
+
+
+def _unpack_extra(
+    payload: bytes, offset: int, contents: int
+) -> tuple[tuple[CellSample, ...], float | None, float | None]:
+    loads: tuple[CellSample, ...] = ()
+    if contents & Contents.LOAD_CELLS:
+        raw_0, sample_0, raw_1, sample_1 = LOADS.unpack_from(payload, offset)
+        loads = (CellSample(raw=raw_0, sample=sample_0), CellSample(raw=raw_1, sample=sample_1))
+        offset += LOADS.size
+    if not contents & Contents.PRESSURE:
+        return loads, None, None
+    set_pa, read_pa = PRESSURE.unpack_from(payload, offset)
+    return loads, set_pa / 1e3, read_pa / 1e3
+
+
+def unpack_ack(payload: bytes) -> Ack | None:
+    """Return the answer in `payload`, or None if it isn't one."""
+    if len(payload) != ACK.size:
+        return None
+    command, tag, result, stream, next_sequence, time_us, highest_mhz = ACK.unpack(payload)
+    if result > max(Result):
+        return None
+    return Ack(
+        command=command,
+        tag=tag,
+        result=Result(result),
+        stream=stream,
+        next_sequence=next_sequence,
+        time_us=time_us,
+        highest_rate_hz=highest_mhz / 1e3,
+    )
+
+
+def unpack_identity(payload: bytes) -> BoardIdentity | None:
+    """Return the identity in `payload`, or None if it isn't one."""
+    board = payload[IDENTITY.size :]
+    if len(payload) < IDENTITY.size or not board.isascii():
+        return None
+    tag, protocol, major, minor, patch, *rest = IDENTITY.unpack_from(payload)
+    features, rows, cols, oversampling, max_rows, max_cols, max_oversampling, *rest = rest
+    settle_us, heartbeat_ms, state, conversion_us, baud, rate_mhz, highest_mhz = rest
+    return BoardIdentity(
+        tag=tag,
+        protocol=protocol,
+        version=(major, minor, patch),
+        features=features,
+        rows=rows,
+        cols=cols,
+        oversampling=oversampling,
+        max_rows=max_rows,
+        max_cols=max_cols,
+        max_oversampling=max_oversampling,
+        settle_us=settle_us,
+        heartbeat_ms=heartbeat_ms,
+        reset_cause=state & 0x7F,
+        streaming=bool(state & 0x80),
+        conversion_us=conversion_us,
+        baud=baud,
+        rate_hz=rate_mhz / 1e3,
+        highest_rate_hz=highest_mhz / 1e3,
+        board=board.decode("ascii"),
+    )
 
 
 class Decoder:
@@ -146,19 +284,13 @@ class Decoder:
         self._stream: int | None = None
         self._expected = 0
         self._time_us: int | None = None
-        self._frames = self._lost = self._corrupt = 0
-        self._unknown = self._restarts = self._rejected_bytes = 0
+        self._frames = self._lost = self._corrupt = self._restarts = 0
 
     @property
-    def counters(self) -> WireCounters:
-        """The counts so far."""
-        return WireCounters(
-            frames=self._frames,
-            lost=self._lost,
-            corrupt=self._corrupt,
-            unknown=self._unknown,
-            restarts=self._restarts,
-            rejected_bytes=self._rejected_bytes,
+    def counters(self) -> LinkCounters:
+        """The counts so far; the cut-off piece before the very first zero is no corrupt packet."""
+        return LinkCounters(
+            frames=self._frames, lost=self._lost, corrupt=self._corrupt, restarts=self._restarts
         )
 
     def feed(self, data: bytes) -> list[BoardMessage]:
@@ -176,7 +308,6 @@ class Decoder:
     def _keep(self, piece: bytes) -> None:
         if self._overlong or len(self._pending) + len(piece) > MAX_STUFFED_BYTES:
             self._overlong = True
-            self._rejected_bytes += len(self._pending) + len(piece)
             self._pending.clear()
         else:
             self._pending += piece
@@ -186,11 +317,8 @@ class Decoder:
         message = None if packet is None else self._read(*packet)
         if message is not None:
             messages.append(message)
-        elif packet is not None and packet[0] not in _KNOWN:
-            self._unknown += 1
-        else:
+        elif packet is None or packet[0] in _KNOWN:
             self._corrupt += self._in_step
-            self._rejected_bytes += len(self._pending)
         self._pending.clear()
         self._overlong = False
 

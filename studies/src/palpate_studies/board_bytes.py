@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.sensor.wire import pack
+from palpate.sensor.wire import ACK, FRAME_HEAD, IDENTITY, LOADS, PRESSURE, pack
 from palpate.sensor.wire_messages import (
     MAX_SIDE,
     Ack,
@@ -17,7 +17,6 @@ from palpate.sensor.wire_messages import (
     FrameMessage,
     MessageType,
 )
-from palpate.sensor.wire_payloads import ACK, FRAME_HEAD, IDENTITY, LOADS, PRESSURE
 
 
 def encode_message(message: BoardMessage) -> bytes:

@@ -7,6 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate.sensor.wire import (
+    encode_command,
+    unpack_ack,
+    unpack_frame,
+    unpack_identity,
+)
 from palpate.sensor.wire_messages import (
     NO_READING,
     Ack,
@@ -23,12 +29,6 @@ from palpate.sensor.wire_messages import (
     SetOversampling,
     SetPressure,
     SetRate,
-)
-from palpate.sensor.wire_payloads import (
-    pack_command,
-    unpack_ack,
-    unpack_frame,
-    unpack_identity,
 )
 from palpate_studies.board_bytes import pack_ack, pack_frame, pack_identity
 
@@ -124,4 +124,4 @@ def test_a_refused_frame_is_not_placed() -> None:
 )
 def test_a_value_that_does_not_fit_its_field_is_refused(command: Command, tag: int) -> None:
     with pytest.raises(ValueError, match="can't be sent"):
-        pack_command(command, tag=tag)
+        encode_command(command, tag=tag)
