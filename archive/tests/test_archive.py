@@ -20,7 +20,7 @@ from palpate.errors import InputError
 from palpate.holds import read_holds
 from palpate.produce.store.database import Store
 from palpate.recording import load_recording
-from palpate.recording.exporting import recorded_resistance_ohm
+from palpate.recording.exporting import solve_resistance_ohm
 from palpate_archive.adding import add_recordings, add_store
 from palpate_archive.compacting import join_files
 from palpate_archive.jobs import Judge, Recalibrate, Settle
@@ -76,7 +76,7 @@ def test_frames_are_those_of_the_recording(archive: Archive, recorded: Path) -> 
     assert table["time_s"].tolist() == recording.time_s.tolist()
     shape = recording.counts.shape
     assert np.array(table["counts"].tolist()).reshape(shape).tolist() == recording.counts.tolist()
-    ohm = recorded_resistance_ohm(recording).reshape(len(recording.time_s), -1)
+    ohm = solve_resistance_ohm(recording).reshape(len(recording.time_s), -1)
     assert np.array_equal(np.array(table["ohm"].tolist()), ohm)
 
 

@@ -22,7 +22,7 @@ from palpate.recording import (
     ReplayGripper,
     load_recording,
 )
-from palpate.recording.exporting import recorded_holds
+from palpate.recording.exporting import cut_recorded_holds
 from palpate.rig import open_rig
 
 
@@ -76,7 +76,7 @@ def test_the_text_says_that_it_is_simulated(
 
 def test_its_holds_are_cut_where_the_gripper_stood_still(live: tuple[Path, GraspResult]) -> None:
     recording = load_recording(live[0])
-    holds = [hold for hold in recorded_holds(recording) if hold.channel == "mean"]
+    holds = [hold for hold in cut_recorded_holds(recording) if hold.channel == "mean"]
     assert holds
     assert all(hold.time_s[-1] > 0.9 for hold in holds)
     assert min(hold.values.min() for hold in holds) < -10.0

@@ -92,7 +92,7 @@ def test_mirroring_twice_changes_nothing_and_keeps_the_marks(design: SensorDesig
     pattern = lay_out(design)
     for layer in pattern.layers():
         for part in layer.parts:
-            back = part.mirrored(pattern.width).mirrored(pattern.width)
+            back = part.mirror(pattern.width).mirror(pattern.width)
             for one, two in zip(part.vertices, back.vertices, strict=True):
                 assert abs(one.x - two.x) < 1e-9
                 assert (one.y, one.bulge) == (two.y, two.bulge)

@@ -18,7 +18,7 @@ from palpate.holds import Hold
 from palpate.produce.records import Grasp, Item
 from palpate.produce.store.database import Store
 from palpate.produce.store.export import grasp_row, grasp_schema
-from palpate.recording.exporting import frame_tables, recorded_holds
+from palpate.recording.exporting import cut_recorded_holds, frame_tables
 from palpate.recording.reader import RecordingReader, load_recording
 from palpate_archive.layout import SIMULATED, Archive, Part, check_name
 
@@ -122,7 +122,7 @@ def _plain(stem: str) -> str:
 
 def _holds(path: Path, name: str) -> list[Hold]:
     try:
-        return recorded_holds(load_recording(path), name=name)
+        return cut_recorded_holds(load_recording(path), name=name)
     except RecordingError:
         # Frames without a hold are kept all the same.
         return []

@@ -71,7 +71,12 @@ def _export_table(
     file: Path, *, to: ExportForm | None, holds: bool, unit: HoldUnit, out: Path | None
 ) -> None:
     from palpate.recording import RecordingReader, load_recording
-    from palpate.recording.exporting import frame_tables, hold_tables, recorded_holds, write_export
+    from palpate.recording.exporting import (
+        cut_recorded_holds,
+        frame_tables,
+        hold_tables,
+        write_export,
+    )
 
     form = _form(to, out)
     target = out or file.parent / (file.stem + (f".holds.{form}" if holds else f".{form}"))
@@ -80,7 +85,7 @@ def _export_table(
         raise InputError(f"{target}: exists already and is not overwritten; choose another --out")
     if holds:
         try:
-            cut = recorded_holds(load_recording(file), unit=unit, name=file.stem)
+            cut = cut_recorded_holds(load_recording(file), unit=unit, name=file.stem)
         except RecordingError as error:
             where = "" if str(file) in str(error) else f"{file}: "
             raise RecordingError(f"{where}{error}") from error

@@ -11,7 +11,7 @@ from typing import Literal
 from palpate.errors import InputError, PalpateError, RecordingError
 from palpate.holds import Hold, iterate_holds
 from palpate.holds.columns import TimeUnit, Unit
-from palpate.holds.cutting import CutAt, CutColumn, cut_columns, why_none
+from palpate.holds.cutting import CutAt, CutColumn, cut_columns, explain_no_hold
 from palpate.holds.recordings import read_recordings, relative_readings
 from palpate.holds.table_files import MCAP_MAGIC, form_of, open_table
 from palpate.holds.text import lines_of, open_text
@@ -127,8 +127,8 @@ class HoldSource:
             columns = cut_columns(readings, cut=options.cut)
             if not any(column.holds for column in columns):
                 if len(recordings) == 1:
-                    raise InputError(why_none(str(file), columns))
-                remarks.append(why_none(readings.name, columns))
+                    raise InputError(explain_no_hold(str(file), columns))
+                remarks.append(explain_no_hold(readings.name, columns))
             else:
                 remarks += _remarks(columns)
             found += columns
@@ -201,7 +201,7 @@ def _from_mcap(file: Path, reading: ReadingOptions) -> CutColumn:
     import numpy as np
 
     from palpate.recording import load_recording
-    from palpate.recording.exporting import recorded_holds
+    from palpate.recording.exporting import cut_recorded_holds
 
     if not reading.is_about_units():
         raise InputError(
@@ -210,7 +210,7 @@ def _from_mcap(file: Path, reading: ReadingOptions) -> CutColumn:
         )
     unit: Literal["percent", "ohm"] = "ohm" if reading.unit == "ohm" else "percent"
     try:
-        holds = recorded_holds(load_recording(file), unit=unit, name=file.stem)
+        holds = cut_recorded_holds(load_recording(file), unit=unit, name=file.stem)
     except RecordingError as error:
         raise InputError(f"{file}: {error}") from error
     none = np.zeros(0)

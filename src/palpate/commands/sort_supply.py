@@ -79,7 +79,7 @@ class SimulatedCrate:
         """Calibrate a sensor of the twin as a user would, and draw a crate."""
         from palpate.rig import Rig
         from palpate.rig.simulated import calibrated
-        from palpate.twin.crate import CRATE_TAUGHT, CrateTable, draw_crate, mixed_crate
+        from palpate.twin.crate import CRATE_TAUGHT, CrateTable, draw_crate, draw_mixed_crate
 
         table = CrateTable(sensor=seed, seed=seed + 500_009)
         rig = Rig(
@@ -90,7 +90,7 @@ class SimulatedCrate:
             calibration=calibrated(seed=seed, level="lab", apart_from=""),
             origin="twin",
         )
-        crate = mixed_crate(
+        crate = draw_mixed_crate(
             items, seed=seed, strangers_share=_STRANGERS_SHARE, prefix=f"crate-{seed}"
         )
         teaching = draw_crate(list(CRATE_TAUGHT) * taught, seed=seed + 1, prefix=f"taught-{seed}")

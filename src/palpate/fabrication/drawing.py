@@ -28,7 +28,7 @@ def layer_svg(pattern: Pattern, layer: Layer) -> str:
     """Return the cut file of a layer: hairlines in millimetres, mirrored where it must be."""
     outlines = [*layer.parts, *pattern.mark_outlines]
     if layer.mirrored:
-        outlines = [outline.mirrored(pattern.width) for outline in outlines]
+        outlines = [outline.mirror(pattern.width) for outline in outlines]
     side = "mirrored" if layer.mirrored else "not mirrored"
     return "\n".join(
         [
@@ -148,7 +148,7 @@ def write_dxf(pattern: Pattern, layer: Layer, path: Path) -> None:
     document.layers.add(layer.name, color=1)
     space = document.modelspace()
     for outline in (*layer.parts, *pattern.mark_outlines):
-        seen = outline.mirrored(pattern.width) if layer.mirrored else outline
+        seen = outline.mirror(pattern.width) if layer.mirrored else outline
         space.add_lwpolyline(
             [(v.x, pattern.height - v.y, -v.bulge) for v in seen.vertices],
             format="xyb",

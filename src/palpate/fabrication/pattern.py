@@ -20,7 +20,7 @@ from palpate.fabrication.shapes import (
     Rect,
     Stroke,
     circle,
-    rounded,
+    round_corners,
     rounded_rect,
 )
 
@@ -188,7 +188,7 @@ def lay_out(design: SensorDesign) -> Pattern:
 
 def _tape(corners: Sequence[PointMm]) -> Outline:
     shortest = min(math.dist(a, b) for a, b in pairwise((*corners, corners[0])))
-    return rounded(corners, radius=min(TAPE_CORNER_MM, shortest / 2))
+    return round_corners(corners, radius=min(TAPE_CORNER_MM, shortest / 2))
 
 
 def _pixels(design: SensorDesign, *, active: Rect) -> tuple[Pixel, ...]:

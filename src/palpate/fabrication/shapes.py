@@ -85,11 +85,11 @@ class Outline:
 
     vertices: tuple[Vertex, ...]
 
-    def mirrored(self, width: float) -> Outline:
+    def mirror(self, width: float) -> Outline:
         """Return it as seen from the back of a sheet of that width.
 
         >>> spike = polygon([(0, 0), (3, 0), (0, 1)])
-        >>> [(v.x, v.y) for v in spike.mirrored(10).vertices]
+        >>> [(v.x, v.y) for v in spike.mirror(10).vertices]
         [(10, 0), (7, 0), (10, 1)]
         """
         return Outline(
@@ -125,12 +125,12 @@ def polygon(points: Sequence[PointMm]) -> Outline:
     return Outline(vertices=tuple(Vertex(x=x, y=y) for x, y in points))
 
 
-def rounded(points: Sequence[PointMm], *, radius: float) -> Outline:
+def round_corners(points: Sequence[PointMm], *, radius: float) -> Outline:
     """Return a polygon of right angles with its corners rounded.
 
     Edges must be at least twice the radius long; at exactly that, arc follows arc.
 
-    >>> square = rounded([(0, 0), (4, 0), (4, 4), (0, 4)], radius=1)
+    >>> square = round_corners([(0, 0), (4, 0), (4, 4), (0, 4)], radius=1)
     >>> len(square.vertices), round(square.length(), 4)
     (8, 14.2832)
     """
@@ -156,7 +156,9 @@ def rounded(points: Sequence[PointMm], *, radius: float) -> Outline:
 def rounded_rect(rect: Rect, *, radius: float) -> Outline:
     """Return a rectangle with rounded corners, or a circle where the radius reaches its middle."""
     left, top, right, bottom = rect.left, rect.top, rect.right, rect.bottom
-    return rounded([(left, top), (right, top), (right, bottom), (left, bottom)], radius=radius)
+    return round_corners(
+        [(left, top), (right, top), (right, bottom), (left, bottom)], radius=radius
+    )
 
 
 def circle(centre: PointMm, *, diameter: float) -> Outline:
@@ -220,14 +222,14 @@ class Stroke:
         for (start, end), width in zip(pairwise(self.points), self.widths, strict=True):
             along = _direction(start, end)
             offsets.append((-along[1] * sign * width / 2, along[0] * sign * width / 2))
-        side = [_moved(self.points[0], offsets[0])]
+        side = [_move(self.points[0], offsets[0])]
         for joint in range(1, len(self.points) - 1):
             point, into, out = self.points[joint], offsets[joint - 1], offsets[joint]
             if self._bends(joint):
-                side.append(_moved(_moved(point, into), out))
+                side.append(_move(_move(point, into), out))
             elif into != out:
-                side += [_moved(point, into), _moved(point, out)]
-        return [*side, _moved(self.points[-1], offsets[-1])]
+                side += [_move(point, into), _move(point, out)]
+        return [*side, _move(self.points[-1], offsets[-1])]
 
 
 def _direction(start: PointMm, end: PointMm) -> PointMm:
@@ -236,5 +238,5 @@ def _direction(start: PointMm, end: PointMm) -> PointMm:
     return (math.copysign(1.0, dx), 0.0) if abs(dx) > abs(dy) else (0.0, math.copysign(1.0, dy))
 
 
-def _moved(point: PointMm, by: PointMm) -> PointMm:
+def _move(point: PointMm, by: PointMm) -> PointMm:
     return point[0] + by[0], point[1] + by[1]

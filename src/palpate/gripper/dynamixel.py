@@ -102,11 +102,11 @@ class DynamixelGripper:
         unit = self.model.ma_per_unit
         return GripperState(
             time_s=self._clock.now_s(),
-            width_mm=self._width_mm(self._believed(run)),
+            width_mm=self._width_mm(self._check_reading(run)),
             # A positive current turns towards larger positions (e-Manual, "Present Current"), and
             # those open the fingers: closing reads negative.
             current_ma=math.nan if unit is None else -current * unit,
-            moving=_moving(run),
+            moving=_is_moving(run),
         )
 
     def command(self, wanted: GripperCommand) -> GripperCommand:
@@ -251,7 +251,7 @@ class DynamixelGripper:
             self._line.write(x.BUS_WATCHDOG, self._watchdog)
             self._line.write(register, value)
 
-    def _believed(self, run: bytes) -> int:
+    def _check_reading(self, run: bytes) -> int:
         """Return the position of a reading, if the servo can have come there since the last one."""
         now_s, tick = self._clock.now_s(), value_at(run, x.PRESENT_POSITION, x.STATE_BEGIN)
         last, self._last = self._last, (now_s, tick)
@@ -290,7 +290,7 @@ class DynamixelGripper:
         return min(max(width_mm, low), high)
 
 
-def _moving(run: bytes) -> bool:
+def _is_moving(run: bytes) -> bool:
     """Whether a reading shows that the servo turns, or is on its way."""
     ongoing = value_at(run, x.MOVING_STATUS, x.STATE_BEGIN) & x.PROFILE_ONGOING
     return bool(ongoing or value_at(run, x.MOVING, x.STATE_BEGIN))

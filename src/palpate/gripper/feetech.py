@@ -92,7 +92,7 @@ class FeetechGripper:
         turning = bool(value_at(run, sts.MOVING, sts.STATE_BEGIN))
         held_back = self._sent != self._target
         if held_back:
-            self._send(self._leashed(tick))
+            self._send(self._apply_leash(tick))
         # Held back and standing in two states: something is in the way.
         moving = turning or (held_back and not self._stood)
         self._stood = not turning
@@ -123,7 +123,7 @@ class FeetechGripper:
         self._velocity = max(int(rate / steepest / sts.RAD_PER_TICK), 1)
         self._target, self._stood = tick, False
         self._line.write(sts.GOAL_VELOCITY, self._velocity)
-        self._send(self._leashed(now))
+        self._send(self._apply_leash(now))
         takes_s = abs(tick - now) / self._velocity
         mean = abs(sent_mm - now_mm) / takes_s if takes_s > 0 else rate
         return GripperCommand(target=sent_mm, rate=min(mean, rate))
@@ -188,7 +188,7 @@ class FeetechGripper:
             )
         return run
 
-    def _leashed(self, now: int) -> int:
+    def _apply_leash(self, now: int) -> int:
         """Return how far it may be sent from `now`: to the end if it opens."""
         way = self._target - now
         if way * self._opens >= 0:

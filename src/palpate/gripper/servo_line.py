@@ -87,7 +87,7 @@ class ServoLine:
 
     def ping(self) -> int:
         """Return the servo's model number; 0 where the protocol does not give it."""
-        reply = self._asked(_PING, b"", answer=self._layout.model_bytes)
+        reply = self._ask(_PING, b"", answer=self._layout.model_bytes)
         return int.from_bytes(reply[:2], "little")
 
     def read(self, register: Register) -> int:
@@ -97,7 +97,7 @@ class ServoLine:
     def read_run(self, address: int, size: int) -> bytes:
         """Return `size` bytes of the control table from `address` on."""
         place = self._layout.place
-        return self._asked(_READ, place(address) + place(size), answer=size)
+        return self._ask(_READ, place(address) + place(size), answer=size)
 
     def write(self, register: Register, value: int) -> None:
         """Write a register.
@@ -105,7 +105,7 @@ class ServoLine:
         Raises `RefusedError` if the servo would not take it.
         """
         data = value.to_bytes(register.size, "little", signed=value < 0)
-        self._asked(_WRITE, self._layout.place(register.address) + data, answer=0)
+        self._ask(_WRITE, self._layout.place(register.address) + data, answer=0)
 
     def confirm(self, wanted: Mapping[Register, int]) -> None:
         """Read registers back.
@@ -129,7 +129,7 @@ class ServoLine:
 
     def reboot(self) -> None:
         """Restart the servo: the only way to clear a hardware error. Its torque is off then."""
-        self._asked(_REBOOT, b"", answer=0)
+        self._ask(_REBOOT, b"", answer=0)
 
     def errors(self) -> HardwareError:
         """Return the hardware errors; none is 0."""
@@ -140,7 +140,7 @@ class ServoLine:
         if self._port.is_open:
             self._port.closePort()
 
-    def _asked(self, instruction: int, given: bytes, *, answer: int) -> bytes:
+    def _ask(self, instruction: int, given: bytes, *, answer: int) -> bytes:
         """Make one exchange, again if it failed on the line; return the `answer` bytes it gave."""
         layout, is_silent, is_damaged = self._layout, True, False
         for _ in range(_TRIES):

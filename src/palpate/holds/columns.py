@@ -97,7 +97,7 @@ def unit_of(name: str) -> Unit | None:
     >>> [unit_of(name) for name in ("R1", "resistance_ohm", "A0", "ch1_V", "value")]
     ['ohm', 'ohm', 'counts', 'volt', None]
     """
-    prefixed = _prefixed(name)
+    prefixed = _split_prefix(name)
     if prefixed is not None:
         return prefixed[0]
     words = words_of(name)
@@ -115,11 +115,11 @@ def scale_of(name: str) -> float:
     >>> [scale_of(name) for name in ("S1 [kOhm]", "R (MΩ)", "ch1_mV", "p_kPa", "resistance_ohm")]
     [1000.0, 1000000.0, 0.001, 1000.0, 1.0]
     """
-    prefixed = _prefixed(name)
+    prefixed = _split_prefix(name)
     return 1.0 if prefixed is None else prefixed[1]
 
 
-def _prefixed(name: str) -> tuple[Unit, float] | None:
+def _split_prefix(name: str) -> tuple[Unit, float] | None:
     """Return the unit and factor of the last word of a name that is a unit with a prefix."""
     found = list(_PREFIXED.finditer(re.sub(r"([a-z])([A-Z])", r"\1 \2", name)))
     if not found:
@@ -182,13 +182,13 @@ def seconds(
     per_second = _PER_SECOND[found]
     counts = column - known[0] if absolute and known[0] / per_second >= _UNIX_FROM else column
     if found in ("ms", "us"):
-        counts = _unwrapped(counts)
+        counts = _unwrap(counts)
     return counts / per_second, found
 
 
 def is_moment(value: object) -> bool:
     """Return whether a text is a date or a time of day."""
-    return any(np.isfinite(_tried(reader, value)) for reader in (_date_s, _time_of_day_s))
+    return any(np.isfinite(_try_reader(reader, value)) for reader in (_date_s, _time_of_day_s))
 
 
 def _unit_by_values(known: NDArray[np.float64], *, name: str, file: str) -> str:
@@ -217,7 +217,7 @@ def _finest_unix(first: float) -> str:
     return next(unit for unit in ("ns", "us", "ms", "s") if first >= _UNIX_FROM * _PER_SECOND[unit])
 
 
-def _unwrapped(counts: NDArray[np.float64]) -> NDArray[np.float64]:
+def _unwrap(counts: NDArray[np.float64]) -> NDArray[np.float64]:
     """Go on counting where a 32-bit counter began again."""
     back = np.flatnonzero(np.diff(counts) < -0.9 * _WRAP) + 1
     for row in back:
@@ -236,7 +236,7 @@ def _from_texts(column: NDArray[Any], *, name: str, file: str) -> NDArray[np.flo
     """Return seconds from ISO dates, or from times of day that may pass midnight."""
     readers: tuple[Callable[[str], float], ...] = (_date_s, _time_of_day_s)
     for reader in readers:
-        found = np.array([_tried(reader, text) for text in column])
+        found = np.array([_try_reader(reader, text) for text in column])
         if np.isfinite(found).sum() > 0.5 * found.size:
             start = float(found[np.isfinite(found)][0])
             found = found - start
@@ -251,7 +251,7 @@ def _from_texts(column: NDArray[Any], *, name: str, file: str) -> NDArray[np.flo
     )
 
 
-def _tried(reader: Callable[[str], float], text: object) -> float:
+def _try_reader(reader: Callable[[str], float], text: object) -> float:
     try:
         return reader(str(text).strip())
     except ValueError:

@@ -123,7 +123,7 @@ def outline(time_s: FloatArray, values: FloatArray) -> ContactOutline:
         before, here, after = (smooth[at : smooth.size - 10 + at] for at in (0, 5, 10))
         noise = float(np.median(np.abs(after - 2 * here + before)) / 0.6745 / np.sqrt(6.0))
     step = max(MOVED_SHARE * float(np.ptp(smooth)), MOVED_SIGMAS * noise)
-    moving = _moving(smooth, step=step, cells=max(1, round(MOVED_WITHIN_S / cell_s)))
+    moving = _find_moving(smooth, step=step, cells=max(1, round(MOVED_WITHIN_S / cell_s)))
     stretches = _stretches(at_s, smooth, moving, step=step)
     return ContactOutline(time_s=at_s, height=smooth, noise=noise, step=step, stretches=stretches)
 
@@ -146,7 +146,7 @@ def _cells(time_s: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArr
     return time_s[0] + cell_s * np.arange(filled.size), median[filled], cell_s
 
 
-def _moving(smooth: FloatArray, *, step: float, cells: int) -> NDArray[np.bool_]:
+def _find_moving(smooth: FloatArray, *, step: float, cells: int) -> NDArray[np.bool_]:
     """Return which cells lie within a window whose ends differ by a step.
 
     Shape (n_cells - 1,): cell i represents the step from i to i + 1.
@@ -218,9 +218,9 @@ class Cut:
     def holds(self) -> list[Contact]:
         """The contacts that a hold follows; none where as many contacts as these don't settle."""
         held = [contact for contact in self.contacts if not contact.refused]
-        return held if len(held) > self._unsteady() else []
+        return held if len(held) > self._count_unsteady() else []
 
-    def _unsteady(self) -> int:
+    def _count_unsteady(self) -> int:
         brief = {_TOO_BRIEF, _TOO_FEW, ""}
         return sum(contact.refused not in brief for contact in self.contacts)
 
@@ -274,13 +274,13 @@ def find_contacts(time_s: FloatArray, values: FloatArray, *, unit: str | None = 
     contacts: list[Contact] = []
     for (last, stretch), held in zip(pairwise(shape.stretches), loaded[1:], strict=True):
         if held:
-            start_s = _loaded_s(stretch, toward, time_s=time_s, height=height)
+            start_s = _find_loading_end_s(stretch, toward, time_s=time_s, height=height)
             contacts.append(
                 Contact(
                     onset_s=stretch.onset_s,
                     start_s=start_s,
                     end_s=stretch.end_s,
-                    refused=_refusal(stretch, last, shape, start_s, time_s=time_s),
+                    refused=_explain_refusal(stretch, last, shape, start_s, time_s=time_s),
                 )
             )
     return Cut(contacts=contacts, moves=True, rises=rises, began_loaded=began_loaded)
@@ -314,7 +314,9 @@ def _comes_to_load(stretch: Stretch, shape: ContactOutline, toward: float) -> bo
     return bool(stayed >= shape.step and stayed >= STAYS_SHARE * reached.max())
 
 
-def _loaded_s(stretch: Stretch, toward: float, *, time_s: FloatArray, height: FloatArray) -> float:
+def _find_loading_end_s(
+    stretch: Stretch, toward: float, *, time_s: FloatArray, height: FloatArray
+) -> float:
     """Return when loading ends, from where the curve is farthest beyond the chord of its start."""
     until_s = min(stretch.end_s, stretch.onset_s + LOADING_S)
     first = max(0, int(np.searchsorted(time_s, stretch.onset_s)) - 1)
@@ -330,7 +332,7 @@ def _loaded_s(stretch: Stretch, toward: float, *, time_s: FloatArray, height: Fl
     return min(float(at_s[0]) + LOADING_PER_KNEE * (knee_s - float(at_s[0])), stretch.end_s)
 
 
-def _refusal(
+def _explain_refusal(
     stretch: Stretch, last: Stretch, shape: ContactOutline, start_s: float, *, time_s: FloatArray
 ) -> str:
     """Return why a stretch after contact is no hold, or nothing."""
@@ -344,12 +346,12 @@ def _refusal(
         return _TOO_FEW
     if held_s < stretch.begin_s - stretch.onset_s:
         return "it moves for longer than it stands"
-    if not _still_before(stretch, last, shape):
+    if not _is_still_before(stretch, last, shape):
         return "the reading moves before the contact too"
-    return _unsettled(stretch, shape, start_s)
+    return _explain_unsettled(stretch, shape, start_s)
 
 
-def _still_before(stretch: Stretch, last: Stretch, shape: ContactOutline) -> bool:
+def _is_still_before(stretch: Stretch, last: Stretch, shape: ContactOutline) -> bool:
     """Return whether the reading stands still for a moment before the contact.
 
     At the very beginning of a recording there need not be such a moment.
@@ -362,7 +364,7 @@ def _still_before(stretch: Stretch, last: Stretch, shape: ContactOutline) -> boo
     return moved <= STILL_BEFORE_SHARE * abs(stretch.level - stretch.before) + 4.0 * shape.noise
 
 
-def _unsettled(stretch: Stretch, shape: ContactOutline, start_s: float) -> str:
+def _explain_unsettled(stretch: Stretch, shape: ContactOutline, start_s: float) -> str:
     """Return why what is held doesn't settle, or nothing."""
     inside = (shape.time_s >= start_s) & (shape.time_s <= stretch.end_s - OPENING_S)
     parts = np.array_split(shape.height[inside], JUDGED_PARTS)

@@ -82,11 +82,11 @@ def cut_holds(recording: Any, values: Any = None, *, cut: CutAt = "auto") -> lis
     columns = [column for part in parts for column in cut_columns(part, cut=cut)]
     holds = [hold for column in columns for hold in column.holds]
     if not holds:
-        raise InputError(why_none(parts[0].name, columns))
+        raise InputError(explain_no_hold(parts[0].name, columns))
     return holds
 
 
-def why_none(name: str, columns: list[CutColumn]) -> str:
+def explain_no_hold(name: str, columns: list[CutColumn]) -> str:
     """Return the one line that explains why a recording has no hold."""
     first, *others = columns
     more = f" (likewise the other {len(others)} columns)" if others else ""
@@ -105,7 +105,7 @@ def cut_columns(readings: Readings, *, cut: CutAt = "auto") -> list[CutColumn]:
 
 def _cut_column(readings: Readings, name: str, cut: CutAt) -> CutColumn:
     values, remarks = readings.columns[name], list[str]()
-    unit, usable = _usable(values, readings.units[name], remarks=remarks)
+    unit, usable = _select_usable(values, readings.units[name], remarks=remarks)
     if unit == "counts" and readings.divider is None:
         remarks.append(
             "taken as counts; --adc-bits, --reference-ohm and --sensor-leg make ohm of them"
@@ -148,7 +148,7 @@ def _cut_column(readings: Readings, name: str, cut: CutAt) -> CutColumn:
     )
 
 
-def _usable(
+def _select_usable(
     values: NDArray[np.float64], unit: Unit | None, *, remarks: list[str]
 ) -> tuple[Unit | None, NDArray[np.bool_]]:
     """Return the unit, None where readings can't be of it, and which readings can be used."""

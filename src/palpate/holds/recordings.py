@@ -146,8 +146,8 @@ def read_recordings(
         raw_s, taken = seconds(table.columns[clock][rows], name=clock, unit=time_unit, file=where)
         if taken != "s" and time_unit is None and time_unit_of(clock) == "":
             remarks.append(f"times in {clock} are taken as {taken}; --time-unit changes that")
-        time_s, order = _ordered(raw_s, rows, table, clock, where=where, remarks=remarks)
-        columns = {name: _averaged(table.columns[name][rows], order) for name in values}
+        time_s, order = _order_times(raw_s, rows, table, clock, where=where, remarks=remarks)
+        columns = {name: _average_repeats(table.columns[name][rows], order) for name in values}
         units: dict[str, Unit | None] = {name: unit or unit_of(name) for name in values}
         for name in values:
             if unit is None and scale_of(name) != 1.0:
@@ -238,7 +238,7 @@ def _label(cell: object) -> str:
     return f"{cell:.0f}" if isinstance(cell, float) and cell.is_integer() else str(cell)
 
 
-def _ordered(
+def _order_times(
     raw_s: NDArray[np.float64],
     rows: slice,
     table: Table,
@@ -271,7 +271,7 @@ def _ordered(
     return time_s[fresh], order
 
 
-def _averaged(column: NDArray[np.float64], order: NDArray[np.intp]) -> NDArray[np.float64]:
+def _average_repeats(column: NDArray[np.float64], order: NDArray[np.intp]) -> NDArray[np.float64]:
     """Return the mean of the readings of each time; NaN where it has none."""
     use = (order >= 0) & np.isfinite(column)
     size = int(order.max(initial=-1)) + 1

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.holds.table import LARGEST, Table, usable
+from palpate.holds.table import LARGEST, Table, is_usable
 from palpate.holds.table_files import form_of, open_parquet, open_table, parquet_pieces
 from palpate.holds.text import (
     SEPARATORS,
@@ -145,7 +145,7 @@ def _text_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterato
                     for column, kind in kinds.items()
                     if kind != "text"
                 }
-                yield _checked(
+                yield _check_cells(
                     cells, numbers, kinds, name=name, place=partial(_line_of, places, whole)
                 )
             if odd is not None:
@@ -193,10 +193,10 @@ def _parquet_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iter
                     cells[column] = ["" if cell is None else str(cell) for cell in cells[column]]
                 else:
                     numbers[column] = piece.columns[column].astype(np.float64)
-            yield _checked(cells, numbers, kinds, name=name, place=piece.place)
+            yield _check_cells(cells, numbers, kinds, name=name, place=piece.place)
 
 
-def _checked(
+def _check_cells(
     cells: Mapping[str, Sequence[Any]],
     numbers: Mapping[str, FloatArray],
     kinds: Mapping[str, Kind],
@@ -207,7 +207,7 @@ def _checked(
     """Return cells as a table; refuse the first row with one that is no number and should be."""
     faults: list[tuple[int, str]] = []
     for column, values in numbers.items():
-        wrong = np.flatnonzero(~usable(values)).tolist()
+        wrong = np.flatnonzero(~is_usable(values)).tolist()
         if kinds[column] == "number or empty":
             wrong = [at for at in wrong if str(cells[column][at] or "").strip()]
         faults += [(at, column) for at in wrong[:1]]

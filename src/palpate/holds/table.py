@@ -50,10 +50,10 @@ class Table:
         ]
 
 
-def usable(numbers: ArrayLike) -> NDArray[np.bool_]:
+def is_usable(numbers: ArrayLike) -> NDArray[np.bool_]:
     """Return which numbers are finite and not absurdly large.
 
-    >>> usable([4700.0, float("nan"), float("-inf"), 1.7e308]).tolist()
+    >>> is_usable([4700.0, float("nan"), float("-inf"), 1.7e308]).tolist()
     [True, False, False, False]
     """
     return np.asarray(np.abs(numbers) <= LARGEST)

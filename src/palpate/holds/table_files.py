@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import InputError, needing
 from palpate.holds import table
-from palpate.holds.table import LONGEST_LINE, Table, usable
+from palpate.holds.table import LONGEST_LINE, Table, is_usable
 from palpate.holds.text import SAMPLE_BYTES, SAMPLE_ROWS, gather_rows, layout_of, read_text
 
 FileForm: TypeAlias = Literal["text", "parquet", "spreadsheet"]
@@ -232,5 +232,5 @@ def _column(values: Any, key: str, *, name: str) -> NDArray[Any]:
         numbers = np.array(array, dtype=np.float64)
     except (TypeError, ValueError):
         return array.astype(object)
-    numbers[~usable(numbers)] = np.nan
+    numbers[~is_usable(numbers)] = np.nan
     return numbers

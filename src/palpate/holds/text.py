@@ -22,7 +22,7 @@ from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.holds import table
 from palpate.holds.columns import find_part
-from palpate.holds.table import LONGEST_LINE, Table, refuse_or_report, usable
+from palpate.holds.table import LONGEST_LINE, Table, is_usable, refuse_or_report
 
 #: Rows of fields, and the number of each one's first line in the file.
 NumberedRows: TypeAlias = tuple[list[list[str]], Sequence[int]]
@@ -158,7 +158,7 @@ def numbers_of(fields: Sequence[str], *, comma: bool) -> FloatArray:
         if len(fields) == 1:
             return np.array([np.nan])
         return np.concatenate([numbers_of([field], comma=False) for field in fields])
-    numbers[~usable(numbers)] = np.nan
+    numbers[~is_usable(numbers)] = np.nan
     return numbers
 
 

@@ -48,7 +48,7 @@ def draw_pattern(pattern: Pattern, path: Path) -> None:
             _sheet(panel, pattern, title=f"{layer.name}\n{side}")
             parts = layer.parts
             if layer.mirrored:
-                parts = tuple(part.mirrored(pattern.width) for part in parts)
+                parts = tuple(part.mirror(pattern.width) for part in parts)
             fill, _, line = LOOKS[layer.name]
             _fill(panel, parts, fill=fill, opacity=0.9, line=line)
         figure.suptitle(

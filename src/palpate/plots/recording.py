@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.plots.style import AMBER, BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, new_figure
 from palpate.recording import Recording
-from palpate.recording.exporting import recorded_resistance_ohm
+from palpate.recording.exporting import solve_resistance_ohm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -53,7 +53,7 @@ def recording_figure(recording: Recording, *, title: str) -> Figure:
 
 
 def _draw_pixels(panel: Any, recording: Recording, start_s: float) -> None:
-    ohm = recorded_resistance_ohm(recording)
+    ohm = solve_resistance_ohm(recording)
     _, pixel_rows, pixel_cols = ohm.shape
     for index in range(pixel_rows * pixel_cols):
         row, col = divmod(index, pixel_cols)

@@ -185,14 +185,14 @@ def _kind(column: str) -> str:
     return "float64"
 
 
-def recorded_resistance_ohm(recording: Recording) -> FloatArray:
+def solve_resistance_ohm(recording: Recording) -> FloatArray:
     """Return the pixels' resistances, shape (n_frames, rows, cols); crosstalk is solved out."""
     return _resistance_ohm(
         recording.counts, layout=recording.info.layout, oversampling=recording.oversampling
     )
 
 
-def recorded_holds(
+def cut_recorded_holds(
     recording: Recording, *, unit: HoldUnit = "percent", name: str = "hold"
 ) -> list[Hold]:
     """Cut out every hold of at least a second in which something was touched.
@@ -210,12 +210,12 @@ def recorded_holds(
     """
     if len(recording.time_s) < _FEWEST_FRAMES:
         raise RecordingError(f"only {len(recording.time_s)} frames: too few to cut holds from")
-    ohm = recorded_resistance_ohm(recording)
+    ohm = solve_resistance_ohm(recording)
     change = relative_change_percent(ohm, rest_ohm=_rest_ohm(recording, ohm))
     values = change if unit == "percent" else ohm
     holds: list[Hold] = []
     for number, (start_s, end_s) in enumerate(_still_stretches(recording, change), start=1):
-        frames = _strictly_increasing(recording.time_s, start_s, end_s)
+        frames = _select_increasing(recording.time_s, start_s, end_s)
         touched = len(frames) >= _FEWEST_FRAMES and (
             np.median(largest_change(change[frames[len(frames) // 2 :]])) <= CONTACT_PERCENT
         )
@@ -231,7 +231,7 @@ def recorded_holds(
 
 def _rest_ohm(recording: Recording, ohm: FloatArray) -> FloatArray:
     """Return the rest before the first movement, or of the first second."""
-    moved = _moved(recording.gripper)
+    moved = _find_moves(recording.gripper)
     first = int(np.argmax(moved)) if moved.any() else 0
     rest_end_s = recording.gripper.time_s[first - 1] if first else recording.time_s[0] + REST_S
     try:
@@ -245,7 +245,7 @@ def _rest_ohm(recording: Recording, ohm: FloatArray) -> FloatArray:
 def _still_stretches(recording: Recording, change: FloatArray) -> list[tuple[float, float]]:
     """Return start and end of every stretch without movement that follows a movement."""
     end_s = float(recording.time_s[-1])
-    moved, at_s = _moved(recording.gripper), recording.gripper.time_s
+    moved, at_s = _find_moves(recording.gripper), recording.gripper.time_s
     if moved.any():
         turns = np.flatnonzero(np.diff(moved.astype(np.int8)))
         stops = [float(at_s[k + recording.gripper.moving[k]]) for k in turns if moved[k]]
@@ -263,7 +263,7 @@ def _still_stretches(recording: Recording, change: FloatArray) -> list[tuple[flo
     ]
 
 
-def _moved(gripper: GripperTrack) -> NDArray[np.bool_]:
+def _find_moves(gripper: GripperTrack) -> NDArray[np.bool_]:
     """Return at which states the gripper moves, or has moved since the state before.
 
     At 15 frames/s a short step lies wholly between two states.
@@ -275,7 +275,7 @@ def _moved(gripper: GripperTrack) -> NDArray[np.bool_]:
     return moved
 
 
-def _strictly_increasing(time_s: FloatArray, start_s: float, end_s: float) -> NDArray[np.intp]:
+def _select_increasing(time_s: FloatArray, start_s: float, end_s: float) -> NDArray[np.intp]:
     """Return the frames from `start_s` to before `end_s`, without repeated times."""
     inside = np.flatnonzero((time_s >= start_s) & (time_s < end_s))
     keep = np.ones(len(inside), dtype=bool)

@@ -146,20 +146,20 @@ def load_recording(path: str | os.PathLike[str]) -> Recording:
         layout = reader.info.layout
     return Recording(
         info=reader.info,
-        time_s=_fixed(np.array(time_s)),
-        sequence=_fixed(np.array(sequence, dtype=np.int64)),
-        counts=_fixed(np.array(counts, dtype=np.int32).reshape(-1, layout.rows, layout.cols)),
-        oversampling=_fixed(np.array(oversampling, dtype=np.int32)),
+        time_s=_freeze(np.array(time_s)),
+        sequence=_freeze(np.array(sequence, dtype=np.int64)),
+        counts=_freeze(np.array(counts, dtype=np.int32).reshape(-1, layout.rows, layout.cols)),
+        oversampling=_freeze(np.array(oversampling, dtype=np.int32)),
         gripper=GripperTrack(
-            **{name: _fixed(np.array(column)) for name, column in gripper.items()},
-            moving=_fixed(np.array(moving, dtype=np.bool_)),
+            **{name: _freeze(np.array(column)) for name, column in gripper.items()},
+            moving=_freeze(np.array(moving, dtype=np.bool_)),
         ),
         events=tuple(events),
         load_cells=tuple(load_cells),
     )
 
 
-def _fixed(column: NDArray[_Item]) -> NDArray[_Item]:
+def _freeze(column: NDArray[_Item]) -> NDArray[_Item]:
     column.flags.writeable = False
     return column
 

@@ -61,7 +61,7 @@ class BoardLoadCell:
             if self._clock.now_s() > give_up_s:
                 self._refuse_silent()
             self._clock.sleep_s(POLL_S)
-        raw = np.array([_checked(found, cell) for cell in self._used])
+        raw = np.array([_check_sample(found, cell) for cell in self._used])
         return float(np.mean((raw - self._zero) * self._scale))
 
     def _look(self) -> tuple[CellSample, ...]:
@@ -88,7 +88,7 @@ class BoardLoadCell:
                 "cable and power, then run `palpate doctor`"
             )
         ages_s = [now_s - advanced_s for advanced_s in self._advanced_s]
-        raise _silent(int(np.argmax(ages_s)))
+        raise _silence_error(int(np.argmax(ages_s)))
 
 
 def mean_counts(
@@ -113,7 +113,7 @@ def mean_counts(
                 f"the board at {array.name} was not asked for its load cells: put "
                 "`load_cells = true` into [array] of the rig file"
             )
-        raw.append([_checked(found, cell) for cell in cells])
+        raw.append([_check_sample(found, cell) for cell in cells])
         samples.append([found[cell].sample for cell in cells])
     if len(raw) < 2:
         raise DeviceError(
@@ -122,7 +122,7 @@ def mean_counts(
     for cell, first, last in zip(cells, samples[0], samples[-1], strict=True):
         readings_hz = (last - first) % 256 / duration_s
         if readings_hz == 0:
-            raise _silent(cell)
+            raise _silence_error(cell)
         if readings_hz < _LEAST_HZ:
             raise DeviceError(
                 f"load cell {cell} gives {readings_hz:.0f} readings a second, which lag by half a "
@@ -144,7 +144,7 @@ def board_with_cells(array: PressureArray) -> SerialArray:
     )
 
 
-def _checked(found: Sequence[CellSample], cell: int) -> int:
+def _check_sample(found: Sequence[CellSample], cell: int) -> int:
     raw = found[cell].raw
     if raw == NO_READING:
         raise DeviceError(
@@ -159,7 +159,7 @@ def _checked(found: Sequence[CellSample], cell: int) -> int:
     return raw
 
 
-def _silent(cell: int) -> DeviceError:
+def _silence_error(cell: int) -> DeviceError:
     return DeviceError(
         f"load cell {cell} is stuck: no new reading for {_SILENT_S:g} s; check the wires and the "
         "supply of its HX711"

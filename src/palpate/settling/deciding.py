@@ -7,7 +7,7 @@ interval is narrow enough twice in a row. One narrow interval may be luck; two s
 >>> import numpy as np
 >>> time_s = np.arange(0.0, 10.0, 0.1)
 >>> hold = 100.0 - 5.0 * np.log(time_s + 0.4)
->>> decision = first_sure(time_s, hold, method=Relaxation(), half_width_percent=4.0)
+>>> decision = find_decision(time_s, hold, method=Relaxation(), half_width_percent=4.0)
 >>> bool(decision.decided), bool(decision.time_s < 8.0), decision.estimate.method
 (True, True, 'relaxation')
 """
@@ -47,7 +47,7 @@ class Decision:
     decided: bool
 
 
-def first_sure(
+def find_decision(
     time_s: ArrayLike,
     values: ArrayLike,
     *,

@@ -151,7 +151,7 @@ def _at_once(values: FloatArray, rested: NDArray[np.intp], *, positive: bool) ->
     return np.asarray(made & (rested > 0) & (rested + 2 <= last))
 
 
-def refreshed(values: FloatArray) -> NDArray[np.intp]:
+def find_renewals(values: FloatArray) -> NDArray[np.intp]:
     """Return the samples of one hold at which its reading was renewed.
 
     A reading that is logged more often than the instrument renews it repeats itself in runs of
@@ -160,9 +160,9 @@ def refreshed(values: FloatArray) -> NDArray[np.intp]:
 
     `values`, shape (n_times,).
 
-    >>> refreshed(np.array([5.0, 5.0, 4.5, 4.5, 4.2, 4.2])).tolist()
+    >>> find_renewals(np.array([5.0, 5.0, 4.5, 4.5, 4.2, 4.2])).tolist()
     [0, 2, 4]
-    >>> refreshed(np.array([5.0, 5.0, 4.5, 4.4, 4.2, 4.2])).tolist()
+    >>> find_renewals(np.array([5.0, 5.0, 4.5, 4.4, 4.2, 4.2])).tolist()
     [0, 1, 2, 3, 4, 5]
     """
     starts = np.concatenate([[0], np.flatnonzero(values[1:] != values[:-1]) + 1])

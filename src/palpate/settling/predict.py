@@ -18,7 +18,7 @@ from palpate.settling.log_law import LogLaw
 from palpate.settling.percent import for_hold
 from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import SettledEstimate, SettlingMethod, joined
+from palpate.settling.result import SettledEstimate, SettlingMethod, join_estimates
 
 #: Cut-off of the paper, seconds (section 2.2).
 CUTOFF_S = 2.5
@@ -142,7 +142,7 @@ def predict_settled(
         # An empty batch is one block.
         for start in range(0, max(len(used), 1), _BLOCK)
     ]
-    estimate = blocks[0] if len(blocks) == 1 else joined(blocks)
+    estimate = blocks[0] if len(blocks) == 1 else join_estimates(blocks)
     return estimate if samples.ndim == 2 else estimate.hold(0)
 
 

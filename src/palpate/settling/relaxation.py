@@ -13,7 +13,7 @@ from palpate.arrays import FloatArray
 from palpate.holds import SETTLED_WINDOW_S
 from palpate.settling.conditionals import conditionals, noise_scatter
 from palpate.settling.mixture import posterior, quantiles
-from palpate.settling.origin import Window, refreshed, windows
+from palpate.settling.origin import Window, find_renewals, windows
 from palpate.settling.result import SettledEstimate, Status
 
 #: Holds worked on at once; bounds the memory whatever the batch.
@@ -122,7 +122,7 @@ class Relaxation:
         quantile = np.array([(1 - level) / 2, 0.5, (1 + level) / 2])
         target_s = horizon_s - SETTLED_WINDOW_S / 2
         if time_s[-1] >= target_s:
-            ends = _settled_already(time_s, seen, horizon_s=horizon_s, quantile=quantile)
+            ends = _average_end(time_s, seen, horizon_s=horizon_s, quantile=quantile)
             status = _each(len(seen), Status.OK)
             status[np.ptp(seen, axis=1) == 0] = Status.NOT_SETTLING
             yield np.arange(len(seen)), float(time_s[-1] - time_s[0]), (ends, status)
@@ -136,12 +136,12 @@ class Relaxation:
                 yield (
                     part,
                     length_s,
-                    self._settled(
+                    self._forecast(
                         window, used, positive=positive, after_s=after_s, quantile=quantile
                     ),
                 )
 
-    def _settled(
+    def _forecast(
         self,
         window: Window,
         used: FloatArray,
@@ -196,7 +196,7 @@ def _by_renewal(
     groups: dict[bytes, list[int]] = {}
     every = np.arange(values.shape[1]).tobytes()
     for row, steady in enumerate(quick):
-        key = every if steady else refreshed(values[row]).tobytes()
+        key = every if steady else find_renewals(values[row]).tobytes()
         groups.setdefault(key, []).append(row)
     for key, rows in groups.items():
         columns, some = np.frombuffer(key, dtype=np.intp), np.array(rows)
@@ -241,7 +241,7 @@ def _statuses(
     return status
 
 
-def _settled_already(
+def _average_end(
     time_s: FloatArray, seen: FloatArray, *, horizon_s: float, quantile: FloatArray
 ) -> FloatArray:
     """Return the mean of the last samples up to the horizon, and its interval by their noise."""

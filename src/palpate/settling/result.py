@@ -138,7 +138,7 @@ class SettledEstimate:
         )
 
 
-def joined(estimates: Sequence[SettledEstimate]) -> SettledEstimate:
+def join_estimates(estimates: Sequence[SettledEstimate]) -> SettledEstimate:
     """Return one estimate of all holds of several batches by the same method."""
 
     def together(name: str) -> NDArray[Any]:

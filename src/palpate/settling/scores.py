@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
 from palpate.holds import Hold, recorded_value, settled_value
-from palpate.settling.deciding import first_sure
+from palpate.settling.deciding import find_decision
 from palpate.settling.percent import for_hold
 from palpate.settling.result import SettledEstimate, SettlingMethod, Status
 
@@ -102,7 +102,7 @@ def decide_holds(
     level: float,
     source: str = "",
 ) -> Iterator[Prediction]:
-    """Yield the first prediction of each hold that is sure enough, by `deciding.first_sure`.
+    """Yield the first prediction of each hold that is sure enough, by `deciding.find_decision`.
 
     The cut-off of each is its time of decision; the other parameters are those of `predict_holds`.
     """
@@ -111,7 +111,7 @@ def decide_holds(
         for name, method in methods.items():
             found, cutoff_s, decided = None, horizon_s, False
             if hold.time_s[0] <= horizon_s:
-                decision = first_sure(
+                decision = find_decision(
                     hold.time_s,
                     hold.values,
                     method=for_hold(method, unit=hold.unit, loading_s=hold.loading_s),

@@ -128,7 +128,7 @@ def draw_crate(kinds: Sequence[str], *, seed: int, prefix: str = "item") -> list
                 item_id=f"{prefix}-{number + 1:03d}",
                 kind=kind,
                 taught=kind in CRATE_TAUGHT,
-                mean=_drawn(rng, kind, known[kind]),
+                mean=_draw_item(rng, kind, known[kind]),
                 out_of_round=known[kind].out_of_round,
                 seed=int(rng.integers(2**31)),
             )
@@ -136,7 +136,7 @@ def draw_crate(kinds: Sequence[str], *, seed: int, prefix: str = "item") -> list
     return items
 
 
-def mixed_crate(
+def draw_mixed_crate(
     items: int, *, seed: int, strangers_share: float = 0.0, prefix: str = "item"
 ) -> list[CrateItem]:
     """Draw a crate of taught kinds in equal parts, with a share of strangers, shuffled."""
@@ -148,7 +148,7 @@ def mixed_crate(
     return draw_crate(rng.permutation(kinds).tolist(), seed=seed, prefix=prefix)
 
 
-def _drawn(rng: np.random.Generator, name: str, kind: CrateKind) -> TwinObject:
+def _draw_item(rng: np.random.Generator, name: str, kind: CrateKind) -> TwinObject:
     size_mm = uniform(rng, kind.size_mm)
     rupture_n = math.inf if kind.rupture_n is None else uniform(rng, kind.rupture_n)
     stiffness = log_uniform(rng, kind.stiffness)
@@ -206,7 +206,7 @@ class CrateTable:
         self._world.place(item.side(turn))
         self._wait(_STILL_S)
 
-    def damaged(self) -> bool:
+    def is_damaged(self) -> bool:
         """Whether the item that lies there has ever been pressed beyond its yield."""
         return self._world.truth().damaged
 

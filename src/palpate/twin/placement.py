@@ -39,7 +39,7 @@ class Placements:
 
     def __init__(self, *, sheet: Sheet, grid: PixelGrid, ranges: Ranges, seed: int) -> None:
         self._sheet, self._grid, self._ranges, self._seed = sheet, grid, ranges, seed
-        self._draw = lru_cache(maxsize=64)(self._drawn)
+        self._draw = lru_cache(maxsize=64)(self._draw_placement)
         #: Which of the objects are in a fixture.
         self.fixtures: set[int] = set()
 
@@ -47,7 +47,7 @@ class Placements:
         """Return what chance gave to the n-th object and contact in these surroundings."""
         return self._draw(placed, contacts, environment)
 
-    def _drawn(self, placed: int, contacts: int, environment: Environment) -> Placement:
+    def _draw_placement(self, placed: int, contacts: int, environment: Environment) -> Placement:
         ranges, pixels = self._ranges, self._sheet.gain.size
         where = np.random.default_rng([self._seed, 1, placed]).uniform(-1, 1, 2)
         rng = np.random.default_rng([self._seed, 2, placed, contacts])

@@ -150,7 +150,7 @@ class Plant:
             closure_mm = max(closure_mm, 0.0)
         elif state.closure_mm < 0:
             closure_mm = min(closure_mm, -1e-9)
-        squeeze = self._squeezed(state, closure_mm, time_s - state.time_s)
+        squeeze = self._close_squeeze(state, closure_mm, time_s - state.time_s)
         force_n = squeeze.force_n
         slide = self._slide(state, force_n, time_s - state.time_s)
         pixels = state.pixels.after(
@@ -284,7 +284,7 @@ class Plant:
         lead_mm = self.placement(state.placed, state.contacts).lead_mm
         return (-state.closure_mm - lead_mm - _NEAR_MM) / motion.rate_mm_per_s
 
-    def _squeezed(self, state: PlantState, closure_mm: float, step_s: float) -> RelaxingForce:
+    def _close_squeeze(self, state: PlantState, closure_mm: float, step_s: float) -> RelaxingForce:
         if state.obj is None:
             return RelaxingForce()
         return state.squeeze.closed(
@@ -314,8 +314,8 @@ class Plant:
         """Return the load of every pixel: of the object, and of a hand that touches a finger."""
         load_n = self._unloaded_n
         if state.touch_n:
-            load_n = self._touched_n(state.touch_n)
-        pushed_n = self._pushed_n(state, closure_mm, placement)
+            load_n = self._spread_touch_n(state.touch_n)
+        pushed_n = self._push_n(state, closure_mm, placement)
         if state.obj is None or max(force_n, pushed_n) <= 0:
             return load_n
         along_mm, across_mm = placement.off_centre_mm
@@ -331,7 +331,7 @@ class Plant:
             )
         return load_n + force_n * share
 
-    def _touched_n(self, touch_n: tuple[float, ...]) -> FloatArray:
+    def _spread_touch_n(self, touch_n: tuple[float, ...]) -> FloatArray:
         """Return the load of every pixel of a hand that touches the fingers."""
         load_n = self._unloaded_n.copy()
         for finger, force_n in enumerate(touch_n):
@@ -339,7 +339,7 @@ class Plant:
             load_n[mine] += force_n / mine.sum()
         return load_n
 
-    def _pushed_n(self, state: PlantState, closure_mm: float, placement: Placement) -> float:
+    def _push_n(self, state: PlantState, closure_mm: float, placement: Placement) -> float:
         """Return what the first finger feels of an object that it pushes to the middle."""
         if state.obj is None or state.pull_n > 0 or not -placement.lead_mm < closure_mm <= 0:
             return 0.0

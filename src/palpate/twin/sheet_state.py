@@ -66,10 +66,10 @@ class SheetState:
         """
         if not np.count_nonzero(load_n):
             nothing = np.zeros_like(load_n)
-            return self._moved(step_s, nothing, nothing, travel_mm, sheet, creep)
+            return self._step(step_s, nothing, nothing, travel_mm, sheet, creep)
         felt_n = sheet.follow(self.felt_n, load_n)
         target = sheet.family.coordinate(sheet.static_excess(felt_n, gain=gain))
-        return self._moved(step_s, felt_n, target, travel_mm, sheet, creep)
+        return self._step(step_s, felt_n, target, travel_mm, sheet, creep)
 
     def towards(
         self,
@@ -84,7 +84,7 @@ class SheetState:
         """Return the state within a step, `share` of it (`step_s`) on the way to its end."""
         felt_n = self.felt_n + share * (following.felt_n - self.felt_n)
         target = self.target + share * (following.target - self.target)
-        return self._moved(step_s, felt_n, target, travel_mm, sheet, creep)
+        return self._step(step_s, felt_n, target, travel_mm, sheet, creep)
 
     def resistance_ohm(self, sheet: Sheet, *, creep: Creep, rest_factor: float = 1.0) -> FloatArray:
         """Return the resistance of every pixel, shape (pixels,).
@@ -96,7 +96,7 @@ class SheetState:
         resistance: FloatArray = bare / (1.0 + sheet.family.excess(v))
         return resistance
 
-    def _moved(
+    def _step(
         self,
         step_s: float,
         felt_n: FloatArray,

@@ -129,7 +129,7 @@ def _grasped(
         table.bring(item, turn=turn)
         size = found[-1].grasp.measurements.get("size_mm") if found else None
         found.append(hand.grasp(item.item_id, expected=size))
-        damaged = damaged or table.damaged()
+        damaged = damaged or table.is_damaged()
     stiffness = 2.0 / (2.0 / item.mean.force_at_1mm_n) ** (1.0 / item.mean.exponent)
     return CrateItemGrasps(
         level=level,

@@ -86,7 +86,7 @@ def test_it_measures_and_takes_a_known_size_into_account(
     second = hand.grasp("egg-1", expected=first.grasp.measurements["size_mm"])
     assert second.grasp.outcome is Outcome.HELD
     assert second.grasp.measurements["size_mm"].value == pytest.approx(egg.mean.size_mm, abs=3)
-    assert not table.damaged()
+    assert not table.is_damaged()
 
 
 def test_it_stays_well_clear_of_an_item_that_may_be_thicker(

@@ -20,7 +20,7 @@ from palpate.recording import (
     load_recording,
 )
 from palpate.recording.channels import RecordedMessage
-from palpate.recording.exporting import frame_tables, hold_tables, recorded_holds, write_export
+from palpate.recording.exporting import cut_recorded_holds, frame_tables, hold_tables, write_export
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.signal.circuit import resistance_ohm
 
@@ -55,7 +55,7 @@ def write(path: Path, messages: list[RecordedMessage]) -> Path:
 
 def test_a_hold_lasts_from_the_stop_to_the_next_movement(tmp_path: Path) -> None:
     recording = load_recording(write(tmp_path / "run.mcap", grasp()))
-    holds = {hold.channel: hold for hold in recorded_holds(recording, name="run")}
+    holds = {hold.channel: hold for hold in cut_recorded_holds(recording, name="run")}
     assert list(holds) == ["mean", "r0c1", "r1c0", "r1c1", "r2c0", "r2c1", "r3c0", "r3c1"]
     mean = holds["mean"]
     assert mean.hold_id == "run-1"
@@ -67,7 +67,7 @@ def test_a_hold_lasts_from_the_stop_to_the_next_movement(tmp_path: Path) -> None
 
 def test_holds_in_ohm_have_no_mean(tmp_path: Path) -> None:
     recording = load_recording(write(tmp_path / "run.mcap", grasp()))
-    holds = recorded_holds(recording, unit="ohm")
+    holds = cut_recorded_holds(recording, unit="ohm")
     assert holds[0].channel == "r0c1"
     expected = resistance_ohm([[600]], divider=RIGID_LAYOUT.divider).item()
     assert holds[0].values == pytest.approx(expected)
@@ -78,13 +78,13 @@ def test_steps_between_two_states_are_movements(tmp_path: Path) -> None:
         replace(message, moving=False) if isinstance(message, GripperState) else message
         for message in grasp()
     ]
-    (hold, *_) = recorded_holds(load_recording(write(tmp_path / "run.mcap", messages)))
+    (hold, *_) = cut_recorded_holds(load_recording(write(tmp_path / "run.mcap", messages)))
     assert hold.time_s[-1] == pytest.approx(2.96)
 
 
 def test_without_a_gripper_holds_begin_at_actuation_spikes(tmp_path: Path) -> None:
     recording = load_recording(write(tmp_path / "run.mcap", grasp(gripper=False)))
-    (hold, *_) = recorded_holds(recording)
+    (hold, *_) = cut_recorded_holds(recording)
     assert hold.channel == "mean"
     assert 3.0 < hold.time_s[-1] < 3.6
 
@@ -103,12 +103,12 @@ def test_recordings_without_holds_say_why(
 ) -> None:
     recording = load_recording(write(tmp_path / "run.mcap", messages))
     with pytest.raises(RecordingError, match=fault):
-        recorded_holds(recording)
+        cut_recorded_holds(recording)
 
 
 @pytest.mark.parametrize("to", ["csv", "parquet"])
 def test_holds_files_are_read_by_settle(tmp_path: Path, to: str) -> None:
-    holds = recorded_holds(load_recording(write(tmp_path / "run.mcap", grasp())))
+    holds = cut_recorded_holds(load_recording(write(tmp_path / "run.mcap", grasp())))
     target = tmp_path / f"holds.{to}"
     rows = write_export(target, hold_tables(holds), to=to)  # type: ignore[arg-type]
     back = list(read_holds(target))
@@ -141,7 +141,7 @@ def test_export_of_impossible_counts_is_one_line(tmp_path: Path) -> None:
         write_export(tmp_path / "run.csv", frame_tables(reader), to="csv")
     assert not (tmp_path / "run.csv").exists()
     with pytest.raises(RecordingError, match="counts from -1"):
-        recorded_holds(load_recording(path))
+        cut_recorded_holds(load_recording(path))
 
 
 def test_exported_csv_has_no_cell_that_a_spreadsheet_runs(tmp_path: Path) -> None:

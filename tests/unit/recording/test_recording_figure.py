@@ -9,7 +9,7 @@ from tests.pdf_fonts import check_fonts
 from palpate.plots.recording import recording_figure
 from palpate.plots.style import save_figure
 from palpate.recording import Event, load_recording
-from palpate.recording.exporting import recorded_resistance_ohm
+from palpate.recording.exporting import solve_resistance_ohm
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def test_each_pixel_has_a_line_in_kilohm(recording):
     lines = {line.get_label(): line for line in pixels.lines}
     assert {f"r{row}c{col}" for row in range(4) for col in range(2)} <= set(lines)
     first = lines["r0c0"].get_ydata()
-    assert first == pytest.approx(recorded_resistance_ohm(recording)[:, 0, 0] / 1000)
+    assert first == pytest.approx(solve_resistance_ohm(recording)[:, 0, 0] / 1000)
 
 
 def test_gripper_cells_and_events_are_drawn_where_recorded(recording):

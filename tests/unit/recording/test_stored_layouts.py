@@ -14,7 +14,7 @@ from palpate.errors import InputError, RecordingError
 from palpate.gripper.interface import GripperState
 from palpate.recording import RecordingInfo, RecordingReader, RecordingWriter
 from palpate.recording.channels import decode_info, encode_info
-from palpate.recording.exporting import frame_tables, recorded_holds, write_export
+from palpate.recording.exporting import cut_recorded_holds, frame_tables, write_export
 from palpate.recording.reader import load_recording
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, Frame
 from palpate.sensor.board_array import layout_named
@@ -94,7 +94,7 @@ def test_holds_show_the_pressed_pixel_alone(
 ) -> None:
     path, _, _ = pressed
     settled = {
-        hold.channel: float(hold.values[-1]) for hold in recorded_holds(load_recording(path))
+        hold.channel: float(hold.values[-1]) for hold in cut_recorded_holds(load_recording(path))
     }
     assert settled.pop("r1c1") == pytest.approx(100 * (700 / 3000 - 1), abs=0.5)
     assert settled.pop("mean") == pytest.approx(100 * (700 / 3000 - 1) / 8, abs=0.2)

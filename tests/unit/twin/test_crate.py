@@ -11,8 +11,8 @@ from palpate.twin.crate import (
     CRATE_TAUGHT,
     CrateTable,
     draw_crate,
+    draw_mixed_crate,
     hertz_force_at_1mm_n,
-    mixed_crate,
 )
 from palpate.twin.world import OPEN_MM
 
@@ -32,12 +32,12 @@ def test_every_side_of_every_item_is_within_its_kind_and_the_open_hand(kind: str
 
 
 def test_a_crate_is_the_same_for_a_seed_and_mixed() -> None:
-    crate = mixed_crate(24, seed=3, strangers_share=0.25)
-    assert crate == mixed_crate(24, seed=3, strangers_share=0.25)
+    crate = draw_mixed_crate(24, seed=3, strangers_share=0.25)
+    assert crate == draw_mixed_crate(24, seed=3, strangers_share=0.25)
     assert sum(not item.taught for item in crate) == 6
     assert len({item.item_id for item in crate}) == 24
     assert [item.kind for item in crate] != [
-        item.kind for item in mixed_crate(24, seed=4, strangers_share=0.25)
+        item.kind for item in draw_mixed_crate(24, seed=4, strangers_share=0.25)
     ]
 
 
@@ -61,4 +61,4 @@ def test_bringing_an_item_opens_the_hand_and_leaves_no_old_frames() -> None:
     assert table.gripper.state().width_mm == pytest.approx(OPEN_MM, abs=0.1)
     frame = table.array.read(timeout_s=1.0)
     assert table.clock.now_s() - frame.time_s < 0.1
-    assert not table.damaged()
+    assert not table.is_damaged()
