@@ -9,7 +9,7 @@ equation 3, and why a fit whose C runs away is not taken.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar
 
@@ -23,8 +23,6 @@ from palpate.signal.transient import WAIT_S, hold_window
 
 #: Three parameters need a fourth sample to be a fit at all.
 MIN_SAMPLES = 4
-#: Holds fitted at a time: enough to share the cost of a call, few enough to stay in the cache.
-_BLOCK = 4096
 #: A curvature ten times its standard error (F = 100) gives the change still to come to about 10 %.
 _CLEAR_CURVATURE = 100.0
 #: Range of the rate: from a hundredth of a decay within the window to ten decays per sample.
@@ -75,20 +73,6 @@ def fit_exponential(
     >>> [round(float(x[0]), 6) for x in (fit.amplitude, fit.rate_per_s, fit.settled)]
     [40.0, 1.2, -60.0]
     """
-    if len(values) <= _BLOCK:
-        return _fit_block(time_s, values, wait_s=wait_s)
-    parts = [
-        _fit_block(time_s, values[start : start + _BLOCK], wait_s=wait_s)
-        for start in range(0, len(values), _BLOCK)
-    ]
-    names = (field.name for field in fields(ExponentialFit))
-    return ExponentialFit(
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    )
-
-
-def _fit_block(time_s: FloatArray, values: FloatArray, *, wait_s: float) -> ExponentialFit:
-    """Fit the holds that share a window together."""
     window = hold_window(time_s, values, wait_s=wait_s)
     last, n_holds = values[:, -1], len(values)
     settled, window_s = last.copy(), np.zeros(n_holds)
@@ -152,14 +136,11 @@ class Exponential:
     ) -> SettledEstimate:
         """Return C of each hold, or its recorded value; see `SettlingMethod.predict`."""
         fit = fit_exponential(time_s, values, wait_s=self.wait_s)
-        unknown = np.full(len(values), np.nan)
-        return SettledEstimate(
-            value=fit.settled,
-            low=unknown,
-            high=unknown.copy(),
-            level=level,
+        return SettledEstimate.without_interval(
+            fit.settled,
             horizon_s=horizon_s,
-            window_s=fit.window_s,
+            level=level,
             method=self.name,
+            window_s=fit.window_s,
             status=fit.status,
         )

@@ -62,14 +62,11 @@ class LogLaw:
             settled[rows] = last + (values[rows, first:] - last[:, None]) @ weights
             window_s[rows] = time_s[-1] - time_s[first]
             status[rows] = Status.OK
-        unknown = np.full(len(values), np.nan)
-        return SettledEstimate(
-            value=settled,
-            low=unknown,
-            high=unknown.copy(),
-            level=level,
+        return SettledEstimate.without_interval(
+            settled,
             horizon_s=horizon_s,
-            window_s=window_s,
+            level=level,
             method=self.name,
+            window_s=window_s,
             status=status,
         )

@@ -32,14 +32,11 @@ class Recorded:
         self, time_s: FloatArray, values: FloatArray, *, horizon_s: float, level: float
     ) -> SettledEstimate:
         """Return the last sample of each hold; see `SettlingMethod.predict`."""
-        n_holds = len(values)
-        return SettledEstimate(
-            value=values[:, -1].copy(),
-            low=np.full(n_holds, np.nan),
-            high=np.full(n_holds, np.nan),
-            level=level,
+        return SettledEstimate.without_interval(
+            values[:, -1].copy(),
             horizon_s=horizon_s,
-            window_s=np.zeros(n_holds),
+            level=level,
             method=self.name,
-            status=np.array([Status.OK] * n_holds, dtype=object),
+            window_s=np.zeros(len(values)),
+            status=np.array([Status.OK] * len(values), dtype=object),
         )

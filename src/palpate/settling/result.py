@@ -81,6 +81,30 @@ class SettledEstimate:
     method: str
     status: Status | NDArray[np.object_]
 
+    @classmethod
+    def without_interval(
+        cls,
+        value: FloatArray,
+        *,
+        horizon_s: float,
+        level: float,
+        method: str,
+        window_s: FloatArray,
+        status: NDArray[np.object_],
+    ) -> SettledEstimate:
+        """Return the estimate of a method that has no basis for intervals."""
+        unknown = np.full((2, value.size), np.nan)
+        return cls(
+            value=value,
+            low=unknown[0],
+            high=unknown[1],
+            level=level,
+            horizon_s=horizon_s,
+            window_s=window_s,
+            method=method,
+            status=status,
+        )
+
     def __repr__(self) -> str:
         what = f"{self.method}, at {self.horizon_s:g} s"
         if isinstance(self.value, np.ndarray):

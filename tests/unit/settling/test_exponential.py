@@ -108,12 +108,6 @@ def test_a_batch_gives_what_each_hold_gives_alone() -> None:
     assert batch.settled == pytest.approx(alone, rel=1e-9)
 
 
-def test_blocks_join_without_a_seam() -> None:
-    holds = np.tile(random_holds(3, noise=0.1, seed=9), (2000, 1))
-    fit = fit_exponential(TIME_S, holds)
-    assert np.allclose(fit.settled.reshape(-1, 3), fit.settled[:3], rtol=1e-9)
-
-
 def test_statuses_are_members_and_intervals_are_unknown_without_calibration() -> None:
     estimate = Exponential().predict(
         TIME_S, random_holds(2, noise=0, seed=1), horizon_s=20, level=0.8
