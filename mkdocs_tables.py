@@ -20,7 +20,7 @@ from palpate.grasp.result import Outcome
 from palpate.grasp.verdict import outcome_text
 from palpate.gripper import dynamixel, feetech, pneumatic
 from palpate.recording.channels import SCHEMAS
-from palpate.rig.option_types import in_words
+from palpate.rig.file import in_words
 from palpate.sensor.board_array import layout_named, open_board
 
 

@@ -6,16 +6,16 @@ import importlib
 import inspect
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from palpate.clock import RealClock
 from palpate.errors import CalibrationError, InputError, PalpateError
 from palpate.gripper.interface import Gripper
 from palpate.rig import Rig, open_rig
-from palpate.rig.option_types import fault_in
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import Calibration
 
@@ -27,6 +27,12 @@ _PARTS = {
 }
 _MAKE = "`palpate init` writes a whole one (--gripper for the hand); --rig sim-rigid is simulated"
 _EXAMPLE = 'e.g. open = "my_package.my_module:open_array"'
+_WORDS: Mapping[Any, str] = {
+    str: "text in quotes",
+    int: "a whole number",
+    float: "a finite number",
+    bool: "true or false",
+}
 #: How many load cells a board reads.
 _CELLS = (1, 2)
 
@@ -67,13 +73,12 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
     rig_file = read_rig_file(path)
     calibration = Calibration.load(rig_file.calibration)
     array, gripper = open_devices(rig_file)
-    if difference := calibration.layout.difference(array.layout):
+    try:
+        check_layout(calibration, array, file=rig_file.calibration, rig_file=path)
+    except CalibrationError:
         gripper.close()
         array.close()
-        raise CalibrationError(
-            f"calibration {rig_file.calibration}: it is of another sensor ({difference}); fix "
-            f"[array] in {path}, or calibrate again"
-        )
+        raise
     return Rig(
         name=path.name,
         array=array,
@@ -81,6 +86,20 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
         clock=RealClock(),
         calibration=calibration,
     )
+
+
+def check_layout(
+    calibration: Calibration, array: PressureArray, *, file: Path, rig_file: Path
+) -> None:
+    """Refuse a calibration of another sensor.
+
+    Raises `CalibrationError` if it was made with another layout, divider or wiring.
+    """
+    if difference := calibration.layout.difference(array.layout):
+        raise CalibrationError(
+            f"calibration {file}: it is of another sensor ({difference}); fix [array] in "
+            f"{rig_file}, or calibrate again"
+        )
 
 
 def used_in(path: Path, stated: Mapping[str, Any]) -> str:
@@ -207,15 +226,61 @@ def open_stated(path: Path, part: str, table: Any, **shared: Any) -> Any:
     stated = {key: value for key, value in table.items() if key != "open"}
     if fault := fault_in(stated, opener):
         raise InputError(f"rig file {path}: [{part}] {fault}")
-    asked = {name: value for name, value in shared.items() if _takes(opener, name)}
+    try:
+        takes = list(inspect.signature(opener).parameters)
+    except ValueError:  # built in, without a signature
+        takes = []
+    asked = {name: value for name, value in shared.items() if name in takes}
     try:
         return opener(**stated, **asked)
     except (TypeError, ValueError) as error:
         raise InputError(f"rig file {path}: [{part}]: {error}") from error
 
 
-def _takes(opener: Any, name: str) -> bool:
+def fault_in(options: Mapping[str, Any], opener: Callable[..., Any]) -> str | None:
+    """Return what an opener could not take of some options, in words; None if nothing.
+
+    `options`: what is stated, by name.
+    `opener`: what is to get them by keyword. Parameters without a plain type are not checked.
+
+    >>> def open_board(*, port: str, rate_hz: float = 250.0): ...
+    >>> fault_in({"port": 3}, open_board)
+    'port = 3: it must be text in quotes'
+    >>> fault_in({"prot": "/dev/ttyACM0"}, open_board)
+    "it knows no 'prot'; there are port, rate_hz"
+    """
     try:
-        return name in inspect.signature(opener).parameters
-    except ValueError:  # built in, without a signature
-        return False
+        parameters = inspect.signature(opener).parameters
+        hints = get_type_hints(opener)
+    except (NameError, TypeError, ValueError):  # built in, or with types that do not exist
+        return None
+    by_name = (inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    named = [p.name for p in parameters.values() if p.kind in by_name]
+    takes_all = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
+    for name, value in options.items():
+        if name not in named and not takes_all:
+            return f"it knows no {name!r}; there are {', '.join(named)}"
+        if not _fits(value, hints.get(name)):
+            return f"{name} = {value!r}: it must be {in_words(hints[name])}"
+    return None
+
+
+def _fits(value: object, wanted: Any) -> bool:
+    if wanted is float:
+        return type(value) is int or (isinstance(value, float) and math.isfinite(value))
+    if wanted in (str, int, bool):
+        return type(value) is wanted
+    if get_origin(wanted) is Literal:
+        return value in get_args(wanted)
+    if get_origin(wanted) in (Union, UnionType):
+        return any(_fits(value, one) for one in get_args(wanted) if one is not NoneType)
+    return True
+
+
+def in_words(wanted: Any) -> str:
+    """Return what a value must be to fit a type hint, in words."""
+    if get_origin(wanted) is Literal:
+        return f"one of {', '.join(map(repr, get_args(wanted)))}"
+    if get_origin(wanted) in (Union, UnionType):
+        return " or ".join(in_words(one) for one in get_args(wanted) if one is not NoneType)
+    return _WORDS[wanted]

@@ -9,7 +9,7 @@ from pathlib import Path
 from palpate.clock import Clock, RealClock
 from palpate.errors import CalibrationError
 from palpate.recording.contents import Origin
-from palpate.rig.file import open_stated, stated_in
+from palpate.rig.file import check_layout, open_stated, stated_in
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import Calibration
 
@@ -56,21 +56,12 @@ def open_sensor(path: Path) -> SensorRig:
     """
     stated = stated_in(path)
     array: PressureArray = open_stated(path, "array", stated.get("array"))
+    file, calibration = path.parent / str(stated.get("calibration", "")), None
     try:
-        calibration = _calibration(path.parent / str(stated.get("calibration", "")), array)
+        if file.is_file():
+            calibration = Calibration.load(file)
+            check_layout(calibration, array, file=file, rig_file=path)
     except CalibrationError:
         array.close()
         raise
     return SensorRig(name=path.name, array=array, clock=RealClock(), calibration=calibration)
-
-
-def _calibration(file: Path, array: PressureArray) -> Calibration | None:
-    if not file.is_file():
-        return None
-    calibration = Calibration.load(file)
-    if difference := calibration.layout.difference(array.layout):
-        raise CalibrationError(
-            f"calibration {file}: it is of another sensor ({difference}); fix [array] in the rig "
-            "file, or calibrate again"
-        )
-    return calibration
