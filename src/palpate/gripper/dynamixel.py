@@ -116,21 +116,19 @@ class DynamixelGripper:
 
         Raises `DeviceError` if it does not answer, or a hardware error has switched its torque off.
         """
-        limits = self.limits
-        target_mm = min(max(wanted.target, limits.lowest), limits.highest)
-        rate = min(wanted.rate, limits.fastest)
+        wanted = self.limits.clamp(wanted)
         now_mm = self._width_mm(self._line.read(x.PRESENT_POSITION))
         self._refuse_errors()
-        tick = self._tick(target_mm)
+        tick = self._tick(wanted.target)
         sent_mm = self._width_mm(tick)
         steepest = self._fingers.steepest_mm_per_rad(self._within(now_mm), sent_mm)
         # 0 would mean as fast as it can.
-        velocity = max(int(rate / steepest / x.RAD_PER_S_PER_VELOCITY), 1)
+        velocity = max(int(wanted.rate / steepest / x.RAD_PER_S_PER_VELOCITY), 1)
         self._write_goal(x.PROFILE_VELOCITY, velocity)
         self._write_goal(x.GOAL_POSITION, tick)
         turn_rad = abs(self._fingers.angle_rad(sent_mm) - self._angle_rad(now_mm))
         takes_s = turn_rad / (velocity * x.RAD_PER_S_PER_VELOCITY)
-        mean = abs(sent_mm - now_mm) / takes_s if takes_s > 0 else rate
+        mean = abs(sent_mm - now_mm) / takes_s if takes_s > 0 else wanted.rate
         return GripperCommand(target=sent_mm, rate=mean)
 
     def stop(self) -> None:

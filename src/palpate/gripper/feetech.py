@@ -111,22 +111,20 @@ class FeetechGripper:
 
         Raises `DeviceError` if it does not answer, or protects itself.
         """
-        limits = self.limits
-        target_mm = min(max(wanted.target, limits.lowest), limits.highest)
-        rate = min(wanted.rate, limits.fastest)
+        wanted = self.limits.clamp(wanted)
         now = _position(self._read())
         now_mm = min(max(self._width_mm(now), self._jaw.reach_mm[0]), self._jaw.reach_mm[1])
-        tick = self._tick(target_mm)
+        tick = self._tick(wanted.target)
         sent_mm = self._width_mm(tick)
         steepest = self._jaw.steepest_mm_per_rad(now_mm, sent_mm)
         # 0 would mean as fast as it can.
-        self._velocity = max(int(rate / steepest / sts.RAD_PER_TICK), 1)
+        self._velocity = max(int(wanted.rate / steepest / sts.RAD_PER_TICK), 1)
         self._target, self._stood = tick, False
         self._line.write(sts.GOAL_VELOCITY, self._velocity)
         self._send(self._apply_leash(now))
         takes_s = abs(tick - now) / self._velocity
-        mean = abs(sent_mm - now_mm) / takes_s if takes_s > 0 else rate
-        return GripperCommand(target=sent_mm, rate=min(mean, rate))
+        mean = abs(sent_mm - now_mm) / takes_s if takes_s > 0 else wanted.rate
+        return GripperCommand(target=sent_mm, rate=min(mean, wanted.rate))
 
     def stop(self) -> None:
         """Stop where it is, if it moves: a new goal would only loosen a grip that holds.

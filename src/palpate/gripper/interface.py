@@ -54,6 +54,20 @@ class GripperLimits:
         """Return the command's target for a closure."""
         return self.highest - closure if self.drive == "width" else self.lowest + closure
 
+    def clamp(self, wanted: GripperCommand) -> GripperCommand:
+        """Return a command with its target within the range, and no faster than it may be.
+
+        Examples
+        --------
+        >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
+        >>> limits.clamp(GripperCommand(target=80.0, rate=90.0))
+        GripperCommand(target=74.0, rate=60.0)
+        """
+        return GripperCommand(
+            target=min(max(wanted.target, self.lowest), self.highest),
+            rate=min(wanted.rate, self.fastest),
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GripperState:

@@ -112,12 +112,11 @@ class PneumaticGripper:
         Raises `DeviceError` if the board is gone, or its ceiling has tripped: then it takes no
         pressure.
         """
-        limits = self.limits
-        target_kpa = round(min(max(wanted.target, limits.lowest), limits.highest), 3)
-        slew = round(min(max(wanted.rate, 0.001), limits.fastest), 3)
+        wanted = self.limits.clamp(wanted)
+        target_kpa, slew = round(wanted.target, 3), round(max(wanted.rate, 0.001), 3)
         newest = self._board.newest()
         tripped = newest is not None and newest.status & BoardStatus.CEILING_TRIPPED
-        if tripped and target_kpa > limits.lowest:
+        if tripped and target_kpa > self.limits.lowest:
             raise DeviceError(
                 "the board has vented the fingers: a pixel reached its ceiling. Take the cause "
                 "away, then open the rig again"

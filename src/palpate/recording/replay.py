@@ -136,10 +136,7 @@ class ReplayGripper:
 
     def command(self, wanted: GripperCommand) -> GripperCommand:
         """Return the command as it would be sent, clamped to the limits."""
-        return GripperCommand(
-            target=min(max(wanted.target, self.limits.lowest), self.limits.highest),
-            rate=min(wanted.rate, self.limits.fastest),
-        )
+        return self.limits.clamp(wanted)
 
     def stop(self) -> None:
         """Do nothing: what happened has happened."""

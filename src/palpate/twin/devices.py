@@ -159,10 +159,7 @@ class TwinGripper:
         # A servo goes to steps of its encoder, a regulator to those of its converter.
         step = _WIDTH_STEP_MM if limits.drive == "width" else _PRESSURE_STEP_KPA
         target = round(wanted.target / step) * step
-        sent = GripperCommand(
-            target=min(max(target, limits.lowest), limits.highest),
-            rate=min(max(wanted.rate, 0.01), limits.fastest),
-        )
+        sent = limits.clamp(GripperCommand(target=target, rate=max(wanted.rate, 0.01)))
         self._world.drive(sent.target, rate=sent.rate)
         return sent
 

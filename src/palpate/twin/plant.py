@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cache, partial
 
 import numpy as np
 
@@ -64,20 +64,6 @@ class PlantState:
     def pixels(self) -> SheetState:
         """State of the sheet."""
         return self.sheet()
-
-
-class _Once:
-    """What an act returns, worked out at the first call."""
-
-    def __init__(self, act: Callable[[], SheetState]) -> None:
-        self._act = act
-
-    @cached_property
-    def _found(self) -> SheetState:
-        return self._act()
-
-    def __call__(self) -> SheetState:
-        return self._found
 
 
 class Plant:
@@ -209,7 +195,7 @@ class Plant:
         return replace(
             state,
             time_s=time_s,
-            sheet=_Once(towards),
+            sheet=cache(towards),
             closure_mm=closure_mm,
             squeeze=squeeze,
             peak_force_n=max(state.peak_force_n, squeeze.force_n),
