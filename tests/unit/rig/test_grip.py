@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +17,6 @@ from palpate.twin.world import World
 
 def open_tomato() -> palpate.Rig:
     return palpate.open_rig("sim-rigid", object_name="tomato", seed=4)
-
-
-def test_read_open_hand_shows_rest_and_no_contact() -> None:
-    with open_tomato() as rig:
-        readings = [rig.read() for _ in range(3)]
-    assert [reading.contact for reading in readings] == [False] * 3
-    assert np.abs(readings[-1].change_percent).max() < 3.0
-    assert readings[0].time_s < readings[1].time_s < readings[2].time_s
 
 
 def test_grasp_holds_until_released() -> None:
@@ -43,9 +36,11 @@ def test_grasp_holds_until_released() -> None:
         assert grip.release() is result
 
 
-def test_leaving_the_block_releases_the_object() -> None:
+def test_leaving_the_block_releases_what_no_second_grasp_takes() -> None:
     with open_tomato() as rig:
         grip = rig.grasp()
+        with pytest.raises(palpate.InputError, match="release it first"):
+            rig.grasp()
     assert not grip.is_holding
     assert grip.outcome is palpate.Outcome.HELD
 
@@ -67,11 +62,11 @@ def test_an_error_in_the_block_stops_and_does_not_drop_the_object() -> None:
     assert width < rig.gripper.limits.highest - 10.0
 
 
-def test_grasp_while_holding_is_refused() -> None:
+@pytest.fixture(scope="module")
+def idle() -> Iterator[palpate.Rig]:
+    """A rig that nothing has moved."""
     with open_tomato() as rig:
-        rig.grasp()
-        with pytest.raises(palpate.InputError, match="release it first"):
-            rig.grasp()
+        yield rig
 
 
 @pytest.mark.parametrize(
@@ -84,22 +79,37 @@ def test_grasp_while_holding_is_refused() -> None:
         ({"kind": "kiwi"}, "give damage=FILE too"),
     ],
 )
-def test_grasp_refuses_what_the_command_refuses(options: dict[str, float], message: str) -> None:
-    with open_tomato() as rig:
-        with pytest.raises(palpate.InputError, match=message):
-            rig.grasp(**options)  # type: ignore[arg-type]
-        assert rig.read().time_s < 0.5
+def test_grasp_refuses_what_the_command_refuses(
+    options: dict[str, float], message: str, idle: palpate.Rig
+) -> None:
+    with pytest.raises(palpate.InputError, match=message):
+        idle.grasp(**options)  # type: ignore[arg-type]
+    assert idle.read().time_s < 0.5
 
 
-def test_grasp_records_every_frame_until_release(tmp_path: Path) -> None:
+def test_read_open_hand_shows_rest_and_no_contact(idle: palpate.Rig) -> None:
+    readings = [idle.read() for _ in range(3)]
+    assert [reading.contact for reading in readings] == [False] * 3
+    assert np.abs(readings[-1].change_percent).max() < 3.0
+    assert readings[0].time_s < readings[1].time_s < readings[2].time_s
+
+
+def test_grasp_records_every_frame_and_prints_as_the_command(tmp_path: Path) -> None:
     file = tmp_path / "grasp.mcap"
     with open_tomato() as rig:
         grip = rig.grasp(target_force_n=2.0, record=file)
+        texts = [repr(rig), repr(rig.read()), repr(grip)]
+        document = grip.to_dict()
         result = grip.release()
     recording = load_recording(file)
     assert recording.info.target_force_n == 2.0
     assert recording.info.seed == 4
     assert recording.time_s.size == result.frames
+    assert json.loads(json.dumps(document, allow_nan=False))["outcome"] == "held"
+    assert document["simulated"] is True
+    assert texts[0] == "Rig('sim-rigid', simulated, tomato)"
+    assert texts[2].startswith("Grip(held, size ")
+    assert all("\n" not in text and len(text) < 90 for text in texts)
 
 
 def test_grasp_of_nothing_ends_without_holding() -> None:
@@ -116,19 +126,3 @@ def test_grasp_of_nothing_ends_without_holding() -> None:
         grip = rig.grasp()
         assert grip.outcome is palpate.Outcome.NOTHING_THERE
         assert not grip.is_holding
-
-
-def test_to_dict_is_the_document_of_the_command() -> None:
-    with open_tomato() as rig:
-        document = rig.grasp(target_force_n=2.0).to_dict()
-    assert json.loads(json.dumps(document, allow_nan=False))["outcome"] == "held"
-    assert document["simulated"] is True
-
-
-def test_repr_is_one_short_line() -> None:
-    with open_tomato() as rig:
-        grip = rig.grasp(target_force_n=2.0)
-        texts = [repr(rig), repr(rig.read()), repr(grip)]
-    assert texts[0] == "Rig('sim-rigid', simulated, tomato)"
-    assert texts[2].startswith("Grip(held, size ")
-    assert all("\n" not in text and len(text) < 90 for text in texts)

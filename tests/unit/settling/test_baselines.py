@@ -1,4 +1,4 @@
-"""The recorded value and the log law."""
+"""The log law."""
 
 from __future__ import annotations
 
@@ -6,17 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.settling.log_law import LogLaw
-from palpate.settling.recorded import Recorded
 from palpate.settling.result import Status
-
-
-def test_recorded_is_the_last_sample() -> None:
-    estimate = Recorded().predict(
-        np.array([0.0, 1.0]), np.array([[1.0, 2.0], [3.0, 4.0]]), horizon_s=20, level=0.9
-    )
-    assert estimate.value.tolist() == [2.0, 4.0]
-    assert estimate.status.tolist() == [Status.OK, Status.OK]
-    assert estimate.window_s.tolist() == [0.0, 0.0]
 
 
 def test_log_law_continues_a_logarithm_from_each_holds_own_peak() -> None:

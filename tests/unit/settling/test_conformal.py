@@ -28,10 +28,9 @@ def test_intervals_cover_new_holds_at_their_level() -> None:
     values = np.stack([hold.values for hold in holds(400, seed=2)])
     settled = values[:, (TIME_S >= 19.5) & (TIME_S <= 20)].mean(axis=1)
     for method in (Recorded(), Exponential()):
+        calibrated = calibrate(method, holds(200, seed=1), horizon_s=20.0)
         for level in (0.5, 0.9):
-            found = calibrate(method, holds(200, seed=1), horizon_s=20.0).predict(
-                TIME_S[SEEN], values[:, SEEN], horizon_s=20.0, level=level
-            )
+            found = calibrated.predict(TIME_S[SEEN], values[:, SEEN], horizon_s=20.0, level=level)
             covered = np.mean((found.low <= settled) & (settled <= found.high))
             assert abs(covered - level) < 0.08, (method.name, level)
             assert found.method == method.name

@@ -59,17 +59,6 @@ def test_worlds_share_a_sensor_by_its_seed() -> None:
     assert not np.allclose(first.pixel_resistance_ohm(9.0), second.pixel_resistance_ohm(9.0))
 
 
-def test_what_is_read_does_not_depend_on_what_else_was_read() -> None:
-    often, seldom = held(2.5), held(2.5)
-    for time_s in np.linspace(0.0, 6.0, 700):
-        often.pixel_resistance_ohm(float(time_s))
-    for time_s in (6.1, 13.7):
-        np.testing.assert_allclose(
-            often.pixel_resistance_ohm(time_s), seldom.pixel_resistance_ohm(time_s), rtol=1e-12
-        )
-        assert often.force_n(time_s) == pytest.approx(seldom.force_n(time_s), rel=1e-12)
-
-
 def test_every_movement_makes_a_spike_upward_contact_or_not() -> None:
     for target_mm in (60.0, 50.0, 74.0):
         world = World(made(), seed=2)
