@@ -12,12 +12,13 @@ from tests.contract.hands import on_board, world_of
 from tests.contract.regulator_board import RegulatorBoard
 
 from palpate.errors import DeviceError, DeviceTimeoutError, InputError
-from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import Outcome
 from palpate.grasp.runner import run_grasp
+from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperCommand
 from palpate.gripper.pneumatic import SOFT_LIMITS, PneumaticGripper, open_gripper
 from palpate.recording import RecordingInfo, RecordingWriter, load_recording
@@ -113,8 +114,8 @@ def test_a_grasp_through_the_board(plan: Plan, board: RegulatorBoard) -> None:
     array, gripper = on_board(board.world, board)
     held: list[Truth] = []
 
-    def look(belief: Belief) -> None:
-        if belief.phase is Phase.HOLD:
+    def look(grasp_state: GraspState) -> None:
+        if grasp_state.phase is Phase.HOLD:
             held.append(board.world.truth())
 
     clock = board.world.clock
@@ -151,8 +152,8 @@ def test_a_fault_ends_the_grasp_and_vents(
     array, gripper = on_board(world, board)
     struck_s: list[float] = []
 
-    def striker(belief: Belief) -> None:
-        if belief.phase is Phase.SQUEEZE and not struck_s:
+    def striker(grasp_state: GraspState) -> None:
+        if grasp_state.phase is Phase.SQUEEZE and not struck_s:
             struck_s.append(world.clock.now_s())
             STRIKES[strike][0](board)
 

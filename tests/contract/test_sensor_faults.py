@@ -16,12 +16,13 @@ from tests.contract.hands import object_of, world_of
 from tests.contract.regulator_board import RegulatorBoard
 
 from palpate.clock import ManualClock
-from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import Watcher, run_grasp
+from palpate.grasp.state import GraspState
 from palpate.recording import RecordingInfo, RecordingWriter, load_recording
 from palpate.rig.simulated import calibrated
 from palpate.sensor.array import PressureArray
@@ -50,11 +51,13 @@ class Struck:
     struck_s: float = math.nan
     strike: Callable[[Struck], None]
 
-    def watch(self, belief: Belief) -> None:
+    def watch(self, grasp_state: GraspState) -> None:
         now_s = self.world.clock.now_s()
         if math.isfinite(self.struck_s):
             return
-        held = belief.phase in (Phase.SETTLE, Phase.HOLD) and belief.still_s > 0.5
+        held = (
+            grasp_state.phase in (Phase.SETTLE, Phase.HOLD) and grasp_state.estimate.still_s > 0.5
+        )
         if (now_s > BEGINS_S + 1.0) if self.early else held:
             self.struck_s = now_s
             self.strike(self)

@@ -15,7 +15,7 @@ from tests.contract.hands import BAUD, REPLY_S, on_servo, world_of
 from tests.contract.servo_bus import ServoBus
 
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, InputError
-from palpate.grasp.belief import Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.paper import Paper
 from palpate.grasp.paper_method import by_paper
 from palpate.grasp.plan import Plan

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import DeviceError
-from palpate.grasp.belief import Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.pixel_ceiling import ceiling_counts
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import Outcome

@@ -221,7 +221,7 @@ def test_stop_mid_grasp_stops_the_twin_within_100_ms(driver: Page, folder: Path,
     else:
         driver.keyboard.press("Escape")
     verdict(driver, "stopped on request")
-    # The verdict comes with the last belief; how long the stop took, when the order has ended.
+    # The verdict comes with the last grasp_state; how long the stop took, when the order has ended.
     took = re.compile(r"stopped (\d+) ms after")
     expect(driver.locator("#verdict .why")).to_have_text(took)
     said = took.search(driver.locator("#verdict .why").inner_text())

@@ -11,7 +11,7 @@ import pytest
 from palpate.cli import build_app, run
 from palpate.clock import ManualClock
 from palpate.errors import RecordingError
-from palpate.grasp.belief import Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp

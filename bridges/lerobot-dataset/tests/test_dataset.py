@@ -16,11 +16,11 @@ import pytest
 
 from palpate.cli import build_app, run
 from palpate.errors import RecordingError
-from palpate.grasp.belief import Belief
 from palpate.grasp.phases import Phase
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.requests import Requests
 from palpate.grasp.runner import run_grasp
+from palpate.grasp.state import GraspState
 from palpate.gripper.interface import Gripper, GripperCommand, GripperLimits, GripperState
 from palpate.recording import RecordingWriter, load_recording
 from palpate.rig import open_rig
@@ -120,8 +120,8 @@ def test_a_hand_that_was_driven_otherwise_is_refused(tmp_path: Path) -> None:
     file, requests = tmp_path / "given_back.mcap", Requests()
     rig = open_rig("sim-rigid", seed=3)
 
-    def give_back(belief: Belief) -> None:
-        if belief.phase is Phase.HOLD:
+    def give_back(grasp_state: GraspState) -> None:
+        if grasp_state.phase is Phase.HOLD:
             requests.release.set()
 
     with open_grasp_recording(file, rig=rig, seed=3, target_force_n=TARGET_N) as writer:

@@ -13,7 +13,7 @@ from palpate.cli import build_app
 from palpate.commands.outcome import run
 from palpate.estimate.damage import DamageModel, fit_damage_model
 from palpate.estimate.strength import ClosingCurve
-from palpate.grasp.belief import Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult, Outcome

@@ -146,11 +146,11 @@ class GripperNode(Node):
         return found
 
     def _feedback(self, order: Grasping) -> Grasp.Feedback:
-        belief, state = order.belief, self.hand.state
+        grasp_state, state = order.grasp_state, self.hand.state
         return Grasp.Feedback(
-            phase=str(belief.phase),
-            force_n=float(belief.force_n),
-            force_high_n=float(belief.force_high_n),
+            phase=grasp_state.activity,
+            force_n=float(grasp_state.estimate.force_n),
+            force_high_n=float(grasp_state.estimate.force_high_n),
             width_mm=math.nan if state is None else state.width_mm,
             pressure_kpa=math.nan if state is None else state.pressure_kpa,
         )

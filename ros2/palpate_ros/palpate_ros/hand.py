@@ -10,10 +10,11 @@ from typing import Any
 
 from palpate import plan_grasp, run_grasp
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
-from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperCommand, GripperState
 from palpate.rig import Rig
 from palpate.sensor.array import Frame, PressureArray
@@ -34,7 +35,7 @@ class Grasping:
 
     Attributes
     ----------
-    belief : Belief
+    grasp_state : GraspState
         The newest.
     known : Event
         Set when there is an answer and the object is held, or the grasp is over.
@@ -48,7 +49,7 @@ class Grasping:
 
     target_force_n: float | None
     kind: str
-    belief: Belief = field(default_factory=Belief)
+    grasp_state: GraspState = field(default_factory=GraspState)
     requests: Requests = field(default_factory=Requests)
     known: threading.Event = field(default_factory=threading.Event)
     over: threading.Event = field(default_factory=threading.Event)
@@ -194,10 +195,10 @@ class Hand:
                 **self._options,
             )
 
-            def watch(belief: Belief) -> None:
-                order.belief = belief
-                if belief.phase is Phase.HOLD and not order.known.is_set():
-                    order.result = belief.result
+            def watch(grasp_state: GraspState) -> None:
+                order.grasp_state = grasp_state
+                if grasp_state.phase is Phase.HOLD and not order.known.is_set():
+                    order.result = grasp_state.result
                     order.known.set()
 
             def see(observation: Observation) -> None:

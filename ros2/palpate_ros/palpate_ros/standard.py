@@ -117,7 +117,7 @@ class StandardGripper:
         if isinstance(order, Grasping):
             found = None if order.result is None else order.result.force_n
             answer_n = None if found is None else found.value
-            force_n = order.belief.force_n if answer_n is None else answer_n
+            force_n = order.grasp_state.estimate.force_n if answer_n is None else answer_n
         position_m = math.nan if state is None else state.width_mm / 1e3
         if action is GripperCommand:
             return {"position": position_m, "effort": float(force_n)}

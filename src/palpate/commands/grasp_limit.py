@@ -11,8 +11,8 @@ from palpate.errors import InputError
 
 if TYPE_CHECKING:
     from palpate.estimate.damage_file import DamageFile
-    from palpate.grasp.belief import Belief
     from palpate.grasp.result import GraspResult
+    from palpate.grasp.state import GraspState
 
 
 class Limit:
@@ -26,9 +26,9 @@ class Limit:
         self._path = path
         self._low_n = math.inf
 
-    def see(self, belief: Belief) -> None:
-        """Take the controller's next belief."""
-        self._low_n = belief.damage_low_n
+    def see(self, grasp_state: GraspState) -> None:
+        """Take the controller's next grasp_state."""
+        self._low_n = grasp_state.estimate.damage_low_n
 
     def to_dict(self, result: GraspResult) -> dict[str, object]:
         """Return what the limit was and did, as in the JSON of the grasp."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from palpate.errors import InputError, StoreError
 
 if TYPE_CHECKING:
-    from palpate.grasp.belief import Observation
+    from palpate.grasp.estimator import Observation
     from palpate.grasp.plan import Plan
     from palpate.grasp.result import GraspResult
     from palpate.grasp.runner import Watcher

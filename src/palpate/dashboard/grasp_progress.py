@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from palpate.dashboard.grip_force import ContactGains, settled_gain
 from palpate.estimate.gain import Gain
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.answer import Settled, answered, forecast
-from palpate.grasp.belief import Belief
-from palpate.grasp.phases import Phase
+from palpate.grasp.answers import Settled, forecast
+from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Moment
+from palpate.grasp.state import GraspState
 
-_FORECAST_IN = (Phase.SETTLE, Phase.ADJUST, Phase.HOLD)
+_FORECAST_IN = (Phase.SETTLE, Phase.HOLD)
 #: Before these, a first answer may be corrected by another movement.
-_DECIDED_IN = (Phase.HOLD, Phase.RELEASE, Phase.STOPPED)
+_DECIDED_IN = (Phase.HOLD, Phase.RELEASE, Phase.DONE)
 #: A forecast from fewer touches than this is noise; with more than that, every other will do.
 _FEWEST, _MOST = 4, 200
 
@@ -66,16 +66,16 @@ class GraspProgress:
 
 
 def grasp_progress_of(
-    belief: Belief, *, plan: Plan, before: GraspProgress | None, forecasts: bool
+    grasp_state: GraspState, *, plan: Plan, before: GraspProgress | None, forecasts: bool
 ) -> GraspProgress:
-    """Return the progress of a grasp from the controller's belief.
+    """Return the progress of a grasp from the controller's grasp_state.
 
     The forecast is the controller's own function on the controller's own touches, so the band on
     the page is the one that it decides by. It goes on after the decision, while the hand holds.
 
     Parameters
     ----------
-    belief : Belief
+    grasp_state : GraspState
         After the newest frame.
     plan : Plan
         The grasp's.
@@ -84,42 +84,47 @@ def grasp_progress_of(
     forecasts : bool
         Whether to make a new one now; it costs milliseconds.
     """
-    decided = belief.result.force_n is not None and belief.phase in _DECIDED_IN
+    decided = grasp_state.result.force_n is not None and grasp_state.phase in _DECIDED_IN
     settled = settled_n = of_settled = None
-    answer = belief.result
-    if before is not None and belief.phase in (*_FORECAST_IN, Phase.RELEASE, Phase.STOPPED):
+    answer, touches = grasp_state.result, grasp_state.estimate.touches
+    # A hand that eases off is about to close again.
+    eases = grasp_state.activity == Activity.EASE
+    foreseeable = grasp_state.phase in _FORECAST_IN and not eases
+    if before is not None and (foreseeable or grasp_state.phase in (Phase.RELEASE, Phase.DONE)):
         settled, settled_n = before.settled, before.settled_n
         of_settled = before.gains.settled
-        answer = belief.result if decided else before.answer
-    if forecasts and belief.phase in _FORECAST_IN and len(belief.touches) >= _FEWEST:
-        every = len(belief.touches) // _MOST + 1
+        answer = grasp_state.result if decided else before.answer
+    if forecasts and foreseeable and len(touches) >= _FEWEST:
+        every = len(touches) // _MOST + 1
         # From the end: the newest touch is always among them.
-        thinned = replace(belief, touches=belief.touches[::-every][::-1])
-        foreseen = forecast(thinned, plan=plan)
-        would_answer = answered(thinned, foreseen, plan=plan).result
+        thinned = grasp_state.snapshot()
+        thinned.estimate.touches = touches[::-every][::-1]
+        foreseen = forecast(thinned.estimate, plan=plan)
+        thinned.take_answer(foreseen, plan=plan)
+        would_answer = thinned.result
         settled, settled_n = foreseen.relative_percent, would_answer.force_n
         of_settled = _settled_gain(settled_n, foreseen, plan)
-        answer = belief.result if decided else would_answer
+        answer = grasp_state.result if decided else would_answer
     return GraspProgress(
-        time_s=belief.now_s,
-        phase=str(belief.phase),
-        rest_ohm=belief.rest_ohm,
-        began_s=belief.began_s or 0.0,
-        force_n=belief.force_n,
+        time_s=grasp_state.estimate.now_s,
+        phase=grasp_state.activity,
+        rest_ohm=grasp_state.estimate.rest_ohm,
+        began_s=grasp_state.estimate.began_s or 0.0,
+        force_n=grasp_state.estimate.force_n,
         settled=settled,
         answer=answer,
         decided=decided,
         settled_n=settled_n,
-        gains=ContactGains(early=_early_gain(belief), settled=of_settled),
-        touched_s=_touched_s(belief),
-        moments=belief.result.moments,
-        bounds=_bounds(belief, plan),
+        gains=ContactGains(early=_early_gain(grasp_state), settled=of_settled),
+        touched_s=_touched_s(grasp_state),
+        moments=grasp_state.result.moments,
+        bounds=_bounds(grasp_state, plan),
     )
 
 
-def _early_gain(belief: Belief) -> Gain | None:
+def _early_gain(grasp_state: GraspState) -> Gain | None:
     """Return the gain that the closing gave; None before its first step."""
-    return belief.gain if belief.gain.log_sd > 0 else None
+    return grasp_state.estimate.gain if grasp_state.estimate.gain.log_sd > 0 else None
 
 
 def _settled_gain(force: Measurement | None, foreseen: Settled, plan: Plan) -> Gain | None:
@@ -129,15 +134,16 @@ def _settled_gain(force: Measurement | None, foreseen: Settled, plan: Plan) -> G
     return settled_gain(force, law_n=law_n, law=plan.settled_law)
 
 
-def _touched_s(belief: Belief) -> float | None:
+def _touched_s(grasp_state: GraspState) -> float | None:
     """Return the time from which the answer's time is counted, once there is contact."""
-    if not any(moment.name == "contact" for moment in belief.result.moments):
+    if not any(moment.name == "contact" for moment in grasp_state.result.moments):
         return None
-    return belief.felt_s if belief.felt_s is not None else belief.contact_s
+    felt_s = grasp_state.attempt.felt_s
+    return grasp_state.estimate.contact_s if felt_s is None else felt_s
 
 
-def _bounds(belief: Belief, plan: Plan) -> Bounds:
-    limit_n = belief.damage_low_n
+def _bounds(grasp_state: GraspState, plan: Plan) -> Bounds:
+    limit_n = grasp_state.estimate.damage_low_n
     return Bounds(
         target_n=plan.target_force_n,
         damage_low_n=limit_n if math.isfinite(limit_n) else None,

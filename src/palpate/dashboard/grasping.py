@@ -9,10 +9,11 @@ from palpate.dashboard.messages import Grasped
 from palpate.dashboard.orders import GraspOrder, OpenHand
 from palpate.errors import DeviceError
 from palpate.estimate.damage_file import recorded_model
-from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
+from palpate.grasp.state import GraspState
 from palpate.produce.ripeness.closing import ClosingWatch
 from palpate.rig.recorded import open_grasp_recording
 from palpate.sensor.array import FRAME_TIMEOUT_S
@@ -51,10 +52,10 @@ def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
             """Write each frame with the gripper's state next to it."""
             writer.add_observation(observation.frame, gripper=observation.gripper)
 
-        def react(belief: Belief) -> None:
+        def react(grasp_state: GraspState) -> None:
             # A hand that vents, or was opening already, is stopped only when it is open.
             """Confirm a stop as soon as the hand opens."""
-            if belief.phase is Phase.RELEASE and context.requests.stop.is_set():
+            if grasp_state.phase is Phase.RELEASE and context.requests.stop.is_set():
                 context.confirm_stop()
 
         closing = ClosingWatch(plan)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from palpate.dashboard.frames import FrameSource
 from palpate.errors import InputError, PalpateError, StoreError
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.belief import Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.recording import RecordingReader
 from palpate.recording.replay import observations

@@ -19,9 +19,9 @@ from palpate.dashboard.orders import Play
 from palpate.dashboard.playback_clock import PlaybackClock
 from palpate.dashboard.telemetry import Telemetry, columns
 from palpate.errors import RecordingError
-from palpate.grasp.belief import Belief, Observation
-from palpate.grasp.controller import released, step
+from palpate.grasp.controller import GraspController
 from palpate.grasp.decide_again import recorded_plan
+from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.requests import Requests
@@ -131,9 +131,9 @@ def _decided_again(
         for frame, state in stretch:
             if again is not None and state is not None:
                 again.see(frame, state)
-                if not phases or phases[-1][1] != again.belief.phase:
-                    phases.append((frame.time_s, str(again.belief.phase)))
-        if again is not None and again.belief.frames:
+                if not phases or phases[-1][1] != again.grasp_state.activity:
+                    phases.append((frame.time_s, again.grasp_state.activity))
+        if again is not None and again.grasp_state.estimate.frames:
             before = progresses[-1] if progresses else None
             progresses.append(again.progress(before))
         thinned = stretch[::-every][::-1]
@@ -163,22 +163,24 @@ def _stretches(seen: list[Seen], *, lasting_s: float) -> Iterator[list[Seen]]:
 
 
 class _Again:
-    """The pure controller on recorded frames: nothing is commanded, everything is decided again."""
+    """The controller on recorded frames: nothing is commanded, everything is decided again."""
 
     def __init__(self, plan: Plan) -> None:
-        self._plan, self.belief = plan, Belief()
+        self._controller = GraspController(plan)
+        self.grasp_state = self._controller.state
 
-    def see(self, frame: Frame, state: GripperState) -> None:
-        held_at = self.belief.closure
-        if not self.belief.ended:
-            seen = Observation(frame=frame, gripper=state)
-            self.belief, _ = step(self.belief, seen, plan=self._plan)
+    def see(self, frame: Frame, report: GripperState) -> None:
+        held_at = self.grasp_state.estimate.closure
+        if not self.grasp_state.ended:
+            self._controller.step(Observation(frame=frame, gripper=report))
         # The plan holds on; when the recorded hand opened, its user wanted the object back.
-        if self.belief.phase is Phase.HOLD and state.moving and self.belief.closure < held_at:
-            self.belief, _ = released(self.belief, plan=self._plan)
+        opens = report.moving and self.grasp_state.estimate.closure < held_at
+        if self.grasp_state.phase is Phase.HOLD and opens:
+            self._controller.release()
 
     def progress(self, before: GraspProgress | None) -> GraspProgress:
-        return grasp_progress_of(self.belief, plan=self._plan, before=before, forecasts=True)
+        plan = self._controller.plan
+        return grasp_progress_of(self.grasp_state, plan=plan, before=before, forecasts=True)
 
 
 def _plan_and_source(file: Path) -> tuple[Plan | None, FrameSource]:

@@ -18,9 +18,10 @@ import numpy as np
 from palpate.dashboard.frames import Frames, FrameSource, LinkStatus
 from palpate.dashboard.grasp_progress import GraspProgress, grasp_progress_of
 from palpate.dashboard.messages import Note, Update
-from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import SafetyLimits
+from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperState
 from palpate.sensor.array import Frame, LinkCounters
 
@@ -72,7 +73,7 @@ class Telemetry:
         self._recent: deque[tuple[float, int]] = deque()
         self._periods_s: deque[float] = deque(maxlen=_PERIODS)
         self._plan: Plan | None = None
-        self._belief: Belief | None = None
+        self._belief: GraspState | None = None
         self._progress: GraspProgress | None = None
         self._forecast_s = -math.inf
         self._closed, self._hurry = threading.Event(), threading.Event()
@@ -115,13 +116,13 @@ class Telemetry:
             self._notes.append(source)
 
     def set_plan(self, plan: Plan | None) -> None:
-        """Beliefs belong to this plan from now on; None: no grasp runs."""
+        """GraspStates belong to this plan from now on; None: no grasp runs."""
         with self._lock:
             self._plan, self._belief, self._progress = plan, None, None
 
-    def take_belief(self, belief: Belief) -> None:
-        """Take the controller's belief after the last frame."""
-        self._belief = belief
+    def take_belief(self, grasp_state: GraspState) -> None:
+        """Take the controller's grasp_state after the last frame."""
+        self._belief = grasp_state
 
     def show_recorded(
         self, frame: Frame, gripper: GripperState | None, progress: GraspProgress | None
@@ -173,7 +174,7 @@ class Telemetry:
             notes, self._notes = tuple(self._notes), []
             frames = list(self._frames)
             self._frames.clear()
-            source, plan, belief = self._source, self._plan, self._belief
+            source, plan, grasp_state = self._source, self._plan, self._belief
             link, periods_s = self._link_status(), list(self._periods_s)
         if periods_s:
             p99_s, worst_s = np.quantile(periods_s, [0.99, 1.0])
@@ -182,8 +183,8 @@ class Telemetry:
             events = self._events()
             link = replace(link, corrupt=events.corrupt, late=events.late)
         progress = self._progress if plan is None else None
-        if plan is not None and belief is not None and belief.frames:
-            progress = self._progress = self._thinking(belief, plan)
+        if plan is not None and grasp_state is not None and grasp_state.estimate.frames:
+            progress = self._progress = self._thinking(grasp_state, plan)
         return Update(
             notes=notes,
             link=link,
@@ -191,13 +192,13 @@ class Telemetry:
             progress=progress,
         )
 
-    def _thinking(self, belief: Belief, plan: Plan) -> GraspProgress:
+    def _thinking(self, grasp_state: GraspState, plan: Plan) -> GraspProgress:
         """Forecasts are made a few times a second: nobody reads faster."""
         now_s = time.monotonic()
         fresh = now_s - self._forecast_s >= _FORECAST_S
         if fresh:
             self._forecast_s = now_s
-        return grasp_progress_of(belief, plan=plan, before=self._progress, forecasts=fresh)
+        return grasp_progress_of(grasp_state, plan=plan, before=self._progress, forecasts=fresh)
 
     def _link_status(self) -> LinkStatus:
         tally, recent = self._tally, self._recent

@@ -9,15 +9,16 @@ from dataclasses import replace
 from palpate.clock import Clock
 from palpate.errors import RecordingError
 from palpate.estimate.damage_file import recorded_model
-from palpate.grasp.belief import Belief, Observation, observed
 from palpate.grasp.controller import PAPER_HANDLERS
+from palpate.grasp.estimator import Observation
 from palpate.grasp.paper import Paper
-from palpate.grasp.paper_method import by_paper, with_size
+from palpate.grasp.paper_method import by_paper, note_size
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import HOLD_S, LONGEST_S, Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import Subscriber, Watcher, run_grasp
+from palpate.grasp.state import GraspState
 from palpate.gripper.interface import Gripper
 from palpate.recording import RecordingInfo, Replay, ReplayGripper
 from palpate.sensor.calibration import Calibration
@@ -34,7 +35,7 @@ def decide_again(
     """Run a recorded grasp again.
 
     `gripper`: takes the commands; by default the recorded one, which they don't change.
-    `subscribers`, `watchers`: see every observation and every belief, as in `run_grasp`.
+    `subscribers`, `watchers`: see every observation and every state, as in `run_grasp`.
     Raises `RecordingError` if it is not of a grasp: it has no calibration or no gripper;
     `CalibrationError` if its calibration can't be read.
     """
@@ -84,33 +85,28 @@ def read_by_paper(source: Replay, paper: Paper) -> GraspResult:
     """
     gripper = ReplayGripper(source)
     plan = recorded_plan(replace(source.info, paper=paper.as_text()), gripper=gripper)
-    belief, closure, stops = Belief(), math.nan, [0.0]
-    while not source.ended and belief.phase not in (Phase.HOLD, Phase.RELEASE):
+    state, closure, stops = GraspState(), math.nan, [0.0]
+    while not source.ended and state.phase not in (Phase.HOLD, Phase.RELEASE):
         frame = source.read(timeout_s=math.inf)
-        state = gripper.state()
+        report = gripper.state()
         # A small step begins and ends between two frames, neither of which sees it move.
-        before, closure = closure, gripper.limits.closure(state)
+        before, closure = closure, gripper.limits.closure(report)
         stepped = abs(closure - before) > plan.smallest_step / 2
-        state = replace(state, moving=state.moving or stepped)
-        belief = observed(belief, Observation(frame=frame, gripper=state), plan=plan)
-        if state.moving:
-            belief = replace(belief, moved_s=frame.time_s)
+        report = replace(report, moving=report.moving or stepped)
+        state.estimate.update(Observation(frame=frame, gripper=report), plan=plan)
+        state.notice_fingers()
+        if report.moving:
+            state.estimate.moved_s = frame.time_s
             continue
-        seeking = belief.phase is Phase.APPROACH
-        belief, _ = PAPER_HANDLERS[belief.phase](belief, plan)
-        if seeking and belief.phase is Phase.SQUEEZE:
+        seeking = state.phase is Phase.APPROACH
+        PAPER_HANDLERS[state.phase](state, plan)
+        if seeking and state.phase is Phase.SQUEEZE:
             # The hand may have stood too shortly before to be read there.
             before = max((stop for stop in stops if stop < closure), default=closure)
-            belief = with_size(belief, plan, before=before)
+            note_size(state, plan, before=before)
         stops.append(closure)
-    answered, faults = belief.result.settled_percent is not None, belief.result.faults
-    if belief.phase is Phase.SETTLE and not answered:
-        faults = (*faults, f"the hand never stood still for {paper.cutoff_s:g} s after contact")
-    return replace(
-        belief.result,
-        outcome=Outcome.HELD if answered else Outcome.NOTHING_THERE,
-        faults=faults,
-        frames=belief.frames,
-        frames_lost=belief.lost,
-        peak_force_n=belief.peak_force_n if belief.contact_s is not None else None,
-    )
+    answered = state.result.settled_percent is not None
+    if state.phase is Phase.SETTLE and not answered:
+        state.add_fault(f"the hand never stood still for {paper.cutoff_s:g} s after contact")
+    outcome = Outcome.HELD if answered else Outcome.NOTHING_THERE
+    return replace(state.final_result, outcome=outcome)

@@ -14,14 +14,15 @@ from palpate.errors import CalibrationError, InputError
 from palpate.estimate.line_law import settled_line
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.weights_check import line_held_out
-from palpate.grasp.belief import Belief
+from palpate.grasp.approach import abort_insensitive, end_attempt, wait
 from palpate.grasp.paper import Paper
-from palpate.grasp.phases import Phase
+from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import HORIZON_S
-from palpate.grasp.releasing import Move, blind, nothing_there
-from palpate.grasp.rezero import rezeroed
-from palpate.grasp.step_size import closed_by, read
+from palpate.grasp.rest import take_rest
+from palpate.grasp.state import GraspState
+from palpate.grasp.step_size import close_by, read_step
+from palpate.gripper.interface import GripperCommand
 from palpate.sensor.calibration import Calibration
 from palpate.settling.exponential import Exponential
 from palpate.settling.result import Status
@@ -70,57 +71,58 @@ def with_line_law(recorded: Calibration) -> Calibration:
     return replace(recorded, force_law=line.as_dict(), held_out=held_out)
 
 
-def close_until_mean(belief: Belief, plan: Plan) -> Move:
+def close_until_mean(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Take the rest values, then close step by step until the mean of all pixels has fallen."""
-    if belief.rest_ohm is None:
-        if belief.still_s < plan.rest_s or len(belief.rest_frames) < plan.rest_frames:
-            return belief, None
-        belief = rezeroed(belief, plan=plan)
-        return belief, None if belief.rest_ohm is None else closed_by(belief, plan.step, plan)
-    if belief.still_s < plan.dwell_s or not belief.touches:
-        return belief, None
-    before = belief.staircase[-1].closure if belief.staircase else 0.0
-    belief = read(belief, plan)
-    if belief.now.relative_percent <= plan.epsilon_percent:
-        belief = replace(belief, contact_s=belief.moved_s)
-        return with_size(belief, plan, before=before).enter(Phase.SQUEEZE, note="contact"), None
-    if belief.closure >= plan.gripper.span - 2 * plan.smallest_step:
-        return nothing_there(belief, plan)
-    command = closed_by(belief, plan.step, plan)
-    return blind(belief, plan) if command is None else (belief, command)
+    if state.attempt.activity is Activity.WAIT:
+        return wait(state, plan)
+    estimate = state.estimate
+    if estimate.rest_ohm is None:
+        return close_by(estimate, plan.step, plan) if take_rest(state, plan=plan) else None
+    if estimate.still_s < plan.dwell_s or not estimate.touches:
+        return None
+    before = estimate.steps[-1].closure if estimate.steps else 0.0
+    read_step(estimate, plan)
+    if estimate.now.relative_percent <= plan.epsilon_percent:
+        estimate.contact_s = estimate.moved_s
+        note_size(state, plan, before=before)
+        state.enter(Phase.SQUEEZE, note="contact")
+        return None
+    if estimate.closure >= plan.gripper.span - 2 * plan.smallest_step:
+        return end_attempt(state, plan)
+    return close_by(estimate, plan.step, plan) or abort_insensitive(state, plan)
 
 
-def with_size(belief: Belief, plan: Plan, *, before: float) -> Belief:
+def note_size(state: GraspState, plan: Plan, *, before: float) -> None:
     """Put the width before contact into the result: the paper's size; `before`: its closure."""
     if plan.give is None:
-        return belief
-    zero_mm = plan.give.zero_mm
-    width_mm = plan.gripper.target(before)
+        return
+    zero_mm, width_mm = plan.give.zero_mm, plan.gripper.target(before)
     size = Measurement(
         value=width_mm - zero_mm,
-        low=plan.gripper.target(belief.closure) - zero_mm,
+        low=plan.gripper.target(state.estimate.closure) - zero_mm,
         high=width_mm - zero_mm,
         unit="mm",
         level=plan.level,
     )
-    result = replace(belief.result, previous_width_mm=width_mm, size_mm=size)
-    return replace(belief, result=result)
+    state.result = replace(state.result, previous_width_mm=width_mm, size_mm=size)
 
 
-def close_by_extra(belief: Belief, plan: Plan) -> Move:
+def close_by_extra(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Close further by the fixed amount, as far as that is safe."""
     assert plan.paper is not None
     extra_mm = plan.paper.extra_mm
-    return belief.enter(Phase.SETTLE), closed_by(belief, extra_mm, plan) if extra_mm else None
+    state.enter(Phase.SETTLE)
+    return close_by(state.estimate, extra_mm, plan) if extra_mm else None
 
 
-def settle_exponentially(belief: Belief, plan: Plan) -> Move:
+def settle_exponentially(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Wait for the cutoff, then predict the settled mean, and from it the force by the line."""
     assert plan.paper is not None
-    if belief.now_s - belief.moved_s < plan.paper.cutoff_s or not belief.touches:
-        return belief, None
-    time_s = np.array([touch.time_s for touch in belief.touches]) - belief.moved_s
-    percent = np.array([touch.relative_percent for touch in belief.touches])
+    estimate = state.estimate
+    if estimate.now_s - estimate.moved_s < plan.paper.cutoff_s or not estimate.touches:
+        return None
+    time_s = np.array([touch.time_s for touch in estimate.touches]) - estimate.moved_s
+    percent = np.array([touch.relative_percent for touch in estimate.touches])
     found = (
         Exponential()
         .predict(time_s, percent[None], horizon_s=plan.horizon_s, level=plan.level)
@@ -128,7 +130,7 @@ def settle_exponentially(belief: Belief, plan: Plan) -> Move:
     )
     value = float(found.value)
     # The method gives no interval: as far as it went beyond what was read, to either side.
-    beyond = abs(value - belief.now.relative_percent)
+    beyond = abs(value - estimate.now.relative_percent)
     settled = Measurement(
         value=value,
         low=value - beyond,
@@ -137,14 +139,14 @@ def settle_exponentially(belief: Belief, plan: Plan) -> Move:
         level=plan.level,
         status=Status(str(found.status)),
     )
-    contact_s = belief.moved_s if belief.contact_s is None else belief.contact_s
-    result = replace(
-        belief.result,
-        decision_time_s=round(belief.now_s - contact_s, 6),
+    state.result = replace(
+        state.result,
+        decision_time_s=round(estimate.now_s - state.touched_s, 6),
         settled_percent=settled,
         force_n=_by_line(settled, plan),
     )
-    return replace(belief, result=result).enter(Phase.HOLD, note="answer"), None
+    state.enter(Phase.HOLD, note="answer")
+    return None
 
 
 def _by_line(settled: Measurement, plan: Plan) -> Measurement | None:

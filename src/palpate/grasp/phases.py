@@ -1,4 +1,4 @@
-"""The phases of a grasp, in the order that it goes through them."""
+"""The states of a grasp, in the order that it goes through them."""
 
 from __future__ import annotations
 
@@ -6,23 +6,32 @@ from enum import StrEnum
 
 
 class Phase(StrEnum):
-    """What the grasp is doing. `adjust` returns to `settle`,
-    through `ease` where the force was too large; `stopped` is the only end.
+    """The state of a grasp; `done` is the only end, and settling may begin again after a hold.
 
-    `sweep` closes at speed until something is felt, in `felt` the hand stands still and reads, and
-    `approach` touches finely. `wait` is the open hand between two tries, where nothing was there;
-    `approach` follows it.
+    What happens within `approach` and `settle` is in `GraspState.activity`.
     """
 
-    WAIT = "wait"
     APPROACH = "approach"
-    SWEEP = "sweep"
-    FELT = "felt"
-    CONTACT = "contact"
     SQUEEZE = "squeeze"
     SETTLE = "settle"
-    ADJUST = "adjust"
-    EASE = "ease"
     HOLD = "hold"
     RELEASE = "release"
-    STOPPED = "stopped"
+    DONE = "stopped"
+
+
+class Activity(StrEnum):
+    """What a grasp does within a state.
+
+    In `approach` the hand sweeps at speed until something is felt, looks there, touches finely and
+    confirms the contact; where nothing was there it waits, open, for the next attempt. In `settle`
+    it adjusts a settled force that is off the target, and eases off where it is too large.
+    """
+
+    TOUCH = "approach"
+    SWEEP = "sweep"
+    LOOK = "felt"
+    CONFIRM = "contact"
+    WAIT = "wait"
+    FORECAST = "settle"
+    ADJUST = "adjust"
+    EASE = "ease"

@@ -19,30 +19,30 @@ class Outcome(StrEnum):
     #: The hold is over; or the user wanted the object back once its force was known (`controller`);
     #: or the paper's method, reading a recording, gave its answer (`decide_again`).
     HELD = "held"
-    #: The hand closed as often as the plan tries and felt nothing (`releasing`), or a recording
+    #: The hand closed as often as the plan tries and felt nothing (`approach`), or a recording
     #: shows the paper's method no answer (`decide_again`).
     NOTHING_THERE = "nothing_there"
-    #: What the fingers felt in the hold is gone (`controller`).
+    #: What the fingers felt in the hold is gone (`monitors`).
     SLIPPED = "slipped"
-    #: No force that is safe for the object is sure to lift it (`target`, for `controller`).
+    #: No force that is safe for the object is sure to lift it (`settle`).
     TOO_WEAK = "too_weak"
-    #: The sheet shows more than the ceiling (`controller`), or by its calibration a faint touch may
-    #: be more already (`releasing`); the servo's current shows more (`current_watch`); the board's
-    #: own ceiling has tripped (`runner`); most of the pressed pixels are beyond what the converter
-    #: reads (`pixel_watch`).
+    #: The sheet shows more than the ceiling, or the board's own ceiling has tripped (`monitors`);
+    #: by its calibration a faint touch may be more already (`approach`); the servo's current shows
+    #: more (`current_monitor`); most of the pressed pixels are beyond what the converter reads
+    #: (`pixel_monitor`).
     FORCE_LIMIT = "force_limit"
-    #: Not done within the plan's longest time (`controller`).
+    #: Not done within the plan's longest time (`monitors`).
     TIMED_OUT = "timed_out"
-    #: No frame, or only old ones (`runner`); a rest that is not this sheet's (`rezero`, for
-    #: `runner`); pixels that jump, stick or read all the same (`pixel_watch`); a sheet that shows
-    #: less while the hand closes (`controller`), or does not follow the fingers (`releasing`); a
-    #: servo that pulls more than the sheet shows (`current_watch`).
+    #: No frame, or only old ones (`runner`); a rest that is not this sheet's, one finger alone, or
+    #: a sheet that shows less while the hand closes (`monitors`); pixels that jump, stick or read
+    #: all the same (`pixel_monitor`); a sheet that does not follow the fingers (`approach`); a
+    #: servo that pulls more than the sheet shows (`current_monitor`).
     SENSOR_LOST = "sensor_lost"
-    #: The gripper does not answer or fails (`runner`), is not where it was sent, closes too fast or
-    #: reports what can't be (`tracking_error`, for `runner`); its current sticks (`current_watch`).
+    #: The gripper does not answer or fails, is not where it was sent, closes too fast or reports
+    #: what can't be (`tracking_monitor`, for `runner`); its current sticks (`current_monitor`).
     GRIPPER_FAULT = "gripper_fault"
-    #: Ctrl-C, or a request: to stop, or for the object before its force was known (`controller`,
-    #: `runner`).
+    #: Ctrl-C, or a request to stop (`runner`), or for the object before its force was known
+    #: (`controller`).
     STOPPED = "stopped"
 
 

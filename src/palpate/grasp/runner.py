@@ -7,46 +7,37 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from statistics import median
 from types import FrameType
 from typing import TypeAlias, TypeVar
 
 from palpate.clock import Clock
 from palpate.errors import DeviceError, DeviceTimeoutError
-from palpate.grasp.belief import Belief, Observation, commanded, counted
-from palpate.grasp.controller import released, step, stopped
-from palpate.grasp.current_watch import CurrentWatch
+from palpate.grasp.config import GUARDS
+from palpate.grasp.controller import GraspController
+from palpate.grasp.current_monitor import CurrentMonitor
+from palpate.grasp.estimator import ContactEstimate, Observation, closure_of
+from palpate.grasp.monitors import BoardMonitor, RestMonitor
 from palpate.grasp.phases import Phase
-from palpate.grasp.pixel_watch import PixelWatch
+from palpate.grasp.pixel_monitor import PixelMonitor
 from palpate.grasp.plan import Plan
-from palpate.grasp.releasing import Move
 from palpate.grasp.requests import Requests
-from palpate.grasp.result import GraspResult, Outcome
-from palpate.grasp.rezero import strange_rest
+from palpate.grasp.result import GraspResult
 from palpate.grasp.safety import Alarm, Danger
-from palpate.grasp.tracking_error import Following, SpeedWatch, unbelievable
-from palpate.gripper.interface import Gripper, GripperState
+from palpate.grasp.state import GraspState
+from palpate.grasp.tracking_monitor import Following, SpeedWatch, unbelievable
+from palpate.gripper.interface import Gripper, GripperCommand, GripperState
 from palpate.sensor.array import Frame, PressureArray, wrong_counts
 
 #: Gets every observation: a recorder, a view. It must return quickly; if it raises, only it ends.
 Subscriber: TypeAlias = Callable[[Observation], None]
 #: Gets what the controller makes of each observation, on the same terms.
-Watcher: TypeAlias = Callable[[Belief], None]
+Watcher: TypeAlias = Callable[[GraspState], None]
 
 _Event = TypeVar("_Event")
 
-#: How long an opening hand may take before it is stopped where it is.
-_OPENING_S = 10.0
-#: A hand that did not move at this many commands does not hear them, or can't.
-_IDLE = 4
-#: Until some frames have shown the sensor's own rate, it gets this long for each.
-_FIRST_FRAME_S = 2.0
-#: The period is the median of the last intervals, of a few at least: no single frame that is late
-#: or early moves the limit.
-_INTERVALS, _FEWEST_INTERVALS = 15, 3
-#: A frame may be scanned this far in the future: what two clocks differ by.
-_AHEAD_S = 0.1
+#: Fewest intervals between frames that show a period, once the first frames have come.
+_FEWEST_INTERVALS = 3
 
 
 class _Feed:
@@ -56,11 +47,11 @@ class _Feed:
         self._array, self._clock, self._safety = array, clock, plan.safety
         self._layout = plan.layout
         self._last_s: float | None = None
-        self._intervals_s = deque[float](maxlen=_INTERVALS)
+        self._intervals_s = deque[float](maxlen=GUARDS.intervals)
 
-    def next(self, hand: _Hand, belief: Belief) -> Frame | Alarm:
+    def next(self, hand: _Hand, estimate: ContactEstimate) -> Frame | Alarm:
         """Return the next frame, or what the hand does wrong while it is waited for."""
-        stale_after_s = _FIRST_FRAME_S
+        stale_after_s = GUARDS.first_frame_s
         if len(self._intervals_s) >= _FEWEST_INTERVALS:
             stale_after_s = self._safety.stale_after_s(median(self._intervals_s))
         until_s, glanced = self._clock.now_s() + stale_after_s, False
@@ -72,7 +63,7 @@ class _Feed:
                 break
             except DeviceTimeoutError as late:
                 if every_s < left_s:
-                    alarm, glanced = hand.glance(belief, now_s=self._clock.now_s()), True
+                    alarm, glanced = hand.glance(estimate, now_s=self._clock.now_s()), True
                 elif glanced:
                     raise DeviceTimeoutError(
                         f"no frame in {stale_after_s:.2f} s; check the sensor's cable and power"
@@ -89,7 +80,7 @@ class _Feed:
 
     def _check(self, frame: Frame, *, stale_after_s: float) -> None:
         age_s = self._clock.now_s() - frame.time_s
-        if not -max(stale_after_s, _AHEAD_S) <= age_s <= stale_after_s:
+        if not -max(stale_after_s, GUARDS.clocks_s) <= age_s <= stale_after_s:
             raise DeviceTimeoutError(
                 f"the newest frame is {age_s:.2f} s old (limit {stale_after_s:.2f} s); "
                 "check the sensor's cable and that nothing else loads this machine"
@@ -110,7 +101,7 @@ class _Hand:
     def __init__(self, gripper: Gripper, *, plan: Plan) -> None:
         self._gripper, self._plan = gripper, plan
         self._limits, self._safety = plan.gripper, plan.safety
-        self._current = CurrentWatch(plan)
+        self._current = CurrentMonitor(plan)
         self._speed = SpeedWatch(plan.gripper, safety=plan.safety)
         self._following: Following | None = None
         #: The first command since the hand was last seen to move, or not to.
@@ -130,7 +121,9 @@ class _Hand:
         self._last = state
         return state
 
-    def alarm(self, state: GripperState, *, belief: Belief, now_s: float) -> Alarm | None:
+    def check(
+        self, state: GripperState, estimate: ContactEstimate, *, now_s: float
+    ) -> Alarm | None:
         """Return what is wrong: it is not where it was sent, or presses more than it may."""
         complaint = None
         if self._following is not None:
@@ -140,7 +133,7 @@ class _Hand:
         complaint = complaint or self._speed.complaint(state, way=self._following)
         if complaint is not None:
             return Alarm(danger=Danger.GRIPPER_FAULT, words=complaint)
-        return self._current.alarm(state, belief=belief)
+        return self._current.check(state, estimate=estimate)
 
     def glance_s(self, now_s: float) -> float | None:
         """Return how often it must be looked at between frames; None if they are enough."""
@@ -148,21 +141,18 @@ class _Hand:
             return None
         return self._following.glance_s(now_s=now_s, limits=self._limits, safety=self._safety)
 
-    def glance(self, belief: Belief, *, now_s: float) -> Alarm | None:
+    def glance(self, estimate: ContactEstimate, *, now_s: float) -> Alarm | None:
         """Look at it between two frames."""
         try:
-            return self.alarm(self.state(), belief=belief, now_s=now_s)
+            return self.check(self.state(), estimate, now_s=now_s)
         except DeviceError as error:
             return Alarm(danger=Danger.GRIPPER_FAULT, words=str(error))
 
-    def send(self, move: Move, *, now_s: float) -> Belief:
-        """Send a move's command, if there is one, and follow it; return the belief updated with it.
+    def send(self, command: GripperCommand, *, now_s: float) -> float:
+        """Send a command, and follow it; return the closure that was really sent.
 
         Raises `DeviceError` if it does not answer, or did not move at the last commands.
         """
-        belief, command = move
-        if command is None:
-            return belief
         if self._unjudged is not None and self._last is not None:
             idle = self._unjudged.idle(self._last, now_s=now_s, limits=self._limits)
             if idle is not None:
@@ -170,10 +160,10 @@ class _Hand:
             if idle is not None or now_s >= self._unjudged.ends_s:
                 self._unjudged = None
             # An opening is sent all the same.
-            if self._idle >= _IDLE and command.target != self._limits.target(0.0):
+            if self._idle >= GUARDS.idle_commands and command.target != self._limits.target(0.0):
                 raise DeviceError(
-                    f"the gripper was sent on {_IDLE} times and did not move; is it blocked, "
-                    "locked or without supply?"
+                    f"the gripper was sent on {GUARDS.idle_commands} times and did not move; is it "
+                    "blocked, locked or without supply?"
                 )
         sent = self._gripper.command(command)
         if self._last is not None:
@@ -182,20 +172,20 @@ class _Hand:
             )
             # Commands that follow each other faster than a hand can move are judged together.
             self._unjudged = self._unjudged or self._following
-        return commanded(belief, sent, plan=self._plan)
+        # Grippers clamp commands, and round them to their own steps.
+        return closure_of(sent.target, self._plan)
 
-    def finish_opening(self, clock: Clock) -> list[str]:
-        """Wait for an opening without frames, by the gripper's own word; return what it lacked.
+    def finish_opening(self, state: GraspState, *, clock: Clock) -> None:
+        """Wait for an opening without frames, by the gripper's own report.
 
         The sensor is lost already, and a gripper on the same board may be as silent.
         """
-        until_s = clock.now_s() + _OPENING_S
+        until_s = clock.now_s() + GUARDS.opening_s
         try:
             while self._gripper.state().moving and clock.now_s() < until_s:
                 clock.sleep_s(0.02)
         except DeviceError as error:
-            return [str(error)]
-        return []
+            state.add_fault(str(error))
 
     def stop(self) -> DeviceError | None:
         """Stop it; return why that failed, if it did."""
@@ -224,137 +214,91 @@ def run_grasp(
     above the ceiling, by the sheet or by the servo's current, with `force_limit`. The result's
     `faults` explain why. What that means for the hand is in `palpate.grasp.safety`.
     """
-    belief, feed, faults = Belief(), _Feed(array, clock=clock, plan=plan), list[str]()
-    hand, views, beliefs = _Hand(gripper, plan=plan), list(subscribers), list(watchers)
-    pixels = PixelWatch(plan)
+    controller, feed = GraspController(plan), _Feed(array, clock=clock, plan=plan)
+    state, hand = controller.state, _Hand(gripper, plan=plan)
+    board, pixels, rest = BoardMonitor(plan), PixelMonitor(plan), RestMonitor(plan)
+    views, watching = list(subscribers), list(watchers)
     requests = Requests() if requests is None else requests
+
+    def send(command: GripperCommand | None, now_s: float) -> None:
+        if command is not None:
+            state.estimate.sent = hand.send(command, now_s=now_s)
+
     try:
         with _signals_set(requests.stop):
-            while not belief.ended:
-                asked = _asked(belief, requests, plan=plan)
-                if asked is not None:
-                    belief = hand.send(asked, now_s=clock.now_s())
-                    continue
+            while not state.ended:
+                # An opening that has begun is completed.
+                if state.phase is not Phase.RELEASE:
+                    if requests.stop.is_set():
+                        send(controller.stop(Alarm(danger=Danger.STOPPED)), clock.now_s())
+                        continue
+                    if requests.release.is_set():
+                        send(controller.release(), clock.now_s())
+                        continue
                 try:
-                    frame = feed.next(hand, belief)
+                    frame = feed.next(hand, state.estimate)
                 except DeviceError as error:
-                    faults.append(str(error))
-                    lost = stopped(belief, Danger.SENSOR_LOST, plan=plan)
-                    belief = hand.send(lost, now_s=clock.now_s())
-                    if belief.phase is Phase.RELEASE:
-                        faults += hand.finish_opening(clock)
+                    lost = Alarm(danger=Danger.SENSOR_LOST, words=str(error))
+                    send(controller.stop(lost), clock.now_s())
+                    if state.phase is Phase.RELEASE:
+                        hand.finish_opening(state, clock=clock)
                         break
                     continue
                 if isinstance(frame, Alarm):
-                    move = _heeded((belief, None), frame, faults, plan=plan)
-                    belief = hand.send(move, now_s=clock.now_s())
+                    send(_apply_alarm(frame, controller, None), clock.now_s())
                     continue
-                observation = Observation(frame=frame, gripper=hand.state())
-                alarm = _cut_off(frame, plan=plan) or pixels.alarm(observation)
-                move = _decided(belief, observation, doubtful=pixels.doubtful, plan=plan)
-                alarm = alarm or _strange(belief, move[0], plan=plan)
-                alarm = alarm or hand.alarm(observation.gripper, belief=move[0], now_s=frame.time_s)
-                _tell(views, observation, faults)
-                # Whatever fails from here on is attributed to this moment.
-                before, belief = belief, move[0]
-                if pixels.beyond is not None and pixels.beyond not in faults:
-                    faults.append(pixels.beyond)
-                faults += _given_up(before, belief, plan=plan)
+                seen = Observation(frame=frame, gripper=hand.state())
+                failed = pixels.check(seen, state)
+                command = None
+                # Nothing is decided on a doubtful frame; an opening needs no pixel.
+                if pixels.doubtful and state.phase is not Phase.RELEASE:
+                    state.estimate.count(frame)
+                else:
+                    command = controller.step(seen)
+                _notify(views, seen, state)
+                if pixels.beyond is not None and pixels.beyond not in state.result.faults:
+                    state.add_fault(pixels.beyond)
+                alarm = board.check(seen, state) or failed or rest.check(seen, state)
+                alarm = alarm or hand.check(seen.gripper, state.estimate, now_s=frame.time_s)
                 if alarm is not None:
-                    move = _heeded(move, alarm, faults, plan=plan)
-                belief = hand.send(move, now_s=frame.time_s)
-                _tell(beliefs, belief, faults)
+                    command = _apply_alarm(alarm, controller, command)
+                send(command, frame.time_s)
+                _notify(watching, state.snapshot(), state)
     except DeviceError as error:
-        faults.append(str(error))
-        belief, _ = stopped(belief, Danger.GRIPPER_FAULT, plan=plan)
+        controller.stop(Alarm(danger=Danger.GRIPPER_FAULT, words=str(error)))
     except KeyboardInterrupt:
-        belief, _ = stopped(belief, Danger.STOPPED, plan=plan)
+        controller.stop(Alarm(danger=Danger.STOPPED))
     finally:
         unstopped = hand.stop()
     if unstopped is not None:
-        faults.append(f"the stop command failed: {unstopped}")
-        belief, _ = stopped(belief, Danger.GRIPPER_FAULT, plan=plan)
-    return replace(
-        belief.result,
-        faults=(*belief.result.faults, *faults),
-        frames=belief.frames,
-        frames_lost=belief.lost,
-        peak_force_n=belief.peak_force_n if belief.contact_s is not None else None,
-    )
+        words = f"the stop command failed: {unstopped}"
+        controller.stop(Alarm(danger=Danger.GRIPPER_FAULT, words=words))
+    return state.final_result
 
 
-def _decided(belief: Belief, observation: Observation, *, doubtful: bool, plan: Plan) -> Move:
-    """Decide on an observation, or wait for the next one; an opening needs no pixel."""
-    if doubtful and belief.phase is not Phase.RELEASE:
-        return counted(belief, observation.frame), None
-    return step(belief, observation, plan=plan)
-
-
-def _cut_off(frame: Frame, *, plan: Plan) -> Alarm | None:
-    """Open where the sensor's board has tripped: it saw more on one pixel than is allowed."""
-    if not frame.ceiling_tripped:
-        return None
-    words = (
-        "the board's own ceiling has tripped: a pixel reads more than "
-        f"{plan.safety.force_ceiling_n:g} N allow; take the cause away, then open the rig again"
-    )
-    return Alarm(danger=Danger.FORCE_LIMIT, words=words)
-
-
-def _strange(before: Belief, now: Belief, *, plan: Plan) -> Alarm | None:
-    """Refuse rest values, as soon as they are taken, that can't be this sheet's."""
-    if before.rest_ohm is not None or now.rest_ohm is None:
-        return None
-    why = strange_rest(now.rest_ohm, plan=plan)
-    return None if why is None else Alarm(danger=Danger.SENSOR_LOST, words=why)
-
-
-def _given_up(before: Belief, now: Belief, *, plan: Plan) -> list[str]:
-    """Return why the controller itself has just ended the grasp, unless its outcome shows it."""
-    if now.phase is not Phase.RELEASE or before.phase is Phase.RELEASE or now.result.faults:
-        return []
-    reasons = {
-        Outcome.FORCE_LIMIT: f"the sheet shows {now.force_n:.1f} N, and "
-        f"{plan.safety.force_ceiling_n:g} N is the most allowed",
-        Outcome.TIMED_OUT: f"not done within {plan.longest_s:g} s",
-    }
-    reason = reasons.get(now.result.outcome)
-    return [] if reason is None else [reason]
-
-
-def _heeded(move: Move, alarm: Alarm, faults: list[str], *, plan: Plan) -> Move:
-    """End the grasp as an alarm asks; a hand that opens or has ended needs none but its own.
+def _apply_alarm(
+    alarm: Alarm, controller: GraspController, command: GripperCommand | None
+) -> GripperCommand | None:
+    """End the grasp as an alarm asks; a hand that opens or has ended follows its own command.
 
     Raises `DeviceError` if it is the gripper that failed: nothing more is sent to it than a stop.
     """
     if alarm.danger is Danger.GRIPPER_FAULT:
         raise DeviceError(alarm.words)
-    if move[0].phase in (Phase.RELEASE, Phase.STOPPED):
-        return move
-    faults.append(alarm.words)
-    return stopped(move[0], alarm.danger, plan=plan)
+    if controller.state.phase in (Phase.RELEASE, Phase.DONE):
+        return command
+    return controller.stop(alarm)
 
 
-def _asked(belief: Belief, requests: Requests, *, plan: Plan) -> Move | None:
-    """Return the move that a request asks for; an opening that has begun is completed."""
-    if belief.phase is Phase.RELEASE:
-        return None
-    if requests.stop.is_set():
-        return stopped(belief, Danger.STOPPED, plan=plan)
-    if requests.release.is_set():
-        return released(belief, plan=plan)
-    return None
-
-
-def _tell(views: list[Callable[[_Event], None]], event: _Event, faults: list[str]) -> None:
+def _notify(views: list[Callable[[_Event], None]], event: _Event, state: GraspState) -> None:
     for view in tuple(views):
         try:
             view(event)
-        # Whatever a recorder or view does wrong, the hand must not feel it; the result reports it.
+        # Any error of a recorder or view must not reach the hand; the result reports it.
         except Exception as error:
             views.remove(view)
             name = getattr(view, "__name__", type(view).__name__)
-            faults.append(f"{name} failed and was left out from then on: {error}")
+            state.add_fault(f"{name} failed and was left out from then on: {error}")
 
 
 @contextmanager

@@ -24,6 +24,8 @@ class Danger(StrEnum):
     STOPPED = "stopped"
     #: The gripper presses more than the sheet shows: the sheet is what failed.
     UNSEEN_FORCE = "unseen_force"
+    SLIPPED = "slipped"
+    TIMED_OUT = "timed_out"
 
     @property
     def outcome(self) -> str:
@@ -33,10 +35,10 @@ class Danger(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alarm:
-    """A danger that a watch has seen, and the line that explains it."""
+    """A danger that a monitor has seen, and the line that explains it (may be empty)."""
 
     danger: Danger
-    words: str
+    words: str = ""
 
 
 class Reaction(StrEnum):
@@ -142,13 +144,18 @@ def largest_step(
     return max(0.0, room_n / steepest_n - rate * limits.latency_s)
 
 
+#: Dangers that open the hand.
+_OPENING = (Danger.FORCE_LIMIT, Danger.UNSEEN_FORCE, Danger.SLIPPED, Danger.TIMED_OUT)
+
+
 def reaction(
     danger: Danger, *, phase: Phase, drive: Literal["width", "pressure"] = "width"
 ) -> Reaction:
     """Return what a stop means.
 
-    Too much force opens the hand, whatever it was doing, and so does a force that the sheet does
-    not show. For any other reason a width-driven hand holds still: dropping is damage too. A
+    Too much force opens the hand, whatever it was doing, and so do a force that the sheet does not
+    show, an object that is gone, and a grasp that takes too long. For any other reason a
+    width-driven hand holds still: dropping is damage too. A
     pressure-driven one vents: it can't hold without a host that feeds it, so the choice is only
     between now and when the heartbeat runs out. An opening that has begun is completed: half a grip
     is the worst of both. A gripper that failed is only commanded to stop.
@@ -164,7 +171,6 @@ def reaction(
     """
     if danger is Danger.GRIPPER_FAULT:
         return Reaction.HOLD_STILL
-    too_much = danger in (Danger.FORCE_LIMIT, Danger.UNSEEN_FORCE)
-    if too_much or phase is Phase.RELEASE or drive == "pressure":
+    if danger in _OPENING or phase is Phase.RELEASE or drive == "pressure":
         return Reaction.OPEN
     return Reaction.HOLD_STILL

@@ -12,31 +12,18 @@ from scipy.optimize import brentq
 from palpate.arrays import FloatArray
 from palpate.estimate.closing_stiffness import LAG, tilt_sd, unforgotten
 from palpate.estimate.gain import Gain, MeasuredForce
+from palpate.grasp.config import SETTLE, SQUEEZE
 
 if TYPE_CHECKING:
     from palpate.estimate.compliance import SoftFingerCompliance
-    from palpate.grasp.belief import Belief
+    from palpate.grasp.estimator import ContactEstimate
     from palpate.grasp.plan import Plan
-    from palpate.gripper.interface import GripperState
 
 
-#: A grasp loads the sheet in a few large steps, the calibration in many small ones: read soon
-#: after a step, the sheet lags by another amount than it was calibrated with (log sd).
-_HASTE_SD = 0.12
-#: Below this force, newtons, the sheet's rise is not used.
+#: Steps with a touch that show where it began, and the largest force looked for, newtons.
+_FEWEST_TOUCHED, _MOST_N = 2, 200.0
+#: Below this force, newtons, the sheet's rise is not used: a reading of nothing has no logarithm.
 _FAINTEST_N = 0.05
-
-
-#: Less than this share of the strongest reading of the closing is a different grip from the one
-#: that the servo's current was read in.
-_LEFT_SHARE = 0.2
-
-
-#: Fingers driven by pressure: steps with a touch that show where it began; stiffness of the
-#: softest fruit that is gripped, N/mm; largest force looked for, newtons; error of a regulator,
-#: kPa; hysteresis of the fingers, of ln force (guesses, but for the stiffness:
-#: study `rupture`).
-_FEWEST_TOUCHED, _SOFT_N_PER_MM, _MOST_N, _PRESSURE_KPA, _HYSTERESIS_SD = 2, 0.7, 200.0, 0.5, 0.15
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,40 +35,30 @@ class Pull:
     moved_s: float
 
 
-def pulled(belief: Belief, gripper: GripperState, plan: Plan) -> tuple[Pull, ...]:
-    """Return the readings of the closing so far, with this one if it is of a movement of it."""
-    closure = plan.gripper.closure(gripper)
-    closing = gripper.moving and closure < belief.sent and belief.contact_s is not None
-    if not closing or math.isnan(gripper.current_ma):
-        return belief.pulls
-    pull = Pull(closure=closure, current_ma=gripper.current_ma, moved_s=belief.moved_s)
-    return (*belief.pulls, pull)
-
-
-def felt_by_gripper(belief: Belief, plan: Plan) -> MeasuredForce | None:
+def felt_by_gripper(estimate: ContactEstimate, plan: Plan) -> MeasuredForce | None:
     """Return the force at the present closure as the gripper itself measures it, if it can."""
     if plan.bend is not None:
-        return _measured_by_pressure(belief, plan, plan.bend)
-    if plan.current is None or not belief.pulls or not belief.staircase:
+        return _measured_by_pressure(estimate, plan, plan.bend)
+    if plan.current is None or not estimate.pulls or not estimate.steps:
         return None
-    closure = np.array([stair.closure for stair in belief.staircase])
-    reading = np.array([stair.touch.reading for stair in belief.staircase])
+    closure = np.array([stair.closure for stair in estimate.steps])
+    reading = np.array([stair.touch.reading for stair in estimate.steps])
     force_n = _caught_up(plan.early_law.force_n(reading).value, plan)
-    at = np.array([belief.closure, *(pull.closure for pull in belief.pulls)])
+    at = np.array([estimate.closure, *(pull.closure for pull in estimate.pulls)])
     sheet_n = _between(at, closure, force_n)
-    if not sheet_n[0] > _LEFT_SHARE * sheet_n.max():
+    if not sheet_n[0] > SETTLE.left_fraction * sheet_n.max():
         return None
     return plan.current.measured(
-        [pull.current_ma for pull in belief.pulls],
+        [pull.current_ma for pull in estimate.pulls],
         share=sheet_n[1:] / sheet_n[0],
-        width_mm=[plan.gripper.target(pull.closure) for pull in belief.pulls],
-        movement=[pull.moved_s for pull in belief.pulls],
+        width_mm=[plan.gripper.target(pull.closure) for pull in estimate.pulls],
+        movement=[pull.moved_s for pull in estimate.pulls],
         tilt_sd=tilt_sd(plan.early_law.residual_sd),
     )
 
 
 def _measured_by_pressure(
-    belief: Belief, plan: Plan, bend: SoftFingerCompliance
+    estimate: ContactEstimate, plan: Plan, bend: SoftFingerCompliance
 ) -> MeasuredForce | None:
     """Return the force of fingers driven by pressure, from how far it would have closed them.
 
@@ -90,10 +67,10 @@ def _measured_by_pressure(
     forces, extrapolated, begin: no gain of the sheet moves that point.
     """
     force_n = plan.early_law.force_n(
-        np.array([stair.touch.reading for stair in belief.staircase])
+        np.array([stair.touch.reading for stair in estimate.steps])
     ).value
-    shared = np.array([stair.touch.shared_percent for stair in belief.staircase])
-    closure = np.array([stair.closure for stair in belief.staircase])
+    shared = np.array([stair.touch.shared_percent for stair in estimate.steps])
+    closure = np.array([stair.closure for stair in estimate.steps])
     touched = shared <= plan.hint_percent
     if np.count_nonzero(touched) < _FEWEST_TOUCHED or not force_n[-1] > 0:
         return None
@@ -101,20 +78,22 @@ def _measured_by_pressure(
     slope, offset = np.polyfit(closure[touched], force_n[touched], 1)
     free = closure[first - 1] if first > 0 else closure[first] - plan.step
     start = float(np.clip(-offset / slope, free, closure[first])) if slope > 0 else free
-    way_mm = bend.mm_per_kpa * (belief.closure - start)
+    way_mm = bend.mm_per_kpa * (estimate.closure - start)
     # Fingers that hardly give way measure no force: none that is looked for closes them this far.
     if not 0.0 < way_mm < float(bend.give.give_mm(_MOST_N)):
         return None
     low_n, high_n = (
         brentq(lambda f, per_n=per_n: bend.give.give_mm(f) + f * per_n - way_mm, 0.0, _MOST_N)
-        for per_n in (1.0 / _SOFT_N_PER_MM, 0.0)
+        for per_n in (1.0 / SQUEEZE.soft_n_per_mm, 0.0)
     )
     middle_n = math.sqrt(low_n * high_n)
-    start_sd_mm = bend.mm_per_kpa * max(closure[first] - free, _PRESSURE_KPA) / math.sqrt(12.0)
+    start_sd_mm = (
+        bend.mm_per_kpa * max(closure[first] - free, SETTLE.pressure_kpa) / math.sqrt(12.0)
+    )
     return MeasuredForce(
         force_n=middle_n,
         sd_n=middle_n / way_mm * start_sd_mm,
-        log_sd=math.hypot(_HYSTERESIS_SD, math.log(high_n / low_n) / math.sqrt(12.0)),
+        log_sd=math.hypot(SETTLE.hysteresis_sd, math.log(high_n / low_n) / math.sqrt(12.0)),
     )
 
 
@@ -135,11 +114,11 @@ def _between(at: FloatArray, closure: FloatArray, force_n: FloatArray) -> FloatA
     return np.asarray(found)
 
 
-def early_gain(belief: Belief, plan: Plan) -> Gain:
+def early_gain(estimate: ContactEstimate, plan: Plan) -> Gain:
     """Return how this contact reads, soon after a step, against the sheet's early law."""
-    gain = Gain.unknown(law_sd=plan.early_law.residual_sd, more_sd=_HASTE_SD)
-    felt = felt_by_gripper(belief, plan) if belief.staircase else None
+    gain = Gain.unknown(law_sd=plan.early_law.residual_sd, more_sd=SETTLE.haste_sd)
+    felt = felt_by_gripper(estimate, plan) if estimate.steps else None
     if felt is None:
         return gain
-    sheet_n = float(plan.early_law.force_n(belief.staircase[-1].touch.reading).value)
+    sheet_n = float(plan.early_law.force_n(estimate.steps[-1].touch.reading).value)
     return gain.updated(felt, sheet_n=sheet_n)

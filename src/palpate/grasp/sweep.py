@@ -16,33 +16,12 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.estimate.servo_force import CurrentLaw
+from palpate.grasp.config import TOUCH
 
-#: Time that is remembered of a movement; the part read as "now", and the gap between now and the
-#: past that it is compared with: a touch that has just begun must not be its own measure.
-_REMEMBERED_S, _NOW_S, _APART_S = 0.6, 0.016, 0.06
-#: The rise of resistance that a movement makes is steady from here on (it fades with 0.06-0.12 s).
-_STEADY_S = 0.4
-#: The level of a movement is the mean over this time.
-_LEVEL_S = 0.2
-#: A change is a touch from this many standard deviations on, and above this share of the
-#: resistance.
-_SURE_SD, _LEAST_SHARE = 6.0, 0.008
-#: A hand at speed shakes every pixel: this many frames that are all alike are not new.
-_ASLEEP, _ASLEEP_S = 4, 0.2
-#: A slow fall by this share from the level of the movement, or below rest, is a touch too, where
-#: noise alone makes none.
-_SLOW_SHARE = 0.016
-#: What a faster movement before this one left behind is over after this time.
-_SLOWED_S = 0.25
 #: Fewest readings to compare with.
 _FEWEST = 3
-#: Noise of a pixel, as a share of its resistance, before enough frames have shown it.
-_UNSEEN_NOISE = 0.008
 #: Median of the square of a standard normal variable.
 _MEDIAN_SQUARE = 0.4549
-#: The current has to rise by this many deviations, and by this share of what the gears take:
-#: friction along the way is mapped no better.
-_CURRENT_SD, _GEARS_SHARE = 4.5, 0.15
 
 
 def blind_s(period_s: float) -> float:
@@ -53,12 +32,12 @@ def blind_s(period_s: float) -> float:
     >>> round(blind_s(1 / 15), 2), round(blind_s(1 / 250), 2)
     (0.51, 0.36)
     """
-    return _SLOWED_S + _APART_S + _FEWEST * max(period_s, _NOW_S)
+    return TOUCH.slowed_s + TOUCH.apart_s + _FEWEST * max(period_s, TOUCH.latest_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sweep:
-    """A way at one speed, and what was read on it lately.
+    """A constant-speed closing motion, and what was read during it lately.
 
     Attributes
     ----------
@@ -101,14 +80,14 @@ class Sweep:
     def seen(self, time_s: float, *, log_ohm: FloatArray, gears_ma: float) -> Sweep:
         """Return the way with one more frame."""
         level = self.level
-        if level is None and time_s > self.since_s + _STEADY_S + _LEVEL_S:
+        if level is None and time_s > self.since_s + TOUCH.steady_s + TOUCH.level_s:
             recent = [
                 ohm
                 for at, ohm in zip(self.time_s, self.log_ohm, strict=True)
-                if at > time_s - _LEVEL_S
+                if at > time_s - TOUCH.level_s
             ]
             level = np.asarray(np.mean(recent, axis=0)) if recent else None
-        first = sum(old < time_s - _REMEMBERED_S for old in self.time_s)
+        first = sum(old < time_s - TOUCH.history_s for old in self.time_s)
         return replace(
             self,
             time_s=(*self.time_s[first:], time_s),
@@ -118,34 +97,34 @@ class Sweep:
         )
 
     @property
-    def asleep(self) -> bool:
+    def is_frozen(self) -> bool:
         """Whether no pixel has changed lately: frames arrive, and are not new."""
-        last = [time_s > self.time_s[-1] - _ASLEEP_S for time_s in self.time_s]
-        many = max(_ASLEEP, sum(last))
+        last = [time_s > self.time_s[-1] - TOUCH.frozen_s for time_s in self.time_s]
+        many = max(TOUCH.frozen_frames, sum(last))
         latest = self.log_ohm[-many:]
         return len(latest) == many and all(np.array_equal(latest[0], one) for one in latest)
 
     def touched(self, current: CurrentLaw | None) -> bool:
         """Whether something is felt now, by a pixel or by the servo."""
         time_s = np.array(self.time_s)
-        now = time_s > time_s[-1] - _NOW_S
-        before = time_s < time_s[-1] - _APART_S
+        now = time_s > time_s[-1] - TOUCH.latest_s
+        before = time_s < time_s[-1] - TOUCH.apart_s
         if self.slowed:
-            before &= time_s > self.since_s + _SLOWED_S
+            before &= time_s > self.since_s + TOUCH.slowed_s
         if current is not None and self._pulls(current, now=now, before=before):
             return True
-        steady = before & (time_s > self.since_s + _STEADY_S)
+        steady = before & (time_s > self.since_s + TOUCH.steady_s)
         pixels = np.array(self.log_ohm)
         latest = pixels[now].mean(axis=0)
         # A load that rises slowly also shifts its own recent past: the level of this movement, and
         # that at rest, which a movement only raises, are compared too.
         highest = 0.0 if self.level is None else np.maximum(self.level, 0.0)
-        if bool((latest < highest - max(_SURE_SD * _noise(pixels), _SLOW_SHARE)).any()):
+        if bool((latest < highest - max(TOUCH.sd * _noise(pixels), TOUCH.slow_fraction)).any()):
             return True
         many = int(np.count_nonzero(now))
         if np.count_nonzero(steady) // many >= _FEWEST:
             past = _means(pixels[steady], many)
-            least = max(_SURE_SD * _scatter(past), _LEAST_SHARE)
+            least = max(TOUCH.sd * _scatter(past), TOUCH.fraction)
             return bool((abs(latest - past.mean(axis=0)) > least).any())
         if np.count_nonzero(before) // many < _FEWEST:
             return False
@@ -153,7 +132,7 @@ class Sweep:
         # The part of the change that all pixels share is the movement's.
         own = np.diff(past, axis=0)
         own = own - np.median(own, axis=(1, 2), keepdims=True)
-        least = max(_SURE_SD * float(np.sqrt(np.mean(own**2))), _LEAST_SHARE)
+        least = max(TOUCH.sd * float(np.sqrt(np.mean(own**2))), TOUCH.fraction)
         return bool((latest - past.max(axis=0) < -least).any())
 
     def _pulls(
@@ -167,8 +146,8 @@ class Sweep:
             return False
         more_ma = float(gears_ma[now].mean() - gears_ma[before].mean())
         share = 1.0 / np.count_nonzero(now) + 1.0 / np.count_nonzero(before)
-        noise_ma = _CURRENT_SD * current.noise_ma * float(np.sqrt(share))
-        return more_ma > noise_ma + _GEARS_SHARE * abs(current.gears.mean_ma)
+        noise_ma = TOUCH.current_sd * current.noise_ma * float(np.sqrt(share))
+        return more_ma > noise_ma + TOUCH.gears_fraction * abs(current.gears.mean_ma)
 
 
 def _means(pixels: FloatArray, many: int) -> FloatArray:
@@ -180,7 +159,7 @@ def _means(pixels: FloatArray, many: int) -> FloatArray:
 def _noise(pixels: FloatArray) -> float:
     """Return the standard deviation of one pixel from frame to frame: no slow change counts."""
     if len(pixels) <= _FEWEST:
-        return _UNSEEN_NOISE
+        return TOUCH.fraction
     return float(np.sqrt(0.5 * np.median(np.diff(pixels, axis=0) ** 2) / _MEDIAN_SQUARE))
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.grasp.belief import Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult
 from palpate.produce.records import PixelPercent
 from palpate.sensor.array import ArrayLayout

@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.belief import Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult
 from palpate.produce.felt_pixels import MEAN_S, answered_s, felt_pixels
 from palpate.produce.records import MEASURED, Drive, Grasp

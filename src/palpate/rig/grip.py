@@ -9,12 +9,13 @@ from dataclasses import replace
 
 from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import Subscriber, run_grasp
+from palpate.grasp.state import GraspState
 from palpate.rig import Rig
 from palpate.rig.reading import Reader, Reading
 from palpate.twin.paced_array import PacedArray
@@ -198,12 +199,14 @@ class Grip:
             self._reading = reading
             self._frame.notify_all()
 
-    def _watch(self, belief: Belief) -> None:
-        if belief.rest_ohm is not None:
-            self._reader.rest_ohm = belief.rest_ohm
-        if belief.phase is Phase.HOLD and not self._known.is_set():
+    def _watch(self, grasp_state: GraspState) -> None:
+        if grasp_state.estimate.rest_ohm is not None:
+            self._reader.rest_ohm = grasp_state.estimate.rest_ohm
+        if grasp_state.phase is Phase.HOLD and not self._known.is_set():
             self._result = replace(
-                belief.result, outcome=Outcome.HELD, peak_force_n=belief.peak_force_n
+                grasp_state.result,
+                outcome=Outcome.HELD,
+                peak_force_n=grasp_state.estimate.peak_force_n,
             )
             if self._array is not None:
                 self._array.speed = 1.0

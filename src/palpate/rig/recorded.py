@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from palpate.errors import DeviceError
-from palpate.grasp.belief import Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.paper import Paper
 from palpate.grasp.plan import Plan
 from palpate.grasp.runner import Subscriber

@@ -9,12 +9,12 @@ from itertools import product
 
 import numpy as np
 
-from palpate.grasp.belief import Belief
-from palpate.grasp.phases import Phase
+from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.requests import Requests
 from palpate.grasp.runner import run_grasp
+from palpate.grasp.state import GraspState
 from palpate.rig.simulated import calibrated
 from palpate.twin.devices import TwinGripper
 from palpate.twin.objects import draw_object
@@ -23,12 +23,12 @@ from palpate_studies.fault_devices import FAULTS, FaultyArray, FaultyGripper
 
 KINDS: tuple[GripperKind, ...] = ("rigid", "soft")
 OBJECTS = ("rigid-block", "ball-44lbs", "strawberry")
-#: Phase that is struck -> phases of the controller that are it.
+#: Phase that is struck -> activities of the controller that are it.
 STRUCK = {
-    "start": (Phase.APPROACH,),
-    "approach": (Phase.SWEEP,),
-    "squeeze": (Phase.CONTACT, Phase.SQUEEZE),
-    "hold": (Phase.SETTLE, Phase.ADJUST, Phase.EASE, Phase.HOLD),
+    "start": (Activity.TOUCH,),
+    "approach": (Activity.SWEEP,),
+    "squeeze": (Activity.CONFIRM, Phase.SQUEEZE),
+    "hold": (Activity.FORECAST, Activity.ADJUST, Activity.EASE, Phase.HOLD),
 }
 #: Speeds of the steps against the plan's own; the approach takes the speed that it works out.
 SPEEDS = (0.5, 1.0, 2.0)
@@ -139,10 +139,11 @@ def struck(cell: Cell, *, seed: int) -> Struck:
         if fault.stopped:
             requests.stop.set()
 
-    def watch(belief: Belief) -> None:
-        underway = belief.sweep is not None and belief.now_s - belief.sweep.since_s > _UNDERWAY_S
+    def watch(grasp_state: GraspState) -> None:
+        estimate = grasp_state.estimate
+        underway = estimate.sweep and estimate.now_s - estimate.sweep.since_s > _UNDERWAY_S
         late = cell.phase != "approach" or underway
-        if belief.phase in STRUCK[cell.phase] and late and not struck_s:
+        if grasp_state.activity in STRUCK[cell.phase] and late and not struck_s:
             strike()
 
     if cell.phase == "start":

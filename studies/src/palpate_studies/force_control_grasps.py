@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from palpate.estimate.damage import DamageModel
-from palpate.grasp.belief import Belief
-from palpate.grasp.phases import Phase
+from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import HORIZON_S, plan_grasp
 from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
+from palpate.grasp.state import GraspState
 from palpate.rig.simulated import calibrated
 from palpate.sensor.calibration import Calibration
 from palpate.settling.recorded import Recorded
@@ -117,12 +117,12 @@ def _controlled(
     gripper, lifted, touched_n = TwinGripper(world), list[float](), list[float]()
     known_n = list[float]()
 
-    def arm(belief: Belief) -> None:
-        if belief.phase is Phase.CONTACT and not touched_n:
-            touched_n.append(world.force_n(belief.now_s))
-        if belief.phase is Phase.HOLD and not lifted:
-            lifted.append(belief.now_s)
-            known_n.append(_known_n(task, world, belief, plan))
+    def arm(grasp_state: GraspState) -> None:
+        if grasp_state.activity == Activity.CONFIRM and not touched_n:
+            touched_n.append(world.force_n(grasp_state.estimate.now_s))
+        if grasp_state.phase is Phase.HOLD and not lifted:
+            lifted.append(grasp_state.estimate.now_s)
+            known_n.append(_known_n(task, world, grasp_state, plan))
             world.lift()
 
     plan = plan_grasp(
@@ -158,14 +158,14 @@ def _controlled(
     )
 
 
-def _known_n(task: Task, world: World, belief: Belief, plan: Plan) -> float:
+def _known_n(task: Task, world: World, grasp_state: GraspState, plan: Plan) -> float:
     """Return the force by the sheet's law for the reading to come, with the wear taken out."""
     later = deepcopy(world)
-    later.clock.sleep_s(max(belief.moved_s + HORIZON_S - later.clock.now_s(), 0.0))
+    later.clock.sleep_s(max(grasp_state.estimate.moved_s + HORIZON_S - later.clock.now_s(), 0.0))
     ohm = later.pixel_resistance_ohm(later.clock.now_s())
-    assert belief.rest_ohm is not None
+    assert grasp_state.estimate.rest_ohm is not None
     fresh = world.sheet.gain_factor(Environment()) / world.sheet.gain_factor(task.used)
-    excess = fresh * excess_conductance(ohm, rest_ohm=belief.rest_ohm)
+    excess = fresh * excess_conductance(ohm, rest_ohm=grasp_state.estimate.rest_ohm)
     return float(plan.settled_law.force_n(plan.reading.reading(excess)).value)
 
 

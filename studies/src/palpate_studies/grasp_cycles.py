@@ -10,11 +10,11 @@ import numpy as np
 
 from palpate.estimate.compliance import Compliance
 from palpate.estimate.servo_force import CurrentLaw
-from palpate.grasp.belief import Belief
 from palpate.grasp.paper import Paper
 from palpate.grasp.paper_method import by_paper
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
+from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperCommand
 from palpate.rig.simulated import read_through_firmware
 from palpate.twin.devices import TwinArray, TwinGripper
@@ -143,10 +143,10 @@ def _by_controller(
     if paper is not None:
         plan = by_paper(plan, paper, calibration=calibration)
 
-    def watch(belief: Belief) -> None:
-        for moment in belief.result.moments:
+    def watch(grasp_state: GraspState) -> None:
+        for moment in grasp_state.result.moments:
             if moment.finger is None and moment.name not in at:
-                at[moment.name] = belief.now_s
+                at[moment.name] = grasp_state.estimate.now_s
                 at[f"{moment.name} peak"] = world.truth().peak_force_n
 
     array = read_through_firmware(world) if sample.firmware else TwinArray(world)

@@ -11,10 +11,10 @@ import numpy as np
 import typer
 
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.belief import Belief
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.pull import judge_pull
 from palpate.grasp.runner import run_grasp
+from palpate.grasp.state import GraspState
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.friction import N_PER_G
 from palpate.twin.objects import draw_object
@@ -80,9 +80,9 @@ def pulls(seed: int, *, level: str) -> list[Pulled]:
     )
     held = list[tuple[World, Measurement]]()
 
-    def watch(belief: Belief) -> None:
-        answered = belief.result.force_n
-        is_answer = any(moment.name == "answer" for moment in belief.result.moments)
+    def watch(grasp_state: GraspState) -> None:
+        answered = grasp_state.result.force_n
+        is_answer = any(moment.name == "answer" for moment in grasp_state.result.moments)
         if is_answer and answered is not None and not held:
             held.append((deepcopy(world), answered))
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.belief import Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import DWELL_S, plan_grasp
 from palpate.grasp.runner import run_grasp

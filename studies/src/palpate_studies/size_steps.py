@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.estimate.compliance import Compliance
-from palpate.grasp.belief import Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import (

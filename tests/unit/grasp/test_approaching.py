@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.grasp.belief import Belief
-from palpate.grasp.phases import Phase
+from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import Outcome
 from palpate.grasp.runner import run_grasp
+from palpate.grasp.state import GraspState
 from palpate.grasp.sweep import blind_s
 from palpate.rig.simulated import calibrated
 from palpate.twin.devices import TwinArray, TwinGripper
@@ -34,17 +34,17 @@ def test_what_a_sheet_remembers_is_no_touch(plan: Plan, bench: Any) -> None:
         return replace(frame, counts=np.rint(np.array(frame.counts) * (1 + 0.15 * left)))
 
     bench.read = remembering
-    memories = list[Belief]()
+    memories = list[GraspState]()
 
-    def watch(belief: Belief) -> None:
-        if belief.memory is not None and not memories:
-            memories.append(belief)
+    def watch(grasp_state: GraspState) -> None:
+        if grasp_state.estimate.residual is not None and not memories:
+            memories.append(grasp_state)
 
     result = run_grasp(plan, array=bench, gripper=bench, clock=bench.clock, watchers=[watch])
-    memory = memories[0].memory
+    memory = memories[0].estimate.residual
     assert memory is not None
     assert memory.reading > 0
-    assert plan.dwell_s <= memories[0].still_s < 0.6
+    assert plan.dwell_s <= memories[0].estimate.still_s < 0.6
     assert result.size_mm is not None
     assert result.size_mm.low <= bench.size_mm <= result.size_mm.high
 
@@ -61,16 +61,16 @@ def test_slowing_down_before_an_expected_size_is_no_touch(level: str) -> None:
         gripper = TwinGripper(world)
         size_mm = berry.size_mm + 3.0 if expected else None
         plan = plan_grasp(calibration, gripper=gripper, expect_size_mm=size_mm)
-        phases = list[tuple[Phase, float]]()
+        phases = list[tuple[str, float]]()
 
-        def watch(belief: Belief, to: list[tuple[Phase, float]] = phases) -> None:
-            if not to or belief.phase is not to[-1][0]:
-                to.append((belief.phase, belief.now_s))
+        def watch(grasp_state: GraspState, to: list[tuple[str, float]] = phases) -> None:
+            if not to or grasp_state.activity != to[-1][0]:
+                to.append((grasp_state.activity, grasp_state.estimate.now_s))
 
         run_grasp(
             plan, array=TwinArray(world), gripper=gripper, clock=world.clock, watchers=[watch]
         )
-        felt_s[expected] = [time_s for phase, time_s in phases if phase is Phase.FELT]
+        felt_s[expected] = [time_s for phase, time_s in phases if phase == Activity.LOOK]
     assert len(felt_s[False]) == len(felt_s[True]) == 1
     assert felt_s[True][0] <= felt_s[False][0]
 
@@ -86,10 +86,16 @@ def test_a_hand_that_expects_a_size_feels_again_before_the_object_can_be_there(
     plan = plan_grasp(calibration, gripper=gripper, expect_size_mm=berry.size_mm - 5.0)
     slowed = list[tuple[float, float]]()
 
-    def watch(belief: Belief) -> None:
-        if belief.sweep is not None and belief.sweep.slowed and not slowed:
+    def watch(grasp_state: GraspState) -> None:
+        if (
+            grasp_state.estimate.sweep is not None
+            and grasp_state.estimate.sweep.slowed
+            and not slowed
+        ):
             left_mm = gripper.state().width_mm - berry.size_mm
-            slowed.append((left_mm / belief.sweep.rate, blind_s(belief.period_s)))
+            slowed.append(
+                (left_mm / grasp_state.estimate.sweep.rate, blind_s(grasp_state.estimate.period_s))
+            )
 
     run_grasp(plan, array=TwinArray(world), gripper=gripper, clock=world.clock, watchers=[watch])
     [(before_s, blind)] = slowed
@@ -114,15 +120,15 @@ def test_a_sheet_that_keeps_the_whole_touch_is_lost(plan: Plan, bench: Any) -> N
     assert bench.force_n == 0.0
 
 
-def entered_phases(plan: Plan, bench: Any) -> tuple[list[Phase], list[float]]:
+def entered_phases(plan: Plan, bench: Any) -> tuple[list[str], list[float]]:
     """Grasp, and return the phases in turn and the closures up to the hold."""
-    phases, closures = list[Phase](), list[float]()
+    phases, closures = list[str](), list[float]()
 
-    def watch(belief: Belief) -> None:
-        if not phases or belief.phase is not phases[-1]:
-            phases.append(belief.phase)
+    def watch(grasp_state: GraspState) -> None:
+        if not phases or grasp_state.activity != phases[-1]:
+            phases.append(grasp_state.activity)
         if Phase.HOLD not in phases:
-            closures.append(belief.closure)
+            closures.append(grasp_state.estimate.closure)
 
     result = run_grasp(plan, array=bench, gripper=bench, clock=bench.clock, watchers=[watch])
     assert result.outcome is Outcome.HELD
@@ -160,8 +166,8 @@ def test_after_one_finger_the_other_is_sought_at_speed(plan: Plan, bench: Any) -
 
     bench.read = pushing
     phases, _ = entered_phases(plan, bench)
-    felt = phases.index(Phase.FELT)
-    assert phases[felt : felt + 3] == [Phase.FELT, Phase.SWEEP, Phase.FELT]
+    felt = phases.index(Activity.LOOK)
+    assert phases[felt : felt + 3] == [Activity.LOOK, Activity.SWEEP, Activity.LOOK]
 
 
 def test_a_touch_that_one_finger_feels_hardly_less_is_no_push(plan: Plan, bench: Any) -> None:
@@ -179,5 +185,5 @@ def test_a_touch_that_one_finger_feels_hardly_less_is_no_push(plan: Plan, bench:
 
     bench.read, bench.n_per_mm = faint, 0.4
     phases, _ = entered_phases(plan, bench)
-    felt = [n for n, phase in enumerate(phases) if phase is Phase.FELT]
-    assert phases[felt[0] + 1] is Phase.APPROACH
+    felt = [n for n, phase in enumerate(phases) if phase == Activity.LOOK]
+    assert phases[felt[0] + 1] == Activity.TOUCH

@@ -11,11 +11,11 @@ import pytest
 
 from palpate.estimate.damage import DamageModel
 from palpate.estimate.force import PowerForceLaw
-from palpate.grasp.belief import Belief
-from palpate.grasp.phases import Phase
+from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
+from palpate.grasp.state import GraspState
 
 
 def run(plan: Plan, bench: Any, *, watch: Any = None) -> GraspResult:
@@ -31,11 +31,11 @@ def test_the_strongest_reading_is_that_since_the_last_movement(plan: Plan, bench
     """Kept up to date, not searched for among tens of thousands at every frame."""
     fallen = 0
 
-    def compare(belief: Belief) -> None:
+    def compare(grasp_state: GraspState) -> None:
         nonlocal fallen
-        if belief.touches:
-            readings = [touch.reading for touch in belief.touches]
-            assert belief.strongest == max(readings)
+        if grasp_state.estimate.touches:
+            readings = [touch.reading for touch in grasp_state.estimate.touches]
+            assert grasp_state.estimate.strongest == max(readings)
             fallen += readings[0] > readings[-1]
 
     assert run(plan, bench, watch=compare).outcome is Outcome.HELD
@@ -45,10 +45,10 @@ def test_the_strongest_reading_is_that_since_the_last_movement(plan: Plan, bench
 def test_tries_again_until_something_is_there(plan: Plan, bench: Any) -> None:
     bench.size_mm, entered = 0.0, list[str]()
 
-    def somebody(belief: Belief) -> None:
-        if not entered or entered[-1] != belief.phase:
-            entered.append(str(belief.phase))
-        if belief.phase is Phase.WAIT:
+    def somebody(grasp_state: GraspState) -> None:
+        if not entered or entered[-1] != grasp_state.activity:
+            entered.append(grasp_state.activity)
+        if grasp_state.activity == Activity.WAIT:
             bench.size_mm = 50.3
 
     result = run(replace(plan, tries=3), bench, watch=somebody)
@@ -70,17 +70,17 @@ def test_nothing_there_after_the_last_try(plan: Plan, bench: Any) -> None:
 
 
 def test_a_touch_that_is_gone_when_looked_at_again_is_none(plan: Plan, bench: Any) -> None:
-    entered = list[Phase]()
+    entered = list[str]()
 
-    def taken_away(belief: Belief) -> None:
-        entered.append(belief.phase)
-        if belief.phase is Phase.CONTACT:
+    def taken_away(grasp_state: GraspState) -> None:
+        entered.append(grasp_state.activity)
+        if grasp_state.activity == Activity.CONFIRM:
             bench.size_mm = 0.0
 
     # A faint touch, whose reading alone is no grip, looked at until only fresh frames count.
     longer = replace(plan, gentle_force_n=8.0, confirm_s=0.5)
     result = run(longer, bench, watch=taken_away)
-    assert Phase.CONTACT in entered
+    assert Activity.CONFIRM in entered
     assert Phase.SQUEEZE not in entered
     assert result.outcome is Outcome.NOTHING_THERE
 
@@ -98,12 +98,12 @@ def test_a_law_that_cannot_tell_nothing_from_too_much_grips_nothing(plan: Plan, 
 def test_waits_between_tries_unless_touched(plan: Plan, bench: Any, touched: bool) -> None:
     bench.size_mm, waiting_s = 0.0, list[float]()
 
-    def hand(belief: Belief) -> None:
-        waiting = belief.phase is Phase.WAIT
+    def hand(grasp_state: GraspState) -> None:
+        waiting = grasp_state.activity == Activity.WAIT
         if waiting:
-            waiting_s.append(belief.now_s)
+            waiting_s.append(grasp_state.estimate.now_s)
         # Touching is squeezing the pads: the spring is in the open hand for a moment.
-        bench.size_mm = 76.0 if waiting and touched and belief.still_s > 0.5 else 0.0
+        bench.size_mm = 76.0 if waiting and touched and grasp_state.estimate.still_s > 0.5 else 0.0
 
     result = run(replace(plan, tries=2, wait_s=6.0, longest_s=300.0), bench, watch=hand)
     waited_s = waiting_s[-1] - waiting_s[0]
@@ -114,8 +114,8 @@ def test_waits_between_tries_unless_touched(plan: Plan, bench: Any, touched: boo
 def test_holds_only_what_it_is_sure_to_lift(plan: Plan, bench: Any) -> None:
     lifted_at_n = list[float]()
 
-    def arm(belief: Belief) -> None:
-        if belief.phase is Phase.HOLD:
+    def arm(grasp_state: GraspState) -> None:
+        if grasp_state.phase is Phase.HOLD:
             lifted_at_n.append(bench.force_n)
 
     result = run(replace(plan, target_force_n=3.0, lift_force_n=4.0), bench, watch=arm)
@@ -129,7 +129,7 @@ def test_too_weak_to_lift_is_put_back(plan: Plan, bench: Any) -> None:
     phases = set[Phase]()
     safety = replace(plan.safety, force_ceiling_n=3.0)
     heavy = replace(plan, lift_force_n=8.0, safety=safety)
-    result = run(heavy, bench, watch=lambda belief: phases.add(belief.phase))
+    result = run(heavy, bench, watch=lambda grasp_state: phases.add(grasp_state.phase))
     assert result.outcome is Outcome.TOO_WEAK
     assert Phase.HOLD not in phases
     assert bench.width_mm == 74.0
@@ -203,9 +203,9 @@ def test_what_was_really_sent_is_believed(plan: Plan, bench: Any) -> None:
     bench.command = lambda wanted: command(replace(wanted, target=round(2 * wanted.target) / 2))
     sent = list[float]()
 
-    def watch(belief: Belief) -> None:
-        if belief.phase in (Phase.SQUEEZE, Phase.SETTLE):
-            sent.append(belief.sent)
+    def watch(grasp_state: GraspState) -> None:
+        if grasp_state.phase in (Phase.SQUEEZE, Phase.SETTLE):
+            sent.append(grasp_state.estimate.sent)
 
     run(replace(plan, target_force_n=4.0), bench, watch=watch)
     assert sent
@@ -214,18 +214,20 @@ def test_what_was_really_sent_is_believed(plan: Plan, bench: Any) -> None:
 
 def test_corrections_are_steps_of_the_closing_too(plan: Plan, bench: Any) -> None:
     """The object gives way once the squeeze has ended; the hand closes on, and reads again."""
-    seen = list[Belief]()
+    seen = list[GraspState]()
 
-    def watch(belief: Belief) -> None:
-        if belief.phase is Phase.SETTLE and belief.adjustments == 0:
+    def watch(grasp_state: GraspState) -> None:
+        if grasp_state.phase is Phase.SETTLE and grasp_state.correction.count == 0:
             bench.size_mm = 49.9
-        seen.append(belief)
+        seen.append(grasp_state)
 
     result = run(replace(plan, target_force_n=4.0), bench, watch=watch)
     assert "adjusted" in names(result)
-    last = seen[-1].staircase[-1]
-    assert last.closure == pytest.approx(max(belief.closure for belief in seen), abs=0.05)
-    closures = [stair.closure for stair in seen[-1].staircase]
+    last = seen[-1].estimate.steps[-1]
+    assert last.closure == pytest.approx(
+        max(grasp_state.estimate.closure for grasp_state in seen), abs=0.05
+    )
+    closures = [stair.closure for stair in seen[-1].estimate.steps]
     assert closures == sorted(set(closures))
 
 
@@ -244,7 +246,7 @@ def test_what_gives_way_under_the_closing_is_let_go(plan: Plan, bench: Any) -> N
     result = run(
         replace(plan, target_force_n=6.0),
         bench,
-        watch=lambda belief: closures.append(belief.closure),
+        watch=lambda grasp_state: closures.append(grasp_state.estimate.closure),
     )
     assert result.outcome is Outcome.SENSOR_LOST
     assert "less and less while the hand closes on" in result.faults[0]
@@ -312,9 +314,9 @@ def test_hold_pressed_from_outside_beyond_the_ceiling_opens_at_the_next_frames(
             bench.size_mm = 66.0
         return read(bench, timeout_s=timeout_s)
 
-    def watch(belief: Belief) -> None:
-        if belief.phase is Phase.HOLD and not pressed_s:
-            pressed_s.append(belief.now_s)
+    def watch(grasp_state: GraspState) -> None:
+        if grasp_state.phase is Phase.HOLD and not pressed_s:
+            pressed_s.append(grasp_state.estimate.now_s)
 
     bench.read = squeezed
     result = run(replace(plan, hold_s=20.0), bench, watch=watch)

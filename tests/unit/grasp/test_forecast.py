@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.estimate.sheet_creep import OwnCreep
-from palpate.grasp.answer import forecast
-from palpate.grasp.belief import Belief, Touch
+from palpate.grasp.answers import forecast
+from palpate.grasp.estimator import ContactEstimate, Touch
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
@@ -24,7 +24,7 @@ FALLING = tuple(30.0 * 0.8**k for k in range(9))
 CREEP = OwnCreep(log_mean=0.2, log_sd=0.05, early_s=0.4, settled_s=20.0)
 
 
-def held(plan: Plan) -> Belief:
+def held(plan: Plan) -> ContactEstimate:
     touches = tuple(
         Touch(
             time_s=0.3 + k / 15,
@@ -34,25 +34,25 @@ def held(plan: Plan) -> Belief:
         )
         for k, reading in enumerate(FALLING, start=1)
     )
-    return Belief(touches=touches, now_s=touches[-1].time_s, moved_s=0.0)
+    return ContactEstimate(touches=touches, now_s=touches[-1].time_s, moved_s=0.0)
 
 
 def test_a_forecast_that_ran_away_leaves_what_is_read(plan: Plan) -> None:
     time_s = 0.3 + np.arange(1, len(FALLING) + 1) / 15
     found = plan.settling.predict(time_s, np.array([FALLING]), horizon_s=20.0, level=0.9)
     assert found.hold(0).value < 0.5 * FALLING[-1]
-    belief = held(plan)
-    reading = forecast(belief, plan=plan).reading
-    assert reading.value == belief.now.reading
+    estimate = held(plan)
+    reading = forecast(estimate, plan=plan).reading
+    assert reading.value == estimate.now.reading
     assert reading.status is Status.FELL_BACK
     assert reading.low <= 0.5 * reading.value
     assert reading.high >= 2.0 * reading.value
 
 
 def test_the_sheets_own_creep_takes_its_place(plan: Plan) -> None:
-    belief = held(plan)
-    reading = forecast(belief, plan=replace(plan, creep=CREEP)).reading
-    assert 1.05 < reading.value / belief.now.reading < 1.25
+    estimate = held(plan)
+    reading = forecast(estimate, plan=replace(plan, creep=CREEP)).reading
+    assert 1.05 < reading.value / estimate.now.reading < 1.25
     assert reading.high / reading.low < 1.5
 
 

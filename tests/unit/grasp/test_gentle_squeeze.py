@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from palpate.grasp.belief import Belief
-from palpate.grasp.phases import Phase
+from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
+from palpate.grasp.state import GraspState
 
-_SQUEEZING = (Phase.SQUEEZE, Phase.SETTLE, Phase.HOLD)
+_SQUEEZING = (Phase.SQUEEZE, Activity.FORECAST, Phase.HOLD)
 
 
 def grasped(plan: Plan, bench: Any, n_per_mm: float) -> tuple[GraspResult, float, float]:
@@ -21,9 +21,9 @@ def grasped(plan: Plan, bench: Any, n_per_mm: float) -> tuple[GraspResult, float
     bench.n_per_mm = n_per_mm
     touch_n, squeeze_n = [0.0], [0.0]
 
-    def watch(belief: Belief) -> None:
-        if belief.phase is not Phase.RELEASE:
-            (squeeze_n if belief.phase in _SQUEEZING else touch_n).append(bench.force_n)
+    def watch(grasp_state: GraspState) -> None:
+        if grasp_state.phase is not Phase.RELEASE:
+            (squeeze_n if grasp_state.activity in _SQUEEZING else touch_n).append(bench.force_n)
 
     result = run_grasp(plan, array=bench, gripper=bench, clock=bench.clock, watchers=[watch])
     assert result.outcome is Outcome.HELD

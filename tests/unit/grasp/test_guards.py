@@ -11,14 +11,16 @@ import numpy as np
 import pytest
 
 from palpate.errors import DeviceTimeoutError
-from palpate.grasp.belief import Belief, Observation
-from palpate.grasp.controller import step
+from palpate.grasp.controller import GraspController
+from palpate.grasp.estimator import ContactEstimate, Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
+from palpate.grasp.requests import Requests
+from palpate.grasp.rest import strange_rest
 from palpate.grasp.result import GraspResult, Outcome
-from palpate.grasp.rezero import strange_rest
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.safety import FORCE_CEILING_N, SafetyLimits
+from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperState
 from palpate.sensor.array import Frame
 
@@ -289,6 +291,51 @@ def test_a_hand_that_never_moves_is_known_after_a_few_commands(plan: Plan, bench
     assert len(sent) <= 6
 
 
+def test_a_hand_that_never_moved_is_still_sent_to_open(plan: Plan, bench: Any) -> None:
+    """A release that is asked for after as many commands as it takes to call it blocked."""
+    sent, requests, sent_s = list[Any](), Requests(), list[float]()
+
+    def command(wanted: Any) -> Any:
+        sent.append(wanted)
+        sent_s.append(bench.clock.now_s())
+        return wanted
+
+    def ask(_: Observation) -> None:
+        if len(sent) == 4 and bench.clock.now_s() > sent_s[-1] + 0.3:
+            requests.release.set()
+
+    bench.command = command
+    result = run_grasp(
+        replace(plan, step=0.2, fine_step=0.2),
+        array=bench,
+        gripper=bench,
+        clock=bench.clock,
+        subscribers=[ask],
+        requests=requests,
+    )
+    assert len(sent) == 5
+    assert sent[-1].target == bench.limits.highest
+    assert result.outcome is Outcome.STOPPED
+
+
+@pytest.mark.parametrize(("ahead_s", "outcome"), [(0.2, "held"), (0.4, "sensor_lost")])
+def test_frames_from_the_future_are_taken_up_to_the_age_of_old_ones(
+    plan: Plan, bench: Any, ahead_s: float, outcome: str
+) -> None:
+    """Two clocks may differ; by more than the limit of a stale frame they are not believed."""
+    read = bench.read
+
+    def ahead(*, timeout_s: float) -> Frame:
+        frame = read(timeout_s=timeout_s)
+        late = frame.sequence > 30
+        return replace(frame, time_s=frame.time_s + late * ahead_s)
+
+    bench.read = ahead
+    result = run(plan, bench)
+    assert result.outcome == outcome
+    assert outcome == "held" or "s old (limit 0.33 s)" in result.faults[0]
+
+
 # -- the ceiling -----------------------------------------------------------------------------------
 
 
@@ -301,15 +348,15 @@ def test_the_ceiling_is_15_newtons() -> None:
 def test_the_ceiling_is_where_it_is_said_to_be(
     plan: Plan, bench: Any, share: float, opens: bool
 ) -> None:
-    belief = Belief(
-        phase=Phase.HOLD,
+    estimate = ContactEstimate(
         rest_ohm=plan.rest_ohm,
         force_n=share * plan.safety.force_ceiling_n,
         force_high_n=2 * plan.safety.force_ceiling_n,
     )
+    controller = GraspController(plan, GraspState(phase=Phase.HOLD, estimate=estimate))
     observation = Observation(frame=bench.read(timeout_s=1.0), gripper=bench.state())
-    after, command = step(belief, observation, plan=plan)
-    assert (after.result.outcome is Outcome.FORCE_LIMIT) == opens
+    command = controller.step(observation)
+    assert (controller.state.result.outcome is Outcome.FORCE_LIMIT) == opens
     assert (command is not None) == opens
 
 

@@ -25,7 +25,7 @@ def deciding() -> list[tuple[str, str]]:
     dangers = {danger.name: Outcome(danger.outcome).name for danger in Danger}
     found = set()
     for path in FOLDER.glob("*.py"):
-        if path.stem in ("result", "verdict", "safety", "belief"):
+        if path.stem in ("result", "verdict", "safety", "state"):
             continue
         text = path.read_text()
         found |= {(path.stem, name) for name in re.findall(r"\bOutcome\.([A-Z_]+)\b(?!:)", text)}

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from palpate.grasp.belief import Belief
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
+from palpate.grasp.state import GraspState
 
 
 def run(plan: Plan, bench: Any, requests: Requests, watcher: Any) -> GraspResult:
@@ -27,8 +27,8 @@ def run(plan: Plan, bench: Any, requests: Requests, watcher: Any) -> GraspResult
 def test_stop_ends_the_grasp_where_the_hand_is(plan: Plan, bench: Any) -> None:
     requests, widths = Requests(), list[float]()
 
-    def watcher(belief: Belief) -> None:
-        if belief.now_s > 5.0 and not requests.stop.is_set():
+    def watcher(grasp_state: GraspState) -> None:
+        if grasp_state.estimate.now_s > 5.0 and not requests.stop.is_set():
             requests.stop.set()
             widths.append(bench.width_mm)
 
@@ -40,8 +40,8 @@ def test_stop_ends_the_grasp_where_the_hand_is(plan: Plan, bench: Any) -> None:
 def test_release_before_an_answer_opens_the_hand_and_says_stopped(plan: Plan, bench: Any) -> None:
     requests = Requests()
 
-    def watcher(belief: Belief) -> None:
-        if belief.phase is Phase.SQUEEZE:
+    def watcher(grasp_state: GraspState) -> None:
+        if grasp_state.phase is Phase.SQUEEZE:
             requests.release.set()
 
     result = run(plan, bench, requests, watcher)
@@ -51,8 +51,11 @@ def test_release_before_an_answer_opens_the_hand_and_says_stopped(plan: Plan, be
 def test_release_of_a_held_object_is_the_end_of_a_good_grasp(plan: Plan, bench: Any) -> None:
     requests = Requests()
 
-    def watcher(belief: Belief) -> None:
-        if belief.phase is Phase.HOLD and belief.now_s - belief.since_s > 3.0:
+    def watcher(grasp_state: GraspState) -> None:
+        if (
+            grasp_state.phase is Phase.HOLD
+            and grasp_state.estimate.now_s - grasp_state.since_s > 3.0
+        ):
             requests.release.set()
 
     result = run(replace(plan, hold_s=60.0), bench, requests, watcher)
@@ -62,7 +65,7 @@ def test_release_of_a_held_object_is_the_end_of_a_good_grasp(plan: Plan, bench: 
 
 
 def test_a_watcher_that_fails_is_left_out_and_named(plan: Plan, bench: Any) -> None:
-    def broken(_: Belief) -> None:
+    def broken(_: GraspState) -> None:
         raise RuntimeError("no screen")
 
     result = run(plan, bench, Requests(), broken)

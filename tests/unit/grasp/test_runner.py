@@ -10,12 +10,13 @@ from typing import Any
 import pytest
 
 from palpate.errors import DeviceError
-from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.safety import SafetyLimits
+from palpate.grasp.state import GraspState
 
 
 def run(plan: Plan, bench: Any, *subscribers: Any) -> GraspResult:
@@ -147,7 +148,7 @@ def test_run_grasp_frame_times_that_do_not_rise_end_it(
 def test_run_grasp_any_error_of_an_array_stops_the_hand_and_is_raised(
     plan: Plan, bench: Any, phase: Phase
 ) -> None:
-    beliefs, read = list[Belief](), bench.read
+    beliefs, read = list[GraspState](), bench.read
 
     def broken(*, timeout_s: float) -> Any:
         if beliefs and beliefs[-1].phase is phase:

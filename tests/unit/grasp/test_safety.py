@@ -18,6 +18,8 @@ IN_THE_HOLD = {
     Danger.GRIPPER_FAULT: (Reaction.HOLD_STILL, Reaction.HOLD_STILL),
     Danger.FORCE_LIMIT: (Reaction.OPEN, Reaction.OPEN),
     Danger.UNSEEN_FORCE: (Reaction.OPEN, Reaction.OPEN),
+    Danger.SLIPPED: (Reaction.OPEN, Reaction.OPEN),
+    Danger.TIMED_OUT: (Reaction.OPEN, Reaction.OPEN),
 }
 
 
@@ -41,6 +43,8 @@ def test_every_danger_ends_with_an_outcome_of_its_name() -> None:
         Danger.FORCE_LIMIT: "force_limit",
         Danger.STOPPED: "stopped",
         Danger.UNSEEN_FORCE: "sensor_lost",
+        Danger.SLIPPED: "slipped",
+        Danger.TIMED_OUT: "timed_out",
     }
 
 

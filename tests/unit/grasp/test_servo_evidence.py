@@ -10,7 +10,7 @@ import pytest
 
 from palpate.estimate.compliance import Compliance
 from palpate.estimate.servo_force import CurrentLaw, GearFriction
-from palpate.grasp.phases import Phase
+from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult, Outcome
@@ -87,8 +87,8 @@ def run(plan: Plan, bench: Any, *, watch: Any = None) -> GraspResult:
 def held_n(plan: Plan, bench: Any) -> tuple[GraspResult, float]:
     forces = list[float]()
 
-    def at_hold(belief: Any) -> None:
-        if belief.phase is Phase.HOLD:
+    def at_hold(grasp_state: Any) -> None:
+        if grasp_state.phase == Phase.HOLD:
             forces.append(bench.force_n)
 
     result = run(plan, bench, watch=at_hold)
@@ -122,22 +122,22 @@ def test_without_current_the_sheet_is_believed(plan: Plan, slow: Any) -> None:
 
 def test_too_much_is_eased_from_below(plan: Plan, slow: Any) -> None:
     """The object stiffens under the last step; the hand opens, and comes back from below."""
-    phases, forces = list[Phase](), list[float]()
+    phases, forces = list[str](), list[float]()
 
-    def watch(belief: Any) -> None:
-        if belief.phase is Phase.SETTLE and not phases.count(Phase.EASE):
+    def watch(grasp_state: Any) -> None:
+        if grasp_state.activity == Activity.FORECAST and not phases.count(Activity.EASE):
             # Something pushes the fingers' object thicker once.
             slow.size_mm = 50.9
-        phases.append(belief.phase)
+        phases.append(grasp_state.activity)
         forces.append(slow.force_n)
 
     result = run(replace(plan, target_force_n=4.0), slow, watch=watch)
     names = [moment.name for moment in result.moments if moment.finger is None]
     assert "eased" in names
     assert names.index("eased") < names.index("answer")
-    last = [force for phase, force in zip(phases, forces, strict=True) if phase is Phase.HOLD][-1]
+    last = [force for phase, force in zip(phases, forces, strict=True) if phase == Phase.HOLD][-1]
     assert last == pytest.approx(4.0, rel=0.1)
-    eased_n = [f for phase, f in zip(phases, forces, strict=True) if phase is Phase.EASE]
+    eased_n = [f for phase, f in zip(phases, forces, strict=True) if phase == Activity.EASE]
     assert min(eased_n) < 0.8 * 4.0
 
 
@@ -148,12 +148,12 @@ def test_it_comes_back_in_safe_goes_and_less_far_than_it_stood(
     """In one go under a high ceiling, in several under a low one."""
     stood, again, came = list[float](), list[float](), list[float]()
 
-    def watch(belief: Any) -> None:
-        if belief.phase is Phase.SETTLE:
+    def watch(grasp_state: Any) -> None:
+        if grasp_state.activity == Activity.FORECAST:
             slow.size_mm = 50.9
-            (came if again else stood).append(plan.gripper.target(belief.sent))
-        if belief.phase is Phase.EASE:
-            again.append(plan.gripper.target(belief.again))
+            (came if again else stood).append(plan.gripper.target(grasp_state.estimate.sent))
+        if grasp_state.activity == Activity.EASE:
+            again.append(plan.gripper.target(grasp_state.correction.return_closure))
 
     close = replace(plan, target_force_n=4.0, safety=SafetyLimits(force_ceiling_n=ceiling_n))
     result = run(close, slow, watch=watch)

@@ -7,21 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.grasp.belief import Belief, Closing, Touch
+from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
-from palpate.grasp.step_size import closed_by, slope_n
+from palpate.grasp.step_size import close_by, slope_n, squeeze_depth, squeeze_step
 from palpate.rig.simulated import calibrated
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import GripperKind, World
 
 
-def stairs(*, force_n: list[float], step_mm: float) -> Belief:
-    """Return the belief after steps of the squeeze that read these forces."""
+def stairs(*, force_n: list[float], step_mm: float) -> ContactEstimate:
+    """Return the estimate after steps of the squeeze that read these forces."""
     closings = tuple(
-        Closing(
+        ClosingStep(
             closure=20.0 + step_mm * number,
             touch=Touch(
                 time_s=float(number),
@@ -32,8 +32,8 @@ def stairs(*, force_n: list[float], step_mm: float) -> Belief:
         )
         for number, force in enumerate(force_n)
     )
-    return Belief(
-        staircase=closings,
+    return ContactEstimate(
+        steps=closings,
         contact_s=0.0,
         closure=closings[-1].closure,
         sent=closings[-1].closure,
@@ -43,29 +43,38 @@ def stairs(*, force_n: list[float], step_mm: float) -> Belief:
 
 
 def test_slope_n_of_sure_rises_is_the_steepest_of_the_last_two(plan: Plan) -> None:
-    belief = stairs(force_n=[0.8, 1.3, 2.0, 2.5], step_mm=0.5)
-    assert slope_n(belief, plan) == pytest.approx(1.4, rel=0.05)
+    estimate = stairs(force_n=[0.8, 1.3, 2.0, 2.5], step_mm=0.5)
+    assert slope_n(estimate, plan) == pytest.approx(1.4, rel=0.05)
 
 
 def test_slope_n_of_rises_within_the_noise_is_what_they_leave_possible(plan: Plan) -> None:
-    belief = stairs(force_n=[2.0, 2.06, 2.09, 2.1], step_mm=0.5)
-    assert slope_n(belief, plan) == pytest.approx(1.1 * 2.1 / 1.5, rel=0.05)
+    estimate = stairs(force_n=[2.0, 2.06, 2.09, 2.1], step_mm=0.5)
+    assert slope_n(estimate, plan) == pytest.approx(1.1 * 2.1 / 1.5, rel=0.05)
 
 
 def test_slope_n_of_a_force_that_falls_is_that_of_a_rigid_object(plan: Plan) -> None:
     assert slope_n(stairs(force_n=[2.0, 2.6, 2.5], step_mm=0.5), plan) == plan.steepest_n
 
 
+def test_squeeze_step_is_not_much_longer_than_the_depth_so_far(plan: Plan) -> None:
+    """Far from its goal a step could be long, but the slope is known only as far as it was felt."""
+    estimate = stairs(force_n=[0.8, 1.3], step_mm=0.25)
+    depth_mm = squeeze_depth(estimate, plan)
+    assert depth_mm == pytest.approx(0.25 + 0.8 / 2.0, rel=0.1)
+    step_mm = squeeze_step(estimate, replace(plan, target_force_n=12.0), goal_n=12.0)
+    assert step_mm == pytest.approx(1.2 * depth_mm + plan.fine_step)
+
+
 @pytest.mark.parametrize("force_n", [0.5, 1.0, 1.9])
-def test_closed_by_any_step_does_not_pass_the_bound_beyond_the_target(
+def test_close_by_any_step_does_not_pass_the_bound_beyond_the_target(
     plan: Plan, force_n: float
 ) -> None:
     aimed = replace(plan, target_force_n=2.0)
-    belief = stairs(force_n=[force_n / 4, force_n / 2, force_n], step_mm=0.25)
-    wish = closed_by(belief, 20.0, aimed)
+    estimate = stairs(force_n=[force_n / 4, force_n / 2, force_n], step_mm=0.25)
+    wish = close_by(estimate, 20.0, aimed)
     assert wish is not None
-    way = 74.0 - wish.target - belief.closure
-    assert force_n + way * slope_n(belief, aimed) < 1.5 * 2.0 + 0.5
+    way = 74.0 - wish.target - estimate.closure
+    assert force_n + way * slope_n(estimate, aimed) < 1.5 * 2.0 + 0.5
 
 
 @pytest.mark.parametrize(

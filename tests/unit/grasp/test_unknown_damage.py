@@ -7,21 +7,21 @@ from dataclasses import replace
 import pytest
 
 from palpate.estimate.damage import DamageModel
-from palpate.grasp.belief import Belief, Closing, Touch
+from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan
-from palpate.grasp.step_size import closed_by
+from palpate.grasp.step_size import close_by
 
 
-def felt(*, first: float, second: float, force_n: float) -> Belief:
-    """Return the belief of a hand that has closed by a millimetre while its fingers felt this."""
+def felt(*, first: float, second: float, force_n: float) -> ContactEstimate:
+    """Return the estimate of a hand that has closed by a millimetre while its fingers felt this."""
     touch = Touch(
         time_s=1.0,
         finger_percent=(first, second),
         relative_percent=(first + second) / 2,
         reading=2.0 * force_n,
     )
-    stairs = tuple(Closing(closure=20.0 + 0.25 * each, touch=touch) for each in range(5))
-    return Belief(closure=21.0, sent=21.0, staircase=stairs, force_high_n=1.5 * force_n)
+    stairs = tuple(ClosingStep(closure=20.0 + 0.25 * each, touch=touch) for each in range(5))
+    return ContactEstimate(closure=21.0, sent=21.0, steps=stairs, force_high_n=1.5 * force_n)
 
 
 @pytest.mark.parametrize(
@@ -36,5 +36,5 @@ def test_one_finger_alone_does_not_squeeze(
     plan: Plan, damage: DamageModel, first: float, second: float, force_n: float, goes_on: bool
 ) -> None:
     careful = replace(plan, damage=damage, target_force_n=4.0)
-    belief = felt(first=first, second=second, force_n=force_n)
-    assert (closed_by(belief, 0.25, careful) is not None) == goes_on
+    estimate = felt(first=first, second=second, force_n=force_n)
+    assert (close_by(estimate, 0.25, careful) is not None) == goes_on

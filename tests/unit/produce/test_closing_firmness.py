@@ -9,10 +9,11 @@ import pytest
 
 from palpate.estimate.compliance import Compliance
 from palpate.estimate.gain import Gain
-from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
+from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperState
 from palpate.produce.grasp_record import held_at
 from palpate.produce.ripeness.closing import (
@@ -62,14 +63,14 @@ def test_its_doubt_is_what_scatter_of_the_steps_makes() -> None:
 
 
 @pytest.fixture(scope="module")
-def watched() -> tuple[ClosingWatch, GraspResult, list[Observation], list[Belief]]:
+def watched() -> tuple[ClosingWatch, GraspResult, list[Observation], list[GraspState]]:
     calibration = calibrated(seed=5, level="lab", apart_from="ball-44lbs")
     world = World(
         draw_object(np.random.default_rng(5), "ball-44lbs"), seed=5, sheet_seed=5, level="lab"
     )
     gripper = TwinGripper(world)
     plan = plan_grasp(calibration, gripper=gripper, target_force_n=5.0, hold_s=0.0)
-    seen, beliefs, watch = list[Observation](), list[Belief](), ClosingWatch(plan)
+    seen, beliefs, watch = list[Observation](), list[GraspState](), ClosingWatch(plan)
     result = run_grasp(
         plan,
         array=TwinArray(world),
@@ -85,7 +86,7 @@ def watched() -> tuple[ClosingWatch, GraspResult, list[Observation], list[Belief
 
 
 def test_a_grasp_that_was_watched_tells_firmness_and_width(
-    watched: tuple[ClosingWatch, GraspResult, list[Observation], list[Belief]],
+    watched: tuple[ClosingWatch, GraspResult, list[Observation], list[GraspState]],
 ) -> None:
     watch, result, seen, _ = watched
     firmness = watch.measured()["firmness_n_per_mm"]
@@ -96,7 +97,7 @@ def test_a_grasp_that_was_watched_tells_firmness_and_width(
 
 
 def test_a_grasp_without_answer_tells_neither(
-    watched: tuple[ClosingWatch, GraspResult, list[Observation], list[Belief]],
+    watched: tuple[ClosingWatch, GraspResult, list[Observation], list[GraspState]],
 ) -> None:
     watch, result, seen, beliefs = watched
     lost = replace(result, moments=())
@@ -111,12 +112,12 @@ def test_a_grasp_without_answer_tells_neither(
 
 
 def test_loads_fainter_than_a_newton_do_not_count(
-    watched: tuple[ClosingWatch, GraspResult, list[Observation], list[Belief]],
+    watched: tuple[ClosingWatch, GraspResult, list[Observation], list[GraspState]],
 ) -> None:
     watch, _, _, beliefs = watched
     held = next(one for one in reversed(beliefs) if one.phase == "hold")
-    gain = float(np.exp(held.gain.log_mean))
-    steps = held.staircase
+    gain = float(np.exp(held.estimate.gain.log_mean))
+    steps = held.estimate.steps
     law = watch.plan.early_law
     readings = np.linspace(0.0, max(step.touch.reading for step in steps), 500)
     load_n = gain * law.force_n(readings).value
@@ -131,10 +132,9 @@ def test_loads_fainter_than_a_newton_do_not_count(
             closure=before.closure + 0.1,
             touch=replace(before.touch, reading=reading),
         )
-        found = closing_firmness(
-            replace(held, staircase=(before, extra, *steps[steps.index(before) + 1 :])),
-            plan=watch.plan,
-        )
+        others = (before, extra, *steps[steps.index(before) + 1 :])
+        other = replace(held, estimate=replace(held.estimate, steps=others))
+        found = closing_firmness(other, plan=watch.plan)
         assert found is not None
         return found.value
 
@@ -145,13 +145,14 @@ def test_loads_fainter_than_a_newton_do_not_count(
 
 
 def test_what_other_witnesses_made_of_the_contact_is_kept(
-    watched: tuple[ClosingWatch, GraspResult, list[Observation], list[Belief]],
+    watched: tuple[ClosingWatch, GraspResult, list[Observation], list[GraspState]],
 ) -> None:
     watch, _, _, beliefs = watched
     held = next(one for one in reversed(beliefs) if one.phase == "hold")
     kept = watch.measured()["sheet_gain"]
-    assert kept.value == pytest.approx(np.exp(held.gain.log_mean))
+    assert kept.value == pytest.approx(np.exp(held.estimate.gain.log_mean))
     assert kept.value != 1.0
     assert kept.high / kept.value == pytest.approx(kept.value / kept.low)
-    alone = replace(held, gain=Gain.unknown(law_sd=held.gain.law_sd))
+    unknown = Gain.unknown(law_sd=held.estimate.gain.law_sd)
+    alone = replace(held, estimate=replace(held.estimate, gain=unknown))
     assert sheet_gain(alone, plan=watch.plan).value == 1.0

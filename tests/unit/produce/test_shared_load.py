@@ -11,11 +11,12 @@ import pytest
 
 from palpate.estimate.compliance import Compliance, SoftFingerCompliance
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
+from palpate.grasp.state import GraspState
 from palpate.produce.felt_pixels import MEAN_S, felt_pixels
 from palpate.produce.ripeness.closing import ClosingWatch, contact_width, width_at_contact
 from palpate.produce.ripeness.firmness import RIPENESS_N, minus_log_sharing
@@ -43,7 +44,7 @@ class Felt:
     plan: Plan
     result: GraspResult
     seen: list[Observation]
-    beliefs: list[Belief]
+    beliefs: list[GraspState]
     measured: dict[str, Measurement]
 
     @property
@@ -61,7 +62,7 @@ class Felt:
 
 
 def grasped(world: World, plan: Plan) -> Felt:
-    seen, beliefs, watch = list[Observation](), list[Belief](), ClosingWatch(plan)
+    seen, beliefs, watch = list[Observation](), list[GraspState](), ClosingWatch(plan)
     result = run_grasp(
         plan,
         array=TwinArray(world),
@@ -141,7 +142,10 @@ def test_without_width_or_answer_nothing_is_said(by_size: dict[float, Felt]) -> 
     assert shared_pixels(felt.seen, result=lost, layout=layout, measured=felt.measured) == {}
     held = felt.beliefs[-1]
     assert contact_width(held, plan=replace(felt.plan, bend=None)) is None
-    assert contact_width(replace(held, staircase=()), plan=felt.plan) is None
+    assert (
+        contact_width(replace(held, estimate=replace(held.estimate, steps=())), plan=felt.plan)
+        is None
+    )
 
 
 @pytest.mark.parametrize("first", [0, 1, 2])

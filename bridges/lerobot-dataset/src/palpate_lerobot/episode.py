@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.clock import ManualClock
 from palpate.errors import RecordingError
-from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.decide_again import decide_again
+from palpate.grasp.estimator import Observation
 from palpate.grasp.planning import force_now
 from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperCommand, GripperState
 from palpate.recording import RecordingInfo, RecordingReader, Replay, ReplayGripper
 from palpate.recording.replay import observations
@@ -212,10 +213,10 @@ class _Scribe:
         here = GripperCommand(target=self.limits.reported(observation.gripper), rate=0.0)
         self.steps.append((observation, self._sent or here))
 
-    def believe(self, belief: Belief) -> None:
-        """Take a belief: the first that knows the rest is the grasp's own."""
-        if self.rest_ohm is None and belief.rest_ohm is not None:
-            self.rest_ohm = belief.rest_ohm
+    def believe(self, grasp_state: GraspState) -> None:
+        """Take a grasp_state: the first that knows the rest is the grasp's own."""
+        if self.rest_ohm is None and grasp_state.estimate.rest_ohm is not None:
+            self.rest_ohm = grasp_state.estimate.rest_ohm
 
     def state(self) -> GripperState:
         """Return the recorded state."""

@@ -31,9 +31,9 @@ from scipy.special import ndtri
 from palpate.arrays import FloatArray
 from palpate.estimate.compliance import Compliance, SoftFingerCompliance
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.belief import Belief
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
+from palpate.grasp.state import GraspState
 from palpate.produce.records import MEASURED, Grasp
 from palpate.produce.ripeness.firmness import RIPENESS_N
 from palpate.settling.result import Status
@@ -65,12 +65,12 @@ class ClosingWatch:
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
-        self._held: Belief | None = None
+        self._held: GraspState | None = None
 
-    def see(self, belief: Belief) -> None:
+    def see(self, grasp_state: GraspState) -> None:
         """Take what the controller makes of the next observation."""
-        if belief.phase is Phase.HOLD:
-            self._held = belief
+        if grasp_state.phase is Phase.HOLD:
+            self._held = grasp_state
 
     def measured(self) -> dict[str, Measurement]:
         """Return what was measured, by its name; nothing where the item was not held."""
@@ -84,23 +84,23 @@ class ClosingWatch:
         return {name: measured for name, measured in found.items() if measured is not None}
 
 
-def closing_firmness(belief: Belief, *, plan: Plan) -> Measurement | None:
+def closing_firmness(grasp_state: GraspState, *, plan: Plan) -> Measurement | None:
     """Return the secant stiffness at 5 N of the round body that fits a closing; None if none does.
 
-    `belief`: what the controller knew when it gave its answer.
+    `grasp_state`: what the controller knew when it gave its answer.
     """
-    force = belief.result.force_n
-    if plan.give is None or force is None or force.middle <= 0 or not belief.staircase:
+    force = grasp_state.result.force_n
+    if plan.give is None or force is None or force.middle <= 0 or not grasp_state.estimate.steps:
         return None
-    readings = [step.touch.reading for step in belief.staircase]
-    read_n = np.exp(belief.gain.log_mean) * plan.early_law.force_n(readings).value
+    readings = [step.touch.reading for step in grasp_state.estimate.steps]
+    read_n = np.exp(grasp_state.estimate.gain.log_mean) * plan.early_law.force_n(readings).value
     reach = normal_half_width(plan.level)
     floor_n = float(plan.early_law.force_n(0.0, level=plan.level).high) / reach
     load_n, loaded = _load(read_n, floor_n=floor_n)
     if not loaded.any():
         return None
-    width_mm = np.array([plan.gripper.target(step.closure) for step in belief.staircase])
-    held_mm = plan.gripper.target(belief.closure)
+    width_mm = np.array([plan.gripper.target(step.closure) for step in grasp_state.estimate.steps])
+    held_mm = plan.gripper.target(grasp_state.estimate.closure)
     softness, sd = round_softness(
         np.append(width_mm[loaded], held_mm) - plan.give.zero_mm,
         force_n=np.append(load_n[loaded], force.middle),
@@ -170,18 +170,20 @@ def _load(read_n: FloatArray, *, floor_n: float) -> tuple[FloatArray, NDArray[np
     return load_n, (np.arange(read_n.size) > before) & felt
 
 
-def contact_width(belief: Belief, *, plan: Plan) -> Measurement | None:
+def contact_width(grasp_state: GraspState, *, plan: Plan) -> Measurement | None:
     """Return the item's width at 1 N; None by a hand that measures no millimetres.
 
-    `belief`: what the controller knew when it gave its answer.
+    `grasp_state`: what the controller knew when it gave its answer.
     """
-    if plan.bend is None or not belief.staircase:
+    if plan.bend is None or not grasp_state.estimate.steps:
         return None
-    readings = [step.touch.reading for step in belief.staircase]
-    read = belief.gain.applied(plan.early_law.force_n(readings, level=plan.level))
+    readings = [step.touch.reading for step in grasp_state.estimate.steps]
+    read = grasp_state.estimate.gain.applied(plan.early_law.force_n(readings, level=plan.level))
     if read.value.max() < CONTACT_N:
         return None
-    pressure_kpa = np.array([plan.gripper.target(step.closure) for step in belief.staircase])
+    pressure_kpa = np.array(
+        [plan.gripper.target(step.closure) for step in grasp_state.estimate.steps]
+    )
     value, *ends = (
         width_at_contact(pressure_kpa, force_n=force_n, bend=plan.bend)
         for force_n in (read.value, read.low, read.high)
@@ -224,12 +226,12 @@ def width_at_contact(
     return float(np.interp(CONTACT_N, force_n[around], width_mm[around]))
 
 
-def sheet_gain(belief: Belief, *, plan: Plan) -> Measurement:
+def sheet_gain(grasp_state: GraspState, *, plan: Plan) -> Measurement:
     """Return the gain of a contact: 1 where nothing but the sheet was asked.
 
-    `belief`: what the controller knew when it gave its answer.
+    `grasp_state`: what the controller knew when it gave its answer.
     """
-    gain = belief.gain
+    gain = grasp_state.estimate.gain
     reach = normal_half_width(plan.level) * gain.log_sd
     return Measurement(
         value=math.exp(gain.log_mean),

@@ -19,7 +19,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.belief import Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult
 from palpate.produce.felt_pixels import MEAN_S, answered_s, percent_until
 from palpate.produce.records import MEASURED

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
+from palpate.grasp.state import GraspState
 from palpate.rig.simulated import calibrated
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
@@ -42,9 +43,12 @@ def test_a_sheet_that_weather_moved_feels_no_touch_before_the_thing(plan: Plan, 
 def test_it_closes_finely_until_that_is_shown(plan: Plan, bench: Any) -> None:
     closures = list[float]()
 
-    def watch(belief: Belief) -> None:
-        if belief.proving_from is not None and belief.closure not in closures:
-            closures.append(belief.closure)
+    def watch(grasp_state: GraspState) -> None:
+        if (
+            grasp_state.attempt.proving_from is not None
+            and grasp_state.estimate.closure not in closures
+        ):
+            closures.append(grasp_state.estimate.closure)
 
     run(calibrated_when_dry(plan), bench, watchers=[watch])
     assert max(closures) <= 1.5 * plan.step
@@ -77,10 +81,10 @@ def test_a_hand_that_goes_away_is_waited_for(plan: Plan, bench: Any) -> None:
 def test_a_sheet_that_never_rests_is_read_by_the_old_values(plan: Plan, bench: Any) -> None:
     bench.n_per_mm = 3.0
 
-    def worry(belief: Belief) -> None:
-        if belief.rest_ohm is None:
+    def worry(grasp_state: GraspState) -> None:
+        if grasp_state.estimate.rest_ohm is None:
             bench.size_mm = 75.0 + 2.0 * (int(5.0 * bench.clock.now_s()) % 2)
-        elif belief.phase is Phase.APPROACH:
+        elif grasp_state.phase is Phase.APPROACH:
             bench.size_mm = 50.3
 
     result = run(plan, bench, watchers=[worry])

@@ -13,32 +13,14 @@ from collections import deque
 import numpy as np
 
 from palpate.estimate.servo_force import WARMTH_SD
-from palpate.grasp.belief import Belief
+from palpate.grasp.config import CURRENT, READING
+from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import Alarm, Danger
 from palpate.gripper.interface import GripperState
 
-#: Deviations at which one movement is believed, and at which two in a row are: of some fifty
-#: movements of a grasp none may raise a false alarm.
-_ALONE, _TWICE = 4.5, 3.0
-#: Readings whose mean is taken; while the hand stands still the current changes slowly.
-_MOVING, _STANDING = 4, 6
-#: The current must show this many times the most that the sheet shows.
-_TIMES = 2.0
-#: The sheet is asked once it has answered the movement.
-_ANSWERED_S = 0.2
-#: A motor that turns is never quite steady: this many equal readings in a row are none.
-_EQUAL = 16
-#: Without a calibration of the current, the first readings of the grasp itself show what the gears
-#: take: this many short movements, or as many groups of readings in one long one. Later ones may
-#: take this many times the largest of them, and this more, mA.
-_FEWEST, _TIMES_EMPTY, _MORE_MA = 4, 2.0, 20.0
-#: A pixel hides its own fall under load for this long (fades with 0.06 to 0.12 s): a frame that was
-#: scanned so much after the current rose would show a grip.
-_SHEET_LAG_S = 0.06
 
-
-class CurrentWatch:
+class CurrentMonitor:
     """Bounds the grip force by the servo's current, where the gripper reports it.
 
     `plan`: its current law, force law and ceiling. Without a current law nothing is known of
@@ -48,35 +30,35 @@ class CurrentWatch:
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
-        self._pull = deque[tuple[float, float]](maxlen=_MOVING)
-        self._stand = deque[tuple[float, float]](maxlen=_STANDING)
+        self._pull = deque[tuple[float, float]](maxlen=CURRENT.moving_readings)
+        self._stand = deque[tuple[float, float]](maxlen=CURRENT.standing_readings)
         self._closure, self._moved_s = math.inf, math.nan
-        self._turning = deque[float](maxlen=_EQUAL)
+        self._turning = deque[float](maxlen=CURRENT.equal_readings)
         self._read_s = math.nan
         self._judged = True
         self._twice = 0
         self._empty_ma = list[float]()
         self._grouped, self._risen_s = 0, math.nan
 
-    def alarm(self, state: GripperState, *, belief: Belief) -> Alarm | None:
+    def check(self, state: GripperState, *, estimate: ContactEstimate) -> Alarm | None:
         """Take the gripper's next report; return an unexplained rise of the current."""
         if math.isnan(state.current_ma):
             return None
         reading = (state.current_ma, self._plan.gripper.reported(state))
         closure, before = self._plan.gripper.closure(state), self._closure
         self._closure = closure
-        if self._stand and (state.moving or belief.moved_s != self._moved_s):
+        if self._stand and (state.moving or estimate.moved_s != self._moved_s):
             # What was read before the last command shows nothing of what came after, even if that
             # was too short to be seen.
             self._stand.clear()
             self._pull.clear()
             self._judged = True
-        self._moved_s = belief.moved_s
+        self._moved_s = estimate.moved_s
         if not state.moving:
             self._stand.append(reading)
-            return self._too_much(self._stand) or self._unseen(belief)
+            return self._too_much(self._stand) or self._unseen(estimate)
         # A hand that is sent back and closes all the same is watched too.
-        if not (closure <= belief.sent or closure > before + self._plan.resolution):
+        if not (closure <= estimate.sent or closure > before + self._plan.resolution):
             self._judged = True
             return None
         self._pull.append(reading)
@@ -89,7 +71,7 @@ class CurrentWatch:
             self._too_much(self._pull)
             or self._stuck()
             or self._reversed()
-            or self._risen(belief, time_s=state.time_s)
+            or self._risen(estimate, time_s=state.time_s)
         )
 
     def _least_n(self, readings: deque[tuple[float, float]], *, deviations: float) -> float:
@@ -110,7 +92,7 @@ class CurrentWatch:
         return max(float(current_ma.mean()) - most_ma, 0.0) / per_n
 
     def _too_much(self, readings: deque[tuple[float, float]]) -> Alarm | None:
-        least_n = self._least_n(readings, deviations=_TWICE)
+        least_n = self._least_n(readings, deviations=CURRENT.twice_sd)
         ceiling_n = self._plan.safety.force_ceiling_n
         if least_n <= ceiling_n:
             return None
@@ -121,11 +103,11 @@ class CurrentWatch:
         return Alarm(danger=Danger.FORCE_LIMIT, words=words)
 
     def _stuck(self) -> Alarm | None:
-        if len(self._turning) < _EQUAL or len(set(self._turning)) > 1:
+        if len(self._turning) < CURRENT.equal_readings or len(set(self._turning)) > 1:
             return None
         words = (
-            f"the servo's current has read {self._turning[0]:.0f} mA {_EQUAL} times while the hand "
-            "closed: it is stuck, and shows no force"
+            f"the servo's current has read {self._turning[0]:.0f} mA {CURRENT.equal_readings} "
+            "times while the hand closed: it is stuck, and shows no force"
         )
         return Alarm(danger=Danger.GRIPPER_FAULT, words=words)
 
@@ -134,7 +116,7 @@ class CurrentWatch:
         law = self._plan.current
         usual = law is None or law.gears.mean_ma > 0
         mean_ma = float(np.mean(self._turning))
-        if len(self._turning) < _EQUAL or mean_ma >= -_MORE_MA or not usual:
+        if len(self._turning) < CURRENT.equal_readings or mean_ma >= -CURRENT.more_ma or not usual:
             return None
         words = (
             f"the servo's current is {mean_ma:.0f} mA while the hand closes: its driver must "
@@ -142,13 +124,13 @@ class CurrentWatch:
         )
         return Alarm(danger=Danger.GRIPPER_FAULT, words=words)
 
-    def _risen(self, belief: Belief, *, time_s: float) -> Alarm | None:
+    def _risen(self, estimate: ContactEstimate, *, time_s: float) -> Alarm | None:
         """Compare the current within a long movement, where nothing is known of newtons."""
-        if self._plan.current is not None or len(self._pull) < _MOVING:
+        if self._plan.current is not None or len(self._pull) < CURRENT.moving_readings:
             return None
         pull_ma = float(np.mean([current_ma for current_ma, _ in self._pull]))
-        if len(self._empty_ma) < _FEWEST:
-            self._grouped = (self._grouped + 1) % _MOVING
+        if len(self._empty_ma) < CURRENT.empty_readings:
+            self._grouped = (self._grouped + 1) % CURRENT.moving_readings
             if self._grouped == 0:
                 self._empty_ma.append(pull_ma)
             return None
@@ -157,14 +139,14 @@ class CurrentWatch:
             return None
         if math.isnan(self._risen_s):
             self._risen_s = time_s
-        answered = belief.now_s > self._risen_s + _SHEET_LAG_S
-        if not answered or belief.watched_n > self._plan.no_push_n:
+        answered = estimate.now_s > self._risen_s + READING.lag_s
+        if not answered or estimate.watched_n > self._plan.no_push_n:
             return None
         return self._unexplained(pull_ma)
 
     @property
     def _most_empty_ma(self) -> float:
-        return _TIMES_EMPTY * max(*self._empty_ma, 0.0) + _MORE_MA
+        return CURRENT.empty_factor * max(*self._empty_ma, 0.0) + CURRENT.more_ma
 
     def _unexplained(self, pull_ma: float) -> Alarm:
         words = (
@@ -173,20 +155,20 @@ class CurrentWatch:
         )
         return Alarm(danger=Danger.UNSEEN_FORCE, words=words)
 
-    def _unseen(self, belief: Belief) -> Alarm | None:
+    def _unseen(self, estimate: ContactEstimate) -> Alarm | None:
         """Compare the last movement, and the hand as it stands, with what the sheet shows."""
-        if belief.still_s < _ANSWERED_S or not belief.touches:
+        if estimate.still_s < CURRENT.answered_s or not estimate.touches:
             return None
         if self._plan.current is None:
-            return self._unlearned(belief)
-        force = self._plan.early_law.force_n(belief.now.reading, level=self._plan.level)
+            return self._unlearned(estimate)
+        force = self._plan.early_law.force_n(estimate.now.reading, level=self._plan.level)
         shown_n = float(np.nan_to_num(force.high))
-        bound_n = _TIMES * shown_n
-        least_n = self._least_n(self._stand, deviations=_ALONE)
+        bound_n = CURRENT.sheet_factor * shown_n
+        least_n = self._least_n(self._stand, deviations=CURRENT.once_sd)
         if not self._judged:
             self._judged = True
-            least_n = max(least_n, self._least_n(self._pull, deviations=_ALONE))
-            again_n = self._least_n(self._pull, deviations=_TWICE)
+            least_n = max(least_n, self._least_n(self._pull, deviations=CURRENT.once_sd))
+            again_n = self._least_n(self._pull, deviations=CURRENT.twice_sd)
             self._twice = self._twice + 1 if again_n > bound_n else 0
             if self._twice > 1:
                 least_n = max(least_n, again_n)
@@ -198,13 +180,13 @@ class CurrentWatch:
         )
         return Alarm(danger=Danger.UNSEEN_FORCE, words=words)
 
-    def _unlearned(self, belief: Belief) -> Alarm | None:
-        felt = belief.now.deepest_percent <= self._plan.hint_percent
+    def _unlearned(self, estimate: ContactEstimate) -> Alarm | None:
+        felt = estimate.now.deepest_percent <= self._plan.hint_percent
         if self._judged or felt or not self._pull:
             return None
         self._judged = True
         pull_ma = float(np.mean([current_ma for current_ma, _ in self._pull]))
-        if len(self._empty_ma) < _FEWEST:
+        if len(self._empty_ma) < CURRENT.empty_readings:
             self._empty_ma.append(pull_ma)
             return None
         return None if pull_ma <= self._most_empty_ma else self._unexplained(pull_ma)

@@ -5,22 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from palpate.grasp.config import GUARDS
 from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 
 _UNITS = {"width": "mm", "pressure": "kPa"}
-#: Up to this far beyond the ends of its range a gripper's report is still believed, mm or kPa.
-_BEYOND = {"width": 5.0, "pressure": 10.0}
-#: A way that is shorter than this shows nothing (mm or kPa); of what the rate would have made of a
-#: longer one by now at least this share is made, or the hand does not move.
-_SHORT = {"width": 0.2, "pressure": 0.4}
-_LEAST_SHARE = 0.3
-#: A hand that closes this many times as fast as it was sent is driven in other units, or does not
-#: take a speed at all: the step sizes and the touch at speed rely on it. Commands give the mean
-#: speed of a movement, and no mechanism here turns into more than 1.3 times that on the way.
-_TOO_FAST = 1.5
-#: No motor of such a gripper takes this current, mA.
-_MOST_MA = 20_000.0
+#: By drive, mm or kPa: how far beyond its range a gripper's report is still believed, and the way
+#: that shows anything of a movement.
+_BEYOND = {"width": GUARDS.range_mm, "pressure": GUARDS.range_kpa}
+_SHORTEST = {"width": GUARDS.shortest_mm, "pressure": GUARDS.shortest_kpa}
 
 
 def unbelievable(
@@ -41,7 +34,7 @@ def unbelievable(
         )
     unsensed = math.isnan(state.current_ma)
     lost = unsensed and before is not None and not math.isnan(before.current_ma)
-    if lost or not (unsensed or abs(state.current_ma) < _MOST_MA):
+    if lost or not (unsensed or abs(state.current_ma) < GUARDS.most_ma):
         return (
             f"the gripper reports a current of {state.current_ma:g} mA; check its cable and its "
             "driver"
@@ -125,10 +118,10 @@ class Following:
         way = self.target - self.begin
         left = max(self.ends_s - now_s, 0.0) * self.rate
         expected = abs(way) - min(left, abs(way))
-        if expected < _SHORT[limits.drive]:
+        if expected < _SHORTEST[limits.drive]:
             return None
         made = math.copysign(1.0, way) * (limits.reported(state) - self.begin)
-        return made / expected < _LEAST_SHARE
+        return made / expected < GUARDS.idle_fraction
 
     def complaint(
         self, state: GripperState, *, now_s: float, limits: GripperLimits, safety: SafetyLimits
@@ -194,7 +187,7 @@ class SpeedWatch:
         # A hand that gets a slower command closes at the speed of the one before for a moment.
         late = max(self._rate - way.rate, 0.0) * self._latency_s
         self._rate = way.rate
-        more = closed - _TOO_FAST * way.rate * passed_s
+        more = closed - GUARDS.too_fast * way.rate * passed_s
         self._ahead = max(self._ahead - late + more, min(self._ahead, 0.0) - late)
         if self._ahead <= self._lag + way.rate * self._latency_s:
             return None

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.grasp.belief import Observation
-from palpate.grasp.pixel_watch import PixelWatch
+from palpate.grasp.estimator import Observation
+from palpate.grasp.pixel_monitor import PixelMonitor
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import Alarm, Danger
 from palpate.gripper.interface import GripperState
@@ -22,13 +22,13 @@ def alarms(
     plan: Plan, frames: list[Any], *, step_mm: float = 0.0, moving: bool = False
 ) -> list[Alarm | None]:
     """Return the watch's alarm at each frame; the fingers close by a step between them."""
-    watch = PixelWatch(plan)
+    watch = PixelMonitor(plan)
     found = []
     for number, counts in enumerate(frames):
         frame = Frame(time_s=number / 15, sequence=number, counts=np.asarray(counts))
         width_mm = 74.0 - number * step_mm
         state = GripperState(time_s=number / 15, width_mm=width_mm, moving=moving)
-        found.append(watch.alarm(Observation(frame=frame, gripper=state)))
+        found.append(watch.check(Observation(frame=frame, gripper=state)))
     return found
 
 
@@ -83,11 +83,11 @@ def climbing(pixels: int) -> list[Any]:
 
 
 def test_one_pixel_that_a_load_brings_to_the_top_is_no_alarm(plan: Plan) -> None:
-    watch, frames = PixelWatch(plan), climbing(1)
+    watch, frames = PixelMonitor(plan), climbing(1)
     for number, counts in enumerate(frames):
         state = GripperState(time_s=number / 15, width_mm=74.0 - 0.3 * number)
         frame = Frame(time_s=number / 15, sequence=number, counts=counts)
-        assert watch.alarm(Observation(frame=frame, gripper=state)) is None
+        assert watch.check(Observation(frame=frame, gripper=state)) is None
         if number > 4:
             assert not watch.doubtful
     assert "pixel R0 C0 is pressed beyond what can be read" in str(watch.beyond)
@@ -156,14 +156,14 @@ def test_shorts_from_the_first_frame_on(plan: Plan) -> None:
 
 
 def test_a_frame_with_an_end_of_the_range_is_doubtful(plan: Plan) -> None:
-    watch = PixelWatch(plan)
+    watch = PixelMonitor(plan)
     doubts = []
     for number, counts in enumerate((REST, 1023, REST + 1, 0, REST)):
         frame = np.full((4, 2), REST)
         frame[0, 1] = counts
         seen = Frame(time_s=number / 15, sequence=number, counts=frame)
         state = GripperState(time_s=number / 15, width_mm=74.0)
-        assert watch.alarm(Observation(frame=seen, gripper=state)) is None
+        assert watch.check(Observation(frame=seen, gripper=state)) is None
         doubts.append(watch.doubtful)
     assert doubts == [False, True, False, True, False]
 

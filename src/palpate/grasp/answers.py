@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from palpate.arrays import FloatArray
 from palpate.estimate.closing_stiffness import ClosingSteps, object_stiffness
 from palpate.estimate.compliance import (
     SOFTEST_N_PER_MM,
     STIFFEST_N_PER_MM,
     Compliance,
-    SoftFingerCompliance,
 )
 from palpate.estimate.firmness import firmness_index
+from palpate.estimate.force import ForceEstimate
 from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.size import ContactPoint, contact_point
 from palpate.estimate.soft_stiffness import soft_stiffness
-from palpate.grasp.belief import Belief, Closing, Touch
+from palpate.grasp.config import READING, SETTLE, SQUEEZE
+from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan
-from palpate.grasp.result import GraspResult
-from palpate.grasp.servo_evidence import felt_by_gripper
 from palpate.settling.percent import as_percent, of_rest
 from palpate.settling.result import SettledEstimate, Status
 
@@ -37,23 +41,6 @@ _RIGID_FINGERS = (
 #: Normal variables at five and three points with their probabilities (Gauss-Hermite).
 _GAIN_NODES, _GAIN_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 _BLIND_NODES, _BLIND_WEIGHTS = np.polynomial.hermite_e.hermegauss(3)
-#: Use and climate change a sheet's gain between calibration and grasp: log sd in force, as long as
-#: nobody checks (paper, Figures 3 and 4).
-_SINCE_SD = 0.05
-#: Share of the closing force that is left at the horizon, and its doubt (ln): a spring keeps all,
-#: silicone loses a percent or two, fruit around a tenth. The sheet hides it: it creeps on.
-_RELAXED, _RELAXED_SD = 0.96, 0.03
-#: What is held still keeps at least this share of its reading until the horizon, and reaches at
-#: most that multiple of it: fruit relaxes by a third, sheets creep by half. Beyond is extrapolated
-#: noise.
-_KEPT = (0.5, 2.0)
-#: A fall below this is a touch: ten times the noise of a few frames' mean.
-FELT_PERCENT = -1.0
-#: How far before the first sure touch a step may count, in steps of the approach.
-_FAINT_STEPS = 3.0
-#: Less than this share of the faintest force of the calibration may be drift, or what the sheet
-#: remembers: such a step bounds the size as one that felt nothing.
-_FELT_FLOOR = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +51,7 @@ class Settled:
     reading: Measurement
 
 
-def forecast(belief: Belief, *, plan: Plan) -> Settled:
+def forecast(estimate: ContactEstimate, *, plan: Plan) -> Settled:
     """Predict the settled readings from the touches since the last movement.
 
     The predictor knows sheets, not objects; one that relaxes in the hand (fruit loses a tenth to a
@@ -72,21 +59,21 @@ def forecast(belief: Belief, *, plan: Plan) -> Settled:
     forecast goes beyond what was seen. What the sheet's own calibration showed of its creep is
     weighed in.
     """
-    time_s = np.array([t.time_s for t in belief.touches]) - belief.moved_s
-    relative_percent = np.array([t.relative_percent for t in belief.touches])
-    values = np.stack([of_rest(relative_percent), [t.reading for t in belief.touches]])
+    time_s = np.array([t.time_s for t in estimate.touches]) - estimate.moved_s
+    relative_percent = np.array([t.relative_percent for t in estimate.touches])
+    values = np.stack([of_rest(relative_percent), [t.reading for t in estimate.touches]])
     found = plan.settling.predict(time_s, values, horizon_s=plan.horizon_s, level=plan.level)
-    seen = (belief.now.relative_percent, belief.now.reading)
+    seen = (estimate.now.relative_percent, estimate.now.reading)
     relative, reading = (
         _widened(one, by=float(one.value) - now, unit=unit)
         for one, now, unit in zip(
             (as_percent(found.hold(0)), found.hold(1)), seen, ("percent", "reading"), strict=True
         )
     )
-    reading = _kept(reading, now=belief.now.reading)
+    reading = _kept(reading, now=estimate.now.reading)
     if plan.creep is not None:
-        reading = plan.creep.joined(reading, now=belief.now.reading, since_s=float(time_s[-1]))
-        relative = _relative_by(reading, relative, now=belief.now)
+        reading = plan.creep.joined(reading, now=estimate.now.reading, since_s=float(time_s[-1]))
+        relative = _relative_by(reading, relative, now=estimate.now)
     return Settled(relative_percent=relative, reading=reading)
 
 
@@ -121,13 +108,13 @@ def _widened(one: SettledEstimate, *, by: float, unit: str) -> Measurement:
 
 def _kept(reading: Measurement, *, now: float) -> Measurement:
     """Return the forecast, or the present reading in its place if nothing held could read that."""
-    least, most = now * _KEPT[0], now * _KEPT[1]
+    least, most = now * SETTLE.least_kept, now * SETTLE.most_kept
     if now <= 0 or least <= reading.middle <= most:
         return reading
     return replace(reading, value=now, low=least, high=most, status=Status.FELL_BACK)
 
 
-def sure_enough(settled: Settled, *, plan: Plan) -> bool:
+def is_certain(settled: Settled, *, plan: Plan) -> bool:
     """Whether the interval of the settled reading is narrow enough to act on.
 
     Waiting is worth it only while the forecast is doubted more than half as much as the force law.
@@ -141,44 +128,27 @@ def sure_enough(settled: Settled, *, plan: Plan) -> bool:
     return known and half <= enough * abs(reading.middle)
 
 
-def answered(belief: Belief, settled: Settled, *, plan: Plan) -> Belief:
-    """Put the settled force into the result."""
-    force = settled_force(settled, felt=felt_by_gripper(belief, plan), plan=plan)
-    touched_s = (s for s in (belief.felt_s, belief.contact_s, belief.moved_s) if s is not None)
-    result = replace(
-        belief.result,
-        decision_time_s=round(belief.now_s - next(touched_s), 6),
-        settled_percent=settled.relative_percent,
-        force_n=force,
-        peak_force_n=max(belief.peak_force_n, force.middle),
-    )
-    return replace(belief, result=result, peak_force_n=max(belief.peak_force_n, force.middle))
+def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan) -> dict[str, Any]:
+    """Return size, stiffness and firmness at the settled force, by field of the result.
 
-
-def examined(belief: Belief, *, plan: Plan) -> Belief:
-    """Put size and stiffness into the result, where the hand can measure them."""
-    force = belief.result.force_n
-    if force is None:
-        return belief
-    if plan.bend is not None:
-        soft = _soft_stiffness(belief, force, plan, plan.bend)
-        return replace(belief, result=_with_stiffness(belief.result, soft, reason=_SOFT_FINGERS))
-    size = None if plan.give is None else _contact_point(belief, plan, plan.give)
-    if plan.give is None or size is None:
-        return belief
-    result = replace(belief.result, size_mm=_size(size, plan, plan.give))
-    stiffness = _stiffness(belief, force, plan, plan.give)
-    return replace(belief, result=_with_stiffness(result, stiffness, reason=_RIGID_FINGERS))
-
-
-def _with_stiffness(
-    result: GraspResult, stiffness: Measurement | None, *, reason: str
-) -> GraspResult:
-    """Add firmness, and stiffness: a bound with this reason where the interval is wide."""
-    if stiffness is None:
-        return replace(result, stiffness_n_per_mm=None, firmness=None)
-    bounded = stiffness.or_bound(reason, least=SOFTEST_N_PER_MM, most=STIFFEST_N_PER_MM)
-    return replace(result, stiffness_n_per_mm=bounded, firmness=firmness_index(stiffness))
+    What the hand can't measure is left out.
+    """
+    point = None
+    if plan.bend is None:
+        point = None if plan.give is None else _contact_point(estimate, plan, plan.give)
+        if point is None:
+            return {}
+    found: dict[str, Any] = {"stiffness_n_per_mm": None, "firmness": None}
+    stiffness = measured_stiffness(estimate, force, plan=plan)
+    if stiffness is not None:
+        found["firmness"] = firmness_index(stiffness)
+        # A bound where it may be anything.
+        reason = _RIGID_FINGERS if plan.bend is None else _SOFT_FINGERS
+        bounded = stiffness.or_bound(reason, least=SOFTEST_N_PER_MM, most=STIFFEST_N_PER_MM)
+        found["stiffness_n_per_mm"] = bounded
+    if point is not None and plan.give is not None:
+        found["size_mm"] = _size(point, plan, plan.give)
+    return found
 
 
 def settled_force(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -> Measurement:
@@ -188,7 +158,7 @@ def settled_force(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -
     leaves open, carried through the law.
     """
     reading = settled.reading
-    more_sd = float(np.hypot(_SINCE_SD, _RELAXED_SD))
+    more_sd = float(np.hypot(SETTLE.since_sd, SETTLE.relaxed_sd))
     law = Gain.unknown(law_sd=plan.settled_law.residual_sd, more_sd=more_sd).applied(
         plan.settled_law.force_n([reading.middle, reading.low, reading.high], level=plan.level)
     )
@@ -204,8 +174,8 @@ def settled_force(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -
         reach = float(ndtri(0.5 + plan.level / 2))
         relaxed = replace(
             felt,
-            force_n=_RELAXED * felt.force_n,
-            log_sd=float(np.hypot(felt.log_sd, _RELAXED_SD)),
+            force_n=SETTLE.relaxed * felt.force_n,
+            log_sd=float(np.hypot(felt.log_sd, SETTLE.relaxed_sd)),
         )
         gain = Gain.unknown(law_sd=0.5 * (down + up) / reach).updated(relaxed, sheet_n=value)
         value, down, up = value * float(np.exp(gain.log_mean)), *(reach * gain.log_sd,) * 2
@@ -224,42 +194,40 @@ def _log_ratio(large: float, small: float) -> float:
     return float(np.log(large / max(small, 1e-3 * large)))
 
 
-def _contact_point(belief: Belief, plan: Plan, give: Compliance) -> ContactPoint | None:
-    """Extrapolate the staircase, read in early forces, to where contact began."""
-    steps = _from_touch(belief, plan)
+def _contact_point(estimate: ContactEstimate, plan: Plan, give: Compliance) -> ContactPoint | None:
+    """Extrapolate the steps, read in early forces, to where contact began."""
+    steps = _from_touch(estimate, plan)
     if not steps:
         return None
-    width = np.array([plan.gripper.target(c.closure) for c in steps])
-    felt = np.array([c.touch.shared_percent < FELT_PERCENT for c in steps])
-    reading = np.array([c.touch.reading for c in steps])
-    read = belief.gain.applied(plan.early_law.force_n(reading, level=plan.level))
+    width, felt, read = _read(steps, estimate, plan)
     # Below the weakest reading of the calibration the law can't distinguish forces.
-    floor_n = float(plan.early_law.force_n(plan.early_law.range[0]).value)
-    felt &= read.value > _FELT_FLOOR * floor_n
+    weakest_n = float(plan.early_law.force_n(plan.early_law.range[0]).value)
+    felt &= read.value > SETTLE.felt_fraction * weakest_n
     if felt.sum() < 2:
         return None
     force = np.where(felt, read.value, 0.0)
     # One place on the sheet, one gain for the whole curve: it hardly bends it, but what is taken
-    # out as the gripper's give goes with it.
-    upper = np.log(read.high[felt] / read.value[felt])
+    # out as the gripper's compliance goes with it.
     reach = float(ndtri(0.5 + plan.level / 2))
-    gain_sd = float(np.median(upper)) / reach
+    gain_sd = float(np.median(np.log(read.high[felt] / read.value[felt]))) / reach
     # Nor is it known how much force is lost before a pixel feels any: all forces have that error.
-    blind_n = float(plan.early_law.force_n(0.0, level=plan.level).high) / reach
+    blind_n = floor_n(plan)
     points, weights = [], []
-    for gain, share in zip(_GAIN_NODES, _GAIN_WEIGHTS, strict=True):
+    for gain, likely in zip(_GAIN_NODES, _GAIN_WEIGHTS, strict=True):
         for offset, part in zip(_BLIND_NODES, _BLIND_WEIGHTS, strict=True):
             read_n = force * float(np.exp(gain_sd * gain))
-            shifted = np.where(read_n > 0, np.maximum(read_n + blind_n * offset, 0.3 * read_n), 0.0)
+            shifted = np.where(
+                read_n > 0, np.maximum(read_n + blind_n * offset, SETTLE.least_read * read_n), 0.0
+            )
             points.append(
                 contact_point(
                     width - give.zero_mm,
                     force_n=shifted,
                     give_mm=give.give_mm(shifted),
-                    floor_n=floor_n,
+                    floor_n=weakest_n,
                 )
             )
-            weights.append(float(share * part))
+            weights.append(float(likely * part))
     return ContactPoint.mixture(points, weights=weights)
 
 
@@ -277,78 +245,92 @@ def _size(size: ContactPoint, plan: Plan, give: Compliance) -> Measurement:
     )
 
 
-def _stiffness(
-    belief: Belief, force: Measurement, plan: Plan, give: Compliance
+def measured_stiffness(
+    estimate: ContactEstimate, force: Measurement, *, plan: Plan
 ) -> Measurement | None:
-    """Return the object's own secant stiffness at the settled force."""
-    curve = _closing_curve(belief, plan, give)
-    if curve is None:
-        return None
-    opening_mm = plan.gripper.target(belief.closure) - give.zero_mm
-    return object_stiffness(curve, give=give, opening_mm=opening_mm, force=force)
-
-
-def measured_stiffness(belief: Belief, force: Measurement, *, plan: Plan) -> Measurement | None:
     """Return the object's secant stiffness at a force, if the hand can and felt enough."""
-    if plan.bend is not None:
-        return _soft_stiffness(belief, force, plan, plan.bend)
-    return None if plan.give is None else _stiffness(belief, force, plan, plan.give)
+    found = _closing_curve(estimate, plan)
+    if found is None:
+        return None
+    curve, give = found
+    opening_mm = mm_per_unit(plan) * _opening(plan, estimate.closure) - give.zero_mm
+    stiffness = object_stiffness if plan.bend is None else soft_stiffness
+    return stiffness(curve, give=give, opening_mm=opening_mm, force=force)
 
 
-def felt_steps(belief: Belief, plan: Plan) -> int:
+def count_felt_steps(estimate: ContactEstimate, plan: Plan) -> int:
     """Return how many steps of the closing a stiffness can be estimated from."""
+    found = _closing_curve(estimate, plan)
+    return 0 if found is None else int(np.count_nonzero(found[0].felt))
+
+
+def _closing_curve(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingSteps, Compliance] | None:
+    """Return the steps read in early forces, from just before the first touch on.
+
+    Fingers driven by pressure close by their compliance per pressure; with them the compliance that
+    is taken out. None where neither is known, or nothing was touched.
+    """
     give = plan.give if plan.bend is None else plan.bend.give
-    curve = None if give is None else _closing_curve(belief, plan, give)
-    return 0 if curve is None else int(np.count_nonzero(curve.felt))
-
-
-def _soft_stiffness(
-    belief: Belief, force: Measurement, plan: Plan, bend: SoftFingerCompliance
-) -> Measurement | None:
-    """Return the same from fingers driven by pressure, as far as they can measure it."""
-    curve = _closing_curve(belief, plan, bend.give, mm_per_unit=-bend.mm_per_kpa)
-    if curve is None:
+    steps = _from_touch(estimate, plan)
+    if give is None or not steps:
         return None
-    opening_mm = -bend.mm_per_kpa * plan.gripper.target(belief.closure) - bend.give.zero_mm
-    return soft_stiffness(curve, give=bend.give, opening_mm=opening_mm, force=force)
-
-
-def _closing_curve(
-    belief: Belief, plan: Plan, give: Compliance, *, mm_per_unit: float = 1.0
-) -> ClosingSteps | None:
-    """Return the staircase read in early forces, from just before the first touch on."""
-    steps = _from_touch(belief, plan)
-    if not steps:
-        return None
-    felt = np.array([c.touch.shared_percent < FELT_PERCENT for c in steps])
-    read = belief.gain.applied(
-        plan.early_law.force_n([c.touch.reading for c in steps], level=plan.level)
-    )
-    reach = float(ndtri(0.5 + plan.level / 2))
+    width, felt, read = _read(steps, estimate, plan)
     firmest = int(np.argmax(read.value))
-    return ClosingSteps(
-        width_mm=mm_per_unit * np.array([plan.gripper.target(c.closure) for c in steps])
-        - give.zero_mm,
+    reach = float(ndtri(0.5 + plan.level / 2))
+    curve = ClosingSteps(
+        width_mm=mm_per_unit(plan) * width - give.zero_mm,
         force_n=np.where(felt, read.value, 0.0),
         gain_sd=float(np.log(read.high[firmest] / read.value[firmest])) / reach,
-        law_sd=belief.gain.law_sd,
+        law_sd=estimate.gain.law_sd,
         floor_n=floor_n(plan),
+    )
+    return curve, give
+
+
+def _read(
+    steps: Sequence[ClosingStep], estimate: ContactEstimate, plan: Plan
+) -> tuple[FloatArray, NDArray[np.bool_], ForceEstimate]:
+    """Return opening of each step (mm or -kPa), whether it was felt, and its early force."""
+    reading = [step.touch.reading for step in steps]
+    return (
+        np.array([_opening(plan, step.closure) for step in steps]),
+        np.array([step.touch.shared_percent < READING.felt_percent for step in steps]),
+        estimate.gain.applied(plan.early_law.force_n(reading, level=plan.level)),
     )
 
 
-def _from_touch(belief: Belief, plan: Plan) -> tuple[Closing, ...]:
+def _opening(plan: Plan, closure: float) -> float:
+    """Return the opening at a closure: the width, mm, or the pressure taken negative, kPa."""
+    target = plan.gripper.target(closure)
+    return target if plan.bend is None else -target
+
+
+def mm_per_unit(plan: Plan) -> float:
+    """Return how far the fingers close for a unit of the drive, mm per mm or kPa."""
+    return 1.0 if plan.bend is None else plan.bend.mm_per_kpa
+
+
+def sheet_forces_n(
+    steps: Sequence[ClosingStep], estimate: ContactEstimate, plan: Plan
+) -> FloatArray:
+    """Return the forces of steps, soon after each, by the sheet and this contact's gain."""
+    law = plan.early_law.force_n(np.array([step.touch.reading for step in steps]))
+    return np.asarray(math.exp(estimate.gain.log_mean) * law.value)
+
+
+def _from_touch(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingStep, ...]:
     """Return the steps from just before the first sure touch on; none if there is none.
 
     Drift can look like a faint touch long before the real one: no more than two steps of it, and
     no way further than that.
     """
-    hinted = [c.touch.shared_percent < plan.hint_percent for c in belief.staircase]
+    hinted = [c.touch.shared_percent < plan.hint_percent for c in estimate.steps]
     if not any(hinted):
         return ()
     first = hinted.index(True)
-    nearest = belief.staircase[first].closure - _FAINT_STEPS * plan.step
-    before = [c for c in belief.staircase[max(first - 2, 0) : first] if c.closure > nearest]
-    return (*before, *belief.staircase[first:])
+    nearest = estimate.steps[first].closure - SQUEEZE.faint_steps * plan.step
+    before = [c for c in estimate.steps[max(first - 2, 0) : first] if c.closure > nearest]
+    return (*before, *estimate.steps[first:])
 
 
 def floor_n(plan: Plan) -> float:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from palpate.estimate.servo_force import CurrentLaw, GearFriction
-from palpate.grasp.belief import Belief, Touch
-from palpate.grasp.current_watch import CurrentWatch
-from palpate.grasp.phases import Phase
+from palpate.grasp.current_monitor import CurrentMonitor
+from palpate.grasp.estimator import Touch
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import Alarm, Danger
+from palpate.grasp.state import ContactEstimate
 from palpate.gripper.interface import GripperState
 
 GEARS_MA, MA_PER_N = 40.0, 16.0
@@ -25,14 +25,13 @@ def calibrated(plan: Plan) -> Plan:
     return replace(plan, current=CurrentLaw(gears=gears, ma_per_n=MA_PER_N, noise_ma=6.0))
 
 
-def belief_of(reading: float, *, closure: float, still: bool) -> Belief:
-    """Return what a grasp believes whose sheet reads so, in a hand that stands or moves."""
+def estimate_of(reading: float, *, closure: float, still: bool) -> ContactEstimate:
+    """Return the estimate of a grasp whose sheet reads so, in a hand that stands or moves."""
     percent = -2.0 * reading
     touch = Touch(
         time_s=10.0, finger_percent=(percent, percent), relative_percent=percent, reading=reading
     )
-    return Belief(
-        phase=Phase.SQUEEZE,
+    return ContactEstimate(
         touches=(touch,) if still else (),
         still_since_s=9.0 if still else None,
         now_s=10.0,
@@ -43,7 +42,7 @@ def belief_of(reading: float, *, closure: float, still: bool) -> Belief:
 
 
 def moved(
-    watch: CurrentWatch,
+    watch: CurrentMonitor,
     current_ma: float,
     *,
     closure: float,
@@ -57,12 +56,12 @@ def moved(
         # Reports of two movements never have one time.
         time_s = at + 1e-3 * closure
         state = GripperState(time_s=time_s, width_mm=74.0 - at, current_ma=current_ma, moving=True)
-        belief = belief_of(reading, closure=closure, still=False)
+        estimate = estimate_of(reading, closure=closure, still=False)
         if opening:
-            belief = replace(belief, sent=0.0)
-        found.append(watch.alarm(state, belief=belief))
+            estimate = replace(estimate, sent=0.0)
+        found.append(watch.check(state, estimate=estimate))
     stands = GripperState(time_s=0.0, width_mm=73.0 - closure, current_ma=0.0)
-    found.append(watch.alarm(stands, belief=belief_of(reading, closure=closure, still=True)))
+    found.append(watch.check(stands, estimate=estimate_of(reading, closure=closure, still=True)))
     return found
 
 
@@ -71,7 +70,7 @@ def of_force(force_n: float) -> float:
 
 
 def test_the_empty_hand_raises_no_alarm(calibrated: Plan) -> None:
-    watch = CurrentWatch(calibrated)
+    watch = CurrentMonitor(calibrated)
     rng = np.random.default_rng(1)
     for closure in range(60):
         current_ma = GEARS_MA * float(np.exp(0.1 * rng.standard_normal()))
@@ -79,24 +78,26 @@ def test_the_empty_hand_raises_no_alarm(calibrated: Plan) -> None:
 
 
 def test_a_force_above_the_ceiling_is_known_while_moving(calibrated: Plan) -> None:
-    alarm = moved(CurrentWatch(calibrated), of_force(22.0), closure=20.0, reading=100.0)[3]
+    alarm = moved(CurrentMonitor(calibrated), of_force(22.0), closure=20.0, reading=100.0)[3]
     assert alarm is not None
     assert alarm.danger is Danger.FORCE_LIMIT
     assert "15 N is the most allowed" in alarm.words
 
 
 def test_a_force_below_the_ceiling_is_none(calibrated: Plan) -> None:
-    watch = CurrentWatch(calibrated)
+    watch = CurrentMonitor(calibrated)
     assert moved(watch, of_force(14.0), closure=20.0, reading=100.0) == [None] * 5
 
 
 def test_a_standing_hand_above_the_ceiling_is_known(calibrated: Plan) -> None:
     state = GripperState(time_s=0.0, width_mm=50.0, current_ma=of_force(22.0))
-    alarm = CurrentWatch(calibrated).alarm(state, belief=belief_of(100.0, closure=24.0, still=True))
+    alarm = CurrentMonitor(calibrated).check(
+        state, estimate=estimate_of(100.0, closure=24.0, still=True)
+    )
     assert alarm is None or alarm.danger is Danger.FORCE_LIMIT
-    watch = CurrentWatch(calibrated)
+    watch = CurrentMonitor(calibrated)
     found = [
-        watch.alarm(state, belief=belief_of(100.0, closure=24.0, still=True)) for _ in range(6)
+        watch.check(state, estimate=estimate_of(100.0, closure=24.0, still=True)) for _ in range(6)
     ]
     assert found[-1] is not None
     assert found[-1].danger is Danger.FORCE_LIMIT
@@ -105,46 +106,46 @@ def test_a_standing_hand_above_the_ceiling_is_known(calibrated: Plan) -> None:
 @pytest.mark.parametrize("reading", [0.0, 1.0])
 def test_a_force_that_the_sheet_does_not_show(calibrated: Plan, reading: float) -> None:
     """An object beside the sheet: known at once where it is much, else by two movements."""
-    alarm = moved(CurrentWatch(calibrated), of_force(6.0), closure=20.0, reading=reading)[-1]
+    alarm = moved(CurrentMonitor(calibrated), of_force(6.0), closure=20.0, reading=reading)[-1]
     assert alarm is not None
     assert alarm.danger is Danger.UNSEEN_FORCE
     assert "and the sheet at most" in alarm.words
 
 
 def test_a_weaker_one_is_known_by_two_movements(calibrated: Plan) -> None:
-    watch = CurrentWatch(calibrated)
+    watch = CurrentMonitor(calibrated)
     assert moved(watch, of_force(2.6), closure=20.0)[-1] is None
     assert moved(watch, of_force(2.6), closure=21.0)[-1] is not None
 
 
 def test_what_the_sheet_shows_too_is_no_alarm(calibrated: Plan) -> None:
-    watch = CurrentWatch(calibrated)
+    watch = CurrentMonitor(calibrated)
     assert moved(watch, of_force(6.0), closure=20.0, reading=12.0) == [None] * 5
 
 
 def test_opening_is_not_judged(calibrated: Plan) -> None:
-    watch = CurrentWatch(calibrated)
+    watch = CurrentMonitor(calibrated)
     found = moved(watch, of_force(6.0), closure=20.0, opening=True)
     assert found == [None] * 5
 
 
 def test_a_hand_that_closes_though_it_was_sent_back_is_judged(calibrated: Plan) -> None:
-    watch = CurrentWatch(calibrated)
+    watch = CurrentMonitor(calibrated)
     found = list[Alarm | None]()
     for part in range(6):
         closure = 20.0 + 0.3 * part
         state = GripperState(
             time_s=0.02 * part, width_mm=74.0 - closure, current_ma=of_force(22.0), moving=True
         )
-        belief = replace(belief_of(100.0, closure=closure, still=False), sent=10.0)
-        found.append(watch.alarm(state, belief=belief))
+        estimate = replace(estimate_of(100.0, closure=closure, still=False), sent=10.0)
+        found.append(watch.check(state, estimate=estimate))
     alarms = [alarm for alarm in found if alarm is not None]
     assert alarms
     assert alarms[0].danger is Danger.FORCE_LIMIT
 
 
 def test_without_a_calibration_the_approach_shows_what_the_gears_take(plan: Plan) -> None:
-    watch = CurrentWatch(plan)
+    watch = CurrentMonitor(plan)
     for closure in range(6):
         assert moved(watch, GEARS_MA + closure, closure=closure) == [None] * 5
     felt = moved(watch, of_force(6.0), closure=6.0, reading=12.0)
@@ -156,7 +157,7 @@ def test_without_a_calibration_the_approach_shows_what_the_gears_take(plan: Plan
 
 
 def swept(
-    watch: CurrentWatch,
+    watch: CurrentMonitor,
     current_ma: Callable[[float], float],
     *,
     reading: Callable[[float], float] = lambda closure: 0.0,
@@ -167,12 +168,12 @@ def swept(
     Returns the closure at which an alarm came, and it.
     """
     rng = np.random.default_rng(5) if rng is None else rng
-    belief = belief_of(0.0, closure=0.0, still=False)
+    estimate = estimate_of(0.0, closure=0.0, still=False)
     for look in range(200):
         time_s, closure = 0.01 * look, 0.15 * look
         if look % 7 == 0:
-            belief = replace(
-                belief_of(reading(closure), closure=closure, still=False),
+            estimate = replace(
+                estimate_of(reading(closure), closure=closure, still=False),
                 now_s=time_s,
                 sent=closure + 5.0,
             )
@@ -182,7 +183,7 @@ def swept(
             current_ma=current_ma(closure) + 3.0 * float(rng.standard_normal()),
             moving=True,
         )
-        alarm = watch.alarm(state, belief=belief)
+        alarm = watch.check(state, estimate=estimate)
         if alarm is not None:
             return closure, alarm
     return closure, None
@@ -192,7 +193,7 @@ def test_without_a_calibration_one_long_movement_is_enough(plan: Plan) -> None:
     """The object lies beside the sheet, and the hand closes on it without a stop."""
     touch_mm = 12.0
     closure, alarm = swept(
-        CurrentWatch(plan), lambda at: GEARS_MA + MA_PER_N * 4.0 * max(at - touch_mm, 0.0)
+        CurrentMonitor(plan), lambda at: GEARS_MA + MA_PER_N * 4.0 * max(at - touch_mm, 0.0)
     )
     assert alarm is not None
     assert alarm.danger is Danger.UNSEEN_FORCE
@@ -204,7 +205,7 @@ def test_without_a_calibration_one_long_movement_is_enough(plan: Plan) -> None:
 def test_without_a_calibration_friction_along_a_long_movement_is_no_grip(plan: Plan) -> None:
     waves = [
         swept(
-            CurrentWatch(plan),
+            CurrentMonitor(plan),
             lambda at: GEARS_MA * (1.0 + 0.3 * np.sin(at)),
             rng=np.random.default_rng(seed),
         )[1]
@@ -221,7 +222,7 @@ def test_a_touch_at_speed_that_the_sheet_shows_a_frame_later_is_no_alarm(plan: P
         return 100.0 if 6.0 < at < 6.6 else 0.0
 
     alarm = swept(
-        CurrentWatch(plan),
+        CurrentMonitor(plan),
         lambda at: GEARS_MA + MA_PER_N * force_n(at) + stiff_tooth_ma(at),
         reading=lambda at: 2.0 * force_n(at - 0.9),
     )[1]
@@ -232,7 +233,7 @@ def test_a_touch_at_speed_that_the_sheet_shows_a_frame_later_is_no_alarm(plan: P
 def test_a_current_of_the_other_sign_ends_the_approach(
     plan: Plan, calibrated: Plan, known: bool
 ) -> None:
-    closure, alarm = swept(CurrentWatch(calibrated if known else plan), lambda at: -GEARS_MA)
+    closure, alarm = swept(CurrentMonitor(calibrated if known else plan), lambda at: -GEARS_MA)
     assert alarm is not None
     assert alarm.danger is Danger.GRIPPER_FAULT
     assert "-40 mA while the hand closes: its driver must report it positive" in alarm.words
@@ -246,17 +247,17 @@ def test_a_current_of_the_sign_that_was_calibrated_is_not_refused(
     """A spring helps to close, or the gears take next to nothing."""
     gears = GearFriction(mean_ma=mean_ma, mean_sd_ma=1.0, movement_ma=4.0)
     law = CurrentLaw(gears=gears, ma_per_n=MA_PER_N, noise_ma=6.0)
-    assert swept(CurrentWatch(replace(plan, current=law)), lambda at: mean_ma)[1] is None
+    assert swept(CurrentMonitor(replace(plan, current=law)), lambda at: mean_ma)[1] is None
 
 
 def test_a_gripper_without_current_is_not_judged(calibrated: Plan) -> None:
     state = GripperState(time_s=0.0, width_mm=50.0)
-    watch = CurrentWatch(calibrated)
-    assert watch.alarm(state, belief=belief_of(0.0, closure=24.0, still=True)) is None
+    watch = CurrentMonitor(calibrated)
+    assert watch.check(state, estimate=estimate_of(0.0, closure=24.0, still=True)) is None
 
 
 def test_a_current_that_never_changes_is_stuck(calibrated: Plan) -> None:
-    watch = CurrentWatch(calibrated)
+    watch = CurrentMonitor(calibrated)
     found = [alarm for closure in range(4) for alarm in moved(watch, 0.0, closure=closure)]
     assert found[:18] == [None] * 18
     assert found[18] is not None
@@ -266,25 +267,25 @@ def test_a_current_that_never_changes_is_stuck(calibrated: Plan) -> None:
 
 def test_a_step_back_that_falls_between_two_frames_is_no_grip(calibrated: Plan) -> None:
     """The hand has let go of what it touched, and nothing showed it moving."""
-    watch = CurrentWatch(calibrated)
+    watch = CurrentMonitor(calibrated)
     touching = [
         GripperState(time_s=0.0, width_mm=54.0 - part, current_ma=of_force(6.0), moving=True)
         for part in (0.0, 0.3, 0.6, 0.9)
     ]
     for state in touching:
-        assert watch.alarm(state, belief=belief_of(12.0, closure=20.0, still=False)) is None
+        assert watch.check(state, estimate=estimate_of(12.0, closure=20.0, still=False)) is None
     stands = GripperState(time_s=0.0, width_mm=53.0, current_ma=of_force(2.0))
-    soon = replace(belief_of(12.0, closure=21.0, still=True), still_since_s=9.95)
-    assert watch.alarm(stands, belief=soon) is None
+    soon = replace(estimate_of(12.0, closure=21.0, still=True), still_since_s=9.95)
+    assert watch.check(stands, estimate=soon) is None
     back = GripperState(time_s=0.0, width_mm=55.0, current_ma=0.0)
-    away = replace(belief_of(0.0, closure=19.0, still=True), sent=19.0, moved_s=9.5)
-    assert watch.alarm(back, belief=away) is None
+    away = replace(estimate_of(0.0, closure=19.0, still=True), sent=19.0, moved_s=9.5)
+    assert watch.check(back, estimate=away) is None
 
 
 def smallest_n(plan: Plan, movements: int) -> float:
     """Return the smallest force that is an alarm after so many movements, to a twentieth of 1 N."""
     for force_n in np.arange(0.0, 8.0, 0.05):
-        watch = CurrentWatch(plan)
+        watch = CurrentMonitor(plan)
         for movement in range(movements):
             alarm = moved(watch, of_force(force_n), closure=20.0 + movement)[-1]
         if alarm is not None:
@@ -305,14 +306,16 @@ def test_the_least_force_that_is_known(calibrated: Plan, movements: int, deviati
 def test_the_gears_are_learned_from_four_movements_however_long_the_hand_stands(
     plan: Plan,
 ) -> None:
-    watch = CurrentWatch(plan)
+    watch = CurrentMonitor(plan)
     for closure in range(3):
         moved(watch, GEARS_MA, closure=closure)
         stands = GripperState(time_s=0.0, width_mm=73.0 - closure, current_ma=0.0)
         for _ in range(5):
-            assert watch.alarm(stands, belief=belief_of(0.0, closure=closure, still=True)) is None
+            assert (
+                watch.check(stands, estimate=estimate_of(0.0, closure=closure, still=True)) is None
+            )
     assert moved(watch, of_force(6.0), closure=3.0)[-1] is None, "three movements are too few"
-    fresh = CurrentWatch(plan)
+    fresh = CurrentMonitor(plan)
     for closure in range(4):
         moved(fresh, GEARS_MA, closure=closure)
     assert moved(fresh, of_force(6.0), closure=4.0)[-1] is not None
@@ -320,7 +323,7 @@ def test_the_gears_are_learned_from_four_movements_however_long_the_hand_stands(
 
 def test_one_report_seen_often_is_not_stuck(calibrated: Plan) -> None:
     """A recording that is decided again gives the same report whenever the hand is looked at."""
-    watch = CurrentWatch(calibrated)
+    watch = CurrentMonitor(calibrated)
     state = GripperState(time_s=1.0, width_mm=50.0, current_ma=GEARS_MA, moving=True)
-    belief = belief_of(0.0, closure=24.0, still=False)
-    assert [watch.alarm(state, belief=belief) for _ in range(40)] == [None] * 40
+    estimate = estimate_of(0.0, closure=24.0, still=False)
+    assert [watch.check(state, estimate=estimate) for _ in range(40)] == [None] * 40

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from palpate.grasp.safety import SafetyLimits
-from palpate.grasp.tracking_error import Following, SpeedWatch, unbelievable
+from palpate.grasp.tracking_monitor import Following, SpeedWatch, unbelievable
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 
 WIDTH = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)

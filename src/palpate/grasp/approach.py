@@ -1,0 +1,321 @@
+"""The approach: at speed until something is felt, back, and then finely until it is a touch."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.grasp.config import APPROACH, READING
+from palpate.grasp.estimator import ContactEstimate, Touch, closure_of
+from palpate.grasp.phases import Activity, Phase
+from palpate.grasp.plan import Plan
+from palpate.grasp.rest import prove_rest, take_rest
+from palpate.grasp.result import Outcome
+from palpate.grasp.safety_filter import quantize_target, safe_step, stop_here
+from palpate.grasp.state import Attempt, GraspState
+from palpate.grasp.step_size import approach_step, close_by, read_step, squeeze_step
+from palpate.grasp.sweep import Sweep, blind_s
+from palpate.gripper.interface import GripperCommand
+
+
+def approach(state: GraspState, plan: Plan) -> GripperCommand | None:
+    """Take the rest values, then close until both fingers surely feel something."""
+    return _ACTIVITIES[state.attempt.activity](state, plan)
+
+
+def touch_finely(state: GraspState, plan: Plan) -> GripperCommand | None:
+    """Close step by step, from the rest values on, until both fingers feel something."""
+    estimate, attempt = state.estimate, state.attempt
+    if estimate.rest_ohm is None:
+        return _continue(state, plan) if take_rest(state, plan=plan) else None
+    if estimate.still_s < plan.dwell_s or not estimate.touches:
+        return None
+    if estimate.released_s is not None and estimate.residual is None:
+        return _leave_touch(state, plan)
+    if attempt.proving_from is not None and not prove_rest(state, attempt.proving_from, plan=plan):
+        return None
+    before = estimate.steps[-1].closure if estimate.steps else 0.0
+    read_step(estimate, plan)
+    if estimate.now.shared_percent <= plan.epsilon_percent or _is_pressed(estimate, plan):
+        if plan.gripper.drive == "width":
+            width_mm = plan.gripper.target(before)
+            state.result = replace(state.result, previous_width_mm=width_mm)
+        if estimate.contact_s is None:
+            estimate.contact_s = estimate.moved_s
+        state.enter(Activity.CONFIRM)
+        return None
+    if estimate.closure >= plan.gripper.span - 2 * plan.smallest_step:
+        return end_attempt(state, plan)
+    if estimate.now.shared_percent > plan.hint_percent:
+        estimate.contact_s = None
+        command = _continue(state, plan)
+    else:
+        if estimate.contact_s is None:
+            estimate.contact_s = estimate.moved_s
+        command = close_by(estimate, squeeze_step(estimate, plan, goal_n=0.0), plan)
+    if command is not None or attempt.activity is Activity.SWEEP:
+        return command
+    if estimate.force_high_n >= plan.safety.force_ceiling_n:
+        return abort_insensitive(state, plan)
+    # A touch too weak to be contact, and no room to press harder: measure what there is.
+    state.enter(Phase.SETTLE, note="contact")
+    return None
+
+
+def _continue(state: GraspState, plan: Plan) -> GripperCommand | None:
+    """Close on: finely while it may be that something presses, at speed where nothing was felt."""
+    estimate, attempt = state.estimate, state.attempt
+    felt = bool(estimate.touches) and estimate.now.deepest_percent <= READING.felt_percent
+    # A weak thing may not bear a whole step more; what it bears is not known yet.
+    if attempt.proving_from is not None or (plan.damage is not None and felt):
+        return close_by(estimate, plan.fine_step, plan)
+    if not estimate.closure <= attempt.swept_to + approach_step(plan):
+        start_sweep(state, plan)
+        return None
+    # One finger alone pushes the object to the middle: the next touch is still to come.
+    fraction = 1.0 if felt and estimate.released_s is None else 0.5
+    step = max(fraction * approach_step(plan), plan.fine_step)
+    if plan.damage is None and not felt and estimate.fast_contact is not None:
+        # Up to close to what the hand met at speed the object has borne more already.
+        closure, force_n = estimate.fast_contact
+        of_force = APPROACH.short_fraction * force_n / plan.steepest_n
+        short = max(of_force, APPROACH.short_steps * approach_step(plan))
+        step = max(step, closure - short - estimate.closure)
+    return close_by(estimate, step, plan)
+
+
+def _is_pressed(estimate: ContactEstimate, plan: Plan) -> bool:
+    """Whether there is force enough for a grip, though a finger feels little.
+
+    One finger alone may only push the object to the middle; with that much force it does not.
+    """
+    return estimate.force_n > plan.no_push_n
+
+
+def confirm(state: GraspState, plan: Plan) -> GripperCommand | None:
+    """Confirm the touch on fresh frames: noise may look like one for a moment."""
+    estimate = state.estimate
+    if state.in_this_s < plan.confirm_s:
+        return None
+    faint = estimate.now.deepest_percent > 0.5 * plan.epsilon_percent
+    if faint and not _is_pressed(estimate, plan):
+        state.enter(Activity.TOUCH)
+        return None
+    # It may have been noted already where the sweep ended.
+    felt_s, moments = state.attempt.felt_s, state.result.moments
+    known = felt_s is not None and any(m.name == "contact" and m.time_s > felt_s for m in moments)
+    state.enter(Phase.SQUEEZE, note=None if known else "contact")
+    return None
+
+
+def end_attempt(state: GraspState, plan: Plan) -> GripperCommand:
+    """Open where nothing was there: for good, or to wait and try again."""
+    command = state.release(plan, Outcome.NOTHING_THERE)
+    state.attempts += 1
+    if state.attempts < plan.tries:
+        state.attempt, state.phase = Attempt(activity=Activity.WAIT), Phase.APPROACH
+    return command
+
+
+def wait(state: GraspState, plan: Plan) -> GripperCommand | None:
+    """Stand open until it is time to try again, or somebody touches a finger."""
+    opened = state.estimate.closure <= plan.step / 2
+    if not opened or state.in_this_s < plan.dwell_s:
+        return None
+    touched = any(moment.name == "touch" for moment in state.result.moments[-1:])
+    if state.estimate.still_s >= plan.wait_s or touched:
+        state.estimate, state.attempt = state.estimate.renew(), Attempt()
+        state.enter(Activity.TOUCH)
+    return None
+
+
+def abort_insensitive(state: GraspState, plan: Plan) -> GripperCommand:
+    """Open: the calibration can't exclude that the little that is felt is too much already."""
+    state.add_fault(
+        f"by this calibration a faint touch could be {state.estimate.force_high_n:.1f} N, and "
+        f"{plan.safety.force_ceiling_n:g} N is the most allowed; calibrate the force again"
+    )
+    return state.release(plan, Outcome.FORCE_LIMIT)
+
+
+# -- at speed --------------------------------------------------------------------------------------
+
+
+def start_sweep(state: GraspState, plan: Plan, *, rows: tuple[int, ...] | None = None) -> None:
+    """Begin to close at speed: up to near an expected size, or to the end.
+
+    `rows`: of the pixels that are watched; all by default.
+    """
+    estimate = state.estimate
+    # From a touch until it stops the hand goes through the frame in which the touch falls, the lag
+    # of the sheet, and the latency of the gripper.
+    late_s = estimate.period_s + READING.lag_s + plan.safety.latency_s
+    overrun = APPROACH.overrun_steps * approach_step(plan)
+    end, rate = plan.gripper.span, min(overrun / late_s, plan.gripper.fastest)
+    # Once the hand has slowed down, and before the object can be there, it must feel again.
+    near = _near(plan) - rate * blind_s(estimate.period_s)
+    slowed = estimate.sweep is not None
+    if not slowed and near - estimate.closure > approach_step(plan):
+        # An expectation may be wrong: no command goes further than is safe, whatever is there.
+        safe = APPROACH.haste_fraction * safe_step(estimate, plan)
+        hasty_s = _command_s(estimate, frames=APPROACH.haste_frames) + plan.safety.latency_s
+        end, rate = near, max(rate, min(safe / hasty_s, plan.gripper.fastest))
+    most_n = math.inf
+    if rows is not None:
+        # The law of both fingers reads a half of it, once the one finger surely feels something.
+        faint = estimate.now.deepest_percent > plan.hint_percent
+        most_n = plan.no_push_n if faint else 0.5 * plan.no_push_n
+    estimate.sweep = Sweep(
+        rate=rate,
+        begin=estimate.closure,
+        end=end,
+        since_s=estimate.now_s,
+        slowed=slowed,
+        rows=rows,
+        most_n=most_n,
+    )
+    state.enter(Activity.SWEEP)
+
+
+def _near(plan: Plan) -> float:
+    """Return the closure up to which an expected object can't be there yet."""
+    if plan.expect_size_mm is None:
+        return 0.0
+    width_mm = plan.expect_size_mm + APPROACH.expected_mm
+    if plan.gripper.drive == "width":
+        zero_mm = 0.0 if plan.give is None else plan.give.zero_mm
+        return plan.gripper.highest - (width_mm + zero_mm)
+    if plan.bend is None:
+        return 0.0
+    return -(width_mm + plan.bend.give.zero_mm) / plan.bend.mm_per_kpa - plan.gripper.lowest
+
+
+def continue_sweep(state: GraspState, plan: Plan) -> GripperCommand | None:
+    """Go on closing, a little ahead of where the hand is; stop where something is felt."""
+    estimate, sweep = state.estimate, state.estimate.sweep
+    assert sweep is not None
+    # A hand that stands still shakes nothing: its position shows that it did not arrive.
+    frozen = sweep.is_frozen and estimate.still_since_s is None
+    # With more than a push takes the object is gripped, and the other finger may not show it.
+    gripped = estimate.watched_n > sweep.most_n
+    if sweep.time_s and (frozen or gripped or sweep.touched(plan.current)):
+        return _look(state, stop_here(estimate, plan))
+    near = sweep.end < plan.gripper.span
+    frames = APPROACH.haste_frames if near else APPROACH.ahead_frames
+    ahead = sweep.rate * _command_s(estimate, frames=frames)
+    if near and estimate.closure >= sweep.end - ahead:
+        # Before it stops there: that would read like a touch.
+        start_sweep(state, plan)
+        return None
+    if estimate.closure >= sweep.end - plan.smallest_step:
+        return _look(state, None)
+    target = quantize_target(min(estimate.closure + ahead, sweep.end), plan)
+    further = closure_of(target, plan) > estimate.sent + plan.resolution / 2
+    # A hand that does not move is sent on now and then, so that it is noticed.
+    if not further and estimate.now_s - estimate.moved_s < APPROACH.idle_s:
+        return None
+    return GripperCommand(target=target, rate=sweep.rate)
+
+
+def _look(state: GraspState, command: GripperCommand | None) -> GripperCommand | None:
+    state.attempt.swept_to = state.estimate.closure
+    state.enter(Activity.LOOK)
+    return command
+
+
+def _command_s(estimate: ContactEstimate, *, frames: float) -> float:
+    """Return how far ahead a command of a sweep reaches, in time.
+
+    If no more comes, the hand stops of its own.
+    """
+    return frames * estimate.period_s + APPROACH.ahead_s
+
+
+def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
+    """Where the sweep ended, stand and look: a touch of both fingers, of one, or nothing."""
+    estimate, attempt = state.estimate, state.attempt
+    if estimate.still_s < APPROACH.stand_s or not estimate.touches:
+        return None
+    assert estimate.sweep is not None
+    now, travel = estimate.now, estimate.closure - estimate.sweep.begin
+    estimate.sweep = None
+    force = plan.early_law.force_n(now.reading, level=plan.level)
+    if now.shared_percent > READING.felt_percent:
+        pushes = now.deepest_percent <= READING.felt_percent
+        alone = pushes and now.shared_percent > APPROACH.alone_fraction * now.deepest_percent
+        if alone and float(force.value) <= plan.no_push_n and travel > approach_step(plan):
+            start_sweep(state, plan, rows=_unfelt_rows(now, plan))
+            return None
+        # Nothing, or one finger alone and no way gained: on in small steps.
+        pushed = APPROACH.pushed_steps * plan.step if pushes else 0.0
+        attempt.swept_to = estimate.closure + pushed
+        state.enter(Activity.TOUCH)
+        return None
+    estimate.set_force(float(force.value), float(force.high))
+    attempt.felt_s = estimate.moved_s
+    if now.shared_percent <= plan.hint_percent or _is_pressed(estimate, plan):
+        state.note("contact")
+    state.enter(Activity.TOUCH)
+    if plan.damage is None and estimate.force_n < plan.no_push_n:
+        # A touch this gentle is the first step of the squeeze.
+        return None
+    estimate.fast_contact = (estimate.closure, estimate.force_n)
+    estimate.released_s, estimate.residual = estimate.now_s, None
+    return _go_back(estimate, approach_step(plan) + 0.5 * plan.step + plan.play, plan)
+
+
+def _go_back(estimate: ContactEstimate, travel: float, plan: Plan) -> GripperCommand:
+    target = quantize_target(max(estimate.closure - travel, 0.0), plan)
+    return GripperCommand(target=target, rate=plan.rate)
+
+
+def _unfelt_rows(now: Touch, plan: Plan) -> tuple[int, ...]:
+    """Return the rows of pixels on fingers that feel nothing: where the next touch will come.
+
+    One finger alone pushes the object to the middle, and its own pixels change on the way.
+    """
+    felt = np.array(now.finger_percent) <= READING.felt_percent
+    return tuple(np.flatnonzero(~felt[list(plan.layout.finger_of_row)]).tolist())
+
+
+def _leave_touch(state: GraspState, plan: Plan) -> GripperCommand | None:
+    """Where the hand came back to nothing is held: what is read there is the sheet's residual.
+
+    Where both fingers read more than a hint, it has not come back far enough; and where it has come
+    back as far as it may and reads most of the touch, that has nothing to do with the fingers.
+    """
+    estimate, now = state.estimate, state.estimate.now
+    if now.shared_percent <= plan.hint_percent:
+        furthest = state.attempt.swept_to - APPROACH.back_steps * plan.step
+        if estimate.closure > max(furthest, plan.step):
+            return _go_back(estimate, plan.step, plan)
+        left_n = float(plan.early_law.force_n(now.reading).value)
+        if left_n > APPROACH.stuck_fraction * estimate.force_n:
+            state.add_fault(
+                "the sheet reads as much after the fingers went back as while they touched; see "
+                "what `palpate doctor` reports"
+            )
+            return state.release(plan, Outcome.SENSOR_LOST)
+    # What of it is a fall: a rise is the movement's, and fades.
+    estimate.residual = Touch(
+        time_s=now.time_s,
+        finger_percent=tuple(min(percent, 0.0) for percent in now.finger_percent),
+        relative_percent=min(now.relative_percent, 0.0),
+        reading=max(now.reading, 0.0),
+    )
+    estimate.touches = ()
+    estimate.steps = tuple(step for step in estimate.steps if step.closure < estimate.closure)
+    nothing = plan.early_law.force_n(0.0, level=plan.level)
+    estimate.set_force(0.0, float(nothing.high))
+    return None
+
+
+_ACTIVITIES = {
+    Activity.TOUCH: touch_finely,
+    Activity.SWEEP: continue_sweep,
+    Activity.LOOK: evaluate_contact,
+    Activity.CONFIRM: confirm,
+    Activity.WAIT: wait,
+}

@@ -1,0 +1,332 @@
+"""From a frame and the gripper's report to what is known of the contact, once a frame."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass, field, fields
+from operator import attrgetter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.arrays import FloatArray
+from palpate.estimate.gain import Gain
+from palpate.grasp.config import READING
+from palpate.grasp.plan import Plan
+from palpate.grasp.servo_evidence import Pull
+from palpate.grasp.sweep import Sweep
+from palpate.gripper.interface import GripperCommand, GripperState
+from palpate.sensor.array import Frame
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.signal.relative import (
+    excess_conductance,
+    finger_means,
+    mean_change,
+    relative_change_percent,
+)
+
+_TIME_S = attrgetter("time_s")
+#: A slope of the force over time takes this many frames: of fewer, one may be a spike.
+_RISE_FRAMES = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observation:
+    """A frame and the gripper's state at the same time."""
+
+    frame: Frame
+    gripper: GripperState
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Touch:
+    """One frame, made readable.
+
+    Attributes
+    ----------
+    time_s : float
+        The frame's own time.
+    finger_percent : tuple of float
+        Mean relative change of each finger's pixels.
+    relative_percent : float
+        Mean relative change of all pixels.
+    reading : float
+        What the plan's force laws read: by default the excess conductance summed over pixels.
+    """
+
+    time_s: float
+    finger_percent: tuple[float, ...]
+    relative_percent: float
+    reading: float
+
+    @property
+    def shared_percent(self) -> float:
+        """The fall of the finger that feels less: one alone may only push the object."""
+        return max(self.finger_percent)
+
+    @property
+    def deepest_percent(self) -> float:
+        """The strongest fall: of any finger, or of all pixels."""
+        return min(*self.finger_percent, self.relative_percent)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClosingStep:
+    """One step of the closing, read after its dwell; mm or kPa by the gripper's drive."""
+
+    closure: float
+    touch: Touch
+
+
+@dataclass(slots=True, kw_only=True)
+class HandMotion:
+    """Frames and movements of the whole grasp: what an attempt hands on to the next.
+
+    Attributes
+    ----------
+    began_s : float or None
+        Time of the first observation.
+    now_s, closure : float
+        Time of the last observation, and how far the hand was closed, mm or kPa.
+    frames, lost, last_sequence : int
+        Frames received, gaps, and the last number.
+    tracking_lag : float
+        By how much less it reports to be closed, within the report's own errors.
+    sent : float
+        Closure last commanded, as the gripper reports that it was sent.
+    moved_s : float
+        When the last movement began.
+    still_since_s : float or None
+        End of the last movement; None while the gripper moves.
+    peak_force_n : float
+        Largest grip force so far.
+    """
+
+    began_s: float | None = None
+    now_s: float = 0.0
+    closure: float = math.nan
+    frames: int = 0
+    lost: int = 0
+    last_sequence: int | None = None
+    tracking_lag: float = 0.0
+    sent: float = math.nan
+    moved_s: float = 0.0
+    still_since_s: float | None = None
+    peak_force_n: float = 0.0
+
+    @property
+    def lasted_s(self) -> float:
+        """How long the grasp has taken so far, seconds."""
+        return 0.0 if self.began_s is None else self.now_s - self.began_s
+
+    @property
+    def period_s(self) -> float:
+        """Time from frame to frame, seconds."""
+        return self.lasted_s / max(self.frames - 1, 1)
+
+    @property
+    def still_s(self) -> float:
+        """How long the gripper has stood still, seconds."""
+        return 0.0 if self.still_since_s is None else self.now_s - self.still_since_s
+
+
+@dataclass(slots=True, kw_only=True)
+class ContactEstimate(HandMotion):
+    """What is known of the contact after a frame; made new for each attempt.
+
+    Attributes
+    ----------
+    rest_ohm : ndarray or None, shape (rows, cols)
+        Rest values in use; None until they have been taken.
+    rest_frames : tuple of ndarray
+        Resistances seen before the first movement.
+    touches : tuple of Touch
+        Since the last movement ended.
+    strongest : float
+        Largest reading among them. A long hold has tens of thousands, and this is asked at every
+        frame.
+    frames_n : tuple of pairs of float
+        Time and grip force by each of the last frames alone, the hand moving or not.
+    steps : tuple of ClosingStep
+        Every step of the closing read so far.
+    sweep : Sweep or None
+        The constant-speed closing under way.
+    contact_s : float or None
+        Contact: when the movement that led to it began.
+    fast_contact : tuple of float or None
+        Closure and force where such a closing ended, if the hand went back from there.
+    released_s, residual : float and Touch, or None
+        When the hand went back from there, and what the sheet still read where nothing touched.
+    force_n, force_high_n : float
+        Grip force now and its upper bound, from the last step read.
+    damage_low_n : float
+        Lower bound of the force that damages the object, from the closing so far.
+    pulls : tuple of Pull
+        Servo current at moments of the closing.
+    gain : Gain
+        How this contact reads against the laws of the sheet.
+    """
+
+    rest_ohm: NDArray[np.float64] | None = None
+    rest_frames: tuple[NDArray[np.float64], ...] = ()
+    touches: tuple[Touch, ...] = ()
+    strongest: float = math.nan
+    frames_n: tuple[tuple[float, float], ...] = ()
+    steps: tuple[ClosingStep, ...] = ()
+    sweep: Sweep | None = None
+    contact_s: float | None = None
+    fast_contact: tuple[float, float] | None = None
+    released_s: float | None = None
+    residual: Touch | None = None
+    force_n: float = 0.0
+    force_high_n: float = 0.0
+    damage_low_n: float = math.inf
+    pulls: tuple[Pull, ...] = ()
+    gain: Gain = field(default_factory=lambda: Gain.unknown(law_sd=0.0))
+
+    def renew(self) -> ContactEstimate:
+        """Return the estimate of the next attempt, which begins now with the hand open."""
+        kept = {one.name: getattr(self, one.name) for one in fields(HandMotion)}
+        return ContactEstimate(**kept | {"still_since_s": self.now_s})
+
+    @property
+    def watched_n(self) -> float:
+        """Grip force that both of the last two frames show, newtons: one alone may be a spike."""
+        return min((n for _, n in self.frames_n[-2:]), default=0.0)
+
+    @property
+    def rise_n_per_s(self) -> float:
+        """How fast the last frames show the force to rise, N/s: one alone may be a spike."""
+        if len(self.frames_n) < _RISE_FRAMES:
+            return 0.0
+        (then_s, then_n), (now_s, _) = self.frames_n[0], self.frames_n[-1]
+        return max(self.watched_n - then_n, 0.0) / (now_s - then_s)
+
+    @property
+    def now(self) -> Touch:
+        """Mean of the last few frames since the last movement."""
+        since_s = self.touches[-1].time_s - READING.now_s
+        # Times rise; a long hold has thousands, and this is asked at every frame.
+        recent = len(self.touches) - bisect_right(self.touches, since_s, key=_TIME_S)
+        last = self.touches[-max(READING.now_frames, recent) :]
+        return Touch(
+            time_s=self.now_s,
+            finger_percent=tuple(np.mean([t.finger_percent for t in last], axis=0).tolist()),
+            relative_percent=float(np.mean([t.relative_percent for t in last])),
+            reading=float(np.mean([t.reading for t in last])),
+        )
+
+    def set_force(self, force_n: float, high_n: float) -> None:
+        """Take another force as that of now, newtons, with its upper bound."""
+        self.force_n, self.force_high_n = force_n, high_n
+        self.peak_force_n = max(self.peak_force_n, force_n)
+
+    def count(self, frame: Frame) -> None:
+        """Count a frame and note its time; what it shows is not taken in."""
+        gap = 0 if self.last_sequence is None else frame.sequence - self.last_sequence - 1
+        self.began_s = frame.time_s if self.began_s is None else self.began_s
+        self.now_s, self.last_sequence = frame.time_s, frame.sequence
+        self.frames, self.lost = self.frames + 1, self.lost + max(gap, 0)
+
+    def update(self, observation: Observation, *, plan: Plan) -> None:
+        """Take in an observation: count the frame, follow the movement, read the touch."""
+        frame, gripper = observation.frame, observation.gripper
+        self.count(frame)
+        if gripper.moving:
+            self.still_since_s = None
+        elif self.still_since_s is None:
+            self.still_since_s = frame.time_s
+        reported = plan.gripper.closure(gripper)
+        width = plan.gripper.drive == "width"
+        error = READING.width_report_mm if width else READING.pressure_report_kpa
+        # As sent where the report agrees, because reports are rounded.
+        agrees = not gripper.moving and abs(reported - self.sent) <= error
+        self.closure = self.sent if agrees else reported
+        self.tracking_lag = max(self.closure - reported, 0.0)
+        ohm = pixel_resistance_ohm(
+            frame.counts, layout=plan.layout, oversampling=frame.oversampling
+        )
+        if self.rest_ohm is None:
+            self.rest_frames = (*self.rest_frames, ohm)
+            return
+        if self.sweep is not None:
+            self.sweep = self._swept(self.sweep, self.rest_ohm, ohm, gripper, plan)
+        touch = self._touch(frame.time_s, self.rest_ohm, ohm, plan)
+        frames_n = (*self.frames_n, (frame.time_s, self._frame_n(touch, plan)))
+        recent = sum(time_s >= frame.time_s - READING.now_s for time_s, _ in frames_n)
+        self.frames_n = frames_n[-max(recent, _RISE_FRAMES) :]
+        if gripper.moving:
+            self.touches = ()
+            closing = plan.gripper.closure(gripper) < self.sent and self.contact_s is not None
+            if closing and not math.isnan(gripper.current_ma):
+                pull = Pull(closure=reported, current_ma=gripper.current_ma, moved_s=self.moved_s)
+                self.pulls = (*self.pulls, pull)
+            return
+        before = self.strongest if self.touches else touch.reading
+        self.strongest, self.touches = max(before, touch.reading), (*self.touches, touch)
+
+    def sent_to(self, command: GripperCommand, *, plan: Plan) -> None:
+        """Take in a command: the hand is on its way."""
+        self.still_since_s, self.touches, self.moved_s = None, (), self.now_s
+        self.sent = closure_of(command.target, plan)
+
+    def _touch(
+        self, time_s: float, rest_ohm: FloatArray, ohm: NDArray[np.float64], plan: Plan
+    ) -> Touch:
+        """Read a frame, less what the sheet keeps of an earlier touch."""
+        change = relative_change_percent(ohm, rest_ohm=rest_ohm)
+        fingers = _finite(finger_means(change, finger_of_row=plan.layout.finger_of_row))
+        relative_percent = float(_finite(mean_change(change)))
+        # A pixel beyond the converter's range has at least the conductance of its last step.
+        readable_ohm = np.maximum(ohm, plan.layout.divider.least_ohm)
+        excess = excess_conductance(readable_ohm, rest_ohm=rest_ohm)
+        reading = float(plan.reading.reading(excess))
+        if self.residual is not None and self.released_s is not None:
+            # Creep fades about as the inverse of the time since.
+            left = (self.residual.time_s - self.released_s) / max(time_s - self.released_s, 1e-3)
+            fingers = fingers - left * np.array(self.residual.finger_percent)
+            relative_percent -= left * self.residual.relative_percent
+            reading -= left * self.residual.reading
+        return Touch(
+            time_s=time_s,
+            finger_percent=tuple(fingers.tolist()),
+            relative_percent=relative_percent,
+            reading=reading,
+        )
+
+    def _frame_n(self, touch: Touch, plan: Plan) -> float:
+        """Return the grip force by one frame: the smaller of what the two laws of the sheet read.
+
+        Whether the load is new or has settled is not known of a frame, and too small an answer
+        stops the hand a moment later, not a healthy grasp.
+        """
+        laws_n = [law.force_n(touch.reading).value for law in (plan.early_law, plan.settled_law)]
+        return math.exp(self.gain.log_mean) * float(min(laws_n))
+
+    def _swept(
+        self,
+        sweep: Sweep,
+        rest_ohm: FloatArray,
+        ohm: NDArray[np.float64],
+        gripper: GripperState,
+        plan: Plan,
+    ) -> Sweep:
+        """Return the sweep with this frame; a pixel that reads nothing has not changed."""
+        gears_ma = math.nan
+        if plan.current is not None and gripper.moving:
+            gears_ma = gripper.current_ma - float(plan.current.gears.at(np.array(gripper.width_mm)))
+        ratio = np.divide(ohm, rest_ohm, out=np.ones_like(ohm), where=(ohm > 0) & (ohm < np.inf))
+        watched = ratio if sweep.rows is None else ratio[list(sweep.rows)]
+        log_ohm = np.nan_to_num(np.log(watched))
+        return sweep.seen(gripper.time_s, log_ohm=log_ohm, gears_ma=gears_ma)
+
+
+def closure_of(target: float, plan: Plan) -> float:
+    """Return the closure of a target."""
+    return abs(target - plan.gripper.target(0.0))
+
+
+def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return `nan_to_num` of values; what is finite already needs none of its many steps."""
+    return values if np.isfinite(values).all() else np.nan_to_num(values)

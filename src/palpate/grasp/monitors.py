@@ -1,0 +1,206 @@
+"""Monitors of a grasp: each looks at one thing after every frame, and explains what is wrong.
+
+A monitor is a class with `check`; add one to the lists below (what the sheet shows of the grip) or
+in `runner` (what only the runner sees). Those of the pixels, of the servo's current and of the
+gripper's movements have a memory and a file each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from palpate.grasp.config import GUARDS, READING
+from palpate.grasp.estimator import Observation
+from palpate.grasp.phases import Activity, Phase
+from palpate.grasp.plan import Plan
+from palpate.grasp.rest import strange_rest
+from palpate.grasp.safety import Alarm, Danger
+from palpate.grasp.state import GraspState
+
+_HOLDING = (Phase.SQUEEZE, Phase.SETTLE, Phase.HOLD)
+
+
+class Monitor(Protocol):
+    """One thing that may go wrong."""
+
+    def check(self, observation: Observation, state: GraspState) -> Alarm | None:
+        """Return what is wrong after a frame, if anything.
+
+        `state`: the grasp with that frame taken in.
+        """
+        ...
+
+
+class BoardMonitor:
+    """Ends the grasp where the sensor's board has tripped: one pixel shows more than is allowed."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+
+    def check(self, observation: Observation, state: GraspState) -> Alarm | None:
+        """Return the trip of the board's own ceiling."""
+        if not observation.frame.ceiling_tripped:
+            return None
+        words = (
+            "the board's own ceiling has tripped: a pixel reads more than "
+            f"{self._plan.safety.force_ceiling_n:g} N allow; take the cause away, then open the "
+            "rig again"
+        )
+        return Alarm(danger=Danger.FORCE_LIMIT, words=words)
+
+
+class RestMonitor:
+    """Refuses rest values, as soon as they are taken, that can't be this sheet's."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan, self._known = plan, False
+
+    def check(self, observation: Observation, state: GraspState) -> Alarm | None:
+        """Return why the rest values of this attempt are none."""
+        rest_ohm = state.estimate.rest_ohm
+        known, self._known = self._known, rest_ohm is not None
+        if rest_ohm is None or known:
+            return None
+        why = strange_rest(rest_ohm, plan=self._plan)
+        return None if why is None else Alarm(danger=Danger.SENSOR_LOST, words=why)
+
+
+class CeilingMonitor:
+    """Opens the hand where the sheet shows more than the force ceiling."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+
+    def check(self, observation: Observation, state: GraspState) -> Alarm | None:
+        """Return a force above the ceiling: of two frames in a row, or of the last step."""
+        estimate, ceiling_n = state.estimate, self._plan.safety.force_ceiling_n
+        if estimate.force_n <= ceiling_n:
+            return None
+        words = f"the sheet shows {estimate.force_n:.1f} N, and {ceiling_n:g} N is the most allowed"
+        return Alarm(danger=Danger.FORCE_LIMIT, words=words)
+
+
+class SlipMonitor:
+    """Opens the hand where the sheet no longer feels what it felt in this grip."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+
+    def check(self, observation: Observation, state: GraspState) -> Alarm | None:
+        """Return that the object is gone."""
+        estimate = state.estimate
+        if state.phase not in _HOLDING or estimate.still_s < READING.quiet_s:
+            return None
+        if len(estimate.touches) < 2 * READING.now_frames:
+            return None
+        strongest = estimate.strongest
+        if estimate.steps and np.isnan(state.correction.return_closure):
+            strongest = max(strongest, estimate.steps[-1].touch.reading)
+        if estimate.now.reading >= GUARDS.lost_fraction * strongest:
+            return None
+        return Alarm(danger=Danger.SLIPPED, words="")
+
+
+class FingersMonitor:
+    """Holds still where one finger feels a grip and the other nothing: a grip presses both."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+
+    def check(self, observation: Observation, state: GraspState) -> Alarm | None:
+        """Return that one finger feels a grip alone."""
+        estimate, plan = state.estimate, self._plan
+        gripping = state.phase in _HOLDING or state.activity == Activity.CONFIRM
+        if not gripping or estimate.still_s < plan.dwell_s:
+            return None
+        if len(estimate.touches) < GUARDS.alone_frames:
+            return None
+        now = estimate.now
+        pressed_percent = min(now.finger_percent)
+        if now.shared_percent <= plan.hint_percent:
+            return None
+        if pressed_percent > GUARDS.alone_hints * plan.hint_percent:
+            return None
+        words = (
+            f"finger {int(np.argmin(now.finger_percent))} feels a grip and the other feels "
+            "nothing: one sheet does not read, or the object lies off it; see what `palpate "
+            "doctor` reports"
+        )
+        return Alarm(danger=Danger.SENSOR_LOST, words=words)
+
+
+class ResponseMonitor:
+    """Opens the hand where the sheet shows less while it closes, or more where it opens."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+
+    def check(self, observation: Observation, state: GraspState) -> Alarm | None:
+        """Return that the reading does not follow the hand."""
+        if state.phase not in _HOLDING or not (self._falls(state) or self._rises(state)):
+            return None
+        words = (
+            "the sheet shows less and less while the hand closes on, or more where it opens: the "
+            "object gives way, or the sheet does not show the force; see what `palpate doctor` "
+            "reports"
+        )
+        return Alarm(danger=Danger.UNSEEN_FORCE, words=words)
+
+    def _falls(self, state: GraspState) -> bool:
+        """Whether the sheet has shown less and less while the hand closed on.
+
+        Counted from where both fingers feel something: one alone pushes, until the other comes.
+        """
+        steps, contact_s = state.estimate.steps, state.estimate.contact_s
+        gripped = [
+            step.touch.reading
+            for step in steps
+            if contact_s is not None
+            and step.touch.time_s >= contact_s
+            and step.touch.shared_percent <= READING.felt_percent
+        ]
+        if not gripped or steps[-1].touch.deepest_percent > READING.felt_percent:
+            return False
+        strongest = int(np.argmax(gripped))
+        fallen = 1.0 - np.array(gripped[strongest:]) / gripped[strongest]
+        each = GUARDS.each_steps
+        if len(fallen) > each and np.diff(fallen)[-each:].min() > GUARDS.each_fraction:
+            return True
+        return len(fallen) > GUARDS.falls_steps and bool(fallen[-1] > GUARDS.falls_fraction)
+
+    def _rises(self, state: GraspState) -> bool:
+        """Whether the sheet shows more after the hand has opened than at its furthest step."""
+        estimate = state.estimate
+        easing = state.activity == Activity.EASE and estimate.still_s >= self._plan.confirm_s
+        if not easing or not estimate.touches:
+            return False
+        furthest = estimate.steps[-1]
+        opened = estimate.closure < furthest.closure
+        most = (1.0 + GUARDS.rises_fraction) * furthest.touch.reading
+        return opened and estimate.now.reading > most
+
+
+class TimeMonitor:
+    """Opens the hand where the grasp takes longer than its plan allows."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+
+    def check(self, observation: Observation, state: GraspState) -> Alarm | None:
+        """Return that there is no answer yet."""
+        if state.phase is Phase.HOLD or state.estimate.lasted_s <= self._plan.longest_s:
+            return None
+        words = f"not done within {self._plan.longest_s:g} s"
+        return Alarm(danger=Danger.TIMED_OUT, words=words)
+
+
+#: What the controller checks before it decides, in this order.
+GRIP: tuple[Callable[[Plan], Monitor], ...] = (
+    SlipMonitor,
+    FingersMonitor,
+    ResponseMonitor,
+    TimeMonitor,
+)

@@ -1,0 +1,89 @@
+"""The last word on every command: how far a hand may close from where it reports to be."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from palpate.estimate.closing_stiffness import FELT
+from palpate.grasp.answers import floor_n, mm_per_unit, sheet_forces_n
+from palpate.grasp.config import READING, SQUEEZE
+from palpate.grasp.estimator import ContactEstimate, closure_of
+from palpate.grasp.plan import Plan
+from palpate.grasp.safety import largest_step
+from palpate.gripper.interface import GripperCommand
+
+#: Steps that differ by less, mm or kPa (or whole steps of a drive), differ by arithmetic only.
+_EXACT = 1e-9
+
+
+def filter_command(
+    wish: GripperCommand | None, estimate: ContactEstimate, plan: Plan
+) -> GripperCommand | None:
+    """Return what is safe of a wish; None where that is no movement. An opening is never cut.
+
+    What is cut takes as long as the wish would have: it comes more slowly, and so overruns less.
+    """
+    if wish is None or closure_of(wish.target, plan) <= estimate.closure:
+        return wish
+    travel = min(closure_of(wish.target, plan), plan.gripper.span) - estimate.closure
+    overrun = wish.rate * plan.safety.latency_s / travel if travel > 0 else 0.0
+    room = min(safe_step(estimate, plan) / (1.0 + overrun), _unknown_step(estimate, plan))
+    target = plan.gripper.target(estimate.closure + travel)
+    if travel > room + _EXACT:
+        target = quantize_target(estimate.closure + room, plan, within=True)
+    cut = closure_of(target, plan) - estimate.closure
+    if cut < plan.smallest_step - _EXACT:
+        return None
+    return GripperCommand(target=target, rate=wish.rate * min(cut / travel, 1.0))
+
+
+def safe_step(estimate: ContactEstimate, plan: Plan) -> float:
+    """Return how far the hand may close, whatever it meets, from where it reports to be."""
+    safe = largest_step(
+        force_high_n=estimate.force_high_n,
+        steepest_n=plan.steepest_n,
+        rate=0.0,
+        damage_low_n=estimate.damage_low_n,
+        limits=plan.safety,
+    )
+    return safe - estimate.tracking_lag
+
+
+def _unknown_step(estimate: ContactEstimate, plan: Plan) -> float:
+    """Return how far closing may go on while nothing is known of the damage limit.
+
+    Counted from the first force that can't be drift: below it no step teaches anything of a limit.
+    One finger that feels a little alone only pushes the object to the middle: that is no squeeze.
+    """
+    if plan.damage is None or not math.isinf(estimate.damage_low_n):
+        return math.inf
+    force_n = sheet_forces_n(estimate.steps, estimate, plan)
+    shared = np.array([step.touch.shared_percent for step in estimate.steps])
+    both = (shared <= READING.felt_percent) | (force_n > plan.no_push_n)
+    felt = both & (force_n > FELT * floor_n(plan))
+    if not felt.any():
+        return math.inf
+    soft_n = SQUEEZE.soft_n_per_mm * mm_per_unit(plan)
+    longest = SQUEEZE.unknown_n * (1.0 / plan.steepest_n + 1.0 / soft_n)
+    return estimate.steps[int(np.argmax(felt))].closure + longest - estimate.closure
+
+
+def quantize_target(closure: float, plan: Plan, *, within: bool = False) -> float:
+    """Return the target of a closure in whole steps of the drive: the nearest, or none further.
+
+    A gripper would round it itself, but then a replay would not know.
+    """
+    steps = plan.gripper.target(closure) / plan.resolution
+    if not within:
+        return round(steps) * plan.resolution
+    width = plan.gripper.drive == "width"
+    outward = math.ceil(steps - _EXACT) if width else math.floor(steps + _EXACT)
+    return outward * plan.resolution
+
+
+def stop_here(estimate: ContactEstimate, plan: Plan) -> GripperCommand:
+    """Return the command that ends a movement no further than the hand reports to be."""
+    here = quantize_target(estimate.closure - estimate.tracking_lag, plan, within=True)
+    return GripperCommand(target=here, rate=plan.gripper.fastest)

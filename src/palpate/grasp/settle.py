@@ -1,0 +1,240 @@
+"""The settled force: where it should be, and the corrections up, or down and back from below."""
+
+from __future__ import annotations
+
+import math
+from copy import copy
+from dataclasses import replace
+
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.answers import forecast, is_certain, measure_object, measured_stiffness
+from palpate.grasp.config import SETTLE, SQUEEZE
+from palpate.grasp.estimator import ContactEstimate
+from palpate.grasp.phases import Activity, Phase
+from palpate.grasp.plan import Plan
+from palpate.grasp.result import Outcome
+from palpate.grasp.safety_filter import filter_command, quantize_target
+from palpate.grasp.state import GraspState
+from palpate.grasp.step_size import close_by, deformed_mm, force_now, read_step, slope_n
+from palpate.gripper.interface import GripperCommand
+
+
+def settle(state: GraspState, plan: Plan) -> GripperCommand | None:
+    """Stand still until the settled force is known, and correct it."""
+    return _ACTIVITIES[state.correction.activity](state, plan)
+
+
+def await_forecast(state: GraspState, plan: Plan) -> GripperCommand | None:
+    """Stand until the settled force is known well enough, or is clearly not the target."""
+    estimate, correction = state.estimate, state.correction
+    if estimate.still_s >= plan.dwell_s and correction.count:
+        read_step(estimate, plan)
+    earliest_s = plan.decide_after_s if plan.target_force_n is None else plan.correct_after_s
+    if estimate.still_s < max(earliest_s, correction.next_forecast_s):
+        return None
+    correction.next_forecast_s = estimate.still_s + SETTLE.every_s
+    settled = forecast(estimate, plan=plan)
+    force = state.take_answer(settled, plan=plan)
+    _note_on_target(state, force, plan)
+    astray = plan.target_force_n is not None and correction.count < plan.most_adjustments
+    astray = astray and (_lacks(force, plan) or is_above_target(force, plan))
+    if astray or is_certain(settled, plan=plan) or estimate.still_s >= plan.decide_by_s:
+        state.result = replace(state.result, **measure_object(estimate, force, plan=plan))
+        state.enter(Activity.ADJUST)
+    return None
+
+
+def adjust(state: GraspState, plan: Plan) -> GripperCommand | None:
+    """Correct the settled force, up or down, until it is near the target."""
+    correction, force = state.correction, state.result.force_n
+    assert force is not None
+    limited = _is_limited(state.estimate, force, plan)
+    below = is_below_target(force, plan)
+    if correction.count < plan.most_adjustments:
+        # Up to a damage limit one correction goes as far as it may; more would only wait there.
+        if below and not (limited and correction.count):
+            command = press_on(state, force, plan, missing_n=missing_n(force, plan))
+            if command is not None:
+                state.enter(Activity.FORECAST, note="adjusted")
+                return command
+        elif is_above_target(force, plan):
+            command = ease_off(state, force, plan, goal_n=goal_n(plan))
+            state.enter(Activity.EASE, note="eased")
+            return command
+    if limited and below:
+        state.note("damage_limit")
+    if not lifts(force, plan):
+        return state.release(plan, Outcome.TOO_WEAK)
+    state.enter(Phase.HOLD, note="answer")
+    return None
+
+
+def ease(state: GraspState, plan: Plan) -> GripperCommand | None:
+    """Come back from below to where the settled force should be right."""
+    if state.estimate.still_s < plan.confirm_s:
+        return None
+    wish = come_back(state, plan)
+    command = filter_command(wish, state.estimate, plan)
+    if wish is None or command is None or command.target == wish.target:
+        state.enter(Activity.FORECAST, note="adjusted")
+    return wish
+
+
+_ACTIVITIES = {Activity.FORECAST: await_forecast, Activity.ADJUST: adjust, Activity.EASE: ease}
+
+
+# -- where it should be ----------------------------------------------------------------------------
+
+
+def goal_n(plan: Plan) -> float:
+    """Return the force that the plan is after."""
+    target_n = plan.gentle_force_n if plan.target_force_n is None else plan.target_force_n
+    return max(target_n, plan.lift_force_n or 0.0)
+
+
+def gentle_goal(estimate: ContactEstimate, plan: Plan) -> tuple[float, str]:
+    """Return where a squeeze without target ends, newtons, and why it ends there.
+
+    An object that has given way as far as every recorded fruit bore is pressed no further, whatever
+    is known of it. One that surely gives way little is pressed harder, until it is known or is
+    deformed as far as it may be.
+    """
+    goal = goal_n(plan)
+    if plan.lift_force_n is not None:
+        return goal, "force_reached"
+    if deformed_mm(estimate, plan) >= plan.gentle_mm:
+        return 0.0, "gave_way"
+    if plan.gripper.drive == "pressure":
+        # Soft fingers don't feel how far an object gives way: pressing on would teach nothing.
+        return 0.5 * goal, "force_reached"
+    if estimate.force_n < goal:
+        return goal, "force_reached"
+    stiffness = measured_stiffness(estimate, force_now(estimate, plan), plan=plan)
+    if stiffness is None:
+        return goal, "force_reached"
+    near = (1.0 + plan.stiffness_share) / (1.0 - plan.stiffness_share)
+    # What is surely stiffer than a small force can measure counts as known.
+    if stiffness.high / stiffness.low <= near or stiffness.low > SQUEEZE.firm_n_per_mm:
+        return goal, "stiffness_known"
+    return max(goal, min(plan.firm_force_n, plan.firm_mm * stiffness.low)), "firm_enough"
+
+
+def missing_n(force: Measurement, plan: Plan) -> float:
+    """Return by how much a settled force falls short of the target, or of being sure to lift."""
+    of_target_n = 0.0 if plan.target_force_n is None else plan.target_force_n - force.middle
+    if plan.lift_force_n is None:
+        return of_target_n
+    return max(of_target_n, plan.lift_force_n - force.low)
+
+
+def _lacks(force: Measurement, plan: Plan) -> bool:
+    return missing_n(force, plan) > plan.target_tolerance * goal_n(plan)
+
+
+def is_below_target(force: Measurement, plan: Plan) -> bool:
+    """Whether a settled force falls short by more than is tolerated, or is not sure to lift."""
+    return _lacks(force, plan) or not lifts(force, plan)
+
+
+def is_above_target(force: Measurement, plan: Plan) -> bool:
+    """Whether a settled force is above the target by more than is tolerated, and may be less."""
+    if plan.target_force_n is None:
+        return False
+    wanted_n = goal_n(plan)
+    low_n = force.low * wanted_n / max(force.middle, wanted_n)
+    enough = plan.lift_force_n is None or low_n >= plan.lift_force_n
+    return enough and force.middle > (1.0 + plan.target_tolerance) * wanted_n
+
+
+def lifts(force: Measurement, plan: Plan) -> bool:
+    """Whether a settled force is sure to lift the object, if it is to be lifted."""
+    return plan.lift_force_n is None or force.low >= plan.lift_force_n
+
+
+def _is_limited(estimate: ContactEstimate, force: Measurement, plan: Plan) -> bool:
+    """Whether the damage limit forbids some of what is missing."""
+    if plan.damage is None:
+        return False
+    if math.isinf(estimate.damage_low_n):
+        # Nothing is known of it, and so nothing more is allowed.
+        return True
+    lowest = estimate.damage_low_n < plan.safety.force_ceiling_n
+    return lowest and missing_n(force, plan) > estimate.damage_low_n - force.high
+
+
+def _note_on_target(state: GraspState, force: Measurement, plan: Plan) -> None:
+    """Note when the settled force is first known to be on target since the last movement."""
+    moved_s = state.estimate.moved_s
+    known = any(m.name == "on_target" and m.time_s > moved_s for m in state.result.moments)
+    off = _lacks(force, plan) or is_above_target(force, plan)
+    if plan.target_force_n is not None and not known and not off:
+        state.note("on_target")
+
+
+# -- corrections -----------------------------------------------------------------------------------
+
+
+def press_on(
+    state: GraspState, force: Measurement, plan: Plan, *, missing_n: float
+) -> GripperCommand | None:
+    """Close by what raises the settled force by as much as is missing; None if nothing is safe."""
+    correction, trial = state.correction, copy(state.estimate)
+    slope, fruitless = slope_n(trial, plan), math.inf
+    _take_settled(trial, force)
+    if correction.before is not None:
+        closure, force_n = correction.before
+        travel = trial.closure - closure
+        if travel > 0:
+            # Faint steps may have looked far too steep; one correction that fell short is not
+            # believed wholly either. One that raised nothing is not exceeded.
+            shown = max((force.middle - force_n) / travel, slope / SETTLE.less_steep)
+            slope = min(slope, shown)
+            fruitless = math.inf if force.middle > force_n else travel
+    step = max(min(missing_n / slope, fruitless), plan.smallest_step)
+    command = close_by(trial, step, plan, lasting_s=SETTLE.correction_s)
+    if command is not None:
+        state.estimate = trial
+        correction.count, correction.next_forecast_s = correction.count + 1, 0.0
+        correction.before = (trial.closure, trial.force_n)
+    return command
+
+
+def ease_off(state: GraspState, force: Measurement, plan: Plan, *, goal_n: float) -> GripperCommand:
+    """Open well beyond where the force will be what it should, to come back from below.
+
+    The sheet's answer to unloading was not calibrated, nor the backlash of the gears.
+    """
+    estimate, correction = state.estimate, state.correction
+    _take_settled(estimate, force)
+    slope, over_n = slope_n(estimate, plan), estimate.force_n - goal_n
+    closure = estimate.closure - max(over_n / slope, plan.smallest_step)
+    opened = max(closure - SETTLE.eased_fraction * goal_n / slope - plan.play, 0.0)
+    left = (1.0 - SETTLE.eased_fraction) * goal_n / estimate.force_n
+    estimate.set_force(left * estimate.force_n, left * estimate.force_high_n)
+    correction.return_closure = closure
+    correction.count, correction.next_forecast_s = correction.count + 1, 0.0
+    return GripperCommand(target=quantize_target(opened, plan), rate=plan.squeeze_rate)
+
+
+def come_back(state: GraspState, plan: Plan) -> GripperCommand | None:
+    """Close again from below, as every force that the sheet was calibrated with was reached.
+
+    In one movement where that is safe, else in several. On its way up the sheet keeps some of the
+    earlier load, so what it reads bounds the force.
+    """
+    estimate, closure = state.estimate, state.correction.return_closure
+    travel = closure - estimate.closure
+    if travel < plan.smallest_step or not estimate.touches:
+        return None
+    law = plan.early_law.force_n(estimate.now.reading, level=plan.level)
+    read = estimate.gain.applied(law)
+    estimate.set_force(float(read.value), float(read.high))
+    return GripperCommand(target=quantize_target(closure, plan), rate=travel / SETTLE.correction_s)
+
+
+def _take_settled(estimate: ContactEstimate, force: Measurement) -> None:
+    """Take the settled force as that of now: the early law is for quick steps.
+
+    An object that relaxes presses a little harder now than when settled.
+    """
+    estimate.set_force(SETTLE.relaxing * force.middle, SETTLE.relaxing * force.high)

@@ -1,0 +1,196 @@
+"""What a grasp knows and does at one moment: the object that the states share and watchers get."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.answers import Settled, settled_force
+from palpate.grasp.config import READING
+from palpate.grasp.estimator import ContactEstimate
+from palpate.grasp.phases import Activity, Phase
+from palpate.grasp.plan import Plan
+from palpate.grasp.result import GraspResult, Moment, Outcome
+from palpate.grasp.servo_evidence import felt_by_gripper
+from palpate.gripper.interface import GripperCommand
+from palpate.signal.events import ContactState, EventKind, watch_contact
+
+
+@dataclass(slots=True, kw_only=True)
+class Attempt:
+    """Progress of one closing on the object; made new for each.
+
+    Attributes
+    ----------
+    activity : Activity
+        What the approach does.
+    proving_from : float or None
+        Closure from which on it is being found out whether the rest values are a rest.
+    swept_to : float
+        Closure where the last sweep ended; NaN before.
+    felt_s : float or None
+        When the object was first felt on a sweep.
+    fingers : tuple of ContactState
+        What each finger has felt while the hand stood still.
+    """
+
+    activity: Activity = Activity.TOUCH
+    proving_from: float | None = None
+    swept_to: float = math.nan
+    felt_s: float | None = None
+    fingers: tuple[ContactState, ...] = ()
+
+
+@dataclass(slots=True, kw_only=True)
+class Correction:
+    """Progress of the corrections towards the target.
+
+    Attributes
+    ----------
+    activity : Activity
+        Whether a forecast is awaited, a correction is chosen, or the hand comes back from below.
+    count : int
+        Corrections made.
+    before : tuple of float or None
+        Closure and force before the last correction upwards.
+    return_closure : float
+        Closure to come back to; NaN where the hand never eased off.
+    next_forecast_s : float
+        Standstill after which the settled value is worth predicting again.
+    """
+
+    activity: Activity = Activity.FORECAST
+    count: int = 0
+    before: tuple[float, float] | None = None
+    return_closure: float = math.nan
+    next_forecast_s: float = 0.0
+
+
+@dataclass(slots=True, kw_only=True)
+class GraspState:
+    """A grasp at one moment. Watchers get a snapshot after each frame.
+
+    Attributes
+    ----------
+    phase : Phase
+        Its state.
+    since_s : float
+        When the state, or an activity within it, began.
+    estimate : ContactEstimate
+        What is known of the contact.
+    attempt, correction : Attempt and Correction
+        Local progress of `approach` and `settle`.
+    attempts : int
+        Closings that found nothing.
+    result : GraspResult
+        What is known of the answer so far.
+    """
+
+    phase: Phase = Phase.APPROACH
+    since_s: float = 0.0
+    estimate: ContactEstimate = field(default_factory=ContactEstimate)
+    attempt: Attempt = field(default_factory=Attempt)
+    correction: Correction = field(default_factory=Correction)
+    attempts: int = 0
+    result: GraspResult = field(default_factory=lambda: GraspResult(outcome=Outcome.STOPPED))
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more will be commanded."""
+        return self.phase is Phase.DONE
+
+    @property
+    def activity(self) -> str:
+        """Return the state, or what is done within it."""
+        local = {Phase.APPROACH: self.attempt.activity, Phase.SETTLE: self.correction.activity}
+        return str(local.get(self.phase, self.phase))
+
+    @property
+    def in_this_s(self) -> float:
+        """How long the state or activity has lasted, seconds."""
+        return self.estimate.now_s - self.since_s
+
+    @property
+    def touched_s(self) -> float:
+        """When the object was first touched, as far as that is known."""
+        times_s = (self.attempt.felt_s, self.estimate.contact_s, self.estimate.moved_s)
+        return next(time_s for time_s in times_s if time_s is not None)
+
+    @property
+    def final_result(self) -> GraspResult:
+        """The result, with what the frames and forces of the grasp were."""
+        estimate = self.estimate
+        return replace(
+            self.result,
+            frames=estimate.frames,
+            frames_lost=estimate.lost,
+            peak_force_n=estimate.peak_force_n if estimate.contact_s is not None else None,
+        )
+
+    def snapshot(self) -> GraspState:
+        """Return a copy that later frames do not change."""
+        return replace(
+            self,
+            estimate=replace(self.estimate),
+            attempt=replace(self.attempt),
+            correction=replace(self.correction),
+        )
+
+    def enter(self, phase: Phase | Activity, *, note: str | None = None) -> None:
+        """Begin a state, or an activity in it; note the moment in the result if `note` names it."""
+        if note is not None:
+            self.note(note)
+        self.since_s = self.estimate.now_s
+        if isinstance(phase, Phase):
+            self.phase = phase
+        elif self.phase is Phase.SETTLE:
+            self.correction.activity = phase
+        else:
+            self.phase, self.attempt.activity = Phase.APPROACH, phase
+
+    def note(self, name: str, *, finger: int | None = None) -> None:
+        """Note a moment in the result."""
+        moment = Moment(time_s=self.estimate.now_s, name=name, finger=finger)
+        self.result = replace(self.result, moments=(*self.result.moments, moment))
+
+    def add_fault(self, words: str) -> None:
+        """Add a line to what went wrong."""
+        self.result = replace(self.result, faults=(*self.result.faults, words))
+
+    def release(self, plan: Plan, outcome: Outcome) -> GripperCommand:
+        """Open the hand: the grasp is over."""
+        self.result = replace(self.result, outcome=outcome)
+        self.estimate.sent, self.estimate.still_since_s, self.estimate.touches = 0.0, None, ()
+        self.enter(Phase.RELEASE, note=outcome.value)
+        return GripperCommand(target=plan.gripper.target(0.0), rate=plan.gripper.fastest)
+
+    def notice_fingers(self) -> None:
+        """Note what single fingers feel while the hand stands still."""
+        if self.estimate.still_s < READING.quiet_s or not self.estimate.touches:
+            return
+        felt = self.estimate.now.finger_percent
+        found = []
+        for finger, change in enumerate(felt):
+            before = self.attempt.fingers[finger] if self.attempt.fingers else ContactState()
+            after, kind = watch_contact(before, change)
+            found.append(after)
+            if kind is not None:
+                # What an open hand feels is somebody's touch.
+                touch = kind is EventKind.CONTACT and self.activity == Activity.WAIT
+                self.note("touch" if touch else f"finger_{kind}", finger=finger)
+        self.attempt.fingers = tuple(found)
+
+    def take_answer(self, settled: Settled, *, plan: Plan) -> Measurement:
+        """Put the settled force into the result, and return it."""
+        felt = felt_by_gripper(self.estimate, plan)
+        force = settled_force(settled, felt=felt, plan=plan)
+        self.estimate.peak_force_n = max(self.estimate.peak_force_n, force.middle)
+        self.result = replace(
+            self.result,
+            decision_time_s=round(self.estimate.now_s - self.touched_s, 6),
+            settled_percent=settled.relative_percent,
+            force_n=force,
+            peak_force_n=self.estimate.peak_force_n,
+        )
+        return force

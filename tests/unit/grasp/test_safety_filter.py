@@ -1,0 +1,43 @@
+"""The safety filter: what is cut from a wish, and what never is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from palpate.grasp.estimator import ContactEstimate
+from palpate.grasp.plan import Plan
+from palpate.grasp.safety_filter import filter_command, safe_step
+from palpate.gripper.interface import GripperCommand
+
+
+def pressed(force_n: float, **known: float) -> ContactEstimate:
+    """Return the estimate of a hand that has closed by 20 mm and presses with a force."""
+    return ContactEstimate(closure=20.0, sent=20.0, force_n=force_n, force_high_n=force_n, **known)
+
+
+def test_safe_step_of_a_lagging_hand_is_shorter_by_the_lag(plan: Plan) -> None:
+    straight, lagging = (
+        safe_step(pressed(5.0, tracking_lag=lag_mm), plan) for lag_mm in (0.0, 0.3)
+    )
+    assert straight == pytest.approx((15.0 - 5.0) / plan.steepest_n)
+    assert lagging == pytest.approx(straight - 0.3)
+
+
+@pytest.mark.parametrize("ceiling_n", [5.2, 6.0, 7.0])
+def test_filter_command_cuts_a_wish_to_the_room_and_slows_it(plan: Plan, ceiling_n: float) -> None:
+    low = replace(plan, safety=replace(plan.safety, force_ceiling_n=ceiling_n))
+    wish = GripperCommand(target=50.0, rate=8.0)
+    command = filter_command(wish, pressed(5.0), low)
+    if command is None:
+        assert (ceiling_n - 5.0) / plan.steepest_n < plan.smallest_step + plan.resolution
+        return
+    travel = 54.0 - command.target
+    assert 5.0 + travel * plan.steepest_n <= ceiling_n + 1e-9
+    assert command.rate == pytest.approx(wish.rate * travel / 4.0)
+
+
+def test_filter_command_never_cuts_an_opening(plan: Plan) -> None:
+    wish = GripperCommand(target=70.0, rate=60.0)
+    assert filter_command(wish, pressed(20.0), plan) is wish
