@@ -1,46 +1,80 @@
-"""The `palpate` command: a table of verbs."""
+"""The `palpate` command: a table of verbs, each loaded when it is asked for."""
 
 from __future__ import annotations
 
-import importlib
 import sys
 from io import TextIOWrapper
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 import palpate
-from palpate.commands.help_text import help_text
+from palpate.commands.lazy_group import HELP, Entry, LazyGroup
 from palpate.commands.outcome import run
-from palpate.commands.steps import SETTINGS
 from palpate.errors import InputError
 
-#: Heading of the help -> its verbs. Each is a function of that name in a module of that name under
-#: `palpate.commands`.
-GROUPS: dict[str, tuple[str, ...]] = {
-    "Measure": ("grasp", "live", "serve", "record"),
-    "Recordings": ("settle", "inspect", "replay", "export", "archive"),
-    "Set up": ("demo", "init", "ports", "flash", "doctor", "calibrate", "pattern"),
-    "Produce": ("items", "report", "ripeness", "bruise", "sort", "qualify"),
-    "Research": ("study", "bench"),
+_STUDIES, _ARCHIVE = ("palpate-studies", "studies"), ("palpate-archive", "archive")
+#: Heading of the help -> its verbs -> what they do: the first paragraph of the function of that
+#: name in the module of that name under `palpate.commands`.
+GROUPS = {
+    "Measure": {
+        "grasp": "Close on an unknown object, measure size, force and stiffness, and release it.",
+        "live": "Show pixels, contact, rate and losses in the terminal.",
+        "serve": "Serve the dashboard: pixels, prediction and verdict; grasp, calibrate, replay.",
+        "record": "Record a board, or a rig with its gripper.",
+    },
+    "Recordings": {
+        "settle": "Predict what recordings settle to from their first seconds, with the error.",
+        "inspect": "Show what a recording holds, and whether it is complete.",
+        "replay": "Run a recorded grasp through the controller again.",
+        "export": "Write a recording as a table of frames or holds, or grasps for LeRobot.",
+        "archive": "Keep grasps, holds and frames as partitioned Parquet, and evaluate them again.",
+    },
+    "Set up": {
+        "demo": "Write simulated files to try palpate on.",
+        "init": "Write a rig file.",
+        "ports": "List serial ports, likely boards first.",
+        "flash": "Write the firmware with avrdude, verify it, and ask the board what it runs.",
+        "doctor": "Find faulty and swapped pixels, losses and a wrong resistor.",
+        "calibrate": "Make or renew a part of the calibration file.",
+        "pattern": "Draw the cut files of a sensor: base, copper, Velostat, copper, cover.",
+    },
+    "Produce": {
+        "items": "List items, show one, label one, or write them to Parquet.",
+        "report": "Write a web page about an item, a batch or a day.",
+        "ripeness": "Report how ripe items are and when they will be ripe.",
+        "bruise": "Judge whether an item is bruised, side by side, from its last visit.",
+        "sort": "Sort items into bins by readable rules, or identify one item.",
+        "qualify": "Qualify grasps against a penetrometer, a durometer or a buyer's grades.",
+    },
+    "Research": {
+        "study": "Regenerate a table or figure next to the published one.",
+        "bench": "Measure speed and memory relative to other programs.",
+    },
+}
+_PACKAGES = {"study": _STUDIES, "bench": _STUDIES, "archive": _ARCHIVE}
+VERBS = {
+    verb: Entry(f"palpate.commands.{verb}:{verb}", summary, heading, _PACKAGES.get(verb))
+    for heading, verbs in GROUPS.items()
+    for verb, summary in verbs.items()
 }
 #: Verbs of version 0.1 that are options now.
 REMOVED = {
     "recover": "palpate inspect FILE --recover FILE",
     "identify": "palpate sort --identify ITEM",
 }
-VERBS = tuple(verb for verbs in GROUPS.values() for verb in verbs)
 
 
-def build_app() -> typer.Typer:
+class _Palpate(LazyGroup):
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        if args[0] in REMOVED:
+            raise InputError(f"{args[0]}: use `{REMOVED[args[0]]}`")
+        return super().resolve_command(ctx, args)
+
+
+def build_app() -> LazyGroup:
     """Assemble the command from its verbs."""
-    app = typer.Typer(
-        name="palpate",
-        help="Examine produce by touch: force, stiffness, size and ripeness from a cheap "
-        "resistive pressure sensor on any gripper.",
-        no_args_is_help=True,
-        pretty_exceptions_enable=False,
-    )
+    app = typer.Typer(cls=_Palpate, name="palpate", no_args_is_help=True, rich_markup_mode=HELP)
 
     @app.callback()
     def root(
@@ -48,21 +82,12 @@ def build_app() -> typer.Typer:
             bool, typer.Option("--version", help="Print the version.", callback=_version)
         ] = False,
     ) -> None:
-        pass
+        """Examine produce by touch with a cheap resistive pressure sensor on any gripper."""
 
-    for heading, verbs in GROUPS.items():
-        for verb in verbs:
-            module = importlib.import_module(f"palpate.commands.{verb}")
-            function, settings = getattr(module, verb), getattr(module, "SETTINGS", {})
-            text = help_text(function)
-            app.command(name=verb, help=text, rich_help_panel=heading, **settings)(function)
-    for verb in REMOVED:
-        app.command(name=verb, hidden=True, **SETTINGS)(_refuse_removed)
-    return app
-
-
-def _refuse_removed(context: typer.Context) -> None:
-    raise InputError(f"{context.info_name}: use `{REMOVED[str(context.info_name)]}`")
+    group = typer.main.get_command(app)
+    assert isinstance(group, LazyGroup)
+    group.offer(VERBS)
+    return group
 
 
 def _version(wanted: bool) -> None:

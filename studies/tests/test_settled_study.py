@@ -7,10 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
 
-from palpate.cli import run
-from palpate.commands.study import SETTINGS, study
+from palpate.cli import build_app, run
 from palpate.holds import Hold
 from palpate_studies import settled, settled_rules
 
@@ -18,10 +16,7 @@ CREEP = {"a": (0.03, 0.3), "b": (0.06, 1.0), "c": (0.1, 0.1)}
 
 
 def ran(*arguments: object) -> int:
-    app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
-    app.callback()(lambda: None)
-    app.command(name="study", **SETTINGS)(study)
-    return run(app, ["study", "settled", *map(str, arguments)], name="palpate")
+    return run(build_app(), ["study", "settled", *map(str, arguments)], name="palpate")
 
 
 def holds(name: str, count: int) -> list[Hold]:

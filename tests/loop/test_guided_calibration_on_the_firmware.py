@@ -100,7 +100,7 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
 
 def calibrate(folder: Path) -> int:
     app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
-    app.command()(calibrate_force.command)
+    app.command()(calibrate_force.force)
     arguments = ("--rig", str(folder / "rig.toml"), "--out", str(folder / "pad.json"))
     return run(app, arguments, name="palpate calibrate force")
 

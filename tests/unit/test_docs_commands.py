@@ -6,7 +6,6 @@ need a board stand in `console` blocks behind a `$`; of those the verb and its o
 
 from __future__ import annotations
 
-import importlib
 import re
 import runpy
 import shlex
@@ -14,12 +13,10 @@ import sys
 from pathlib import Path
 
 import pytest
-import typer
+from typer.core import TyperGroup
 
 from palpate.cli import VERBS, build_app
-from palpate.commands import calibrate
 from palpate.commands.outcome import run
-from palpate.commands.packages import ARCHIVE, STUDIES, catalogue
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Pages whose `sh` and `python` blocks are run.
@@ -98,23 +95,20 @@ def commands_in_text(page: str) -> list[tuple[str, str]]:
 
 
 def study_options(name: str) -> set[str]:
-    app = typer.Typer(add_completion=False)
-    app.command()(importlib.import_module(catalogue(STUDIES)[name][0]).command)
-    return {
-        option
-        for parameter in typer.main.get_command(app).params
-        for option in (*parameter.opts, *parameter.secondary_opts)
-    }
+    from palpate.commands.lazy_group import load_command
+    from palpate_studies.verbs import catalogue
+
+    command = load_command(name, catalogue("palpate.studies")[name])
+    return {option for parameter in command.params for option in parameter.opts}
 
 
 @pytest.mark.parametrize(("page", "line"), [*shown_commands(), *commands_in_text("coverage")])
 def test_a_command_for_a_board_has_a_verb_and_options_that_exist(page: str, line: str) -> None:
     _, verb, *arguments = shlex.split(line, comments=True)
     assert verb in VERBS
-    if verb in ("archive", "calibrate"):
-        assert arguments[0] in (catalogue(ARCHIVE) if verb == "archive" else calibrate.STEPS)
-        return
-    command = typer.main.get_command(build_app()).commands[verb]
+    command = build_app().load(verb)
+    if isinstance(command, TyperGroup):
+        command = command.load(arguments[0])
     known = {name for parameter in command.params for name in parameter.opts}
     if verb == "study":
         known |= study_options(arguments[0])

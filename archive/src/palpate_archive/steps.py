@@ -1,4 +1,4 @@
-"""The steps of `palpate archive`, offered through an entry point."""
+"""The steps of `palpate archive`, a verb through an entry point."""
 
 from __future__ import annotations
 

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 import typer
 
 from palpate.commands import completion
-from palpate.commands.options import QuietOption
+from palpate.commands.options import HorizonOption, QuietOption
 from palpate.commands.progress import progress
-from palpate.commands.settle_options import HorizonOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:

@@ -1,22 +1,23 @@
-"""`palpate bruise ITEM`: is it bruised, how sure is that, on which pixels, and where."""
+"""`palpate bruise ITEM`: is it bruised, how probable is that, on which pixels, and where."""
 
 from __future__ import annotations
 
-import json
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.markup import escape
 
 from palpate.commands import completion
+from palpate.commands.items import open_store
 from palpate.commands.options import JsonOption, StoreOption
-
-if TYPE_CHECKING:
-    from palpate.produce.bruise.items import ItemBruise
-    from palpate.produce.bruise.judge import SideVerdict
-    from palpate.produce.bruise.model import BruiseModel
-    from palpate.produce.store import Store
+from palpate.commands.output import print_json, print_table
+from palpate.errors import InputError
+from palpate.produce.bruise.items import ItemBruise, examine_item, learn_from
+from palpate.produce.bruise.model import BruiseModel, default_model
+from palpate.produce.store import Store
 
 
 def bruise(
@@ -39,9 +40,10 @@ def bruise(
     bruised_share: Annotated[
         float,
         typer.Option(
-            help="Share of sides expected to be bruised before anything is felt.",
+            help="Fraction of sides expected to be bruised before anything is measured.",
             min=0.0001,
             max=0.9999,
+            metavar="FRACTION",
         ),
     ] = 0.5,
     as_json: JsonOption = False,
@@ -49,35 +51,41 @@ def bruise(
     """Judge whether an item is bruised, side by side, from its last visit.
 
     Each side is compared with its own earlier record, the item's other sides, and items of its kind
-    that people called sound on the same rig (palpate items NAME --say bruise=sound): whatever there
-    is of these. The answer is kept with the item. Exits with 1 where it is bruised.
+    that people called sound on the same rig (palpate items NAME --say bruise=sound), as far as
+    there are any. The answer is kept with the item. Exits with 1 where it is bruised.
 
     Example: palpate bruise A17 --bruised-share 0.05
     """
-    from palpate.commands.items import opened
-    from palpate.produce.bruise.items import examine_item
-
-    with opened(store) as kept:
+    with open_store(store) as known:
         found = examine_item(
-            kept,
+            known,
             item,
-            model=_model(kept, item, learn=learn, file=model),
+            model=_model(known, item, learn=learn, file=model),
             bruised_share=bruised_share,
             given_at=datetime.now(UTC),
         )
     if as_json:
-        print(json.dumps(_document(item, found), allow_nan=False, indent=1))
+        print_json(
+            {
+                "item_id": item,
+                "bruised": found.bruised,
+                "probability": found.probability,
+                "before_percent": found.before_percent,
+                "now_percent": found.now_percent,
+                "bruised_pixels_percent": found.bruised_percent,
+                "sides": [side.to_dict() for side in found.sides],
+                "learned_on": found.model.learned_on,
+                "explanation": found.explanation,
+                "simulated": found.simulated,
+            }
+        )
     else:
-        _show(item, found)
+        _print(item, found)
     if found.bruised:
         raise typer.Exit(1)
 
 
 def _model(store: Store, item: str, *, learn: bool, file: Path | None) -> BruiseModel:
-    from palpate.errors import InputError
-    from palpate.produce.bruise.items import learn_from
-    from palpate.produce.bruise.model import BruiseModel, default_model
-
     if learn and file is not None:
         raise InputError(f"--learn and --model {file}: give one of them")
     if learn:
@@ -90,60 +98,27 @@ def _model(store: Store, item: str, *, learn: bool, file: Path | None) -> Bruise
     return default_model() if file is None else BruiseModel.load(file)
 
 
-def _document(item: str, found: ItemBruise) -> dict[str, Any]:
-    return {
-        "item_id": item,
-        "bruised": found.bruised,
-        "probability": found.probability,
-        "before_percent": found.before_percent,
-        "now_percent": found.now_percent,
-        "bruised_pixels_percent": found.bruised_percent,
-        "sides": [side.to_dict() for side in found.sides],
-        "learned_on": found.model.learned_on,
-        "explanation": found.explanation,
-        "simulated": found.simulated,
-    }
-
-
-def _show(item: str, found: ItemBruise) -> None:
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    console = Console()
-    note = " (simulated)" if found.simulated else ""
-    verdict = "bruised" if found.bruised else "sound"
-    console.print(f"[bold]{escape(str(item))}: {verdict}[/bold]{note}", highlight=False)
-    table = Table(box=None, header_style="dim")
-    for column in ("side", "grasps", "bruised, %"):
-        table.add_column(column, justify="right")
-    table.add_column("compared with")
-    table.add_column("where, if it is")
-    for side in found.sides:
-        table.add_row(
+def _print(item: str, found: ItemBruise) -> None:
+    console = Console(highlight=False)
+    verdict, note = "bruised" if found.bruised else "sound", " (simulated)" * found.simulated
+    console.print(f"[bold]{escape(item)}: {verdict}[/bold]{note}")
+    rows = [
+        (
             f"{side.angle_deg:g}°",
             str(side.grasps),
             f"{100 * side.probability:.0f}",
             ", ".join(side.against),
-            _where(side),
+            " or ".join(spot.in_words for spot in side.spots) * (side.probability >= 0.5),
         )
-    console.print(table)
-    columns = {
+        for side in found.sides
+    ]
+    columns = (">side", ">grasps", ">bruised, %", "compared with", "where, if it is")
+    print_table(columns, rows, console=console)
+    changes = {
         "all pixels before": found.before_percent,
         "all pixels now": found.now_percent,
         "pixels on the bruise": found.bruised_percent,
     }
-    console.print(
-        "Mean relative change: "
-        + ", ".join(
-            f"{name} {value:.1f} %" for name, value in columns.items() if value is not None
-        ),
-        highlight=False,
-    )
-    console.print(f"[dim]Learned on {found.model.learned_on}.[/dim]", highlight=False)
-
-
-def _where(side: SideVerdict) -> str:
-    if side.probability < 0.5:
-        return ""
-    return " or ".join(spot.in_words for spot in side.spots)
+    known = [f"{name} {value:.1f} %" for name, value in changes.items() if value is not None]
+    console.print(f"Mean relative change: {', '.join(known)}")
+    console.print(f"[dim]Learned on {found.model.learned_on}.[/dim]")

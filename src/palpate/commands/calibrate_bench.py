@@ -8,18 +8,20 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import typer
 
 from palpate.errors import CalibrationError, DeviceError
 from palpate.files import check_place
-
-if TYPE_CHECKING:
-    from palpate.grasp.calibrating import Bench
-    from palpate.sensor.array import ArrayLayout
-    from palpate.sensor.calibration import Calibration, RestValues
-    from palpate.twin.world import World
+from palpate.grasp.calibrating import Bench
+from palpate.rig.bench import open_board_bench
+from palpate.rig.file import load_cells_stated, stated_in
+from palpate.rig.simulated import FACES, twin_bench
+from palpate.sensor.array import ArrayLayout
+from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
+from palpate.twin.objects import draw_object
+from palpate.twin.world import World
 
 #: Where neither option nor rig file names another.
 DEFAULT_FILE = Path("calibration.json")
@@ -43,13 +45,16 @@ class GuidedBench:
     simulated: bool
 
 
+def ask_user(what: str) -> None:
+    """Ask for something to be done, and wait for Enter."""
+    typer.prompt(what, default="", err=True, show_default=False)
+
+
 def has_load_cell(rig: str) -> bool:
     """Return whether a rig, by name or file, has a load cell that palpate can read.
 
     Raises `InputError` if a rig file can't be read, or its description of the load cells is wrong.
     """
-    from palpate.rig.file import load_cells_stated
-
     return rig == "sim-rigid" or (
         rig.endswith(".toml") and load_cells_stated(Path(rig)) is not None
     )
@@ -71,7 +76,6 @@ def open_bench(
     if not (rig.endswith(".toml") and has_load_cell(rig)):
         yield open_twin_bench(rig, seed=seed)
         return
-    from palpate.rig.bench import open_board_bench
 
     # Steps count their own runs from 0; the person who places the cell sees one running count.
     number = count(1)
@@ -100,10 +104,6 @@ def open_twin_bench(rig: str, *, seed: int) -> GuidedBench:
 
     Raises `DeviceError` if the rig isn't one of the simulated ones with rigid fingers.
     """
-    from palpate.rig.simulated import FACES, twin_bench
-    from palpate.twin.objects import draw_object
-    from palpate.twin.world import World
-
     if rig != "sim-rigid":
         raise DeviceError(
             f"rig {rig!r} has no load cell that palpate can read (a rig file names its own in "
@@ -127,8 +127,6 @@ def calibration_file(rig: str, out: Path | None) -> Path:
     Raises `InputError` if the rig file can't be read, or the calibration could not be written in
     the end.
     """
-    from palpate.rig.file import stated_in
-
     stated = stated_in(Path(rig)) if out is None and rig.endswith(".toml") else {}
     named = Path(rig).parent / str(stated["calibration"]) if "calibration" in stated else None
     path = out or named or DEFAULT_FILE
@@ -141,8 +139,6 @@ def earlier_calibration(path: Path, *, layout: ArrayLayout, simulated: bool) -> 
 
     Raises `CalibrationError` if the file is of another sensor, or can't be read.
     """
-    from palpate.sensor.calibration import Calibration
-
     if not path.exists():
         return None
     earlier = Calibration.load(path)
@@ -161,8 +157,6 @@ def earlier_calibration(path: Path, *, layout: ArrayLayout, simulated: bool) -> 
 
 def new_calibration(layout: ArrayLayout, *, rest: RestValues, simulated: bool) -> Calibration:
     """Return a calibration that knows the rest alone."""
-    from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs
-
     return Calibration(
         sensor_id=layout.name,
         origin="simulated" if simulated else "hardware",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from contextlib import closing
 from pathlib import Path
@@ -10,17 +9,28 @@ from typing import Annotated
 
 import typer
 
+from palpate.clock import RealClock
+from palpate.commands.calibrate_bench import ask_user
 from palpate.commands.options import JsonOption
+from palpate.commands.output import print_json
+from palpate.commands.sensor_source import open_source
 from palpate.errors import CalibrationError, InputError
+from palpate.rig.board_cell import board_with_cells, mean_counts
+from palpate.rig.file import load_cells_stated
 
 #: A thousandth of what 1 N moves a cell of 1 kg and 1 mV/V by: 200 000 counts of an HX711 at 128.
 _LEAST_COUNTS = 1000.0
 
 
-def command(
+def cell(
     rig: Annotated[str, typer.Option(help="A rig file with a board.", metavar="TOML")],
-    known_n: Annotated[float, typer.Option("--known-n", help="The weight, newtons (kg * 9.81).")],
-    cell: Annotated[int, typer.Option(help="Which load cell of the board.", min=0, max=1)] = 0,
+    known_n: Annotated[
+        float,
+        typer.Option("--known-n", help="The weight, newtons (kg * 9.81).", metavar="NEWTONS"),
+    ],
+    cell: Annotated[
+        int, typer.Option(help="Which load cell of the board.", min=0, max=1, metavar="N")
+    ] = 0,
     as_json: JsonOption = False,
 ) -> None:
     """Weigh a known weight on one load cell; prints the line for the rig file.
@@ -33,7 +43,7 @@ def command(
     newtons_per_count = known_n / _counts(rig, cell=cell, known_n=known_n)
     line = [*known[:cell], newtons_per_count, *known[cell + 1 :]]
     if as_json:
-        print(json.dumps({"rig": rig, "cell": cell, "newtons_per_count": line}, indent=1))
+        print_json({"rig": rig, "cell": cell, "newtons_per_count": line})
         return
     print("[load_cells]")
     print(f"newtons_per_count = [{', '.join(f'{scale:.6g}' for scale in line)}]")
@@ -41,8 +51,6 @@ def command(
 
 def _known(rig: str, *, cell: int) -> tuple[float, ...]:
     """Return what the rig file states already."""
-    from palpate.rig.file import load_cells_stated
-
     if not rig.endswith(".toml"):
         raise InputError(f"rig {rig!r} is simulated; give a rig file whose [array] is a board")
     known = load_cells_stated(Path(rig)) or ()
@@ -55,16 +63,12 @@ def _known(rig: str, *, cell: int) -> tuple[float, ...]:
 
 def _counts(rig: str, *, cell: int, known_n: float) -> float:
     """Return by how many counts the weight moves the cell."""
-    from palpate.clock import RealClock
-    from palpate.commands.sensor_source import open_source
-    from palpate.rig.board_cell import board_with_cells, mean_counts
-
     clock = RealClock()
     with closing(open_source(rig=rig)) as source:
         board = board_with_cells(source.array)
-        _ask(f"take everything off load cell {cell}, then Enter")
+        ask_user(f"take everything off load cell {cell}, then Enter")
         (empty,) = mean_counts(board, cells=(cell,), clock=clock)
-        _ask(f"lay {known_n:g} N on load cell {cell}, wait until it lies still, then Enter")
+        ask_user(f"lay {known_n:g} N on load cell {cell}, wait until it lies still, then Enter")
         (loaded,) = mean_counts(board, cells=(cell,), clock=clock)
     if abs(loaded - empty) < _LEAST_COUNTS:
         raise CalibrationError(
@@ -72,7 +76,3 @@ def _counts(rig: str, *, cell: int, known_n: float) -> float:
             "it, and is it this cell? (--cell)"
         )
     return loaded - empty
-
-
-def _ask(what: str) -> None:
-    typer.prompt(what, default="", err=True, show_default=False)

@@ -1,36 +1,43 @@
-"""`palpate calibrate compliance`: how far pads, fingers and servo give way, and its current."""
+"""`palpate calibrate compliance`: how far pads, fingers and servo deflect, and its current."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
-from palpate.commands.options import JsonOption, RigOption
+from palpate.commands.calibrate_bench import (
+    GuidedBench,
+    ask_user,
+    calibration_file,
+    earlier_calibration,
+    open_bench,
+)
+from palpate.commands.options import CalibrationOption, JsonOption, RigOption, SeedOption
+from palpate.commands.output import print_json
 from palpate.errors import InputError
-
-if TYPE_CHECKING:
-    from palpate.commands.calibrate_bench import GuidedBench
-    from palpate.estimate.compliance import Compliance
-    from palpate.sensor.calibration import Calibration
+from palpate.estimate.compliance import Compliance
+from palpate.grasp.calibrating import measure_block
+from palpate.grasp.calibrating_current import measure_current, measure_gears
+from palpate.grasp.planning import DWELL_S
+from palpate.sensor.calibration import Calibration, joined_currents
 
 #: Closings go up to this force, newtons, and are repeated this often.
 _UP_TO_N, _REPEATS = 15.0, 3
 
 
-def command(
+def compliance(
     block_mm: Annotated[
-        float, typer.Option("--block-mm", help="Size of the rigid block with the load cell.")
+        float,
+        typer.Option(
+            "--block-mm", help="Size of the rigid block with the load cell.", metavar="MM"
+        ),
     ] = 40.0,
     rig: RigOption = "",
-    out: Annotated[
-        Path | None,
-        typer.Option(help="File to renew. By default the rig file's, or calibration.json."),
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Simulated rigs: which gripper.", min=0)] = 0,
+    out: CalibrationOption = None,
+    seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
     """Close on a rigid block of known size; all that closes further is the gripper itself.
@@ -40,21 +47,31 @@ def command(
 
     Example: palpate calibrate compliance --block-mm 40 --out pad-3.json
     """
-    from palpate.commands.calibrate_bench import calibration_file, open_bench
-    from palpate.estimate.compliance import Compliance
-
     path = calibration_file(rig, out)
-    with open_bench(rig, seed=seed, ask=_ask) as guided:
-        made = _measured(guided, block_mm=block_mm, rig=rig, out=path)
+    with open_bench(rig, seed=seed, ask=ask_user) as guided:
+        made = _measure(guided, block_mm=block_mm, rig=rig, out=path)
     block = made.block
     give = Compliance.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
     made.save(path)
     if as_json:
-        print(json.dumps(_document(made, give, path=path), indent=1, allow_nan=False))
+        print_json(
+            {
+                "file": str(path),
+                "simulated": made.origin == "simulated",
+                "readings": len(block.force_n),
+                "fingers_mm_per_n": give.slope_mm_per_n,
+                "pads_mm": float(sum(give.pad_mm)),
+                "zero_mm": give.zero_mm,
+                "residual_mm": give.residual_mm,
+                "largest_force_n": give.largest_force_n,
+                "current_readings": None if made.current is None else len(made.current.force_n),
+            }
+        )
         return
     simulated = " (simulated)" if made.origin == "simulated" else ""
     print(f"{path}{simulated}: {len(block.force_n)} closings up to {give.largest_force_n:.1f} N")
-    print(f"fingers and servo give {give.slope_mm_per_n:.3f} mm/N, pads {sum(give.pad_mm):.2f} mm")
+    slope_mm_per_n, pads_mm = give.slope_mm_per_n, sum(give.pad_mm)
+    print(f"compliance of fingers and servo {slope_mm_per_n:.3f} mm/N, pads {pads_mm:.2f} mm")
     print(f"error of the width: {give.zero_mm:+.2f} mm; scatter {give.residual_mm:.3f} mm")
     if made.current is None:
         print("no current reported")
@@ -62,18 +79,8 @@ def command(
         print(f"servo current: {len(made.current.force_n)} readings")
 
 
-def _ask(what: str) -> None:
-    typer.prompt(what, default="", err=True, show_default=False)
-
-
-def _measured(guided: GuidedBench, *, block_mm: float, rig: str, out: Path) -> Calibration:
+def _measure(guided: GuidedBench, *, block_mm: float, rig: str, out: Path) -> Calibration:
     """Close on the block, for the way and then for the current; then with the hand empty."""
-    from palpate.commands.calibrate_bench import earlier_calibration
-    from palpate.grasp.calibrating import measure_block
-    from palpate.grasp.calibrating_current import measure_current, measure_gears
-    from palpate.grasp.planning import DWELL_S
-    from palpate.sensor.calibration import joined_currents
-
     bench = guided.bench
     limits = bench.gripper.limits
     if not limits.lowest < block_mm < limits.highest:
@@ -96,17 +103,3 @@ def _measured(guided: GuidedBench, *, block_mm: float, rig: str, out: Path) -> C
         empty = measure_gears(bench)
         current = current if empty is None else joined_currents(current, empty)
     return replace(earlier, block=block, current=current)
-
-
-def _document(made: Calibration, give: Compliance, *, path: Path) -> dict[str, Any]:
-    return {
-        "file": str(path),
-        "simulated": made.origin == "simulated",
-        "readings": len(made.block.force_n),
-        "fingers_mm_per_n": give.slope_mm_per_n,
-        "pads_mm": float(sum(give.pad_mm)),
-        "zero_mm": give.zero_mm,
-        "residual_mm": give.residual_mm,
-        "largest_force_n": give.largest_force_n,
-        "current_readings": None if made.current is None else len(made.current.force_n),
-    }

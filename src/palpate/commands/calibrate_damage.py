@@ -3,25 +3,34 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from palpate.commands.calibrate_bench import now_text
 from palpate.commands.options import JsonOption
+from palpate.commands.output import print_json
 from palpate.errors import InputError
-
-if TYPE_CHECKING:
-    from palpate.estimate.damage_file import DamageFile
-    from palpate.estimate.damage_learning import FruitClosing
+from palpate.estimate.damage_file import DamageFile
+from palpate.estimate.damage_learning import (
+    FruitClosing,
+    held_out,
+    learn_damage,
+    read_closings,
+    unfit,
+)
+from palpate.estimate.measurement import Measurement
+from palpate.files import keep_inputs
+from palpate.grasp.safety import DAMAGE_RATE
 
 #: Fewer can't be learned from and tested on in turn.
 _FEWEST = 12
 
 
-def command(
+def damage(
     curves: Annotated[
         Path,
         typer.Option(help="Closings: columns grasp_id, closure_mm, force_n.", metavar="CSV"),
@@ -42,23 +51,16 @@ def command(
 
     Example: palpate calibrate damage --curves closings.csv --index ruptures.csv --out damage.json
     """
-    from palpate.estimate.damage_learning import read_closings
-    from palpate.files import keep_inputs
-
     keep_inputs(out, inputs=(curves, index))
-    made = _learned(read_closings(curves, index), files=(curves, index))
+    made = _learn(read_closings(curves, index), files=(curves, index))
     made.save(out)
     if as_json:
-        print(json.dumps(_document(made, path=out), indent=1, allow_nan=False))
+        print_json(_document(made, path=out))
     else:
         _print(made, path=out)
 
 
-def _learned(closings: list[FruitClosing], *, files: tuple[Path, ...]) -> DamageFile:
-    from palpate.commands.calibrate_bench import now_text
-    from palpate.estimate.damage_file import DamageFile
-    from palpate.estimate.damage_learning import held_out, learn_damage, unfit
-
+def _learn(closings: list[FruitClosing], *, files: tuple[Path, ...]) -> DamageFile:
     left_out = unfit(closings)
     used = [closing for closing in closings if closing.grasp_id not in left_out]
     if len(used) < _FEWEST:
@@ -80,19 +82,12 @@ def _learned(closings: list[FruitClosing], *, files: tuple[Path, ...]) -> Damage
 
 def _limit_n(made: DamageFile, kind: str) -> float:
     """Return the force that a grasp keeps below where the stiffness is the kind's middle one."""
-    from palpate.estimate.measurement import Measurement
-    from palpate.grasp.safety import DAMAGE_RATE
-
     middle = math.exp(made.model.strengths[kind].log_stiffness)
     felt = Measurement(value=middle, low=0.9 * middle, high=1.1 * middle, unit="n_per_mm")
     return made.model.bound_n(felt, kind=kind, rate=DAMAGE_RATE)
 
 
 def _document(made: DamageFile, *, path: Path) -> dict[str, Any]:
-    from dataclasses import asdict
-
-    from palpate.grasp.safety import DAMAGE_RATE
-
     return {
         "file": str(path),
         "closings": dict(made.closings),
@@ -108,8 +103,6 @@ def _document(made: DamageFile, *, path: Path) -> dict[str, Any]:
 
 
 def _print(made: DamageFile, *, path: Path) -> None:
-    from palpate.grasp.safety import DAMAGE_RATE
-
     counts = ", ".join(f"{count} {kind}" for kind, count in made.closings.items())
     print(f"{path}: learned from {sum(made.closings.values())} closings ({counts})")
     for name, why in made.left_out.items():

@@ -2,21 +2,36 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import typer
+from rich.console import Console
+from rich.progress import Progress
 
-from palpate.commands.options import DpiOption, JsonOption, RigOption
+from palpate.commands import options as option
+from palpate.commands.calibrate_bench import (
+    ask_user,
+    calibration_file,
+    earlier_calibration,
+    has_load_cell,
+    new_calibration,
+    now_text,
+    open_bench,
+)
+from palpate.commands.calibrate_weights import weigh_loads
+from palpate.commands.output import print_json
+from palpate.grasp.calibrating import HOLDS_N, measure_force, measure_rest
+from palpate.grasp.paper_method import with_line_law
+from palpate.grasp.planning import DWELL_S, HORIZON_S, with_force_law
+from palpate.plots.force_calibration import force_calibration_figure
+from palpate.plots.style import check_plot, save_figure
+from palpate.sensor.calibration import Calibration
 
-if TYPE_CHECKING:
-    from palpate.sensor.calibration import Calibration
 
-
-def command(
-    rig: RigOption = "",
+def force(
+    rig: option.RigOption = "",
     loads: Annotated[
         Path | None,
         typer.Option(
@@ -29,26 +44,22 @@ def command(
             "--tolerance",
             help="Dead weights: half interval, percent, at which no more are asked for.",
             min=0.0,
+            metavar="PERCENT",
         ),
     ] = 0.0,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="File to make or renew. By default the rig file's, or calibration.json."),
-    ] = None,
+    out: option.CalibrationOption = None,
     plot: Annotated[
         Path | None, typer.Option(help="Draw readings and law.", metavar="FILE")
     ] = None,
-    dpi: DpiOption = None,
+    dpi: option.DpiOption = None,
     law: Annotated[
         Literal["power", "line"],
         typer.Option(help="line: the paper's, from the mean relative change (Table 4)."),
     ] = "power",
-    seed: Annotated[int, typer.Option(help="Simulated rigs: which sensor.", min=0)] = 0,
-    temperature_c: Annotated[float | None, typer.Option(help="Of the room, where known.")] = None,
-    humidity_percent: Annotated[
-        float | None, typer.Option(help="Of the room, where known.")
-    ] = None,
-    as_json: JsonOption = False,
+    seed: option.SeedOption = 0,
+    temperature_c: option.TemperatureOption = None,
+    humidity_percent: option.HumidityOption = None,
+    as_json: option.JsonOption = False,
 ) -> None:
     """Calibrate the force: guided steps up and down, a held-out check, and a verdict.
 
@@ -57,47 +68,37 @@ def command(
 
     Example: palpate calibrate force --rig sim-rigid --seed 3 --out pad-3.json
     """
-    from palpate.commands.calibrate_bench import calibration_file, has_load_cell
-    from palpate.commands.calibrate_weights import weighed
-    from palpate.plots.style import check_plot
-
     path = calibration_file(rig, out)
     check_plot(plot, dpi=dpi)
     if loads is None and has_load_cell(rig):
         made, course = _guided(rig, seed=seed, out=path), None
     else:
-        made, course = weighed(rig, loads=loads, out=path, tolerance_percent=tolerance_percent)
+        made, course = weigh_loads(rig, loads=loads, out=path, tolerance_percent=tolerance_percent)
     made = replace(
         made,
         temperature_c=made.temperature_c if temperature_c is None else temperature_c,
         humidity_percent=made.humidity_percent if humidity_percent is None else humidity_percent,
     )
     if law == "line":
-        from palpate.grasp.paper_method import with_line_law
-
         made = with_line_law(made)
     made.save(path)
     if plot is not None:
-        from palpate.plots.force_calibration import force_calibration_figure
-        from palpate.plots.style import save_figure
-
         save_figure(force_calibration_figure(made), plot, dpi=dpi)
     if as_json:
         document = _document(made, path=path)
         if course is not None:
             document["half_interval_percent"] = course.to_dict()
-        print(json.dumps(document, indent=1, allow_nan=False))
+        print_json(document)
     else:
         _print(made, path=path)
+        if plot is not None:
+            print(f"Written: {plot}")
 
 
 class _Shown:
     """A bar of placements on standard error, which gives way to questions."""
 
     def __init__(self, placements: int) -> None:
-        from rich.console import Console
-        from rich.progress import Progress
-
         self._bar = Progress(console=Console(stderr=True), transient=True)
         self._task = self._bar.add_task("settled holds", total=placements)
 
@@ -111,7 +112,7 @@ class _Shown:
     def ask(self, what: str) -> None:
         """Ask for something to be done, and wait; a bar that is redrawn would wipe that out."""
         self._bar.stop()
-        typer.prompt(what, default="", err=True, show_default=False)
+        ask_user(what)
         self._bar.start()
 
     def show(self, what: str, *, advance: int = 0) -> None:
@@ -121,15 +122,6 @@ class _Shown:
 
 def _guided(rig: str, *, seed: int, out: Path) -> Calibration:
     """Read settled holds on the load cell and fit the laws of a grasp to them."""
-    from palpate.commands.calibrate_bench import (
-        earlier_calibration,
-        new_calibration,
-        now_text,
-        open_bench,
-    )
-    from palpate.grasp.calibrating import HOLDS_N, measure_force, measure_rest
-    from palpate.grasp.planning import DWELL_S, HORIZON_S, with_force_law
-
     shown = _Shown(len(HOLDS_N))
     with open_bench(rig, seed=seed, ask=shown.ask, placements=len(HOLDS_N)) as guided, shown:
         bench, layout = guided.bench, guided.bench.array.layout

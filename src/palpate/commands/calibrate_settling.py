@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from palpate.commands.settle_source import HoldSource
 from palpate.errors import InputError
 from palpate.files import check_place
-
-if TYPE_CHECKING:
-    from palpate.commands.settle_source import HoldSource
-    from palpate.holds import Hold
+from palpate.holds import Hold
+from palpate.recording.exporting import hold_tables, write_export
+from palpate.rig.file import read_rig_file
 
 #: A hold shows what it settles to only if it lasts until the horizon.
 _SHORTEST_S = 20.0
 
 
-def command(
+def settling(
     recordings: Annotated[
         list[Path], typer.Argument(help="Recordings or holds files, or folders of them.")
     ],
@@ -37,12 +37,9 @@ def command(
 
     Example: palpate calibrate settling day1.mcap day2.mcap --rig rig.toml
     """
-    from palpate.commands.settle_source import HoldSource
-    from palpate.recording.exporting import hold_tables, write_export
-
     if rig is not None and out is not None:
         raise InputError("--rig and --out name two places for the holds; give one of them")
-    place = kept_holds(rig) if rig else out or Path("settling.csv")
+    place = place_of_holds(rig) if rig else out or Path("settling.csv")
     if place.suffix not in (".csv", ".parquet"):
         raise InputError(f"--out {place}: end its name in .csv or .parquet")
     check_place(place)
@@ -68,13 +65,11 @@ def command(
     print(f"{place}: {len({hold.hold_id for hold in kept})} holds, {rows} rows")
 
 
-def kept_holds(rig: str) -> Path:
+def place_of_holds(rig: str) -> Path:
     """Return where a rig keeps its settled holds: next to its calibration.
 
     Raises `InputError` if `rig` is no rig file: simulated rigs keep nothing.
     """
-    from palpate.rig.file import read_rig_file
-
     path = Path(rig)
     if path.suffix != ".toml":
         raise InputError(f"--rig {rig}: name a rig file (.toml); simulated rigs keep no holds")

@@ -7,14 +7,24 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import typer
 
+from palpate.clock import RealClock
+from palpate.commands.calibrate_bench import ask_user, earlier_calibration, now_text
+from palpate.commands.sensor_source import open_source
 from palpate.errors import InputError
-
-if TYPE_CHECKING:
-    from palpate.sensor.calibration import Calibration
+from palpate.estimate.force_follower import SPREAD_N, half_width_percent, most_useful_n
+from palpate.estimate.force_law import ForceLaw
+from palpate.grasp.planning import with_force_law
+from palpate.sensor.calibration import Calibration
+from palpate.sensor.dead_weights import (
+    FEWEST,
+    checked_loads,
+    hysteresis_seen,
+    read_loads,
+    weigh,
+)
 
 
 class Course:
@@ -25,8 +35,6 @@ class Course:
     """
 
     def __init__(self, *, tolerance_percent: float) -> None:
-        from palpate.estimate.force_law import ForceLaw
-
         self._tolerance_percent = tolerance_percent
         self._law = ForceLaw()
         self._known: list[tuple[float, float]] = []
@@ -35,21 +43,15 @@ class Course:
     @property
     def enough(self) -> bool:
         """Whether the intervals are within the tolerance, after at least three weights."""
-        from palpate.sensor.dead_weights import FEWEST
-
         return self._law.known >= FEWEST and max(self.after.values()) <= self._tolerance_percent
 
     @property
     def next_n(self) -> float:
         """The load that would narrow the intervals most."""
-        from palpate.estimate.force_follower import most_useful_n
-
         return most_useful_n(self._law)
 
     def take(self, excess: float, load_n: float) -> None:
         """Take a settled reading, and print what it narrowed."""
-        from palpate.estimate.force_law import ForceLaw
-
         self._known.append((excess, load_n))
         readings, loads_n = zip(*self._known, strict=True)
         self._law = ForceLaw.fit(readings, force_n=loads_n)
@@ -68,12 +70,10 @@ class Course:
         }
 
     def _half_widths(self) -> dict[str, float]:
-        from palpate.estimate.force_follower import SPREAD_N, half_width_percent
-
         return {f"{at_n:g}": half_width_percent(self._law, at_n) for at_n in SPREAD_N}
 
 
-def weighed(
+def weigh_loads(
     rig: str, *, loads: Path | None, out: Path, tolerance_percent: float
 ) -> tuple[Calibration, Course]:
     """Read dead weights as the user lays them down, and fit the law to them.
@@ -81,15 +81,10 @@ def weighed(
     Raises `InputError` if the rig is simulated, the loads can't carry a calibration, or `out` is
     not there yet.
     """
-    from palpate.clock import RealClock
-    from palpate.commands.calibrate_bench import earlier_calibration, now_text
-    from palpate.commands.sensor_source import open_source
-    from palpate.grasp.planning import with_force_law
-    from palpate.sensor.dead_weights import hysteresis_seen, read_loads, weigh
-
     if rig.startswith("sim-"):
+        without = "" if loads is None else "; leave --loads out"
         raise InputError(
-            f"rig {rig!r} is simulated and nobody can lay weights on it; leave --loads out "
+            f"rig {rig!r} is simulated, and no weights can be laid on it{without} "
             "(--rig sim-rigid has a load cell)"
         )
     listed = None if loads is None else read_loads(loads)
@@ -103,12 +98,11 @@ def weighed(
 
         def place(load_n: float) -> None:
             if listed is not None:
-                ask = f"lay {load_n:g} N on the pad, then Enter"
-                typer.prompt(ask, default="", err=True, show_default=False)
+                ask_user(f"lay {load_n:g} N on the pad, then Enter")
 
         weighing = weigh(
             source.array,
-            loads_n=_typed(course) if listed is None else _listed(listed, course),
+            loads_n=_ask_loads(course) if listed is None else _until_enough(listed, course),
             place=place,
             clock=RealClock(),
             settled=course.take,
@@ -116,24 +110,22 @@ def weighed(
     for load_n in weighing.refused_n:
         print(f"refused: {load_n:g} N did not settle", file=sys.stderr)
     made = with_force_law(replace(earlier, force=weighing.pairs))
-    held_out: dict[str, Any] = {
+    held_out = {
         **made.held_out,
         "unloading_seen": hysteresis_seen(weighing.pairs.force_n),
     }
     return replace(made, held_out=held_out, made_at=now_text()), course
 
 
-def _listed(loads_n: Sequence[float], course: Course) -> Iterator[float]:
+def _until_enough(loads_n: Sequence[float], course: Course) -> Iterator[float]:
     for load_n in loads_n:
         if course.enough:
             return
         yield load_n
 
 
-def _typed(course: Course) -> Iterator[float]:
+def _ask_loads(course: Course) -> Iterator[float]:
     """Ask for one weight after the other, the most useful one first, until Enter alone."""
-    from palpate.sensor.dead_weights import checked_loads
-
     loads_n: list[float] = []
     while not course.enough:
         ask = f"lay a weight near {course.next_n:g} N on the pad and type its newtons (Enter ends)"

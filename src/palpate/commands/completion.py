@@ -1,6 +1,6 @@
 """Completion after <Tab> in the shell, for names that palpate knows.
 
-A completion must be quick and never fail: what can't be listed is not offered.
+A completion must be quick and never fail: names that can't be listed are not offered.
 """
 
 from __future__ import annotations
@@ -10,8 +10,6 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import typer
-
-from palpate.commands.packages import ARCHIVE, BENCHMARKS, STUDIES, Offer, catalogue
 
 #: Items offered at most: a shell lists them all at once.
 _MOST_ITEMS = 200
@@ -26,26 +24,13 @@ def _names_in(module: str, table: str) -> Callable[[str], list[str]]:
     return complete
 
 
-def _installed(offer: Offer) -> Callable[[str], list[str]]:
-    """Return the completion of what installed packages offer."""
-
-    def complete(incomplete: str) -> list[str]:
-        return _matching(sorted(catalogue(offer)), incomplete)
-
-    return complete
-
-
 def _matching(names: Iterable[str], incomplete: str) -> list[str]:
     return [name for name in names if name.startswith(incomplete)]
 
 
 objects = _names_in("palpate.twin.objects", "OBJECTS")
 methods = _names_in("palpate.settling.predict", "METHODS")
-steps = _names_in("palpate.commands.calibrate", "STEPS")
-archive_steps = _installed(ARCHIVE)
 demos = _names_in("palpate.commands.demo", "NAMES")
-studies = _installed(STUDIES)
-benchmarks = _installed(BENCHMARKS)
 
 
 def rigs(incomplete: str) -> list[str]:

@@ -42,7 +42,9 @@ def demo(
         typer.Option(help="Folder to write into; demo-NAME by default.", metavar="DIR"),
     ] = None,
 ) -> None:
-    """Write files to try palpate on: recordings of a data logger, or a packhouse's store and rules.
+    """Write simulated files to try palpate on.
+
+    Recordings of a data logger, or a packhouse's store and rules.
 
     All of it is simulated, and labelled so.
 

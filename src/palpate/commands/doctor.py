@@ -2,35 +2,39 @@
 
 from __future__ import annotations
 
-import json
 import sys
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from palpate.commands import options as option
+from palpate.commands.doctor_report import Examined, health_document, print_health
+from palpate.commands.output import print_json
+from palpate.commands.sensor_source import SensorSource, open_source
 from palpate.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from palpate.commands.doctor_report import Examined
-    from palpate.commands.sensor_source import SensorSource
-    from palpate.sensor.array import ArrayLayout, Frame
-    from palpate.sensor.findings import Finding
-    from palpate.sensor.health import FrameColumns
+from palpate.recording import load_recording
+from palpate.sensor.array import FRAME_TIMEOUT_S, ArrayLayout, Frame
+from palpate.sensor.findings import Finding, pixel_name
+from palpate.sensor.health import FrameColumns, examine
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.sensor.press_order import PressWatch, order_findings
 
 
 def doctor(
     rig: option.SensorOption = None,
     port: option.PortOption = None,
     recording: Annotated[
-        Path | None, typer.Option(help="Judge a recording instead; it must begin at rest.")
+        Path | None,
+        typer.Option(help="Judge a recording instead; it must begin at rest.", metavar="FILE"),
     ] = None,
     duration_s: Annotated[
-        float, typer.Option("--duration", help="How long at rest to judge by.", min=1.0)
+        float,
+        typer.Option(
+            "--duration", help="How long at rest to judge by.", min=1.0, metavar="SECONDS"
+        ),
     ] = 10.0,
     press: Annotated[
         bool, typer.Option("--press", help="Then press each pixel in turn: finds swapped wires.")
@@ -41,43 +45,32 @@ def doctor(
     baud: option.BaudOption = None,
     as_json: option.JsonOption = False,
 ) -> None:
-    """Find dead, shorted, stuck, noisy, drifting and swapped pixels, losses and a wrong resistor.
+    """Find faulty and swapped pixels, losses and a wrong resistor.
 
-    Nothing may touch the sensor. Exit status 1 if something is wrong.
+    It finds dead, shorted, stuck, noisy, drifting and swapped pixels. Nothing may touch the sensor.
+    Exit status 1 if something is wrong.
 
     Example: palpate doctor --port /dev/ttyACM0 --press
     """
-    from palpate.commands.doctor_report import as_document, print_health
-    from palpate.commands.sensor_source import open_source
-
     if recording is not None:
         if rig is not None or port is not None:
             raise InputError("--recording excludes --rig and --port")
-        examined = _of_recording(recording, duration_s=duration_s, press=press)
+        examined = _examine_recording(recording, duration_s=duration_s, press=press)
     else:
         source = open_source(
-            rig=rig,
-            port=port,
-            layout=layout,
-            reference_ohm=reference_ohm,
-            rate_hz=rate_hz,
-            baud=baud,
+            rig, port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz, baud=baud
         )
         with closing(source):
-            examined = _live(source, duration_s=duration_s, press=press)
+            examined = _examine_source(source, duration_s=duration_s, press=press)
     if as_json:
-        print(json.dumps(as_document(examined), indent=1, allow_nan=False))
+        print_json(health_document(examined))
     else:
         print_health(examined)
     if not examined.health.healthy:
         raise typer.Exit(1)
 
 
-def _live(source: SensorSource, *, duration_s: float, press: bool) -> Examined:
-    from palpate.commands.doctor_report import Examined
-    from palpate.sensor.array import FRAME_TIMEOUT_S
-    from palpate.sensor.health import examine
-
+def _examine_source(source: SensorSource, *, duration_s: float, press: bool) -> Examined:
     if press and source.simulated:
         raise InputError("--press needs a hand on a real sensor, or a --recording of presses")
     layout = source.array.layout
@@ -92,7 +85,7 @@ def _live(source: SensorSource, *, duration_s: float, press: bool) -> Examined:
     also: tuple[Finding, ...] = ()
     if press:
         frames = iter(lambda: source.array.read(timeout_s=FRAME_TIMEOUT_S), None)
-        whole, also = _pressed(frames, rest=rest, layout=layout, prompt=_prompt)
+        whole, also = _follow_presses(frames, rest=rest, layout=layout, prompt=_prompt)
     health = examine(
         rest,
         layout=layout,
@@ -105,35 +98,31 @@ def _live(source: SensorSource, *, duration_s: float, press: bool) -> Examined:
     return Examined(name=source.name, simulated=source.simulated, layout=layout, health=health)
 
 
-def _of_recording(path: Path, *, duration_s: float, press: bool) -> Examined:
+def _examine_recording(path: Path, *, duration_s: float, press: bool) -> Examined:
     """Judge pixels by the first seconds of a recording, the link by all of it."""
-    from palpate.commands.doctor_report import Examined
-    from palpate.recording import load_recording
-    from palpate.sensor.health import FrameColumns, examine
-
-    held = load_recording(path)
-    layout = held.info.layout
-    if not len(held.time_s):
+    loaded = load_recording(path)
+    layout = loaded.info.layout
+    if not len(loaded.time_s):
         raise InputError(f"{path}: no frames to judge")
-    if len(set(held.oversampling.tolist())) > 1:
+    if len(set(loaded.oversampling.tolist())) > 1:
         raise InputError(f"{path}: the oversampling changes within it; judge a part without that")
     whole = FrameColumns(
-        time_s=held.time_s,
-        sequence=held.sequence,
-        counts=held.counts,
-        oversampling=int(held.oversampling[0]),
+        time_s=loaded.time_s,
+        sequence=loaded.sequence,
+        counts=loaded.counts,
+        oversampling=int(loaded.oversampling[0]),
     )
     rest = whole.first(duration_s)
     also: tuple[Finding, ...] = ()
     if press:
         after = whole.frames()[len(rest.time_s) :]
-        _, also = _pressed(iter(after), rest=rest, layout=layout, prompt=lambda _: None)
+        _, also = _follow_presses(iter(after), rest=rest, layout=layout, prompt=lambda _: None)
     health = examine(rest, layout=layout, whole=whole, also=also)
-    simulated = held.info.origin != "hardware"
+    simulated = loaded.info.origin != "hardware"
     return Examined(name=path.name, simulated=simulated, layout=layout, health=health)
 
 
-def _pressed(
+def _follow_presses(
     frames: Iterator[Frame],
     *,
     rest: FrameColumns,
@@ -141,13 +130,7 @@ def _pressed(
     prompt: Callable[[str], None],
 ) -> tuple[FrameColumns, tuple[Finding, ...]]:
     """Follow one press after the other; return rest and presses together, and findings."""
-    from palpate.sensor.findings import pixel_name
-    from palpate.sensor.health import FrameColumns
-    from palpate.sensor.pixel_resistance import pixel_resistance_ohm
-    from palpate.sensor.press_order import PressWatch, order_findings
-
-    rest_ohm = rest.rest_ohm(layout=layout)
-    watch, asked, taken = PressWatch(rest_ohm), None, rest.frames()
+    watch, asked, taken = PressWatch(rest.rest_ohm(layout=layout)), None, rest.frames()
     for frame in frames:
         if watch.expected is not None and watch.expected != asked:
             asked = watch.expected

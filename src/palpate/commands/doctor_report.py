@@ -4,25 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from rich.console import Console, Group, JustifyMethod, RenderableType
-from rich.panel import Panel
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from palpate.commands.fitted_table import fitted
+from palpate.commands.output import CARD_FRAME, fit_table, make_table, print_card
+from palpate.sensor.array import ArrayLayout
 from palpate.sensor.findings import Severity, pixel_name
-
-if TYPE_CHECKING:
-    from palpate.sensor.array import ArrayLayout
-    from palpate.sensor.health import Health
+from palpate.sensor.health import Health
 
 _MARKS = {Severity.FAULT: "[bold red]✗[/]", Severity.ADVICE: "[yellow]![/]"}
 #: Larger arrays would fill the screen: only their odd pixels are listed.
 _LISTED_PIXELS = 16
-#: Characters of each line that the frame takes.
-_FRAME = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,7 +30,7 @@ class Examined:
     health: Health
 
 
-def as_document(examined: Examined) -> dict[str, Any]:
+def health_document(examined: Examined) -> dict[str, Any]:
     """Return the JSON document."""
     health, layout = examined.health, examined.layout
     link, fit, pixels = health.link, health.resistor, health.pixels
@@ -45,13 +40,7 @@ def as_document(examined: Examined) -> dict[str, Any]:
         "simulated": examined.simulated,
         "layout": layout.name,
         "findings": [
-            {
-                "code": found.code,
-                "severity": found.severity.value,
-                "where": found.where,
-                "text": found.text,
-                "check": found.check,
-            }
+            {name: getattr(found, name) for name in ("code", "severity", "where", "text", "check")}
             for found in health.findings
         ],
         "pixels": [
@@ -87,40 +76,30 @@ def print_health(examined: Examined) -> None:
     health = examined.health
     color = "green" if health.healthy else "red"
     faults = sum(found.severity is Severity.FAULT for found in health.findings)
-    summary = "healthy" if health.healthy else f"{faults} fault{'s' if faults > 1 else ''}"
-    parts: list[RenderableType] = [Text(summary.capitalize(), style=f"bold {color}"), Text("")]
+    summary = "healthy" if health.healthy else f"{faults} fault{'s' * (faults > 1)}"
     console = Console(highlight=False)
-    parts += [
-        fitted(_pixels(examined), console=console, taken=_FRAME),
-        Text(""),
+    print_card(
+        console,
+        Text(summary.capitalize(), style=f"bold {color}"),
+        None,
+        fit_table(_pixels(examined), console=console, taken=CARD_FRAME),
+        None,
         _summary(examined),
-    ]
-    if health.findings:
-        parts += [Text(""), _findings(health)]
-    subtitle = "[bold yellow]SIMULATED[/]" if examined.simulated else "measured"
-    console.print(
-        Panel(
-            Group(*parts),
-            title=f"[bold]{examined.name}[/], {examined.layout.name}",
-            subtitle=subtitle,
-            border_style=color,
-            padding=(1, 2),
-            expand=False,
-        )
+        *((None, _findings(health)) if health.findings else ()),
+        title=f"[bold]{examined.name}[/], {examined.layout.name}",
+        subtitle="[bold yellow]SIMULATED[/]" if examined.simulated else "measured",
+        style=color,
     )
 
 
 def _pixels(examined: Examined) -> Table:
-    health, layout = examined.health, examined.layout
-    pixels = health.pixels
+    layout, pixels = examined.layout, examined.health.pixels
     marks = _marks(examined)
-    table = Table(box=None, padding=(0, 2, 0, 0), show_edge=False, header_style="dim")
-    for name in ("pixel", "finger", "at rest", "noise", "drift", "one count"):
+    names = ["pixel", ">finger", ">at rest", ">noise", ">drift", ">one count", *[""] * bool(marks)]
+    table = make_table(names)
+    for column in table.columns:
         # Numbers stay with their units; the longest name goes on two lines where it must.
-        justify: JustifyMethod = "left" if name == "pixel" else "right"
-        table.add_column(name, justify=justify, no_wrap=name != "one count")
-    if marks:
-        table.add_column("", no_wrap=True)
+        column.no_wrap = column.header != "one count"
     for row in range(layout.rows):
         for col in range(layout.cols):
             name = pixel_name(row, col)

@@ -49,16 +49,18 @@ def export(
         ),
     ] = None,
 ) -> None:
-    """Write a recording as a table of frames, or its holds as a holds file; grasps for LeRobot.
+    """Write a recording as a table of frames or holds, or grasps for LeRobot.
 
     Example: palpate export run.mcap --holds && palpate settle run.holds.csv
     """
     if lerobot is not None:
-        from palpate.commands.packages import LEROBOT, function_of
+        from palpate.commands.lazy_group import entry_point
 
         if to is not None or holds or out is not None:
             raise InputError("--lerobot writes a folder of its own: leave out --to, --holds, --out")
-        function_of(LEROBOT)(files, folder=lerobot, task=task, fps=fps)
+        package = ("palpate-lerobot", "bridges/lerobot-dataset")
+        point = entry_point("palpate.exports", "lerobot", *package, wanted="--lerobot")
+        point.load()(files, folder=lerobot, task=task, fps=fps)
         return
     if task is not None or fps is not None:
         raise InputError("--task and --fps are for --lerobot; name its folder, or leave them out")

@@ -115,7 +115,7 @@ def grasp(
         typer.Option(help="With --item: which side of it faces the first finger, degrees."),
     ] = None,
 ) -> None:
-    """Close on an unknown object: size, force, stiffness, verdict. Then give it back.
+    """Close on an unknown object, measure size, force and stiffness, and release it.
 
     Example: palpate grasp --object strawberry --seed 3
     """

@@ -61,7 +61,9 @@ def init(
     ] = 1_000_000,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
-    """Write a rig file. Asks for what no option gives; without a terminal, takes the defaults.
+    """Write a rig file.
+
+    Asks for what no option gives; without a terminal, takes the defaults.
 
     Example: palpate init rig.toml --port /dev/ttyACM0 --layout rigid-2x2 --reference-ohm 4700
     """

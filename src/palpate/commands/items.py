@@ -1,28 +1,48 @@
-"""`palpate items`: what the store remembers, as a list, as the page of one item, as a file."""
+"""`palpate items`: the items of a store as a list, one item's page, or a file."""
 
 from __future__ import annotations
 
-import json
 import sys
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from palpate.commands import completion
-from palpate.commands.options import JsonOption, StoreOption
-from palpate.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from palpate.produce.records import Item
-    from palpate.produce.store import Store
-    from palpate.produce.store.item_history import ItemHistory
+from palpate.commands.options import BatchOption, DayOption, JsonOption, StoreOption
+from palpate.commands.output import (
+    CARD_FRAME,
+    SIMULATED,
+    fit_table,
+    make_table,
+    percent_text,
+    print_card,
+    print_json,
+    print_table,
+    time_text,
+)
+from palpate.errors import InputError, StoreAwayError
+from palpate.estimate.measurement import Measurement
+from palpate.produce.records import About, Item, Source, Verdict
+from palpate.produce.store import Store
+from palpate.produce.store.item_history import (
+    ItemHistory,
+    item_document,
+    item_page,
+    item_pages,
+    items_document,
+)
 
 _SETTABLE = ("kind", "batch", "label")
+#: Grasps and verdicts shown on a page: the last ones.
+_SHOWN = 20
+_MARK = "[yellow]~[/]"
 
 
 def items(
@@ -31,12 +51,9 @@ def items(
     ] = None,
     store: StoreOption = None,
     kind: Annotated[str | None, typer.Option(help="Only items of this kind.")] = None,
-    batch: Annotated[str | None, typer.Option(help="Only items of this batch.")] = None,
-    day: Annotated[
-        str | None,
-        typer.Option(help="Only items grasped on this day, here: 2026-05-01.", metavar="DATE"),
-    ] = None,
-    limit: Annotated[int, typer.Option(help="List at most this many.", min=1)] = 50,
+    batch: BatchOption = None,
+    day: DayOption = None,
+    limit: Annotated[int, typer.Option(help="List at most this many.", min=1, metavar="N")] = 50,
     changes: Annotated[
         list[str] | None,
         typer.Option("--set", help="Set kind, batch or label of ITEM.", metavar="NAME=TEXT"),
@@ -65,32 +82,27 @@ def items(
     """
     if item is None and (changes or labels):
         raise InputError("--set and --say are about one item: palpate items ITEM --set ...")
-    from palpate.produce.store.item_history import item_document, items_document
-
-    with opened(store, create=bool(changes or labels)) as known:
+    period = None if day is None else day_bounds(day)[1:]
+    with open_store(store, create=bool(changes or labels)) as known:
         if item is not None and (changes or labels):
             _label(known, item, changes=changes or [], labels=labels or [])
-        pages, more = _find(known, item=item, kind=kind, batch=batch, day=day, limit=limit)
         if export is not None:
-            _export(known, export, item=item, kind=kind, batch=batch, day=day)
-        elif as_json:
-            document = items_document(pages) if item is None else item_document(pages[0])
-            print(json.dumps(document, allow_nan=False, indent=1))
+            _export(known, export, item=item, kind=kind, batch=batch, period=period)
+        elif item is not None:
+            page = item_page(known, item)
+            print_json(item_document(page)) if as_json else _print_page(page)
         else:
-            from palpate.commands.items_tables import print_list, print_page
-
-            if item is not None:
-                print_page(pages[0])
+            found = _find(known, kind=kind, batch=batch, period=period, limit=limit + 1)
+            pages = item_pages(known, found[:limit])
+            if as_json:
+                print_json(items_document(pages))
             else:
-                print_list(pages, more=more)
+                _print_list(pages, more=len(found) > limit)
 
 
 @contextmanager
-def opened(where: str | None, *, create: bool = False) -> Iterator[Store]:
-    """Yield the store; a line on stderr says if a shared one did not answer."""
-    from palpate.errors import StoreAwayError
-    from palpate.produce.store import Store
-
+def open_store(where: str | None, *, create: bool = False) -> Iterator[Store]:
+    """Yield the store; a line on stderr reports a shared one that did not answer."""
     with Store.open(where, create=create) as store:
         if store.note:
             print(f"palpate: {store.note}", file=sys.stderr)
@@ -124,40 +136,23 @@ def day_bounds(text: str) -> tuple[date, datetime, datetime]:
 def _find(
     store: Store,
     *,
-    item: str | None,
     kind: str | None,
     batch: str | None,
-    day: str | None,
+    period: tuple[datetime, datetime] | None,
     limit: int,
-) -> tuple[tuple[ItemHistory, ...], bool]:
-    """Return the pages asked for, and whether there are more items than the limit."""
-    from palpate.produce.store.item_history import item_page, item_pages
-
-    if item is not None:
-        return (item_page(store, item),), False
-    if day is None:
-        found = store.items(kind=kind, batch=batch, limit=limit + 1)
-    else:
-        _, since, until = day_bounds(day)
-        grasps = store.grasps(kind=kind, batch=batch, since=since, until=until)
-        names = dict.fromkeys(grasp.item_id for grasp in grasps)
-        found = store.items_named(list(names)[: limit + 1])
-    return item_pages(store, found[:limit]), len(found) > limit
+) -> tuple[Item, ...]:
+    if period is None:
+        return store.items(kind=kind, batch=batch, limit=limit)
+    grasps = store.grasps(kind=kind, batch=batch, since=period[0], until=period[1])
+    names = dict.fromkeys(grasp.item_id for grasp in grasps)
+    return store.items_named(list(names)[:limit])
 
 
 def _label(store: Store, item_id: str, *, changes: list[str], labels: list[str]) -> None:
-    from palpate.produce.records import About, Item, Source, Verdict
-
     settings = dict(_pair(text, option="--set", known=_SETTABLE) for text in changes)
     labelled = [_pair(text, option="--say", known=tuple(map(str, About))) for text in labels]
-    store.add_item(
-        Item(
-            item_id=item_id,
-            kind=settings.get("kind"),
-            batch=settings.get("batch"),
-            label=settings.get("label"),
-        )
-    )
+    kind, batch, label = map(settings.get, _SETTABLE)
+    store.add_item(Item(item_id=item_id, kind=kind, batch=batch, label=label))
     grasps = store.grasps_of(item_id)
     for about, text in labelled:
         store.add_verdict(
@@ -188,9 +183,8 @@ def _export(
     item: str | None,
     kind: str | None,
     batch: str | None,
-    day: str | None,
+    period: tuple[datetime, datetime] | None,
 ) -> None:
-    from palpate.produce.records import About
     from palpate.produce.store.export import export_grasps, export_verdicts, require_parquet
 
     if path.suffix != ".parquet":
@@ -198,23 +192,134 @@ def _export(
     if not path.parent.is_dir():
         raise InputError(f"--export {path}: there is no folder {path.parent}; make it first")
     require_parquet()
-    items: tuple[Item, ...]
+    since, until = period or (None, None)
+    found: tuple[Item, ...]
     if item is not None:
-        items, grasps = (store.item(item),), iter(store.grasps_of(item))
+        found, grasps = (store.item(item),), iter(store.grasps_of(item))
         verdicts = store.verdicts_of(item)
     else:
-        _, since, until = (None, None, None) if day is None else day_bounds(day)
-        items = store.items(kind=kind, batch=batch)
+        found = store.items(kind=kind, batch=batch)
         grasps = store.grasps(kind=kind, batch=batch, since=since, until=until)
-        wanted = {one.item_id for one in items}
+        names = {one.item_id for one in found}
         verdicts = tuple(
             verdict
             for about in About
             for verdict in store.verdicts(about, kind=kind)
-            if verdict.item_id in wanted
-            and (since is None or until is None or since <= verdict.given_at < until)
+            if verdict.item_id in names
+            and (period is None or period[0] <= verdict.given_at < period[1])
         )
     verdicts_path = path.with_suffix(".verdicts.parquet")
-    rows = export_grasps(path, grasps, items=items)
+    rows = export_grasps(path, grasps, items=found)
     verdict_rows = export_verdicts(verdicts_path, verdicts)
     print(f"{path}: {rows} grasps; {verdicts_path}: {verdict_rows} verdicts", file=sys.stderr)
+
+
+def _print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
+    """Print one line per item."""
+    console = Console(highlight=False)
+    if not pages:
+        console.print("no items; `palpate grasp --item NAME` adds one")
+        return
+    columns = (
+        "item",
+        "kind",
+        "batch",
+        "last grasp",
+        ">grasps",
+        ">size, mm",
+        ">firmness",
+        ">N/mm",
+        "verdict",
+    )
+    rows = [
+        (
+            Text(page.item.item_id, style="bold"),
+            Text(page.item.kind or "-"),
+            Text(page.item.batch or "-"),
+            time_text(page.grasps[-1].taken_at) if page.grasps else "-",
+            f"{len(page.grasps)}{f' {_MARK}' if page.simulated else '  '}",
+            _value(page.latest("size_mm"), 1),
+            _value(page.latest("firmness"), 0),
+            _value(page.latest("stiffness_n_per_mm"), 2),
+            Text(", ".join(v.text for a in About if (v := page.latest_verdict(a))) or "-"),
+        )
+        for page in pages
+    ]
+    print_table(columns, rows, console=console)
+    if any(page.simulated for page in pages):
+        console.print(f"{_MARK} simulated on the twin", style="dim")
+    if more:
+        console.print(f"the last {len(pages)} items; --limit shows more", style="dim")
+
+
+def _print_page(page: ItemHistory) -> None:
+    """Print everything that is known of one item."""
+    item = page.item
+    seen = None if item.first_seen is None else f"first seen {time_text(item.first_seen)}"
+    facts = filter(None, (item.kind, item.batch and f"batch {item.batch}", item.label, seen))
+    console = Console(highlight=False)
+    parts = [Text("  ·  ".join(facts))]
+    tables = [_grasps(page)] * bool(page.grasps) + [_verdicts(page)] * bool(page.verdicts)
+    shown = [
+        part for t in tables for part in (None, fit_table(t, console=console, taken=CARD_FRAME))
+    ]
+    if not page.grasps:
+        shown.append(Text(f"not grasped yet: palpate grasp --item {item.item_id!r}", style="dim"))
+    title = Text(item.item_id, style="bold")
+    subtitle = SIMULATED if page.simulated else None
+    print_card(console, *parts, *shown, title=title, subtitle=subtitle)
+
+
+def _grasps(page: ItemHistory) -> Table:
+    quantities = {
+        "size_mm": (">size\nmm", 1),
+        "force_n": (">force\nN", 2),
+        "firmness": (">firmness\n", 0),
+        "stiffness_n_per_mm": (">stiffness\nN/mm", 2),
+        "settled_percent": (">settled\n%", 1),
+    }
+    heads = [head for head, _ in quantities.values()]
+    table = make_table(("taken", "outcome", *heads, ">side\n"))
+    for grasp in page.grasps[-_SHOWN:]:
+        table.add_row(
+            time_text(grasp.taken_at),
+            str(grasp.outcome),
+            *(_band(grasp.measurements.get(name), n) for name, (_, n) in quantities.items()),
+            "-" if grasp.angle_deg is None else f"{grasp.angle_deg:g}°",
+        )
+    if len(page.grasps) > _SHOWN:
+        table.caption = f"the last {_SHOWN} of {len(page.grasps)} grasps; --json has all"
+    return table
+
+
+def _verdicts(page: ItemHistory) -> Table:
+    return make_table(
+        ("given", "about", "verdict", ">probability", "why"),
+        [
+            (
+                time_text(one.given_at),
+                str(one.about),
+                Text(one.text, style="bold"),
+                percent_text(one.probability),
+                Text(explain_verdict(one)),
+            )
+            for one in page.verdicts[-_SHOWN:]
+        ],
+    )
+
+
+def explain_verdict(verdict: Verdict) -> str:
+    """Return the reason of a verdict."""
+    by_person = "given by a person" if verdict.source is Source.PERSON else ""
+    return verdict.explanation or by_person
+
+
+def _value(measured: Measurement | None, digits: int) -> str:
+    return "-" if measured is None else measured.text(digits=digits)
+
+
+def _band(measured: Measurement | None, digits: int) -> str:
+    if measured is None:
+        return "-"
+    low, high = f"{measured.low:.{digits}f}", f"{measured.high:.{digits}f}"
+    return f"[bold]{measured.text(digits=digits)}[/]\n[dim]{low}…{high}[/]"

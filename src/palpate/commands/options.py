@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import typer
 
 from palpate.commands import completion
+from palpate.errors import InputError
 
 _FILE, _VARIABLE = Path("rig.toml"), "PALPATE_RIG"
 
@@ -18,6 +19,21 @@ def stated_rig() -> str | None:
     if _FILE.is_file():
         return str(_FILE)
     return os.environ.get(_VARIABLE) or None
+
+
+def board_options(rig: str | None, **options: Any) -> tuple[str | None, dict[str, Any]]:
+    """Return the rig, and the options of a board that were given.
+
+    Where nothing at all is given it is ./rig.toml or $PALPATE_RIG.
+    Raises `InputError` if something is given that a rig states.
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    if rig is None and not given:
+        rig = stated_rig()
+    elif rig is not None and given:
+        option = next(iter(given)).replace("_", "-")
+        raise InputError(f"--{option}: a rig states that itself; leave it out with --rig")
+    return rig, given
 
 
 def _chosen(rig: str) -> str:
@@ -43,6 +59,11 @@ RigOption: TypeAlias = Annotated[
 
 #: Give it the default False.
 JsonOption: TypeAlias = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
+
+#: Give it the default 20.
+HorizonOption: TypeAlias = Annotated[
+    float, typer.Option("--horizon", help="Time of the settled value.", metavar="SECONDS")
+]
 
 #: Give it the default False.
 QuietOption: TypeAlias = Annotated[
@@ -73,6 +94,7 @@ TargetForceOption: TypeAlias = Annotated[
     typer.Option(
         "--target-force-n",
         help="Grip force to reach; a gentle squeeze by default.",
+        metavar="NEWTONS",
         callback=_possible,
     ),
 ]
@@ -89,9 +111,29 @@ StoreOption: TypeAlias = Annotated[
     ),
 ]
 
+#: Give them the default None.
+BatchOption: TypeAlias = Annotated[
+    str | None, typer.Option("--batch", help="Items of this batch.", metavar="NAME")
+]
+DayOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option("--day", help="Items grasped on this day, here: 2026-05-01.", metavar="DATE"),
+]
+
+#: Give it the default None.
+DamageOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--damage",
+        help="Stay below the force that such produce withstands: a file of `palpate calibrate "
+        "damage`.",
+        metavar="FILE",
+    ),
+]
+
 #: Give it the default 0.
 SeedOption: TypeAlias = Annotated[
-    int, typer.Option("--seed", help="Simulated rigs: decides what chance does.", min=0)
+    int, typer.Option("--seed", help="Simulated rigs: seed of all that is random.", min=0)
 ]
 
 # Of every verb that reads a sensor: a rig, or a board on a port. Give them the default None.
@@ -105,21 +147,39 @@ SensorOption: TypeAlias = Annotated[
     ),
 ]
 PortOption: TypeAlias = Annotated[
-    str | None, typer.Option(help="Serial port. [default: found by USB id, or by asking]")
+    str | None,
+    typer.Option(help="Serial port. [default: found by USB id, or by asking]", metavar="PORT"),
 ]
 LayoutOption: TypeAlias = Annotated[
     str | None,
     typer.Option(
         help="Of the board on --port: rigid-2x2, soft-3x2, or rows x columns "
-        "such as 4x4. [default: rigid-2x2]"
+        "such as 4x4. [default: rigid-2x2]",
+        metavar="LAYOUT",
     ),
 ]
 ReferenceOption: TypeAlias = Annotated[
-    float | None, typer.Option(help="Its divider's resistor. [default: 4700]")
+    float | None, typer.Option(help="Its divider's resistor. [default: 4700]", metavar="OHM")
 ]
 RateOption: TypeAlias = Annotated[
-    float | None, typer.Option(help="Its frames per second. [default: 250]")
+    float | None, typer.Option(help="Its frames per second. [default: 250]", metavar="HZ")
 ]
 BaudOption: TypeAlias = Annotated[
-    int | None, typer.Option(help="Speed of its firmware. [default: 1000000]")
+    int | None, typer.Option(help="Speed of its firmware. [default: 1000000]", metavar="BAUD")
+]
+
+# Of calibrations. Give them the default None.
+TemperatureOption: TypeAlias = Annotated[
+    float | None, typer.Option(help="Of the room, where known.", metavar="CELSIUS")
+]
+HumidityOption: TypeAlias = Annotated[
+    float | None, typer.Option(help="Of the room, where known.", metavar="PERCENT")
+]
+CalibrationOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        help="File to make or renew. By default the rig file's, or calibration.json.",
+        metavar="FILE",
+    ),
 ]

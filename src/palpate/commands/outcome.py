@@ -5,10 +5,10 @@ from __future__ import annotations
 import errno
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 import typer
 
-from palpate.commands.help_text import readable
 from palpate.errors import PalpateError
 
 EXIT_STOPPED = 130
@@ -23,12 +23,12 @@ _REMEDIES = {
 _EQUIPMENT = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 
-def run(app: typer.Typer, arguments: Sequence[str], *, name: str) -> int:
-    """Run a Typer app; turn every foreseen failure into one line and an exit status.
+def run(app: Any, arguments: Sequence[str], *, name: str) -> int:
+    """Run a Typer app or its command; turn every foreseen failure into one line and an exit status.
 
     Returns 0 done, 1 the answer is no, 2 bad usage or input, 3 equipment, 130 stopped by Ctrl-C.
     """
-    command = readable(typer.main.get_command(app))
+    command = typer.main.get_command(app) if isinstance(app, typer.Typer) else app
     try:
         status = command.main(args=list(arguments), prog_name=name, standalone_mode=False)
         return int(status or 0)

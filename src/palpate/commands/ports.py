@@ -11,7 +11,10 @@ from palpate.commands.options import JsonOption
 def ports(
     as_json: JsonOption = False,
 ) -> None:
-    """List serial ports, likely boards first. Example: palpate ports"""
+    """List serial ports, likely boards first.
+
+    Example: palpate ports
+    """
     from palpate.sensor.ports import serial_ports
 
     found = serial_ports()

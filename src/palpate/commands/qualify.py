@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
 from palpate.commands.options import JsonOption
-from palpate.commands.qualify_document import (
+from palpate.commands.output import print_json, print_table
+from palpate.commands.qualify_report import (
     demands_of,
-    grade_names,
+    grade_table,
     qualification_document,
     rows_of,
+    write_report,
 )
 from palpate.errors import InputError
+from palpate.produce.qualify.agreement import Demand, agreement_of, effort_of
+from palpate.produce.qualify.readings import read_pairs
+from palpate.produce.qualify.scatter import scatter_of
 
 #: Without a reference read twice, the tolerance is this share of its scatter over items (guess).
 _TOLERANCE_SHARE = 0.5
@@ -42,7 +47,9 @@ def qualify(
         typer.Option(help="Limit between two grades, in the reference's unit; repeat for more."),
     ] = None,
     unit: Annotated[str, typer.Option(help="Unit of the reference, for tables.")] = "",
-    grasp_s: Annotated[float, typer.Option(help="Time of one grasp.", min=0.0)] = 15.0,
+    grasp_s: Annotated[
+        float, typer.Option(help="Time of one grasp.", min=0.0, metavar="SECONDS")
+    ] = 15.0,
     handling_s: Annotated[
         float, typer.Option(help="Time of an item apart from its grasps.", min=0.0)
     ] = 5.0,
@@ -55,17 +62,13 @@ def qualify(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Qualify grasps against a penetrometer, a durometer or a buyer's grades on the same items.
+    """Qualify grasps against a penetrometer, a durometer or a buyer's grades.
 
-    Readings of one item repeat its item_id, a row for each side. Without a second reading of the
-    reference on some items, the ceiling is not known.
+    Readings of one item repeat its item_id, a row for each side. Without a second reading of
+    the reference on some items, the ceiling is not known.
 
     Example: palpate qualify readings.csv --tolerance 1 --unit lbf --limit 13 --report page.html
     """
-    from palpate.produce.qualify.agreement import Demand, agreement_of, effort_of
-    from palpate.produce.qualify.readings import read_pairs
-    from palpate.produce.qualify.scatter import scatter_of
-
     limits = tuple(limit or ())
     if any(later <= earlier for earlier, later in pairwise(limits)):
         raise InputError(f"--limit {limits[-1]:g}: give the limits in rising order")
@@ -86,45 +89,17 @@ def qualify(
         found, effort, demand, unit=unit, items=pairs.items, pairs=int(pairs.paired.sum())
     )
     if report is not None:
-        from palpate.commands.qualify_report import write_report
-
         write_report(report, document, found=found, source=readings.name)
         print(f"palpate qualify: wrote {report}", file=sys.stderr)
     if as_json:
-        print(json.dumps(document, allow_nan=False, indent=1))
-    else:
-        _print_table(document)
-
-
-def _print_table(document: dict[str, object]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    level = document["level"]
-    assert isinstance(level, float)
+        print_json(document)
+        return
     console = Console(highlight=False)
     console.print(f"{document['items']} items, {document['pairs']} paired readings")
-    table = Table(box=None, header_style="dim", pad_edge=False)
-    table.add_column("agreement")
-    table.add_column("value", justify="right", no_wrap=True)
-    table.add_column(f"{100 * level:.0f} % interval", justify="right", no_wrap=True)
-    for row in rows_of(document):
-        table.add_row(*row)
-    console.print(table)
-    limits, confusion = document["limits"], document["confusion"]
-    assert isinstance(limits, list)
-    assert isinstance(confusion, list)
+    columns = ("agreement", ">value", f">{100 * level:.0f} % interval")
+    print_table(columns, rows_of(document), console=console)
     if limits:
-        grades = grade_names(limits)
-        table = Table("reference \\ grasp", *grades, box=None, header_style="dim", pad_edge=False)
-        for grade, counts in zip(grades, confusion, strict=True):
-            table.add_row(grade, *map(str, counts))
         console.print()
-        console.print(table)
+        print_table(*grade_table(document), console=console)
     console.print()
-    table = Table(box=None, show_header=False, pad_edge=False)
-    table.add_column()
-    table.add_column(justify="right", no_wrap=True)
-    for demand in demands_of(document):
-        table.add_row(*demand)
-    console.print(table)
+    print_table(("effort", ">answer"), demands_of(document), console=console)

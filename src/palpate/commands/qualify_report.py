@@ -1,18 +1,112 @@
-"""The page of a qualification: figures, tables, and a place to sign."""
+"""A qualification as the JSON document that the command prints, as tables and as a page to sign."""
 
 from __future__ import annotations
 
+import math
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
-from palpate.commands.qualify_document import count_text, demands_of, grade_names, rows_of
-from palpate.commands.report_html import Tile, figures, html_page, table, tiles
 from palpate.files import atomic_path
 from palpate.plots.inline_svg import inline_svg
 from palpate.plots.qualify import differences_figure, readings_figure
-from palpate.produce.qualify.agreement import Agreement
+from palpate.plots.report_page import PageTable, Part, render_page
+from palpate.produce.qualify.agreement import FIGURES, Agreement, Demand, Effort, confusion_of
+
+#: As `qualification_document` returns it.
+Document = dict[str, Any]
 
 
-def write_report(path: Path, document: dict[str, object], *, found: Agreement, source: str) -> None:
+def qualification_document(
+    found: Agreement, effort: Effort, demand: Demand, *, unit: str, items: int, pairs: int
+) -> Document:
+    """Return the JSON of a qualification; null for what can't be had."""
+
+    def known(value: float) -> float | None:
+        return value if math.isfinite(value) else None
+
+    return {
+        "items": items,
+        "pairs": pairs,
+        "unit": unit or None,
+        "level": demand.level,
+        "tolerance": demand.tolerance,
+        "limits": list(demand.limits),
+        "figures": {
+            name: {end: known(getattr(figure, end)) for end in ("value", "low", "high")}
+            for name, figure in found.figures.items()
+        },
+        "line": {"slope": found.slope, "offset": found.offset},
+        "scatter": {
+            name: {"between": known(scatter.between), "within": known(scatter.within)}
+            for name, scatter in (("reference", found.reference), ("grasp", found.grasp))
+        },
+        "confusion": confusion_of(found, demand.limits).tolist(),
+        "reference_readings_needed": effort.reference_readings,
+        "grasps_needed": effort.grasps,
+        "mismatch": effort.mismatch,
+        "items_per_hour": effort.items_per_hour,
+        "items_to_test": effort.items_to_test,
+    }
+
+
+def rows_of(document: Document) -> list[tuple[str, str, str]]:
+    """Return a qualification as rows: what, value with unit, interval."""
+    unit = f" {document['unit']}" if document["unit"] else ""
+    rows = []
+    for name, figure in document["figures"].items():
+        value, low, high = figure["value"], figure["low"], figure["high"]
+        if value is None:
+            rows.append((FIGURES[name], "not known", ""))
+        elif name == "limit_of_agreement":
+            rows.append((FIGURES[name], f"{value:.2f}{unit}", f"{low:.2f} to {high:.2f}"))
+        elif name.startswith("r_squared"):
+            rows.append((FIGURES[name], f"{value:.2f}", f"{low:.2f} to {high:.2f}"))
+        else:
+            rows.append(
+                (FIGURES[name], f"{100 * value:.0f} %", f"{100 * low:.0f} to {100 * high:.0f} %")
+            )
+    return rows
+
+
+def demands_of(document: Document) -> list[tuple[str, str]]:
+    """Return what a demand costs, as rows."""
+    unit = f" {document['unit']}" if document["unit"] else ""
+    hour = document["items_per_hour"]
+    return [
+        (
+            f"readings of the reference that average to within {document['tolerance']:g}{unit} "
+            f"in {100 * document['level']:.0f} % of items",
+            count_text(document, "reference"),
+        ),
+        ("grasps that do", count_text(document, "grasp")),
+        ("items per hour at that number of grasps", "-" if hour is None else f"{hour:.0f}"),
+        (
+            "items to test to know the limit of agreement to half that",
+            f"{document['items_to_test']}",
+        ),
+    ]
+
+
+def count_text(document: Document, instrument: str) -> str:
+    """Return how many readings of the reference or grasps are needed, or why none is known."""
+    if document["scatter"][instrument]["within"] is None:
+        return "not known: no item was read twice"
+    needed = document["grasps_needed" if instrument == "grasp" else "reference_readings_needed"]
+    return "no number does" if needed is None else f"{needed}"
+
+
+def grade_table(document: Document) -> tuple[list[str], list[list[str]]]:
+    """Return columns and rows of the items by grade, of the reference and of grasps."""
+    limits = document["limits"]
+    between = [f"{low:g} to {high:g}" for low, high in pairwise(limits)]
+    grades = [f"below {limits[0]:g}", *between, f"{limits[-1]:g} and above"]
+    counts = zip(grades, document["confusion"], strict=True)
+    columns = ["reference \\ grasp", *(f">{grade}" for grade in grades)]
+    return columns, [[grade, *map(str, row)] for grade, row in counts]
+
+
+def write_report(path: Path, document: Document, *, found: Agreement, source: str) -> None:
     """Write the page of a qualification; it needs no other file.
 
     Parameters
@@ -36,22 +130,16 @@ def write_report(path: Path, document: dict[str, object], *, found: Agreement, s
         "Grasp against reference": readings_figure(found, unit=unit),
         "Difference over the mean (Bland and Altman)": differences_figure(found, unit=unit),
     }
-    body = [
-        tiles(_tiles(document)),
-        figures([(name, inline_svg(figure, label=name)) for name, figure in shown.items()]),
-        table("Agreement", ["figure", ">value", ">interval"], rows_of(document)),
-        table("Effort", ["question", ">answer"], demands_of(document)),
+    body: list[Part] = [
+        _tiles(document),
+        [(name, inline_svg(figure, label=name)) for name, figure in shown.items()],
+        PageTable("Agreement", ["figure", ">value", ">interval"], rows_of(document)),
+        PageTable("Effort", ["question", ">answer"], demands_of(document)),
     ]
-    limits, confusion = document["limits"], document["confusion"]
-    assert isinstance(limits, list)
-    assert isinstance(confusion, list)
-    if limits:
-        grades = grade_names(limits)
-        rows = [[grade, *map(str, counts)] for grade, counts in zip(grades, confusion, strict=True)]
-        columns = ["reference \\ grasp", *(f">{grade}" for grade in grades)]
-        body.append(table("Grades", columns, rows))
-    body.append(table("Accepted", ["date", "name", "signature"], [["\xa0", "", ""]] * 2))
-    text = html_page(
+    if document["limits"]:
+        body.append(PageTable("Grades", *grade_table(document)))
+    body.append(PageTable("Accepted", ["date", "name", "signature"], [["\xa0", "", ""]] * 2))
+    text = render_page(
         title="Qualification",
         chips=[source, f"{document['items']} items", f"{document['pairs']} pairs"],
         simulated=False,
@@ -63,35 +151,29 @@ def write_report(path: Path, document: dict[str, object], *, found: Agreement, s
         partial.write_text(text, encoding="utf-8")
 
 
-def _tiles(document: dict[str, object]) -> list[Tile]:
+def _tiles(document: Document) -> dict[str, tuple[str, str, str]]:
     found = document["figures"]
-    assert isinstance(found, dict)
     unit = str(document["unit"] or "")
 
     def percent(name: str) -> str:
         value = found[name]["value"]
         return "not known" if value is None else f"{100 * value:.0f} %"
 
-    hour = document["items_per_hour"]
-    return [
-        Tile(
-            name=f"Within {document['tolerance']:.3g} {unit}".strip(),
-            value=percent("share_within"),
-            below=f"an instrument without error: {percent('share_within_ceiling')}",
+    hour, ceiling = document["items_per_hour"], found["r_squared_ceiling"]["value"]
+    return {
+        f"Within {document['tolerance']:.3g} {unit}".strip(): (
+            percent("share_within"),
+            "",
+            f"an instrument without error: {percent('share_within_ceiling')}",
         ),
-        Tile(
-            name="R squared",
-            value=f"{found['r_squared']['value']:.2f}",
-            below="ceiling "
-            + (
-                "not known"
-                if found["r_squared_ceiling"]["value"] is None
-                else f"{found['r_squared_ceiling']['value']:.2f}"
-            ),
+        "R squared": (
+            f"{found['r_squared']['value']:.2f}",
+            "",
+            "ceiling " + ("not known" if ceiling is None else f"{ceiling:.2f}"),
         ),
-        Tile(
-            name="Grasps needed",
-            value=count_text(document, "grasp"),
-            below="" if hour is None else f"{hour:.0f} items an hour",
+        "Grasps needed": (
+            count_text(document, "grasp"),
+            "",
+            "" if hour is None else f"{hour:.0f} items an hour",
         ),
-    ]
+    }

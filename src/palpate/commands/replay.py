@@ -38,10 +38,12 @@ def replay(
     cutoff_s: CutoffOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Run a recorded grasp through the controller again: the results are those of the live run.
+    """Run a recorded grasp through the controller again.
 
-    With --method paper the hand moves as recorded, and contact, size, settled value and force are
-    read by the paper's method.
+    The results are those of the live run.
+
+    With --method paper the hand moves as recorded, and contact, size, settled value and force
+    are read by the paper's method.
 
     A recording without calibration and gripper is played frame by frame.
 

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.commands.options import stated_rig
-from palpate.errors import CalibrationError, DeviceTimeoutError, InputError
+from palpate.commands.options import board_options
+from palpate.errors import CalibrationError, DeviceTimeoutError
+from palpate.gripper.interface import Gripper
+from palpate.rig import open_rig
+from palpate.rig.file import open_stated, stated_in, used_in
 from palpate.sensor.array import FRAME_TIMEOUT_S, LinkCounters, PressureArray, link_counters
+from palpate.sensor.board_array import open_board
+from palpate.sensor.calibration import Calibration
 from palpate.sensor.health import FrameColumns
 from palpate.sensor.serial_array import SerialArray
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from palpate.gripper.interface import Gripper
-    from palpate.sensor.calibration import Calibration
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +44,7 @@ class SensorSource:
         return None if board is None else board.rate_hz
 
     def events(self) -> LinkCounters:
-        """Counts of the link so far; zero where the source has no link."""
+        """Return the counts of the link so far; zero where the source has no link."""
         return link_counters(self.array) or LinkCounters()
 
     def rest_ohm(self) -> NDArray[np.float64] | None:
@@ -62,8 +60,6 @@ class SensorSource:
 
         Raises `CalibrationError` if the calibration file can't be read or is of another layout.
         """
-        from palpate.sensor.calibration import Calibration
-
         calibration, layout = self.calibration, self.array.layout
         if calibration is None and self.calibration_path and self.calibration_path.exists():
             calibration = Calibration.load(self.calibration_path)
@@ -99,8 +95,8 @@ class SensorSource:
 
 
 def open_source(
-    *,
     rig: str | None = None,
+    *,
     port: str | None = None,
     layout: str | None = None,
     reference_ohm: float | None = None,
@@ -116,46 +112,26 @@ def open_source(
     Raises `InputError` if rig or layout are at fault, or something is given that the rig states;
     `DeviceError` if the equipment isn't there.
     """
-    from palpate.rig.file import stated_in, used_in
-    from palpate.sensor.board_array import open_board
-
-    stated = {"port": port, "layout": layout, "reference_ohm": reference_ohm}
-    stated |= {"rate_hz": rate_hz, "baud": baud}
-    given: dict[str, Any] = {key: value for key, value in stated.items() if value is not None}
-    if rig is None and not given:
-        rig = stated_rig()
+    rig, given = board_options(
+        rig, port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz, baud=baud
+    )
     if rig is None:
-        array = open_board(**given)
-        return SensorSource(name=array.name, array=array)
-    if given:
-        option = next(iter(given)).replace("_", "-")
-        raise InputError(f"--{option}: a rig states that itself; leave it out with --rig")
-    if not rig.endswith(".toml"):
-        return _of_rig(rig)
-    path = Path(rig)
-    described = stated_in(path)
-    if "use" in described:
-        return _of_rig(used_in(path, described))
-    return _of_file(path, described)
-
-
-def _of_rig(name: str) -> SensorSource:
-    from palpate.rig import open_rig
-
-    devices = open_rig(name)
+        board = open_board(**given)
+        return SensorSource(name=board.name, array=board)
+    if rig.endswith(".toml"):
+        path = Path(rig)
+        stated = stated_in(path)
+        if "use" not in stated:
+            # Its calibration may still be to make.
+            place = path.parent / str(stated["calibration"]) if "calibration" in stated else None
+            array: PressureArray = open_stated(path, "array", stated.get("array"))
+            return SensorSource(name=path.name, array=array, calibration_path=place)
+        rig = used_in(path, stated)
+    devices = open_rig(rig)
     return SensorSource(
-        name=name,
+        name=rig,
         array=devices.array,
         calibration=devices.calibration,
         gripper=devices.gripper if devices.simulated else None,
         simulated=devices.simulated,
     )
-
-
-def _of_file(path: Path, stated: Mapping[str, object]) -> SensorSource:
-    """Open the array of a rig file; its calibration may still be to make."""
-    from palpate.rig.file import open_stated
-
-    place = path.parent / str(stated["calibration"]) if "calibration" in stated else None
-    array: PressureArray = open_stated(path, "array", stated.get("array"))
-    return SensorSource(name=path.name, array=array, calibration_path=place)

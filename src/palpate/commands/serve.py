@@ -87,7 +87,7 @@ def serve(
         ),
     ] = None,
 ) -> None:
-    """Show pixels, prediction and verdict in a browser; grasp, calibrate, examine, replay.
+    """Serve the dashboard: pixels, prediction and verdict; grasp, calibrate, replay.
 
     Example: palpate serve --rig sim-rigid --object avocado-day-3
     """

@@ -4,64 +4,164 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Annotated, Literal, TypeAlias
 
-from palpate.commands import settle_options as option
-from palpate.commands.options import DpiOption, JsonOption, QuietOption
+import numpy as np
+import typer
+
+from palpate.commands import completion
+from palpate.commands import settle_report as report
+from palpate.commands.calibrate_settling import place_of_holds
+from palpate.commands.options import DpiOption, HorizonOption, JsonOption, QuietOption
 from palpate.commands.progress import progress
+from palpate.commands.settle_source import HoldSource, ReadingOptions
 from palpate.errors import InputError
-
-if TYPE_CHECKING:
-    from palpate.commands.settle_source import HoldSource
-    from palpate.holds import Hold
-    from palpate.holds.cutting import CutAt
-    from palpate.settling.result import SettlingMethod
-    from palpate.settling.scores import Prediction
-    from palpate.signal.circuit import Divider
+from palpate.holds import Hold, settled_value
+from palpate.holds.cutting import CutAt
+from palpate.plots.style import check_plot
+from palpate.settling.conformal import calibrate
+from palpate.settling.own import OwnRelaxation
+from palpate.settling.predict import method_named
+from palpate.settling.result import SettlingMethod
+from palpate.settling.score_table import ScoreTable
+from palpate.settling.scores import Prediction, decide_holds, predict_holds
+from palpate.signal.circuit import Divider
 
 DEFAULT_CUTOFF_S = 2.5
 #: A 90 % interval from residuals alone takes nine of them; twice that to be worth its name.
 FEW_CALIBRATION_HOLDS = 20
-#: Nobody samples a hold of 20 s that slowly.
+#: No hold of 20 s is sampled that slowly.
 SLOWEST_S = 4.0
+#: Place of the sensor in its divider.
+Leg: TypeAlias = Literal["upper", "lower"]
 
 
 def settle(
-    holds: option.HoldsArgument,
-    method: option.MethodOption = None,
-    cutoff: option.CutoffOption = None,
-    horizon: option.HorizonOption = 20.0,
-    level: option.LevelOption = 0.9,
-    fit_on: option.FitOnOption = None,
-    learn_from: option.LearnFromOption = None,
-    rig: option.OwnRigOption = None,
-    until_half_width: option.UntilOption = None,
-    time_column: option.TimeColumnOption = None,
-    time_unit: option.TimeUnitOption = None,
-    value_column: option.ValueColumnOption = None,
-    unit: option.UnitOption = None,
-    adc_bits: option.AdcBitsOption = None,
-    reference_ohm: option.ReferenceOhmOption = None,
-    sensor_leg: option.LegOption = None,
-    cut: option.CutOption = "auto",
-    rest: option.RestOption = None,
-    mean: option.MeanOption = False,
-    plot: option.PlotOption = None,
+    holds: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Recordings: CSV, TSV, Excel, Parquet, gzipped or not, or folders of them. A "
+            "table with hold_id,time_s,value is a file of holds; others are cut into holds.",
+            metavar="FILE_OR_FOLDER",
+        ),
+    ],
+    method: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="recorded, exponential, log_law, log_law_early or relaxation; may be repeated. "
+            "[default: relaxation]",
+            metavar="NAME",
+            autocompletion=completion.methods,
+        ),
+    ] = None,
+    cutoff: Annotated[
+        list[float] | None,
+        typer.Option(
+            help="Use samples up to here; may be repeated. [default: 2.5]", metavar="SECONDS"
+        ),
+    ] = None,
+    horizon: HorizonOption = 20.0,
+    level: Annotated[
+        float, typer.Option(help="Probability the interval is to cover.", metavar="FRACTION")
+    ] = 0.9,
+    fit_on: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Calibration holds: intervals as wide as errors on these.", metavar="HOLDS"
+        ),
+    ] = None,
+    learn_from: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="This sensor's own settled holds, for `relaxation` to learn from.",
+            metavar="HOLDS",
+        ),
+    ] = None,
+    rig: Annotated[
+        str | None,
+        typer.Option(help="Learn from the settled holds that this rig file keeps.", metavar="FILE"),
+    ] = None,
+    until_half_width: Annotated[
+        float | None,
+        typer.Option(
+            help="Decide for each hold as soon as the half-width of its interval is below this.",
+            metavar="PERCENT",
+        ),
+    ] = None,
+    time_column: Annotated[
+        str | None, typer.Option(help="Column of times. [default: by usual names]", metavar="NAME")
+    ] = None,
+    time_unit: Annotated[
+        Literal["s", "ms", "us", "unix"] | None,
+        typer.Option(help="s, ms, us or unix. [default: by name and values]", metavar="UNIT"),
+    ] = None,
+    value_column: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Column of readings; may be repeated. [default: by usual names]", metavar="NAME"
+        ),
+    ] = None,
+    unit: Annotated[
+        Literal["ohm", "percent", "counts", "volt"] | None,
+        typer.Option(
+            help="ohm, percent, counts or volt. [default: by their names]", metavar="UNIT"
+        ),
+    ] = None,
+    adc_bits: Annotated[
+        int | None,
+        typer.Option(help="Resolution of the converter: counts become ohm.", metavar="N"),
+    ] = None,
+    reference_ohm: Annotated[
+        float | None, typer.Option(help="The divider's fixed resistor.", metavar="OHM")
+    ] = None,
+    sensor_leg: Annotated[
+        Leg | None,
+        typer.Option(
+            help="Where the sensor is: upper (at the supply) or lower (at ground).", metavar="LEG"
+        ),
+    ] = None,
+    cut: Annotated[
+        str,
+        typer.Option(
+            help="Where holds begin: auto (after each contact), none (at the first row), or a "
+            "time.",
+            metavar="auto|none|SECONDS",
+        ),
+    ] = "auto",
+    rest: Annotated[
+        str | None,
+        typer.Option(
+            help="Stretch without load, seconds: readings become relative changes.",
+            metavar="START:END",
+        ),
+    ] = None,
+    mean: Annotated[
+        bool,
+        typer.Option(
+            "--mean", help="With --rest: predict the mean of all columns, as in the paper."
+        ),
+    ] = False,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            help="Draw where it cut, and typical and worst holds (.png, .svg, .pdf).",
+            metavar="FILE",
+        ),
+    ] = None,
     dpi: DpiOption = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
-    out: option.OutOption = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Write all of it (.json) or the rows (.csv, .parquet).", metavar="FILE"),
+    ] = None,
 ) -> None:
-    """Predict what recordings settle to from their first seconds, and how far off that is.
+    """Predict what recordings settle to from their first seconds, with the error.
 
     Example: palpate settle recording.csv --plot cuts.png
     """
-    from palpate.commands import settle_report as report
-    from palpate.commands.settle_source import HoldSource, ReadingOptions
-    from palpate.plots.style import check_plot
-    from palpate.settling.score_table import ScoreTable
-
     cutoffs_s = tuple(cutoff or ([] if until_half_width else [DEFAULT_CUTOFF_S]))
     _check_numbers(cutoffs_s, horizon_s=horizon, level=level, until=until_half_width)
     if plot is not None or (cutoffs_s and until_half_width):
@@ -84,7 +184,7 @@ def settle(
     report.check_outputs(plot=plot, out=out, inputs=[*files, *(fit_on or []), *(learn_from or [])])
     names = method or ["relaxation"]
     if rig is not None:
-        learn_from = [*(learn_from or []), _kept_holds(rig)]
+        learn_from = [*(learn_from or []), _own_holds(rig)]
     _check_unseen(learn_from or [], files=files)
     chosen = _methods(
         names,
@@ -121,9 +221,7 @@ def settle(
     if as_json:
         report.print_json(document)
     else:
-        from palpate.commands.settle_tables import print_tables
-
-        print_tables(document, level=level, written=[p for p in (out, plot) if p])
+        report.print_tables(document, level=level, written=[p for p in (out, plot) if p])
 
 
 def _check_numbers(
@@ -144,11 +242,9 @@ def _check_numbers(
 
 
 def _divider(
-    adc_bits: int | None, reference_ohm: float | None, leg: option.Leg | None, *, unit: str | None
+    adc_bits: int | None, reference_ohm: float | None, leg: Leg | None, *, unit: str | None
 ) -> Divider | None:
     """Return the circuit that counts were read through, where the user describes it."""
-    from palpate.signal.circuit import Divider
-
     if adc_bits is None and reference_ohm is None and leg is None:
         return None
     if adc_bits is None or reference_ohm is None or leg is None:
@@ -219,8 +315,6 @@ def _check_rereadable(files: Sequence[Path]) -> None:
 
 def _in_seconds(holds: Iterator[Hold], *, source: str) -> Iterator[Hold]:
     """Pass holds on; warn once if their times seem to be in another unit."""
-    import numpy as np
-
     warned = False
     for hold in holds:
         if not warned and len(hold.time_s) > 1:
@@ -234,10 +328,8 @@ def _in_seconds(holds: Iterator[Hold], *, source: str) -> Iterator[Hold]:
         yield hold
 
 
-def _kept_holds(rig: str) -> Path:
-    from palpate.commands.calibrate_settling import kept_holds
-
-    place = kept_holds(rig)
+def _own_holds(rig: str) -> Path:
+    place = place_of_holds(rig)
     if not place.exists():
         raise InputError(
             f"--rig {rig}: it keeps no settled holds yet; `palpate calibrate settling RECORDINGS "
@@ -265,20 +357,14 @@ def _methods(
     percent: bool,
 ) -> dict[str, SettlingMethod]:
     """Make each method once; the sensor's own holds and calibration holds sharpen some."""
-    from palpate.settling.predict import method_named
-
     made = {name: method_named(name) for name in names}
     if learn_from and "relaxation" in made:
-        from palpate.settling.own import OwnRelaxation
-
         own = _settled_holds(
             learn_from, horizon_s=horizon_s, option="--learn-from", percent=percent
         )
         made["relaxation"] = OwnRelaxation(holds=tuple(own))
     if not fit_on:
         return made
-    from palpate.settling.conformal import calibrate
-
     holds = _settled_holds(fit_on, horizon_s=horizon_s, option="--fit-on", percent=percent)
     if len(holds) < FEW_CALIBRATION_HOLDS:
         print(
@@ -293,11 +379,6 @@ def _settled_holds(
     files: Sequence[Path], *, horizon_s: float, option: str, percent: bool
 ) -> list[Hold]:
     """Return the holds that reach the horizon; refuse where `--learn-from` has none."""
-    from math import isnan
-
-    from palpate.commands.settle_source import HoldSource, ReadingOptions
-    from palpate.holds import settled_value
-
     source = HoldSource(paths=files, reading=ReadingOptions(unit="percent" if percent else None))
     holds = [hold for file in source.files() for hold in source.holds(file, until_s=horizon_s)]
     kept = [h for h in holds if not isnan(settled_value(h.time_s, h.values, horizon_s=horizon_s))]
@@ -320,8 +401,6 @@ def _predict(
     quiet: bool,
 ) -> Iterator[Prediction]:
     """Yield predictions file by file while a bar on standard error shows how far it is."""
-    from palpate.settling.scores import decide_holds, predict_holds
-
     files = source.files()
     with progress("settling", total=len(files), quiet=quiet) as show:
         for number, file in enumerate(files):
@@ -348,5 +427,5 @@ def _predict(
 
 
 def _of_file(number: int, show: Callable[[float], None]) -> Callable[[float], None]:
-    """Return what takes the share of a file that is read."""
-    return lambda share: show(number + share)
+    """Return a function that shows which fraction of a file is read."""
+    return lambda fraction: show(number + fraction)

@@ -1,28 +1,39 @@
-"""The document of `palpate settle`: as JSON, as a file, and as a plot of the holds that matter."""
+"""Output of `palpate settle`: JSON, tables, a file, and a plot of typical and worst holds."""
 
 from __future__ import annotations
 
 import csv
 import json
 import sys
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from rich.console import Console
+from rich.markup import escape
 
 from palpate.commands.settle_source import HoldSource
 from palpate.errors import InputError
 from palpate.files import atomic_path, csv_cell, keep_inputs
 from palpate.holds.table_files import pyarrow_for
+from palpate.plots.settle import MOST_OVERVIEWS, Overview, Panel, settle_figure
+from palpate.plots.style import save_figure
 from palpate.settling.result import SettlingMethod
-from palpate.settling.score_table import ScoreTable
+from palpate.settling.score_table import (
+    PIPED_WIDTH,
+    WIDE,
+    ScoreTable,
+    empty_table,
+    print_scores,
+    short,
+)
 from palpate.settling.scores import Prediction, Scores, score_predictions
 
-if TYPE_CHECKING:
-    from palpate.plots.settle import Overview
-
 OUT_ENDINGS = (".json", ".csv", ".parquet")
+#: How many of the holds with the largest errors are listed.
+ROWS_SHOWN = 10
 
 
 def check_outputs(*, plot: Path | None, out: Path | None, inputs: Sequence[Path]) -> None:
@@ -93,9 +104,6 @@ def draw(
     They are ranked by the first method at its first cut-off, and read from their files again: only
     then is it known which they are, and keeping every hold would take the memory of all.
     """
-    from palpate.plots.settle import Panel, settle_figure
-    from palpate.plots.style import save_figure
-
     rows = next(iter(document.groups().values()))
     known = np.isfinite(score_predictions(rows).error_percent)
     if known.any():
@@ -128,8 +136,6 @@ def draw(
 
 def _overviews(source: HoldSource) -> list[Overview]:
     """Return the first few recordings with the places where they were cut."""
-    from palpate.plots.settle import MOST_OVERVIEWS, Overview
-
     found: list[Overview] = []
     for file in source.recordings():
         for column in source.columns(file):
@@ -159,3 +165,88 @@ def _off(row: Prediction) -> str:
         return ""
     percent = f"{error:+.2g}".replace("-", "\N{MINUS SIGN}")
     return f": {row.method} {percent} %"
+
+
+def print_tables(document: ScoreTable, *, level: float, written: Sequence[Path]) -> None:
+    """Print what was predicted; then, where holds reach the horizon, how far off that was."""
+    console = Console(width=None if sys.stdout.isatty() else PIPED_WIDTH)
+    _print_holds(document, console, level=level)
+    for method in dict.fromkeys(row.method for row in document.predictions):
+        counts = Counter(str(r.status) for r in document.predictions if r.method == method)
+        by_status = ", ".join(f"{n} {status}" for status, n in counts.most_common())
+        console.print(f"Status of {method}: {by_status}", highlight=False)
+    if any(np.isfinite(row.settled) for row in document.predictions):
+        print_scores(document.summary(), console, level=level)
+    else:
+        console.print(
+            f"No hold lasts until {document.horizon_s:g} s, so there is nothing to score against."
+        )
+    for entry in document.summary():
+        if "holds_decided" in entry:
+            others = entry["holds"] - entry["holds_decided"]
+            console.print(
+                f"{entry['method']}: ± fell below {entry['until_half_width_percent']:g} % in "
+                f"{entry['holds_decided']} of {entry['holds']} holds (median time: "
+                f"{short(entry['median_decision_s'])} s)"
+                + ("; the others waited to their end" if others else "")
+            )
+    for path in written:
+        console.print(f"Written: {path}", highlight=False, soft_wrap=True)
+
+
+def _print_holds(document: ScoreTable, console: Console, *, level: float) -> None:
+    """Print the holds of the first method, those furthest off or least sure."""
+    rows = [r for r in document.predictions if r.method == document.predictions[0].method]
+    scored = any(np.isfinite(row.settled) for row in rows)
+    order = by_error(rows)[:ROWS_SHOWN]
+    every = len(order) == len(rows)
+    several = len({row.cutoff_s for row in rows if row.decided is None}) > 1
+    which = f"{len(rows)} {'prediction' if several else 'hold'}{'s' * (len(rows) != 1)}"
+    if not every:
+        first = "largest errors" if scored else "widest intervals"
+        which = f"{ROWS_SHOWN} of {which}, {first} first"
+    units = {row.unit for row in rows}
+    in_unit = f" in {units.pop()}" if len(units) == 1 and None not in units else ""
+    headings = ["hold", "cut-off", "predicted", *["unit"] * (len(units) > 1), "±"]
+    headings += ["interval"] * (console.width >= WIDE)
+    headings += ["settled", "error"] * scored + ["status"]
+    table = empty_table(
+        console,
+        f"Value{in_unit} predicted for {document.horizon_s:g} s by {rows[0].method}: {which}",
+        *headings,
+    )
+    for index in sorted(order) if every else order:
+        cells = _row_cells(rows[index])
+        table.add_row(*(cells[heading] for heading in headings))
+    console.print(table)
+    console.print(
+        f"[dim]±: half-width of the {level:.0%} interval, in % of the settled value, where known, "
+        "else of the predicted one[/dim]",
+        highlight=False,
+    )
+
+
+def _row_cells(row: Prediction) -> dict[str, str]:
+    error_percent = float(score_predictions([row]).error_percent[0])
+    whole = abs(row.settled if np.isfinite(row.settled) else row.predicted)
+    has_interval = np.isfinite(row.low) and whole > 0
+    half_percent = 50 * (row.high - row.low) / whole if has_interval else float("nan")
+    return {
+        "hold": escape(row.hold_id + (f" {row.channel}" if row.channel else "")),
+        "cut-off": f"{row.cutoff_s:.3g} s",
+        "predicted": _text(row.predicted),
+        "unit": row.unit or "-",
+        "±": f"{half_percent:.1f} %" if np.isfinite(half_percent) else "-",
+        "interval": f"{_text(row.low)}..{_text(row.high)}" if np.isfinite(row.low) else "-",
+        "settled": _text(row.settled),
+        "error": f"{round(error_percent, 1) + 0.0:+.1f} %" if np.isfinite(error_percent) else "-",
+        "status": str(row.status),
+    }
+
+
+def _text(figure: float | None) -> str:
+    """Return a value with four digits or its whole ones."""
+    if figure is None or not np.isfinite(figure):
+        return "-"
+    whole = 1e4 <= abs(figure) < 1e6
+    return f"{figure:.0f}" if whole else f"{figure:#.4g}".rstrip(".")

@@ -2,21 +2,35 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.markup import escape
 
 from palpate.commands import completion
+from palpate.commands.items import open_store
 from palpate.commands.options import (
+    BatchOption,
+    DamageOption,
     JsonOption,
     QuietOption,
     SeedOption,
     StoreOption,
     TargetForceOption,
 )
+from palpate.commands.output import print_json, print_table
 from palpate.commands.progress import progress
+from palpate.commands.sort_report import SortReport
+from palpate.commands.sort_run import sort_from_store, sort_with_rig
+from palpate.commands.sort_supply import SimulatedCrate, open_supply
 from palpate.errors import InputError
+from palpate.estimate.damage_file import DamageFile
+from palpate.produce.identify.identifier import UNKNOWN, Identifier, Identity
+from palpate.produce.identify.items import drive_of, identity_verdict, learn_kinds, touches_of
+from palpate.produce.sorting.rules_file import read_rules
 
 
 def sort(
@@ -41,57 +55,44 @@ def sort(
             metavar="NAME_OR_TOML",
         ),
     ] = None,
-    damage: Annotated[
-        Path | None,
-        typer.Option(
-            help="With --rig: press no item harder than produce like it bears; a file of "
-            "`palpate calibrate damage`.",
-            metavar="FILE",
-        ),
-    ] = None,
+    damage: DamageOption = None,
     target_force_n: TargetForceOption = None,
     store: StoreOption = None,
-    batch: Annotated[
-        str | None,
-        typer.Option(help="Only items of this batch; with --rig, the batch that items come with."),
-    ] = None,
-    items: Annotated[int, typer.Option(help="Size of the simulated crate.", min=1)] = 12,
+    batch: BatchOption = None,
+    items: Annotated[
+        int, typer.Option(help="Size of the simulated crate.", min=1, metavar="N")
+    ] = 12,
     taught: Annotated[
         int,
         typer.Option(
-            help="Simulated items of each kind to teach, where the store is empty.", min=3
+            help="Simulated items of each kind to label, where the store is empty.",
+            min=3,
+            metavar="N",
         ),
     ] = 6,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Sort items into bins by readable rules; report why, how purely and how fast.
+    """Sort items into bins by readable rules, or identify one item.
 
-    What is unsure is grasped again, as often as the rules allow. A firmer squeeze
-    (--target-force-n) distinguishes better; --damage keeps it below what produce bears. With a
+    Uncertain items are grasped again, as often as the rules allow. A firmer squeeze
+    (--target-force-n) distinguishes better; --damage keeps it below what produce withstands. With a
     rig, items, grasps and verdicts go to the store; a simulated crate goes there only with
     --store.
 
-    Kinds are taught by labelled items: palpate items NAME --set kind=kiwi, three of a kind at
+    Kinds are learned from labelled items: palpate items NAME --set kind=kiwi, three of a kind at
     least.
 
     Example: palpate sort --rules rules.toml --rig sim-rigid --items 12 --seed 1
     """
-    from palpate.commands.sort_identify import identify as identify_item
-    from palpate.commands.sort_report import SortReport
-    from palpate.commands.sort_run import sort_from_store, sort_with_rig
-    from palpate.commands.sort_supply import ItemSqueeze, SimulatedCrate, open_supply
-    from palpate.estimate.damage_file import DamageFile
-    from palpate.produce.sorting.rules_file import read_rules
-
     if identify is not None:
         unused: dict[str, object] = {"--rules": rules, "--rig": rig, "--batch": batch}
         unused |= {"--damage": damage, "--target-force-n": target_force_n}
         for option, given in unused.items():
             if given is not None:
                 raise InputError(f"{option} {given}: --identify takes an item of the store alone")
-        identify_item(identify, store=store, as_json=as_json)
+        _identify(identify, store=store, as_json=as_json)
         return
     if rules is None:
         raise InputError("name the --rules FILE to sort by, or the item with --identify ITEM")
@@ -104,9 +105,10 @@ def sort(
         report = SortReport(book=book, dry=True)
         sort_from_store(report, rules=rules, store=store, batch=batch)
     else:
-        squeeze = ItemSqueeze(target_force_n=target_force_n, damage=limit)
-        supply = open_supply(rig, seed=seed, items=items, taught=taught, squeeze=squeeze)
-        # Over a real hand people are asked for items: a bar would be in the way.
+        supply = open_supply(
+            rig, seed=seed, items=items, taught=taught, target_force_n=target_force_n, damage=limit
+        )
+        # At a real hand people are asked for items: a bar would be in the way.
         crate = isinstance(supply, SimulatedCrate)
         try:
             with progress("sorting", total=items, quiet=quiet or as_json or not crate) as show:
@@ -115,3 +117,61 @@ def sort(
         finally:
             supply.close()
     report.emit(as_json=as_json)
+
+
+def _identify(item: str, *, store: str | None, as_json: bool) -> None:
+    """Identify an item by size and stiffness and keep the answer with it; exit with 1 if unknown.
+
+    Raises `InputError` if no grasp of it measured both, or too few items are labelled.
+    """
+    with open_store(store) as opened:
+        opened.item(item)
+        grasps = opened.grasps_of(item)
+        drive = drive_of(grasps, item_id=item)
+        touches = touches_of(grasps, drive=drive)
+        if not touches:
+            raise InputError(
+                f"item {item!r}: no grasp of it measured size and stiffness; grasp it again with "
+                "fingers driven by width"
+            )
+        known = learn_kinds(opened, drive=drive, without=item)
+        identity = known.identify(touches)
+        verdict = identity_verdict(item, identity, given_at=datetime.now(UTC))
+        opened.add_verdict(verdict)
+    simulated = any(grasp.simulated for grasp in grasps)
+    if as_json:
+        print_json(
+            {
+                "item_id": item,
+                "kind": identity.kind,
+                "confidence": identity.confidence,
+                "rejected": identity.rejected,
+                "usual": identity.usual,
+                "probability": dict(identity.probability),
+                "grasps": identity.grasps,
+                "explanation": verdict.explanation,
+                "simulated": simulated,
+            }
+        )
+    else:
+        _print_identity(item, identity, known, why=verdict.explanation, simulated=simulated)
+    if identity.rejected:
+        raise typer.Exit(1)
+
+
+def _print_identity(
+    item: str, identity: Identity, known: Identifier, *, why: str, simulated: bool
+) -> None:
+    console = Console(highlight=False)
+    console.print(f"[bold]{escape(f'{item}: {identity.kind}')}[/bold]{' (simulated)' * simulated}")
+    rows = [
+        ("something else" if kind == UNKNOWN else escape(kind), f"{100 * probability:.1f}")
+        for kind, probability in sorted(identity.probability.items(), key=lambda pair: -pair[1])
+    ]
+    print_table(("kind", ">probability, %"), rows, console=console)
+    console.print(why, markup=False)
+    if known.items_missing:
+        console.print(
+            f"To call anything unknown at {100 * known.false_reject:g} %, label "
+            f"{known.items_missing} more items."
+        )

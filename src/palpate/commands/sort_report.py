@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from rich.console import Console
+from rich.markup import escape
+
+from palpate.commands.output import print_json, print_table
 from palpate.produce.sorting.rules import RuleBook
+from palpate.produce.sorting.run import Sorted
 from palpate.produce.sorting.score import CARRY_S, TURN_S, Placed, Score, score_sorting
-
-if TYPE_CHECKING:
-    from palpate.produce.sorting.run import Sorted
 
 
 @dataclass(kw_only=True)
@@ -46,7 +47,7 @@ class SortReport:
         """Print all of it."""
         found = score_sorting(self._placed, book=self.book) if self._placed else None
         if as_json:
-            print(json.dumps(self._document(found), allow_nan=False, indent=1))
+            print_json(self._document(found))
         else:
             self._show(found)
 
@@ -78,38 +79,32 @@ class SortReport:
         }
 
     def _show(self, found: Score | None) -> None:
-        from rich.console import Console
-        from rich.markup import escape
-        from rich.table import Table
-
-        console = Console()
+        console = Console(highlight=False)
         if found is None:
             console.print("no item came")
             return
-        items = Table("item", "bin", box=None, header_style="dim")
-        items.add_column("probability, %", justify="right")
-        items.add_column("reason", ratio=1)
+        rows = []
         for one, placed in zip(self.done, self._placed, strict=True):
             wrong = placed.belongs is not None and placed.belongs != placed.bin
             note = f" [red](truly: {escape(str(placed.belongs))})[/red]" if wrong else ""
-            chance, bin_name = one.decision.probability, one.decision.bin
-            items.add_row(
-                f"[bold]{escape(one.item_id)}[/bold]",
-                escape(bin_name),
-                "-" if chance is None else f"{100 * chance:.0f}",
-                escape(one.decision.why.partition(": ")[2]) + note,
+            chance = one.decision.probability
+            rows.append(
+                (
+                    f"[bold]{escape(one.item_id)}[/bold]",
+                    escape(one.decision.bin),
+                    "-" if chance is None else f"{100 * chance:.0f}",
+                    escape(one.decision.why.partition(": ")[2]) + note,
+                )
             )
-        console.print(items)
+        print_table(("item", "bin", ">probability, %", "reason"), rows, console=console)
         console.print()
-        table = Table("bin", box=None, header_style="dim")
-        for column in ("items", *(["right"] if found.purity is not None else [])):
-            table.add_column(column, justify="right")
-        for name, (count, right) in found.bins.items():
-            table.add_row(
-                escape(name), str(count), *([str(right)] if found.purity is not None else [])
-            )
-        console.print(table)
-        console.print(self._last_line(found), highlight=False)
+        judged = found.purity is not None
+        bins = [
+            (escape(name), str(count), *[str(right)] * judged)
+            for name, (count, right) in found.bins.items()
+        ]
+        print_table(("bin", ">items", *[">right"] * judged), bins, console=console)
+        console.print(self._last_line(found), markup=False)
 
     def _last_line(self, found: Score) -> str:
         parts = [f"{100 * found.left_over:.0f} % left for {self.book.default_bin!r}"]
@@ -120,8 +115,8 @@ class SortReport:
         else:
             parts.append(f"{found.grasps_per_item:.1f} grasps per item")
             parts.append(
-                f"{found.items_per_hour:.0f} items per hour, with {CARRY_S:g} s to bring and carry "
-                f"away and {TURN_S:g} s to turn an item taken for granted"
+                f"{found.items_per_hour:.0f} items per hour, assuming {CARRY_S:g} s handling and "
+                f"{TURN_S:g} s turning per item"
             )
         if self._simulated:
             parts.append("simulated")

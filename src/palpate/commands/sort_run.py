@@ -8,22 +8,22 @@ from contextlib import nullcontext
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from palpate.commands.items import open_store
+from palpate.commands.sort_report import SortReport
 from palpate.commands.sort_supply import SimulatedCrate, Supply
 from palpate.errors import DeviceError, InputError
+from palpate.estimate.measurement import Measurement
+from palpate.produce.identify.identifier import Identifier, TaughtItem
+from palpate.produce.identify.items import identity_verdict, learn_kinds, touches_of
+from palpate.produce.records import Item, Verdict
+from palpate.produce.sorting.hand import TimedGrasp
+from palpate.produce.sorting.rules import RuleBook, decide
+from palpate.produce.sorting.rules_file import check_kinds
+from palpate.produce.sorting.run import Sorted, bin_verdict, evidence_of, sort_item
+from palpate.produce.store import Store
 
-if TYPE_CHECKING:
-    from palpate.commands.sort_report import SortReport
-    from palpate.estimate.measurement import Measurement
-    from palpate.produce.identify.identifier import Identifier
-    from palpate.produce.records import Verdict
-    from palpate.produce.sorting.hand import TimedGrasp
-    from palpate.produce.sorting.rules import RuleBook
-    from palpate.produce.sorting.run import Sorted
-    from palpate.produce.store import Store
-
-#: Grasps of each item that teaches: two show how far grasps of one item differ.
+#: Grasps of each labelled item: two show how far grasps of one item differ.
 _TAUGHT_GRASPS = 2
 _BROKEN = {"sensor_lost": "the sensor was lost", "gripper_fault": "the gripper failed"}
 
@@ -35,20 +35,16 @@ def sort_from_store(
 
     Raises `InputError` if there is no such batch, or no item with a grasp.
     """
-    from palpate.commands.items import opened
-    from palpate.produce.sorting.rules import decide
-    from palpate.produce.sorting.run import Sorted, evidence_of
-
-    with opened(store) as kept:
-        met = kept.items() if batch is None else kept.of_batch(batch)
-        found = [(item, kept.grasps_of(item.item_id)) for item in met]
+    with open_store(store) as kept:
+        asked = kept.items() if batch is None else kept.of_batch(batch)
+        found = [(item, kept.grasps_of(item.item_id)) for item in asked]
         found = [(item, grasps) for item, grasps in found if grasps]
         if not found:
             which = "the store" if batch is None else f"batch {batch!r}"
             raise InputError(f"{which} holds no item that was grasped; grasp some, or name a --rig")
         labelled = {item.kind for item, _ in found if item.kind is not None}
         guess = any(item.kind is None for item, _ in found)
-        identifier = _learned(kept, report.book, rules=rules, labelled=labelled, guess=guess)
+        identifier = _learn_kinds(kept, report.book, rules=rules, labelled=labelled, guess=guess)
         for item, grasps in found:
             verdicts = kept.verdicts_of(item.item_id)
             evidence = evidence_of(grasps, identifier=identifier, kind=item.kind, verdicts=verdicts)
@@ -71,21 +67,16 @@ def sort_with_rig(
     Raises `InputError` if the rules ask for what this hand can't measure, or kinds were not taught;
     `DeviceError` if a device fails.
     """
-    from palpate.produce.records import Item
-    from palpate.produce.sorting.rules_file import check_kinds
-    from palpate.produce.sorting.run import sort_item
-    from palpate.produce.store import Store
-
     simulated = isinstance(supply, SimulatedCrate)
-    _refuse_blind(report.book, supply, rules=rules)
+    _check_measurable(report.book, supply, rules=rules)
     with nullcontext() if simulated and store is None else Store.open(store) as kept:
         identifier = None
         if report.book.asks("class"):
             if isinstance(supply, SimulatedCrate) and (kept is None or not kept.items(limit=1)):
-                identifier = _taught(supply, kept)
+                identifier = _teach(supply, kept)
                 check_kinds(report.book, taught=identifier.kinds, path=rules)
             elif kept is not None:
-                identifier = _learned(kept, report.book, rules=rules)
+                identifier = _learn_kinds(kept, report.book, rules=rules)
         for name in supply.names():
             kind: str | None = None
             verdicts: tuple[Verdict, ...] = ()
@@ -107,7 +98,7 @@ def sort_with_rig(
             print(f"palpate: {waiting}", file=sys.stderr)
 
 
-def _learned(
+def _learn_kinds(
     kept: Store,
     book: RuleBook,
     *,
@@ -116,9 +107,6 @@ def _learned(
     guess: bool = True,
 ) -> Identifier | None:
     """Learn from the store what the rules ask for, where there is anything to guess."""
-    from palpate.produce.identify.items import learn_kinds
-    from palpate.produce.sorting.rules_file import check_kinds
-
     if not book.asks("class"):
         return None
     identifier = learn_kinds(kept) if guess else None
@@ -127,7 +115,7 @@ def _learned(
     return identifier
 
 
-def _refuse_blind(book: RuleBook, supply: Supply, *, rules: Path) -> None:
+def _check_measurable(book: RuleBook, supply: Supply, *, rules: Path) -> None:
     """Refuse rules that fingers driven by pressure can never decide."""
     if supply.hand.plan.gripper.drive == "width":
         return
@@ -139,11 +127,8 @@ def _refuse_blind(book: RuleBook, supply: Supply, *, rules: Path) -> None:
             )
 
 
-def _taught(supply: SimulatedCrate, kept: Store | None) -> Identifier:
+def _teach(supply: SimulatedCrate, kept: Store | None) -> Identifier:
     """Grasp labelled items of each kind, so that there is something to go by."""
-    from palpate.produce.identify.identifier import Identifier, TaughtItem
-    from palpate.produce.identify.items import touches_of
-
     count = len(supply.teaching)
     print(f"teaching with {count} labelled items (simulated) ...", file=sys.stderr)
     found = []
@@ -151,7 +136,7 @@ def _taught(supply: SimulatedCrate, kept: Store | None) -> Identifier:
         timed: list[TimedGrasp] = []
         for turn in range(_TAUGHT_GRASPS):
             size = timed[-1].grasp.measurements.get("size_mm") if timed else None
-            timed.append(_grasped(item.item_id, supply, turn=turn, size=size))
+            timed.append(_grasp(item.item_id, supply, turn=turn, size=size))
         grasps = [one.grasp for one in timed]
         if kept is not None:
             kept.add_item(item)
@@ -165,22 +150,19 @@ def _grasp_and_store(
     name: str, supply: Supply, kept: Store | None, turn: int, size: Measurement | None
 ) -> TimedGrasp:
     """Grasp an item and store the grasp before the next one, which may fail."""
-    timed = _grasped(name, supply, turn=turn, size=size)
+    timed = _grasp(name, supply, turn=turn, size=size)
     if kept is not None:
         kept.add_grasp(timed.grasp, calibration=supply.calibration)
     return timed
 
 
 def _store_verdicts(done: Sorted, kept: Store, *, now: datetime) -> None:
-    from palpate.produce.identify.items import identity_verdict
-    from palpate.produce.sorting.run import bin_verdict
-
     if done.identity is not None and done.identity.grasps:
         kept.add_verdict(identity_verdict(done.item_id, done.identity, given_at=now))
     kept.add_verdict(bin_verdict(done, given_at=now))
 
 
-def _grasped(name: str, supply: Supply, *, turn: int, size: Measurement | None) -> TimedGrasp:
+def _grasp(name: str, supply: Supply, *, turn: int, size: Measurement | None) -> TimedGrasp:
     """Lay an item and grasp it; equipment that fails, or a person who stops it, ends it all."""
     supply.lay(name, turn=turn)
     timed = supply.hand.grasp(name, expected=size)

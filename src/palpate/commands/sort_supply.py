@@ -7,28 +7,23 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
-if TYPE_CHECKING:
-    from palpate.estimate.damage import DamageModel
-    from palpate.produce.records import Item
-    from palpate.produce.sorting.hand import SortingHand
-    from palpate.produce.sorting.rules import RuleBook
-    from palpate.rig import Rig
-    from palpate.twin.crate import CrateItem, CrateTable
+from palpate.estimate.damage import DamageModel
+from palpate.grasp.planning import plan_grasp
+from palpate.produce.records import Item
+from palpate.produce.sorting.hand import SortingHand
+from palpate.produce.sorting.rules import RuleBook
+from palpate.produce.sorting.score import where_it_belongs
+from palpate.produce.store.writing import calibration_id_of
+from palpate.rig import Rig, open_rig
+from palpate.rig.simulated import calibrated
+from palpate.twin.crate import CRATE_TAUGHT, CrateItem, CrateTable, draw_crate, draw_mixed_crate
 
-#: Share of a simulated crate that is of kinds nobody taught.
+#: Fraction of a simulated crate that is of unlabelled kinds.
 _STRANGERS_SHARE = 1 / 6
 #: The rig that comes with a crate of the twin.
 _SIMULATED = "sim-rigid"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ItemSqueeze:
-    """How hard items are pressed: as a grasp's plan has it."""
-
-    target_force_n: float | None = None
-    damage: DamageModel | None = None
 
 
 class Supply(Protocol):
@@ -74,42 +69,12 @@ class SimulatedCrate:
     #: Labelled items of each kind, to teach from.
     teaching: Mapping[str, CrateItem]
 
-    @classmethod
-    def open(cls, *, seed: int, items: int, taught: int, squeeze: ItemSqueeze) -> SimulatedCrate:
-        """Calibrate a sensor of the twin as a user would, and draw a crate."""
-        from palpate.rig import Rig
-        from palpate.rig.simulated import calibrated
-        from palpate.twin.crate import CRATE_TAUGHT, CrateTable, draw_crate, draw_mixed_crate
-
-        table = CrateTable(sensor=seed, seed=seed + 500_009)
-        rig = Rig(
-            name=_SIMULATED,
-            array=table.array,
-            gripper=table.gripper,
-            clock=table.clock,
-            calibration=calibrated(seed=seed, level="lab", apart_from=""),
-            origin="twin",
-        )
-        crate = draw_mixed_crate(
-            items, seed=seed, strangers_share=_STRANGERS_SHARE, prefix=f"crate-{seed}"
-        )
-        teaching = draw_crate(list(CRATE_TAUGHT) * taught, seed=seed + 1, prefix=f"taught-{seed}")
-        return cls(
-            hand=_hand(rig, squeeze),
-            calibration=rig.calibration.as_text(),
-            table=table,
-            crate={item.item_id: item for item in crate},
-            teaching={item.item_id: item for item in teaching},
-        )
-
     def names(self) -> Iterator[str]:
         """Yield the items of the crate."""
         yield from self.crate
 
     def labelled(self) -> Iterator[Item]:
         """Yield what teaches, as a person would label it."""
-        from palpate.produce.records import Item
-
         for item in self.teaching.values():
             yield Item(item_id=item.item_id, kind=item.kind, batch="taught")
 
@@ -120,8 +85,6 @@ class SimulatedCrate:
 
     def belongs(self, name: str, *, book: RuleBook) -> str | None:
         """Return where the rules would send the item if all of it were known."""
-        from palpate.produce.sorting.score import where_it_belongs
-
         item = self.crate[name]
         return where_it_belongs(book, kind=item.kind, taught=item.taught, size_mm=item.mean.size_mm)
 
@@ -141,14 +104,6 @@ class NamedByLine:
     calibration: str
     rig: Rig
 
-    @classmethod
-    def open(cls, name: str, *, squeeze: ItemSqueeze) -> NamedByLine:
-        """Open a rig."""
-        from palpate.rig import open_rig
-
-        rig = open_rig(name)
-        return cls(hand=_hand(rig, squeeze), calibration=rig.calibration.as_text(), rig=rig)
-
     def names(self) -> Iterator[str]:
         """Yield names until the input ends or a line is empty."""
         while True:
@@ -165,7 +120,7 @@ class NamedByLine:
             sys.stdin.readline()
 
     def belongs(self, name: str, *, book: RuleBook) -> str | None:
-        """Nobody knows."""
+        """Return None: the true bin is not known."""
         return None
 
     def close(self) -> None:
@@ -173,30 +128,52 @@ class NamedByLine:
         self.rig.close()
 
 
-def open_supply(rig: str, *, seed: int, items: int, taught: int, squeeze: ItemSqueeze) -> Supply:
-    """Open the rig of a name; every item is pressed alike.
+def open_supply(
+    name: str,
+    *,
+    seed: int,
+    items: int,
+    taught: int,
+    target_force_n: float | None,
+    damage: DamageModel | None,
+) -> Supply:
+    """Open the rig of a name; the simulated one is calibrated as by a user, with a crate drawn.
 
     Raises `InputError` or `DeviceError` if there is no such rig, or it does not open.
     """
-    if rig == _SIMULATED:
-        return SimulatedCrate.open(seed=seed, items=items, taught=taught, squeeze=squeeze)
-    return NamedByLine.open(rig, squeeze=squeeze)
+    if name != _SIMULATED:
+        rig = open_rig(name)
+        hand, calibration = _hand(rig, target_force_n, damage), rig.calibration.as_text()
+        return NamedByLine(hand=hand, calibration=calibration, rig=rig)
+    table = CrateTable(sensor=seed, seed=seed + 500_009)
+    rig = Rig(
+        name=_SIMULATED,
+        array=table.array,
+        gripper=table.gripper,
+        clock=table.clock,
+        calibration=calibrated(seed=seed, level="lab", apart_from=""),
+        origin="twin",
+    )
+    crate = draw_mixed_crate(
+        items, seed=seed, strangers_share=_STRANGERS_SHARE, prefix=f"crate-{seed}"
+    )
+    teaching = draw_crate(list(CRATE_TAUGHT) * taught, seed=seed + 1, prefix=f"taught-{seed}")
+    return SimulatedCrate(
+        hand=_hand(rig, target_force_n, damage),
+        calibration=rig.calibration.as_text(),
+        table=table,
+        crate={item.item_id: item for item in crate},
+        teaching={item.item_id: item for item in teaching},
+    )
 
 
-def _hand(rig: Rig, squeeze: ItemSqueeze) -> SortingHand:
-    from palpate.grasp.planning import plan_grasp
-    from palpate.produce.sorting.hand import SortingHand
-    from palpate.produce.store.writing import calibration_id_of
-
+def _hand(rig: Rig, target_force_n: float | None, damage: DamageModel | None) -> SortingHand:
     return SortingHand(
         array=rig.array,
         gripper=rig.gripper,
         clock=rig.clock,
         plan=plan_grasp(
-            rig.calibration,
-            gripper=rig.gripper,
-            target_force_n=squeeze.target_force_n,
-            damage=squeeze.damage,
+            rig.calibration, gripper=rig.gripper, target_force_n=target_force_n, damage=damage
         ),
         rig=rig.name,
         origin=rig.origin,

@@ -242,12 +242,12 @@ def _print_table(console: Console, table: Table) -> None:
     """Print a table; one that the terminal has no room for as a list of its rows, cell by cell."""
     from rich.table import Table as RichTable
 
-    from palpate.commands.fitted_table import narrowed
+    from palpate.commands.output import narrow_columns
 
     view = RichTable(*table.columns, title=table.title, title_justify="left")
     for row in table.rows:
         view.add_row(*row)
-    if narrowed(view, room=console.width, console=console):
+    if narrow_columns(view, room=console.width, console=console):
         console.print(view)
         return
     console.print(f"[italic]{table.title}[/italic]")

@@ -22,10 +22,10 @@ from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import Calibration, RestValues
 
 STEPS: dict[str, Callable[..., None]] = {
-    "rest": calibrate_rest.command,
-    "force": calibrate_force.command,
-    "compliance": calibrate_compliance.command,
-    "settling": calibrate_settling.command,
+    "rest": calibrate_rest.rest,
+    "force": calibrate_force.force,
+    "compliance": calibrate_compliance.compliance,
+    "settling": calibrate_settling.settling,
 }
 
 

@@ -50,8 +50,8 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     bench = Bench(tmp_path)
     opened = SimpleNamespace(array=lambda: bench.array, gripper=lambda: TwinGripper(bench.world))
     monkeypatch.setitem(sys.modules, "desk_of_the_test", opened)
-    monkeypatch.setattr("palpate.clock.RealClock", lambda: bench.clock)
-    monkeypatch.setattr("palpate.rig.bench.RealClock", lambda: bench.clock)
+    for module in ("rig.bench", "commands.calibrate_cell", "commands.calibrate_weights"):
+        monkeypatch.setattr(f"palpate.{module}.RealClock", lambda: bench.clock)
     monkeypatch.setattr("typer.prompt", bench.prompt)
     yield bench
     bench.array.close()
@@ -76,7 +76,7 @@ def test_a_known_weight_gives_the_line_for_the_rig_file(
         bench.board.raw[0] = 1_000 if "take everything off" in what else 1_000 - 2_000_000
 
     bench.does = lays
-    assert call(calibrate_cell.command, "--rig", str(bench.rig), "--known-n", "10") == 0
+    assert call(calibrate_cell.cell, "--rig", str(bench.rig), "--known-n", "10") == 0
     line = capsys.readouterr().out
     assert line == "[load_cells]\nnewtons_per_count = [-5e-06]\n"
     assert not has_load_cell(str(bench.rig))
@@ -87,7 +87,7 @@ def test_a_known_weight_gives_the_line_for_the_rig_file(
 def test_the_second_cell_joins_the_first(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
     bench.rig.write_text(TABLES)
     of_cell_1 = ("--rig", str(bench.rig), "--cell", "1", "--known-n", "10", "--json")
-    assert call(calibrate_cell.command, *of_cell_1) == 2
+    assert call(calibrate_cell.cell, *of_cell_1) == 2
     assert "calibrate cell 0 first" in capsys.readouterr().err
     bench.rig.write_text(TABLES + "[load_cells]\nnewtons_per_count = [4e-6]\n")
 
@@ -95,7 +95,7 @@ def test_the_second_cell_joins_the_first(bench: Bench, capsys: pytest.CaptureFix
         bench.board.raw[1] = 0 if "take everything off" in what else 1_000_000
 
     bench.does = lays
-    assert call(calibrate_cell.command, *of_cell_1) == 0
+    assert call(calibrate_cell.cell, *of_cell_1) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["newtons_per_count"] == pytest.approx([4e-6, 1e-5])
 
@@ -111,7 +111,7 @@ def test_the_second_cell_joins_the_first(bench: Bench, capsys: pytest.CaptureFix
 def test_cell_refusals(
     arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert call(calibrate_cell.command, *arguments) == 2
+    assert call(calibrate_cell.cell, *arguments) == 2
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
@@ -121,7 +121,7 @@ def test_a_weight_that_lies_elsewhere_is_noticed(
     bench: Bench, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bench.rig.write_text(TABLES)
-    assert call(calibrate_cell.command, "--rig", str(bench.rig), "--known-n", "10") == 2
+    assert call(calibrate_cell.cell, "--rig", str(bench.rig), "--known-n", "10") == 2
     assert "moved by 0 counts only" in capsys.readouterr().err
 
 
@@ -148,7 +148,7 @@ def test_compliance_on_a_board_with_two_cells(
     bench.board.weighed, bench.does = weighed, places
     # Without --out it is the file that the rig file names, which a grasp is going to use.
     arguments = ("--rig", str(bench.rig), "--block-mm", "40")
-    assert call(calibrate_compliance.command, *arguments, "--json") == 0
+    assert call(calibrate_compliance.compliance, *arguments, "--json") == 0
     assert bench.asked[0].startswith("the rigid block with the load cell")
     assert bench.asked[1].startswith("take the block out")
     document = json.loads(capsys.readouterr().out)
@@ -164,5 +164,5 @@ def test_a_rig_file_without_load_cells_is_sent_to_dead_weights(
     bench: Bench, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bench.rig.write_text(TABLES)
-    assert call(calibrate_compliance.command, "--rig", str(bench.rig)) == 3
+    assert call(calibrate_compliance.compliance, "--rig", str(bench.rig)) == 3
     assert "dead weights" in capsys.readouterr().err

@@ -66,7 +66,7 @@ def test_a_loaded_sensor_is_refused_and_the_file_kept(
     assert calibrate("rest", "--rig", rig_file(pressed=True)) == 2
     err = capsys.readouterr().err.strip().splitlines()[-1]
     assert "%" in err
-    assert "palpate calibrate rest: " in err
+    assert "palpate: " in err
     assert path.read_text() == before
 
 
@@ -101,8 +101,10 @@ def test_another_layout_is_refused(
     assert "--new" in capsys.readouterr().err
 
 
-def test_steps_are_listed_and_unknown_ones_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert calibrate() == 0
-    assert "palpate calibrate rest --rig" in capsys.readouterr().out
-    assert calibrate("colour") == 2
-    assert "there are: rest" in capsys.readouterr().err
+def test_calibrate_without_a_known_step_names_the_steps(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert calibrate() == 2
+    assert "rest" in capsys.readouterr().out
+    assert calibrate("reset") == 2
+    assert "Did you mean 'rest'" in capsys.readouterr().err

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.commands.calibrate_weights import Course, _listed, _typed
+from palpate.commands.calibrate_weights import Course, _ask_loads, _until_enough
 from palpate.errors import InputError
 
 
@@ -27,7 +27,7 @@ def test_each_weight_reports_what_it_narrowed(capsys: pytest.CaptureFixture[str]
 
 def test_no_more_weights_are_asked_for_within_the_tolerance() -> None:
     weights, laid = course(80.0), list[float]()
-    for load_n in _listed([1.5, 4.0, 9.0, 6.0, 2.0], weights):
+    for load_n in _until_enough([1.5, 4.0, 9.0, 6.0, 2.0], weights):
         laid.append(load_n)
         weights.take(8.0 * load_n**1.2, load_n)
     assert laid == [1.5, 4.0, 9.0]
@@ -36,7 +36,7 @@ def test_no_more_weights_are_asked_for_within_the_tolerance() -> None:
 def test_typed_weights_end_with_enter_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     typed = iter(["9", "1.5", "4", ""])
     monkeypatch.setattr("typer.prompt", lambda *_, **__: next(typed))
-    assert list(_typed(course())) == [9.0, 1.5, 4.0]
+    assert list(_ask_loads(course())) == [9.0, 1.5, 4.0]
 
 
 @pytest.mark.parametrize(
@@ -48,4 +48,4 @@ def test_typed_weights_that_carry_nothing_are_refused(
     typed = iter(words)
     monkeypatch.setattr("typer.prompt", lambda *_, **__: next(typed))
     with pytest.raises(InputError, match=message):
-        list(_typed(course()))
+        list(_ask_loads(course()))

@@ -12,8 +12,7 @@ from rich.console import Console
 
 from palpate.cli import build_app, run
 from palpate.clock import ManualClock
-from palpate.commands.live_reading import LiveReading
-from palpate.commands.live_squeeze import Squeeze
+from palpate.commands.live_reading import LiveReading, Squeeze
 from palpate.commands.live_view import LiveView
 from palpate.commands.sensor_source import SensorSource
 from palpate.estimate.force_now import ForceNow

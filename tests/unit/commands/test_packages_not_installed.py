@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from palpate.cli import build_app, run
-from palpate.commands import packages
+from palpate.commands import lazy_group
 
 
 @pytest.mark.parametrize(
@@ -18,6 +18,6 @@ from palpate.commands import packages
     ],
 )
 def test_it_reports_what_to_install(command, folder, monkeypatch, capsys) -> None:
-    monkeypatch.setattr(packages, "entry_points", lambda *, group: ())
+    monkeypatch.setattr(lazy_group, "entry_points", lambda *, group: ())
     assert run(build_app(), command.split(), name="palpate") == 2
     assert capsys.readouterr().err.endswith(f"in a copy of the source: pip install ./{folder}\n")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import threading
 from pathlib import Path
 
@@ -15,7 +16,7 @@ import typer
 from tests.pdf_fonts import check_fonts
 
 from palpate.cli import run
-from palpate.commands import settle_tables
+from palpate.commands import settle_report
 from palpate.commands.settle import settle
 from palpate.demo.recordings import write_recordings
 
@@ -381,7 +382,7 @@ def test_a_narrow_terminal_has_every_column(
     monkeypatch: pytest.MonkeyPatch,
     columns: int,
 ) -> None:
-    monkeypatch.setattr(settle_tables, "PIPED_WIDTH", columns)
+    monkeypatch.setattr(settle_report, "PIPED_WIDTH", columns)
     assert ran(holds_csv) == 0
     lines = capsys.readouterr().out.splitlines()
     heads = [line.split() for line in lines if "cut-off" in line]
@@ -414,3 +415,22 @@ def test_mean_of_the_columns_is_predicted_as_one_hold(
     ):
         assert ran(path, *wrong) == 2
         assert words in capsys.readouterr().err
+
+
+def test_rows_and_summary_of_one_hold_agree(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    time_s = np.arange(0, 21, 0.1)
+    values = 40.0 + 8.0 * np.exp(-time_s / 4.0)
+    rows = [f"h1,{time:.1f},{value:.6f}" for time, value in zip(time_s, values, strict=True)]
+    path = tmp_path / "one.csv"
+    path.write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
+    assert ran(path, "--method", "relaxation", "--method", "recorded") == 0
+    shown = capsys.readouterr().out
+    assert "relaxation: 1 hold\n" in re.sub(r" +\n", "\n", shown)
+    # The half-width is of the settled value in both tables.
+    (row,) = re.findall(r"h1 .* ([\d.]+) % +[\d.]+\.\.", shown)
+    (summary,) = re.findall(r"relaxation +2.5 s .* ([\d.]+) *\n", shown)
+    assert float(row) == pytest.approx(float(summary), abs=0.06)
+    # Each method's statuses are counted apart, so that they add up to its holds.
+    assert re.search(r"Status of relaxation: 1 \w+\nStatus of recorded: 1 \w+\n", shown)

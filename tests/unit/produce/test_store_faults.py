@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from palpate.commands.items import opened
+from palpate.commands.items import open_store
 from palpate.dashboard.item_store import ItemStore
 from palpate.errors import (
     InputError,
@@ -145,7 +145,7 @@ def test_store_that_can_only_be_read_is_read_and_refuses_to_be_written(
         store.add_item(Item(item_id="A17", first_seen=SEEN))
     path.chmod(0o444)
     without_root.chmod(folder_mode)
-    with opened(str(path)) as store:
+    with open_store(str(path)) as store:
         assert store.item("A17").first_seen == SEEN
         with pytest.raises(StoreError, match="read-only; change the rights of the file"):
             store.add_item(Item(item_id="B2"))
@@ -162,7 +162,7 @@ def test_older_store_that_can_only_be_read_is_read(without_root: Path) -> None:
     connection.close()
     path.chmod(0o444)
     without_root.chmod(0o555)
-    with opened(str(path)) as store:
+    with open_store(str(path)) as store:
         assert [item.item_id for item in store.items()] == ["A17"]
 
 

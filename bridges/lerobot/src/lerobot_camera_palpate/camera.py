@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from lerobot_camera_palpate.config import PalpateCameraConfig
 from lerobot_camera_palpate.picture import picture
 from palpate.clock import RealClock
-from palpate.commands.live_reading import LiveReading
-from palpate.commands.live_squeeze import paced
+from palpate.commands.live_reading import LiveReading, pace_frames
 from palpate.commands.sensor_source import SensorSource, open_source
 from palpate.errors import PalpateError
 from palpate.sensor.array import ArrayLayout
@@ -198,7 +197,7 @@ class PalpateCamera(Camera):
         clock = RealClock()
         with closing(source):
             try:
-                for frame in paced(source, clock=clock):
+                for frame in pace_frames(source, clock=clock):
                     if self._ended.is_set():
                         return
                     if frame is not None:

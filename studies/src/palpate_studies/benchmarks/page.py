@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from html import escape
 from pathlib import Path
 
-from palpate.commands.report_html import Tile, figures, html_page, table, tiles
 from palpate.files import atomic_path
 from palpate.plots.inline_svg import inline_svg, page_figure
+from palpate.plots.report_page import PageTable, Part, render_page
 from palpate.plots.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, log_axis
 from palpate_studies.benchmarks.protocol import Measured, Ratio
 from palpate_studies.benchmarks.report import COLUMNS, machine, row, sized, times
@@ -23,12 +22,12 @@ _NUMBERS = ("palpate", "peer's", "times as good")
 def write_page(path: Path, measured: Mapping[str, Measured], *, full: bool) -> None:
     """Write the page; it needs no other file and no network."""
     ratios = [ratio for one in measured.values() for ratio in one.ratios]
-    body = [tiles(_tiles(ratios)), figures(_figures(measured))]
+    body: list[Part] = [_tiles(ratios), [*_figures(measured)]]
     columns = [f">{name}" if name in _NUMBERS else name for name in COLUMNS]
     for name, one in measured.items():
-        body.append(table(f"{name}: {BENCHMARKS[name][1]}", columns, map(row, one.ratios)))
-        body += [f"<p>{escape(note)}</p>" for note in one.notes]
-    text = html_page(
+        body.append(PageTable(f"{name}: {BENCHMARKS[name][1]}", columns, [*map(row, one.ratios)]))
+        body += one.notes
+    text = render_page(
         title="palpate next to its peers",
         chips=[machine(), "full sizes" if full else "quick sizes"],
         simulated=False,
@@ -40,16 +39,17 @@ def write_page(path: Path, measured: Mapping[str, Measured], *, full: bool) -> N
         whole.write_text(text, encoding="utf-8")
 
 
-def _tiles(ratios: Sequence[Ratio]) -> Iterator[Tile]:
-    """Yield the figures that something is wanted of."""
-    for ratio in ratios:
-        if ratio.wanted is not None and ratio.times is not None:
-            yield Tile(
-                name=f"{ratio.what}, {sized(ratio)}",
-                value=times(ratio.times),
-                unit="x",
-                below=f"{ratio.peer}; {times(ratio.wanted)} wanted{', missed' * ratio.missed}",
-            )
+def _tiles(ratios: Sequence[Ratio]) -> dict[str, tuple[str, str, str]]:
+    """Return the figures that have a wanted value."""
+    return {
+        f"{ratio.what}, {sized(ratio)}": (
+            times(ratio.times),
+            "x",
+            f"{ratio.peer}; {times(ratio.wanted)} wanted{', missed' * ratio.missed}",
+        )
+        for ratio in ratios
+        if ratio.wanted is not None and ratio.times is not None
+    }
 
 
 def _figures(measured: Mapping[str, Measured]) -> Iterator[tuple[str, str]]:

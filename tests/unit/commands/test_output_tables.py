@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from palpate.commands.fitted_table import fitted
+from palpate.commands.output import fit_table
 
 ROWS = (
     ("fruit-17", "2026-05-14 08:02", "[bold]62.0[/]\n[dim]61.6…62.4[/]", Text("conditioned")),
@@ -23,7 +23,7 @@ def printed(width: int) -> str:
     for row in ROWS:
         table.add_row(*row)
     console = Console(width=width, file=StringIO(), highlight=False)
-    console.print(fitted(table, console=console))
+    console.print(fit_table(table, console=console))
     assert isinstance(console.file, StringIO)
     return console.file.getvalue()
 

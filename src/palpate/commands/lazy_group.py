@@ -1,0 +1,93 @@
+"""Groups of commands whose modules are loaded when one of them is asked for."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, NamedTuple
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from palpate.errors import InputError
+
+#: Help is Markdown: paragraphs flow to the terminal's width, and brackets are printed as they are.
+HELP: Any = "markdown"
+#: Group of entry points through which palpate's own packages bring verbs.
+GROUP = "palpate.verbs"
+
+
+class Entry(NamedTuple):
+    """A command that is not loaded yet."""
+
+    #: `module:name` of its function, or of a mapping of further entries.
+    place: str
+    #: Its line in the list of commands.
+    summary: str
+    #: The list's heading above it.
+    heading: str | None = None
+    #: The package that brings it as an entry point, and that package's folder in the source.
+    package: tuple[str, str] | None = None
+
+
+class LazyGroup(TyperGroup):
+    """A group that knows the names and summaries of its commands, and loads the one that runs."""
+
+    def offer(self, entries: Mapping[str, Entry]) -> None:
+        """Add commands."""
+        for name, (_, summary, heading, _) in entries.items():
+            self.commands[name] = TyperCommand(
+                name=name, help=summary, rich_help_panel=heading, rich_markup_mode=HELP
+            )
+        self._entries: dict[str, Entry] = {**entries}
+
+    def load(self, name: str) -> Any:
+        """Return a command, loaded.
+
+        Raises `InputError` if its package is not installed.
+        """
+        if name in self._entries:
+            self.commands[name] = load_command(name, self._entries.pop(name))
+        return self.commands[name]
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Load the command that is asked for."""
+        if args[0] in self.commands:
+            self.load(args[0])
+        return super().resolve_command(ctx, args)
+
+
+def load_command(name: str, entry: Entry) -> Any:
+    """Load a command, or a group of commands.
+
+    Raises `InputError` if its package is not installed.
+    """
+    place = entry.place
+    if entry.package is not None:
+        place = entry_point(GROUP, name, *entry.package, wanted=f"palpate {name}").value
+    module_name, _, attribute = place.partition(":")
+    module = importlib.import_module(module_name)
+    found = getattr(module, attribute)
+    if isinstance(found, Mapping):
+        group = LazyGroup(
+            name=name, help=entry.summary, no_args_is_help=True, rich_markup_mode=HELP
+        )
+        group.offer({step: Entry(*row) for step, row in found.items()})
+        return group
+    app = typer.Typer(add_completion=False, rich_markup_mode=HELP)
+    app.command(name=name, **getattr(module, "SETTINGS", {}))(found)
+    return typer.main.get_command(app)
+
+
+def entry_point(group: str, name: str, package: str, folder: str, *, wanted: str) -> EntryPoint:
+    """Return what one of palpate's own packages brings.
+
+    Raises `InputError` if the package is not installed.
+    """
+    for point in entry_points(group=group):
+        if point.name == name:
+            return point
+    raise InputError(
+        f"{wanted} needs the package {package}; in a copy of the source: pip install ./{folder}"
+    )

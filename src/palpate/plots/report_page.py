@@ -1,0 +1,52 @@
+"""Reports as one HTML file that needs nothing else: by day, by night and on paper."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple, TypeAlias
+
+from palpate.errors import needing
+from palpate.plots.inline_svg import THEME
+
+
+class PageTable(NamedTuple):
+    """A table; columns whose name begins with ``>`` hold numbers."""
+
+    caption: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+#: Figures in large type: what it is -> value, unit, and the line below.
+Tiles: TypeAlias = Mapping[str, tuple[str, str, str]]
+#: Captions and ``<svg>`` elements.
+Figures: TypeAlias = Sequence[tuple[str, str]]
+#: Part of a page; a string is a paragraph.
+Part: TypeAlias = Tiles | Figures | PageTable | str
+
+
+def render_page(
+    *,
+    title: str,
+    chips: Iterable[str],
+    simulated: bool,
+    body: Iterable[Part],
+    foot: str,
+) -> str:
+    """Return a page as HTML; all text is escaped, but for the figures.
+
+    `chips`: short facts next to the title.
+    `simulated`: whether to state that any of it is simulated.
+    Raises `MissingExtraError` if Jinja is not installed.
+    """
+    with needing("a report", extra="plots"):
+        import jinja2
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("palpate.plots", ""),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("report.html.j2").render(
+        theme=THEME, title=title, chips=chips, simulated=simulated, body=body, foot=foot
+    )
