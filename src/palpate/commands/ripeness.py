@@ -257,7 +257,7 @@ def _print(judged: Sequence[_Judged]) -> None:
     unsure = [one.item.item_id for one in judged if one.ripeness.unsure and not one.assumed]
     if unsure:
         console.print(
-            f"less than {percent_text(SURE)} probable: {', '.join(unsure)}; "
+            f"below {percent_text(SURE)} probability: {', '.join(unsure)}; "
             "more grasps on the same day help",
             markup=False,
         )

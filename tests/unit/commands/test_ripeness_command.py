@@ -50,7 +50,7 @@ def test_a_batch_is_judged_item_by_item(made: Path, capsys: pytest.CaptureFixtur
     assert {"hard", "overripe"} <= {item["stage"] for item in items}
 
 
-def test_who_is_unsure_is_named(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_ripeness_below_the_confidence_names_the_items(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ("--batch", "Monday", "--store", str(made), "--reference", "ball")
     assert palpate(*arguments, "--json") == 0
     items = json.loads(capsys.readouterr().out)["items"]
@@ -58,7 +58,7 @@ def test_who_is_unsure_is_named(made: Path, capsys: pytest.CaptureFixture[str]) 
     assert named
     assert palpate(*arguments) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert f"less than 90 % sure: {', '.join(named)}; more grasps on the same day" in said
+    assert f"below 90 % probability: {', '.join(named)}; more grasps on the same day" in said
 
 
 def test_one_item_is_explained_drawn_and_remembered(
