@@ -59,10 +59,15 @@ def _outcomes() -> str:
     )
 
 
-def _schema(path: Path) -> str:
-    """Return the fields of a JSON schema, nested ones by their path."""
-    schema = json.loads(path.read_text(encoding="utf-8"))
-    return _table(("field", "type", "meaning"), _fields(schema, where=""))
+def _schema(path: Path, *, without: Path | None = None) -> str:
+    """Return the fields of a JSON schema, nested ones by their path, less those of another."""
+    rows = [
+        list(_fields(json.loads(one.read_text(encoding="utf-8")), where=""))
+        for one in (path, without)
+        if one is not None
+    ]
+    known = rows[1] if without is not None else []
+    return _table(("field", "type", "meaning"), (row for row in rows[0] if row not in known))
 
 
 def _fields(schema: dict[str, Any], *, where: str) -> Iterator[tuple[str, str, str]]:
@@ -149,4 +154,5 @@ TABLES: dict[str, Callable[[], str]] = {
     "feetech": partial(_keys, feetech.open_gripper, feetech.FeetechGripper),
     "pneumatic": partial(_keys, pneumatic.open_gripper),
     **{path.stem: partial(_schema, path) for path in sorted(_SCHEMAS.glob("*.json"))},
+    "replay": partial(_schema, _SCHEMAS / "replay.json", without=_SCHEMAS / "grasp.json"),
 }
