@@ -50,7 +50,9 @@ def test_a_batch_is_judged_item_by_item(made: Path, capsys: pytest.CaptureFixtur
     assert {"hard", "overripe"} <= {item["stage"] for item in items}
 
 
-def test_ripeness_below_the_confidence_names_the_items(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_ripeness_below_the_confidence_names_the_items(
+    made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     arguments = ("--batch", "Monday", "--store", str(made), "--reference", "ball")
     assert palpate(*arguments, "--json") == 0
     items = json.loads(capsys.readouterr().out)["items"]
