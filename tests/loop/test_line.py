@@ -6,7 +6,8 @@ import asyncio
 import json
 import socket
 import struct
-from collections.abc import Awaitable, Callable, Iterator
+import subprocess
+from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,7 +15,9 @@ from typing import Any, TypeVar
 import pytest
 from asyncua import Client, ua
 from pymodbus.client import AsyncModbusTcpClient
-from tests.loop.test_dashboard import SIMULATED, served
+from pymodbus.exceptions import ModbusException
+from tests.epcis import read_epcis
+from tests.loop.test_dashboard import SIMULATED, served, serving
 from tests.loop.test_dashboard_api import Machine
 
 from palpate.line import modbus
@@ -22,6 +25,8 @@ from palpate.line.machine import LineState
 
 #: Looks until a state is given up, and the pause between two, seconds.
 MOST_LOOKS, EVERY_S = 3000, 0.02
+#: How long a server on a busy machine may leave a request of OPC UA unanswered, seconds.
+PATIENCE_S = 60.0
 _Answer = TypeVar("_Answer")
 
 
@@ -108,12 +113,12 @@ async def reach(client: AsyncModbusTcpClient, state: LineState) -> None:
 
 def test_opcua_grasp_gives_the_result_that_http_gives(station: Served) -> None:
     async def work() -> tuple[dict[str, Any], float, str]:
-        async with Client(station.opcua) as client:
+        async with Client(station.opcua, timeout=PATIENCE_S) as client:
             hand = OpcUa(client)
             await hand.call("TakeOver")
             await hand.reach("idle")
             before = await hand.value("Result", "Number")
-            recording = await hand.grasp(2.0, "berry-7")
+            recording = await hand.grasp(2.0, "]C1010401234500001621B7")
             await hand.reach("holding")
             await hand.call("Release")
             await until(lambda: hand.value("Result", "Number"), lambda now: now == before + 1)
@@ -127,9 +132,16 @@ def test_opcua_grasp_gives_the_result_that_http_gives(station: Served) -> None:
             )
 
     document, size_mm, item = asyncio.run(work())
-    assert Machine(station.http).ask("GET", "/result") == (200, document)
+    machine = Machine(station.http)
+    assert machine.ask("GET", "/result") == (200, document)
     assert size_mm == document["size_mm"]["value"]
-    assert item == "berry-7"
+    assert item == document["item_id"] == "(01)04012345000016(21)B7"
+    # The store is written after the result is shown.
+    machine.until(lambda _: machine.ask("GET", f"/epcis/{item}")[0] == 200)
+    (event,) = read_epcis(machine.ask("GET", f"/epcis/{item}")[1])
+    assert event["epcList"] == ["https://id.gs1.org/01/04012345000016/21/B7"]
+    reports = event["sensorElementList"][0]["sensorReport"]
+    assert {one["type"]: one.get("value") for one in reports}["Length"] == size_mm
 
 
 def test_modbus_grasp_gives_the_result_that_http_gives(station: Served) -> None:
@@ -170,7 +182,7 @@ def test_modbus_wrong_command_and_address_are_exceptions_with_a_reason(station: 
 
 def test_opcua_wrong_force_is_refused_with_a_status_and_a_reason(station: Served) -> None:
     async def work() -> str:
-        async with Client(station.opcua) as client:
+        async with Client(station.opcua, timeout=PATIENCE_S) as client:
             hand = OpcUa(client)
             await hand.call("TakeOver")
             await hand.reach("idle")
@@ -192,7 +204,7 @@ def test_opcua_wrong_force_is_refused_with_a_status_and_a_reason(station: Served
 def test_two_clients_only_the_driver_grasps_and_anyone_stops(station: Served) -> None:
     async def work() -> None:
         async with (
-            Client(station.opcua) as client,
+            Client(station.opcua, timeout=PATIENCE_S) as client,
             AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as other,
         ):
             hand = OpcUa(client)
@@ -218,7 +230,7 @@ def test_two_clients_only_the_driver_grasps_and_anyone_stops(station: Served) ->
 
 def test_opcua_state_after_a_command_is_the_new_one_at_once(station: Served) -> None:
     async def work() -> list[str]:
-        async with Client(station.opcua) as client:
+        async with Client(station.opcua, timeout=PATIENCE_S) as client:
             hand = OpcUa(client)
             await hand.call("TakeOver")
             await hand.reach("idle")
@@ -234,26 +246,69 @@ def test_opcua_state_after_a_command_is_the_new_one_at_once(station: Served) -> 
     assert asyncio.run(work()) == ["execute", "stopped"]
 
 
-def test_client_lost_while_the_hand_closes_leaves_the_grasp_to_the_next(station: Served) -> None:
-    async def begin() -> None:
-        async with Client(station.opcua) as client:
-            hand = OpcUa(client)
-            await hand.call("TakeOver")
-            await hand.reach("idle")
-            await hand.grasp(2.0)
-            await hand.reach("execute")
+async def begin_over_opcua(station: Served) -> None:
+    async with Client(station.opcua, timeout=PATIENCE_S) as client:
+        hand = OpcUa(client)
+        await hand.call("TakeOver")
+        await hand.reach("idle")
+        await hand.grasp(2.0)
+        await hand.reach("execute")
 
+
+async def begin_over_modbus(station: Served) -> None:
+    async with AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as client:
+        await client.write_register(modbus.COMMAND, modbus.TAKE_OVER)
+        await reach(client, LineState.IDLE)
+        await client.write_register(modbus.TARGET, 200)
+        await client.write_register(modbus.COMMAND, modbus.GRASP)
+        await reach(client, LineState.EXECUTE)
+
+
+@pytest.mark.parametrize("begin", [begin_over_opcua, begin_over_modbus])
+def test_client_lost_while_the_hand_closes_leaves_the_grasp_to_the_next(
+    station: Served, begin: Callable[[Served], Coroutine[Any, Any, None]]
+) -> None:
     async def end() -> str:
-        async with Client(station.opcua) as client:
+        async with Client(station.opcua, timeout=PATIENCE_S) as client:
             hand = OpcUa(client)
             await hand.reach("holding")
+            await hand.call("TakeOver")
             await hand.call("Release")
             await hand.reach("idle")
             found: str = await hand.value("Result", "Outcome")
             return found
 
-    asyncio.run(begin())
+    asyncio.run(begin(station))
     assert asyncio.run(end()) == "held"
+
+
+def test_server_killed_while_the_hand_closes_comes_back_for_both_clients(tmp_path: Path) -> None:
+    opcua_port, modbus_port = free_port(), free_port()
+    options = (*SIMULATED, "--opcua", str(opcua_port), "--modbus", str(modbus_port))
+
+    async def begin(process: subprocess.Popen[str]) -> None:
+        async with AsyncModbusTcpClient("127.0.0.1", port=modbus_port, timeout=1) as client:
+            await reach(client, LineState.IDLE)
+            await client.write_register(modbus.COMMAND, modbus.GRASP)
+            await reach(client, LineState.EXECUTE)
+            process.kill()
+            process.wait()
+            with pytest.raises(ModbusException):
+                await client.read_holding_registers(modbus.STATE, count=1)
+
+    async def find() -> list[int]:
+        async with (
+            Client(f"opc.tcp://127.0.0.1:{opcua_port}/palpate") as first,
+            AsyncModbusTcpClient("127.0.0.1", port=modbus_port) as second,
+        ):
+            await OpcUa(first).reach("idle")
+            await reach(second, LineState.IDLE)
+            return await registers(second, modbus.RESULTS, 2)
+
+    with serving(tmp_path, *options) as (_, process):
+        asyncio.run(begin(process))
+    with served(tmp_path, *options):
+        assert asyncio.run(find()) == [0, 0]
 
 
 def test_opcua_beyond_the_loopback_needs_token_and_encryption(tmp_path: Path) -> None:

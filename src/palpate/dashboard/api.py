@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -115,6 +116,16 @@ def _look(api: FastAPI, app_state: AppState) -> None:
         with _answering():
             Item(item_id=item_id)
             return JSONResponse(item_document(app_state.item_store.page(item_id)))
+
+    @api.get("/epcis/{item_id:path}", responses=_refusals(404, 503))
+    def epcis(item_id: str) -> JSONResponse:
+        """One item's grasps as events of EPCIS 2.0, in GS1's JSON."""
+        from palpate.line.epcis import epcis_document
+
+        with _answering():
+            Item(item_id=item_id)
+            history = app_state.item_store.page(item_id)
+            return JSONResponse(epcis_document(history, created_at=datetime.now(UTC)))
 
 
 def _act(api: FastAPI, station: Station) -> None:

@@ -32,6 +32,7 @@ from palpate.estimate.damage_file import DamageFile
 from palpate.grasp.document import grasp_document, limit_document
 from palpate.grasp.result import Outcome
 from palpate.grasp.safety import FORCE_CEILING_N
+from palpate.line.gs1 import read_label
 from palpate.produce.records import Item
 from palpate.rig.file import stated_in
 
@@ -152,7 +153,7 @@ class AppState:
         if target_force_n is not None and not 0 < target_force_n <= FORCE_CEILING_N:
             raise InputError(f"target force: above 0 and at most {FORCE_CEILING_N:g} N")
         if item_id:
-            Item(item_id=item_id)
+            item_id = Item(item_id=read_label(item_id)).item_id
         damage = self.settings.damage
         if kind and damage is None:
             raise InputError(f"kind {kind}: palpate serve was started without --damage")

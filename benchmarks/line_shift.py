@@ -1,0 +1,112 @@
+"""A shift at a line: a client of OPC UA and one of Modbus grasp item after item, on the twin.
+
+Run `python benchmarks/line_shift.py --items 50`. Each client in turn orders the grasps, releases,
+and compares every result with that of HTTP. Printed are the results that differ, and how long a
+result takes from the end of its grasp, as the server states it, to the client.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import struct
+import sys
+import tempfile
+import time
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from asyncua import Client
+from pymodbus.client import AsyncModbusTcpClient
+from tests.loop.test_dashboard import SIMULATED, served
+from tests.loop.test_dashboard_api import Machine
+from tests.loop.test_line import OpcUa, free_port, reach, registers
+
+from palpate.line import modbus
+from palpate.line.machine import LineState
+from palpate.line.results import measured_values
+
+#: Between two looks of a client, seconds.
+LOOK_S = 0.01
+
+
+def show(name: str, differ: int, late_ms: list[float]) -> None:
+    p50, p99 = np.quantile(late_ms, [0.5, 0.99])
+    print(
+        f"{name}: {len(late_ms)} results, {differ} differ from HTTP's; from the grasp's end to the "
+        f"client p50 {p50:.0f} ms, p99 {p99:.0f} ms, longest {max(late_ms):.0f} ms",
+        flush=True,
+    )
+
+
+def age_ms(document: dict[str, Any]) -> float:
+    return 1e3 * (time.time() - datetime.fromisoformat(document["ended_at"]).timestamp())
+
+
+async def shift_over_opcua(address: str, machine: Machine, *, items: int) -> None:
+    differ, late_ms = 0, []
+    async with Client(address) as client:
+        hand = OpcUa(client)
+        await hand.call("TakeOver")
+        for number in range(items):
+            await hand.reach("idle")
+            before = await hand.value("Result", "Number")
+            await hand.grasp(2.0, f"opcua-{number}")
+            await hand.reach("holding")
+            await hand.call("Release")
+            while await hand.value("Result", "Number") == before:
+                await asyncio.sleep(LOOK_S)
+            found = json.loads(await hand.value("Result", "Document"))
+            late_ms.append(age_ms(found))
+            differ += machine.ask("GET", "/result")[1] != found
+    show("OPC UA", differ, late_ms)
+
+
+async def shift_over_modbus(port: int, machine: Machine, *, items: int) -> None:
+    differ, late_ms = 0, []
+    async with AsyncModbusTcpClient("127.0.0.1", port=port) as client:
+        await client.write_register(modbus.COMMAND, modbus.TAKE_OVER)
+        for number in range(items):
+            await reach(client, LineState.IDLE)
+            before = await registers(client, modbus.RESULTS, 2)
+            await client.write_register(modbus.TARGET, 200)
+            item = f"modbus-{number}"
+            await client.write_registers(modbus.NEW_ITEM, modbus.text_registers(item))
+            await client.write_register(modbus.COMMAND, modbus.GRASP)
+            await reach(client, LineState.HOLDING)
+            await client.write_register(modbus.COMMAND, modbus.RELEASE)
+            while await registers(client, modbus.RESULTS, 2) == before:
+                await asyncio.sleep(LOOK_S)
+            seen = time.time()
+            words = await registers(client, modbus.VALUES, 30)
+            named = modbus.text_of(await registers(client, modbus.ITEM, modbus.TEXT_REGISTERS))
+            document = machine.ask("GET", "/result")[1]
+            late_ms.append(age_ms(document) - 1e3 * (time.time() - seen))
+            wanted = np.array(measured_values(document), dtype=np.float32)
+            values = np.array(struct.unpack(">15f", struct.pack(">30H", *words)), dtype=np.float32)
+            is_same = np.array_equal(values, wanted, equal_nan=True) and named == item
+            differ += not (is_same and document["item_id"] == item)
+    show("Modbus TCP", differ, late_ms)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--items", type=int, default=50, help="of each client")
+    options = parser.parse_args()
+    opcua, modbus_port = free_port(), free_port()
+    serve = (*SIMULATED, "--opcua", str(opcua), "--modbus", str(modbus_port))
+    with tempfile.TemporaryDirectory() as folder, served(Path(folder), *serve) as address:
+        machine = Machine(address)
+        at = f"opc.tcp://127.0.0.1:{opcua}/palpate"
+        asyncio.run(shift_over_opcua(at, machine, items=options.items))
+        asyncio.run(shift_over_modbus(modbus_port, machine, items=options.items))
+
+
+if __name__ == "__main__":
+    main()

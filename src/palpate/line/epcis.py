@@ -1,0 +1,81 @@
+"""The grasps of an item as events of EPCIS 2.0, for the traceability of a packhouse."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from typing import Any
+from urllib.parse import quote
+
+from palpate.line.gs1 import item_uri
+from palpate.produce.records import About, Grasp, Verdict
+from palpate.produce.store.item_history import ItemHistory
+
+#: Measurement -> its type, of the GS1 Web Vocabulary where it has one, and its unit by UN/ECE
+#: Recommendation 20.
+_REPORTED = {
+    "size_mm": ("Length", "MMT"),
+    "force_n": ("Force", "NEW"),
+    "stiffness_n_per_mm": ("palpate:stiffness", "F47"),
+    "firmness": ("palpate:firmness", "C62"),
+}
+#: Field of a report -> part of the measurement; absent where it is not known.
+_NUMBERS = {
+    "value": "value",
+    "palpate:low": "low",
+    "palpate:high": "high",
+    "palpate:level": "level",
+}
+_CONTEXT = (
+    "https://ref.gs1.org/standards/epcis/2.0.0/epcis-context.jsonld",
+    {"palpate": "urn:palpate:epcis:"},
+)
+
+
+def epcis_document(history: ItemHistory, *, created_at: datetime) -> dict[str, Any]:
+    """Return an EPCIS document with an event for each grasp of an item.
+
+    `created_at`: aware, stated as the creation of the document. An event has a sensor report for
+    each measurement, with the ends of its interval in ``palpate:low`` and ``palpate:high``, and one
+    for the bin.
+    """
+    return {
+        "@context": list(_CONTEXT),
+        "type": "EPCISDocument",
+        "schemaVersion": "2.0",
+        "creationDate": created_at.astimezone(UTC).isoformat(),
+        "epcisBody": {
+            "eventList": [_event(grasp, verdicts=history.verdicts) for grasp in history.grasps]
+        },
+    }
+
+
+def _event(grasp: Grasp, *, verdicts: Sequence[Verdict]) -> dict[str, Any]:
+    time = grasp.taken_at.isoformat()
+    event: dict[str, Any] = {
+        "type": "ObjectEvent",
+        "eventID": f"urn:uuid:{grasp.grasp_id}",
+        "eventTime": time,
+        "eventTimeZoneOffset": "+00:00",
+        "epcList": [item_uri(grasp.item_id)],
+        "action": "OBSERVE",
+        "bizStep": "inspecting",
+        "palpate:outcome": str(grasp.outcome),
+        "palpate:simulated": grasp.simulated,
+    }
+    reports: list[dict[str, Any]] = []
+    for name, (kind, unit) in _REPORTED.items():
+        if (measurement := grasp.measurements.get(name)) is None:
+            continue
+        found = measurement.to_dict()
+        reports.append({"type": kind, "uom": unit, "palpate:status": found["status"]})
+        for key, part in _NUMBERS.items():
+            if found[part] is not None:
+                reports[-1][key] = found[part]
+    bins = [one for one in verdicts if one.about is About.BIN and one.grasp_id == grasp.grasp_id]
+    reports += [{"type": "palpate:bin", "stringValue": one.text} for one in bins[-1:]]
+    if reports:
+        device = f"urn:palpate:rig:{quote(grasp.rig, safe='')}"
+        metadata = {"time": time, "deviceID": device}
+        event["sensorElementList"] = [{"sensorMetadata": metadata, "sensorReport": reports}]
+    return event

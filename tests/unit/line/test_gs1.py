@@ -1,0 +1,48 @@
+"""GS1 labels as items."""
+
+from __future__ import annotations
+
+import pytest
+
+from palpate.errors import InputError
+from palpate.line.gs1 import item_uri, read_label
+
+ITEM = "(01)04012345000016(21)A17"
+
+
+@pytest.mark.parametrize(
+    ("scanned", "item"),
+    [
+        ("]C1010401234500001621A17", ITEM),
+        # Weight and a variable batch before the serial number, which the scanner's FNC1 ends.
+        ("]d20104012345000016310300018010B7\x1d21A17", ITEM),
+        ("https://example.com/01/04012345000016/21/A17", ITEM),
+        (ITEM, ITEM),
+        ("]C100106141412345678908", "(00)106141412345678908"),
+        ("https://example.com/A17", "https://example.com/A17"),
+        ("(left tree) 4", "(left tree) 4"),
+    ],
+)
+def test_read_label_names_the_item(scanned: str, item: str) -> None:
+    assert read_label(scanned) == item
+
+
+@pytest.mark.parametrize(
+    ("scanned", "why"),
+    [
+        ("]C1010401234500001721A17", "check digit"),
+        ("]C1010401234500001610B7", "not one item"),
+        ("]C1AB", "Application Identifier"),
+        ("https://id.gs1.org/01/4012345/21/A17", "label"),
+    ],
+)
+def test_read_label_refuses_in_one_line(scanned: str, why: str) -> None:
+    with pytest.raises(InputError, match=why) as refused:
+        read_label(scanned)
+    assert "\n" not in str(refused.value)
+
+
+def test_item_uri_keeps_the_characters_of_a_serial_number() -> None:
+    assert item_uri("(01)04012345000016(21)A/(1)") == (
+        "https://id.gs1.org/01/04012345000016/21/A%2F%281%29"
+    )
