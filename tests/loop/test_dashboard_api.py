@@ -217,7 +217,7 @@ def test_it_describes_itself_with_the_published_schemas(machine: Machine) -> Non
     assert status == 200
     assert set(described["paths"]) == {
         *("/state", "/grasp", "/release", "/stop", "/driver"),
-        *("/result", "/items", "/items/{item_id}"),
+        *("/result", "/items", "/items/{item_id}", "/epcis/{item_id}"),
     }
     known = described["components"]["schemas"]
     assert known["grasp"]["properties"]["force_n"]["anyOf"][0] == {
