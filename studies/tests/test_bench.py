@@ -9,8 +9,7 @@ import pytest
 
 from palpate.cli import build_app, run
 from palpate_studies.benchmarks import crosstalk, files, frames, growth, port, settling
-from palpate_studies.benchmarks.page import write_page
-from palpate_studies.benchmarks.protocol import Measured, Ratio
+from palpate_studies.benchmarks.protocol import Ratio
 from palpate_studies.benchmarks.report import row
 from palpate_studies.benchmarks.synthetic import synthetic_holds
 from palpate_studies.catalogue import BENCHMARKS
@@ -48,22 +47,12 @@ def test_without_a_name_all_run_into_one_json_document(capsys) -> None:
 
 
 @pytest.mark.usefixtures("frames_alone")
-def test_a_peer_that_is_missing_is_named_with_its_remedy_and_a_page_is_written(
-    tmp_path, capsys
-) -> None:
-    assert bench_with(["--page", str(tmp_path / "bench.html")]) == 0
+def test_a_peer_that_is_missing_is_named_with_its_remedy(tmp_path, capsys) -> None:
+    assert bench_with(["--out", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
     assert "not installed" in shown
     assert "flexitac" in shown
-    page = (tmp_path / "bench.html").read_text()
-    assert page.count("<svg") == 1
-    assert "pip install flexitac" in page
-    assert "http://" not in page.replace("http://www.w3.org", "")
-
-
-def test_a_page_that_could_not_be_written_is_refused_first(tmp_path, capsys) -> None:
-    assert bench_with(["frames", "--page", str(tmp_path / "none" / "bench.html")]) == 2
-    assert "there is no folder" in capsys.readouterr().err
+    assert "pip install flexitac" in (tmp_path / "bench.md").read_text()
 
 
 def test_an_unknown_benchmark_names_those_there_are(capsys) -> None:
@@ -73,7 +62,7 @@ def test_an_unknown_benchmark_names_those_there_are(capsys) -> None:
 
 def test_help_shows_an_example(capsys) -> None:
     assert bench_with(["settling", "--help"]) == 0
-    assert "palpate bench settling --page" in capsys.readouterr().out
+    assert "palpate bench settling --json" in capsys.readouterr().out
 
 
 def test_a_ratio_is_missed_only_where_something_is_wanted_of_a_peer_that_is_there() -> None:
@@ -82,12 +71,6 @@ def test_a_ratio_is_missed_only_where_something_is_wanted_of_a_peer_that_is_ther
     assert ratio(wanted=1.6).missed
     assert not ratio(wanted=9.0, theirs=None).missed
     assert row(ratio(wanted=1.6)) == ("act", "1 hold", "p", "2 s", "3 s", "1.5", "1.6, missed")
-
-
-def test_three_sizes_make_a_curve_of_growth(tmp_path) -> None:
-    sizes = Measured(ratios=[ratio(size=size, ours=float(size)) for size in (1, 10, 100)])
-    write_page(tmp_path / "page.html", {"growth": sizes}, full=False)
-    assert (tmp_path / "page.html").read_text().count("<svg") == 2
 
 
 def test_predictors_are_timed_and_agree_with_curve_fit() -> None:

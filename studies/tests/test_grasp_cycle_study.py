@@ -60,9 +60,9 @@ def test_damage_is_compared_on_the_same_objects() -> None:
     (row,) = report.payload["compared"]
     assert (row["rival"], row["difference"]) == ("plain", -0.5)
     assert row["low"] <= -0.5 <= row["high"]
-    assert report.tables[-1].rows[0][3] == "-500"
+    assert report.tables[-1].rows[0][3] == "-50.0"
     alone = [one for one in found if one.sample.sheet == SAMPLE.sheet]
-    assert judge(alone, frame_rate_hz=15.0).tables[-1].rows[0][4:] == ("-", "-")
+    assert judge(alone, frame_rate_hz=15.0).tables[-1].rows[0][4:] == ["-", "-"]
     # A rival that did not grasp all of them is not compared.
     assert judge(found[:-1], frame_rate_hz=15.0).payload["compared"] == []
 

@@ -74,7 +74,7 @@ def bench(
 ) -> None:
     """Measure speed and memory relative to other programs.
 
-    Example: palpate bench --page bench.html
+    Example: palpate bench --json
     """
     # Options of the benchmarks are unknown here: the first one takes the place of a name.
     if name is not None and name.startswith("-") and name != "--help":
