@@ -25,12 +25,13 @@ OPEN_S = 5.0
 _POLL_S, _REOPEN_S = 0.001, 0.25
 #: As for palpate's own board: older frames count as late when they are read.
 _LATE_PERIODS, _LATE_S = 5, 0.1
-#: Frames that the period is averaged over, and fewest to know it.
-_PERIOD_FRAMES, _FEWEST_FRAMES = 64, 8
+#: Frames that the period is averaged over (a running mean), and fewest to know it.
+_PERIOD_FRAMES, _FEWEST_FRAMES = 1000, 8
 #: A gap by this many periods more than a frame takes hides lost ones (guess: a half is jitter).
 _GAP_PERIODS = 0.75
-#: A frame that is early by this many periods is one that was delayed (guess, likewise).
-_EARLY_PERIODS = 0.25
+#: A gap counts once frames have come regularly for some periods, none of them early or late by more
+#: than this (guesses: a busy computer delays in several pieces).
+_IRREGULAR_PERIODS, _SETTLED_PERIODS = 0.25, 8
 _NO_END = "none has an end; the baud rate is another (baud in the rig file), or the layout"
 
 
@@ -95,11 +96,8 @@ class OneWayArray:
         self._decoder = decoder
         self._reopen = reopen
         self._waiting: deque[Frame] = deque()
-        self._arrivals: deque[float] = deque(maxlen=_PERIOD_FRAMES)
-        self._period_s: float | None = None
-        #: Periods without a frame that the next frames may still make up for.
-        self._gap = 0.0
-        self._last_s = self._read_s = self._tried_s = clock.now_s()
+        self._timing = _Timing()
+        self._last_s = self._tried_s = clock.now_s()
         self._bytes = 0
         self._next = self._frames = self._lost = self._late = self._reconnects = 0
         try:
@@ -152,7 +150,7 @@ class OneWayArray:
             self._clock.sleep_s(min(_POLL_S, left_s))
         frame = self._waiting.popleft()
         age_s = self._clock.now_s() - frame.time_s
-        self._late += age_s > max(_LATE_S, _LATE_PERIODS * (self._period_s or 0.0))
+        self._late += age_s > max(_LATE_S, _LATE_PERIODS * (self._timing.period_s or 0.0))
         return frame
 
     def close(self) -> None:
@@ -180,7 +178,6 @@ class OneWayArray:
         if data and (counts := self._decoder.feed(data)):
             self._bytes = 0
             self._accept(counts, arrival_s=now_s)
-        self._read_s = now_s
 
     def _try_again(self, now_s: float) -> None:
         if self._reopen is None:
@@ -194,50 +191,22 @@ class OneWayArray:
             return  # still unplugged: the timeout informs the caller
         self._name = self._stream.name
         self._reconnects += 1
-        self._arrivals.clear()
-        self._period_s, self._gap = None, 0.0
+        self._timing, self._last_s = _Timing(), now_s
 
     def _accept(self, counts: list[Counts], *, arrival_s: float) -> None:
         """Number and date frames that arrived together."""
-        elapsed_s = arrival_s - self._last_s
-        step_s = elapsed_s / len(counts)
-        if self._period_s is not None:
-            missing = self._missing(elapsed_s / self._period_s - len(counts), arrival_s=arrival_s)
-            self._lost += missing
-            self._next += missing
-            step_s = min(step_s, self._period_s)
+        elapsed_s, count = arrival_s - self._last_s, len(counts)
+        missing = self._timing.add(elapsed_s, frames=count) if self._frames else 0
+        self._lost += missing
+        self._next += missing
+        step_s = min(elapsed_s / count, self._timing.period_s or elapsed_s)
         for index, one in enumerate(counts):
             # Two reads within the clock's resolution: time still rises.
-            time_s = arrival_s - (len(counts) - 1 - index) * step_s
+            time_s = arrival_s - (count - 1 - index) * step_s
             self._last_s = max(time_s, self._last_s + 1e-6)
             self._waiting.append(Frame(time_s=self._last_s, sequence=self._next, counts=one))
             self._next += 1
-        self._frames += len(counts)
-        self._arrivals.extend([arrival_s] * len(counts))
-        # What arrived with the first one belongs to the time before.
-        later = sum(at_s > self._arrivals[0] for at_s in self._arrivals)
-        if later >= _FEWEST_FRAMES:
-            self._period_s = (arrival_s - self._arrivals[0]) / later
-
-    def _missing(self, periods: float, *, arrival_s: float) -> int:
-        """Return the frames that a gap hid, once the frames after it have come in time.
-
-        `periods`: the time since the last frame, less the frames that came. The last one may have
-        come any time since the port was read before, but at most a period ago; adapters that hand
-        over several frames delay each by as many. Frames that were only delayed come together.
-        """
-        assert self._period_s is not None
-        if self._gap:
-            self._gap += periods
-            if periods < -_EARLY_PERIODS:
-                return 0
-            missing, self._gap = max(round(self._gap), 0), 0.0
-            return missing
-        unread = min((arrival_s - self._read_s) / self._period_s, 1.0)
-        together = len(self._arrivals) / len(set(self._arrivals))
-        if periods - unread - (together - 1.0) >= _GAP_PERIODS:
-            self._gap = periods
-        return 0
+        self._frames += count
 
     def _silence(self, timeout_s: float) -> DeviceError:
         if self._stream is None:
@@ -254,3 +223,37 @@ class OneWayArray:
             f"{self._name}: nothing came in {timeout_s:g} s. Check its power, and that its program "
             "prints without being asked."
         )
+
+
+class _Timing:
+    """The period of frames, and how many are missing between those that came."""
+
+    def __init__(self) -> None:
+        #: None before it is known.
+        self.period_s: float | None = None
+        self._elapsed_s = self._frames = 0.0
+        #: Periods without a frame that later ones may still make up for, and since when none has.
+        self._gap = self._regular_s = 0.0
+
+    def add(self, elapsed_s: float, *, frames: int) -> int:
+        """Take the time since the last frame, and the frames that came then.
+
+        Returns the frames that a gap hid, once those after it have come in time: frames that were
+        only delayed come together.
+        """
+        missing = 0
+        if self.period_s is not None:
+            periods = elapsed_s / self.period_s - frames
+            if self._gap or periods >= _GAP_PERIODS:
+                self._gap += periods
+                self._regular_s = (
+                    0.0 if abs(periods) > _IRREGULAR_PERIODS else self._regular_s + elapsed_s
+                )
+            if self._gap and self._regular_s >= _SETTLED_PERIODS * self.period_s:
+                missing, self._gap = max(round(self._gap), 0), 0.0
+        kept = 1.0 - min(frames / _PERIOD_FRAMES, 1.0)
+        self._elapsed_s = kept * self._elapsed_s + elapsed_s
+        self._frames = kept * self._frames + frames
+        if self._frames >= _FEWEST_FRAMES:
+            self.period_s = self._elapsed_s / self._frames
+        return missing

@@ -113,10 +113,10 @@ def test_a_lost_or_torn_line_is_counted(
     array = board.array(LineDecoder(PADS))
     frames = [array.read(timeout_s=0.1) for _ in range(250)]
     missing = set(range(frames[-1].sequence)) - {frame.sequence for frame in frames}
-    # A line without its end takes the next one with it; a loss shows two frames later.
+    # A line without its end takes the next one with it; a loss shows ten frames later.
     assert len(missing) == array.counters.lost
     assert len(torn) <= len(missing) <= len(torn) + 2 * (rejected == 2)
-    assert all(min(abs(number - gone) for gone in torn) <= 2 for number in missing)
+    assert all(min(abs(number - gone) for gone in torn) <= 10 for number in missing)
     assert (array.counters.corrupt > 0) == bool(rejected)
 
 
