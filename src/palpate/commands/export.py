@@ -8,8 +8,11 @@ from typing import Annotated, Literal, TypeAlias
 
 import typer
 
+from palpate.commands.lazy_group import entry_point
 from palpate.errors import InputError, RecordingError
 from palpate.files import check_place
+from palpate.recording import RecordingReader, load_recording
+from palpate.recording.exporting import cut_recorded_holds, frame_tables, hold_tables, write_export
 
 ExportForm: TypeAlias = Literal["csv", "parquet"]
 HoldUnit: TypeAlias = Literal["percent", "ohm"]
@@ -54,8 +57,6 @@ def export(
     Example: palpate export run.mcap --holds && palpate settle run.holds.csv
     """
     if lerobot is not None:
-        from palpate.commands.lazy_group import entry_point
-
         if to is not None or holds or out is not None:
             raise InputError("--lerobot writes a folder of its own: leave out --to, --holds, --out")
         package = ("palpate-lerobot", "bridges/lerobot-dataset")
@@ -72,14 +73,6 @@ def export(
 def _export_table(
     file: Path, *, to: ExportForm | None, holds: bool, unit: HoldUnit, out: Path | None
 ) -> None:
-    from palpate.recording import RecordingReader, load_recording
-    from palpate.recording.exporting import (
-        cut_recorded_holds,
-        frame_tables,
-        hold_tables,
-        write_export,
-    )
-
     form = _form(to, out)
     target = out or file.parent / (file.stem + (f".holds.{form}" if holds else f".{form}"))
     check_place(target)

@@ -8,7 +8,12 @@ from typing import Annotated
 
 import typer
 
+from palpate.clock import RealClock
+from palpate.commands.avrdude import avrdude_path, write_image
 from palpate.errors import DeviceError, DeviceNotFoundError
+from palpate.firmware_image import image_path
+from palpate.sensor.byte_stream import SerialStream
+from palpate.sensor.ports import ask_identity, serial_ports
 
 
 def flash(
@@ -26,12 +31,6 @@ def flash(
 
     Example: palpate flash --port /dev/ttyACM0
     """
-    from palpate.clock import RealClock
-    from palpate.commands.avrdude import avrdude_path, write_image
-    from palpate.firmware_image import image_path
-    from palpate.sensor.byte_stream import SerialStream
-    from palpate.sensor.ports import ask_identity
-
     avrdude_path()
     chosen = image or image_path(baud)
     device = port or _only_port()
@@ -51,8 +50,6 @@ def flash(
 
 def _only_port() -> str:
     """Return the one port that looks like a board: asking would need the firmware already."""
-    from palpate.sensor.ports import serial_ports
-
     likely = [found for found in serial_ports() if found.board is not None]
     if len(likely) == 1:
         return likely[0].device

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from palpate.commands import completion
-from palpate.commands.grasp_store import open_memory
-from palpate.commands.options import (
-    JsonOption,
-    RigOption,
-    SeedOption,
-    StoreOption,
-    TargetForceOption,
-)
+from palpate.commands import options as option
+from palpate.commands.grasp_card import print_card
+from palpate.commands.grasp_extras import open_limit, open_store_entry
+from palpate.commands.output import print_json
 from palpate.commands.paper_options import (
     CutoffOption,
     EpsilonOption,
@@ -28,10 +23,15 @@ from palpate.commands.paper_options import (
     paper_settings,
 )
 from palpate.errors import InputError
-
-if TYPE_CHECKING:
-    from palpate.grasp.result import GraspResult
-    from palpate.grasp.runner import Subscriber, Watcher
+from palpate.grasp.document import grasp_document
+from palpate.grasp.paper_method import by_paper
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.pull import judge_pull
+from palpate.grasp.result import GraspResult
+from palpate.grasp.runner import Subscriber, Watcher, run_grasp
+from palpate.grasp.verdict import outcome_text, verdict
+from palpate.rig import open_rig
+from palpate.rig.recorded import record_grasp
 
 #: What each outcome means to a script: the answer is no, equipment lost, stopped by the user.
 EXIT_STATUS = {
@@ -52,52 +52,42 @@ RECORDER = "recorder"
 
 
 def grasp(
-    rig: RigOption = "",
-    object_name: Annotated[
-        str | None,
-        typer.Option(
-            "--object",
-            help="Simulated rigs: what to grasp; drawn by default.",
-            metavar="NAME",
-            autocompletion=completion.objects,
-        ),
-    ] = None,
-    seed: SeedOption = 0,
-    target_force_n: TargetForceOption = None,
+    rig: option.RigOption = "",
+    object_name: option.ObjectOption = None,
+    seed: option.SeedOption = 0,
+    target_force_n: option.TargetForceOption = None,
     expect_size_mm: Annotated[
         float | None,
         typer.Option(
             "--expect-size",
-            help="About how thick it is: the hand comes near faster.",
+            help="Approximate thickness: the approach is faster.",
             metavar="MM",
             min=1.0,
         ),
     ] = None,
-    damage: Annotated[
-        Path | None,
-        typer.Option(
-            help="Stay below what such produce bears: a file of `palpate calibrate damage`.",
-            metavar="FILE",
-        ),
-    ] = None,
+    damage: option.DamageOption = None,
     kind: Annotated[
         str | None,
         typer.Option(help="With --damage: what is grasped, where known.", metavar="NAME"),
     ] = None,
     pull_n: Annotated[
         float | None,
-        typer.Option("--pull-n", help="Judge whether it is secure to pull so hard.", min=0.01),
+        typer.Option(
+            "--pull-n", help="Judge whether such a pull is secure.", min=0.01, metavar="NEWTONS"
+        ),
     ] = None,
     friction: Annotated[
         float | None,
-        typer.Option(help="With --pull-n: coefficient between pads and object.", min=0.01),
+        typer.Option(
+            help="With --pull-n: coefficient between pads and object.", min=0.01, metavar="NUMBER"
+        ),
     ] = None,
     method: MethodOption = "palpate",
     step_mm: StepOption = None,
     epsilon_percent: EpsilonOption = None,
     extra_mm: ExtraOption = None,
     cutoff_s: CutoffOption = None,
-    as_json: JsonOption = False,
+    as_json: option.JsonOption = False,
     record: Annotated[
         Path | None, typer.Option(help="Record the grasp to a new .mcap file.", metavar="FILE")
     ] = None,
@@ -109,27 +99,18 @@ def grasp(
             autocompletion=completion.items,
         ),
     ] = None,
-    store: StoreOption = None,
+    store: option.StoreOption = None,
     angle_deg: Annotated[
         float | None,
-        typer.Option(help="With --item: which side of it faces the first finger, degrees."),
+        typer.Option(
+            help="With --item: which side of it faces the first finger.", metavar="DEGREES"
+        ),
     ] = None,
 ) -> None:
     """Close on an unknown object, measure size, force and stiffness, and release it.
 
     Example: palpate grasp --object strawberry --seed 3
     """
-    from palpate.commands.grasp_card import print_card
-    from palpate.commands.grasp_limit import open_limit
-    from palpate.grasp.document import grasp_document
-    from palpate.grasp.paper_method import by_paper
-    from palpate.grasp.planning import plan_grasp
-    from palpate.grasp.pull import judge_pull
-    from palpate.grasp.runner import run_grasp
-    from palpate.grasp.verdict import verdict
-    from palpate.rig import open_rig
-    from palpate.rig.recorded import record_grasp
-
     paper = paper_settings(
         method,
         step_mm=step_mm,
@@ -143,7 +124,7 @@ def grasp(
         raise InputError("--pull-n and --friction go together")
     limit = open_limit(damage, kind=kind)
     with ExitStack() as stack:
-        memory = open_memory(stack, item_id=item, store=store, angle_deg=angle_deg)
+        entry = open_store_entry(stack, item_id=item, store=store, angle_deg=angle_deg)
         devices = open_rig(rig, object_name=object_name, seed=seed)
         stack.callback(devices.close)
         plan = plan_grasp(
@@ -158,9 +139,9 @@ def grasp(
             plan = by_paper(plan, paper, calibration=devices.calibration)
         subscribers: list[Subscriber] = []
         watchers: list[Watcher] = [] if limit is None else [limit.see]
-        if memory is not None:
-            subscribers.append(memory.see)
-            watchers.append(memory.watch(plan))
+        if entry is not None:
+            subscribers.append(entry.see)
+            watchers.append(entry.watch(plan))
         if record is not None:
             text = None if limit is None else limit.text
             recorder = record_grasp(record, rig=devices, plan=plan, damage=text)
@@ -175,7 +156,7 @@ def grasp(
         )
         truth = None if devices.truth is None else dict(devices.truth())
         limited = None if limit is None else limit.to_dict(result)
-        kept = {} if memory is None else memory.take(result, rig=devices, recording=record)
+        kept = {} if entry is None else entry.take(result, rig=devices, recording=record)
         pull = None
         if pull_n is not None and friction is not None:
             pull = judge_pull(result.force_n, pull_n=pull_n, friction=friction)
@@ -188,11 +169,11 @@ def grasp(
                 truth=truth,
                 subject=devices.subject,
             )
-            if memory is not None:
-                document["item"] = memory.facts()
+            if entry is not None:
+                document["item"] = entry.item_document()
             if pull is not None:
                 document["pull"] = pull.to_dict()
-            print(json.dumps(document, allow_nan=False, indent=1), flush=True)
+            print_json(document)
         else:
             summary = verdict(result, target_force_n=target_force_n)
             print_card(
@@ -201,16 +182,14 @@ def grasp(
             if pull is not None:
                 print(f"{pull.verdict}: a pull of {pull.pull_n:g} N at friction {pull.friction:g}")
             sys.stdout.flush()
-        # After the answer: the store may not give one.
-        unkept = memory is not None and not memory.keep()
+        # After the answer: the store may be slow or away.
+        unkept = entry is not None and not entry.store()
     if status := _exit_status(result, unkept=unkept):
         raise typer.Exit(status)
 
 
 def _exit_status(result: GraspResult, *, unkept: bool) -> int:
     """Return the exit status; print why, where equipment or a file failed."""
-    from palpate.grasp.verdict import outcome_text
-
     status = EXIT_STATUS[result.outcome]
     if status >= 3:
         why = f"{outcome_text(result.outcome)}. {' '.join(result.faults)}".strip()

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from rich.console import Console, Group, RenderableType
-from rich.panel import Panel
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from palpate.commands.grasp_limit import limit_text
+from palpate.commands.output import make_table
+from palpate.commands.output import print_card as print_frame
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.rig import Rig
@@ -55,43 +55,35 @@ def print_card(
         met = "target within the interval" if summary["on_target"] else "off target"
         headline.append(f"  ·  {met} ({summary['target_force_n']:g} N)", style="bold")
     console = Console(highlight=False)
-    passed = Text("The object was damaged: its force passed the yield.", style="bold red")
-    parts: list[RenderableType] = [
-        headline,
-        *([passed] if damaged else []),
-        Text(""),
-        _measurements(result, truth, bars=console.width >= _WIDE),
-        Text(""),
-        _timings(result),
-    ]
+    parts: list[Text | Table | None] = [headline]
+    if damaged:
+        damage = "The object was damaged: its force passed the yield."
+        parts.append(Text(damage, style="bold red"))
+    parts += [None, _measurements(result, truth, bars=console.width >= _WIDE), None]
+    parts.append(_timings(result))
     if limited is not None:
-        parts.append(Text(limit_text(limited)))
+        parts.append(Text(_limit_text(limited)))
     notes = {_note(m): None for name, _, _ in _ROWS if (m := getattr(result, name))}
     parts += [Text(f"* {note}", style="yellow") for note in notes if note]
     parts += [Text(f"! {fault}", style="yellow") for fault in result.faults]
-    title = f"[bold]{rig.subject or 'unknown object'}[/] on {rig.name}"
-    subtitle = f"SIMULATED on the twin, seed {seed}" if rig.simulated else "measured"
-    console.print(
-        Panel(
-            Group(*parts),
-            title=title,
-            subtitle=f"[bold yellow]{subtitle}[/]" if rig.simulated else subtitle,
-            border_style="green" if good else "red",
-            padding=(1, 2),
-            expand=False,
-        )
+    simulated = f"[bold yellow]SIMULATED on the twin, seed {seed}[/]"
+    print_frame(
+        console,
+        *parts,
+        title=f"[bold]{rig.subject or 'unknown object'}[/] on {rig.name}",
+        subtitle=simulated if rig.simulated else "measured",
+        style="green" if good else "red",
     )
 
 
 def _measurements(result: GraspResult, truth: Mapping[str, object] | None, *, bars: bool) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0), show_edge=False, header_style="dim")
-    table.add_column("", no_wrap=True)
-    table.add_column("value", justify="right", no_wrap=True)
-    table.add_column("90 % interval", justify="center", no_wrap=True)
+    columns = ["", ">value", "90 % interval"]
     if truth is not None:
-        if bars:
-            table.add_column("", no_wrap=True)
-        table.add_column("[green]▼[/] true", justify="right", no_wrap=True)
+        columns += [""] * bars + [">[green]▼[/] true"]
+    table = make_table(columns)
+    for column in table.columns:
+        column.no_wrap = True
+    table.columns[2].justify = "center"
     for name, label, digits in _ROWS:
         measured: Measurement | None = getattr(result, name)
         if measured is None:
@@ -147,3 +139,19 @@ def _timings(result: GraspResult) -> Text:
         parts.append(f"peak force read {result.peak_force_n:.1f} N")
     parts.append(f"{result.frames} frames, {result.frames_lost} lost")
     return Text("  ·  ".join(parts), style="dim")
+
+
+def _limit_text(limit: Mapping[str, object]) -> str:
+    """Return what the limit was and did, in a line for the card."""
+    who = limit["kind"] or "unknown kind"
+    learned = f"{who}, {limit['closings']} closings"
+    if limit["low_n"] is None:
+        why = "not shown by this closing, so the hand closed only a little further"
+        return f"Damage limit ({learned}): {why}"
+    did = ""
+    if limit["passed"]:
+        # A sheet that does not feel a faint force shows the limit only once it is passed.
+        did = ": shown only once the force had passed it; nothing more was pressed"
+    elif limit["kept_below_target"]:
+        did = ": it kept the force below what was asked for"
+    return f"Damage limit {limit['low_n']:.1f} N ({learned}){did}"

@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import Annotated, cast
 
 import typer
 
 from palpate.errors import InputError
-
-if TYPE_CHECKING:
-    from palpate.sensor.array import IdleLines
+from palpate.files import atomic_path
+from palpate.sensor.array import IdleLines
+from palpate.sensor.board_array import LAYOUTS, check_rate, layout_named
+from palpate.sensor.ports import serial_ports
 
 _OPEN_ARRAY = "palpate.sensor.board_array:open_board"
 _ANY_PORT, _NO_GRIPPER, _LAYOUT = "auto", "none", "rigid-2x2"
@@ -67,9 +68,6 @@ def init(
 
     Example: palpate init rig.toml --port /dev/ttyACM0 --layout rigid-2x2 --reference-ohm 4700
     """
-    from palpate.files import atomic_path
-    from palpate.sensor.board_array import check_rate
-
     if file.suffix != ".toml":
         raise InputError(f"{file}: a rig file ends in .toml")
     if file.exists() and not force:
@@ -92,16 +90,12 @@ def init(
 
 
 def _port(port: str | None) -> str:
-    from palpate.sensor.ports import serial_ports
-
     likely = [found.device for found in serial_ports() if found.board is not None]
     return _ask("Serial port", port, likely[0] if len(likely) == 1 else _ANY_PORT)
 
 
 def _pixels(layout: str | None, fingers: int | None) -> dict[str, str | float | bool]:
     """Return the matrix, and its number of fingers where its name does not give it."""
-    from palpate.sensor.board_array import LAYOUTS
-
     name = _ask(f"Layout ({', '.join(LAYOUTS)}, or all rows x columns, e.g. 6x3)", layout, _LAYOUT)
     if name in LAYOUTS and fingers is None:
         return {"layout": name}
@@ -128,12 +122,10 @@ def _divider(
 
 
 def _check_pixels(array: dict[str, str | float | bool]) -> None:
-    from palpate.sensor.board_array import layout_named
-
     layout_named(
         str(array["layout"]),
         reference_ohm=float(array["reference_ohm"]),
-        idle_lines=cast("IdleLines", array["idle_lines"]),
+        idle_lines=cast(IdleLines, array["idle_lines"]),
         fingers=int(array.get("fingers", 1)),
     )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -11,7 +10,13 @@ from typing import Annotated, Any
 import typer
 
 from palpate.commands.options import DpiOption, JsonOption
+from palpate.commands.output import print_json
 from palpate.errors import InputError, RecordingError
+from palpate.plots.recording import recording_figure
+from palpate.plots.style import check_plot, save_figure
+from palpate.recording import FileState, RecordingReader, load_recording
+from palpate.recording import recover as recover_recording
+from palpate.recording.reader import summarise_recording
 
 
 def inspect(
@@ -38,10 +43,6 @@ def inspect(
 
     Example: palpate inspect run.mcap --recover run-whole.mcap
     """
-    from palpate.plots.style import check_plot
-    from palpate.recording import FileState, RecordingReader
-    from palpate.recording.reader import summarise_recording
-
     check_plot(plot, dpi=dpi)
     if recover is not None:
         _recover(file, recover)
@@ -66,15 +67,16 @@ def inspect(
         "intact": state.intact,
         **asdict(state),
     }
-    print(json.dumps(document, indent=1) if as_json else _text(document))
+    if as_json:
+        print_json(document)
+    else:
+        print(_text(document))
 
 
 def _recover(file: Path, out: Path) -> None:
-    from palpate.recording import recover
-
     if out.exists() and not (file.exists() and out.samefile(file)):
         raise RecordingError(f"{out}: exists already and is not overwritten; choose another name")
-    found = recover(file, out)
+    found = recover_recording(file, out)
     if found.intact:
         report = f"{file} was whole already; written to {out}"
     else:
@@ -86,10 +88,6 @@ def _recover(file: Path, out: Path) -> None:
 
 
 def _draw(file: Path, plot: Path, *, dpi: int | None) -> None:
-    from palpate.plots.recording import recording_figure
-    from palpate.plots.style import save_figure
-    from palpate.recording import load_recording
-
     recording = load_recording(file)
     if recording.time_s.size == 0:
         raise InputError(f"{file}: no frame in it, so there is nothing to draw")

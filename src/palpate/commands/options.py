@@ -121,6 +121,17 @@ DayOption: TypeAlias = Annotated[
 ]
 
 #: Give it the default None.
+ObjectOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--object",
+        help="Simulated rigs: the object between the fingers; by default drawn by the seed.",
+        metavar="NAME",
+        autocompletion=completion.objects,
+    ),
+]
+
+#: Give it the default None.
 DamageOption: TypeAlias = Annotated[
     Path | None,
     typer.Option(

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import typer
 
 from palpate.errors import InputError
-
-if TYPE_CHECKING:
-    from palpate.grasp.paper import Paper
+from palpate.grasp.paper import Paper
 
 Method: TypeAlias = Literal["palpate", "paper"]
 
@@ -18,19 +16,31 @@ MethodOption: TypeAlias = Annotated[
 ]
 StepOption: TypeAlias = Annotated[
     float | None,
-    typer.Option("--step-mm", help="Paper's method: closing step before contact. [default: 1]"),
+    typer.Option(
+        "--step-mm", help="Paper's method: closing step before contact. [default: 1]", metavar="MM"
+    ),
 ]
 EpsilonOption: TypeAlias = Annotated[
     float | None,
-    typer.Option("--epsilon", help="Paper's method: mean change of contact, %. [default: -10]"),
+    typer.Option(
+        "--epsilon",
+        help="Paper's method: mean change of contact, %. [default: -10]",
+        metavar="PERCENT",
+    ),
 ]
 ExtraOption: TypeAlias = Annotated[
     float | None,
-    typer.Option("--extra-mm", help="Paper's method: closing after contact. [default: 0]"),
+    typer.Option(
+        "--extra-mm", help="Paper's method: closing after contact. [default: 0]", metavar="MM"
+    ),
 ]
 CutoffOption: TypeAlias = Annotated[
     float | None,
-    typer.Option("--cutoff", help="Paper's method: seconds to the prediction. [default: 2.5]"),
+    typer.Option(
+        "--cutoff",
+        help="Paper's method: seconds to the prediction. [default: 2.5]",
+        metavar="SECONDS",
+    ),
 ]
 
 
@@ -46,8 +56,6 @@ def paper_settings(
 
     Raises `InputError` if one is out of its range, or given without the paper's method.
     """
-    from palpate.grasp.paper import Paper
-
     options = {
         "--step-mm": step_mm,
         "--epsilon": epsilon_percent,
@@ -59,13 +67,13 @@ def paper_settings(
         if given:
             raise InputError(f"{', '.join(given)}: only with --method paper")
         return None
-    usual = Paper()
+    settings: dict[str, Any] = {
+        "step_mm": step_mm,
+        "epsilon_percent": epsilon_percent,
+        "extra_mm": extra_mm,
+        "cutoff_s": cutoff_s,
+    }
     try:
-        return Paper(
-            step_mm=usual.step_mm if step_mm is None else step_mm,
-            epsilon_percent=usual.epsilon_percent if epsilon_percent is None else epsilon_percent,
-            extra_mm=usual.extra_mm if extra_mm is None else extra_mm,
-            cutoff_s=usual.cutoff_s if cutoff_s is None else cutoff_s,
-        )
+        return Paper(**{name: value for name, value in settings.items() if value is not None})
     except ValueError as error:
         raise InputError(str(error)) from error

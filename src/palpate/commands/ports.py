@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 
 from palpate.commands.options import JsonOption
+from palpate.commands.output import print_json
+from palpate.sensor.ports import serial_ports
 
 
 def ports(
@@ -15,11 +16,9 @@ def ports(
 
     Example: palpate ports
     """
-    from palpate.sensor.ports import serial_ports
-
     found = serial_ports()
     if as_json:
-        print(json.dumps({"ports": [asdict(port) for port in found]}, indent=1))
+        print_json({"ports": [asdict(port) for port in found]})
         return
     if not found:
         print("no serial port on this machine; plug the board in")

@@ -1,4 +1,4 @@
-"""A bar on standard error while something takes long; none where nobody would see it."""
+"""A bar on standard error while something takes long; none without a terminal."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
 
 @contextmanager
 def progress(
     title: str, *, total: float | None = None, quiet: bool = False
 ) -> Iterator[Callable[[float], None]]:
-    """Show a bar where standard error is a terminal; yield what takes how much is done.
+    """Show a bar where standard error is a terminal; yield a function that takes how much is done.
 
-    `total`: when it is done; without it the bar only shows that work goes on, and for how long.
+    `total`: when it is done; without it the bar shows only that work continues, and for how long.
     """
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
     console = Console(stderr=True)
     columns = [TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()]
     bar = Progress(

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from palpate.clock import Clock, ManualClock, RealClock
 from palpate.commands.options import JsonOption
+from palpate.commands.output import print_json
 from palpate.commands.paper_options import CutoffOption, EpsilonOption, Method, paper_settings
 from palpate.errors import InputError
-
-if TYPE_CHECKING:
-    from palpate.clock import Clock
-    from palpate.grasp.result import GraspResult
-    from palpate.recording import RecordingInfo, Replay
+from palpate.grasp.decide_again import decide_again, read_by_paper
+from palpate.grasp.result import GraspResult
+from palpate.recording import PacedClock, RecordingInfo, RecordingReader, Replay
+from palpate.recording.replay import observations
 
 #: A minute of a recording then takes 17 hours.
 _SLOWEST = 0.001
@@ -25,14 +26,16 @@ def replay(
     file: Annotated[Path, typer.Argument(help="An .mcap recording, finished or not.")],
     speed: Annotated[
         float | None,
-        typer.Option(help="1 is as it was recorded. [default: as fast as possible]"),
+        typer.Option(
+            help="1 is as it was recorded. [default: as fast as possible]", metavar="NUMBER"
+        ),
     ] = None,
     frames: Annotated[
         bool, typer.Option("--frames", help="Print the frames instead of the grasp's result.")
     ] = False,
     method: Annotated[
         Method | None,
-        typer.Option(help="paper: read any grasp as the paper's method would."),
+        typer.Option(help="paper: read any grasp as the paper's method would.", metavar="NAME"),
     ] = None,
     epsilon_percent: EpsilonOption = None,
     cutoff_s: CutoffOption = None,
@@ -49,9 +52,6 @@ def replay(
 
     Example: palpate grasp --record run.mcap && palpate replay run.mcap
     """
-    from palpate.grasp.decide_again import decide_again, read_by_paper
-    from palpate.recording import Replay
-
     if speed is not None and not _SLOWEST <= speed < float("inf"):
         raise InputError(f"--speed {speed:g}: must be at least {_SLOWEST:g}")
     paper = paper_settings(method or "palpate", epsilon_percent=epsilon_percent, cutoff_s=cutoff_s)
@@ -69,16 +69,12 @@ def replay(
     if as_json:
         simulated = source.info.origin != "hardware"
         document = {**result.to_dict(), "recording": str(file), "simulated": simulated}
-        print(json.dumps(document, allow_nan=False, indent=1))
+        print_json(document)
     else:
         print(_text(result, info=source.info))
 
 
 def _clock(file: Path, *, speed: float | None) -> Clock:
-    from palpate.clock import ManualClock, RealClock
-    from palpate.recording import PacedClock, RecordingReader
-    from palpate.recording.replay import observations
-
     with RecordingReader(file) as reader:
         start_s = next((frame.time_s for frame, _ in observations(reader)), 0.0)
     if speed is None:

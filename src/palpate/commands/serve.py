@@ -2,35 +2,34 @@
 
 from __future__ import annotations
 
+import socket
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.commands import completion
-from palpate.commands.options import RigOption, SeedOption, StoreOption
-from palpate.commands.serve_line import open_lines
-from palpate.errors import InputError
+from palpate.commands import options as option
+from palpate.commands.calibrate_bench import GuidedBench, open_twin_bench
+from palpate.errors import DeviceError, InputError, needing
+from palpate.estimate.damage_file import DamageFile
+from palpate.rig import rig_names
+from palpate.twin.objects import OBJECTS
 
 if TYPE_CHECKING:
-    from palpate.dashboard.job_context import CellBench
+    # Each is an extra.
+    from palpate.dashboard.server import LineOpener
+    from palpate.line.machine import Line, Machine
     from palpate.mqtt.publisher import Publisher
     from palpate.produce.sorting.rules import RuleBook
 
+_LOOPBACK = ("127.0.0.1", "localhost", "::1")
+
 
 def serve(
-    rig: RigOption = "",
-    object_name: Annotated[
-        str | None,
-        typer.Option(
-            "--object",
-            help="Simulated rigs: what lies between the fingers.",
-            metavar="NAME",
-            autocompletion=completion.objects,
-        ),
-    ] = None,
-    seed: SeedOption = 0,
+    rig: option.RigOption = "",
+    object_name: option.ObjectOption = None,
+    seed: option.SeedOption = 0,
     speed: Annotated[
         float, typer.Option(help="Simulated rigs: speed relative to real time.", min=0.1, max=20.0)
     ] = 1.0,
@@ -40,15 +39,8 @@ def serve(
             help="Where recordings go, and calibrations of simulated rigs.", metavar="DIR"
         ),
     ] = Path("palpate-data"),
-    store: StoreOption = None,
-    damage: Annotated[
-        Path | None,
-        typer.Option(
-            help="Keep every grasp below what such produce bears: a file of "
-            "`palpate calibrate damage`; the page then asks for the kind.",
-            metavar="FILE",
-        ),
-    ] = None,
+    store: option.StoreOption = None,
+    damage: option.DamageOption = None,
     rules: Annotated[
         Path | None,
         typer.Option(
@@ -82,7 +74,7 @@ def serve(
     modbus: Annotated[
         str | None,
         typer.Option(
-            help="Serve Modbus TCP, which has no password: whoever reaches it can grasp.",
+            help="Serve Modbus TCP, which has no password: every client that reaches it can grasp.",
             metavar="[HOST:]PORT",
         ),
     ] = None,
@@ -93,9 +85,6 @@ def serve(
     """
     from palpate.dashboard.app_state import Settings
     from palpate.dashboard.server import serve as serve_page
-    from palpate.estimate.damage_file import DamageFile
-    from palpate.rig import rig_names
-    from palpate.twin.objects import OBJECTS
 
     if rig not in rig_names() and not (rig.endswith(".toml") and Path(rig).is_file()):
         raise InputError(
@@ -141,8 +130,6 @@ def _publisher(file: Path, *, store: str | None, folder: Path) -> Publisher:
 
 def _rules(path: Path) -> RuleBook:
     """Read the rules; they are of use with the store alone."""
-    from palpate.errors import needing
-
     with needing("--rules", extra="produce"):
         import sqlalchemy
     del sqlalchemy
@@ -159,8 +146,73 @@ def _announce(address: str) -> None:
     print(f"palpate serve: {address}  (Ctrl-C ends it)", flush=True)
 
 
-def open_simulated_bench(rig: str, seed: int) -> CellBench:
+def open_simulated_bench(rig: str, seed: int) -> GuidedBench:
     """Open the bench with a load cell of a simulated rig."""
-    from palpate.commands.calibrate_bench import open_twin_bench
-
     return open_twin_bench(rig, seed=seed)
+
+
+def open_lines(
+    *, opcua: str | None, modbus: str | None, token: str | None, folder: Path
+) -> list[LineOpener]:
+    """Return what opens the protocols that were asked for.
+
+    Raises `InputError` if an address is wrong, or OPC UA would be open to others without a token;
+    `DeviceError` if a port is taken.
+    """
+    openers: list[LineOpener] = []
+    if opcua is not None:
+        openers.append(_opcua(*_address("--opcua", opcua), token=token, folder=folder))
+    if modbus is not None:
+        openers.append(_modbus(*_address("--modbus", modbus)))
+    return openers
+
+
+def _address(option: str, text: str) -> tuple[str, int]:
+    """Return host and port of ``[HOST:]PORT``; refuse a port that is taken.
+
+    >>> _address("--opcua", "0")
+    ('127.0.0.1', 0)
+    """
+    host, _, port = text.rpartition(":")
+    if not port.isascii() or not port.isdigit() or int(port) > 65535:
+        raise InputError(f"{option} {text}: give [HOST:]PORT, such as 4840 or 0.0.0.0:4840")
+    host = host.strip("[]") or "127.0.0.1"
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    # Before anything is opened: once the devices are, a fault would leave them running.
+    with socket.socket(family) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, int(port)))
+        except OSError as error:
+            raise DeviceError(f"{option} {text}: {error.strerror}; give another") from error
+    return host, int(port)
+
+
+def _opcua(host: str, port: int, *, token: str | None, folder: Path) -> LineOpener:
+    from palpate.line.opcua import USER, OpcUaStation
+
+    if host not in _LOOPBACK and not token:
+        raise InputError(
+            f"--opcua {host}:{port}: others could drive the hand; add --token, the password of "
+            f"user {USER}"
+        )
+
+    async def opener(machine: Machine) -> Line:
+        station = OpcUaStation(machine, password=token, folder=folder)
+        at = await station.start(host, port)
+        _complain(f"OPC UA at opc.tcp://{host}:{at}/palpate")
+        return station
+
+    return opener
+
+
+def _modbus(host: str, port: int) -> LineOpener:
+    from palpate.line.modbus import ModbusStation
+
+    async def opener(machine: Machine) -> Line:
+        station = ModbusStation(machine)
+        at = await station.start(host, port)
+        _complain(f"Modbus TCP at {host}:{at}")
+        return station
+
+    return opener

@@ -8,13 +8,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from palpate.errors import InputError, PalpateError, RecordingError
 from palpate.holds import Hold, iterate_holds
 from palpate.holds.columns import TimeUnit, Unit
 from palpate.holds.cutting import CutAt, CutColumn, cut_columns, explain_no_hold
 from palpate.holds.recordings import read_recordings, relative_readings
-from palpate.holds.table_files import MCAP_MAGIC, form_of, open_table
+from palpate.holds.table_files import MCAP_MAGIC, form_of, open_parquet, open_table
 from palpate.holds.text import lines_of, open_text
+from palpate.recording import load_recording
+from palpate.recording.exporting import cut_recorded_holds
 from palpate.signal.circuit import Divider
 
 #: Endings that a recording in a folder may have; other files of it are skipped.
@@ -168,8 +172,6 @@ def is_holds_file(file: Path) -> bool:
                 with open_text(stream, name=name) as text:
                     return "hold_id" in next(lines_of(text), "")
             if form == "parquet":
-                from palpate.holds.table_files import open_parquet
-
                 with open_parquet(stream, name=name) as parquet:
                     return "hold_id" in parquet.schema_arrow.names
     except InputError:
@@ -198,11 +200,6 @@ def _starts_with(file: Path, magic: bytes) -> bool:
 
 def _from_mcap(file: Path, reading: ReadingOptions) -> CutColumn:
     """Return the holds of a recording of our own, as `palpate export --holds` cuts them."""
-    import numpy as np
-
-    from palpate.recording import load_recording
-    from palpate.recording.exporting import cut_recorded_holds
-
     if not reading.is_about_units():
         raise InputError(
             f"{file}: a recording of palpate's own is cut where its gripper stood still; it takes "

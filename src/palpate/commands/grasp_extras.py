@@ -1,26 +1,69 @@
-"""`palpate grasp --item`: the grasp is written to the local store, and sent to a shared one."""
+"""`palpate grasp --damage` and `--item`: the learned limit, and the entry in the store."""
 
 from __future__ import annotations
 
+import math
 import sys
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.errors import InputError, StoreError
+from palpate.estimate.damage_file import DamageFile
+from palpate.grasp.document import limit_document
+from palpate.grasp.estimator import Observation
+from palpate.grasp.plan import Plan
+from palpate.grasp.result import GraspResult
+from palpate.grasp.runner import Watcher
+from palpate.grasp.state import GraspState
+from palpate.rig import Rig
 
 if TYPE_CHECKING:
-    from palpate.grasp.estimator import Observation
-    from palpate.grasp.plan import Plan
-    from palpate.grasp.result import GraspResult
-    from palpate.grasp.runner import Watcher
+    # The store is an extra.
     from palpate.produce.records import Grasp
     from palpate.produce.ripeness.closing import ClosingWatch
     from palpate.produce.store import Store
-    from palpate.rig import Rig
 
 
-class Memory:
+class Limit:
+    """The damage model of one grasp; it follows the limit over the closing."""
+
+    def __init__(self, file: DamageFile, *, path: Path, kind: str) -> None:
+        self.model = file.model
+        self.kind = kind
+        self.text = file.as_text()
+        self._file = file
+        self._path = path
+        self._low_n = math.inf
+
+    def see(self, state: GraspState) -> None:
+        """Take the controller's next state."""
+        self._low_n = state.estimate.damage_low_n
+
+    def to_dict(self, result: GraspResult) -> dict[str, object]:
+        """Return what the limit was and did, as in the JSON of the grasp."""
+
+        return limit_document(
+            self._file, path=self._path, kind=self.kind, low_n=self._low_n, result=result
+        )
+
+
+def open_limit(path: Path | None, *, kind: str | None) -> Limit | None:
+    """Return the limit that a user asks for, None for none.
+
+    Raises `InputError` if a kind is given without a file, or is not in it; `CalibrationError` if
+    the file can't be used.
+    """
+    if path is None:
+        if kind is not None:
+            raise InputError(f"--kind {kind}: give --damage FILE too, which knows kinds")
+        return None
+    file = DamageFile.load(path)
+    known = "" if kind is None else file.known_kind(kind, where=f"--damage {path}")
+    return Limit(file, path=path, kind=known)
+
+
+class StoreEntry:
     """Watches one grasp of a named item, and stores it."""
 
     def __init__(self, store: Store, *, item_id: str, angle_deg: float | None) -> None:
@@ -63,7 +106,7 @@ class Memory:
         self._record = grasp, calibration
         return {"item_id": self._item_id, "grasp_id": grasp.grasp_id}
 
-    def facts(self) -> dict[str, object]:
+    def item_document(self) -> dict[str, object]:
         """Return what the store knows of the item, for the JSON."""
         from palpate.produce.store.item_history import item_facts
 
@@ -74,7 +117,7 @@ class Memory:
             verdicts=self._store.verdicts_of(self._item_id),
         )
 
-    def keep(self) -> bool:
+    def store(self) -> bool:
         """Write the grasp to the local store, then send it; False where it can't be written."""
         assert self._record is not None
         grasp, calibration = self._record
@@ -88,9 +131,9 @@ class Memory:
         return True
 
 
-def open_memory(
+def open_store_entry(
     stack: ExitStack, *, item_id: str | None, store: str | None, angle_deg: float | None
-) -> Memory | None:
+) -> StoreEntry | None:
     """Open the local store before anything moves; None where no item is named.
 
     Raises `InputError` if the item can't be named so, or there is a store and no item; `StoreError`
@@ -108,4 +151,4 @@ def open_memory(
     opened = stack.enter_context(Store.open(store))
     if opened.note:
         print(f"palpate grasp: {opened.note}", file=sys.stderr)
-    return Memory(opened, item_id=item_id, angle_deg=angle_deg)
+    return StoreEntry(opened, item_id=item_id, angle_deg=angle_deg)
