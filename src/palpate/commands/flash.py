@@ -21,7 +21,8 @@ def flash(
         str | None, typer.Option(help="Serial port; by default the one found by USB id.")
     ] = None,
     baud: Annotated[
-        int, typer.Option(help="Speed that the firmware will talk at: 1000000, or 9600.")
+        int,
+        typer.Option(help="Speed it will talk at: 1000000, 500000, 250000, 115200 or 9600."),
     ] = 1_000_000,
     image: Annotated[
         Path | None, typer.Option(help="Another image (Intel hex) than the one installed.")

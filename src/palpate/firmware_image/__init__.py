@@ -10,7 +10,9 @@ from palpate.errors import DeviceNotFoundError
 _HERE = Path(__file__).resolve().parent
 _PLACES = (_HERE, _HERE.parents[2] / "firmware" / "build")
 #: Speed of the serial line -> image.
-IMAGES = {1_000_000: "palpate-mega2560.hex", 9600: "palpate-mega2560-9600.hex"}
+IMAGES = {1_000_000: "palpate-mega2560.hex"} | {
+    baud: f"palpate-mega2560-{baud}.hex" for baud in (500_000, 250_000, 115_200, 9600)
+}
 
 
 def image_path(baud: int) -> Path:
@@ -20,7 +22,8 @@ def image_path(baud: int) -> Path:
 
     >>> image_path(1234)
     Traceback (most recent call last):
-    palpate.errors.DeviceNotFoundError: no firmware for 1234 baud; there is one for: 1000000, 9600
+    palpate.errors.DeviceNotFoundError: no firmware for 1234 baud; there is one for: 1000000, \
+500000, 250000, 115200, 9600
     """
     if baud not in IMAGES:
         speeds = ", ".join(map(str, IMAGES))
