@@ -19,7 +19,6 @@ from palpate.dashboard.folder import (
     new_recording,
     rename_recording,
 )
-from palpate.dashboard.grasp_form import GraspForm
 from palpate.dashboard.history import Entry, History, entry_of
 from palpate.dashboard.item_store import ItemStore
 from palpate.dashboard.job_context import BenchOpener
@@ -78,7 +77,6 @@ class AppState:
         self.item_store = ItemStore(settings.store, rules=settings.rules)
         self.history = History(settings.folder)
         self.recordings = RecordingList(settings.folder)
-        self.form = GraspForm()
         #: The last grasp, as `palpate grasp --json` prints it; None before the first.
         self.result: dict[str, object] | None = None
         #: Where others can open the pages; None where only this machine can.

@@ -29,6 +29,7 @@ from palpate.dashboard.orders import (
     CalibrateForce,
     CalibrateRest,
     GraspOrder,
+    OpenHand,
     OpenRig,
     Order,
     Play,
@@ -70,6 +71,8 @@ class DeviceState:
         self.grasped: Grasped | None = None
         #: `bin` and `item` of the grasp on the page; empty without rules and item.
         self.placed: Mapping[str, Any] = {}
+        #: Its item; empty without one.
+        self.item_id = ""
         self.calibrated: Calibrated | None = None
         self.health: Health | None = None
         #: Of the last order, if it was a calibration that was stopped or failed.
@@ -149,8 +152,11 @@ class DeviceState:
         self.calibration_failure, self.stopped_early = None, False
         if isinstance(order, OpenRig):
             self.rig_open = False
+        if isinstance(order, OpenHand):
+            self.live.released = True
         if isinstance(order, OpenRig | GraspOrder | Play):
             self.grasped, self.placed = None, {}
+            self.item_id = order.item_id if isinstance(order, GraspOrder) else ""
             self.live.clear_curve()
 
     def rest(self) -> None:

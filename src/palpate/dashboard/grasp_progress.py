@@ -59,6 +59,9 @@ class GraspProgress:
     gains: ContactGains = field(default_factory=ContactGains)
     #: When the fingers first touched the object; None until that is certain.
     touched_s: float | None = None
+    #: When the answer's forecast is of, and the data that it rests on, seconds; None before.
+    settles_s: float | None = None
+    data_s: float | None = None
     #: Events that the controller has noted.
     moments: tuple[Moment, ...] = ()
     #: Target and limits of the force.
@@ -79,13 +82,13 @@ def grasp_progress_of(
         After the newest frame.
     plan : Plan
         The grasp's.
-    before : Thought or None
+    before : GraspProgress or None
         The previous one: its forecast is kept until there is a newer one.
     forecasts : bool
         Whether to make a new one now; it costs milliseconds.
     """
     decided = grasp_state.result.force_n is not None and grasp_state.phase in _DECIDED_IN
-    settled = settled_n = of_settled = None
+    settled = settled_n = of_settled = settles_s = data_s = None
     answer, touches = grasp_state.result, grasp_state.estimate.touches
     # A hand that eases off is about to close again.
     eases = grasp_state.activity == Activity.EASE
@@ -94,6 +97,7 @@ def grasp_progress_of(
         settled, settled_n = before.settled, before.settled_n
         of_settled = before.gains.settled
         answer = grasp_state.result if decided else before.answer
+        settles_s, data_s = before.settles_s, before.data_s
     if forecasts and foreseeable and len(touches) >= _FEWEST:
         every = len(touches) // _MOST + 1
         # From the end: the newest touch is always among them.
@@ -105,6 +109,9 @@ def grasp_progress_of(
         settled, settled_n = foreseen.relative_percent, would_answer.force_n
         of_settled = _settled_gain(settled_n, foreseen, plan)
         answer = grasp_state.result if decided else would_answer
+        if not (decided and before is not None and before.decided):
+            moved_s = grasp_state.estimate.moved_s
+            settles_s, data_s = moved_s + plan.horizon_s, grasp_state.estimate.now_s - moved_s
     return GraspProgress(
         time_s=grasp_state.estimate.now_s,
         phase=grasp_state.activity,
@@ -117,6 +124,8 @@ def grasp_progress_of(
         settled_n=settled_n,
         gains=ContactGains(early=_early_gain(grasp_state), settled=of_settled),
         touched_s=_touched_s(grasp_state),
+        settles_s=settles_s,
+        data_s=data_s,
         moments=grasp_state.result.moments,
         bounds=_bounds(grasp_state, plan),
     )

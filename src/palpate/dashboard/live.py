@@ -15,8 +15,9 @@ from palpate.dashboard.frames import Frames, FrameSource, LinkStatus
 from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.dashboard.grip_force import GripForce
 from palpate.dashboard.messages import Playing, RecordedStretch, Timeline
-from palpate.dashboard.recovery import Recovery
 from palpate.estimate.measurement import Measurement
+from palpate.grasp.phases import Phase
+from palpate.grasp.planning import HORIZON_S
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.events import ContactState, watch_contact
 from palpate.signal.relative import (
@@ -31,6 +32,8 @@ POINTS_PER_S, CURVE_S = 50, 90.0
 _MOST_MOVES, _MOST_BANDS = 200, 900
 #: Reported widths (mm) and pressures (kPa) scatter by less than this.
 _SMALLEST_MOVE = {"width": 0.1, "pressure": 0.4}
+#: What was measured at the horizon is a mean over this time, seconds (as `palpate settle` has it).
+_SETTLED_S = 0.5
 #: Without rest values, those of the first frames are taken.
 _REST_FRAMES = 15
 
@@ -81,7 +84,8 @@ class Live:
         self._contacts = [ContactState()] * fingers
         self._rest_ohm = None if source is None else source.rest_ohm
         self._laws = None if source is None else source.laws
-        self._recovery = Recovery()
+        #: Whether the hand was asked to give back what it holds; until the next grasp.
+        self.released = False
         self.clear_curve()
 
     def add_stretch(self, past: RecordedStretch) -> None:
@@ -107,6 +111,7 @@ class Live:
         self.moves: deque[list[float | None]] = deque(maxlen=_MOST_MOVES)
         self.band: deque[Band] = deque(maxlen=_MOST_BANDS)
         self.progress: GraspProgress | None = None
+        self.released = False
         self._force = None if self._laws is None else GripForce(self._laws)
         self._slot = -math.inf
         self._moved_s = 0.0
@@ -116,6 +121,7 @@ class Live:
         if progress.rest_ohm is not None:
             self._rest_ohm = progress.rest_ohm
         before, settled = self.progress, progress.settled
+        self.released = self.released or progress.phase == Phase.RELEASE
         fresh = before is None or settled != before.settled
         if (
             self.timeline is None
@@ -197,18 +203,32 @@ class Live:
         at = bisect_right(self.curve, self.playing.time_s, key=lambda point: point.time_s)
         return self.curve[max(at - 1, 0)].force if self.curve else None
 
+    @property
+    def settled(self) -> tuple[float, Measurement | None] | None:
+        """Mean change (percent) and force, as measured at the horizon of the forecast.
+
+        None before, and where the hand did not hold still until then.
+        """
+        progress = self.progress
+        if progress is None or progress.settles_s is None or not self.curve:
+            return None
+        at_s, now_s = progress.settles_s, self.curve[-1].time_s
+        now_s = now_s if self.playing is None else self.playing.time_s
+        held = [one for one in self.curve if at_s - _SETTLED_S <= one.time_s <= at_s]
+        began_s = at_s - HORIZON_S + _SETTLED_S
+        is_moved = any(since_s and began_s < since_s < at_s for since_s, _ in self.moves)
+        if now_s < at_s or is_moved or not held or any(one.force is None for one in held):
+            return None
+        return sum(one.percent for one in held) / len(held), held[-1].force
+
     def _extend(self, frames: Frames, percent: FloatArray, ohm: FloatArray) -> None:
-        """Add points to the curve; one of a load that is gone has no force."""
+        """Add points to the curve; a hand that is open, or opens, presses nothing."""
         whole = np.nan_to_num(mean_change(percent)).tolist()
-        source = self.source
-        assert source is not None
-        fingers = finger_means(percent, finger_of_row=source.layout.finger_of_row)
         hand = zip(frames.reported.tolist(), frames.moving.tolist(), strict=True)
         for at, (time_s, (reported, moving)) in enumerate(
             zip(frames.time_s.tolist(), hand, strict=True)
         ):
-            open_hand = bool(self._is_open(reported, moving=moving))
-            gone = self._recovery.step(time_s, fingers[at], open_hand=open_hand)
+            gone = (self.released and moving) or bool(self._is_open(reported, moving=moving))
             slot = math.floor(time_s * POINTS_PER_S)
             if slot > self._slot:
                 self._slot = slot

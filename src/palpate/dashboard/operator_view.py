@@ -52,13 +52,14 @@ OUTCOMES = {
     Outcome.STOPPED: ("Stopped", "Look at the hand, then press Grasp again"),
 }
 _OFF, _READY = "Off target", "Ready"
+#: Headline after a stop, once the hand has opened: there is nothing to be done about it.
+STOPPED_OPEN = "stopped, hand open"
 
 
 def operator_view(
     session: Session,
     *,
     headline: Mapping[str, object],
-    target_force_n: float | None,
 ) -> dict[str, str]:
     """Return the words of the operator's view.
 
@@ -68,9 +69,8 @@ def operator_view(
         As it is now.
     headline : mapping
         The verdict as the whole page shows it.
-    target_force_n : float or None
-        What the next grasp is to reach, if none is shown; None is a gentle squeeze.
     """
+    target_force_n = session.form.target_force_n
     if session.devices.activity in (Activity.GRASPING, Activity.REPLAYING):
         target_force_n = session.shown_target_n
     gentle = target_force_n is None
@@ -83,6 +83,8 @@ def operator_view(
 
 def _word(session: Session, headline: Mapping[str, object]) -> str:
     grasped, progress = session.devices.grasped, session.devices.live.progress
+    if headline["text"] == STOPPED_OPEN:
+        return STOPPED_OPEN
     if _stopped(headline):
         return OUTCOMES[Outcome.STOPPED][0]
     if session.devices.activity is Activity.GONE or (headline["kind"] == "bad" and grasped is None):
@@ -136,7 +138,7 @@ def _next(session: Session, headline: Mapping[str, object]) -> str:
         return "Press Release: the hand opens"
     if _stopped(headline):
         return OUTCOMES[Outcome.STOPPED][1]
-    if grasped is None:
+    if grasped is None or headline["text"] == STOPPED_OPEN:
         return OUTCOMES[Outcome.HELD][1]
     if _damaged(grasped):
         return "Set this item aside"

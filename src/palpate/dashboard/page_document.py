@@ -11,11 +11,10 @@ import numpy as np
 
 from palpate.dashboard.activity import Activity
 from palpate.dashboard.device_state import CalibrationFailure
-from palpate.dashboard.grasp_form import GraspForm
 from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.dashboard.live import Live, finite
 from palpate.dashboard.messages import Grasped
-from palpate.dashboard.operator_view import operator_view
+from palpate.dashboard.operator_view import STOPPED_OPEN, operator_view
 from palpate.dashboard.session import Session
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Moment, Outcome
@@ -28,7 +27,6 @@ _MEASURED = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
 
 def document(
     session: Session,
-    form: GraspForm,
     *,
     generation: int,
     after_s: float,
@@ -39,8 +37,6 @@ def document(
     ----------
     session : Session
         As it is now.
-    form : GraspForm
-        Settings of the next grasp.
     generation, after_s : int, float
         What the page has of the curve: of another generation it needs all of it.
     """
@@ -78,8 +74,9 @@ def document(
         "grasp": _grasp(live.progress, live),
         "replay": _replay(live),
         "verdict": {**headline, **{key: str(headline.get(key) or "") for key in _TEXTS}},
-        "operator": operator_view(session, headline=headline, target_force_n=form.target_force_n),
+        "operator": operator_view(session, headline=headline),
         "nothing_there": headline["text"] == outcome_text(Outcome.NOTHING_THERE),
+        "item": session.devices.item_id,
         "measured": _measured(session),
         "stops": session.stops,
         "stopped_after_s": session.devices.stopped_after_s,
@@ -167,6 +164,7 @@ def _hand(live: Live) -> dict[str, Any] | None:
         "closed": None if value is None else abs(value - limits.target(0.0)) / limits.span,
         "moving": live.moving,
         "open": live.open_hand,
+        "opening": live.released and live.moving,
     }
 
 
@@ -211,8 +209,11 @@ def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
     failure = session.devices.calibration_failure
     if session.devices.activity is Activity.WATCHING and failure is not None:
         return {**_WORDLESS, **_uncalibrated(failure, session.devices.live)}
-    if session.devices.activity is Activity.WATCHING and session.devices.stopped_early:
-        return {**_WORDLESS, "text": outcome_text(Outcome.STOPPED), "kind": "bad"}
+    if session.devices.activity is Activity.WATCHING and _is_stopped(session):
+        if session.devices.live.open_hand:
+            return {**_WORDLESS, "text": STOPPED_OPEN, "kind": "idle"}
+        if session.devices.stopped_early:
+            return {**_WORDLESS, "text": outcome_text(Outcome.STOPPED), "kind": "bad"}
     if session.devices.activity in _OF_THEIR_OWN:
         # Not the verdict of the grasp before.
         return {**_WORDLESS, "text": session.devices.activity.value, "kind": "busy"}
@@ -273,6 +274,13 @@ def _sizes(result: GraspResult) -> list[str]:
         for one, unit, digits in rows
         if one is not None and (one.number or any(one.known_ends))
     ]
+
+
+def _is_stopped(session: Session) -> bool:
+    """Whether the last grasp was stopped, be it before it began."""
+    grasped = session.devices.grasped
+    is_ended_so = grasped is not None and grasped.result.outcome is Outcome.STOPPED
+    return is_ended_so or session.devices.stopped_early
 
 
 #: The fields of a verdict that are text.
@@ -348,12 +356,22 @@ def _measured(session: Session) -> dict[str, Any]:
         "values": {name: _one(value, truth.get(name)) for name, value in rows.items()},
         "decided": grasped is not None or (progress is not None and progress.decided),
         "decision_time_s": None if result is None else result.decision_time_s,
+        "data_s": None if progress is None else progress.data_s,
+        "settled": _at_horizon(session.devices.live),
         "limited": result is not None and result.limited,
         "damaged": truth.get("damaged"),
         "force_now": _one(session.devices.live.force, None),
         "holds": grasped is None and session.devices.live.open_hand is not True,
         "faults": [] if grasped is None else list(grasped.result.faults),
     }
+
+
+def _at_horizon(live: Live) -> dict[str, Any] | None:
+    """Return what was measured at the time that the forecast is of; None before."""
+    if live.settled is None:
+        return None
+    percent, force = live.settled
+    return {"settled_percent": {"value": percent}, "force_n": _one(force, None)}
 
 
 def _one(measured: Measurement | None, true: object) -> dict[str, Any] | None:

@@ -6,8 +6,8 @@ from nicegui import ui
 
 from palpate.dashboard.activity import Action
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.grasp_form import GraspForm
 from palpate.dashboard.orders import OpenRig, Record
+from palpate.dashboard.session import GraspForm
 from palpate.dashboard.viewer import Viewer
 from palpate.errors import InputError
 from palpate.estimate.damage_file import DamageFile
@@ -30,10 +30,11 @@ def set_up_panel(app_state: AppState, viewer: Viewer) -> None:
 
 
 def _next_grasp(app_state: AppState, viewer: Viewer) -> None:
-    form = app_state.form
+    form = app_state.session.form
 
     def want(force_n: float | None) -> None:
-        form.target_force_n = force_n
+        if viewer.drives:
+            form.target_force_n = force_n
 
     force = ui.number(
         "Target force, N (empty: a gentle squeeze)",
@@ -42,11 +43,8 @@ def _next_grasp(app_state: AppState, viewer: Viewer) -> None:
         step=0.5,
         on_change=lambda event: want(event.value),
     ).props("outlined dense clearable")
-
-    def show() -> None:
-        force.set_value(form.target_force_n)
-
-    viewer.on_refresh(show)
+    viewer.enable_for_driver(force)
+    viewer.on_refresh(lambda: force.set_value(form.target_force_n))
     item_field(app_state, viewer, label="Item (empty: not stored)")
     hint = "Grasps of an item are kept in the store; the page Items shows them."
     ui.label(hint).classes("muted")
@@ -55,18 +53,28 @@ def _next_grasp(app_state: AppState, viewer: Viewer) -> None:
 
 
 def item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
-    """Ask for the name of the item that is grasped next."""
-    form = app_state.form
+    """Ask for the name of the item that is grasped next: typed, scanned, or that of the last."""
+    form = app_state.session.form
 
     def name(item_id: str | None) -> None:
-        form.item_id = item_id or ""
+        if viewer.drives:
+            form.item_id = (item_id or "").strip()
 
     item = ui.input(label, value=form.item_id, on_change=lambda event: name(event.value))
-    item.props("outlined dense clearable maxlength=80 autocomplete=off")
+    # On Enter its text is selected: the next scan takes its place.
+    item.props("outlined dense clearable maxlength=80 autocomplete=off input-class=scanned")
+    item.on("keydown.enter", js_handler="(event) => event.target.select()")
+    with item.add_slot("append"):
+        again = ui.button(on_click=lambda: name(form.last_item_id), color=None)
+        again.classes("btn plain small").props("flat no-caps id=same-item")
+    viewer.enable_for_driver(item)
 
     def show() -> None:
-        if (item.value or "") != form.item_id:
+        if (item.value or "").strip() != form.item_id:
             item.set_value(form.item_id)
+        item.classes(add="taken" if form.item_id else "", remove="" if form.item_id else "taken")
+        again.set_text(f"Same item again: {form.last_item_id}")
+        again.set_visibility(bool(form.last_item_id) and not form.item_id and viewer.drives)
 
     viewer.on_refresh(show)
 
@@ -75,43 +83,42 @@ def _kind(damage: DamageFile, form: GraspForm, viewer: Viewer) -> None:
     """Ask what is grasped, of the kinds whose limits were learned."""
 
     def choose(kind: str) -> None:
-        form.kind = kind
+        if viewer.drives:
+            form.kind = kind
 
     known = {"": "not given", **{kind: kind for kind in damage.kinds}}
     kind = ui.select(known, value=form.kind, on_change=lambda event: choose(event.value))
     kind.props("outlined dense behavior=dialog").classes("w-full")
     kind.props["label"] = "Kind (for its damage limit)"
-
-    def show() -> None:
-        kind.set_value(form.kind)
-
-    viewer.on_refresh(show)
+    viewer.enable_for_driver(kind)
+    viewer.on_refresh(lambda: kind.set_value(form.kind))
     hint = "Grasps stay below the learned damage limit of this kind."
     ui.label(hint).classes("muted")
 
 
 def grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
     """Add the two buttons that are always in reach, at the foot of the panel or the window."""
-    form = app_state.form
+    form = app_state.session.form
 
     def grasp() -> None:
         """Order a grasp as the form asks for it, or show why it is refused."""
         try:
             order = app_state.grasp_order(
-                target_force_n=form.target_force_n,
-                item_id=form.item_id.strip(),
-                kind=form.kind,
+                target_force_n=form.target_force_n, item_id=form.item_id, kind=form.kind
             )
         except InputError as error:
             viewer.refuse(error)
-        else:
-            viewer.order(order)
+            return
+        if viewer.order(order):
+            form.item_id, form.last_item_id = "", form.item_id or form.last_item_id
+            viewer.refresh()
 
     with ui.element("div").classes("panel-foot") as foot:
         go = ui.button("Grasp", on_click=grasp, color=None).classes("btn main")
-        go.props("flat no-caps id=grasp")
+        go.props('flat no-caps id=grasp aria-keyshortcuts="F8"')
         back = ui.button("Release", on_click=viewer.release, color=None)
-        back.classes("btn plain").props("flat no-caps id=release").style("font-size: 19px")
+        back.classes("btn plain").style("font-size: 19px")
+        back.props('flat no-caps id=release aria-keyshortcuts="F9"')
     viewer.show_with_gripper(foot)
     viewer.enable_when_allowed(go, Action.GRASP)
     viewer.enable_when_allowed(back, Action.RELEASE)

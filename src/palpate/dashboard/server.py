@@ -158,7 +158,6 @@ def _routes(app_state: AppState) -> None:
     async def live(generation: int = -1, after_s: float = 0.0) -> JSONResponse:
         found: dict[str, Any] = document(
             app_state.session,
-            app_state.form,
             generation=generation,
             after_s=after_s,
         )

@@ -7,7 +7,7 @@ becomes the driver only by taking over.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from threading import RLock
 
 from palpate.dashboard.activity import ACTIONS, Action, Activity
@@ -35,6 +35,21 @@ _HUNG_S = 1.0
 _MISSING_S = 1.0
 _NEEDS_FRAMES = (Action.GRASP, Action.CALIBRATE, Action.EXAMINE)
 _NEEDS_OPEN_HAND = (Action.GRASP, Action.EXAMINE)
+
+
+@dataclass(slots=True)
+class GraspForm:
+    """Settings of the next grasp: one for all pages, so that a reload loses nothing."""
+
+    #: Grip force to reach; None is a gentle squeeze.
+    target_force_n: float | None = None
+    #: Name of the item; empty if its grasp is not to be stored. A grasp uses it up: the next object
+    #: must not be stored under the name of this one.
+    item_id: str = ""
+    #: Name of the item that was grasped last.
+    last_item_id: str = ""
+    #: Kind of produce, for its damage limit; empty if not known.
+    kind: str = ""
 
 
 class Session:
@@ -71,6 +86,8 @@ class Session:
         self.viewers: set[str] = set()
         self.driver: str | None = None
         self._of_tab = dict[str, str]()
+        #: Of the next grasp.
+        self.form = GraspForm()
         #: Of the last grasp that was ordered.
         self.target_force_n: float | None = None
         #: The rig asked for last.

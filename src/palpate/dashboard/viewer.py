@@ -8,6 +8,7 @@ from collections.abc import Callable
 from contextlib import nullcontext
 
 from nicegui import ui
+from nicegui.elements.mixins.disableable_element import DisableableElement
 
 from palpate.dashboard.activity import Action
 from palpate.dashboard.orders import Order
@@ -42,7 +43,7 @@ class Viewer:
         self._session, self._id = session, viewer_id
         self._knew_stops, self._now_s = session.stops, now_s
         self._pressed_s = math.inf
-        self._refreshers: list[tuple[Callable[[], None], ui.element | None]] = []
+        self._refreshers: list[tuple[Callable[[], object], ui.element | None]] = []
 
     @property
     def drives(self) -> bool:
@@ -60,9 +61,9 @@ class Viewer:
             case {"stops": int(stops), "at_s": int() | float() as at_s}:
                 self._knew_stops, self._pressed_s = stops, float(at_s)
 
-    def order(self, order: Order) -> None:
-        """Order something; a refusal is shown."""
-        self._try(lambda: self._session.order(self._id, order), moves=True)
+    def order(self, order: Order) -> bool:
+        """Order something; return whether it was accepted, a refusal is shown."""
+        return self._try(lambda: self._session.order(self._id, order), moves=True)
 
     def release(self) -> None:
         """Give the object back."""
@@ -91,19 +92,15 @@ class Viewer:
 
     def do(self, action: Action, act: Callable[[], object]) -> bool:
         """Do something that needs no devices; return whether it was done, a refusal is shown."""
-        done = False
 
         def checked() -> None:
             """Do it, unless this viewer may not now."""
-            nonlocal done
             why = self._session.refusal(action, viewer=self._id)
             if why:
                 raise InputError(why)
             act()
-            done = True
 
-        self._try(checked)
-        return done
+        return self._try(checked)
 
     def enable_when_allowed(self, button: ui.button | ui.switch, action: Action) -> None:
         """Enable a button only while it may be pressed; else its tooltip shows the reason."""
@@ -120,6 +117,10 @@ class Viewer:
 
         self.on_refresh(gated, of=button)
 
+    def enable_for_driver(self, field: DisableableElement) -> None:
+        """Enable a field of the next grasp for its driver alone; others see what it holds."""
+        self.on_refresh(lambda: field.set_enabled(self.drives), of=field)
+
     def show_with_gripper(self, element: ui.element) -> None:
         """Show an element only while the rig has a gripper, or none is open yet."""
 
@@ -129,7 +130,7 @@ class Viewer:
 
         self.on_refresh(show, of=element)
 
-    def on_refresh(self, refresher: Callable[[], None], *, of: ui.element | None = None) -> None:
+    def on_refresh(self, refresher: Callable[[], object], *, of: ui.element | None = None) -> None:
         """Call this now and a few times a second; if it is of an element, as long as that lives."""
         self._refreshers.append((refresher, of))
         refresher()
@@ -142,16 +143,19 @@ class Viewer:
         for refresher, _ in self._refreshers:
             refresher()
 
-    def _try(self, press: Callable[[], None], *, moves: bool = False) -> None:
+    def _try(self, press: Callable[[], None], *, moves: bool = False) -> bool:
+        is_done = False
         try:
             # A stop is before it, or after it.
             with self._session.stop_lock if moves else nullcontext():
                 if moves:
                     self._check_fresh()
                 press()
+            is_done = True
         except InputError as error:
             self.refuse(error)
         self.refresh()
+        return is_done
 
     def _check_fresh(self) -> None:
         """Refuse what was pressed before a stop, or so long ago that nobody expects it now."""

@@ -11,7 +11,6 @@ import pytest
 from tests.unit.dashboard.test_live import SOURCE, frames, progress
 
 from palpate.dashboard.frames import Frames
-from palpate.dashboard.grasp_form import GraspForm
 from palpate.dashboard.grasp_progress import Bounds
 from palpate.dashboard.grip_force import ContactGains, ForceLaws, GripForce
 from palpate.dashboard.live import Live
@@ -23,6 +22,7 @@ from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
 from palpate.grasp.result import Moment
 from palpate.gripper.interface import GripperLimits
 
+HORIZON = [(19.9, 99.0, False), (21.0, 99.0, True), (21.0, 15.0, False)]
 LAW = PixelForceLaw(log_scale=0.0, exponent=1.0, residual_sd=0.2, floor_n=0.01, range=(0.01, 100.0))
 LAWS = ForceLaws(reading=PixelReading.summed(), early=LAW, settled=LAW)
 PRESSED = 450
@@ -57,13 +57,45 @@ def test_every_point_of_the_curve_has_its_force(live: Live) -> None:
     assert live.force is live.curve[-1].force
 
 
-def test_an_open_hand_has_no_force_until_its_sheet_is_calm(live: Live) -> None:
+@pytest.mark.parametrize("counts", [300, 320, PRESSED])
+def test_force_of_an_open_hand_is_not_shown(live: Live, counts: int) -> None:
+    """A sheet that was pressed, or vented, still reads; calm or not, nothing is pressed."""
     live.add_frames(pressed(1))
-    live.add_frames(frames(10, from_s=0.1, rate_hz=10.0, counts=320))
+    live.add_frames(frames(40, from_s=0.1, rate_hz=10.0, counts=counts))
     assert live.force is None
-    live.add_frames(frames(20, from_s=2.0, rate_hz=10.0))
+    assert [point.force is None for point in live.curve] == [False] + [True] * 40
+
+
+def test_force_of_a_hand_that_opens_is_not_shown_and_of_one_stopped_midway_is(live: Live) -> None:
+    live.add_frames(pressed(1))
+    live.take_progress(replace(progress(0.1, 5.0), phase="release"))
+    live.add_frames(replace(pressed(1, from_s=0.1), moving=np.array([True])))
+    assert live.force is None
+    live.add_frames(pressed(1, from_s=0.2))
     assert live.force is not None
-    assert [point.force is None for point in live.curve] == [False] + [True] * 20 + [False] * 10
+
+
+@pytest.mark.parametrize(
+    ("until_s", "opens_s", "is_known"),
+    [(19.9, 99.0, False), (21.0, 99.0, True), (21.0, 15.0, False)],
+)
+def test_settled_is_measured_once_the_hand_held_still_until_the_horizon(
+    live: Live, until_s: float, opens_s: float, is_known: bool
+) -> None:
+    answered = replace(progress(4.0, 5.0), phase="hold", decided=True, settles_s=20.0, data_s=3.9)
+    session = Session(send=lambda message: None)
+    session.devices.live = live
+    live.take_progress(answered)
+    for time_s in np.arange(0.0, until_s, 0.1):
+        hand = frames if time_s >= opens_s else pressed
+        live.add_frames(hand(1, from_s=float(time_s)))
+    measured = document(session, generation=-1, after_s=0.0)["measured"]
+    assert measured["data_s"] == 3.9
+    assert (measured["settled"] is not None) == is_known
+    if is_known:
+        force, percent = (measured["settled"][name] for name in ("force_n", "settled_percent"))
+        assert force["value"] == pytest.approx(pressed_n(), rel=1e-6)
+        assert percent["value"] == pytest.approx(float(np.nanmean(live.percent)), rel=1e-6)
 
 
 def test_without_a_calibration_there_are_no_newtons() -> None:
@@ -116,7 +148,7 @@ def test_the_document_has_newtons_marks_and_bounds(live: Live) -> None:
         )
     )
     live.add_frames(pressed(1))
-    doc = document(session, GraspForm(), generation=-1, after_s=0.0)
+    doc = document(session, generation=-1, after_s=0.0)
     assert doc["curve"][0][2:] == pytest.approx(
         [live.force.low, live.force.value, live.force.high] if live.force else [], abs=1e-3
     )
@@ -136,6 +168,6 @@ def test_an_open_hand_touches_nothing(live: Live) -> None:
         replace(progress(1.0, 5.0), moments=(Moment(time_s=0.5, name="finger_contact", finger=0),))
     )
     live.add_frames(frames(1))
-    doc = document(session, GraspForm(), generation=-1, after_s=0.0)
+    doc = document(session, generation=-1, after_s=0.0)
     assert doc["grasp"]["fingers"] == []
     assert doc["measured"]["holds"] is False

@@ -11,7 +11,6 @@ import pytest
 
 from palpate.dashboard.activity import Action, Activity
 from palpate.dashboard.frames import Frames, FrameSource, LinkStatus
-from palpate.dashboard.grasp_form import GraspForm
 from palpate.dashboard.grasp_progress import Bounds, GraspProgress
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S, Live
 from palpate.dashboard.messages import DevicesLost, Grasped, Update
@@ -123,8 +122,8 @@ def test_the_document_sends_what_the_page_lacks() -> None:
     session.devices.live.open_source(SOURCE)
     session.devices.live.add_frames(frames(40, rate_hz=40.0))
     generation = session.devices.live.generation
-    whole = document(session, GraspForm(), generation=-1, after_s=0.5)
-    rest = document(session, GraspForm(), generation=generation, after_s=0.5)
+    whole = document(session, generation=-1, after_s=0.5)
+    rest = document(session, generation=generation, after_s=0.5)
     assert len(whole["curve"]) == 40
     assert [point[0] for point in rest["curve"]] == pytest.approx(np.arange(21, 40) / 40)
     assert whole["source"]["simulated"] is True
@@ -134,7 +133,7 @@ def test_an_open_pixel_is_null_in_the_document() -> None:
     session = Session(send=lambda message: None)
     session.devices.live.open_source(SOURCE)
     session.devices.live.add_frames(frames(1, counts=0))
-    pixels = document(session, GraspForm(), generation=-1, after_s=0.0)["pixels"]
+    pixels = document(session, generation=-1, after_s=0.0)["pixels"]
     assert pixels["percent"][0] == [None, None]
     assert pixels["ohm"][0] == [None, None]
 
@@ -148,7 +147,7 @@ def test_what_the_doctor_found_stands_on_its_pixels() -> None:
     session.devices.live.open_source(SOURCE)
     session.devices.live.add_frames(frames(1))
     session.devices.health = examine(columns, layout=RIGID_LAYOUT)
-    findings = document(session, GraspForm(), generation=-1, after_s=0.0)["pixels"]["findings"]
+    findings = document(session, generation=-1, after_s=0.0)["pixels"]["findings"]
     assert {(one["row"], one["col"]) for one in findings} == {(2, 1), (3, 0), (3, 1)}
     assert {one["severity"] for one in findings} == {"fault"}
     assert "reads open" in findings[0]["text"]
@@ -164,7 +163,7 @@ def test_without_a_gripper_it_is_watched_and_not_grasped_with() -> None:
     assert session.refusal(Action.GRASP, viewer="a") == "this rig has no gripper"
     assert session.refusal(Action.RELEASE, viewer="a") == "this rig has no gripper"
     assert session.refusal(Action.EXAMINE, viewer="a") == ""
-    doc = document(session, GraspForm(), generation=-1, after_s=0.0)
+    doc = document(session, generation=-1, after_s=0.0)
     assert (doc["verdict"]["text"], doc["operator"]["word"]) == ("watching", "Ready")
     assert doc["hand"] is None
 
@@ -176,7 +175,7 @@ def watched(*, stale: bool = False, counts: int = 300) -> dict:
     session.devices.live.open_source(SOURCE)
     session.devices.live.add_frames(frames(1, counts=counts))
     session.devices.live.link = LinkStatus(frames=9, rate_hz=15.0, age_s=3.0 * stale, stale=stale)
-    return document(session, GraspForm(), generation=-1, after_s=0.0)["verdict"]
+    return document(session, generation=-1, after_s=0.0)["verdict"]
 
 
 def test_a_broken_sensor_is_not_called_ready() -> None:
@@ -193,10 +192,10 @@ def test_a_process_that_hangs_turns_the_link_red() -> None:
     session = Session(send=lambda message: None, silent_s=lambda: silent_s[0])
     session.devices.live.open_source(SOURCE)
     session.devices.live.link = LinkStatus(frames=9, rate_hz=15.0, age_s=0.03, stale=False)
-    link = document(session, GraspForm(), generation=-1, after_s=0.0)["link"]
+    link = document(session, generation=-1, after_s=0.0)["link"]
     assert (link["stale"], link["hung_s"]) == (False, None)
     silent_s[0] = 3.0
-    hung = document(session, GraspForm(), generation=-1, after_s=0.0)["link"]
+    hung = document(session, generation=-1, after_s=0.0)["link"]
     assert (hung["stale"], hung["hung_s"], hung["age_s"]) == (True, 3.0, pytest.approx(3.03))
 
 
@@ -204,7 +203,7 @@ def test_devices_that_are_gone_are_not_called_holding() -> None:
     session = Session(send=lambda message: None)
     session.devices.grasped = Grasped(result=GraspResult(outcome=Outcome.HELD))
     session.devices.take(DevicesLost("the process with the devices has ended"))
-    card = document(session, GraspForm(), generation=-1, after_s=0.0)["verdict"]
+    card = document(session, generation=-1, after_s=0.0)["verdict"]
     assert (card["text"], card["kind"]) == ("the devices are gone", "bad")
 
 
@@ -232,14 +231,31 @@ def test_only_what_went_well_ends_on_a_green_card(
     session = Session(send=lambda message: None)
     session.target_force_n = target_n
     session.devices.grasped = Grasped(result=result, truth=ended.get("truth"))
-    assert document(session, GraspForm(), generation=-1, after_s=0.0)["verdict"]["kind"] == kind
+    assert document(session, generation=-1, after_s=0.0)["verdict"]["kind"] == kind
+
+
+@pytest.mark.parametrize("is_begun", [True, False])
+def test_a_stop_is_neutral_once_the_hand_is_open(is_begun: bool) -> None:
+    session = Session(send=lambda message: None)
+    devices = session.devices
+    devices.activity, devices.stopped_early = Activity.WATCHING, not is_begun
+    devices.grasped = Grasped(result=GraspResult(outcome=Outcome.STOPPED)) if is_begun else None
+    devices.live.open_source(SOURCE)
+    devices.live.add_frames(replace(frames(1), reported=np.array([40.0])))
+    closed = document(session, generation=-1, after_s=0.0)
+    assert (closed["verdict"]["text"], closed["verdict"]["kind"]) == ("stopped on request", "bad")
+    devices.live.add_frames(frames(1, from_s=1.0))
+    opened = document(session, generation=-1, after_s=0.0)
+    assert (opened["verdict"]["text"], opened["verdict"]["kind"]) == ("stopped, hand open", "idle")
+    assert opened["operator"]["word"] == "Stopped, hand open"
+    assert opened["operator"]["next"] == "Put the next item in, then press Grasp"
 
 
 def test_a_damaged_object_is_the_headline_and_not_how_the_grasp_ended() -> None:
     session = Session(send=lambda message: None)
     result = GraspResult(outcome=Outcome.HELD, force_n=FORCE)
     session.devices.grasped = Grasped(result=result, truth={"damaged": True})
-    card = document(session, GraspForm(), generation=-1, after_s=0.0)["verdict"]
+    card = document(session, generation=-1, after_s=0.0)["verdict"]
     assert (card["text"], card["why"]) == ("the object was damaged", "held and given back")
 
 
@@ -259,18 +275,18 @@ def test_a_force_beyond_the_learned_limit_is_not_green(low_n: float | None, kind
         bounds=Bounds(damage_low_n=low_n),
     )
     session.devices.grasped = Grasped(result=result)
-    card = document(session, GraspForm(), generation=-1, after_s=0.0)["verdict"]
+    card = document(session, generation=-1, after_s=0.0)["verdict"]
     assert card["kind"] == kind
     assert ("passed the damage limit" in (card["why"] or "")) == (kind == "warn")
 
 
 def test_the_operator_reads_the_target_of_the_grasp_that_runs_and_then_of_the_next() -> None:
-    session, form = Session(send=lambda message: None), GraspForm(target_force_n=None)
+    session = Session(send=lambda message: None)
     session.target_force_n, session.devices.activity = 3.0, Activity.GRASPING
-    shown = document(session, form, generation=-1, after_s=0.0)["operator"]
+    shown = document(session, generation=-1, after_s=0.0)["operator"]
     assert shown["target"] == "3 N"
     session.devices.activity = Activity.WATCHING
-    shown = document(session, form, generation=-1, after_s=0.0)["operator"]
+    shown = document(session, generation=-1, after_s=0.0)["operator"]
     assert shown["target"] == "gentle squeeze"
 
 
@@ -291,7 +307,7 @@ def test_a_missed_target_is_not_green_while_it_holds_either() -> None:
     )
     for target_n, kind in ((2.0, "good"), (3.0, "warn")):
         session.target_force_n = target_n
-        card = document(session, GraspForm(), generation=-1, after_s=0.0)["verdict"]
+        card = document(session, generation=-1, after_s=0.0)["verdict"]
         assert (card["text"], card["kind"]) == ("holding", kind)
 
 
@@ -299,6 +315,7 @@ def test_a_replay_is_judged_by_its_own_target() -> None:
     """Not by that of the grasp that was ordered last, nor by what the form has for the next."""
     session = Session(send=lambda message: None)
     session.target_force_n, session.devices.activity = 2.0, Activity.REPLAYING
+    session.form.target_force_n = 2.0
     reached = replace(
         progress(9.0, 1.0),
         phase="hold",
@@ -309,7 +326,7 @@ def test_a_replay_is_judged_by_its_own_target() -> None:
         bounds=Bounds(target_n=3.0),
     )
     session.devices.live.take_progress(reached)
-    shown = document(session, GraspForm(target_force_n=2.0), generation=-1, after_s=0.0)
+    shown = document(session, generation=-1, after_s=0.0)
     assert (shown["verdict"]["on_target"], shown["verdict"]["target_force_n"]) == (True, 3.0)
     assert shown["verdict"]["kind"] == "good"
     assert shown["operator"]["target"] == "3 N"

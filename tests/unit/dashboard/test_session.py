@@ -12,7 +12,6 @@ import pytest
 
 from palpate.dashboard.activity import Action, Activity
 from palpate.dashboard.frames import Frames, FrameSource, LinkStatus
-from palpate.dashboard.grasp_form import GraspForm
 from palpate.dashboard.messages import (
     Began,
     Calibrated,
@@ -278,14 +277,14 @@ def test_a_grasp_stopped_before_the_hand_moved_says_so_and_not_how_the_last_one_
     if began:
         rehearsal.tell(Began(order=GRASP))
     rehearsal.tell(Ended(order=GRASP, trouble="stopped before it began", stopped=True))
-    page = document(rehearsal.session, GraspForm(), generation=-1, after_s=0.0)
+    page = document(rehearsal.session, generation=-1, after_s=0.0)
     assert (page["verdict"]["text"], page["verdict"]["kind"]) == ("stopped on request", "bad")
     assert page["operator"]["word"] == "Stopped"
     assert page["operator"]["next"] == "Look at the hand, then press Grasp again"
     assert not page["trouble"]
     assert not rehearsal.session.refusal(Action.GRASP, viewer="a")
     rehearsal.tell(Began(order=GRASP), Ended(order=GRASP, trouble="no such file"))
-    page = document(rehearsal.session, GraspForm(), generation=-1, after_s=0.0)
+    page = document(rehearsal.session, generation=-1, after_s=0.0)
     assert (page["operator"]["word"], page["trouble"]) == ("Ready", "no such file")
 
 

@@ -1,5 +1,5 @@
 // Force and reading over time, on one time axis that counts from the contact.
-import { $, seen } from "/static/poll.js";
+import { $, handState, seen } from "/static/poll.js";
 import { keptAt, zeroOf } from "/static/compare.js";
 import { fixed, range, t } from "/static/words.js";
 
@@ -32,7 +32,7 @@ function shared(doc) {
   const curve = all.filter(([time], i) => i === all.length - 1 || Math.round(time * 50) % every === 0);
   const moments = (grasp ? grasp.moments : []).filter(([time]) => time >= start);
   const now = doc.replay ? doc.replay.time_s : last;
-  return { last, zero, start, end, curve, moments, now, replay: Boolean(doc.replay), newtons: Boolean(doc.source?.newtons), open: Boolean(doc.hand?.open), touched, kept: kept.filter(([time]) => time >= start && time <= end), bounds: grasp ? grasp.bounds : {}, moves: doc.moves.filter(([, to]) => (to ?? last) >= start), band: seen.band.filter(([time]) => time >= start) };
+  return { last, zero, start, end, curve, moments, now, replay: Boolean(doc.replay), newtons: Boolean(doc.source?.newtons), hand: handState(doc), touched, kept: kept.filter(([time]) => time >= start && time <= end), bounds: grasp ? grasp.bounds : {}, moves: doc.moves.filter(([, to]) => (to ?? last) >= start), band: seen.band.filter(([time]) => time >= start) };
 }
 
 // A large screen is looked at from further away.
@@ -164,7 +164,7 @@ function reading(c, view, svg, column, words) {
   const inside = points.length > 0 && time !== null && time >= view.start && time <= view.last + 0.5;
   const one = inside ? nearest(points, time) : atNow(view, column);
   out.classList.toggle("pointed", inside);
-  if (!one) { out.textContent = view.open ? "hand open" : ""; return ""; }
+  if (!one) { out.textContent = view.hand; return ""; }
   const other = inside ? view.kept.filter((p) => p[column] !== undefined) : [];
   const keptReading = other.length ? ` · ${"kept"} ${words(nearest(other, one[0]))}` : "";
   out.textContent = inside ? `${fixed(one[0] - view.zero, 1)} s: ${words(one)}${keptReading}` : words(one);

@@ -1,5 +1,5 @@
 // The whole page: the pads, the curves, the verdict and what was measured.
-import { $, follow, number, say, seen, whys } from "/static/poll.js";
+import { $, follow, handState, number, say, seen, whys } from "/static/poll.js";
 import { fixed, range, t } from "/static/words.js";
 import { begin as beginCurves, drawCurves } from "/static/curves.js";
 import { begin as beginHand, drawFingers } from "/static/pads.js";
@@ -7,7 +7,7 @@ import { begin as beginKept, drawKept } from "/static/compare.js";
 import { begin as beginTimeline, drawTimeline } from "/static/timeline.js";
 
 const UNITS = { size_mm: ["Size", "mm", 1], force_n: ["Grip force", "N", 2], stiffness_n_per_mm: ["Stiffness", "N/mm", 2], settled_percent: ["Settled at 20 s", "%", 1] };
-const STATUS = { too_short: "short hold", not_settling: "not settling", saturated: "outside range", fell_back: "fell back" };
+const STATUS = { too_short: "from {s} s of data", not_settling: "not settling", saturated: "outside range", fell_back: "fell back" };
 
 // -- words and numbers -----------------------------------------------------------------------------
 // A round number that is at least this.
@@ -40,13 +40,14 @@ function hideUnmeasured(doc) {
 const between = (one, digits) => t("{low} to {high}", { low: fixed(one.low, digits), high: fixed(one.high, digits) });
 const interval = (one, digits) => `90 %: ${between(one, digits)}`;
 
-function drawMeasures({ measured, hand }) {
+function drawMeasures(doc) {
+  const { measured, hand } = doc;
   for (const [name, [title, unit, digits]] of Object.entries(UNITS)) {
     const card = $(`measure-${name}`), one = measured.values[name];
     if (!card) continue;
     if (name === "force_n" && measured.force_now && measured.holds) { drawForceNow(card, measured.force_now, one, { decided: measured.decided, hand }); continue; }
     card.dataset.decided = measured.decided;
-    const state = !one ? "" : one.status !== "ok" ? `<span class="note">${STATUS[one.status] ?? one.status}</span>` : measured.decided ? "" : `<span>${"so far"}</span>`;
+    const state = !one ? "" : one.status !== "ok" ? `<span class="note">${t(STATUS[one.status] ?? one.status, { s: fixed(measured.data_s, 1) })}</span>` : measured.decided ? "" : `<span>${"so far"}</span>`;
     const truth = one && typeof one.truth === "number" ? one.truth : null;
     if (one && one.text) {
       card.title = "no number: only a bound is known";
@@ -54,10 +55,18 @@ function drawMeasures({ measured, hand }) {
         <div class="range num">${truth === null ? "" : t("true {value}", { value: fixed(truth, digits) })}</div>`;
       continue;
     }
-    const range = !one ? "" : truth === null ? interval(one, digits) : `${between(one, digits)} · ${t("true {value}", { value: fixed(truth, digits) })}`;
+    const ends = !one ? "" : truth === null ? interval(one, digits) : `${between(one, digits)} · ${t("true {value}", { value: fixed(truth, digits) })}`;
+    // Once it was measured, the forecast is history.
+    const now = measured.settled?.[name];
+    if (one && now) {
+      card.title = "measured at 20 s; below, the answer with its 90 % interval";
+      card.innerHTML = `<div class="name"><span>${title}</span><span>measured</span></div><div class="value num">${fixed(now.value, digits)} <span>${unit}</span></div>
+        <div class="range num">early answer ${fixed(one.value, digits)} ${range(one.low, one.high, digits)}${truth === null ? "" : ` · ${t("true {value}", { value: fixed(truth, digits) })}`}</div>${bar(one)}`;
+      continue;
+    }
     card.title = "with its 90 % interval";
-    card.innerHTML = `<div class="name"><span>${title}</span>${state}</div><div class="value num">${one ? fixed(one.value, digits) : "–"} <span>${unit}</span></div>
-      <div class="range num">${range}</div>${one ? bar(one) : ""}`;
+    card.innerHTML = `<div class="name"><span>${title}</span>${state}</div><div class="value num">${one ? fixed(one.value, digits) : (name === "force_n" && handState(doc)) || "–"} <span>${one || !(name === "force_n" && handState(doc)) ? unit : ""}</span></div>
+      <div class="range num">${ends}</div>${one ? bar(one) : ""}`;
   }
 }
 

@@ -1,5 +1,5 @@
 // The operator's view: one verdict, what to do next, and the force, to be read from two metres.
-import { $, follow, headline, say, whys } from "/static/poll.js";
+import { $, follow, handState, headline, say, whys } from "/static/poll.js";
 import { begin as beginSound, sound } from "/static/sound.js";
 import { fixed, t } from "/static/words.js";
 
@@ -18,9 +18,11 @@ function draw(doc) {
   say($("verdict-firm"), verdict.bin ? verdict.firmness : "");
   say($("verdict-why"), [beyond(operator.word, verdict.text), ...whys(doc)].filter(Boolean).join("\u00a0· "));
   say($("next-text"), operator.next);
-  // An open hand presses nothing, one that was stopped still does; without a hand the pads are pressed by whatever lies on them.
-  const pressed = doc.hand === null || doc.hand.open === false || ["grasping", "replaying"].includes(doc.activity), now = pressed ? measured.force_now : null;
-  say($("force-now"), fixed(now?.value, 1));
+  // A hand that was stopped still presses; without a hand the pads are pressed by whatever lies on them.
+  const now = measured.force_now, state = now ? "" : handState(doc);
+  say($("force-now"), state || fixed(now?.value, 1));
+  say($("force-unit"), state ? "" : "N");
+  $("force-now").classList.toggle("words", Boolean(state));
   say($("force-target"), doc.hand !== null ? t("target: {target}", operator) : now ? `90 %: ${t("{low} to {high}", { low: fixed(now.low, 1), high: fixed(now.high, 1) })}` : "");
 }
 

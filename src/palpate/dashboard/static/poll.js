@@ -20,15 +20,18 @@ export function headline(box, element, text) {
 export const number = (value) => fixed(value, 3).replace(/[.,]?0+$/, "");
 const sinceFrame = (s) => (s < 1 ? t("{time} ms ago", { time: fixed(1000 * s, 0) }) : t("{time} s ago", { time: fixed(s, 1) }));
 
+// A hand that is open, or opens, presses nothing: it has no force to show.
+export const handState = (doc) => (doc.hand?.open ? "hand open" : doc.hand?.opening ? "hand opens" : "");
+
 // What the verdict rests on, in pieces; no line ends between a number and its unit.
 export const whys = (doc) => pieces(doc).map((part) => part.replace(/(\d) (?=(?:N|s)(?: |$))/g, "$1\u00a0"));
 
 function pieces(doc) {
   const said = doc.verdict, parts = [];
+  if ("target_force_n" in said && doc.item) parts.push(doc.item);
   if (said.why) parts.push(said.why);
   if (said.on_target === true) parts.push(t("target {force} N within the interval", { force: number(said.target_force_n) }));
   if (said.on_target === false) parts.push(t("off the target of {force} N", { force: number(said.target_force_n) }));
-  if (doc.stopped_after_s !== null) parts.push(t("stopped {time} ms after the request", { time: fixed(1000 * doc.stopped_after_s, 0) }));
   // The rest is of a grasp: other headlines, such as a calibration's, are not.
   if (!("target_force_n" in said)) return parts;
   if (doc.measured.decided && doc.measured.decision_time_s !== null) parts.push(t("answer {time} s after contact", { time: fixed(doc.measured.decision_time_s, 1) }));
@@ -40,7 +43,8 @@ function pieces(doc) {
 function drawHead(doc) {
   const pill = $("link"), link = doc.link, replayed = doc.source && doc.source.replayed;
   const rate = link.rate_hz === null ? "–" : `${fixed(link.rate_hz, link.rate_hz < 100 ? 1 : 0)} Hz`;
-  const age = link.age_s === null ? "no frame yet" : t("last frame {ago}", { ago: sinceFrame(link.age_s) });
+  // It was that old when it was sent; since then at most the whole way there and back has passed.
+  const age = link.age_s === null ? "no frame yet" : t("last frame {ago}", { ago: sinceFrame(link.age_s + (performance.now() - seen.askedAt) / 1000) });
   pill.dataset.state = link.stale ? "stale" : link.waiting ? "waiting" : "fresh";
   const counted = [link.stale ? "NO FRAMES" : "", rate, t("{lost} lost", link), link.corrupt ? t("{corrupt} corrupt", link) : ""].filter(Boolean).join(" · ");
   const counts = !replayed && !link.waiting;
@@ -142,10 +146,25 @@ function pressed(press) {
   window.emitEvent?.("press", { stops: seen.stops, at_s: atS });
 }
 
+// A scanner types wherever the focus is, a shift long without a mouse: what is typed outside of a field
+// is the next item's name, in place of the one before. F8 grasps, F9 releases.
+function typed(event) {
+  if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
+  const button = { F8: "grasp", F9: "release" }[event.key], field = document.querySelector("input.scanned");
+  if (button) {
+    event.preventDefault();
+    $(button)?.click();
+  } else if (field && !field.disabled && event.key.length === 1 && !(event.key === " " && event.target.closest("button, a, [tabindex]")) && !event.target.closest("input, textarea, select, [role=slider], [role=dialog], [contenteditable]")) {
+    field.focus();
+    field.select();
+  }
+}
+
 export function follow(draw, onLost = () => {}) {
   // The framework's own words of a lost socket lie outside of all landmarks, unless they are an alert.
   $("popup")?.setAttribute("role", "alert");
   setInterval(drawLoss, LOOK_MS, onLost);
   window.addEventListener("click", pressed, true);
+  window.addEventListener("keydown", typed, true);
   tick(draw, onLost);
 }

@@ -1,0 +1,53 @@
+"""A shift with a scanner at `/operate`: names come as keys, and no mouse is touched."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from playwright.sync_api import Browser, expect
+from tests.loop.test_dashboard import PATIENCE_MS, browser, can_press, drive, fresh, served
+from tests.loop.test_dashboard_api import Machine
+
+__all__ = ["browser"]
+
+FAST = ("--rig", "sim-rigid", "--object", "strawberry", "--seed", "3", "--speed", "20")
+SCANS = 20
+
+
+def test_twenty_scans_are_each_stored_under_their_own_name(
+    browser: Browser, tmp_path: Path
+) -> None:
+    with served(tmp_path, *FAST) as address:
+        machine = Machine(address)
+        page = browser.new_context(viewport={"width": 800, "height": 480}).new_page()
+        page.set_default_timeout(PATIENCE_MS)
+        page.goto(f"{address}operate")
+        fresh(page)
+        drive(page)
+        field = page.get_by_label("Next item")
+        for number in range(SCANS):
+            # The first one was the wrong fruit: the next scan takes its place.
+            for name in ("wrong", f"A-{number}"):
+                page.keyboard.type(name)
+                page.keyboard.press("Enter")
+                expect(field).to_have_value(name)
+                expect(page.locator(".taken")).to_be_visible()
+            can_press(page, "#grasp")
+            page.keyboard.press("F8")
+            machine.until(lambda at: at["phase"] is not None)
+            # Used up: what comes next is another one.
+            expect(field).to_have_value("")
+            expect(page.locator(".taken")).to_have_count(0)
+            page.keyboard.press("Escape")
+            machine.until(lambda at: at["activity"] == "watching")
+            assert machine.ask("GET", "/result")[1]["item_id"] == f"A-{number}"
+            page.keyboard.press("F9")
+            machine.ready()
+        names = [item["item_id"] for item in machine.ask("GET", "/items")[1]["items"]]
+        assert sorted(names) == sorted(f"A-{number}" for number in range(SCANS))
+        again = page.locator("#same-item")
+        expect(again).to_have_text(f"Same item again: A-{SCANS - 1}")
+        again.focus()
+        page.keyboard.press("Enter")
+        expect(field).to_have_value(f"A-{SCANS - 1}")
+        page.context.close()
