@@ -1,5 +1,5 @@
 // The operator's view: one verdict, what to do next, and the force, to be read from two metres.
-import { $, follow, handState, headline, say, whys } from "/static/poll.js";
+import { $, fit, follow, handState, headline, say, whys } from "/static/poll.js";
 import { begin as beginSound, sound } from "/static/sound.js";
 import { fixed, t } from "/static/words.js";
 
@@ -11,6 +11,7 @@ function beyond(word, text) {
 
 function draw(doc) {
   const { verdict, operator, measured } = doc, card = $("verdict");
+  if (!card.dataset.fits) [card, $("lost")].forEach(fit);
   card.dataset.kind = verdict.kind;
   $("shape").setAttribute("href", `#shape-${verdict.kind}`);
   card.dataset.bin = Boolean(verdict.bin);

@@ -17,6 +17,26 @@ export function headline(box, element, text) {
   box.style.setProperty("--letters", Math.max(...text.split(" ").map((word) => word.length)));
 }
 
+// All of a card's words are in it: they shrink together until they are, whenever words or card change.
+export function fit(card) {
+  const inner = card.querySelector("div"), word = card.querySelector("b");
+  const shrink = () => {
+    if (!card.clientHeight) return;
+    const { paddingTop, paddingBottom } = getComputedStyle(card), room = card.clientHeight - parseFloat(paddingTop) - parseFloat(paddingBottom);
+    const fits = (scale) => {
+      card.style.setProperty("--fit", scale);
+      return inner.offsetHeight <= room && word.scrollWidth <= word.clientWidth;
+    };
+    if (fits(1)) return;
+    let [low, high] = [0.15, 1];
+    for (let i = 0; i < 6; i += 1) if (fits((low + high) / 2)) low = (low + high) / 2; else high = (low + high) / 2;
+    fits(low);
+  };
+  card.dataset.fits = true;
+  new MutationObserver(shrink).observe(card, { childList: true, subtree: true, characterData: true });
+  new ResizeObserver(shrink).observe(card);
+}
+
 export const number = (value) => fixed(value, 3).replace(/[.,]?0+$/, "");
 const sinceFrame = (s) => (s < 1 ? t("{time} ms ago", { time: fixed(1000 * s, 0) }) : t("{time} s ago", { time: fixed(s, 1) }));
 
