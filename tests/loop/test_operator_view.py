@@ -23,8 +23,8 @@ from tests.loop.test_dashboard import (
     verdict,
 )
 
-from palpate.dashboard.activity import Activity
-from palpate.dashboard.operator_view import OUTCOMES, PHASES
+from palpate.dashboard.headline import OUTCOMES, PHASES
+from palpate.dashboard.orders import Activity
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness, outcome_text

@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 import palpate
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.state_json import state_document
+from palpate.dashboard.page_document import state_document
 from palpate.dashboard.station import Station
 from palpate.errors import InputError, PalpateError
 from palpate.grasp.safety import FORCE_CEILING_N

@@ -11,7 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from palpate.dashboard.activity import Activity
 from palpate.dashboard.device_client import DeviceClient
 from palpate.dashboard.folder import (
     RecordingList,
@@ -19,12 +18,12 @@ from palpate.dashboard.folder import (
     new_recording,
     rename_recording,
 )
+from palpate.dashboard.headline import kind_of
 from palpate.dashboard.history import Entry, History, entry_of
 from palpate.dashboard.item_store import ItemStore
 from palpate.dashboard.job_context import BenchOpener
 from palpate.dashboard.messages import DevicesLost, Grasped, StopConfirmed, Update
-from palpate.dashboard.orders import GraspOrder, OpenRig, Order, Request
-from palpate.dashboard.page_document import kind_of
+from palpate.dashboard.orders import Activity, GraspOrder, OpenRig, Order, Request
 from palpate.dashboard.session import Session
 from palpate.errors import InputError
 from palpate.estimate.damage_file import DamageFile

@@ -15,10 +15,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from palpate.clock import ManualClock
-from palpate.dashboard.calibrating import calibrate_force, calibrate_rest
-from palpate.dashboard.examining import look_at
-from palpate.dashboard.grasping import grasp, open_hand
 from palpate.dashboard.job_context import BenchOpener, JobContext, StoppedByUserError, state_of
+from palpate.dashboard.jobs import calibrate_force, calibrate_rest, grasp, look_at, open_hand
 from palpate.dashboard.messages import (
     Began,
     BeingRecorded,
@@ -47,8 +45,7 @@ from palpate.dashboard.orders import (
     Shutdown,
     StopNow,
 )
-from palpate.dashboard.playback_clock import PlaybackClock
-from palpate.dashboard.replaying import play
+from palpate.dashboard.replaying import PlaybackClock, play
 from palpate.dashboard.telemetry import Telemetry
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
 from palpate.grasp.requests import Requests

@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from palpate.dashboard.activity import ACTIVITIES, Activity
-from palpate.dashboard.frames import FrameSource
 from palpate.dashboard.live import Live
 from palpate.dashboard.messages import (
     Began,
@@ -16,6 +14,7 @@ from palpate.dashboard.messages import (
     Calibrated,
     DevicesLost,
     Ended,
+    FrameSource,
     Grasped,
     Guide,
     Note,
@@ -26,6 +25,8 @@ from palpate.dashboard.messages import (
     Update,
 )
 from palpate.dashboard.orders import (
+    ACTIVITIES,
+    Activity,
     CalibrateForce,
     CalibrateRest,
     GraspOrder,

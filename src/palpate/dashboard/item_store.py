@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from palpate.dashboard.frames import FrameSource
+from palpate.dashboard.messages import FrameSource
 from palpate.errors import InputError, PalpateError, StoreError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.estimator import Observation

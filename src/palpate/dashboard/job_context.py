@@ -8,9 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from palpate.dashboard.frames import FrameSource
-from palpate.dashboard.grip_force import ForceLaws
-from palpate.dashboard.messages import Guide
+from palpate.dashboard.grasp_progress import ForceLaws
+from palpate.dashboard.messages import FrameSource, Guide
 from palpate.dashboard.telemetry import Telemetry
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
 from palpate.grasp.calibrating import Bench

@@ -11,10 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.dashboard.frames import Frames, FrameSource, LinkStatus
-from palpate.dashboard.grasp_progress import GraspProgress
-from palpate.dashboard.grip_force import GripForce
-from palpate.dashboard.messages import Playing, RecordedStretch, Timeline
+from palpate.dashboard.grasp_progress import GraspProgress, GripForce
+from palpate.dashboard.messages import (
+    Frames,
+    FrameSource,
+    LinkStatus,
+    Playing,
+    RecordedStretch,
+    Timeline,
+)
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.phases import Phase
 from palpate.grasp.planning import HORIZON_S

@@ -1,9 +1,10 @@
-"""What the page sends to the devices' process: orders, and requests that interrupt."""
+"""Orders and requests to the devices' process, and which activity and action each belongs to."""
 
 from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import TypeAlias
 
@@ -158,3 +159,55 @@ def check_numbers(message: Order | Request) -> None:
 
 def _is_within(value: object, low: float, high: float) -> bool:
     return isinstance(value, int | float) and low <= value <= high
+
+
+class Activity(StrEnum):
+    """What the devices are doing."""
+
+    IDLE = "no rig"
+    OPENING = "opening the rig"
+    WATCHING = "watching"
+    GRASPING = "grasping"
+    RELEASING = "opening the hand"
+    RESTING = "calibrating rest"
+    WEIGHING = "calibrating force"
+    EXAMINING = "examining"
+    REPLAYING = "replaying"
+    GONE = "gone"
+
+
+class Action(StrEnum):
+    """What can be pressed, apart from stop."""
+
+    OPEN = "open a rig"
+    GRASP = "grasp"
+    RELEASE = "release"
+    CALIBRATE = "calibrate"
+    EXAMINE = "examine"
+    PLAY = "replay"
+    RECORD = "record"
+    CONFIRM = "confirm"
+    SPEED = "change the speed"
+    STEER = "move the replay"
+    FILES = "rename or delete"
+
+
+ACTIVITIES: dict[type[Order], Activity] = {
+    OpenRig: Activity.OPENING,
+    GraspOrder: Activity.GRASPING,
+    OpenHand: Activity.RELEASING,
+    CalibrateRest: Activity.RESTING,
+    CalibrateForce: Activity.WEIGHING,
+    Examine: Activity.EXAMINING,
+    Play: Activity.REPLAYING,
+}
+ACTIONS: dict[type[Order], Action] = {
+    OpenRig: Action.OPEN,
+    GraspOrder: Action.GRASP,
+    OpenHand: Action.RELEASE,
+    CalibrateRest: Action.CALIBRATE,
+    CalibrateForce: Action.CALIBRATE,
+    Examine: Action.EXAMINE,
+    Play: Action.PLAY,
+    Record: Action.RECORD,
+}

@@ -8,14 +8,12 @@ from pathlib import Path
 from nicegui import Client, ui
 from nicegui.events import GenericEventArguments
 
-from palpate.dashboard.activity import Action
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.panel_calibrate import calibrate_panel
-from palpate.dashboard.panel_doctor import doctor_panel
+from palpate.dashboard.orders import Action
 from palpate.dashboard.panel_grasp import grasp_buttons, item_field, set_up_panel
-from palpate.dashboard.panel_items import items_panel
+from palpate.dashboard.panel_history import items_panel, run_panel
 from palpate.dashboard.panel_recordings import recordings_panel
-from palpate.dashboard.panel_run import run_panel
+from palpate.dashboard.panel_sensor import calibrate_panel, doctor_panel
 from palpate.dashboard.viewer import Viewer
 from palpate.plots.pixel_colors import DEEPEST_PERCENT, FALL, RISE, css_gradient
 

@@ -1,4 +1,4 @@
-"""The session as the page polls it: one JSON document, small enough to be asked for 15 times/s."""
+"""The state of a session as JSON: for machines, and with all that the page draws 15 times/s."""
 
 from __future__ import annotations
 
@@ -7,22 +7,40 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-import numpy as np
-
-from palpate.dashboard.activity import Activity
-from palpate.dashboard.device_state import CalibrationFailure
 from palpate.dashboard.grasp_progress import GraspProgress
+from palpate.dashboard.headline import PHASE_TEXTS, TEXTS, bound_text, headline_of, operator_view
 from palpate.dashboard.live import Live, finite
-from palpate.dashboard.messages import Grasped
-from palpate.dashboard.operator_view import STOPPED_OPEN, operator_view
+from palpate.dashboard.orders import Activity
 from palpate.dashboard.session import Session
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Moment, Outcome
-from palpate.grasp.verdict import UNKNOWN_FIRMNESS, outcome_text, verdict
+from palpate.grasp.verdict import outcome_text
 from palpate.sensor.findings import pixel_name
 from palpate.sensor.health import Health
 
 _MEASURED = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
+
+
+def state_document(session: Session) -> dict[str, object]:
+    """Return the state of a session; equal documents mean that nothing has happened."""
+    live, source = session.devices.live, session.devices.live.source
+    # Until the devices have begun, what is known is of the grasp before.
+    begun = session.devices.activity is Activity.GRASPING and session.devices.grasped is None
+    running = live.progress if begun else None
+    return {
+        "activity": session.devices.activity.value,
+        "phase": None if running is None else running.phase,
+        "answered": running is not None and running.decided,
+        "bin": (session.devices.placed.get("bin") or {}).get("name"),
+        "rig": None if session.rig is None else session.rig.name,
+        "simulated": None if source is None else source.simulated,
+        "fresh": not live.link.stale and session.hung_s is None,
+        "hand_open": live.open_hand,
+        "driver": session.driver is not None,
+        "trouble": session.devices.trouble,
+        "stops": session.stops,
+        "stopped_after_s": session.devices.stopped_after_s,
+    }
 
 
 def document(
@@ -41,13 +59,12 @@ def document(
         What the page has of the curve: of another generation it needs all of it.
     """
     live, link = session.devices.live, _link(session)
-    headline = _verdict(session, stale=link["stale"])
+    headline = headline_of(session, stale=link["stale"])
     after_s = after_s if generation == live.generation else -math.inf
     source = live.source
     return {
+        **state_document(session),
         "generation": live.generation,
-        "activity": session.devices.activity.value,
-        "trouble": session.devices.trouble,
         "source": None
         if source is None
         else {
@@ -73,13 +90,11 @@ def document(
         ],
         "grasp": _grasp(live.progress, live),
         "replay": _replay(live),
-        "verdict": {**headline, **{key: str(headline.get(key) or "") for key in _TEXTS}},
+        "verdict": {**headline, **{key: str(headline.get(key) or "") for key in TEXTS}},
         "operator": operator_view(session, headline=headline),
         "nothing_there": headline["text"] == outcome_text(Outcome.NOTHING_THERE),
         "item": session.devices.item_id,
         "measured": _measured(session),
-        "stops": session.stops,
-        "stopped_after_s": session.devices.stopped_after_s,
         "recording": None if session.devices.recording is None else session.devices.recording.name,
     }
 
@@ -97,7 +112,7 @@ def _replay(live: Live) -> dict[str, Any] | None:
     return {
         "start_s": timeline.start_s,
         "end_s": timeline.end_s,
-        "phases": [[time_s, _PHASES.get(phase, "")] for time_s, phase in timeline.phases],
+        "phases": [[time_s, PHASE_TEXTS.get(phase, "")] for time_s, phase in timeline.phases],
         "grasp": _grasp(timeline.ended, live),
         "time_s": playing.time_s,
         "paused": playing.paused,
@@ -197,151 +212,6 @@ def _on_pixels(health: Health | None) -> list[dict[str, Any]]:
     ]
 
 
-def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
-    """Return the headline: of the grasp that ended, of the one that runs, or what goes on."""
-    if session.devices.activity is Activity.GONE:
-        return {**_WORDLESS, "text": "the devices are gone", "kind": "bad"}
-    if session.devices.activity is Activity.WATCHING and (
-        broken := _broken(session.devices.live, stale=stale)
-    ):
-        text, why = broken
-        return {**_WORDLESS, "text": text, "why": why, "kind": "bad"}
-    failure = session.devices.calibration_failure
-    if session.devices.activity is Activity.WATCHING and failure is not None:
-        return {**_WORDLESS, **_uncalibrated(failure, session.devices.live)}
-    if session.devices.activity is Activity.WATCHING and _is_stopped(session):
-        if session.devices.live.open_hand:
-            return {**_WORDLESS, "text": STOPPED_OPEN, "kind": "idle"}
-        if session.devices.stopped_early:
-            return {**_WORDLESS, "text": outcome_text(Outcome.STOPPED), "kind": "bad"}
-    if session.devices.activity in _OF_THEIR_OWN:
-        # Not the verdict of the grasp before.
-        return {**_WORDLESS, "text": session.devices.activity.value, "kind": "busy"}
-    grasped, progress = session.devices.grasped, session.devices.live.progress
-    if grasped is not None:
-        headline = verdict(grasped.result, target_force_n=session.shown_target_n)
-        low_n = None if progress is None else progress.bounds.damage_low_n
-        if (grasped.truth or {}).get("damaged"):
-            damaged = "the object was damaged"
-            headline |= {"text": damaged, "why": headline["text"], "firmness": None}
-        elif _limit_passed(grasped, damage_low_n=low_n):
-            headline["why"] = "the force passed the damage limit before it was known"
-        kind = kind_of(grasped, target_force_n=session.shown_target_n, damage_low_n=low_n)
-        return _placed({**headline, "kind": kind}, grasped.result, session.devices.placed)
-    if progress is None:
-        text = session.devices.activity.value
-        if session.devices.activity is Activity.WATCHING and not session.devices.sensor_alone:
-            text = "ready"
-        begins = session.devices.activity is Activity.GRASPING
-        return {**_WORDLESS, "text": text, "kind": "busy" if begins else "idle"}
-    # In its last phase, for a moment, the grasp has ended.
-    text = _PHASES.get(progress.phase) or outcome_text(progress.answer.outcome)
-    if not progress.decided:
-        return {**_WORDLESS, "text": text, "kind": "busy"}
-    headline = verdict(progress.answer, target_force_n=session.shown_target_n)
-    kind = "warn" if headline["on_target"] is False else "good"
-    headline |= {"text": text, "kind": kind}
-    if progress.phase != "hold":
-        return headline
-    return _placed(headline, progress.answer, session.devices.placed)
-
-
-def _placed(
-    headline: dict[str, Any], result: GraspResult, placed: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Let the bin be the headline, with what was measured below; amber for the default one."""
-    found = placed.get("bin")
-    if headline["kind"] == "bad" or "bin" not in placed:
-        return headline
-    if found is None:
-        return headline | {"why": f"no bin: {placed['why']}", "kind": "warn"}
-    firm = None if headline["firmness"] == UNKNOWN_FIRMNESS else headline["firmness"]
-    return headline | {
-        "text": found["name"],
-        "bin": found["name"],
-        "again": found["again"],
-        "why": f"{headline['text']}: {found['why'].partition(': ')[2]}",
-        "firmness": ", ".join(filter(None, (firm, *_sizes(result)))),
-        "kind": "warn" if found["rule"] is None else headline["kind"],
-    }
-
-
-def _sizes(result: GraspResult) -> list[str]:
-    """Return size and stiffness in words, where they are known."""
-    rows = ((result.size_mm, "mm", 0), (result.stiffness_n_per_mm, "N/mm", 1))
-    return [
-        f"{one.middle:.{digits}f} {unit}" if one.number else f"{_bound(one)} {unit}"
-        for one, unit, digits in rows
-        if one is not None and (one.number or any(one.known_ends))
-    ]
-
-
-def _is_stopped(session: Session) -> bool:
-    """Whether the last grasp was stopped, be it before it began."""
-    grasped = session.devices.grasped
-    is_ended_so = grasped is not None and grasped.result.outcome is Outcome.STOPPED
-    return is_ended_so or session.devices.stopped_early
-
-
-#: The fields of a verdict that are text.
-_TEXTS = ("text", "firmness", "why", "bin")
-_OF_THEIR_OWN = (Activity.RESTING, Activity.WEIGHING, Activity.EXAMINING, Activity.RELEASING)
-_WORDLESS: dict[str, Any] = {"firmness": None, "on_target": None}
-
-
-def kind_of(grasped: Grasped, *, target_force_n: float | None, damage_low_n: float | None) -> str:
-    """Return how a grasp ended, as a colour: nothing that went wrong is good."""
-    result, truth = grasped.result, grasped.truth or {}
-    on_target = verdict(result, target_force_n=target_force_n)["on_target"]
-    if result.outcome is not Outcome.HELD or truth.get("damaged"):
-        return "bad"
-    passed = _limit_passed(grasped, damage_low_n=damage_low_n)
-    return "warn" if on_target is False or result.faults or passed else "good"
-
-
-def _limit_passed(grasped: Grasped, *, damage_low_n: float | None) -> bool:
-    """Whether the object bore more than its learned limit: the sheet showed that too late."""
-    peak_n = grasped.result.peak_force_n
-    return damage_low_n is not None and peak_n is not None and peak_n > damage_low_n
-
-
-def _uncalibrated(failure: CalibrationFailure, live: Live) -> dict[str, str]:
-    """Return the headline of a calibration that was stopped or failed."""
-    kept = live.source is not None and live.source.rest_ohm is not None
-    text = "calibration stopped" if failure.stopped else "calibration failed"
-    why = "no calibration is in use"
-    if kept:
-        why = "the previous calibration stays in use"
-    return {"text": text, "why": why, "kind": "warn" if failure.stopped else "bad"}
-
-
-def _broken(live: Live, *, stale: bool) -> tuple[str, str] | None:
-    """Return what is wrong with the sensor that is watched, and what to do; None while it reads."""
-    if stale and live.link.frames:
-        return "the sensor is silent", "check its cable and power; it goes on as soon as it answers"
-    if live.percent is not None and np.isnan(live.percent).all():
-        return (
-            "no pixel reads",
-            "check the cable between sensor and board; the page Doctor gives details",
-        )
-    return None
-
-
-_PHASES = {
-    "wait": "waiting until the sheet has recovered",
-    "sweep": "closing in",
-    "felt": "possible contact",
-    "approach": "approaching slowly",
-    "contact": "contact found",
-    "squeeze": "squeezing gently",
-    "settle": "waiting for the sheet",
-    "adjust": "adjusting",
-    "ease": "easing off",
-    "hold": "holding",
-    "release": "giving it back",
-}
-
-
 def _measured(session: Session) -> dict[str, Any]:
     """Return the measurements with their intervals, and the twin's true values."""
     grasped, progress = session.devices.grasped, session.devices.live.progress
@@ -379,13 +249,6 @@ def _one(measured: Measurement | None, true: object) -> dict[str, Any] | None:
         return None
     known = {"status": str(measured.status), "truth": true}
     if not measured.number:
-        return known | {"value": None, "low": None, "high": None, "text": _bound(measured)}
+        return known | {"value": None, "low": None, "high": None, "text": bound_text(measured)}
     value, low, high = finite([measured.middle, measured.low, measured.high])
     return known | {"value": value, "low": low, "high": high}
-
-
-def _bound(measured: Measurement) -> str:
-    low, high = measured.known_ends
-    if low is not None:
-        return f"at least {low:.2f}"
-    return "not measured" if high is None else f"at most {high:.2f}"

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from palpate.dashboard.activity import Action
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.orders import OpenRig, Record
+from palpate.dashboard.orders import Action, OpenRig, Record
 from palpate.dashboard.session import GraspForm
 from palpate.dashboard.viewer import Viewer
 from palpate.errors import InputError

@@ -12,14 +12,12 @@ from urllib.parse import quote
 
 from nicegui import run, ui
 
-from palpate.dashboard.activity import Action
 from palpate.dashboard.app_state import AppState
 from palpate.dashboard.folder import is_simulated, recording_named
 from palpate.dashboard.history import Summary
-from palpate.dashboard.html_parts import day_text, heading, paragraph
-from palpate.dashboard.orders import Play
+from palpate.dashboard.orders import Action, Play
 from palpate.dashboard.panel_grasp import SPEEDS
-from palpate.dashboard.viewer import Viewer
+from palpate.dashboard.viewer import Viewer, day_text, heading, paragraph
 from palpate.errors import InputError
 
 

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from palpate.dashboard.app_state import AppState, Settings
 from palpate.dashboard.folder import recording_named
 from palpate.dashboard.page_document import document
-from palpate.dashboard.publishing import DocumentSink, publish
-from palpate.dashboard.station import Station
+from palpate.dashboard.station import DocumentSink, Station, publish
 from palpate.errors import DeviceError, InputError, needing
 from palpate.line.machine import Line
 
@@ -65,10 +64,8 @@ def serve(
         from nicegui import ui
 
         from palpate.dashboard.access import STOPS, AccessControl, check_token, is_loopback
-        from palpate.dashboard.address import address_for_others
         from palpate.dashboard.api import build_api
-        from palpate.dashboard.app_thread import AppThread
-        from palpate.dashboard.connections import BoundedConnection
+        from palpate.dashboard.transport import AppThread, BoundedConnection, address_for_others
     check_token(host, token)
     listening = _listen(host, port)
     app_state = AppState(settings)

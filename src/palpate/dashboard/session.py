@@ -10,10 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from threading import RLock
 
-from palpate.dashboard.activity import ACTIONS, Action, Activity
 from palpate.dashboard.device_state import DeviceState
 from palpate.dashboard.messages import Grasped
 from palpate.dashboard.orders import (
+    ACTIONS,
+    Action,
+    Activity,
     Confirm,
     GraspOrder,
     OpenHand,

@@ -1,12 +1,14 @@
-"""The server as a controller of a line sees it: the rules of the page, for OPC UA and Modbus."""
+"""The server as machines see it: commands by the rules of the page, results and state sent on."""
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Mapping
-from typing import Any
+from contextlib import suppress
+from typing import Any, Protocol
 
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.state_json import state_document
+from palpate.dashboard.page_document import state_document
 from palpate.errors import InputError
 from palpate.line.machine import CommandRefusedError
 
@@ -83,3 +85,32 @@ class Station:
 
     def _count(self, document: Mapping[str, object]) -> None:
         self._results += 1
+
+
+#: What changes faster than this is not published.
+_LOOK_S = 0.1
+
+
+class DocumentSink(Protocol):
+    """Takes documents without blocking."""
+
+    def result(self, document: Mapping[str, object]) -> None:
+        """Take how a grasp ended."""
+        ...
+
+    def state(self, document: Mapping[str, object]) -> None:
+        """Take the state; one that is equal to the last is no news."""
+        ...
+
+    def close(self) -> None:
+        """Take nothing more."""
+        ...
+
+
+async def publish(app_state: AppState, publisher: DocumentSink) -> None:
+    """Publish until this is cancelled."""
+    app_state.on_result.append(publisher.result)
+    with suppress(asyncio.CancelledError):
+        while True:
+            publisher.state(state_document(app_state.session))
+            await asyncio.sleep(_LOOK_S)

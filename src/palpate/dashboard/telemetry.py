@@ -15,9 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.dashboard.frames import Frames, FrameSource, LinkStatus
 from palpate.dashboard.grasp_progress import GraspProgress, grasp_progress_of
-from palpate.dashboard.messages import Note, Update
+from palpate.dashboard.messages import Frames, FrameSource, LinkStatus, Note, Update
 from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import SafetyLimits

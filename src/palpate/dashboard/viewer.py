@@ -1,17 +1,18 @@
-"""One browser's viewer: presses go to the session, refusals are shown next to the button."""
+"""One browser's viewer: presses go to the session, refusals are shown; and parts of panels."""
 
 from __future__ import annotations
 
+import html
 import math
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
+from datetime import datetime
 
 from nicegui import ui
 from nicegui.elements.mixins.disableable_element import DisableableElement
 
-from palpate.dashboard.activity import Action
-from palpate.dashboard.orders import Order
+from palpate.dashboard.orders import Action, Order
 from palpate.dashboard.session import Session
 from palpate.errors import InputError
 
@@ -168,3 +169,28 @@ class Viewer:
     def refuse(self, error: Exception) -> None:
         """Show why something can't be."""
         ui.notify(str(error), type="warning")
+
+
+def heading(text: str) -> ui.html:
+    """Add a heading."""
+    return ui.html(f"<h3>{html.escape(text)}</h3>", sanitize=False)
+
+
+def paragraph(text: str) -> ui.html:
+    """Add a paragraph."""
+    return ui.html(f"<p>{html.escape(text)}</p>", sanitize=False)
+
+
+def number_text(value: float, spec: str) -> str:
+    """Return a number as `format` writes it, with a minus sign in place of a hyphen."""
+    return format(float(value), spec).replace("-", "\N{MINUS SIGN}")
+
+
+def day_text(moment: datetime) -> str:
+    """Return day and time of a moment."""
+    return moment.strftime("%d %b %H:%M")
+
+
+def count_of(number: int, noun: str) -> str:
+    """Return a number with its noun, such as ``2 faults``."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"

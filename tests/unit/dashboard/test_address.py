@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from palpate.dashboard.address import address_for_others
+from palpate.dashboard.transport import address_for_others
 
 
 @pytest.mark.parametrize(("host", "family"), [("0.0.0.0", socket.AF_INET), ("::", socket.AF_INET6)])

@@ -12,8 +12,7 @@ import pytest
 from palpate.dashboard import folder as folder_module
 from palpate.dashboard.app_state import AppState, Settings
 from palpate.dashboard.folder import LISTED, RecordingList
-from palpate.dashboard.frames import LinkStatus
-from palpate.dashboard.messages import StopConfirmed, Update
+from palpate.dashboard.messages import LinkStatus, StopConfirmed, Update
 
 
 def app_state_of(folder: Path) -> AppState:

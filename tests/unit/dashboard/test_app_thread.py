@@ -13,7 +13,7 @@ from starlette.responses import PlainTextResponse
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
-from palpate.dashboard.app_thread import AppThread
+from palpate.dashboard.transport import AppThread
 
 
 async def ask(

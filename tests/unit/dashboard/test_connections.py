@@ -16,8 +16,8 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 from websockets.asyncio.client import connect
 
-from palpate.dashboard import connections
-from palpate.dashboard.connections import BoundedConnection
+from palpate.dashboard import transport as connections
+from palpate.dashboard.transport import BoundedConnection
 
 STOP = b"POST /stop HTTP/1.1\r\nHost: robot\r\nContent-Length: 2\r\n\r\n{}"
 #: A test that hangs fails; nothing here takes long.

@@ -16,13 +16,13 @@ from tests.closings import write_damage_file
 
 from palpate.commands.serve import open_simulated_bench
 from palpate.dashboard.device_process import DeviceProcess
-from palpate.dashboard.frames import FrameSource
 from palpate.dashboard.job_context import BenchOpener, CellBench
 from palpate.dashboard.messages import (
     Began,
     BeingRecorded,
     Calibrated,
     Ended,
+    FrameSource,
     Grasped,
     Guide,
     Playing,

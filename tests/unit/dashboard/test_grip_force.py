@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 from tests.unit.dashboard.test_live import SOURCE, frames, progress
 
-from palpate.dashboard.frames import Frames
-from palpate.dashboard.grasp_progress import Bounds
-from palpate.dashboard.grip_force import ContactGains, ForceLaws, GripForce
+from palpate.dashboard.grasp_progress import Bounds, ContactGains, ForceLaws, GripForce
 from palpate.dashboard.live import Live
+from palpate.dashboard.messages import Frames
 from palpate.dashboard.page_document import document
 from palpate.dashboard.session import Session
 from palpate.estimate.gain import Gain

@@ -13,7 +13,7 @@ from tests.full_disk import file_size_limit
 from palpate.dashboard.history import LISTED, Entry, History, checked_name, entry_of
 from palpate.dashboard.live import Point
 from palpate.dashboard.messages import Grasped
-from palpate.dashboard.panel_run import counts_html, entry_html
+from palpate.dashboard.panel_history import counts_html, entry_html
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from palpate.dashboard.frames import FrameSource
 from palpate.dashboard.item_store import ItemStore
-from palpate.dashboard.panel_items import item_html
+from palpate.dashboard.messages import FrameSource
+from palpate.dashboard.panel_history import item_html
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.produce.records import About, Item, Verdict

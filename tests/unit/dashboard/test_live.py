@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.dashboard.activity import Action, Activity
-from palpate.dashboard.frames import Frames, FrameSource, LinkStatus
 from palpate.dashboard.grasp_progress import Bounds, GraspProgress
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S, Live
-from palpate.dashboard.messages import DevicesLost, Grasped, Update
+from palpate.dashboard.messages import DevicesLost, Frames, FrameSource, Grasped, LinkStatus, Update
+from palpate.dashboard.orders import Action, Activity
 from palpate.dashboard.page_document import document
 from palpate.dashboard.session import Session
 from palpate.estimate.measurement import Measurement

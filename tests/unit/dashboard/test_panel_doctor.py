@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from palpate.dashboard.panel_doctor import report
+from palpate.dashboard.panel_sensor import report
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.health import FrameColumns, examine
 

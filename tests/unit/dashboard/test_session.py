@@ -10,18 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.dashboard.activity import Action, Activity
-from palpate.dashboard.frames import Frames, FrameSource, LinkStatus
 from palpate.dashboard.messages import (
     Began,
     Calibrated,
     DevicesLost,
     Ended,
+    Frames,
+    FrameSource,
     Grasped,
     Guide,
+    LinkStatus,
     Update,
 )
 from palpate.dashboard.orders import (
+    Action,
+    Activity,
     CalibrateForce,
     Confirm,
     Examine,
@@ -278,9 +281,9 @@ def test_a_grasp_stopped_before_the_hand_moved_says_so_and_not_how_the_last_one_
         rehearsal.tell(Began(order=GRASP))
     rehearsal.tell(Ended(order=GRASP, trouble="stopped before it began", stopped=True))
     page = document(rehearsal.session, generation=-1, after_s=0.0)
-    assert (page["verdict"]["text"], page["verdict"]["kind"]) == ("stopped on request", "bad")
-    assert page["operator"]["word"] == "Stopped"
-    assert page["operator"]["next"] == "Look at the hand, then press Grasp again"
+    assert (page["verdict"]["text"], page["verdict"]["kind"]) == ("stopped, hand open", "idle")
+    assert page["operator"]["word"] == "Stopped, hand open"
+    assert page["operator"]["next"] == "Put the next item in, then press Grasp"
     assert not page["trouble"]
     assert not rehearsal.session.refusal(Action.GRASP, viewer="a")
     rehearsal.tell(Began(order=GRASP), Ended(order=GRASP, trouble="no such file"))

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.dashboard import telemetry as telemetry_module
-from palpate.dashboard.frames import FrameSource
-from palpate.dashboard.messages import Trouble, Update
+from palpate.dashboard.messages import FrameSource, Trouble, Update
 from palpate.dashboard.telemetry import Telemetry
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from palpate.clock import ManualClock
-from palpate.dashboard.calibrating import calibrate_force, calibrate_rest
 from palpate.dashboard.job_context import JobContext, StoppedByUserError
+from palpate.dashboard.jobs import calibrate_force, calibrate_rest
 from palpate.dashboard.messages import Guide, Update
 from palpate.dashboard.orders import CalibrateForce, CalibrateRest
 from palpate.dashboard.telemetry import Telemetry

@@ -15,7 +15,7 @@ from tests.conftest import skip
 from tests.postgresql import PostgresqlProcess, programs
 from tests.unit.test_json_schemas import faults
 
-from palpate.dashboard.panel_items import item_html
+from palpate.dashboard.panel_history import item_html
 from palpate.errors import StoreAwayError, StoreError
 from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Verdict

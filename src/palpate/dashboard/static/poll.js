@@ -19,13 +19,14 @@ export function headline(box, element, text) {
 
 // All of a card's words are in it: they shrink together until they are, whenever words or card change.
 export function fit(card) {
-  const inner = card.querySelector("div"), word = card.querySelector("b");
+  const word = card.querySelector("b");
   const shrink = () => {
     if (!card.clientHeight) return;
-    const { paddingTop, paddingBottom } = getComputedStyle(card), room = card.clientHeight - parseFloat(paddingTop) - parseFloat(paddingBottom);
+    const box = card.getBoundingClientRect();
     const fits = (scale) => {
       card.style.setProperty("--fit", scale);
-      return inner.offsetHeight <= room && word.scrollWidth <= word.clientWidth;
+      const isInside = (part) => part.getBoundingClientRect().top >= box.top + 4 && part.getBoundingClientRect().bottom <= box.bottom - 4;
+      return [...card.children].every(isInside) && word.scrollWidth <= word.clientWidth;
     };
     if (fits(1)) return;
     let [low, high] = [0.15, 1];
