@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING, Any
 
 from palpate.commands.options import TargetForceOption
 from palpate.estimate.measurement import Measurement
@@ -40,6 +41,9 @@ from palpate_studies.identify_data import (
 )
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import group
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def _bin_of(kind: str, *sizes: Within, bin_name: str | None = None) -> Rule:
@@ -210,4 +214,34 @@ def judge(crates: Sequence[CrateItemGrasps], *, book: RuleBook = BOOK) -> StudyR
             "against_lda": against_lda(given),
         },
         files={"crates.json": partial(write_crates, crates)},
+        figures={"sorting-rate": partial(draw, summary)},
     )
+
+
+def draw(summary: Sequence[Mapping[str, Any]]) -> Figure:
+    """Draw errors over items per hour: each line goes from one grasp an item to three."""
+    from palpate.plots.style import BLUE, ORANGE, new_figure
+
+    levels = list(dict.fromkeys(row["level"] for row in summary))
+    ways = {"ours, ": ("palpate", BLUE), "LDA with a background": ("LDA, background", ORANGE)}
+    with new_figure(columns=len(levels), width_in=7.2, height_in=3.2, shared=True) as (fig, axes):
+        for axis, level in zip(axes[0], levels, strict=True):
+            for start, (label, colour) in ways.items():
+                rows = [
+                    row
+                    for row in summary
+                    if row["level"] == level and row["method"].startswith(start)
+                    if row["method"].endswith(("one grasp", "2 grasps", "3 grasps"))
+                ]
+                rate = [row["items_per_hour"] for row in rows]
+                left = [100 * row["left_over"] for row in rows]
+                wrong = [
+                    (100 - at) * (1 - (r["purity"] or 0.0))
+                    for at, r in zip(left, rows, strict=True)
+                ]
+                axis.plot(rate, left, "s--", color=colour, label=f"{label}: left for people")
+                axis.plot(rate, wrong, "o-", color=colour, label=f"{label}: in a wrong bin")
+            axis.set(xlabel="items per hour", title=f"{level}, simulated", ylim=(0, 100))
+        axes[0][0].set_ylabel("share of the crate (%)")
+        axes[0][0].legend(fontsize=7, loc="upper left")
+    return fig
