@@ -256,7 +256,8 @@ def _print_page(page: ItemHistory) -> None:
     """Print everything that is known of one item."""
     item = page.item
     seen = None if item.first_seen is None else f"first seen {time_text(item.first_seen)}"
-    facts = filter(None, (item.kind, item.batch and f"batch {item.batch}", item.label, seen))
+    rank = None if page.firmness_rank is None else page.firmness_rank.text
+    facts = filter(None, (item.kind, item.batch and f"batch {item.batch}", item.label, seen, rank))
     console = Console(highlight=False)
     parts = [Text("  ·  ".join(facts))]
     tables = [_grasps(page)] * bool(page.grasps) + [_verdicts(page)] * bool(page.verdicts)

@@ -119,6 +119,8 @@ def _item_report(page: ItemHistory, *, store: str) -> str:
     if item.first_seen is not None:
         chips.append(f"first seen {time_text(item.first_seen)}")
     chips.append(f"{count} grasp{'s' * (count != 1)}")
+    if page.firmness_rank is not None:
+        chips.append(page.firmness_rank.text)
     body: list[Part] = [_item_tiles(page)]
     if figures := _item_figures(page):
         body.append(figures)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 from contextlib import closing
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -105,6 +106,24 @@ def test_grasp_with_shared_store_away_is_kept_in_the_local_file(
     assert len(json.loads(out)["grasps"]) == 1
     assert "no answer; check the server" in err
     assert "without other stations" in err
+
+
+@pytest.mark.parametrize(("others", "rank"), [(7, None), (8, {"items": 8, "softer": 0.75})])
+def test_item_has_its_place_on_the_firmness_scale_of_its_kind(
+    capsys: pytest.CaptureFixture[str], others: int, rank: dict[str, float] | None
+) -> None:
+    with Store.open() as store:
+        for number, index in enumerate([65.0, *range(10, 10 * others + 10, 10)][: others + 1]):
+            name = f"A{number}"
+            store.add_item(Item(item_id=name, kind="avocado"))
+            firmness = Measurement(value=index, low=index - 5, high=index + 5, unit="index")
+            one = grasp(name)
+            store.add_grasp(replace(one, measurements={**one.measurements, "firmness": firmness}))
+        store.add_grasp(grasp("A1", days=1))
+    assert palpate("items", "A0", "--json") == 0
+    assert json.loads(capsys.readouterr().out).get("firmness_rank") == rank
+    assert palpate("items", "A0") == 0
+    assert ("firmer than 75 % of 8 of its kind" in capsys.readouterr().out) == (rank is not None)
 
 
 @pytest.mark.parametrize("form", [(), ("--json",)])

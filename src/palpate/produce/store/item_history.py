@@ -6,13 +6,32 @@ The JSON is `item.json` and `items.json` of `docs/schemas`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from datetime import datetime
 from typing import Any
 
 from palpate.estimate.measurement import Measurement
-from palpate.produce.records import MEASURED, About, Grasp, Item, Verdict
+from palpate.produce.records import MEASURED, About, Drive, Grasp, Item, Verdict
 from palpate.produce.store.database import Store
+
+#: Others of a kind that are read for its scale of firmness, the last met first, and the fewest that
+#: make one (guess).
+_MOST_OF_KIND, _FEWEST_OF_KIND = 200, 8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FirmnessRank:
+    """Place of an item's firmness on the scale of its kind."""
+
+    #: Other items of the kind whose firmness is known by such a gripper.
+    items: int
+    #: Share of them that are softer.
+    softer: float
+
+    @property
+    def text(self) -> str:
+        """The place in words."""
+        return f"firmer than {100 * self.softer:.0f} % of {self.items} of its kind"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,6 +46,8 @@ class ItemHistory:
     verdicts: tuple[Verdict, ...]
     #: Why grasps of other stations may be missing; empty if the shared store answered.
     away: str = ""
+    #: Its place among items of its kind; None if too few are known.
+    firmness_rank: FirmnessRank | None = None
 
     @property
     def simulated(self) -> bool:
@@ -53,11 +74,30 @@ class ItemHistory:
 
 
 def item_page(store: Store, item_id: str) -> ItemHistory:
-    """Gather the page of an item.
+    """Gather the page of an item, with its place among the others of its kind.
 
     Raises `InputError` if there is no such item.
     """
-    return item_pages(store, [store.item(item_id)])[0]
+    item = store.item(item_id)
+    page = item_pages(store, [item])[0]
+    drive = page.grasps[-1].drive if page.grasps else "width"
+    own = _last_firmness(page.grasps, drive)
+    if item.kind is None or own is None:
+        return page
+    others = [one for one in store.items(kind=item.kind, limit=_MOST_OF_KIND) if one != item]
+    grasps = [grasps for grasps, _ in store.histories([one.item_id for one in others])]
+    known = [value for one in grasps if (value := _last_firmness(one, drive)) is not None]
+    if len(known) < _FEWEST_OF_KIND:
+        return page
+    softer = sum(value < own for value in known) / len(known)
+    return replace(page, firmness_rank=FirmnessRank(items=len(known), softer=softer))
+
+
+def _last_firmness(grasps: Sequence[Grasp], drive: Drive) -> float | None:
+    """Return the last firmness that a kind of gripper measured."""
+    mine = (grasp for grasp in reversed(grasps) if grasp.drive == drive)
+    found = (grasp.measurements.get("firmness") for grasp in mine)
+    return next((measured.middle for measured in found if measured is not None), None)
 
 
 def item_pages(store: Store, items: Sequence[Item]) -> tuple[ItemHistory, ...]:
@@ -103,6 +143,7 @@ def item_document(page: ItemHistory) -> dict[str, Any]:
         "simulated": page.simulated,
         "grasps": [record_as_dict(grasp) for grasp in page.grasps],
         "verdicts": [record_as_dict(verdict) for verdict in page.verdicts],
+        **({} if page.firmness_rank is None else {"firmness_rank": asdict(page.firmness_rank)}),
         **_away([page]),
     }
 
