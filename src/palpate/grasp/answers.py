@@ -108,7 +108,7 @@ def _widened(one: SettledEstimate, *, by: float, unit: str) -> Measurement:
 
 def _kept(reading: Measurement, *, now: float) -> Measurement:
     """Return the forecast, or the present reading in its place if nothing held could read that."""
-    least, most = now * SETTLE.least_kept, now * SETTLE.most_kept
+    least, most = now / SETTLE.kept_factor, now * SETTLE.kept_factor
     if now <= 0 or least <= reading.middle <= most:
         return reading
     return replace(reading, value=now, low=least, high=most, status=Status.FELL_BACK)
@@ -202,7 +202,6 @@ def _contact_point(estimate: ContactEstimate, plan: Plan, give: Compliance) -> C
     width, felt, read = _read(steps, estimate, plan)
     # Below the weakest reading of the calibration the law can't distinguish forces.
     weakest_n = float(plan.early_law.force_n(plan.early_law.range[0]).value)
-    felt &= read.value > SETTLE.felt_fraction * weakest_n
     if felt.sum() < 2:
         return None
     force = np.where(felt, read.value, 0.0)

@@ -12,27 +12,20 @@ import re
 from dataclasses import dataclass, fields
 from typing import Any
 
-_ENTRY = re.compile(r"(\w+) : (\S+ to \S+) (.+), (.+)\n {8}(.+)")
+_ENTRY = re.compile(r"(\w+) : (\S+ to \S+) (.+?), ([a-z ]+)\.\s+(.+)")
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
     """How frames and reports become an estimate.
 
-    now_s : 0.05 to 0.3 s, guess
-        Span of the frames whose mean is read as now.
-    now_frames : 2 to 6 frames, guess
-        Fewest frames that are read as now.
-    quiet_s : 0.2 to 0.5 s, twin
-        A movement's spike, and the sheet's answer, are over.
-    lag_s : 0.06 to 0.12 s, twin
-        A pixel hides its fall under a rising load.
-    felt_percent : -3 to -0.5 %, twin
-        A larger fall is a touch (ten times a mean's noise).
-    width_report_mm : 0.02 to 0.2 mm, datasheet
-        Error of a reported width.
-    pressure_report_kpa : 0.1 to 1 kPa, guess
-        Error of a reported pressure.
+    now_s : 0.05 to 0.3 s, guess. Span of the frames whose mean is read as now.
+    now_frames : 2 to 6 frames, guess. Fewest frames that are read as now.
+    quiet_s : 0.2 to 0.5 s, twin. A movement's spike, and the sheet's answer, are over.
+    lag_s : 0.06 to 0.12 s, twin. A pixel hides its fall under a rising load.
+    felt_percent : -3 to -0.5 %, twin. A larger fall is a touch (ten times a mean's noise).
+    width_report_mm : 0.02 to 0.2 mm, datasheet. Error of a reported width.
+    pressure_report_kpa : 0.1 to 1 kPa, guess. Error of a reported pressure.
     """
 
     now_s: float = 0.14
@@ -48,33 +41,20 @@ class Reading:
 class Approach:
     """Closing at speed, and the touch that ends it.
 
-    overrun_steps : 1 to 3 steps, twin
-        Travel from a touch until the hand stands.
-    ahead_frames : 1.25 to 4 frames, guess
-        Reach of a command ahead.
-    ahead_s : 0.01 to 0.05 s, guess
-        And beyond those frames.
-    haste_frames : 1 to 2 frames, guess
-        The same where no object is expected yet.
-    haste_fraction : 0.5 to 1 1, guess
-        Of the safe step, where no object is expected yet.
-    expected_mm : 2 to 10 mm, requirement
-        Error of an expected size.
-    stand_s : 0.15 to 0.4 s, twin
-        Spike of a movement at speed is over.
-    idle_s : 0.3 to 2 s, guess
-        A hand that does not move is sent again.
-    back_steps : 2 to 8 steps, guess
-        Furthest way back from a touch.
-    stuck_fraction : 0.5 to 0.9 1, guess
-        Of a touch that no sheet keeps after it.
-    pushed_steps : 2 to 8 steps, guess
-        An object that one finger pushes is off the middle.
-    alone_fraction : 0.1 to 0.5 1, guess
-        One finger pushes alone below this ratio of both.
-    short_steps : 0.2 to 1 steps, twin
-        Second touch begins before the first, at least.
-    short_fraction : 0.5 to 1 1, twin
+    overrun_steps : 1 to 3 steps, twin. Travel from a touch until the hand stands.
+    ahead_frames : 1.25 to 4 frames, guess. Reach of a command ahead.
+    ahead_s : 0.01 to 0.05 s, guess. And beyond those frames.
+    haste_frames : 1 to 2 frames, guess. The same where no object is expected yet.
+    haste_fraction : 0.5 to 1 1, guess. Of the safe step, where no object is expected yet.
+    expected_mm : 2 to 10 mm, requirement. Error of an expected size.
+    stand_s : 0.15 to 0.4 s, twin. Spike of a movement at speed is over.
+    idle_s : 0.3 to 2 s, guess. A hand that does not move is sent again.
+    back_steps : 2 to 8 steps, guess. Furthest way back from a touch.
+    stuck_fraction : 0.5 to 0.9 1, guess. Of a touch that no sheet keeps after it.
+    pushed_steps : 2 to 8 steps, guess. An object that one finger pushes is off the middle.
+    alone_fraction : 0.1 to 0.5 1, guess. One finger pushes alone below this ratio of both.
+    short_steps : 0.2 to 1 steps, twin. Second touch begins before the first, at least.
+    short_fraction : 0.5 to 1 1, twin.
         Second touch begins before the first, of its force on a block.
     """
 
@@ -98,44 +78,27 @@ class Approach:
 class TouchDetection:
     """A touch seen while the hand moves at one speed.
 
-    history_s : 0.4 to 1 s, twin
-        Readings compared with.
-    latest_s : 0.004 to 0.07 s, guess
-        Readings taken as now.
-    apart_s : 0.06 to 0.12 s, twin
-        Between now and the past.
-    steady_s : 0.3 to 0.6 s, twin
-        A movement's rise is steady.
-    level_s : 0.1 to 0.4 s, guess
-        Span of a movement's level.
-    slowed_s : 0.2 to 0.4 s, twin
-        A faster movement is forgotten.
-    sd : 4 to 8 sd, twin
-        Change that is a touch.
-    fraction : 0.004 to 0.02 1, twin
-        Least change, and unseen noise.
-    slow_fraction : 0.01 to 0.03 1, twin
-        Slow fall that is a touch.
-    current_sd : 3 to 6 sd, twin
-        Rise of the current that is a touch.
-    gears_fraction : 0.1 to 0.3 1, guess
-        Friction of the gears is mapped no better.
-    frozen_frames : 3 to 8 frames, twin
-        Equal frames that are not new.
-    frozen_s : 0.1 to 0.4 s, twin
-        And for this time.
+    history_s : 0.4 to 1 s, twin. Readings compared with.
+    latest_s : 0.004 to 0.07 s, guess. Readings taken as now.
+    steady_s : 0.3 to 0.6 s, twin. A movement's rise is steady.
+    level_s : 0.1 to 0.4 s, guess. Span of a movement's level.
+    slowed_s : 0.2 to 0.4 s, twin. A faster movement is forgotten.
+    sd : 4 to 8 sd, twin. Change that is a touch.
+    fraction : 0.004 to 0.02 1, twin. Least change, and unseen noise.
+    slow_fraction : 0.01 to 0.03 1, twin. Slow fall that is a touch.
+    gears_fraction : 0.1 to 0.3 1, guess. Friction of the gears is mapped no better.
+    frozen_frames : 3 to 8 frames, twin. Equal frames that are not new.
+    frozen_s : 0.1 to 0.4 s, twin. And for this time.
     """
 
     history_s: float = 0.6
     latest_s: float = 0.016
-    apart_s: float = 0.06
     steady_s: float = 0.4
     level_s: float = 0.2
     slowed_s: float = 0.25
     sd: float = 6.0
     fraction: float = 0.008
     slow_fraction: float = 0.016
-    current_sd: float = 4.5
     gears_fraction: float = 0.15
     frozen_frames: int = 4
     frozen_s: float = 0.2
@@ -145,38 +108,22 @@ class TouchDetection:
 class Squeeze:
     """How far to close next.
 
-    force_fraction : 0.5 to 1 1, twin
-        Of the missing force that one step may add.
-    beyond_fraction : 0.2 to 1 1, guess
-        Of a step once the force is there.
-    further : 1 to 2 1, guess
-        Of the depth so far that a step may add.
-    stiffening : 1.1 to 1.6 1, guess
-        Slope over that of the last steps.
-    most_of_target : 1.2 to 2 1, requirement
-        Of the target that no step exceeds.
-    most_beyond_n : 0.2 to 1 N, requirement
-        And beyond the target, no step exceeds.
-    near_fraction : 0.85 to 1 1, twin
-        Of the target where the squeeze ends.
-    sure_n : 0.1 to 0.3 N, twin
-        Rise that noise does not make.
-    sure_fraction : 0.03 to 0.1 1, twin
-        The same, of the force.
-    sure_of_floor : 0.3 to 1 1, guess
-        The same, of the calibration's faint scatter.
-    unknown_n : 0.2 to 0.5 N, guess
-        Added while the damage limit is unknown.
-    soft_n_per_mm : 0.4 to 1.5 N/mm, study rupture
-        Softest fruit that is gripped.
-    damage_fraction : 0.5 to 1 1, guess
-        Of the room to the damage limit, in one step.
-    listen_s : 0.05 to 0.3 s, guess
-        Least time of a step whose current is read.
-    firm_n_per_mm : 4 to 10 N/mm, twin
-        Stiffer needs no firmer squeeze.
-    faint_steps : 2 to 5 steps, guess
-        Faint steps before the first touch that count.
+    force_fraction : 0.5 to 1 1, twin. Of the missing force that one step may add.
+    beyond_fraction : 0.2 to 1 1, guess. Of a step once the force is there.
+    further : 1 to 2 1, guess. Of the depth so far that a step may add.
+    stiffening : 1.1 to 1.6 1, guess. Slope over that of the last steps.
+    most_of_target : 1.2 to 2 1, requirement. Of the target that no step exceeds.
+    most_beyond_n : 0.2 to 1 N, requirement. And beyond the target, no step exceeds.
+    near_fraction : 0.85 to 1 1, twin. Of the target where the squeeze ends.
+    sure_n : 0.1 to 0.3 N, twin. Rise that noise does not make.
+    sure_fraction : 0.03 to 0.1 1, twin. The same, of the force.
+    sure_of_floor : 0.3 to 1 1, guess. The same, of the calibration's faint scatter.
+    unknown_n : 0.2 to 0.5 N, guess. Added while the damage limit is unknown.
+    soft_n_per_mm : 0.4 to 1.5 N/mm, study rupture. Softest fruit that is gripped.
+    damage_fraction : 0.5 to 1 1, guess. Of the room to the damage limit, in one step.
+    listen_s : 0.05 to 0.3 s, guess. Least time of a step whose current is read.
+    firm_n_per_mm : 4 to 10 N/mm, twin. Stiffer needs no firmer squeeze.
+    faint_steps : 2 to 5 steps, guess. Faint steps before the first touch that count.
     """
 
     force_fraction: float = 0.75
@@ -201,47 +148,28 @@ class Squeeze:
 class Settle:
     """The settled force, and its corrections.
 
-    every_s : 0.07 to 0.5 s, guess
-        Between two forecasts.
-    since_sd : 0.03 to 0.1 ln, paper
-        Gain changes after calibration.
-    relaxed : 0.85 to 1 1, twin
-        Of the closing force left at 20 s.
-    relaxed_sd : 0.02 to 0.1 ln, twin
-        Scatter of that.
-    least_kept : 0.3 to 0.7 1, guess
-        Of a reading left at 20 s.
-    most_kept : 1.5 to 3 1, guess
-        Of a reading reached at 20 s.
-    felt_fraction : 0.3 to 1 1, guess
-        Of the calibration's faintest force that counts.
-    least_read : 0.1 to 0.5 1, guess
+    every_s : 0.07 to 0.5 s, guess. Between two forecasts.
+    since_sd : 0.03 to 0.1 ln, paper. Gain changes after calibration.
+    relaxed : 0.85 to 1 1, twin. Of the closing force left at 20 s.
+    relaxed_sd : 0.02 to 0.1 ln, twin. Scatter of that.
+    kept_factor : 1.5 to 3 1, guess. A reading of what is held changes by no more until 20 s.
+    least_read : 0.1 to 0.5 1, guess.
         Of a step's force that its unseen threshold may take away, at most.
-    haste_sd : 0.05 to 0.2 ln, twin
-        Lag of larger steps.
-    left_fraction : 0.1 to 0.5 1, guess
-        Of the strongest reading that is the same grip.
-    pressure_kpa : 0.1 to 1 kPa, guess
-        Error of a regulator.
-    hysteresis_sd : 0.1 to 0.3 ln, guess
-        Hysteresis of soft fingers.
-    relaxing : 1 to 1.1 1, guess
-        Force now over the settled force.
-    less_steep : 2 to 8 1, guess
-        A correction's slope may be less.
-    eased_fraction : 0.2 to 0.5 1, guess
-        Of the goal that the hand opens below it.
-    correction_s : 0.3 to 1 s, guess
-        Duration of a correction.
+    haste_sd : 0.05 to 0.2 ln, twin. Lag of larger steps.
+    left_fraction : 0.1 to 0.5 1, guess. Of the strongest reading that is the same grip.
+    pressure_kpa : 0.1 to 1 kPa, guess. Error of a regulator.
+    hysteresis_sd : 0.1 to 0.3 ln, guess. Hysteresis of soft fingers.
+    relaxing : 1 to 1.1 1, guess. Force now over the settled force.
+    less_steep : 2 to 8 1, guess. A correction's slope may be less.
+    eased_fraction : 0.2 to 0.5 1, guess. Of the goal that the hand opens below it.
+    correction_s : 0.3 to 1 s, guess. Duration of a correction.
     """
 
     every_s: float = 0.2
     since_sd: float = 0.05
     relaxed: float = 0.96
     relaxed_sd: float = 0.03
-    least_kept: float = 0.5
-    most_kept: float = 2.0
-    felt_fraction: float = 0.5
+    kept_factor: float = 2.0
     least_read: float = 0.3
     haste_sd: float = 0.12
     left_fraction: float = 0.2
@@ -257,58 +185,30 @@ class Settle:
 class Guards:
     """What ends a grasp: the thresholds of the monitors of sheet, gripper and grip.
 
-    patience_s : 1 to 10 s, guess
-        A sheet comes to rest.
-    sheet_factor : 2 to 4 1, study rezero
-        Drift of a sheet's rest.
-    pixel_factor : 1.3 to 2 1, study rezero
-        Drift of a pixel's rest.
-    proving_steps : 1 to 3 steps, guess
-        Closing that proves a rest.
-    too_far : 1.1 to 1.5 1, guess
-        Of the target that ends a movement.
-    late_s : 0.06 to 0.12 s, twin
-        The sheet shows a rising force.
-    lost_fraction : 0.2 to 0.5 1, twin
-        Of a grip that is left: gone.
-    falls_fraction : 0.15 to 0.4 1, study faults
-        Fall of the reading while closing.
-    each_fraction : 0.005 to 0.03 1, study faults
-        Fall of the reading at each step.
-    falls_steps : 2 to 4 steps, study faults
-        Steps of the one fall.
-    each_steps : 3 to 5 steps, study faults
-        Steps of the other.
-    rises_fraction : 0.05 to 0.2 1, study faults
-        Rise of the reading while opening.
-    alone_hints : 1.5 to 4 hints, study faults
-        One finger grips, the other feels nothing.
-    alone_frames : 2 to 6 frames, study faults
-        For this many frames.
-    opening_s : 5 to 30 s, guess
-        Longest opening.
-    idle_commands : 3 to 8 commands, guess
-        Without any movement.
-    idle_fraction : 0.2 to 0.5 1, guess
-        Of the way, or no movement.
-    shortest_mm : 0.1 to 0.5 mm, datasheet
-        Way that shows anything.
-    shortest_kpa : 0.2 to 1 kPa, guess
-        The same.
-    range_mm : 2 to 10 mm, guess
-        Report beyond the gripper's range.
-    range_kpa : 5 to 20 kPa, guess
-        The same.
-    too_fast : 1.3 to 2 1, guess
-        Of the rate that was sent.
-    most_ma : 5000 to 50000 mA, datasheet
-        Of any such motor.
-    first_frame_s : 1 to 5 s, guess
-        Wait for the first frames.
-    intervals : 9 to 31 frames, guess
-        Whose median is the period.
-    clocks_s : 0.02 to 0.2 s, guess
-        Difference of two clocks.
+    patience_s : 1 to 10 s, guess. A sheet comes to rest.
+    sheet_factor : 2 to 4 1, study rezero. Drift of a sheet's rest.
+    pixel_factor : 1.3 to 2 1, study rezero. Drift of a pixel's rest.
+    proving_steps : 1 to 3 steps, guess. Closing that proves a rest.
+    too_far : 1.1 to 1.5 1, guess. Of the target that ends a movement.
+    late_s : 0.06 to 0.12 s, twin. The sheet shows a rising force this late.
+    lost_fraction : 0.2 to 0.5 1, twin. Of a grip that is left: gone.
+    falls_fraction : 0.15 to 0.4 1, study faults. Fall of the reading while closing.
+    each_fraction : 0.005 to 0.03 1, study faults. Fall of the reading at each step.
+    falls_steps : 2 to 4 steps, study faults. Steps of the one fall.
+    each_steps : 3 to 5 steps, study faults. Steps of the other.
+    rises_fraction : 0.05 to 0.2 1, study faults. Rise of the reading while opening.
+    alone_hints : 1.5 to 4 hints, study faults. One finger grips, the other feels nothing.
+    opening_s : 5 to 30 s, guess. Longest opening.
+    idle_commands : 3 to 8 commands, guess. Without any movement.
+    idle_fraction : 0.2 to 0.5 1, guess. Of the way, or no movement.
+    shortest_mm : 0.1 to 0.5 mm, datasheet. Way that shows anything.
+    shortest_kpa : 0.2 to 1 kPa, guess. The same.
+    range_mm : 2 to 10 mm, guess. Report beyond the gripper's range.
+    range_kpa : 5 to 20 kPa, guess. The same.
+    too_fast : 1.3 to 2 1, guess. Of the rate that was sent.
+    most_ma : 5000 to 50000 mA, datasheet. Of any such motor.
+    first_frame_s : 1 to 5 s, guess. Wait for the first frames.
+    intervals : 9 to 31 frames, guess. Whose median is the period.
     """
 
     patience_s: float = 3.0
@@ -324,7 +224,6 @@ class Guards:
     each_steps: int = 3
     rises_fraction: float = 0.1
     alone_hints: float = 2.0
-    alone_frames: int = 3
     opening_s: float = 10.0
     idle_commands: int = 4
     idle_fraction: float = 0.3
@@ -336,41 +235,26 @@ class Guards:
     most_ma: float = 20000.0
     first_frame_s: float = 2.0
     intervals: int = 15
-    clocks_s: float = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class Pixels:
     """Which pixels have failed.
 
-    frames : 2 to 4 frames, study faults
-        At an end of the range, or equal.
-    loaded_fraction : 0.3 to 0.7 1, guess
-        Of its resistance lost to a load.
-    jump_fraction : 0.02 to 0.1 1, guess
-        Of a reading, in one frame.
-    moves : 5 to 12 moves, study faults
-        Without a change: the pixel is stuck.
-    other_moves : 1 to 5 moves, study faults
-        Of the others meanwhile, at most.
-    all_moves : 3 to 6 moves, study faults
-        Without a change of any pixel.
-    few_moves : 1 to 4 moves, study faults
-        Without a change, in a long time.
-    long_s : 2 to 6 s, study faults
-        That long time.
-    same : 0.05 to 0.3 mm or kPa, datasheet
-        Reports of a hand that stands.
-    flicker_frames : 15 to 60 frames, guess
-        Show whether a sensor flickers.
-    few_alike : 1 to 4 frames, guess
-        Alike in a sensor that flickers.
-    most_alike : 6 to 20 frames, study faults
-        Alike that are not new.
-    several : 3 to 6 pixels, guess
-        That may be compared with each other.
-    unlike_counts : 4 to 20 counts, study faults
-        Pixels differ at rest.
+    frames : 2 to 4 frames, study faults. At an end of the range, or equal.
+    loaded_fraction : 0.3 to 0.7 1, guess. Of its resistance lost to a load.
+    jump_fraction : 0.02 to 0.1 1, guess. Of a reading, in one frame.
+    moves : 5 to 12 moves, study faults. Without a change: the pixel is stuck.
+    other_moves : 1 to 5 moves, study faults. Of the others meanwhile, at most.
+    all_moves : 3 to 6 moves, study faults. Without a change of any pixel.
+    few_moves : 1 to 4 moves, study faults. Without a change, in a long time.
+    long_s : 2 to 6 s, study faults. That long time.
+    same : 0.05 to 0.3 mm or kPa, datasheet. Reports of a hand that stands.
+    flicker_frames : 15 to 60 frames, guess. Show whether a sensor flickers.
+    few_alike : 1 to 4 frames, guess. Alike in a sensor that flickers.
+    most_alike : 6 to 20 frames, study faults. Alike that are not new.
+    several : 3 to 6 pixels, guess. That may be compared with each other.
+    unlike_counts : 4 to 20 counts, study faults. Pixels differ at rest.
     """
 
     frames: int = 2
@@ -393,37 +277,24 @@ class Pixels:
 class Current:
     """What the servo's current proves.
 
-    once_sd : 4 to 6 sd, study faults
-        One movement is believed.
-    twice_sd : 2.5 to 4 sd, study faults
-        Two in a row are believed.
-    moving_readings : 3 to 8 readings, guess
-        In a mean, moving.
-    standing_readings : 4 to 12 readings, guess
-        In a mean, standing.
-    sheet_factor : 1.5 to 3 1, study faults
-        Of what the sheet shows.
-    answered_s : 0.12 to 0.4 s, twin
-        The sheet has answered a movement.
-    equal_readings : 10 to 30 readings, study faults
-        A stuck current.
-    empty_readings : 3 to 8 readings, guess
-        Show what the gears take.
-    empty_factor : 1.5 to 3 1, study faults
-        Of that proves a force.
-    more_ma : 10 to 50 mA, datasheet
-        And this much more.
+    sd : 4 to 6 sd, study faults. A rise that one movement shows is believed.
+    twice_sd : 2.5 to 4 sd, study faults. Two in a row are believed.
+    moving_readings : 3 to 8 readings, guess.
+        In a mean, moving; short movements of an empty hand that show what its gears take.
+    standing_readings : 4 to 12 readings, guess. In a mean, standing.
+    sheet_factor : 1.5 to 3 1, study faults. Of what the sheet shows.
+    answered_s : 0.12 to 0.4 s, twin. The sheet has answered a movement.
+    equal_readings : 10 to 30 readings, study faults. A stuck current.
+    more_ma : 10 to 50 mA, datasheet. And this much more.
     """
 
-    once_sd: float = 4.5
+    sd: float = 4.5
     twice_sd: float = 3.0
     moving_readings: int = 4
     standing_readings: int = 6
     sheet_factor: float = 2.0
     answered_s: float = 0.2
     equal_readings: int = 16
-    empty_readings: int = 4
-    empty_factor: float = 2.0
     more_ma: float = 20.0
 
 

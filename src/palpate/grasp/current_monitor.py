@@ -129,7 +129,7 @@ class CurrentMonitor:
         if self._plan.current is not None or len(self._pull) < CURRENT.moving_readings:
             return None
         pull_ma = float(np.mean([current_ma for current_ma, _ in self._pull]))
-        if len(self._empty_ma) < CURRENT.empty_readings:
+        if len(self._empty_ma) < CURRENT.moving_readings:
             self._grouped = (self._grouped + 1) % CURRENT.moving_readings
             if self._grouped == 0:
                 self._empty_ma.append(pull_ma)
@@ -146,7 +146,7 @@ class CurrentMonitor:
 
     @property
     def _most_empty_ma(self) -> float:
-        return CURRENT.empty_factor * max(*self._empty_ma, 0.0) + CURRENT.more_ma
+        return CURRENT.sheet_factor * max(*self._empty_ma, 0.0) + CURRENT.more_ma
 
     def _unexplained(self, pull_ma: float) -> Alarm:
         words = (
@@ -164,10 +164,10 @@ class CurrentMonitor:
         force = self._plan.early_law.force_n(estimate.now.reading, level=self._plan.level)
         shown_n = float(np.nan_to_num(force.high))
         bound_n = CURRENT.sheet_factor * shown_n
-        least_n = self._least_n(self._stand, deviations=CURRENT.once_sd)
+        least_n = self._least_n(self._stand, deviations=CURRENT.sd)
         if not self._judged:
             self._judged = True
-            least_n = max(least_n, self._least_n(self._pull, deviations=CURRENT.once_sd))
+            least_n = max(least_n, self._least_n(self._pull, deviations=CURRENT.sd))
             again_n = self._least_n(self._pull, deviations=CURRENT.twice_sd)
             self._twice = self._twice + 1 if again_n > bound_n else 0
             if self._twice > 1:
@@ -186,7 +186,7 @@ class CurrentMonitor:
             return None
         self._judged = True
         pull_ma = float(np.mean([current_ma for current_ma, _ in self._pull]))
-        if len(self._empty_ma) < CURRENT.empty_readings:
+        if len(self._empty_ma) < CURRENT.moving_readings:
             self._empty_ma.append(pull_ma)
             return None
         return None if pull_ma <= self._most_empty_ma else self._unexplained(pull_ma)

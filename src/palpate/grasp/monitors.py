@@ -116,7 +116,7 @@ class FingersMonitor:
         gripping = state.phase in _HOLDING or state.activity == Activity.CONFIRM
         if not gripping or estimate.still_s < plan.dwell_s:
             return None
-        if len(estimate.touches) < GUARDS.alone_frames:
+        if len(estimate.touches) < READING.now_frames:
             return None
         now = estimate.now
         pressed_percent = min(now.finger_percent)

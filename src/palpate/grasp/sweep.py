@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.estimate.servo_force import CurrentLaw
-from palpate.grasp.config import TOUCH
+from palpate.grasp.config import CURRENT, READING, TOUCH
 
 #: Fewest readings to compare with.
 _FEWEST = 3
@@ -32,7 +32,7 @@ def blind_s(period_s: float) -> float:
     >>> round(blind_s(1 / 15), 2), round(blind_s(1 / 250), 2)
     (0.51, 0.36)
     """
-    return TOUCH.slowed_s + TOUCH.apart_s + _FEWEST * max(period_s, TOUCH.latest_s)
+    return TOUCH.slowed_s + READING.lag_s + _FEWEST * max(period_s, TOUCH.latest_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,7 +108,7 @@ class Sweep:
         """Whether something is felt now, by a pixel or by the servo."""
         time_s = np.array(self.time_s)
         now = time_s > time_s[-1] - TOUCH.latest_s
-        before = time_s < time_s[-1] - TOUCH.apart_s
+        before = time_s < time_s[-1] - READING.lag_s
         if self.slowed:
             before &= time_s > self.since_s + TOUCH.slowed_s
         if current is not None and self._pulls(current, now=now, before=before):
@@ -146,7 +146,7 @@ class Sweep:
             return False
         more_ma = float(gears_ma[now].mean() - gears_ma[before].mean())
         share = 1.0 / np.count_nonzero(now) + 1.0 / np.count_nonzero(before)
-        noise_ma = TOUCH.current_sd * current.noise_ma * float(np.sqrt(share))
+        noise_ma = CURRENT.sd * current.noise_ma * float(np.sqrt(share))
         return more_ma > noise_ma + TOUCH.gears_fraction * abs(current.gears.mean_ma)
 
 

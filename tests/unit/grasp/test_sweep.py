@@ -80,7 +80,7 @@ def test_frames_that_repeat_are_known_within_a_third_of_a_second() -> None:
     for index in range(12):
         log_ohm = NOISE * rng.standard_normal((4, 2)) if index < 8 else frozen
         sweep = sweep.seen((index + 1) / RATE_HZ, log_ohm=log_ohm, gears_ma=float("nan"))
-        assert sweep.asleep == (index >= 11)
+        assert sweep.is_frozen == (index >= 11)
 
 
 @pytest.mark.parametrize(
