@@ -15,7 +15,7 @@ from typing import Any, get_type_hints
 import griffe
 
 from palpate import errors
-from palpate.commands.grasp import EXIT_STATUS
+from palpate.cli.grasp import EXIT_STATUS
 from palpate.grasp.config import rows
 from palpate.grasp.result import Outcome
 from palpate.grasp.verdict import outcome_text

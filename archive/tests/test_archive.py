@@ -15,7 +15,7 @@ from archive.tests.archive_jobs import Killing, Threads
 from threadpoolctl import threadpool_limits
 
 from palpate.cli import build_app
-from palpate.commands.outcome import run as run_command
+from palpate.cli.outcome import run as run_command
 from palpate.errors import InputError
 from palpate.holds import read_holds
 from palpate.produce.store.database import Store

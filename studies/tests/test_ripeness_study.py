@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from palpate.cli import build_app
-from palpate.commands.outcome import run
+from palpate.cli.outcome import run
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome

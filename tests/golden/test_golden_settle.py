@@ -9,7 +9,7 @@ import pytest
 import typer
 
 from palpate.cli import run
-from palpate.commands.settle import settle
+from palpate.cli.settle import settle
 
 GOLDEN = Path(__file__).parent / "settle"
 

@@ -24,7 +24,7 @@ from tests.loop.test_dashboard_api import Machine
 from tests.unit.test_json_schemas import faults
 
 from palpate.cli import build_app
-from palpate.commands.outcome import run
+from palpate.cli.outcome import run
 
 __all__ = ["browser"]
 

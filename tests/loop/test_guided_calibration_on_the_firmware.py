@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import typer
 
+from palpate.cli import calibrate_force
+from palpate.cli.outcome import run
 from palpate.clock import ManualClock
-from palpate.commands import calibrate_force
-from palpate.commands.outcome import run
 from palpate.estimate.pixel_law import fit_laws
 from palpate.grasp import calibrating as grasp_calibrating
 from palpate.grasp.planning import HORIZON_S, placements_of

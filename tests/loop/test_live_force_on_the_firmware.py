@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from palpate.cli.live_reading import LiveReading
+from palpate.cli.live_view import LiveView
+from palpate.cli.sensor_source import SensorSource
 from palpate.clock import ManualClock
-from palpate.commands.live_reading import LiveReading
-from palpate.commands.live_view import LiveView
-from palpate.commands.sensor_source import SensorSource
 from palpate.grasp.planning import force_now
 from palpate.gripper.interface import GripperCommand
 from palpate.rig.simulated import calibrated

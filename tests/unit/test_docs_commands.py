@@ -16,7 +16,7 @@ import pytest
 from typer.core import TyperGroup
 
 from palpate.cli import VERBS, build_app
-from palpate.commands.outcome import run
+from palpate.cli.outcome import run
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Pages whose `sh` and `python` blocks are run.
@@ -94,7 +94,7 @@ def commands_in_text(page: str) -> list[tuple[str, str]]:
 
 
 def study_options(name: str) -> set[str]:
-    from palpate.commands.lazy_group import load_command
+    from palpate.cli.lazy_group import load_command
     from palpate_studies.verbs import catalogue
 
     command = load_command(name, catalogue("palpate.studies")[name])

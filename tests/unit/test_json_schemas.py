@@ -14,7 +14,7 @@ from referencing import Registry, Resource
 from tests.closings import write_damage_file
 
 from palpate.cli import build_app
-from palpate.commands.outcome import run
+from palpate.cli.outcome import run
 
 ROOT = Path(__file__).resolve().parents[2]
 SCHEMAS: dict[str, Any] = {

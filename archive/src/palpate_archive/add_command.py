@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from palpate.commands.options import QuietOption
-from palpate.commands.progress import progress
+from palpate.cli.options import QuietOption
+from palpate.cli.progress import progress
 from palpate.errors import InputError
 
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import typer
 
-from palpate.commands import completion
-from palpate.commands.options import HorizonOption, QuietOption
-from palpate.commands.progress import progress
+from palpate.cli import completion
+from palpate.cli.options import HorizonOption, QuietOption
+from palpate.cli.progress import progress
 from palpate.errors import InputError
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.cli import build_app
-from palpate.commands.outcome import run
+from palpate.cli.outcome import run
 from palpate.estimate.damage import DamageModel, fit_damage_model
 from palpate.estimate.strength import ClosingCurve
 from palpate.grasp.estimator import Observation

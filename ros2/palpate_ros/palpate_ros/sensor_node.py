@@ -9,7 +9,7 @@ from dataclasses import replace
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from palpate import __version__
-from palpate.commands.sensor_source import SensorSource, open_source
+from palpate.cli.sensor_source import SensorSource, open_source
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
 from palpate.recording import RecordingInfo
 from palpate.rig.recorded import clock_zero_unix_ns, firmware_version

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from palpate.commands.options import TargetForceOption
+from palpate.cli.options import TargetForceOption
 from palpate.errors import InputError
 from palpate.produce.identify.identifier import (
     FALSE_REJECT,

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from palpate.commands.options import JsonOption
+from palpate.cli.options import JsonOption
 from palpate.errors import InputError
 from palpate_studies.raw import fruit, holds, velostat
 from palpate_studies.raw.clone import Clone

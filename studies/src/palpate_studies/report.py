@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, get_origin, get_typ
 
 import typer
 
-from palpate.commands.options import JsonOption
+from palpate.cli.options import JsonOption
 from palpate.errors import InputError, needing
 from palpate.files import atomic_path
 
@@ -242,7 +242,7 @@ def _print_table(console: Console, table: Table) -> None:
     """Print a table; one that the terminal has no room for as a list of its rows, cell by cell."""
     from rich.table import Table as RichTable
 
-    from palpate.commands.output import narrow_columns
+    from palpate.cli.output import narrow_columns
 
     view = RichTable(*table.columns, title=table.title, title_justify="left")
     for row in table.rows:

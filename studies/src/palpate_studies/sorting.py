@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from palpate.commands.options import TargetForceOption
+from palpate.cli.options import TargetForceOption
 from palpate.estimate.measurement import Measurement
 from palpate.produce.identify.identifier import Identifier, as_labelled
 from palpate.produce.sorting.conditions import Evidence, OneOf, Within

@@ -19,7 +19,7 @@ _ROOTS = {
     for package in (palpate, palpate_studies)
 }
 #: What words, tables and figures are made of; no figure depends on it.
-_SHOWING = ("palpate.commands", "palpate.plots", "palpate_studies.report")
+_SHOWING = ("palpate.cli", "palpate.plots", "palpate_studies.report")
 
 
 def code_hash(study: str) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from tests.closings import write_damage_file
 
-from palpate.commands.serve import open_simulated_bench
+from palpate.cli.serve import open_simulated_bench
 from palpate.dashboard.device_process import DeviceProcess
 from palpate.dashboard.job_context import BenchOpener, CellBench
 from palpate.dashboard.messages import (

@@ -16,7 +16,7 @@ from shapely.geometry import Polygon
 from shapely.ops import unary_union
 
 from palpate.cli import build_app
-from palpate.commands.outcome import run
+from palpate.cli.outcome import run
 from palpate.fabrication.design import PRESETS, Cutter, SensorDesign
 from palpate.fabrication.drawing import layer_svg
 from palpate.fabrication.pattern import MARK_MM, Pattern, lay_out

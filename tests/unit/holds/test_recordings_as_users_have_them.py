@@ -17,7 +17,7 @@ from tests.touches import TOUCHES, counts, resistance_ohm
 
 import palpate
 from palpate.cli import build_app
-from palpate.commands.outcome import run
+from palpate.cli.outcome import run
 from palpate.demo.recordings import write_recordings
 from palpate.errors import InputError
 

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from palpate.commands.items import open_store
+from palpate.cli.items import open_store
 from palpate.dashboard.item_store import ItemStore
 from palpate.errors import (
     InputError,

@@ -10,7 +10,7 @@ import pytest
 
 import palpate
 from palpate.cli import build_app
-from palpate.commands.outcome import run
+from palpate.cli.outcome import run
 
 METHODS, CUTOFFS_S = ["relaxation", "recorded"], [1.0, 2.5]
 

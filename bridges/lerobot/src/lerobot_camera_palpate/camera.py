@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from lerobot_camera_palpate.config import PalpateCameraConfig
 from lerobot_camera_palpate.picture import picture
+from palpate.cli.live_reading import LiveReading, pace_frames
+from palpate.cli.sensor_source import SensorSource, open_source
 from palpate.clock import RealClock
-from palpate.commands.live_reading import LiveReading, pace_frames
-from palpate.commands.sensor_source import SensorSource, open_source
 from palpate.errors import PalpateError
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.ports import serial_ports

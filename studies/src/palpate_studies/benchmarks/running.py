@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.commands.options import JsonOption
+from palpate.cli.options import JsonOption
 from palpate_studies.benchmarks.report import report_of
 from palpate_studies.catalogue import BENCHMARKS
 from palpate_studies.report import OutOption

@@ -1,0 +1,105 @@
+"""`palpate calibrate compliance`: how far pads, fingers and servo deflect, and its current."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.calibrate_bench import (
+    GuidedBench,
+    ask_user,
+    calibration_file,
+    earlier_calibration,
+    open_bench,
+)
+from palpate.cli.options import CalibrationOption, JsonOption, RigOption, SeedOption
+from palpate.cli.output import print_json
+from palpate.errors import InputError
+from palpate.estimate.compliance import Compliance
+from palpate.grasp.calibrating import measure_block
+from palpate.grasp.calibrating_current import measure_current, measure_gears
+from palpate.grasp.planning import DWELL_S
+from palpate.sensor.calibration import Calibration, joined_currents
+
+#: Closings go up to this force, newtons, and are repeated this often.
+_UP_TO_N, _REPEATS = 15.0, 3
+
+
+def compliance(
+    block_mm: Annotated[
+        float,
+        typer.Option(
+            "--block-mm", help="Size of the rigid block with the load cell.", metavar="MM"
+        ),
+    ] = 40.0,
+    rig: RigOption = "",
+    out: CalibrationOption = None,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Close on a rigid block of known size; all that closes further is the gripper itself.
+
+    Where the gripper reports its motor's current, that is recorded with the force, then again with
+    the hand empty, which gives the friction of the gears.
+
+    Example: palpate calibrate compliance --block-mm 40 --out pad-3.json
+    """
+    path = calibration_file(rig, out)
+    with open_bench(rig, seed=seed, ask=ask_user) as guided:
+        made = _measure(guided, block_mm=block_mm, rig=rig, out=path)
+    block = made.block
+    give = Compliance.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
+    made.save(path)
+    if as_json:
+        print_json(
+            {
+                "file": str(path),
+                "simulated": made.origin == "simulated",
+                "readings": len(block.force_n),
+                "fingers_mm_per_n": give.slope_mm_per_n,
+                "pads_mm": float(sum(give.pad_mm)),
+                "zero_mm": give.zero_mm,
+                "residual_mm": give.residual_mm,
+                "largest_force_n": give.largest_force_n,
+                "current_readings": None if made.current is None else len(made.current.force_n),
+            }
+        )
+        return
+    simulated = " (simulated)" if made.origin == "simulated" else ""
+    print(f"{path}{simulated}: {len(block.force_n)} closings up to {give.largest_force_n:.1f} N")
+    slope_mm_per_n, pads_mm = give.slope_mm_per_n, sum(give.pad_mm)
+    print(f"compliance of fingers and servo {slope_mm_per_n:.3f} mm/N, pads {pads_mm:.2f} mm")
+    print(f"error of the width: {give.zero_mm:+.2f} mm; scatter {give.residual_mm:.3f} mm")
+    if made.current is None:
+        print("no current reported")
+    else:
+        print(f"servo current: {len(made.current.force_n)} readings")
+
+
+def _measure(guided: GuidedBench, *, block_mm: float, rig: str, out: Path) -> Calibration:
+    """Close on the block, for the way and then for the current; then with the hand empty."""
+    bench = guided.bench
+    limits = bench.gripper.limits
+    if not limits.lowest < block_mm < limits.highest:
+        raise InputError(
+            f"--block-mm {block_mm:g}: the fingers reach from {limits.lowest:g} to "
+            f"{limits.highest:g} mm; is it in millimetres?"
+        )
+    earlier = earlier_calibration(out, layout=bench.array.layout, simulated=guided.simulated)
+    if earlier is None:
+        raise InputError(
+            f"{out} is not there yet; run `palpate calibrate force --rig {rig} --out {out}` first"
+        )
+    guided.place_block()
+    block = measure_block(
+        bench, block_mm=block_mm, up_to_n=_UP_TO_N, repeats=_REPEATS, dwell_s=DWELL_S
+    )
+    current = measure_current(bench, up_to_n=_UP_TO_N, repeats=_REPEATS)
+    if current is not None:
+        guided.take_away()
+        empty = measure_gears(bench)
+        current = current if empty is None else joined_currents(current, empty)
+    return replace(earlier, block=block, current=current)

@@ -1,0 +1,144 @@
+"""`palpate calibrate damage`: the force that produce bears, learned from closings until rupture."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from palpate.cli.calibrate_bench import now_text
+from palpate.cli.options import JsonOption
+from palpate.cli.output import print_json
+from palpate.errors import InputError
+from palpate.estimate.damage_file import DamageFile
+from palpate.estimate.damage_learning import (
+    FruitClosing,
+    held_out,
+    learn_damage,
+    read_closings,
+    unfit,
+)
+from palpate.estimate.measurement import Measurement
+from palpate.files import keep_inputs
+from palpate.grasp.safety import DAMAGE_RATE
+
+#: Fewer can't be learned from and tested on in turn.
+_FEWEST = 12
+
+
+def damage(
+    curves: Annotated[
+        Path,
+        typer.Option(help="Closings: columns grasp_id, closure_mm, force_n.", metavar="CSV"),
+    ],
+    index: Annotated[
+        Path,
+        typer.Option(
+            help="Their ruptures: columns grasp_id, fruit, rupture_force_n.", metavar="CSV"
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="File to make.")] = Path("damage.json"),
+    as_json: JsonOption = False,
+) -> None:
+    """Learn from produce that was squeezed until it ruptured what a grasp may press.
+
+    Each closing is left out once, and the model judged on it. Use the file with `palpate grasp
+    --damage FILE --kind KIND`.
+
+    Example: palpate calibrate damage --curves closings.csv --index ruptures.csv --out damage.json
+    """
+    keep_inputs(out, inputs=(curves, index))
+    made = _learn(read_closings(curves, index), files=(curves, index))
+    made.save(out)
+    if as_json:
+        print_json(_document(made, path=out))
+    else:
+        _print(made, path=out)
+
+
+def _learn(closings: list[FruitClosing], *, files: tuple[Path, ...]) -> DamageFile:
+    left_out = unfit(closings)
+    used = [closing for closing in closings if closing.grasp_id not in left_out]
+    if len(used) < _FEWEST:
+        why = "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
+        raise InputError(
+            f"{files[1]}: {len(used)} closings to learn from, and {_FEWEST} are needed"
+            f"{f' (left out: {why})' if why else ''}; squeeze more"
+        )
+    kinds = sorted({closing.fruit for closing in used})
+    return DamageFile(
+        model=learn_damage(used),
+        closings={kind: sum(closing.fruit == kind for closing in used) for kind in kinds},
+        learned_from={path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files},
+        made_at=now_text(),
+        left_out=left_out,
+        held_out=held_out(used),
+    )
+
+
+def _limit_n(made: DamageFile, kind: str) -> float:
+    """Return the force that a grasp keeps below where the stiffness is the kind's middle one."""
+    middle = math.exp(made.model.strengths[kind].log_stiffness)
+    felt = Measurement(value=middle, low=0.9 * middle, high=1.1 * middle, unit="n_per_mm")
+    return made.model.bound_n(felt, kind=kind, rate=DAMAGE_RATE)
+
+
+def _document(made: DamageFile, *, path: Path) -> dict[str, Any]:
+    return {
+        "file": str(path),
+        "closings": dict(made.closings),
+        "left_out": dict(made.left_out),
+        "kinds": list(made.kinds),
+        "held_out": {kind: asdict(one) for kind, one in made.held_out.items()},
+        "rate": DAMAGE_RATE,
+        "limit_at_middle_stiffness_n": {
+            kind: _limit_n(made, kind) for kind in made.model.strengths
+        },
+        "verdict": _verdict(made),
+    }
+
+
+def _print(made: DamageFile, *, path: Path) -> None:
+    counts = ", ".join(f"{count} {kind}" for kind, count in made.closings.items())
+    print(f"{path}: learned from {sum(made.closings.values())} closings ({counts})")
+    for name, why in made.left_out.items():
+        print(f"left out: {name}, {why}")
+    print("each closing left out once: error of the predicted rupture force, of the kind's median")
+    print("rupture force in its place, and how many bore the lower bound (95 % meant):")
+    width = max(len("unknown"), *map(len, made.held_out))
+    for kind, one in made.held_out.items():
+        print(
+            f"  {kind or 'unknown':<{width}}  {one.error_percent:3.0f} %  "
+            f"{one.median_error_percent:3.0f} %  {100 * one.above_low:3.0f} % of {one.closings}"
+        )
+    print(f"a grasp keeps below what {DAMAGE_RATE:.1%} would not bear; at the middle stiffness:")
+    for kind in made.model.strengths:
+        print(f"  {kind or 'unknown':<{width}}  {_limit_n(made, kind):5.2f} N")
+    for line in _verdict(made):
+        print(line)
+
+
+def _verdict(made: DamageFile) -> list[str]:
+    """Return what a user should know before relying on it."""
+    remarks = []
+    for kind, one in made.held_out.items():
+        who = kind or "produce of any kind"
+        if one.error_percent >= one.median_error_percent:
+            remarks.append(
+                f"{who}: stiffness does not predict the strength; the limit is a fixed one"
+            )
+        # Three standard deviations of a count that hits 95 %.
+        if one.above_low < 0.95 - 3 * math.sqrt(0.95 * 0.05 / one.closings):
+            remarks.append(f"{who}: the lower bound holds too rarely; are the labels right?")
+    for kind, count in made.closings.items():
+        if kind not in made.kinds:
+            remarks.append(f"{kind}: too few for a limit of its own ({count})")
+        elif kind not in made.held_out:
+            remarks.append(f"{kind}: too few to be judged with some left out ({count})")
+    return remarks or [
+        f"usable: stiffness predicts the strength of {', '.join(made.kinds) or 'these'}"
+    ]

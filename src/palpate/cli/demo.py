@@ -1,0 +1,68 @@
+"""`palpate demo NAME`: files to try palpate on without a sensor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli import completion
+from palpate.errors import InputError
+
+#: What can be written -> (its folder, what to try on it there).
+NAMES = {
+    "recordings": (
+        "demo-recordings",
+        (
+            "palpate settle demo-recordings/ohm.csv --plot settled.png",
+            "palpate settle demo-recordings/counts.csv --unit counts --adc-bits 10 "
+            "--reference-ohm 4700 --sensor-leg upper",
+            "palpate settle demo-recordings",
+        ),
+    ),
+    "packhouse": (
+        "demo-packhouse",
+        (
+            "cd demo-packhouse",
+            "palpate ripeness --batch Monday --reference ball",
+            "palpate sort --rules rules.toml --batch Monday",
+            "palpate items fruit-3",
+        ),
+    ),
+}
+
+
+def demo(
+    name: Annotated[
+        str, typer.Argument(help="recordings or packhouse.", autocompletion=completion.demos)
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder to write into; demo-NAME by default.", metavar="DIR"),
+    ] = None,
+) -> None:
+    """Write simulated files to try palpate on.
+
+    Recordings of a data logger, or a packhouse's store and rules.
+
+    All of it is simulated, and labelled so.
+
+    Example: palpate demo recordings
+    """
+    if name not in NAMES:
+        raise InputError(f"no demo {name!r}; there are: {', '.join(NAMES)}")
+    default, commands = NAMES[name]
+    folder = out if out is not None else Path(default)
+    if name == "recordings":
+        from palpate.demo.recordings import write_recordings
+
+        written = write_recordings(folder)
+    else:
+        from palpate.demo.packhouse import write_packhouse
+
+        written = write_packhouse(folder)
+    print("Written, simulated: " + ", ".join(map(str, written)))
+    print("Try:")
+    for command in commands:
+        print("  " + command.replace(default, str(folder)))

@@ -1,0 +1,105 @@
+"""`palpate export FILE`: a recording, or the holds in it, as a table; grasps for LeRobot."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Literal, TypeAlias
+
+import typer
+
+from palpate.cli.lazy_group import entry_point
+from palpate.errors import InputError, RecordingError
+from palpate.files import check_place
+from palpate.recording import RecordingReader, load_recording
+from palpate.recording.exporting import cut_recorded_holds, frame_tables, hold_tables, write_export
+
+ExportForm: TypeAlias = Literal["csv", "parquet"]
+HoldUnit: TypeAlias = Literal["percent", "ohm"]
+
+
+def export(
+    files: Annotated[
+        list[Path], typer.Argument(help="An .mcap recording; with --lerobot any number of grasps.")
+    ],
+    to: Annotated[
+        ExportForm | None,
+        typer.Option(help="Form of the file. [default: by --out's ending, or csv]"),
+    ] = None,
+    holds: Annotated[
+        bool, typer.Option("--holds", help="Cut out the holds, for `palpate settle`.")
+    ] = False,
+    unit: Annotated[
+        HoldUnit, typer.Option(help="Holds as relative change or as resistance.")
+    ] = "percent",
+    out: Annotated[
+        Path | None, typer.Option(help="File to write. [default: next to FILE]", metavar="FILE")
+    ] = None,
+    lerobot: Annotated[
+        Path | None,
+        typer.Option(help="Write recorded grasps as a LeRobot data set, v3.0.", metavar="DIR"),
+    ] = None,
+    task: Annotated[
+        str | None,
+        typer.Option(help="With --lerobot: what was done, in words. [default: by each recording]"),
+    ] = None,
+    fps: Annotated[
+        int | None,
+        typer.Option(
+            help="With --lerobot: ticks per second. [default: the first recording's]",
+            min=1,
+            metavar="HZ",
+        ),
+    ] = None,
+) -> None:
+    """Write a recording as a table of frames or holds, or grasps for LeRobot.
+
+    Example: palpate export run.mcap --holds && palpate settle run.holds.csv
+    """
+    if lerobot is not None:
+        if to is not None or holds or out is not None:
+            raise InputError("--lerobot writes a folder of its own: leave out --to, --holds, --out")
+        package = ("palpate-lerobot", "bridges/lerobot-dataset")
+        point = entry_point("palpate.exports", "lerobot", *package, wanted="--lerobot")
+        point.load()(files, folder=lerobot, task=task, fps=fps)
+        return
+    if task is not None or fps is not None:
+        raise InputError("--task and --fps are for --lerobot; name its folder, or leave them out")
+    if len(files) > 1:
+        raise InputError(f"{files[1]}: one recording at a time, except with --lerobot")
+    _export_table(files[0], to=to, holds=holds, unit=unit, out=out)
+
+
+def _export_table(
+    file: Path, *, to: ExportForm | None, holds: bool, unit: HoldUnit, out: Path | None
+) -> None:
+    form = _form(to, out)
+    target = out or file.parent / (file.stem + (f".holds.{form}" if holds else f".{form}"))
+    check_place(target)
+    if target.exists():
+        raise InputError(f"{target}: exists already and is not overwritten; choose another --out")
+    if holds:
+        try:
+            cut = cut_recorded_holds(load_recording(file), unit=unit, name=file.stem)
+        except RecordingError as error:
+            where = "" if str(file) in str(error) else f"{file}: "
+            raise RecordingError(f"{where}{error}") from error
+        rows = write_export(target, hold_tables(cut), to=form)
+        what = f"{len({hold.hold_id for hold in cut})} holds, "
+    else:
+        with RecordingReader(file) as reader:
+            rows = write_export(target, frame_tables(reader), to=form)
+        what = ""
+    print(f"{target}: {what}{rows} rows", file=sys.stderr)
+
+
+def _form(to: ExportForm | None, out: Path | None) -> ExportForm:
+    """Return the form that option and ending agree on: a recording is never written over."""
+    if out is None:
+        return to or "csv"
+    forms: dict[str, ExportForm] = {".csv": "csv", ".parquet": "parquet"}
+    form = forms.get(out.suffix.lower())
+    if form is not None and to in (None, form):
+        return form
+    wanted = f".{to}" if to else ".csv or .parquet"
+    raise InputError(f"--out {out}: name a file that ends in {wanted}")

@@ -1,0 +1,200 @@
+"""`palpate grasp`: close on an unknown object and report what it is like."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli import completion
+from palpate.cli import options as option
+from palpate.cli.grasp_card import print_card
+from palpate.cli.grasp_extras import open_limit, open_store_entry
+from palpate.cli.output import print_json
+from palpate.cli.paper_options import (
+    CutoffOption,
+    EpsilonOption,
+    ExtraOption,
+    MethodOption,
+    StepOption,
+    paper_settings,
+)
+from palpate.errors import InputError
+from palpate.grasp.document import grasp_document
+from palpate.grasp.paper_method import by_paper
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.pull import judge_pull
+from palpate.grasp.result import GraspResult
+from palpate.grasp.runner import Subscriber, Watcher, run_grasp
+from palpate.grasp.verdict import outcome_text, verdict
+from palpate.rig import open_rig
+from palpate.rig.recorded import record_grasp
+
+#: What each outcome means to a script: the answer is no, equipment lost, stopped by the user.
+EXIT_STATUS = {
+    "held": 0,
+    "nothing_there": 1,
+    "slipped": 1,
+    "too_weak": 1,
+    "force_limit": 1,
+    "timed_out": 1,
+    "sensor_lost": 3,
+    "gripper_fault": 3,
+    "stopped": 130,
+}
+#: The local store could not be written, or the recording could not.
+_NOT_KEPT = 3
+#: The subscriber that records; a fault of it begins so.
+RECORDER = "recorder"
+
+
+def grasp(
+    rig: option.RigOption = "",
+    object_name: option.ObjectOption = None,
+    seed: option.SeedOption = 0,
+    target_force_n: option.TargetForceOption = None,
+    expect_size_mm: Annotated[
+        float | None,
+        typer.Option(
+            "--expect-size",
+            help="Approximate thickness: the approach is faster.",
+            metavar="MM",
+            min=1.0,
+        ),
+    ] = None,
+    damage: option.DamageOption = None,
+    kind: Annotated[
+        str | None,
+        typer.Option(help="With --damage: what is grasped, where known.", metavar="NAME"),
+    ] = None,
+    pull_n: Annotated[
+        float | None,
+        typer.Option(
+            "--pull-n", help="Judge whether such a pull is secure.", min=0.01, metavar="NEWTONS"
+        ),
+    ] = None,
+    friction: Annotated[
+        float | None,
+        typer.Option(
+            help="With --pull-n: coefficient between pads and object.", min=0.01, metavar="NUMBER"
+        ),
+    ] = None,
+    method: MethodOption = "palpate",
+    step_mm: StepOption = None,
+    epsilon_percent: EpsilonOption = None,
+    extra_mm: ExtraOption = None,
+    cutoff_s: CutoffOption = None,
+    as_json: option.JsonOption = False,
+    record: Annotated[
+        Path | None, typer.Option(help="Record the grasp to a new .mcap file.", metavar="FILE")
+    ] = None,
+    item: Annotated[
+        str | None,
+        typer.Option(
+            help="Keep the grasp in the store, as one of this item.",
+            metavar="ITEM",
+            autocompletion=completion.items,
+        ),
+    ] = None,
+    store: option.StoreOption = None,
+    angle_deg: Annotated[
+        float | None,
+        typer.Option(
+            help="With --item: which side of it faces the first finger.", metavar="DEGREES"
+        ),
+    ] = None,
+) -> None:
+    """Close on an unknown object, measure size, force and stiffness, and release it.
+
+    Example: palpate grasp --object strawberry --seed 3
+    """
+    paper = paper_settings(
+        method,
+        step_mm=step_mm,
+        epsilon_percent=epsilon_percent,
+        extra_mm=extra_mm,
+        cutoff_s=cutoff_s,
+    )
+    if paper is not None and (target_force_n is not None or expect_size_mm is not None):
+        raise InputError("--method paper takes neither --target-force-n nor --expect-size")
+    if (pull_n is None) != (friction is None):
+        raise InputError("--pull-n and --friction go together")
+    limit = open_limit(damage, kind=kind)
+    with ExitStack() as stack:
+        entry = open_store_entry(stack, item_id=item, store=store, angle_deg=angle_deg)
+        devices = open_rig(rig, object_name=object_name, seed=seed)
+        stack.callback(devices.close)
+        plan = plan_grasp(
+            devices.calibration,
+            gripper=devices.gripper,
+            target_force_n=target_force_n,
+            expect_size_mm=expect_size_mm,
+            damage=None if limit is None else limit.model,
+            kind="" if limit is None else limit.kind,
+        )
+        if paper is not None:
+            plan = by_paper(plan, paper, calibration=devices.calibration)
+        subscribers: list[Subscriber] = []
+        watchers: list[Watcher] = [] if limit is None else [limit.see]
+        if entry is not None:
+            subscribers.append(entry.see)
+            watchers.append(entry.watch(plan))
+        if record is not None:
+            text = None if limit is None else limit.text
+            recorder = record_grasp(record, rig=devices, plan=plan, damage=text)
+            subscribers.append(stack.enter_context(recorder))
+        result = run_grasp(
+            plan,
+            array=devices.array,
+            gripper=devices.gripper,
+            clock=devices.clock,
+            subscribers=subscribers,
+            watchers=watchers,
+        )
+        truth = None if devices.truth is None else dict(devices.truth())
+        limited = None if limit is None else limit.to_dict(result)
+        kept = {} if entry is None else entry.take(result, rig=devices, recording=record)
+        pull = None
+        if pull_n is not None and friction is not None:
+            pull = judge_pull(result.force_n, pull_n=pull_n, friction=friction)
+        if as_json:
+            document = grasp_document(
+                result,
+                target_force_n=target_force_n,
+                damage_limit=limited,
+                names=kept,
+                truth=truth,
+                subject=devices.subject,
+            )
+            if entry is not None:
+                document["item"] = entry.item_document()
+            if pull is not None:
+                document["pull"] = pull.to_dict()
+            print_json(document)
+        else:
+            summary = verdict(result, target_force_n=target_force_n)
+            print_card(
+                result, summary=summary, rig=devices, seed=seed, truth=truth, limited=limited
+            )
+            if pull is not None:
+                print(f"{pull.verdict}: a pull of {pull.pull_n:g} N at friction {pull.friction:g}")
+            sys.stdout.flush()
+        # After the answer: the store may be slow or away.
+        unkept = entry is not None and not entry.store()
+    if status := _exit_status(result, unkept=unkept):
+        raise typer.Exit(status)
+
+
+def _exit_status(result: GraspResult, *, unkept: bool) -> int:
+    """Return the exit status; print why, where equipment or a file failed."""
+    status = EXIT_STATUS[result.outcome]
+    if status >= 3:
+        why = f"{outcome_text(result.outcome)}. {' '.join(result.faults)}".strip()
+        print(f"palpate grasp: {why}", file=sys.stderr)
+    lost = next((fault for fault in result.faults if fault.startswith(RECORDER)), None)
+    if lost is not None and status < _NOT_KEPT:
+        print(f"palpate grasp: {lost}", file=sys.stderr)
+    return max(status, _NOT_KEPT) if lost is not None or unkept else status

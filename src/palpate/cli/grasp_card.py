@@ -1,0 +1,157 @@
+"""The result card of a grasp: what was measured, how sure, and on the twin how right."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from palpate.cli.output import make_table
+from palpate.cli.output import print_card as print_frame
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.rig import Rig
+from palpate.settling.result import Status
+
+_BAR = 20
+#: Narrower terminals have no room for the bars next to the numbers.
+_WIDE = 80
+#: Name of the measurement, label with its unit, digits after the point.
+_ROWS = (
+    ("size_mm", "Size, mm", 1),
+    ("force_n", "Grip force, N", 2),
+    ("firmness", "Firmness, 0 to 100", 0),
+    ("stiffness_n_per_mm", "Stiffness, N/mm", 2),
+    ("settled_percent", "Settled, %", 1),
+)
+_NOTES = {
+    Status.OK: "",
+    Status.UNPROVEN: "unproven shape",
+    Status.TOO_SHORT: "short hold",
+    Status.NOT_SETTLING: "not settling",
+    Status.SATURATED: "outside range",
+    Status.FELL_BACK: "fell back",
+}
+
+
+def print_card(
+    result: GraspResult,
+    *,
+    summary: Mapping[str, object],
+    rig: Rig,
+    seed: int,
+    truth: Mapping[str, object] | None,
+    limited: Mapping[str, object] | None = None,
+) -> None:
+    """Print the card on standard output; `limited` is what a learned damage limit did."""
+    damaged = truth is not None and bool(truth["damaged"])
+    good = result.outcome is Outcome.HELD and not damaged
+    headline = Text(str(summary["text"]).capitalize(), style="bold green" if good else "bold red")
+    if summary["firmness"]:
+        headline.append(f"  ·  {summary['firmness']}", style="bold")
+    if summary["on_target"] is not None:
+        met = "target within the interval" if summary["on_target"] else "off target"
+        headline.append(f"  ·  {met} ({summary['target_force_n']:g} N)", style="bold")
+    console = Console(highlight=False)
+    parts: list[Text | Table | None] = [headline]
+    if damaged:
+        damage = "The object was damaged: its force passed the yield."
+        parts.append(Text(damage, style="bold red"))
+    parts += [None, _measurements(result, truth, bars=console.width >= _WIDE), None]
+    parts.append(_timings(result))
+    if limited is not None:
+        parts.append(Text(_limit_text(limited)))
+    notes = {_note(m): None for name, _, _ in _ROWS if (m := getattr(result, name))}
+    parts += [Text(f"* {note}", style="yellow") for note in notes if note]
+    parts += [Text(f"! {fault}", style="yellow") for fault in result.faults]
+    simulated = f"[bold yellow]SIMULATED on the twin, seed {seed}[/]"
+    print_frame(
+        console,
+        *parts,
+        title=f"[bold]{rig.subject or 'unknown object'}[/] on {rig.name}",
+        subtitle=simulated if rig.simulated else "measured",
+        style="green" if good else "red",
+    )
+
+
+def _measurements(result: GraspResult, truth: Mapping[str, object] | None, *, bars: bool) -> Table:
+    columns = ["", ">value", "90 % interval"]
+    if truth is not None:
+        columns += [""] * bars + [">[green]▼[/] true"]
+    table = make_table(columns)
+    for column in table.columns:
+        column.no_wrap = True
+    table.columns[2].justify = "center"
+    for name, label, digits in _ROWS:
+        measured: Measurement | None = getattr(result, name)
+        if measured is None:
+            table.add_row(label, "-")
+            continue
+        note = _note(measured)
+        cells = [
+            f"{label} [yellow]*[/]" if note else label,
+            f"[bold]{measured.value:.{digits}f}[/]" if measured.number else "-",
+            f"{measured.low:.{digits}f} … {measured.high:.{digits}f}"
+            if measured.number
+            else measured.text(digits=digits),
+        ]
+        if truth is not None:
+            true = truth.get(name)
+            known = float(true) if isinstance(true, int | float) else None
+            cells += [_bar(measured, known) if measured.number else ""] * bars
+            cells += ["-" if known is None else f"{known:.{digits}f}"]
+        table.add_row(*cells)
+    return table
+
+
+def _note(measured: Measurement) -> str:
+    return measured.reason or _NOTES.get(measured.status, str(measured.status))
+
+
+def _bar(measured: Measurement, true: float | None) -> str:
+    """Draw interval, estimate and truth on one line: `├──●──┤` and `▼` for the truth."""
+    marks = [measured.low, measured.middle, measured.high, *([] if true is None else [true])]
+    low, high = min(marks), max(marks)
+    margin = 0.08 * (high - low) or 1.0
+    low, span = low - margin, high - low + 2 * margin
+
+    def column(value: float) -> int:
+        return min(_BAR - 1, int(_BAR * (value - low) / span))
+
+    cells = [" "] * _BAR
+    left, right = column(measured.low), column(measured.high)
+    cells[left : right + 1] = "─" * (right + 1 - left)
+    cells[left], cells[right] = "├", "┤"
+    cells[column(measured.middle)] = "●"
+    if true is not None:
+        inside = measured.low <= true <= measured.high
+        cells[column(true)] = f"[{'green' if inside else 'red'}]▼[/]"
+    return "".join(cells)
+
+
+def _timings(result: GraspResult) -> Text:
+    parts = []
+    if result.decision_time_s is not None:
+        parts.append(f"answer {result.decision_time_s:.1f} s after first contact")
+    if result.peak_force_n is not None:
+        parts.append(f"peak force read {result.peak_force_n:.1f} N")
+    parts.append(f"{result.frames} frames, {result.frames_lost} lost")
+    return Text("  ·  ".join(parts), style="dim")
+
+
+def _limit_text(limit: Mapping[str, object]) -> str:
+    """Return what the limit was and did, in a line for the card."""
+    who = limit["kind"] or "unknown kind"
+    learned = f"{who}, {limit['closings']} closings"
+    if limit["low_n"] is None:
+        why = "not shown by this closing, so the hand closed only a little further"
+        return f"Damage limit ({learned}): {why}"
+    did = ""
+    if limit["passed"]:
+        # A sheet that does not feel a faint force shows the limit only once it is passed.
+        did = ": shown only once the force had passed it; nothing more was pressed"
+    elif limit["kept_below_target"]:
+        did = ": it kept the force below what was asked for"
+    return f"Damage limit {limit['low_n']:.1f} N ({learned}){did}"

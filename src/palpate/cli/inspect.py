@@ -1,0 +1,126 @@
+"""`palpate inspect FILE`: what a recording holds, whether it is whole, and its recovery."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from palpate.cli.options import DpiOption, JsonOption
+from palpate.cli.output import print_json
+from palpate.errors import InputError, RecordingError
+from palpate.plots.recording import recording_figure
+from palpate.plots.style import check_plot, save_figure
+from palpate.recording import FileState, RecordingReader, load_recording
+from palpate.recording import recover as recover_recording
+from palpate.recording.reader import summarise_recording
+
+
+def inspect(
+    file: Annotated[Path, typer.Argument(help="An .mcap recording, finished or not.")],
+    as_json: JsonOption = False,
+    plot: Annotated[
+        Path | None,
+        typer.Option(help="Draw pixels, gripper and events: .png, .svg or .pdf.", metavar="FILE"),
+    ] = None,
+    dpi: DpiOption = None,
+    recover: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write every intact message as a finished recording, which is then shown; the "
+            "recording's own name replaces it.",
+            metavar="FILE",
+        ),
+    ] = None,
+) -> None:
+    """Show what a recording holds, and whether it is complete.
+
+    palpate itself reads a recording that was cut short as it is; other tools may not, and
+    --recover finishes it for them.
+
+    Example: palpate inspect run.mcap --recover run-whole.mcap
+    """
+    check_plot(plot, dpi=dpi)
+    if recover is not None:
+        _recover(file, recover)
+        file = recover
+    if plot is not None:
+        _draw(file, plot, dpi=dpi)
+    state = FileState()
+    with RecordingReader(file) as reader:
+        summary = summarise_recording(reader, state=state)
+        info = reader.info
+    document: dict[str, Any] = {
+        "path": str(file),
+        "bytes": file.stat().st_size,
+        "origin": info.origin,
+        "rig": info.rig,
+        "layout": asdict(info.layout),
+        "firmware_version": info.firmware_version,
+        "seed": info.seed,
+        "versions": dict(info.versions),
+        "calibrated": info.calibration is not None,
+        **asdict(summary),
+        "intact": state.intact,
+        **asdict(state),
+    }
+    if as_json:
+        print_json(document)
+    else:
+        print(_text(document))
+
+
+def _recover(file: Path, out: Path) -> None:
+    if out.exists() and not (file.exists() and out.samefile(file)):
+        raise RecordingError(f"{out}: exists already and is not overwritten; choose another name")
+    found = recover_recording(file, out)
+    if found.intact:
+        report = f"{file} was whole already; written to {out}"
+    else:
+        report = (
+            f"{out}: everything readable is kept ({found.damaged_chunks} damaged chunks and "
+            f"{found.unread_bytes} bytes at the end are not)"
+        )
+    print(report, file=sys.stderr)
+
+
+def _draw(file: Path, plot: Path, *, dpi: int | None) -> None:
+    recording = load_recording(file)
+    if recording.time_s.size == 0:
+        raise InputError(f"{file}: no frame in it, so there is nothing to draw")
+    save_figure(recording_figure(recording, title=file.name), plot, dpi=dpi)
+
+
+def _text(found: dict[str, Any]) -> str:
+    layout = found["layout"]
+    simulated = "" if found["origin"] == "hardware" else " (simulated)"
+    rate = "" if found["rate_hz"] is None else f" at {found['rate_hz']:.1f} Hz"
+    lines = {
+        "origin": f"{found['origin']}{simulated}",
+        "layout": f"{layout['name']}, {layout['rows']} x {layout['cols']} pixels",
+        "rig": found["rig"],
+        "firmware": found["firmware_version"],
+        "seed": found["seed"],
+        "calibration": "in the file" if found["calibrated"] else None,
+        "duration": f"{found['duration_s']:.2f} s",
+        "frames": f"{found['frames']}{rate}, {found['frames_lost']} lost",
+        "gripper": f"{found['gripper_states']} states",
+        "load cells": found["load_cell_readings"] or None,
+        "events": found["events"] or None,
+        "file": _condition(found),
+    }
+    return "\n".join(f"{name:<12} {text}" for name, text in lines.items() if text is not None)
+
+
+def _condition(found: dict[str, Any]) -> str:
+    if found["intact"]:
+        return "whole"
+    damaged, unread = found["damaged_chunks"], found["unread_bytes"]
+    ended = "finished" if found["complete"] else "not finished"
+    return (
+        f"{ended}, {damaged} damaged chunks, {unread} bytes unread at the end; "
+        f"`palpate inspect {found['path']} --recover FILE` makes it whole for strict readers"
+    )

@@ -1,0 +1,326 @@
+"""`palpate items`: the items of a store as a list, one item's page, or a file."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from datetime import UTC, date, datetime, timedelta
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from palpate.cli import completion
+from palpate.cli.options import BatchOption, DayOption, JsonOption, StoreOption
+from palpate.cli.output import (
+    CARD_FRAME,
+    SIMULATED,
+    fit_table,
+    make_table,
+    percent_text,
+    print_card,
+    print_json,
+    print_table,
+    time_text,
+)
+from palpate.errors import InputError, StoreAwayError
+from palpate.estimate.measurement import Measurement
+from palpate.produce.records import About, Item, Source, Verdict
+from palpate.produce.store import Store
+from palpate.produce.store.item_history import (
+    ItemHistory,
+    item_document,
+    item_page,
+    item_pages,
+    items_document,
+)
+
+_SETTABLE = ("kind", "batch", "label")
+#: Grasps and verdicts shown on a page: the last ones.
+_SHOWN = 20
+_MARK = "[yellow]~[/]"
+
+
+def items(
+    item: Annotated[
+        str | None, typer.Argument(help="One item's page.", autocompletion=completion.items)
+    ] = None,
+    store: StoreOption = None,
+    kind: Annotated[str | None, typer.Option(help="Only items of this kind.")] = None,
+    batch: BatchOption = None,
+    day: DayOption = None,
+    limit: Annotated[int, typer.Option(help="List at most this many.", min=1, metavar="N")] = 50,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Set kind, batch or label of ITEM.", metavar="NAME=TEXT"),
+    ] = None,
+    labels: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--say",
+            help="Record what ITEM is today: ripeness, bruise, identity or bin. palpate learns "
+            "from it.",
+            metavar="ABOUT=TEXT",
+        ),
+    ] = None,
+    export: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write the grasps to FILE.parquet, and the verdicts to FILE.verdicts.parquet.",
+            metavar="FILE",
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """List items, show one, label one, or write them to Parquet.
+
+    Example: palpate items A17 --set kind=avocado --say ripeness=ripe
+    """
+    if item is None and (changes or labels):
+        raise InputError("--set and --say are about one item: palpate items ITEM --set ...")
+    period = None if day is None else day_bounds(day)[1:]
+    with open_store(store, create=bool(changes or labels)) as known:
+        if item is not None and (changes or labels):
+            _label(known, item, changes=changes or [], labels=labels or [])
+        if export is not None:
+            _export(known, export, item=item, kind=kind, batch=batch, period=period)
+        elif item is not None:
+            page = item_page(known, item)
+            print_json(item_document(page)) if as_json else _print_page(page)
+        else:
+            found = _find(known, kind=kind, batch=batch, period=period, limit=limit + 1)
+            pages = item_pages(known, found[:limit])
+            if as_json:
+                print_json(items_document(pages))
+            else:
+                _print_list(pages, more=len(found) > limit)
+
+
+@contextmanager
+def open_store(where: str | None, *, create: bool = False) -> Iterator[Store]:
+    """Yield the store; a line on stderr reports a shared one that did not answer."""
+    with Store.open(where, create=create) as store:
+        if store.note:
+            print(f"palpate: {store.note}", file=sys.stderr)
+        yield store
+        try:
+            store.send()
+        except StoreAwayError as error:
+            store.away = error
+        if store.away is not None:
+            print(
+                f"palpate: {store.away}; this is from {store.local_name}, without other stations",
+                file=sys.stderr,
+            )
+
+
+def day_bounds(text: str) -> tuple[date, datetime, datetime]:
+    """Return a day, and its start and end in the time zone of this machine.
+
+    Raises `InputError` if it is no date.
+    """
+    try:
+        day = date.fromisoformat(text)
+    except ValueError as error:
+        raise InputError(f"--day {text}: not a date; write it as 2026-05-01") from error
+    start, end = (
+        datetime(d.year, d.month, d.day).astimezone() for d in (day, day + timedelta(days=1))
+    )
+    return day, start, end
+
+
+def _find(
+    store: Store,
+    *,
+    kind: str | None,
+    batch: str | None,
+    period: tuple[datetime, datetime] | None,
+    limit: int,
+) -> tuple[Item, ...]:
+    if period is None:
+        return store.items(kind=kind, batch=batch, limit=limit)
+    grasps = store.grasps(kind=kind, batch=batch, since=period[0], until=period[1])
+    names = dict.fromkeys(grasp.item_id for grasp in grasps)
+    return store.items_named(list(names)[:limit])
+
+
+def _label(store: Store, item_id: str, *, changes: list[str], labels: list[str]) -> None:
+    settings = dict(_pair(text, option="--set", known=_SETTABLE) for text in changes)
+    labelled = [_pair(text, option="--say", known=tuple(map(str, About))) for text in labels]
+    kind, batch, label = map(settings.get, _SETTABLE)
+    store.add_item(Item(item_id=item_id, kind=kind, batch=batch, label=label))
+    grasps = store.grasps_of(item_id)
+    for about, text in labelled:
+        store.add_verdict(
+            Verdict(
+                item_id=item_id,
+                about=About(about),
+                text=text,
+                given_at=datetime.now(UTC),
+                source=Source.PERSON,
+                grasp_id=grasps[-1].grasp_id if grasps else None,
+            )
+        )
+
+
+def _pair(text: str, *, option: str, known: tuple[str, ...]) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals or name not in known or not value.strip():
+        raise InputError(
+            f"{option} {text}: must be NAME=TEXT where NAME is one of {', '.join(known)}"
+        )
+    return name, value.strip()
+
+
+def _export(
+    store: Store,
+    path: Path,
+    *,
+    item: str | None,
+    kind: str | None,
+    batch: str | None,
+    period: tuple[datetime, datetime] | None,
+) -> None:
+    from palpate.produce.store.export import export_grasps, export_verdicts, require_parquet
+
+    if path.suffix != ".parquet":
+        raise InputError(f"--export {path}: the file must end in .parquet")
+    if not path.parent.is_dir():
+        raise InputError(f"--export {path}: there is no folder {path.parent}; make it first")
+    require_parquet()
+    since, until = period or (None, None)
+    found: tuple[Item, ...]
+    if item is not None:
+        found, grasps = (store.item(item),), iter(store.grasps_of(item))
+        verdicts = store.verdicts_of(item)
+    else:
+        found = store.items(kind=kind, batch=batch)
+        grasps = store.grasps(kind=kind, batch=batch, since=since, until=until)
+        names = {one.item_id for one in found}
+        verdicts = tuple(
+            verdict
+            for about in About
+            for verdict in store.verdicts(about, kind=kind)
+            if verdict.item_id in names
+            and (period is None or period[0] <= verdict.given_at < period[1])
+        )
+    verdicts_path = path.with_suffix(".verdicts.parquet")
+    rows = export_grasps(path, grasps, items=found)
+    verdict_rows = export_verdicts(verdicts_path, verdicts)
+    print(f"{path}: {rows} grasps; {verdicts_path}: {verdict_rows} verdicts", file=sys.stderr)
+
+
+def _print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
+    """Print one line per item."""
+    console = Console(highlight=False)
+    if not pages:
+        console.print("no items; `palpate grasp --item NAME` adds one")
+        return
+    columns = (
+        "item",
+        "kind",
+        "batch",
+        "last grasp",
+        ">grasps",
+        ">size, mm",
+        ">firmness",
+        ">N/mm",
+        "verdict",
+    )
+    rows = [
+        (
+            Text(page.item.item_id, style="bold"),
+            Text(page.item.kind or "-"),
+            Text(page.item.batch or "-"),
+            time_text(page.grasps[-1].taken_at) if page.grasps else "-",
+            f"{len(page.grasps)}{f' {_MARK}' if page.simulated else '  '}",
+            _value(page.latest("size_mm"), 1),
+            _value(page.latest("firmness"), 0),
+            _value(page.latest("stiffness_n_per_mm"), 2),
+            Text(", ".join(v.text for a in About if (v := page.latest_verdict(a))) or "-"),
+        )
+        for page in pages
+    ]
+    print_table(columns, rows, console=console)
+    if any(page.simulated for page in pages):
+        console.print(f"{_MARK} simulated on the twin", style="dim")
+    if more:
+        console.print(f"the last {len(pages)} items; --limit shows more", style="dim")
+
+
+def _print_page(page: ItemHistory) -> None:
+    """Print everything that is known of one item."""
+    item = page.item
+    seen = None if item.first_seen is None else f"first seen {time_text(item.first_seen)}"
+    rank = None if page.firmness_rank is None else page.firmness_rank.text
+    facts = filter(None, (item.kind, item.batch and f"batch {item.batch}", item.label, seen, rank))
+    console = Console(highlight=False)
+    parts = [Text("  ·  ".join(facts))]
+    tables = [_grasps(page)] * bool(page.grasps) + [_verdicts(page)] * bool(page.verdicts)
+    shown = [
+        part for t in tables for part in (None, fit_table(t, console=console, taken=CARD_FRAME))
+    ]
+    if not page.grasps:
+        shown.append(Text(f"not grasped yet: palpate grasp --item {item.item_id!r}", style="dim"))
+    title = Text(item.item_id, style="bold")
+    subtitle = SIMULATED if page.simulated else None
+    print_card(console, *parts, *shown, title=title, subtitle=subtitle)
+
+
+def _grasps(page: ItemHistory) -> Table:
+    quantities = {
+        "size_mm": (">size\nmm", 1),
+        "force_n": (">force\nN", 2),
+        "firmness": (">firmness\n", 0),
+        "stiffness_n_per_mm": (">stiffness\nN/mm", 2),
+        "settled_percent": (">settled\n%", 1),
+    }
+    heads = [head for head, _ in quantities.values()]
+    table = make_table(("taken", "outcome", *heads, ">side\n"))
+    for grasp in page.grasps[-_SHOWN:]:
+        table.add_row(
+            time_text(grasp.taken_at),
+            str(grasp.outcome),
+            *(_band(grasp.measurements.get(name), n) for name, (_, n) in quantities.items()),
+            "-" if grasp.angle_deg is None else f"{grasp.angle_deg:g}°",
+        )
+    if len(page.grasps) > _SHOWN:
+        table.caption = f"the last {_SHOWN} of {len(page.grasps)} grasps; --json has all"
+    return table
+
+
+def _verdicts(page: ItemHistory) -> Table:
+    return make_table(
+        ("given", "about", "verdict", ">probability", "why"),
+        [
+            (
+                time_text(one.given_at),
+                str(one.about),
+                Text(one.text, style="bold"),
+                percent_text(one.probability),
+                Text(explain_verdict(one)),
+            )
+            for one in page.verdicts[-_SHOWN:]
+        ],
+    )
+
+
+def explain_verdict(verdict: Verdict) -> str:
+    """Return the reason of a verdict."""
+    by_person = "given by a person" if verdict.source is Source.PERSON else ""
+    return verdict.explanation or by_person
+
+
+def _value(measured: Measurement | None, digits: int) -> str:
+    return "-" if measured is None else measured.text(digits=digits)
+
+
+def _band(measured: Measurement | None, digits: int) -> str:
+    if measured is None:
+        return "-"
+    low, high = f"{measured.low:.{digits}f}", f"{measured.high:.{digits}f}"
+    return f"[bold]{measured.text(digits=digits)}[/]\n[dim]{low}…{high}[/]"

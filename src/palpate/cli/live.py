@@ -1,0 +1,215 @@
+"""`palpate live`: the pixels, the aggregate and the link, as they are now."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, closing
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.live import Live
+
+from palpate.cli import options as option
+from palpate.cli.live_reading import LiveReading, pace_frames
+from palpate.cli.live_view import DRAW_HZ, LiveView
+from palpate.cli.sensor_source import SensorSource, open_source
+from palpate.clock import Clock, RealClock
+from palpate.errors import InputError
+from palpate.estimate.force_follower import FollowsForce
+from palpate.foxglove import LAYOUT
+from palpate.foxglove.channels import Link
+from palpate.grasp.planning import force_now
+from palpate.recording import Event
+from palpate.sensor.array import Frame
+
+#: Foxglove's default address.
+DEFAULT_ADDRESS = "127.0.0.1:8765"
+#: Time between messages about the link.
+_LINK_S = 1.0
+
+
+def live(
+    address: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="HOST:PORT",
+            help=f"Where --foxglove listens. [default: {DEFAULT_ADDRESS}]",
+            show_default=False,
+        ),
+    ] = None,
+    foxglove: Annotated[
+        bool,
+        typer.Option(
+            "--foxglove", help="Send all of it to Foxglove, too (docs: See it in Foxglove)."
+        ),
+    ] = False,
+    rig: option.SensorOption = None,
+    port: option.PortOption = None,
+    duration_s: Annotated[
+        float,
+        typer.Option(
+            "--duration",
+            help="How long. [default: until Ctrl-C]",
+            min=0.1,
+            metavar="SECONDS",
+            show_default=False,
+        ),
+    ] = math.inf,
+    force: Annotated[
+        bool, typer.Option("--force", help="Newtons now, by the rig's force calibration.")
+    ] = False,
+    layout: option.LayoutOption = None,
+    reference_ohm: option.ReferenceOption = None,
+    rate_hz: option.RateOption = None,
+    baud: option.BaudOption = None,
+) -> None:
+    """Show pixels, contact, rate and losses in the terminal.
+
+    Leave the sensor alone at the start.
+
+    Example: palpate live --rig sim-rigid --duration 20
+    """
+    if address is not None and not foxglove:
+        raise InputError(f"{address}: an address is for --foxglove; add it, or leave this out")
+    source = open_source(
+        rig, port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz, baud=baud
+    )
+    clock = RealClock()
+    with ExitStack() as stack:
+        stack.enter_context(closing(source))
+        follows = _follow_force(source) if force else None
+        reading = LiveReading(source, rest_ohm=source.rest_ohm(), clock=clock, force=follows)
+        view, stream = LiveView(reading), None
+        if foxglove:
+            stream = LiveStream(reading, clock=clock, address=address or DEFAULT_ADDRESS)
+            stack.enter_context(closing(stream))
+            print(f"palpate live: Foxglove at {stream.address}, layout {LAYOUT}", file=sys.stderr)
+        end_s = clock.now_s() + duration_s
+        screen = stack.enter_context(Live(console=Console(), auto_refresh=False, transient=False))
+        drawn_s = -math.inf
+        for frame in pace_frames(source, clock=clock):
+            if frame is not None:
+                view.add(frame)
+            if stream is not None:
+                stream.add(frame)
+            now_s = clock.now_s()
+            if now_s - drawn_s >= 1.0 / DRAW_HZ:
+                drawn_s = now_s
+                screen.update(view.render(), refresh=True)
+            if now_s >= end_s:
+                break
+
+
+def _follow_force(source: SensorSource) -> FollowsForce:
+    """Return what follows the force by the source's calibration."""
+    calibration = source.known_calibration()
+    if calibration is None:
+        raise InputError(
+            f"--force: {source.name} names no calibration; run `palpate calibrate force` and name "
+            "its file in the rig file"
+        )
+    return force_now(calibration.force)
+
+
+def host_and_port(address: str) -> tuple[str, int]:
+    """Split HOST:PORT.
+
+    Raises `InputError` if it is not one.
+
+    >>> host_and_port("[::1]:8765")
+    ('::1', 8765)
+    """
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdecimal() or int(port) > 65535:
+        raise InputError(f"--foxglove {address}: give HOST:PORT, like 127.0.0.1:8765")
+    return host.strip("[]"), int(port)
+
+
+class LiveStream:
+    """Sends a reading at every frame.
+
+    `clock`: the clock on the wall; a board's frames are on it too.
+    `address`: HOST:PORT to listen at.
+    Raises `InputError` if it can't listen there.
+    """
+
+    def __init__(self, reading: LiveReading, *, clock: Clock, address: str) -> None:
+        from palpate.foxglove.server import FoxgloveServer
+
+        source = reading.source
+        host, port = host_and_port(address)
+        self._reading, self._clock = reading, clock
+        self._zero_unix_ns = self._wall_zero_unix_ns(clock.now_s())
+        self._server = FoxgloveServer(
+            host=host,
+            port=port,
+            name=f"palpate {source.name}" + (" (SIMULATED)" if source.simulated else ""),
+            layout=source.array.layout,
+            unix_ns=lambda time_s: self._zero_unix_ns + round(time_s * 1e9),
+        )
+        #: What to type in Foxglove.
+        self.address = self._server.address
+        self._touching: frozenset[int] = frozenset()
+        self._lost, self._silent = 0, False
+        self._next_link_s = -math.inf
+
+    def add(self, frame: Frame | None) -> None:
+        """Send what the reading knows since this frame; None where none came for a while."""
+        time_s = self._clock.now_s() if frame is None else frame.time_s
+        if self._reading.frames == 1 and self._reading.source.simulated:
+            # The twin's clock is its own, and is held to the pace of the wall's from here on.
+            self._zero_unix_ns = self._wall_zero_unix_ns(time_s)
+        for event in self._events(time_s, silent=frame is None):
+            self._server.record(event)
+        if frame is not None:
+            self._send(frame)
+        if time_s >= self._next_link_s:
+            self._next_link_s = time_s + _LINK_S
+            self._server.link(self._link(time_s))
+
+    def close(self) -> None:
+        """Send nothing more."""
+        self._server.close()
+
+    def _send(self, frame: Frame) -> None:
+        reading = self._reading
+        self._server.record(frame)
+        if reading.source.gripper is not None:
+            self._server.record(reading.source.gripper.state())
+        if reading.change_percent is not None:
+            self._server.change(frame.time_s, reading.change_percent)
+        if reading.force_n is not None:
+            self._server.force(frame.time_s, reading.force_n)
+
+    def _events(self, time_s: float, *, silent: bool) -> Iterator[Event]:
+        """Yield what has changed: touches, losses, silence."""
+        reading = self._reading
+        if silent != self._silent:
+            yield Event(time_s=time_s, name="silent" if silent else "back")
+        if reading.lost > self._lost:
+            yield Event(time_s=time_s, name="lost", text=f"{reading.lost - self._lost} frames")
+        for finger in sorted(reading.touching ^ self._touching):
+            name = "contact" if finger in reading.touching else "released"
+            yield Event(time_s=time_s, name=name, text=f"finger {finger}")
+        self._silent, self._lost, self._touching = silent, reading.lost, reading.touching
+
+    def _link(self, time_s: float) -> Link:
+        reading = self._reading
+        return Link(
+            time_s=time_s,
+            source=reading.source.name,
+            simulated=reading.source.simulated,
+            rate_hz=reading.rate_hz,
+            frames=reading.frames,
+            lost=reading.lost,
+            corrupt=reading.source.events().corrupt,
+        )
+
+    @staticmethod
+    def _wall_zero_unix_ns(time_s: float) -> int:
+        """Return the Unix time at which a clock that now reads `time_s` read 0 s."""
+        return time.time_ns() - round(time_s * 1e9)

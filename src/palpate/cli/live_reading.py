@@ -1,0 +1,196 @@
+"""Frames of `palpate live` at the pace of the clock, and the state at each: pixels, force, link."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterator
+
+import numpy as np
+
+from palpate.arrays import FloatArray
+from palpate.cli.sensor_source import SensorSource
+from palpate.clock import Clock
+from palpate.errors import DeviceTimeoutError
+from palpate.estimate.force_follower import FollowsForce
+from palpate.estimate.measurement import Measurement
+from palpate.gripper.interface import Gripper, GripperCommand
+from palpate.sensor.array import Frame
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.signal.relative import (
+    CONTACT_PERCENT,
+    excess_conductance,
+    mean_change,
+    relative_change_percent,
+)
+
+#: Without a calibration, the first second is taken for rest.
+_REST_S = 1.0
+#: A finger that touched has let go where no pixel shows this share of a contact any more.
+_RELEASED_SHARE = 0.5
+#: A frame is stale after five periods, at least 100 ms (as everywhere in palpate).
+_STALE_PERIODS, _STALE_S = 5.0, 0.1
+
+#: A silent sensor is shown as such, so a read must not wait long.
+_WAIT_S = 0.2
+#: Close quickly to a touch, then slowly to each depth, keep it, and open: shares of the gripper's
+#: greatest rate, percent, seconds.
+_APPROACH, _SQUEEZE, _TOUCH_PERCENT = 0.3, 0.02, -3.0
+_DEPTHS_PERCENT, _KEEP_S, _OPEN_S = (-30.0, -50.0), 4.0, 5.0
+
+
+class LiveReading:
+    """Takes frames, and knows what the last ones mean.
+
+    `rest_ohm`, shape (rows, cols): calibrated rest values; None takes them from the first second.
+    `clock`: the clock on the wall, for the age of the last frame.
+    `force`: follows the force at every frame; None leaves it out.
+
+    `ohm`, shape (rows, cols): resistances of the last frame.
+    `change_percent`, shape (rows, cols): the same relative to rest, NaN where a pixel does not
+        read; None before the rest is known.
+    `force_n`: the force at the last frame.
+    `touching`: fingers that touch something.
+    `frames`, `lost`: frames that came, and gaps in their numbers.
+    """
+
+    def __init__(
+        self,
+        source: SensorSource,
+        *,
+        rest_ohm: FloatArray | None,
+        clock: Clock,
+        force: FollowsForce | None = None,
+    ) -> None:
+        self.source, self.calibrated = source, rest_ohm is not None
+        self._layout = source.array.layout
+        self.ohm: FloatArray | None = None
+        self.change_percent: FloatArray | None = None
+        self.force_n: Measurement | None = None
+        self.touching: frozenset[int] = frozenset()
+        self.frames = self.lost = 0
+        self._rest_ohm, self._clock, self._force = rest_ohm, clock, force
+        self._first: list[FloatArray] = []
+        self._arrived_s = math.nan
+        self._recent: deque[tuple[float, int]] = deque()
+
+    def add(self, frame: Frame) -> None:
+        """Take a frame."""
+        self.ohm = pixel_resistance_ohm(
+            frame.counts, layout=self._layout, oversampling=frame.oversampling
+        )
+        if self._recent:
+            self.lost += max(0, frame.sequence - self._recent[-1][1] - 1)
+        self.frames += 1
+        self._arrived_s = self._clock.now_s()
+        self._recent.append((frame.time_s, frame.sequence))
+        while frame.time_s - self._recent[0][0] > 2.0:
+            self._recent.popleft()
+        if self._rest_ohm is None:
+            self._learn_rest(self.ohm, frame.time_s)
+        if self._rest_ohm is None:
+            return
+        self.change_percent = relative_change_percent(self.ohm, rest_ohm=self._rest_ohm)
+        self.touching = frozenset(
+            finger for finger in set(self._layout.finger_of_row) if self._touches(finger)
+        )
+        if self._force is not None:
+            excess = excess_conductance(self.ohm, rest_ohm=self._rest_ohm)
+            self.force_n = self._force.step(frame.time_s, excess)
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames per second over the last two seconds, lost ones included; NaN at the first."""
+        if len(self._recent) < 2:
+            return math.nan
+        (start_s, start), (end_s, end) = self._recent[0], self._recent[-1]
+        return (end - start) / (end_s - start_s) if end_s > start_s else math.nan
+
+    @property
+    def age_s(self) -> float:
+        """Time since the last frame came; NaN before the first."""
+        return self._clock.now_s() - self._arrived_s
+
+    @property
+    def stale(self) -> bool:
+        """Whether frames should have come since."""
+        period_s = 1.0 / self.rate_hz if self.rate_hz > 0 else 0.0
+        return not self.age_s <= max(_STALE_S, _STALE_PERIODS * period_s)
+
+    def _touches(self, finger: int) -> bool:
+        assert self.change_percent is not None
+        rows = np.array(self._layout.finger_of_row) == finger
+        lowest = np.nanmin(self.change_percent[rows], initial=0.0)
+        share = _RELEASED_SHARE if finger in self.touching else 1.0
+        return bool(lowest <= share * CONTACT_PERCENT)
+
+    def _learn_rest(self, ohm: FloatArray, time_s: float) -> None:
+        self._first.append(ohm)
+        if time_s - self._recent[0][0] >= _REST_S:
+            self._rest_ohm = np.asarray(np.median(self._first, axis=0))
+            self._first.clear()
+
+
+def pace_frames(source: SensorSource, *, clock: Clock) -> Iterator[Frame | None]:
+    """Yield frames as they come; None where none came for a while.
+
+    `source`: an open sensor. A simulated one is held back to the pace of `clock`.
+    `clock`: the clock on the wall.
+    """
+    if source.gripper is None or source.calibration is None:
+        while True:
+            try:
+                yield source.array.read(timeout_s=_WAIT_S)
+            except DeviceTimeoutError:
+                yield None
+    squeeze = Squeeze(source.gripper, rest_ohm=source.calibration.rest_ohm)
+    first_s, start_s = None, clock.now_s()
+    while True:
+        frame = source.array.read(timeout_s=1.0)
+        first_s = frame.time_s if first_s is None else first_s
+        clock.sleep_s(start_s + frame.time_s - first_s - clock.now_s())
+        ohm = pixel_resistance_ohm(
+            frame.counts, layout=source.array.layout, oversampling=frame.oversampling
+        )
+        squeeze.see(frame.time_s, ohm)
+        yield frame
+
+
+class Squeeze:
+    """Closes a simulated gripper in two steps, opens it, and begins again."""
+
+    def __init__(self, gripper: Gripper, *, rest_ohm: FloatArray) -> None:
+        self._gripper, self._rest_ohm = gripper, rest_ohm
+        self._depths = list(_DEPTHS_PERCENT)
+        self._until_s: float | None = None
+        self._touched = self._closing = False
+
+    def see(self, time_s: float, ohm: FloatArray) -> None:
+        """Take a frame's resistances, and command what is next."""
+        change = float(mean_change(relative_change_percent(ohm, rest_ohm=self._rest_ohm)))
+        if self._until_s is None:
+            self._until_s = time_s + _OPEN_S
+        if time_s < self._until_s:
+            return
+        if not self._closing:
+            self._close() if self._depths else self._open(time_s)
+        elif not self._touched and change < _TOUCH_PERCENT:
+            self._touched = True
+            self._close()
+        elif change < self._depths[0] or not self._gripper.state().moving:
+            # Deep enough, or as far as this gripper goes.
+            del self._depths[0]
+            self._gripper.stop()
+            self._closing, self._until_s = False, time_s + _KEEP_S
+
+    def _close(self) -> None:
+        limits = self._gripper.limits
+        closed = limits.lowest if limits.drive == "width" else limits.highest
+        rate = limits.fastest * (_SQUEEZE if self._touched else _APPROACH)
+        self._gripper.command(GripperCommand(target=closed, rate=rate))
+        self._closing = True
+
+    def _open(self, time_s: float) -> None:
+        self._gripper.release()
+        self._depths, self._touched = list(_DEPTHS_PERCENT), False
+        self._until_s = time_s + _OPEN_S

@@ -1,0 +1,163 @@
+"""The picture that `palpate live` draws: a heat map per finger, the aggregate, and the link."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.align import Align
+from rich.columns import Columns
+from rich.console import Group, RenderableType
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from palpate.cli.live_reading import LiveReading
+from palpate.estimate.measurement import Measurement
+from palpate.sensor.array import Frame
+from palpate.signal.relative import finger_means, mean_change
+
+DRAW_HZ = 10.0
+#: Depth at which colour and curve end; the curve's span, and one of its columns, seconds.
+_DEEPEST_PERCENT, _CURVE_COLUMNS, _COLUMN_S = 80.0, 64, 0.25
+#: A pixel about to come loose reads a hundred times its rest value: more digits add nothing.
+_HIGHEST_PERCENT = 999
+#: Widest matrix -> characters per pixel: it must fit a terminal of eighty. Below four, color alone.
+_CELL_WIDTHS = ((4, 11), (8, 7), (16, 4), (32, 2), (64, 1))
+_BLOCKS = " ▁▂▃▄▅▆▇█"
+#: From rest to deep: dark blue, magenta, orange, pale yellow (points of matplotlib's inferno).
+_COLORS = np.array([[20, 18, 46], [101, 21, 110], [212, 72, 66], [250, 193, 39], [252, 255, 164]])
+
+
+class LiveView:
+    """Draws a reading, and the curve of its last seconds."""
+
+    def __init__(self, reading: LiveReading) -> None:
+        self._reading, self._layout = reading, reading.source.array.layout
+        self._curve: deque[float] = deque(maxlen=_CURVE_COLUMNS)
+        self._column = -1
+
+    def add(self, frame: Frame) -> None:
+        """Take a frame."""
+        self._reading.add(frame)
+        self._extend_curve(frame.time_s)
+
+    def render(self) -> RenderableType:
+        """Draw."""
+        simulated = self._reading.source.simulated
+        title = f"[bold]palpate live[/]  {self._reading.source.name}"
+        return Panel(
+            Group(self._body(), Text(""), self._link()),
+            title=title,
+            subtitle="[bold yellow]SIMULATED: the twin is squeezed[/]" if simulated else "live",
+            border_style="red" if self._reading.stale else "green",
+            padding=(1, 2),
+            expand=False,
+        )
+
+    def _extend_curve(self, time_s: float) -> None:
+        change = self._reading.change_percent
+        if change is None:
+            return
+        deep = -float(mean_change(change))
+        column = int(time_s / _COLUMN_S)
+        if column == self._column and self._curve:
+            self._curve[-1] = deep
+        else:
+            self._curve.append(deep)
+        self._column = column
+
+    def _body(self) -> RenderableType:
+        change = self._reading.change_percent
+        if change is None:
+            return Text("taking the rest values: leave the sensor alone", style="yellow")
+        fingers = sorted(set(self._layout.finger_of_row))
+        means = finger_means(change, finger_of_row=self._layout.finger_of_row)
+        maps = [
+            self._finger(change, finger, float(mean))
+            for finger, mean in zip(fingers, means, strict=True)
+        ]
+        return Group(Columns(maps, padding=(0, 4)), Text(""), self._aggregate(change))
+
+    def _finger(self, change: NDArray[np.float64], finger: int, mean: float) -> RenderableType:
+        rows = [
+            row for row in range(self._layout.rows) if self._layout.finger_of_row[row] == finger
+        ]
+        tall = len(rows) <= 6
+        grid = Table.grid(padding=0)
+        for row in rows:
+            cells = [self._cell(change, row, col, tall=tall) for col in range(self._layout.cols)]
+            grid.add_row(*cells)
+        touch = finger in self._reading.touching
+        state = "[bold green]contact[/]" if touch else "[dim]no contact[/]"
+        head = Text.from_markup(f"finger {finger}   {_percent(mean)}   {state}")
+        return Group(head, grid)
+
+    def _cell(self, change: NDArray[np.float64], row: int, col: int, *, tall: bool) -> Text:
+        assert self._reading.ohm is not None
+        value, ohm = float(change[row, col]), float(self._reading.ohm[row, col])
+        if math.isnan(value):
+            words = "open" if math.isinf(ohm) else "dead"
+            style = "bold white on dark_red"
+        else:
+            words = f"{min(round(value), _HIGHEST_PERCENT):+d} %"
+            style = _style(-value / _DEEPEST_PERCENT)
+        width = next(width for cols, width in _CELL_WIDTHS if self._layout.cols <= cols)
+        blank = " " * width
+        shown = words if width >= 7 else words.removesuffix(" %") if width >= 4 else ""
+        middle = f"{shown:^{width}}"
+        return Text(f"{blank}\n{middle}\n{blank}" if tall else middle, style=style)
+
+    def _aggregate(self, change: NDArray[np.float64]) -> RenderableType:
+        mean = float(mean_change(change))
+        curve = "".join(_block(deep) for deep in self._curve).rjust(_CURVE_COLUMNS)
+        head = Text.from_markup(f"mean relative change [bold]{_percent(mean)}[/]")
+        span = f"0 to -{_DEEPEST_PERCENT:.0f} %, last {_CURVE_COLUMNS * _COLUMN_S:.0f} s"
+        lines = [head, Text(curve, style="dark_orange"), Text(span, style="dim")]
+        if self._reading.force_n is not None:
+            lines.append(Text.from_markup(f"force now [bold]{_newtons(self._reading.force_n)}[/]"))
+        return Group(*lines)
+
+    def _link(self) -> RenderableType:
+        reading = self._reading
+        if not reading.frames:
+            return Align.left(Text("no frame yet", style="bold red"))
+        events = reading.source.events()
+        lost = f"[bold red]{reading.lost} lost[/]" if reading.lost else "0 lost"
+        bad = f"[bold red]{events.corrupt} corrupt[/]" if events.corrupt else "0 corrupt"
+        color = "bold red" if reading.stale else "green"
+        age = f"[{color}]last frame {1e3 * reading.age_s:.0f} ms ago[/]"
+        rest = "calibrated rest" if reading.calibrated else "rest of the first second"
+        rate = "" if math.isnan(reading.rate_hz) else f"{reading.rate_hz:.1f} Hz  ·  "
+        return Text.from_markup(
+            f"{rate}{reading.frames} frames, {lost}, {bad}  ·  {age}  ·  [dim]{rest}[/]"
+        )
+
+
+def _newtons(force: Measurement) -> str:
+    return f"{force.value:.2f} N[/] ({force.low:.2f} to {force.high:.2f}, {force.level:.0%})[bold]"
+
+
+def _percent(mean: float) -> str:
+    """Return a mean over pixels as text of one width; "no pixel" where none reads."""
+    return "no pixel" if math.isnan(mean) else f"{min(mean, _HIGHEST_PERCENT):+6.1f} %"
+
+
+def _block(deep: float) -> str:
+    """Return the column of the curve for a depth; a gap where no pixel read."""
+    if math.isnan(deep):
+        return " "
+    return _BLOCKS[round(min(max(deep / _DEEPEST_PERCENT, 0.0), 1.0) * (len(_BLOCKS) - 1))]
+
+
+def _style(depth: float) -> str:
+    """Return a colour for a share of the deepest change, with ink that can be read on it."""
+    place = min(max(depth, 0.0), 1.0) * (len(_COLORS) - 1)
+    below = min(int(place), len(_COLORS) - 2)
+    red, green, blue = (
+        _COLORS[below] + (place - below) * (_COLORS[below + 1] - _COLORS[below])
+    ).astype(int)
+    ink = "black" if 0.3 * red + 0.6 * green + 0.1 * blue > 120 else "white"
+    return f"{ink} on rgb({red},{green},{blue})"

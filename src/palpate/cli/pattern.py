@@ -1,0 +1,252 @@
+"""`palpate pattern`: files for a vinyl cutter, from a few numbers in millimetres."""
+
+from __future__ import annotations
+
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias
+
+import typer
+from rich.console import Console
+
+from palpate.cli.options import JsonOption
+from palpate.cli.output import print_json, print_table
+from palpate.errors import InputError, MissingExtraError
+from palpate.fabrication.design import PRESETS, Cutter, SensorDesign
+from palpate.fabrication.drawing import combined_svg, layer_svg, require_dxf, write_dxf
+from palpate.fabrication.pattern import Pattern, lay_out
+from palpate.fabrication.refusals import check_design, check_pattern
+from palpate.fabrication.rest_resistance import RestExpectation, from_measurement, from_sheet
+from palpate.files import atomic_path
+
+_SHEET, _TAIL, _CUTTER = "Expected rest resistance", "Copper and tape", "What can be cut"
+Shape: TypeAlias = Literal["rectangle", "rounded", "circle"]
+
+
+def _number(text: str, panel: str | None = None, metavar: str = "MM") -> Any:
+    return typer.Option(help=text, rich_help_panel=panel, metavar=metavar)
+
+
+Size: TypeAlias = float | None
+
+
+def pattern(
+    out: Annotated[Path, typer.Option(help="Folder for the files; made if absent.", metavar="DIR")],
+    preset: Annotated[
+        str, typer.Option(help="Start from paper-2x2, paper-3x2 or so101.", metavar="NAME")
+    ] = "paper-2x2",
+    name: Annotated[
+        str | None, typer.Option(help="Stem of the files; the preset's by default.", metavar="NAME")
+    ] = None,
+    rows: Annotated[int | None, _number("Pixels along the finger.", None, "N")] = None,
+    cols: Annotated[int | None, _number("Pixels across it.", None, "N")] = None,
+    pixel: Annotated[
+        str | None, _number("Size of a pixel: 7, or 7x9 for width x height.", None, "WxH")
+    ] = None,
+    shape: Annotated[
+        Shape, typer.Option(help="Of the pixels: rectangle, rounded or circle.", metavar="SHAPE")
+    ] = "rectangle",
+    corner: Annotated[float, _number("Corner radius of rounded pixels.")] = 1.5,
+    gap: Annotated[Size, _number("Between pixels.")] = None,
+    overhang: Annotated[Size, _number("Velostat round the crossing copper; 1 by default.")] = None,
+    trace: Annotated[Size, _number("Width of traces; 1.2 by default.", _TAIL)] = None,
+    pad: Annotated[str | None, _number("Solder pad; 1.6x5 by default.", _TAIL, "WxL")] = None,
+    pad_pitch: Annotated[Size, _number("Between pads; 2.54 by default.", _TAIL)] = None,
+    tail: Annotated[Size, _number("From pixels to pads; 20 by default.", _TAIL)] = None,
+    margin: Annotated[Size, _number("Tape round it all; 3 by default.", _TAIL)] = None,
+    width: Annotated[
+        Size,
+        _number("Width of base and cover, as the finger has it; what fits by default.", _TAIL),
+    ] = None,
+    min_feature: Annotated[float, _number("Narrowest strip.", _CUTTER)] = 1.0,
+    min_gap: Annotated[float, _number("Narrowest gap.", _CUTTER)] = 0.5,
+    sheet: Annotated[str, _number("Cutting area.", _CUTTER, "WxH")] = "296x298",
+    measured_ohm: Annotated[
+        Size, _number("Rest resistance of a pixel of yours.", _SHEET, "OHM")
+    ] = None,
+    measured_mm2: Annotated[
+        Size, _number("Its copper contact area; this design's by default.", _SHEET, "MM2")
+    ] = None,
+    resistivity: Annotated[float, _number("Of the sheet, ohm cm.", _SHEET, "NUMBER")] = 500.0,
+    thickness: Annotated[float, _number("Of the sheet.", _SHEET)] = 0.1,
+    dxf: Annotated[bool, typer.Option("--dxf", help="Write DXF files as well.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Draw the cut files of a sensor: base, copper, Velostat, copper, cover.
+
+    Lengths are in mm.
+
+    Example: palpate pattern --preset paper-3x2 --out sensor
+    """
+    changes: dict[str, Any] = {
+        "name": name,
+        "rows": rows,
+        "cols": cols,
+        "gap_mm": gap,
+        "overhang_mm": overhang,
+        "trace_mm": trace,
+        "pad_pitch_mm": pad_pitch,
+        "tail_mm": tail,
+        "margin_mm": margin,
+        "substrate_width_mm": width,
+    }
+    if pixel is not None:
+        changes["pixel_width_mm"], changes["pixel_height_mm"] = _size(pixel, option="--pixel")
+    if pad is not None:
+        changes["pad_width_mm"], changes["pad_length_mm"] = _size(pad, option="--pad")
+    if preset not in PRESETS:
+        raise InputError(f"--preset {preset}: there are {', '.join(PRESETS)}")
+    if name is not None and not re.fullmatch(r"[\w.-]+", name):
+        raise InputError(f"--name {name!r}: use letters, digits, '-', '_' and '.'")
+    given = {key: value for key, value in changes.items() if value is not None}
+    design = replace(PRESETS[preset], **given)
+    design = replace(design, corner_mm=_corner_mm(design, shape=shape, corner_mm=corner))
+    width_mm, height_mm = _size(sheet, option="--sheet")
+    cutter = Cutter(width_mm=width_mm, height_mm=height_mm, feature_mm=min_feature, gap_mm=min_gap)
+    check_design(design, cutter=cutter)
+    drawn = lay_out(design)
+    check_pattern(drawn, cutter=cutter)
+    if measured_ohm is None:
+        if measured_mm2 is not None:
+            raise InputError("--measured-mm2 needs --measured-ohm too")
+        expected = from_sheet(volume_ohm_cm=resistivity, thickness_mm=thickness)
+    else:
+        contact = drawn.pixels[0].contact
+        area_mm2 = contact.width * contact.height if measured_mm2 is None else measured_mm2
+        expected = from_measurement(ohm=measured_ohm, contact_mm2=area_mm2)
+    files = _write_files(drawn, out, dxf=dxf)
+    if as_json:
+        print_json(_document(drawn, expected, files))
+    else:
+        _print(drawn, expected, files)
+
+
+def _corner_mm(design: SensorDesign, *, shape: Shape, corner_mm: float) -> float:
+    if shape == "rectangle":
+        return 0.0
+    if shape == "rounded":
+        return corner_mm
+    if design.pixel_width_mm != design.pixel_height_mm:
+        raise InputError(
+            f"--shape circle with --pixel {design.pixel_width_mm:g}x{design.pixel_height_mm:g}: "
+            "a circle is as wide as high; give one number"
+        )
+    return design.pixel_width_mm / 2
+
+
+def _size(text: str, *, option: str) -> tuple[float, float]:
+    """Return width and height of ``"7"`` or ``"7x9"``.
+
+    >>> _size("7x9.5", option="--pixel"), _size("7", option="--pixel")
+    ((7.0, 9.5), (7.0, 7.0))
+    """
+    try:
+        numbers = [float(part) for part in text.lower().split("x")]
+    except ValueError:
+        numbers = []
+    if len(numbers) == 1:
+        numbers *= 2
+    if len(numbers) != 2:
+        raise InputError(f"{option} {text}: give millimetres, such as 7 or 7x9")
+    return numbers[0], numbers[1]
+
+
+def _write_files(drawn: Pattern, folder: Path, *, dxf: bool) -> list[Path]:
+    """Write every file whole or not at all; return them in order."""
+    from palpate.plots.pattern import draw_pattern
+
+    if dxf:
+        require_dxf()
+    folder.mkdir(parents=True, exist_ok=True)
+    stem, files = drawn.design.name, []
+    for layer in drawn.layers():
+        files.append(folder / f"{stem}-{layer.name}.svg")
+        with atomic_path(files[-1]) as partial:
+            partial.write_text(layer_svg(drawn, layer), encoding="utf-8")
+        if dxf:
+            files.append(folder / f"{stem}-{layer.name}.dxf")
+            with atomic_path(files[-1]) as partial:
+                write_dxf(drawn, layer, partial)
+    files.append(folder / f"{stem}.svg")
+    with atomic_path(files[-1]) as partial:
+        partial.write_text(combined_svg(drawn), encoding="utf-8")
+    try:
+        draw_pattern(drawn, folder / f"{stem}.png")
+        files.append(folder / f"{stem}.png")
+    except MissingExtraError as error:
+        # The cut files are what was asked for; the picture is an extra.
+        print(f"palpate pattern: no preview: {error}", file=sys.stderr)
+    return files
+
+
+def _document(drawn: Pattern, expected: RestExpectation, files: list[Path]) -> dict[str, object]:
+    """Return the JSON document: lengths in mm, resistances in ohm."""
+    return {
+        "name": drawn.design.name,
+        "rows": drawn.design.rows,
+        "cols": drawn.design.cols,
+        "pitch_mm": list(drawn.design.pitch_mm),
+        "sheet_mm": {"width": round(drawn.width, 4), "height": round(drawn.height, 4)},
+        "marks_mm": [[round(x, 4), round(y, 4)] for x, y in drawn.marks],
+        "layers": [
+            {
+                "name": layer.name,
+                "material": layer.material,
+                "mirrored": layer.mirrored,
+                "why": layer.why,
+                "cut_mm": round(sum(part.length() for part in layer.parts), 1),
+            }
+            for layer in drawn.layers()
+        ],
+        "pixels": [
+            {
+                "row": p.row,
+                "col": p.col,
+                "x_mm": round(p.body.centre[0], 4),
+                "y_mm": round(p.body.centre[1], 4),
+                "contact_mm2": round(p.contact.width * p.contact.height, 3),
+                "rest_ohm": round(
+                    expected.rest_ohm(contact_mm2=p.contact.width * p.contact.height), 1
+                ),
+            }
+            for p in drawn.pixels
+        ],
+        "rest_ohm_basis": expected.basis,
+        "files": [str(file) for file in files],
+    }
+
+
+def _print(drawn: Pattern, expected: RestExpectation, files: list[Path]) -> None:
+    """Print the layers, the pixels, and how far apart two marks must be."""
+    console = Console(highlight=False)
+    layers = [
+        (layer.name, layer.material, "mirrored" if layer.mirrored else "as is", layer.why)
+        for layer in drawn.layers()
+    ]
+    print_table(("layer", "material", "file shows it", "because it is"), layers, console=console)
+    console.print()
+    areas_mm2 = [p.contact.width * p.contact.height for p in drawn.pixels]
+    pixels = [
+        (
+            f"R{p.row} C{p.col}",
+            *(f"{value:.2f}" for value in (*p.body.centre, area_mm2)),
+            _three_digits(expected.rest_ohm(contact_mm2=area_mm2)),
+        )
+        for p, area_mm2 in zip(drawn.pixels, areas_mm2, strict=True)
+    ]
+    columns = ("pixel", ">x, mm", ">y, mm", ">contact, mm²", ">ohm, see below")
+    print_table(columns, pixels, console=console)
+    apart_mm = drawn.marks[1][0] - drawn.marks[0][0]
+    console.print(
+        f"Resistance: {expected.basis}.\n\n"
+        f"Sheet {drawn.width:.2f} x {drawn.height:.2f} mm; after import the upper marks must be "
+        f"{apart_mm:.2f} mm apart, centre to centre.\nWritten: {len(files)} files in "
+        f"{files[0].parent}"
+    )
+
+
+def _three_digits(ohm: float) -> str:
+    rounded = float(f"{ohm:.3g}")
+    return f"{rounded:.0f}" if rounded >= 100 else f"{rounded:g}"

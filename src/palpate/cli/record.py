@@ -1,0 +1,170 @@
+"""`palpate record FILE`: frames of a board, or of a whole rig, into a recording."""
+
+from __future__ import annotations
+
+import math
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli import options as option
+from palpate.clock import Clock, RealClock
+from palpate.errors import InputError
+from palpate.gripper.interface import Gripper
+from palpate.recording import LoadCells, RecordingInfo, RecordingWriter
+from palpate.recording.writer import capture
+from palpate.rig import Rig, open_rig
+from palpate.rig.recorded import clock_zero_unix_ns, firmware_version, recording_info
+from palpate.rig.sensor_only import SensorRig, names_no_gripper, open_sensor
+from palpate.sensor.array import PressureArray, link_counters
+from palpate.sensor.board_array import open_board
+from palpate.sensor.serial_array import SerialArray
+from palpate.sensor.wire_messages import NO_READING
+from palpate.version import __version__
+
+
+def record(
+    file: Annotated[Path, typer.Argument(help="The new recording.")] = Path("recording.mcap"),
+    rig: option.SensorOption = None,
+    port: option.PortOption = None,
+    layout: option.LayoutOption = None,
+    reference_ohm: option.ReferenceOption = None,
+    rate_hz: option.RateOption = None,
+    oversampling: Annotated[
+        int | None,
+        typer.Option(help="Conversions per pixel. [default: 1]", min=1, max=64, metavar="N"),
+    ] = None,
+    baud: option.BaudOption = None,
+    load_cells: Annotated[
+        bool, typer.Option("--load-cells", help="Record the reference load cells too.")
+    ] = False,
+    duration_s: Annotated[
+        float | None,
+        typer.Option("--duration", help="How long. [default: until Ctrl-C]", metavar="SECONDS"),
+    ] = None,
+    seed: option.SeedOption = 0,
+) -> None:
+    """Record a board, or a rig with its gripper.
+
+    The file is readable at any moment. Ctrl-C or SIGTERM ends it, exit status 130, with the file
+    finished.
+
+    Example: palpate record apple.mcap --port /dev/ttyACM0 --duration 30
+    """
+    if file.suffix != ".mcap":
+        raise InputError(f"{file}: a recording ends in .mcap; `palpate export` makes tables of it")
+    if duration_s is not None and not duration_s > 0:
+        raise InputError(f"--duration {duration_s:g}: must be above 0")
+    rig, given = option.board_options(
+        rig,
+        port=port,
+        layout=layout,
+        reference_ohm=reference_ohm,
+        rate_hz=rate_hz,
+        oversampling=oversampling,
+        baud=baud,
+        load_cells=load_cells or None,
+    )
+    with ExitStack() as stack:
+        gripper: Gripper | None = None
+        clock: Clock = RealClock()
+        array: PressureArray
+        if rig is None:
+            board = open_board(**given)
+            stack.callback(board.close)
+            array, name, info = board, board.name, _board_info(board)
+        else:
+            opened = _open_rig(rig, seed=seed, endless=duration_s is None)
+            stack.callback(opened.close)
+            array, clock, info = opened.array, opened.clock, recording_info(opened, seed=seed)
+            name = f"{rig} (simulated)" if opened.simulated else rig
+            gripper = opened.gripper
+        # Before the file: a signal while that is begun or finished must not tear it either.
+        stopped = stack.enter_context(_stop_signals())
+        writer = stack.enter_context(RecordingWriter(file, info=info))
+        _say(f"recording {name} to {file}; Ctrl-C ends it")
+        capture(
+            array,
+            writer=writer,
+            clock=clock,
+            duration_s=math.inf if duration_s is None else duration_s,
+            load_cells=_load_cell_reader(array),
+            gripper=lambda: None if gripper is None else gripper.state(),
+            stopped=stopped,
+            report=_say,
+        )
+    _say(f"{file}: {_link_text(array)}")
+    if stopped():
+        raise KeyboardInterrupt
+
+
+def _open_rig(name: str, *, seed: int, endless: bool) -> Rig | SensorRig:
+    """Open a rig, with its gripper where it has one."""
+    if name.endswith(".toml") and names_no_gripper(Path(name)):
+        return open_sensor(Path(name))
+    rig = open_rig(name, seed=seed)
+    if rig.simulated and endless:
+        rig.close()
+        raise InputError(f"--rig {name} is simulated and would never end: give a --duration")
+    return rig
+
+
+def _board_info(array: PressureArray) -> RecordingInfo:
+    return RecordingInfo(
+        layout=array.layout,
+        origin="hardware",
+        firmware_version=firmware_version(array),
+        versions={"palpate": __version__},
+        clock_zero_unix_ns=clock_zero_unix_ns(),
+    )
+
+
+def _load_cell_reader(array: PressureArray) -> Callable[[], LoadCells | None]:
+    """Return what reads each new pair of load-cell readings once."""
+    seen: list[int] = []
+
+    def read() -> LoadCells | None:
+        if not isinstance(array, SerialArray):
+            return None
+        cells = array.load_cells
+        samples = [cell.sample for cell in cells]
+        if samples == seen or all(cell.raw == NO_READING for cell in cells):
+            return None
+        seen[:] = samples
+        return LoadCells(time_s=array.newest_s, raw=tuple(cell.raw for cell in cells))
+
+    return read
+
+
+def _link_text(array: PressureArray) -> str:
+    count = link_counters(array)
+    if count is None:
+        return "recorded"
+    return (
+        f"{count.frames} frames, {count.lost} lost, {count.corrupt} corrupt, "
+        f"{count.late} late, {count.reconnects} reconnects"
+    )
+
+
+@contextmanager
+def _stop_signals() -> Iterator[Callable[[], bool]]:
+    """Yield a function that returns whether Ctrl-C or SIGTERM came, so that neither cuts a file."""
+    came: list[int] = []
+    before = {
+        number: signal.signal(number, lambda number, _: came.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield lambda: bool(came)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr)

@@ -1,0 +1,114 @@
+"""`palpate replay FILE`: decide a recorded grasp again, or play the frames of a recording."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.options import JsonOption
+from palpate.cli.output import print_json
+from palpate.cli.paper_options import CutoffOption, EpsilonOption, Method, paper_settings
+from palpate.clock import Clock, ManualClock, RealClock
+from palpate.errors import InputError
+from palpate.grasp.decide_again import decide_again, read_by_paper
+from palpate.grasp.result import GraspResult
+from palpate.recording import PacedClock, RecordingInfo, RecordingReader, Replay
+from palpate.recording.replay import observations
+
+#: A minute of a recording then takes 17 hours.
+_SLOWEST = 0.001
+
+
+def replay(
+    file: Annotated[Path, typer.Argument(help="An .mcap recording, finished or not.")],
+    speed: Annotated[
+        float | None,
+        typer.Option(
+            help="1 is as it was recorded. [default: as fast as possible]", metavar="NUMBER"
+        ),
+    ] = None,
+    frames: Annotated[
+        bool, typer.Option("--frames", help="Print the frames instead of the grasp's result.")
+    ] = False,
+    method: Annotated[
+        Method | None,
+        typer.Option(help="paper: read any grasp as the paper's method would.", metavar="NAME"),
+    ] = None,
+    epsilon_percent: EpsilonOption = None,
+    cutoff_s: CutoffOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Run a recorded grasp through the controller again.
+
+    The results are those of the live run.
+
+    With --method paper the hand moves as recorded, and contact, size, settled value and force
+    are read by the paper's method.
+
+    A recording without calibration and gripper is played frame by frame.
+
+    Example: palpate grasp --record run.mcap && palpate replay run.mcap
+    """
+    if speed is not None and not _SLOWEST <= speed < float("inf"):
+        raise InputError(f"--speed {speed:g}: must be at least {_SLOWEST:g}")
+    paper = paper_settings(method or "palpate", epsilon_percent=epsilon_percent, cutoff_s=cutoff_s)
+    clock = _clock(file, speed=speed)
+    source = Replay(file, clock=clock)
+    try:
+        if frames or source.info.gripper is None or source.info.calibration is None:
+            _play(source, as_json=as_json)
+            return
+        result = (
+            decide_again(source, clock=clock) if paper is None else read_by_paper(source, paper)
+        )
+    finally:
+        source.close()
+    if as_json:
+        simulated = source.info.origin != "hardware"
+        document = {**result.to_dict(), "recording": str(file), "simulated": simulated}
+        print_json(document)
+    else:
+        print(_text(result, info=source.info))
+
+
+def _clock(file: Path, *, speed: float | None) -> Clock:
+    with RecordingReader(file) as reader:
+        start_s = next((frame.time_s for frame, _ in observations(reader)), 0.0)
+    if speed is None:
+        return ManualClock(start_s)
+    return PacedClock(RealClock(), start_s=start_s, speed=speed)
+
+
+def _play(source: Replay, *, as_json: bool) -> None:
+    played = []
+    while not source.ended:
+        frame = source.read(timeout_s=float("inf"))
+        if as_json:
+            counts = frame.counts.tolist()
+            played.append({"time_s": frame.time_s, "sequence": frame.sequence, "counts": counts})
+        else:
+            counts = " ".join(f"{count:5d}" for count in frame.counts.ravel())
+            print(f"{frame.time_s:12.4f} s  {frame.sequence:8d}  {counts}")
+    if as_json:
+        print(json.dumps({"frames": played}))
+
+
+def _text(result: GraspResult, *, info: RecordingInfo) -> str:
+    simulated = "" if info.origin == "hardware" else f"  (SIMULATED: {info.origin})"
+    lines = [f"{result.outcome}{simulated}"]
+    for label, unit, measured in (
+        ("size", "mm", result.size_mm),
+        ("grip force", "N", result.force_n),
+        ("firmness", "of 100", result.firmness),
+        ("stiffness", "N/mm", result.stiffness_n_per_mm),
+        ("settled change", "%", result.settled_percent),
+    ):
+        if measured is not None:
+            ends = f" [{measured.low:.2f}, {measured.high:.2f}]" if measured.number else ""
+            value = f"{measured.text(digits=2)}{ends} {unit}"
+            lines.append(f"{label:<15} {value}  {measured.status}")
+    lines.append(f"{result.frames} frames, {result.frames_lost} lost")
+    return "\n".join([*lines, *result.faults])

@@ -1,0 +1,308 @@
+"""`palpate report`: one item, one batch or one day as a web page with plots."""
+
+from __future__ import annotations
+
+import re
+import sys
+import zlib
+from collections import Counter
+from collections.abc import Sequence
+from datetime import date
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from palpate.cli import completion
+from palpate.cli.items import day_bounds, explain_verdict, open_store
+from palpate.cli.options import BatchOption, DayOption, StoreOption
+from palpate.cli.output import percent_text, time_text
+from palpate.errors import InputError
+from palpate.estimate.measurement import Measurement
+from palpate.files import atomic_path
+from palpate.grasp.result import Outcome
+from palpate.plots.inline_svg import inline_svg
+from palpate.plots.item_history import history_figure, pixels_figure
+from palpate.plots.many_items import (
+    counts_figure,
+    hours_figure,
+    kind_of,
+    size_stiffness_figure,
+    softening_figure,
+)
+from palpate.plots.report_page import PageTable, Part, render_page
+from palpate.plots.style import require_plots
+from palpate.produce.records import About, Grasp, Source
+from palpate.produce.store.item_history import ItemHistory, item_page, item_pages
+from palpate.settling.result import Status
+
+#: Name, caption, unit, digits.
+_QUANTITIES = (
+    ("firmness", "Firmness", "of 100", 0),
+    ("stiffness_n_per_mm", "Stiffness", "N/mm", 2),
+    ("settled_percent", "Settled change", "%", 1),
+    ("size_mm", "Size", "mm", 1),
+    ("force_n", "Grip force", "N", 2),
+)
+#: Rows of the tables of grasps, verdicts and items at most (guess).
+_MOST_ROWS, _MOST_ITEMS = 100, 500
+_FOOT = (
+    "Intervals are at level 0.9; hollow marks and * are readings that promise less than that. "
+    "Times are local."
+)
+
+_Figures = list[tuple[str, str]]
+
+
+def report(
+    item: Annotated[
+        str | None, typer.Argument(help="The item.", autocompletion=completion.items)
+    ] = None,
+    batch: BatchOption = None,
+    day: DayOption = None,
+    store: StoreOption = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="File to write. [default: report-NAME.html]", metavar="FILE"),
+    ] = None,
+) -> None:
+    """Write a web page about an item, a batch or a day.
+
+    It needs no other file and no network.
+
+    Example: palpate report A17 --out a17.html
+    """
+    asked = [name for name in (item, batch, day) if name is not None]
+    if len(asked) != 1:
+        raise InputError("name one thing to report on: ITEM, --batch NAME or --day DATE")
+    target = out or Path(f"report-{_file_name(asked[0])}.html")
+    if not target.parent.is_dir():
+        raise InputError(f"--out {target}: there is no folder {target.parent}; make it first")
+    if target.exists():
+        raise InputError(f"{target}: exists already and is not overwritten; choose another --out")
+    require_plots()
+    with open_store(store) as known:
+        if item is not None:
+            text = _item_report(item_page(known, item), store=known.name)
+        elif batch is not None:
+            items = known.of_batch(batch)
+            if not items:
+                raise InputError(f"{known.name}: no items of batch {batch!r}")
+            pages = item_pages(known, items)
+            text = _many_report(f"Batch {batch}", pages, store=known.name, day=None)
+        else:
+            of, since, until = day_bounds(asked[0])
+            names = dict.fromkeys(one.item_id for one in known.grasps(since=since, until=until))
+            if not names:
+                raise InputError(f"{known.name}: no grasps on {of}")
+            found = item_pages(known, known.items_named(list(names)))
+            pages = tuple(page.within(since, until) for page in found)
+            text = _many_report(f"{of:%A}, {of.day} {of:%B %Y}", pages, store=known.name, day=of)
+    with atomic_path(target) as partial:
+        partial.write_text(text, encoding="utf-8")
+    print(f"{target}: {len(text) // 1000} kB", file=sys.stderr)
+
+
+def _file_name(name: str) -> str:
+    """Return a name that no other item's report has: `A/1` and `A 1` differ."""
+    plain = re.sub(r"[^\w.-]+", "-", name).strip("-.")
+    if plain == name:
+        return plain
+    return f"{plain or 'item'}-{zlib.crc32(name.encode()):08x}"
+
+
+def _item_report(page: ItemHistory, *, store: str) -> str:
+    """Return the report of one item: its state, its history and the verdicts on it."""
+    item, count = page.item, len(page.grasps)
+    chips = [*filter(None, (item.kind, item.batch and f"batch {item.batch}", item.label))]
+    if item.first_seen is not None:
+        chips.append(f"first seen {time_text(item.first_seen)}")
+    chips.append(f"{count} grasp{'s' * (count != 1)}")
+    if page.firmness_rank is not None:
+        chips.append(page.firmness_rank.text)
+    body: list[Part] = [_item_tiles(page)]
+    if figures := _item_figures(page):
+        body.append(figures)
+    if page.verdicts:
+        verdicts = [
+            (
+                time_text(one.given_at),
+                str(one.about),
+                one.text,
+                percent_text(one.probability),
+                explain_verdict(one),
+            )
+            for one in reversed(page.verdicts[-_MOST_ROWS:])
+        ]
+        columns = ("when", "about", "verdict", ">probability", "why")
+        body.append(PageTable("Verdicts", columns, verdicts))
+    if page.grasps:
+        rows = [_grasp_row(grasp) for grasp in reversed(page.grasps[-_MOST_ROWS:])]
+        caption = f"Grasps (the last {_MOST_ROWS} of {count})" if count > _MOST_ROWS else "Grasps"
+        quantities = [f">{name.lower()}, {unit}" for _, name, unit, _ in _QUANTITIES]
+        body.append(PageTable(caption, ["taken", "outcome", "rig", ">side", *quantities], rows))
+    return render_page(
+        title=item.item_id,
+        chips=chips,
+        simulated=page.simulated,
+        body=body,
+        foot=f"From the {store}. {_FOOT}",
+    )
+
+
+def _item_tiles(page: ItemHistory) -> dict[str, tuple[str, str, str]]:
+    tiles = {}
+    for name, caption, unit, digits in _QUANTITIES[:4]:
+        measured = page.latest(name)
+        if measured is not None:
+            ends = f"{_fixed(measured.low, digits)} to {_fixed(measured.high, digits)}"
+            tiles[caption] = (_number(measured, digits), unit, ends)
+    for about in About:
+        verdict = page.latest_verdict(about)
+        if verdict is not None:
+            known = verdict.probability is not None
+            below = f"probability {percent_text(verdict.probability)}" if known else ""
+            if verdict.source is Source.PERSON:
+                below = "given by a person"
+            tiles[str(about).capitalize()] = (verdict.text, "", below)
+    return tiles
+
+
+def _item_figures(page: ItemHistory) -> _Figures:
+    figures = {
+        caption: history_figure(page, name, label=f"{caption.lower()} ({unit})")
+        for name, caption, unit, _ in _QUANTITIES[:4]
+        if page.latest(name) is not None
+    }
+    pixels = pixels_figure(page.grasps)
+    if pixels is not None:
+        figures["Change of each pixel at the answer, %, by side"] = pixels
+    return [(caption, inline_svg(figure, label=caption)) for caption, figure in figures.items()]
+
+
+def _grasp_row(grasp: Grasp) -> list[str]:
+    return [
+        time_text(grasp.taken_at),
+        str(grasp.outcome).replace("_", " "),
+        grasp.rig,
+        "-" if grasp.angle_deg is None else f"{grasp.angle_deg:g}°",
+        *(_number(grasp.measurements.get(name), digits) for name, _, _, digits in _QUANTITIES),
+    ]
+
+
+def _number(measured: Measurement | None, digits: int) -> str:
+    """Return a value, marked where its interval does not keep its full promise."""
+    if measured is None:
+        return "-"
+    return f"{_fixed(measured.middle, digits)}{'' if measured.status is Status.OK else ' *'}"
+
+
+def _fixed(value: float, digits: int) -> str:
+    """Return a number with a minus that is no hyphen.
+
+    >>> _fixed(-45.04, 1)
+    '\N{MINUS SIGN}45.0'
+    """
+    return f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")
+
+
+def _many_report(title: str, pages: Sequence[ItemHistory], *, store: str, day: date | None) -> str:
+    """Return the report of a batch, or of a day: counts, firmness and bins."""
+    grasps = [grasp for page in pages for grasp in page.grasps]
+    return render_page(
+        title=title,
+        chips=_chips(pages, grasps),
+        simulated=any(grasp.simulated for grasp in grasps),
+        body=[
+            _many_tiles(pages, grasps),
+            _many_figures(pages, grasps, day=day),
+            _items_table(pages),
+        ],
+        foot=f"From the {store}. Each item is listed with its last grasp. {_FOOT}",
+    )
+
+
+def _chips(pages: Sequence[ItemHistory], grasps: Sequence[Grasp]) -> list[str]:
+    chips = [kind for kind, _ in Counter(map(kind_of, pages)).most_common(4)]
+    if grasps:
+        first, last = (time_text(end(grasp.taken_at for grasp in grasps)) for end in (min, max))
+        day, _, clock = last.partition(" ")
+        chips.append(f"{first} to {clock if first.startswith(day) else last}")
+    return chips
+
+
+def _many_tiles(
+    pages: Sequence[ItemHistory], grasps: Sequence[Grasp]
+) -> dict[str, tuple[str, str, str]]:
+    held = sum(grasp.outcome is Outcome.HELD for grasp in grasps)
+    below = f"{percent_text(held / len(grasps))} held" if grasps else ""
+    tiles = {"Items": (f"{len(pages)}", "", ""), "Grasps": (f"{len(grasps)}", "", below)}
+    for name, caption, unit, digits in (*_QUANTITIES[:2], _QUANTITIES[3]):
+        values = [measured.middle for page in pages if (measured := page.latest(name))]
+        if values:
+            low, middle, high = (f"{q:.{digits}f}" for q in np.quantile(values, [0.1, 0.5, 0.9]))
+            tiles[f"Median {caption.lower()}"] = (middle, unit, f"8 in 10: {low} to {high}")
+    bruised = _count_verdicts(pages, About.BRUISE)
+    if bruised:
+        text, many = bruised.most_common(1)[0]
+        tiles["Bruise"] = (f"{many}", text, f"of {bruised.total()} examined")
+    return tiles
+
+
+def _count_verdicts(pages: Sequence[ItemHistory], about: About) -> Counter[str]:
+    return Counter(one.text for page in pages if (one := page.latest_verdict(about)))
+
+
+def _many_figures(
+    pages: Sequence[ItemHistory], grasps: Sequence[Grasp], *, day: date | None
+) -> _Figures:
+    figures = {
+        "Softening: stiffness of each item over its days": (
+            softening_figure(pages) if day is None else None
+        ),
+        "Grasps over the day": None if day is None else hours_figure(grasps),
+        "Size and stiffness, by kind": size_stiffness_figure(pages),
+    }
+    for about, caption in ((About.RIPENESS, "Ripeness"), (About.BIN, "Bins")):
+        if counts := _count_verdicts(pages, about):
+            figures[caption] = counts_figure(counts.most_common(8))
+    return [
+        (caption, inline_svg(figure, label=caption))
+        for caption, figure in figures.items()
+        if figure is not None
+    ]
+
+
+def _items_table(pages: Sequence[ItemHistory]) -> PageTable:
+    # A subject without any verdict gets no column.
+    abouts = [
+        about
+        for about in (About.RIPENESS, About.BRUISE, About.BIN)
+        if any(page.latest_verdict(about) for page in pages)
+    ]
+    rows = [
+        [
+            page.item.item_id,
+            kind_of(page),
+            time_text(page.grasps[-1].taken_at) if page.grasps else "-",
+            f"{len(page.grasps)}",
+            _number(page.latest("size_mm"), 1),
+            _number(page.latest("firmness"), 0),
+            _number(page.latest("stiffness_n_per_mm"), 2),
+            *(verdict.text if (verdict := page.latest_verdict(about)) else "-" for about in abouts),
+        ]
+        for page in pages[:_MOST_ITEMS]
+    ]
+    more = len(pages) > _MOST_ITEMS
+    caption = f"Items (the first {_MOST_ITEMS} of {len(pages)})" if more else "Items"
+    columns = [
+        "item",
+        "kind",
+        "last grasp",
+        ">grasps",
+        ">size, mm",
+        ">firmness",
+        ">stiffness, N/mm",
+    ]
+    return PageTable(caption, [*columns, *map(str, abouts)], rows)

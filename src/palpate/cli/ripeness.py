@@ -1,0 +1,315 @@
+"""`palpate ripeness`: what days of grasps show of an item, and when it will be ripe."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from palpate.cli import completion
+from palpate.cli.items import open_store
+from palpate.cli.options import BatchOption, DpiOption, JsonOption, StoreOption
+from palpate.cli.output import percent_text, print_json, print_table
+from palpate.errors import InputError
+from palpate.plots.style import check_plot, save_figure
+from palpate.produce.identify.items import drive_of
+from palpate.produce.records import Drive, Item
+from palpate.produce.ripeness.items import (
+    FirmnessHistory,
+    assumed,
+    drift_of,
+    explanation,
+    history_of,
+    judge_ripeness,
+    learn_rule,
+    verdict_of,
+)
+from palpate.produce.ripeness.reference_object import Drift
+from palpate.produce.ripeness.rule import SURE, Days, Ripeness, RipenessRule
+from palpate.produce.store import Store
+
+_DEFAULT_STAGES = "hard,conditioned,ripe,overripe"
+
+
+def ripeness(
+    items: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="Which items; grasped before.", metavar="ITEM", autocompletion=completion.items
+        ),
+    ] = None,
+    batch: BatchOption = None,
+    store: StoreOption = None,
+    reference: Annotated[
+        str | None,
+        typer.Option(
+            help="Item that never changes (a rubber ball), grasped on each day: it "
+            "separates drift of the sensor from softening.",
+            metavar="ITEM",
+        ),
+    ] = None,
+    stages: Annotated[
+        str, typer.Option(help="Stages as people label them, firmest first.", metavar="A,B,...")
+    ] = _DEFAULT_STAGES,
+    ripe: Annotated[
+        str, typer.Option(help="The stage that is waited for.", metavar="STAGE")
+    ] = "ripe",
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw the days of one item.", metavar="FILE")
+    ] = None,
+    dpi: DpiOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Report how ripe items are and when they will be ripe.
+
+    Stages are learned from items of the same kind that people labelled (palpate items NAME
+    --set kind=avocado --say ripeness=ripe); without labels an item is judged by its own first
+    day, taken as hard. The answer is kept with the item, unless it is no more than that assumption.
+
+    Example: palpate ripeness A17 --reference ball --plot a17.png
+    """
+    names = _names(stages, ripe=ripe)
+    check_plot(plot, dpi=dpi)
+    with open_store(store) as known:
+        asked = _asked(known, items or [], batch=batch)
+        if plot is not None and len(asked) != 1:
+            raise InputError(f"--plot {plot}: draws one item; {len(asked)} were asked for")
+        judge = _Judge(known, reference=reference, stages=names, ripe=ripe)
+        judged = [judge.judge(item) for item in asked]
+        for one in judged:
+            if not one.assumed:
+                known.add_verdict(verdict_of(one.ripeness, one.history))
+    if plot is not None:
+        from palpate.plots.ripeness import item_figure
+
+        figure = item_figure(judged[0].history, judged[0].ripeness, rule=judged[0].rule)
+        save_figure(figure, plot, dpi=dpi)
+    if as_json:
+        print_json({"items": [one.to_dict() for one in judged]})
+    else:
+        _print(judged)
+        if plot is not None:
+            print(f"Written: {plot}")
+
+
+def _names(stages: str, *, ripe: str) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in stages.split(","))
+    if len(names) < 2 or len(set(names)) < len(names) or not all(names):
+        raise InputError(f"--stages {stages}: name at least two different stages, firmest first")
+    if ripe not in names[1:]:
+        raise InputError(f"--ripe {ripe}: must be one of {', '.join(names[1:])}")
+    return names
+
+
+def _asked(store: Store, items: list[str], *, batch: str | None) -> list[Item]:
+    found = [store.item(item) for item in items]
+    if batch is not None:
+        of_batch = store.of_batch(batch)
+        if not of_batch:
+            raise InputError(f"--batch {batch}: no item of this batch in {store.name}")
+        found += [item for item in of_batch if item.item_id not in items]
+    if not found:
+        raise InputError("name an item, or --batch; `palpate items` lists them")
+    return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Judged:
+    """One item with everything that is known of its ripeness."""
+
+    item: Item
+    history: FirmnessHistory
+    ripeness: Ripeness
+    rule: RipenessRule | None
+    drift: Drift | None
+
+    @property
+    def assumed(self) -> bool:
+        return assumed(self.ripeness, self.history)
+
+    @property
+    def simulated(self) -> bool:
+        return any(grasp.simulated for grasp in self.history.grasps)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the JSON form; a time that never comes is null."""
+        history, found = self.history, self.ripeness
+        moved = None
+        if self.drift is not None:
+            # Width: of the measured forces; pressure: of how the load is distributed.
+            moved = 100 * math.expm1(self.drift.at(history.grasps[-1].taken_at))
+        return {
+            "item_id": self.item.item_id,
+            "kind": self.item.kind,
+            "simulated": self.simulated,
+            "drive": history.drive,
+            "stage": found.stage,
+            "probabilities": found.probabilities,
+            "unsure": found.unsure,
+            "days_to_ripe": _days_document(found.days_to_ripe),
+            "basis": found.basis,
+            "explanation": explanation(found, history),
+            "days": _days(history),
+            "reference_moved_percent": moved,
+        }
+
+
+class _Judge:
+    """Rules and drifts learned from the store, once for each kind and gripper."""
+
+    def __init__(
+        self, store: Store, *, reference: str | None, stages: tuple[str, ...], ripe: str
+    ) -> None:
+        self._store, self._reference = store, reference
+        self._stages, self._ripe = stages, ripe
+        self._drifts: dict[Drive, Drift | None] = {}
+        self._rules: dict[tuple[str, Drive], RipenessRule | InputError] = {}
+
+    def judge(self, item: Item) -> _Judged:
+        """Judge one item by labelled ones of its kind, grasped by the same kind of fingers."""
+        grasps = self._store.grasps_of(item.item_id)
+        drive = drive_of(grasps, item_id=item.item_id)
+        if drive not in self._drifts:
+            self._drifts[drive] = (
+                None
+                if self._reference is None
+                else drift_of(self._store, self._reference, drive=drive)
+            )
+        drift = self._drifts[drive]
+        history = history_of(grasps, item_id=item.item_id, drive=drive, drift=drift)
+        rule = self._find_rule(item, drive)
+        return _Judged(
+            item=item,
+            history=history,
+            ripeness=judge_ripeness(history, rule=rule, ripe=self._ripe),
+            rule=rule,
+            drift=drift,
+        )
+
+    def _find_rule(self, item: Item, drive: Drive) -> RipenessRule | None:
+        """Return the rule that labels of its kind give; None where its own first day must do."""
+        if item.kind is None:
+            found: RipenessRule | InputError = InputError(
+                f"its kind is not known (palpate items {item.item_id} --set kind=...)"
+            )
+        else:
+            key = (item.kind, drive)
+            if key not in self._rules:
+                self._rules[key] = self._learn_rule(*key)
+            found = self._rules[key]
+        if not isinstance(found, InputError):
+            return found
+        if drive == "pressure" or self._stages != tuple(_DEFAULT_STAGES.split(",")):
+            raise found
+        print(f"palpate ripeness: {item.item_id} by its own first day: {found}", file=sys.stderr)
+        return None
+
+    def _learn_rule(self, kind: str, drive: Drive) -> RipenessRule | InputError:
+        try:
+            return learn_rule(
+                self._store, kind=kind, drive=drive, stages=self._stages, drift=self._drifts[drive]
+            )
+        except InputError as why:
+            return why
+
+
+def _print(judged: Sequence[_Judged]) -> None:
+    """Print one line for each item, and the days of a single one."""
+    console = Console(highlight=False)
+    rows = [
+        (
+            Text(one.item.item_id),
+            Text(one.ripeness.stage, style="bold"),
+            "assumed"
+            if one.assumed
+            else percent_text(one.ripeness.probabilities[one.ripeness.stage]),
+            _waiting(one.ripeness.days_to_ripe),
+            f"{len(one.history.grasps)} on {_count(len(one.history.days), 'day')}",
+        )
+        for one in judged
+    ]
+    columns = ("item", "stage", ">probability", "days to ripe", "grasps")
+    print_table(columns, rows, console=console)
+    if len(judged) == 1:
+        history = judged[0].history
+        console.print(f"\n{explanation(judged[0].ripeness, history)}", markup=False)
+        width = history.drive == "width"
+        felt = "stiffness_n_per_mm" if width else "pixels_sharing"
+        days = [
+            (
+                f"{row['day']:.1f}",
+                f"{row[felt]:.2f}",
+                "-" if row["settled_percent"] is None else f"{row['settled_percent']:.1f}",
+                str(row["grasps"]),
+            )
+            for row in _days(history)
+        ]
+        quantity = ">stiffness, N/mm" if width else ">pixels sharing"
+        print_table((">day", quantity, ">settled, %", ">grasps"), days, console=console)
+    unsure = [one.item.item_id for one in judged if one.ripeness.unsure and not one.assumed]
+    if unsure:
+        console.print(
+            f"below {percent_text(SURE)} probability: {', '.join(unsure)}; "
+            "more grasps on the same day help",
+            markup=False,
+        )
+    for advice in dict.fromkeys(one.drift.advice for one in judged if one.drift is not None):
+        if advice:
+            console.print(f"[yellow]! {advice}[/]")
+    if any(one.simulated for one in judged):
+        console.print("[bold yellow]SIMULATED[/]: these grasps were made on the twin")
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'s' * (number != 1)}"
+
+
+def _days(history: FirmnessHistory) -> list[dict[str, float | int | None]]:
+    rows: list[dict[str, float | int | None]] = []
+    width = history.drive == "width"
+    for number, day in enumerate(history.days):
+        settled = [
+            grasp.measurements["settled_percent"].middle
+            for grasp in history.grasps
+            if "settled_percent" in grasp.measurements
+            and history.nearest_day(grasp.taken_at) == number
+        ]
+        rows.append(
+            {
+                "day": day.day,
+                "stiffness_n_per_mm": math.exp(day.firmness) if width else None,
+                "pixels_sharing": None if width else math.exp(-day.firmness),
+                "settled_percent": float(np.mean(settled)) if settled else None,
+                "grasps": day.grasps,
+            }
+        )
+    return rows
+
+
+def _days_document(days: Days | None) -> dict[str, float | None] | None:
+    if days is None:
+        return None
+    ends = {"value": days.value, "low": days.low, "high": days.high}
+    return {name: end if math.isfinite(end) else None for name, end in ends.items()}
+
+
+def _waiting(days: Days | None) -> str:
+    if days is None:
+        return "not known without labels"
+    if days.high <= 0:
+        return "ripe, or past it"
+
+    def text(end: float) -> str:
+        if math.isinf(end):
+            return "never"
+        return f"{end:.1f}" if end >= 0.05 else "now"
+
+    return f"{text(days.value)} ({text(days.low)} to {text(days.high)})"

@@ -1,0 +1,137 @@
+"""Where a command takes its frames from: a rig, a rig file, or a board on a port."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.cli.options import board_options
+from palpate.errors import CalibrationError, DeviceTimeoutError
+from palpate.gripper.interface import Gripper
+from palpate.rig import open_rig
+from palpate.rig.file import open_stated, stated_in, used_in
+from palpate.sensor.array import FRAME_TIMEOUT_S, LinkCounters, PressureArray, link_counters
+from palpate.sensor.board_array import open_board
+from palpate.sensor.calibration import Calibration
+from palpate.sensor.health import FrameColumns
+from palpate.sensor.serial_array import SerialArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorSource:
+    """An open array and what is known about it."""
+
+    #: For titles.
+    name: str
+    #: The sensor.
+    array: PressureArray
+    #: A simulated rig's.
+    calibration: Calibration | None = None
+    #: Where a rig file has it, made or not.
+    calibration_path: Path | None = None
+    #: Of a simulated rig: what can squeeze its object.
+    gripper: Gripper | None = None
+    #: Whether the frames are.
+    simulated: bool = False
+
+    @property
+    def asked_hz(self) -> float | None:
+        """The rate that the board was set to, if there is a board."""
+        board = self.array.identity if isinstance(self.array, SerialArray) else None
+        return None if board is None else board.rate_hz
+
+    def events(self) -> LinkCounters:
+        """Return the counts of the link so far; zero where the source has no link."""
+        return link_counters(self.array) or LinkCounters()
+
+    def rest_ohm(self) -> NDArray[np.float64] | None:
+        """Return the calibrated rest values, shape (rows, cols); None where there are none.
+
+        Raises `CalibrationError` as `known_calibration` does.
+        """
+        calibration = self.known_calibration()
+        return None if calibration is None else calibration.rest_ohm
+
+    def known_calibration(self) -> Calibration | None:
+        """Return the calibration that belongs to the sensor; None before the first one.
+
+        Raises `CalibrationError` if the calibration file can't be read or is of another layout.
+        """
+        calibration, layout = self.calibration, self.array.layout
+        if calibration is None and self.calibration_path and self.calibration_path.exists():
+            calibration = Calibration.load(self.calibration_path)
+        if calibration is None:
+            return None
+        if difference := calibration.layout.difference(layout):
+            raise CalibrationError(
+                f"the calibration is of another sensor ({difference}); "
+                "fix the rig file, or run `palpate calibrate rest --new`"
+            )
+        return calibration
+
+    def frames(self, duration_s: float) -> FrameColumns:
+        """Read frames for this long, in the sensor's own time.
+
+        Raises `DeviceError` if the sensor falls silent before there are two frames, or is gone.
+        """
+        taken = [self.array.read(timeout_s=FRAME_TIMEOUT_S)]
+        while taken[-1].time_s - taken[0].time_s < duration_s:
+            try:
+                taken.append(self.array.read(timeout_s=FRAME_TIMEOUT_S))
+            except DeviceTimeoutError:
+                if len(taken) < 2:
+                    raise
+                break
+        return FrameColumns.of(taken)
+
+    def close(self) -> None:
+        """Let go of the devices."""
+        self.array.close()
+        if self.gripper is not None:
+            self.gripper.close()
+
+
+def open_source(
+    rig: str | None = None,
+    *,
+    port: str | None = None,
+    layout: str | None = None,
+    reference_ohm: float | None = None,
+    rate_hz: float | None = None,
+    baud: int | None = None,
+) -> SensorSource:
+    """Open the sensor of a rig (its gripper is left alone), or of the board on a port.
+
+    `rig`: name of a rig, or a rig file; it states the rest itself. Where nothing at all is given,
+        ./rig.toml or $PALPATE_RIG.
+    `port`, `layout`, `reference_ohm`, `rate_hz`, `baud`: as in
+        `palpate.sensor.board_array.open_board`; None is that function's default.
+    Raises `InputError` if rig or layout are at fault, or something is given that the rig states;
+    `DeviceError` if the equipment isn't there.
+    """
+    rig, given = board_options(
+        rig, port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz, baud=baud
+    )
+    if rig is None:
+        board = open_board(**given)
+        return SensorSource(name=board.name, array=board)
+    if rig.endswith(".toml"):
+        path = Path(rig)
+        stated = stated_in(path)
+        if "use" not in stated:
+            # Its calibration may still be to make.
+            place = path.parent / str(stated["calibration"]) if "calibration" in stated else None
+            array: PressureArray = open_stated(path, "array", stated.get("array"))
+            return SensorSource(name=path.name, array=array, calibration_path=place)
+        rig = used_in(path, stated)
+    devices = open_rig(rig)
+    return SensorSource(
+        name=rig,
+        array=devices.array,
+        calibration=devices.calibration,
+        gripper=devices.gripper if devices.simulated else None,
+        simulated=devices.simulated,
+    )

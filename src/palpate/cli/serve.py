@@ -1,0 +1,218 @@
+"""`palpate serve`: the dashboard in a browser."""
+
+from __future__ import annotations
+
+import socket
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.cli import options as option
+from palpate.cli.calibrate_bench import GuidedBench, open_twin_bench
+from palpate.errors import DeviceError, InputError, needing
+from palpate.estimate.damage_file import DamageFile
+from palpate.rig import rig_names
+from palpate.twin.objects import OBJECTS
+
+if TYPE_CHECKING:
+    # Each is an extra.
+    from palpate.dashboard.server import LineOpener
+    from palpate.line.machine import Line, Machine
+    from palpate.mqtt.publisher import Publisher
+    from palpate.produce.sorting.rules import RuleBook
+
+_LOOPBACK = ("127.0.0.1", "localhost", "::1")
+
+
+def serve(
+    rig: option.RigOption = "",
+    object_name: option.ObjectOption = None,
+    seed: option.SeedOption = 0,
+    speed: Annotated[
+        float, typer.Option(help="Simulated rigs: speed relative to real time.", min=0.1, max=20.0)
+    ] = 1.0,
+    folder: Annotated[
+        Path,
+        typer.Option(
+            help="Where recordings go, and calibrations of simulated rigs.", metavar="DIR"
+        ),
+    ] = Path("palpate-data"),
+    store: option.StoreOption = None,
+    damage: option.DamageOption = None,
+    rules: Annotated[
+        Path | None,
+        typer.Option(
+            help="Show which bin each named item goes to: a rules file as `palpate sort` reads it.",
+            metavar="FILE",
+        ),
+    ] = None,
+    host: Annotated[
+        str, typer.Option(help="Address to listen at; beyond the loopback --token is needed.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="0 takes a free one.", min=0, max=65535)] = 8080,
+    token: Annotated[
+        str | None,
+        typer.Option(help="Password for visitors.", envvar="PALPATE_TOKEN", show_envvar=True),
+    ] = None,
+    mqtt: Annotated[
+        Path | None,
+        typer.Option(
+            help="Publish results and state to the broker that this file describes "
+            "(docs: Connect a packhouse).",
+            metavar="FILE",
+        ),
+    ] = None,
+    opcua: Annotated[
+        str | None,
+        typer.Option(
+            help="Serve OPC UA; beyond the loopback encrypted, with --token as the password.",
+            metavar="[HOST:]PORT",
+        ),
+    ] = None,
+    modbus: Annotated[
+        str | None,
+        typer.Option(
+            help="Serve Modbus TCP, which has no password: every client that reaches it can grasp.",
+            metavar="[HOST:]PORT",
+        ),
+    ] = None,
+) -> None:
+    """Serve the dashboard: pixels, prediction and verdict; grasp, calibrate, replay.
+
+    Example: palpate serve --rig sim-rigid --object avocado-day-3
+    """
+    from palpate.dashboard.app_state import Settings
+    from palpate.dashboard.server import serve as serve_page
+
+    if rig not in rig_names() and not (rig.endswith(".toml") and Path(rig).is_file()):
+        raise InputError(
+            f"no rig {rig!r}; there are: {', '.join(rig_names())}, or a rig file (*.toml)"
+        )
+    if object_name is not None and object_name not in OBJECTS:
+        raise InputError(f"no simulated object {object_name!r}; there are: {', '.join(OBJECTS)}")
+    settings = Settings(
+        rigs=tuple(dict.fromkeys((rig, *rig_names()))),
+        objects=tuple(OBJECTS),
+        folder=folder,
+        store=store,
+        object_name=object_name,
+        seed=seed,
+        speed=speed,
+        benches={"sim-rigid": open_simulated_bench},
+        damage=None if damage is None else DamageFile.load(damage),
+        damage_path=damage,
+        rules=None if rules is None else _rules(rules),
+    )
+    serve_page(
+        settings,
+        # In an address it is written in brackets.
+        host=host.strip("[]"),
+        port=port,
+        token=token,
+        announce=_announce,
+        publisher=None if mqtt is None else _publisher(mqtt, store=store, folder=folder),
+        lines=open_lines(opcua=opcua, modbus=modbus, token=token, folder=folder),
+    )
+
+
+def _publisher(file: Path, *, store: str | None, folder: Path) -> Publisher:
+    """Connect to a broker; results wait for it in the store."""
+    from palpate.mqtt.broker import read_broker
+    from palpate.mqtt.publisher import Publisher, import_outbox, receiver_of
+
+    broker = read_broker(file)
+    old = folder / "mqtt-outbox.sqlite"
+    import_outbox(old, store=store, receiver=receiver_of(broker))
+    return Publisher(broker, store=store, complain=_complain)
+
+
+def _rules(path: Path) -> RuleBook:
+    """Read the rules; they are of use with the store alone."""
+    with needing("--rules", extra="produce"):
+        import sqlalchemy
+    del sqlalchemy
+    from palpate.produce.sorting.rules_file import read_rules
+
+    return read_rules(path)
+
+
+def _complain(text: str) -> None:
+    print(f"palpate serve: {text}", file=sys.stderr, flush=True)
+
+
+def _announce(address: str) -> None:
+    print(f"palpate serve: {address}  (Ctrl-C ends it)", flush=True)
+
+
+def open_simulated_bench(rig: str, seed: int) -> GuidedBench:
+    """Open the bench with a load cell of a simulated rig."""
+    return open_twin_bench(rig, seed=seed)
+
+
+def open_lines(
+    *, opcua: str | None, modbus: str | None, token: str | None, folder: Path
+) -> list[LineOpener]:
+    """Return what opens the protocols that were asked for.
+
+    Raises `InputError` if an address is wrong, or OPC UA would be open to others without a token;
+    `DeviceError` if a port is taken.
+    """
+    openers: list[LineOpener] = []
+    if opcua is not None:
+        openers.append(_opcua(*_address("--opcua", opcua), token=token, folder=folder))
+    if modbus is not None:
+        openers.append(_modbus(*_address("--modbus", modbus)))
+    return openers
+
+
+def _address(option: str, text: str) -> tuple[str, int]:
+    """Return host and port of ``[HOST:]PORT``; refuse a port that is taken.
+
+    >>> _address("--opcua", "0")
+    ('127.0.0.1', 0)
+    """
+    host, _, port = text.rpartition(":")
+    if not port.isascii() or not port.isdigit() or int(port) > 65535:
+        raise InputError(f"{option} {text}: give [HOST:]PORT, such as 4840 or 0.0.0.0:4840")
+    host = host.strip("[]") or "127.0.0.1"
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    # Before anything is opened: once the devices are, a fault would leave them running.
+    with socket.socket(family) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, int(port)))
+        except OSError as error:
+            raise DeviceError(f"{option} {text}: {error.strerror}; give another") from error
+    return host, int(port)
+
+
+def _opcua(host: str, port: int, *, token: str | None, folder: Path) -> LineOpener:
+    from palpate.line.opcua import USER, OpcUaStation
+
+    if host not in _LOOPBACK and not token:
+        raise InputError(
+            f"--opcua {host}:{port}: others could drive the hand; add --token, the password of "
+            f"user {USER}"
+        )
+
+    async def opener(machine: Machine) -> Line:
+        station = OpcUaStation(machine, password=token, folder=folder)
+        at = await station.start(host, port)
+        _complain(f"OPC UA at opc.tcp://{host}:{at}/palpate")
+        return station
+
+    return opener
+
+
+def _modbus(host: str, port: int) -> LineOpener:
+    from palpate.line.modbus import ModbusStation
+
+    async def opener(machine: Machine) -> Line:
+        station = ModbusStation(machine)
+        at = await station.start(host, port)
+        _complain(f"Modbus TCP at {host}:{at}")
+        return station
+
+    return opener

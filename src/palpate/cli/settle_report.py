@@ -1,0 +1,252 @@
+"""Output of `palpate settle`: JSON, tables, a file, and a plot of typical and worst holds."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+
+from palpate.cli.settle_source import HoldSource
+from palpate.errors import InputError
+from palpate.files import atomic_path, csv_cell, keep_inputs
+from palpate.holds.table_files import pyarrow_for
+from palpate.plots.settle import MOST_OVERVIEWS, Overview, Panel, settle_figure
+from palpate.plots.style import save_figure
+from palpate.settling.result import SettlingMethod
+from palpate.settling.score_table import (
+    PIPED_WIDTH,
+    WIDE,
+    ScoreTable,
+    empty_table,
+    print_scores,
+    short,
+)
+from palpate.settling.scores import Prediction, Scores, score_predictions
+
+OUT_ENDINGS = (".json", ".csv", ".parquet")
+#: How many of the holds with the largest errors are listed.
+ROWS_SHOWN = 10
+
+
+def check_outputs(*, plot: Path | None, out: Path | None, inputs: Sequence[Path]) -> None:
+    """Refuse, before the work, files that can't or mustn't be written after it."""
+    if out is not None:
+        if out.suffix.lower() not in OUT_ENDINGS:
+            raise InputError(f"--out {out}: name a file that ends in .json, .csv or .parquet")
+        if out.is_dir() or not out.parent.is_dir():
+            raise InputError(f"--out {out}: name a file in a folder that exists")
+        keep_inputs(out, inputs=inputs)
+        if out.suffix.lower() == ".parquet":
+            pyarrow_for("--out FILE.parquet")
+
+
+def write(document: ScoreTable, out: Path) -> None:
+    """Write the document as JSON, or its rows as CSV or Parquet, whole or not at all."""
+    ending = out.suffix.lower()
+    with atomic_path(out) as partial:
+        if ending == ".json":
+            partial.write_text(json.dumps(document.to_dict(), allow_nan=False, indent=1) + "\n")
+        elif ending == ".csv":
+            rows = list(document.rows())
+            with partial.open("w", newline="", encoding="utf-8") as stream:
+                writer = csv.DictWriter(stream, fieldnames=list(rows[0]))
+                writer.writeheader()
+                writer.writerows(
+                    {name: csv_cell(cell) for name, cell in row.items()} for row in rows
+                )
+        else:
+            arrow = pyarrow_for("--out FILE.parquet")
+            arrow.parquet.write_table(arrow.Table.from_pylist(list(document.rows())), partial)
+
+
+def print_json(document: ScoreTable) -> None:
+    """Print the document on standard output, and nothing else."""
+    json.dump(document.to_dict(), sys.stdout, allow_nan=False)
+    sys.stdout.write("\n")
+
+
+def by_error(predictions: Sequence[Prediction]) -> list[int]:
+    """Return indices, furthest off first; without settled values the widest interval comes first.
+
+    Those with neither come last, in their own order.
+    """
+    scores = score_predictions(predictions)
+    keys = np.abs(_sortable(scores, predictions))
+    return [int(index) for index in np.argsort(-keys, kind="stable")]
+
+
+def _sortable(scores: Scores, predictions: Sequence[Prediction]) -> np.ndarray[Any, Any]:
+    keys = scores.error_percent
+    if not np.isfinite(keys).any():
+        keys = np.array([row.high - row.low for row in predictions])
+    return np.nan_to_num(keys, nan=0.0, posinf=np.inf)
+
+
+def draw(
+    document: ScoreTable,
+    source: HoldSource,
+    plot: Path,
+    *,
+    dpi: int | None,
+    methods: Mapping[str, SettlingMethod],
+    level: float,
+) -> None:
+    """Draw the holds with the median, the 90th percentile and the largest error.
+
+    They are ranked by the first method at its first cut-off, and read from their files again: only
+    then is it known which they are, and keeping every hold would take the memory of all.
+    """
+    rows = next(iter(document.groups().values()))
+    known = np.isfinite(score_predictions(rows).error_percent)
+    if known.any():
+        rows = [row for row, has_error in zip(rows, known, strict=True) if has_error]
+    order = [rows[index] for index in reversed(by_error(rows))]
+    places = {
+        "median error": (len(order) - 1) // 2,
+        "90th percentile": round(0.9 * (len(order) - 1)),
+        "largest error": len(order) - 1,
+    }
+    # Later names win where a short file has the same hold in several places.
+    wanted = {_key(order[place]): (name, order[place]) for name, place in places.items()}
+    panels = {}
+    for file in source.files():
+        for hold in source.holds(file, until_s=document.horizon_s):
+            key = (str(file), hold.hold_id, hold.channel)
+            if key in wanted:
+                name, row = wanted[key]
+                title = f"{name}{_off(row)}\n{hold.hold_id} {hold.channel or ''}"
+                panels[key] = Panel(title=title, hold=hold, cutoff_s=row.cutoff_s)
+    figure = settle_figure(
+        [panels[key] for key in wanted],
+        methods=methods,
+        horizon_s=document.horizon_s,
+        level=level,
+        overviews=_overviews(source),
+    )
+    save_figure(figure, plot, dpi=dpi)
+
+
+def _overviews(source: HoldSource) -> list[Overview]:
+    """Return the first few recordings with the places where they were cut."""
+    found: list[Overview] = []
+    for file in source.recordings():
+        for column in source.columns(file):
+            if len(found) == MOST_OVERVIEWS:
+                return found
+            if column.time_s.size:
+                title = f"{file.name}, {column.column}: {len(column.spans)} holds"
+                found.append(
+                    Overview(
+                        title=title,
+                        time_s=column.time_s,
+                        values=column.values,
+                        unit=column.unit,
+                        spans=column.spans,
+                    )
+                )
+    return found
+
+
+def _key(row: Prediction) -> tuple[str, str, str | None]:
+    return row.source, row.hold_id, row.channel
+
+
+def _off(row: Prediction) -> str:
+    error = float(score_predictions([row]).error_percent[0])
+    if not np.isfinite(error):
+        return ""
+    percent = f"{error:+.2g}".replace("-", "\N{MINUS SIGN}")
+    return f": {row.method} {percent} %"
+
+
+def print_tables(document: ScoreTable, *, level: float, written: Sequence[Path]) -> None:
+    """Print what was predicted; then, where holds reach the horizon, how far off that was."""
+    console = Console(width=None if sys.stdout.isatty() else PIPED_WIDTH)
+    _print_holds(document, console, level=level)
+    for method in dict.fromkeys(row.method for row in document.predictions):
+        counts = Counter(str(r.status) for r in document.predictions if r.method == method)
+        by_status = ", ".join(f"{n} {status}" for status, n in counts.most_common())
+        console.print(f"Status of {method}: {by_status}", highlight=False)
+    if any(np.isfinite(row.settled) for row in document.predictions):
+        print_scores(document.summary(), console, level=level)
+    else:
+        console.print(
+            f"No hold lasts until {document.horizon_s:g} s, so there is nothing to score against."
+        )
+    for entry in document.summary():
+        if "holds_decided" in entry:
+            others = entry["holds"] - entry["holds_decided"]
+            console.print(
+                f"{entry['method']}: ± fell below {entry['until_half_width_percent']:g} % in "
+                f"{entry['holds_decided']} of {entry['holds']} holds (median time: "
+                f"{short(entry['median_decision_s'])} s)"
+                + ("; the others waited to their end" if others else "")
+            )
+    for path in written:
+        console.print(f"Written: {path}", highlight=False, soft_wrap=True)
+
+
+def _print_holds(document: ScoreTable, console: Console, *, level: float) -> None:
+    """Print the holds of the first method, those furthest off or least sure."""
+    rows = [r for r in document.predictions if r.method == document.predictions[0].method]
+    scored = any(np.isfinite(row.settled) for row in rows)
+    order = by_error(rows)[:ROWS_SHOWN]
+    every = len(order) == len(rows)
+    several = len({row.cutoff_s for row in rows if row.decided is None}) > 1
+    which = f"{len(rows)} {'prediction' if several else 'hold'}{'s' * (len(rows) != 1)}"
+    if not every:
+        first = "largest errors" if scored else "widest intervals"
+        which = f"{ROWS_SHOWN} of {which}, {first} first"
+    units = {row.unit for row in rows}
+    in_unit = f" in {units.pop()}" if len(units) == 1 and None not in units else ""
+    headings = ["hold", "cut-off", "predicted", *["unit"] * (len(units) > 1), "±"]
+    headings += ["interval"] * (console.width >= WIDE)
+    headings += ["settled", "error"] * scored + ["status"]
+    table = empty_table(
+        console,
+        f"Value{in_unit} predicted for {document.horizon_s:g} s by {rows[0].method}: {which}",
+        *headings,
+    )
+    for index in sorted(order) if every else order:
+        cells = _row_cells(rows[index])
+        table.add_row(*(cells[heading] for heading in headings))
+    console.print(table)
+    console.print(
+        f"[dim]±: half-width of the {level:.0%} interval, in % of the settled value, where known, "
+        "else of the predicted one[/dim]",
+        highlight=False,
+    )
+
+
+def _row_cells(row: Prediction) -> dict[str, str]:
+    error_percent = float(score_predictions([row]).error_percent[0])
+    whole = abs(row.settled if np.isfinite(row.settled) else row.predicted)
+    has_interval = np.isfinite(row.low) and whole > 0
+    half_percent = 50 * (row.high - row.low) / whole if has_interval else float("nan")
+    return {
+        "hold": escape(row.hold_id + (f" {row.channel}" if row.channel else "")),
+        "cut-off": f"{row.cutoff_s:.3g} s",
+        "predicted": _text(row.predicted),
+        "unit": row.unit or "-",
+        "±": f"{half_percent:.1f} %" if np.isfinite(half_percent) else "-",
+        "interval": f"{_text(row.low)}..{_text(row.high)}" if np.isfinite(row.low) else "-",
+        "settled": _text(row.settled),
+        "error": f"{round(error_percent, 1) + 0.0:+.1f} %" if np.isfinite(error_percent) else "-",
+        "status": str(row.status),
+    }
+
+
+def _text(figure: float | None) -> str:
+    """Return a value with four digits or its whole ones."""
+    if figure is None or not np.isfinite(figure):
+        return "-"
+    whole = 1e4 <= abs(figure) < 1e6
+    return f"{figure:.0f}" if whole else f"{figure:#.4g}".rstrip(".")

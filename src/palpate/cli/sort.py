@@ -1,0 +1,177 @@
+"""`palpate sort`: which bin each item goes to and why, or what one item of the store is."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from palpate.cli import completion
+from palpate.cli.items import open_store
+from palpate.cli.options import (
+    BatchOption,
+    DamageOption,
+    JsonOption,
+    QuietOption,
+    SeedOption,
+    StoreOption,
+    TargetForceOption,
+)
+from palpate.cli.output import print_json, print_table
+from palpate.cli.progress import progress
+from palpate.cli.sort_report import SortReport
+from palpate.cli.sort_run import sort_from_store, sort_with_rig
+from palpate.cli.sort_supply import SimulatedCrate, open_supply
+from palpate.errors import InputError
+from palpate.estimate.damage_file import DamageFile
+from palpate.produce.identify.identifier import UNKNOWN, Identifier, Identity
+from palpate.produce.identify.items import drive_of, identity_verdict, learn_kinds, touches_of
+from palpate.produce.sorting.rules_file import read_rules
+
+
+def sort(
+    rules: Annotated[
+        Path | None, typer.Option(help="The rules, a TOML file.", metavar="FILE")
+    ] = None,
+    identify: Annotated[
+        str | None,
+        typer.Option(
+            help="In place of sorting: report of which kind this item of the store is, and keep "
+            "the answer with it. Exits with 1 if it is unknown.",
+            metavar="ITEM",
+            autocompletion=completion.items,
+        ),
+    ] = None,
+    rig: Annotated[
+        str | None,
+        typer.Option(
+            help="Grasp with this rig: sim-rigid brings a simulated crate, any other takes the "
+            "names of items from standard input, one a line. Without it: items of the store, by "
+            "the grasps they had; nothing is written.",
+            metavar="NAME_OR_TOML",
+        ),
+    ] = None,
+    damage: DamageOption = None,
+    target_force_n: TargetForceOption = None,
+    store: StoreOption = None,
+    batch: BatchOption = None,
+    items: Annotated[
+        int, typer.Option(help="Size of the simulated crate.", min=1, metavar="N")
+    ] = 12,
+    taught: Annotated[
+        int,
+        typer.Option(
+            help="Simulated items of each kind to label, where the store is empty.",
+            min=3,
+            metavar="N",
+        ),
+    ] = 6,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Sort items into bins by readable rules, or identify one item.
+
+    Uncertain items are grasped again, as often as the rules allow. A firmer squeeze
+    (--target-force-n) distinguishes better; --damage keeps it below what produce withstands. With a
+    rig, items, grasps and verdicts go to the store; a simulated crate goes there only with
+    --store.
+
+    Kinds are learned from labelled items: palpate items NAME --set kind=kiwi, three of a kind at
+    least.
+
+    Example: palpate sort --rules rules.toml --rig sim-rigid --items 12 --seed 1
+    """
+    if identify is not None:
+        unused: dict[str, object] = {"--rules": rules, "--rig": rig, "--batch": batch}
+        unused |= {"--damage": damage, "--target-force-n": target_force_n}
+        for option, given in unused.items():
+            if given is not None:
+                raise InputError(f"{option} {given}: --identify takes an item of the store alone")
+        _identify(identify, store=store, as_json=as_json)
+        return
+    if rules is None:
+        raise InputError("name the --rules FILE to sort by, or the item with --identify ITEM")
+    book = read_rules(rules)
+    limit = None if damage is None else DamageFile.load(damage).model
+    if rig is None:
+        for name, value in (("--damage", damage), ("--target-force-n", target_force_n)):
+            if value is not None:
+                raise InputError(f"{name} {value}: nothing is grasped; name a --rig")
+        report = SortReport(book=book, dry=True)
+        sort_from_store(report, rules=rules, store=store, batch=batch)
+    else:
+        supply = open_supply(
+            rig, seed=seed, items=items, taught=taught, target_force_n=target_force_n, damage=limit
+        )
+        # At a real hand people are asked for items: a bar would be in the way.
+        crate = isinstance(supply, SimulatedCrate)
+        try:
+            with progress("sorting", total=items, quiet=quiet or as_json or not crate) as show:
+                report = SortReport(book=book, dry=False, show=show)
+                sort_with_rig(report, supply, rules=rules, store=store, batch=batch)
+        finally:
+            supply.close()
+    report.emit(as_json=as_json)
+
+
+def _identify(item: str, *, store: str | None, as_json: bool) -> None:
+    """Identify an item by size and stiffness and keep the answer with it; exit with 1 if unknown.
+
+    Raises `InputError` if no grasp of it measured both, or too few items are labelled.
+    """
+    with open_store(store) as opened:
+        opened.item(item)
+        grasps = opened.grasps_of(item)
+        drive = drive_of(grasps, item_id=item)
+        touches = touches_of(grasps, drive=drive)
+        if not touches:
+            raise InputError(
+                f"item {item!r}: no grasp of it measured size and stiffness; grasp it again with "
+                "fingers driven by width"
+            )
+        known = learn_kinds(opened, drive=drive, without=item)
+        identity = known.identify(touches)
+        verdict = identity_verdict(item, identity, given_at=datetime.now(UTC))
+        opened.add_verdict(verdict)
+    simulated = any(grasp.simulated for grasp in grasps)
+    if as_json:
+        print_json(
+            {
+                "item_id": item,
+                "kind": identity.kind,
+                "confidence": identity.confidence,
+                "rejected": identity.rejected,
+                "usual": identity.usual,
+                "probability": dict(identity.probability),
+                "grasps": identity.grasps,
+                "explanation": verdict.explanation,
+                "simulated": simulated,
+            }
+        )
+    else:
+        _print_identity(item, identity, known, why=verdict.explanation, simulated=simulated)
+    if identity.rejected:
+        raise typer.Exit(1)
+
+
+def _print_identity(
+    item: str, identity: Identity, known: Identifier, *, why: str, simulated: bool
+) -> None:
+    console = Console(highlight=False)
+    console.print(f"[bold]{escape(f'{item}: {identity.kind}')}[/bold]{' (simulated)' * simulated}")
+    rows = [
+        ("something else" if kind == UNKNOWN else escape(kind), f"{100 * probability:.1f}")
+        for kind, probability in sorted(identity.probability.items(), key=lambda pair: -pair[1])
+    ]
+    print_table(("kind", ">probability, %"), rows, console=console)
+    console.print(why, markup=False)
+    if known.items_missing:
+        console.print(
+            f"To call anything unknown at {100 * known.false_reject:g} %, label "
+            f"{known.items_missing} more items."
+        )

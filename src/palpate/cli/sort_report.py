@@ -1,0 +1,140 @@
+"""The text of `palpate sort`: each item's bin with the reason, then purity and throughput."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+
+from palpate.cli.output import print_json, print_table
+from palpate.produce.sorting.rules import RuleBook
+from palpate.produce.sorting.run import Sorted
+from palpate.produce.sorting.score import CARRY_S, TURN_S, Placed, Score, score_sorting
+
+
+@dataclass(kw_only=True)
+class SortReport:
+    """Collects decisions."""
+
+    #: The rules.
+    book: RuleBook
+    #: Whether items were only looked up, not grasped.
+    dry: bool
+    #: Takes how many items are done.
+    show: Callable[[float], None] | None = None
+    #: In order.
+    done: list[Sorted] = field(default_factory=list)
+    _placed: list[Placed] = field(default_factory=list)
+
+    def add(self, done: Sorted, *, belongs: str | None) -> None:
+        """Take in one item; `belongs` is its true bin, where a simulation knows it."""
+        self.done.append(done)
+        self._placed.append(
+            Placed(
+                bin=done.decision.bin,
+                belongs=belongs,
+                grasps=len(done.grasps),
+                grasping_s=done.grasping_s,
+            )
+        )
+        if self.show is not None:
+            self.show(len(self.done))
+
+    def emit(self, *, as_json: bool) -> None:
+        """Print all of it."""
+        found = score_sorting(self._placed, book=self.book) if self._placed else None
+        if as_json:
+            print_json(self._document(found))
+        else:
+            self._show(found)
+
+    @property
+    def _simulated(self) -> bool:
+        return any(grasp.simulated for one in self.done for grasp in one.grasps)
+
+    def _document(self, found: Score | None) -> dict[str, Any]:
+        rows = [_row(one, placed) for one, placed in zip(self.done, self._placed, strict=True)]
+        summary: dict[str, Any] | None = None
+        if found is not None:
+            summary = {
+                "items": found.items,
+                "left_over": found.left_over,
+                "purity": found.purity,
+                "bins": {
+                    name: {"items": count, "right": None if found.purity is None else right}
+                    for name, (count, right) in found.bins.items()
+                },
+                "grasps_per_item": found.grasps_per_item,
+                "items_per_hour": None if self.dry else found.items_per_hour,
+            }
+        return {
+            "simulated": self._simulated,
+            "dry_run": self.dry,
+            "rows": rows,
+            "summary": summary,
+            "assumed": None if self.dry else {"carry_s": CARRY_S, "turn_s": TURN_S},
+        }
+
+    def _show(self, found: Score | None) -> None:
+        console = Console(highlight=False)
+        if found is None:
+            console.print("no item came")
+            return
+        rows = []
+        for one, placed in zip(self.done, self._placed, strict=True):
+            wrong = placed.belongs is not None and placed.belongs != placed.bin
+            note = f" [red](truly: {escape(str(placed.belongs))})[/red]" if wrong else ""
+            chance = one.decision.probability
+            rows.append(
+                (
+                    f"[bold]{escape(one.item_id)}[/bold]",
+                    escape(one.decision.bin),
+                    "-" if chance is None else f"{100 * chance:.0f}",
+                    escape(one.decision.why.partition(": ")[2]) + note,
+                )
+            )
+        print_table(("item", "bin", ">probability, %", "reason"), rows, console=console)
+        console.print()
+        judged = found.purity is not None
+        bins = [
+            (escape(name), str(count), *[str(right)] * judged)
+            for name, (count, right) in found.bins.items()
+        ]
+        print_table(("bin", ">items", *[">right"] * judged), bins, console=console)
+        console.print(self._last_line(found), markup=False)
+
+    def _last_line(self, found: Score) -> str:
+        parts = [f"{100 * found.left_over:.0f} % left for {self.book.default_bin!r}"]
+        if found.purity is not None:
+            parts.insert(0, f"{100 * found.purity:.0f} % of what went to a bin belongs there")
+        if self.dry:
+            parts.append("dry run: nothing was grasped or written")
+        else:
+            parts.append(f"{found.grasps_per_item:.1f} grasps per item")
+            parts.append(
+                f"{found.items_per_hour:.0f} items per hour, assuming {CARRY_S:g} s handling and "
+                f"{TURN_S:g} s turning per item"
+            )
+        if self._simulated:
+            parts.append("simulated")
+        return "; ".join(parts)
+
+
+def _row(one: Sorted, placed: Placed) -> dict[str, Any]:
+    identity, size = one.identity, one.size_mm
+    return {
+        "item_id": one.item_id,
+        "bin": one.decision.bin,
+        "belongs": placed.belongs,
+        "rule_line": None if one.decision.rule is None else one.decision.rule.line,
+        "probability": one.decision.probability,
+        "why": one.decision.why,
+        "kind": None if identity is None else identity.kind,
+        "kind_probability": None if identity is None else dict(identity.probability),
+        "size_mm": None if size is None else size.to_dict(),
+        "grasps": placed.grasps,
+        "grasping_s": round(placed.grasping_s, 3),
+    }

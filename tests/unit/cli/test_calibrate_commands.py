@@ -1,0 +1,229 @@
+"""`palpate calibrate force | compliance | settling`, as a user runs them on the twin."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import typer
+
+from palpate.cli import (
+    calibrate_compliance,
+    calibrate_force,
+    calibrate_rest,
+    calibrate_settling,
+)
+from palpate.cli.calibrate_bench import calibration_file, new_calibration
+from palpate.cli.outcome import run
+from palpate.sensor.array import RIGID_LAYOUT
+from palpate.sensor.calibration import Calibration, RestValues
+
+STEPS: dict[str, Callable[..., None]] = {
+    "rest": calibrate_rest.rest,
+    "force": calibrate_force.force,
+    "compliance": calibrate_compliance.compliance,
+    "settling": calibrate_settling.settling,
+}
+
+
+def call(step: str, *arguments: str) -> int:
+    app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
+    app.command()(STEPS[step])
+    return run(app, arguments, name=f"palpate calibrate {step}")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("calibrated") / "pad.json"
+    assert call("force", "--seed", "3", "--out", str(path), "--temperature-c", "21") == 0
+    return path
+
+
+def test_force_file_holds_everything(made: Path) -> None:
+    found = Calibration.load(made)
+    assert found.origin == "simulated"
+    assert found.temperature_c == 21
+    assert found.made_at is not None
+    assert len(set(found.force.run)) == 6
+    assert made.stat().st_size < 40_000
+    for kind in ("error_percent", "early_error_percent"):
+        assert 0 < found.held_out[kind]["5_n"] < 40
+    assert found.force_law["residual_sd"] > 0
+
+
+def test_compliance_goes_into_the_same_file(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = Calibration.load(made)
+    assert call("compliance", "--seed", "3", "--out", str(made), "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["simulated"] is True
+    assert 0.1 < document["fingers_mm_per_n"] < 0.4
+    after = Calibration.load(made)
+    assert after.force == before.force
+    assert len(after.block.force_n) == document["readings"]
+    assert after.current is not None
+    assert len(after.current.force_n) == document["current_readings"] > 50
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "message"),
+    [
+        (("--block-mm", "4"), 2, "is it in millimetres"),
+        (("--out", "none.json"), 2, "none.json is not there yet"),
+        (("--rig", "sim-soft"), 3, "no load cell"),
+    ],
+)
+def test_compliance_refusals(
+    arguments: tuple[str, ...], status: int, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("compliance", *arguments) == status
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def of_other_sensor(path: Path) -> None:
+    rest = RestValues(ohm=((9e3, 8e3),) * 4, spread_percent=((0.1, 0.2),) * 4, frames=30)
+    new_calibration(RIGID_LAYOUT, rest=rest, simulated=False).save(path)
+
+
+def cut_in_half(path: Path) -> None:
+    of_other_sensor(path)
+    path.write_text(path.read_text()[: path.stat().st_size // 2])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [(of_other_sensor, "give another --out"), (cut_in_half, "not whole JSON")],
+)
+def test_a_file_that_does_not_fit_stays_as_it_is(
+    tmp_path: Path, spoil: object, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "pad.json"
+    spoil(path)  # type: ignore[operator]
+    before = path.read_bytes()
+    assert call("force", "--out", str(path)) == 2
+    assert message in capsys.readouterr().err
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("load_n\n1\n5\n", "give at least 3 spread"),
+        ("load_n\n5\n5\n5\n5\n", "1 of them different"),
+        ("load_n\n100\n250\n500\n1000\n", "in grams"),
+        ("weight\n1\n2\n3\n4\n", "no column load_n"),
+    ],
+)
+def test_bad_loads_leave_the_old_calibration(
+    tmp_path: Path, text: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, loads = tmp_path / "pad.json", tmp_path / "loads.csv"
+    of_other_sensor(path)
+    before = path.read_bytes()
+    loads.write_text(text)
+    assert call("force", "--rig", "real.toml", "--loads", str(loads), "--out", str(path)) == 2
+    assert message in capsys.readouterr().err
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("step", ["rest", "force", "compliance"])
+def test_a_place_that_can_not_be_written_to_is_refused_before_the_work(
+    step: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def measure(*_: object, **__: object) -> None:
+        raise AssertionError("measured in vain")
+
+    monkeypatch.setattr("palpate.cli.sensor_source.SensorSource.frames", measure)
+    monkeypatch.setattr("palpate.cli.calibrate_bench.open_bench", measure)
+    path = tmp_path / "none" / "pad.json"
+    assert call(step, "--rig", "sim-rigid", "--out", str(path)) == 2
+    assert f"there is no folder {path.parent}" in capsys.readouterr().err
+
+
+def test_the_rig_file_says_where_its_calibration_is(tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text('calibration = "mine.json"\n')
+    assert calibration_file(str(rig), None) == tmp_path / "mine.json"
+    assert calibration_file(str(rig), tmp_path / "pad.json") == tmp_path / "pad.json"
+    rig.write_text('use = "sim-rigid"\n')
+    assert calibration_file(str(rig), None) == Path("calibration.json")
+    assert calibration_file("sim-rigid", None) == Path("calibration.json")
+
+
+def test_nobody_lays_weights_on_a_simulated_rig(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("force", "--loads", str(tmp_path / "loads.csv")) == 2
+    assert "simulated" in capsys.readouterr().err
+
+
+def test_settling_takes_long_holds_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from palpate.holds import read_holds
+
+    path, out = recorded(tmp_path), tmp_path / "fit.csv"
+    assert call("settling", str(path), "--out", str(out)) == 0
+    assert "1 long enough" in capsys.readouterr().err
+    held = list(read_holds(out))
+    assert {hold.channel for hold in held} >= {"mean"}
+    assert all(hold.time_s[-1] >= 19.5 for hold in held)
+    assert call("settling", str(path), "--out", str(out), "--shortest", "60") == 2
+    assert "hold for longer" in capsys.readouterr().err
+    assert call("settling", str(path), "--out", str(tmp_path / "fit.txt")) == 2
+    assert ".csv or .parquet" in capsys.readouterr().err
+
+
+def test_a_rig_keeps_settled_holds_and_settle_learns_from_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from palpate.cli import build_app
+    from palpate.holds import read_holds
+
+    rig = tmp_path / "rig.toml"
+    rig.write_text('calibration = "cal.json"\n[array]\nopen = "a:b"\n[gripper]\nopen = "a:b"\n')
+    time_s = [step / 10 for step in range(206)]
+    for name in ("one", "two", "new"):
+        rows = (f"{name},{t},{9 - 0.5 * math.log(t + 1)},30" for t in time_s)
+        (tmp_path / f"{name}.csv").write_text(
+            "\n".join(["hold_id,time_s,value,loading_s", *rows]) + "\n"
+        )
+    new = str(tmp_path / "new.csv")
+    assert run(build_app(), ["settle", new, "--rig", str(rig)], name="palpate") == 2
+    assert "palpate calibrate settling" in capsys.readouterr().err
+    for name in ("one", "two"):
+        assert call("settling", str(tmp_path / f"{name}.csv"), "--rig", str(rig)) == 0
+    kept = read_holds(tmp_path / "cal-settling.csv")
+    assert [(hold.hold_id, hold.loading_s) for hold in kept] == [("one", 30.0), ("two", 30.0)]
+    assert call("settling", str(tmp_path / "two.csv"), "--rig", str(rig)) == 2
+    assert "hold two is in" in capsys.readouterr().err
+    assert run(build_app(), ["settle", new, "--rig", str(rig), "--json"], name="palpate") == 0
+    [row] = json.loads(capsys.readouterr().out)["rows"]
+    assert abs(row["error_percent"]) < 0.2
+    assert call("settling", new, "--rig", "sim-rigid") == 2
+    assert "simulated rigs keep no holds" in capsys.readouterr().err
+
+
+def recorded(folder: Path) -> Path:
+    """Record a short and a long hold on the twin."""
+    import numpy as np
+
+    from palpate.gripper.interface import GripperCommand
+    from palpate.recording import RecordingInfo, RecordingWriter
+    from palpate.twin.devices import TwinArray, TwinGripper
+    from palpate.twin.objects import draw_object
+    from palpate.twin.world import World
+
+    obj = draw_object(np.random.default_rng(1), "dragonskin-20")
+    world = World(obj, seed=1)
+    gripper, array, path = TwinGripper(world), TwinArray(world), folder / "day1.mcap"
+    info = RecordingInfo(layout=world.layout, origin="twin")
+    with RecordingWriter(path, info=info) as writer:
+        for width_mm, until_s in ((74.0, 2.0), (38.0, 6.0), (74.0, 20.0), (37.5, 41.5)):
+            gripper.command(GripperCommand(target=width_mm, rate=40.0))
+            while world.clock.now_s() < until_s:
+                frame = array.read(timeout_s=1.0)
+                writer.add_observation(frame, gripper=gripper.state())
+    return path

@@ -1,0 +1,168 @@
+"""`palpate calibrate cell | compliance | force` with load cells on a board, from a rig file."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import typer
+from tests.unit.rig.test_board_cell import Desk
+
+from palpate.cli import calibrate_cell, calibrate_compliance
+from palpate.cli.calibrate_bench import has_load_cell, new_calibration
+from palpate.cli.outcome import run
+from palpate.sensor.array import RIGID_LAYOUT
+from palpate.sensor.calibration import Calibration, RestValues
+from palpate.twin.devices import TwinGripper, TwinLoadCell
+from palpate.twin.objects import draw_object
+from palpate.twin.world import World
+
+TABLES = (
+    'calibration = "pad.json"\n[array]\nopen = "desk_of_the_test:array"\n'
+    '[gripper]\nopen = "desk_of_the_test:gripper"\n'
+)
+
+
+class Bench(Desk):
+    """The desk with a hand, and a user who does what is asked."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self.world = World(None, seed=4, clock=self.clock)
+        self.rig = folder / "rig.toml"
+        self.asked: list[str] = []
+        self.does: Callable[[str], None] = lambda what: None
+
+    def prompt(self, what: str, **_: object) -> str:
+        self.asked.append(what)
+        self.does(what)
+        self.clock.sleep_s(3.0)
+        return ""
+
+
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    bench = Bench(tmp_path)
+    opened = SimpleNamespace(array=lambda: bench.array, gripper=lambda: TwinGripper(bench.world))
+    monkeypatch.setitem(sys.modules, "desk_of_the_test", opened)
+    for module in ("rig.bench", "cli.calibrate_cell", "cli.calibrate_weights"):
+        monkeypatch.setattr(f"palpate.{module}.RealClock", lambda: bench.clock)
+    monkeypatch.setattr("typer.prompt", bench.prompt)
+    yield bench
+    bench.array.close()
+    for stream in bench.clock.streams:
+        stream.close()
+    bench.board.unplug()
+
+
+def call(command: Callable[..., None], *arguments: str) -> int:
+    app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
+    app.command()(command)
+    return run(app, arguments, name="palpate calibrate")
+
+
+def test_a_known_weight_gives_the_line_for_the_rig_file(
+    bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench.rig.write_text(TABLES)
+    bench.board.raw = [1_000, 0]
+
+    def lays(what: str) -> None:
+        bench.board.raw[0] = 1_000 if "take everything off" in what else 1_000 - 2_000_000
+
+    bench.does = lays
+    assert call(calibrate_cell.cell, "--rig", str(bench.rig), "--known-n", "10") == 0
+    line = capsys.readouterr().out
+    assert line == "[load_cells]\nnewtons_per_count = [-5e-06]\n"
+    assert not has_load_cell(str(bench.rig))
+    bench.rig.write_text(TABLES + line)
+    assert has_load_cell(str(bench.rig))
+
+
+def test_the_second_cell_joins_the_first(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
+    bench.rig.write_text(TABLES)
+    of_cell_1 = ("--rig", str(bench.rig), "--cell", "1", "--known-n", "10", "--json")
+    assert call(calibrate_cell.cell, *of_cell_1) == 2
+    assert "calibrate cell 0 first" in capsys.readouterr().err
+    bench.rig.write_text(TABLES + "[load_cells]\nnewtons_per_count = [4e-6]\n")
+
+    def lays(what: str) -> None:
+        bench.board.raw[1] = 0 if "take everything off" in what else 1_000_000
+
+    bench.does = lays
+    assert call(calibrate_cell.cell, *of_cell_1) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["newtons_per_count"] == pytest.approx([4e-6, 1e-5])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--rig", "sim-rigid", "--known-n", "10"), "is simulated"),
+        (("--rig", "none.toml", "--known-n", "10"), "none.toml"),
+        (("--rig", "none.toml", "--known-n", "-1"), "above 0 newtons"),
+    ],
+)
+def test_cell_refusals(
+    arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call(calibrate_cell.cell, *arguments) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_a_weight_that_lies_elsewhere_is_noticed(
+    bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench.rig.write_text(TABLES)
+    assert call(calibrate_cell.cell, "--rig", str(bench.rig), "--known-n", "10") == 2
+    assert "moved by 0 counts only" in capsys.readouterr().err
+
+
+def test_compliance_on_a_board_with_two_cells(
+    bench: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench.rig.write_text(TABLES + "[load_cells]\nnewtons_per_count = [5e-6, -4e-6]\n")
+    out = tmp_path / "pad.json"
+    rest = RestValues(ohm=((9e3, 8e3),) * 4, spread_percent=((0.1, 0.2),) * 4, frames=30)
+    new_calibration(RIGID_LAYOUT, rest=rest, simulated=False).save(out)
+    cell = TwinLoadCell(bench.world)
+    zeros = [30_000, -70_000]
+
+    def weighed() -> list[int]:
+        force_n = cell.read_n()
+        return [zeros[0] + round(force_n / 5e-6), zeros[1] - round(force_n / 4e-6)]
+
+    def places(what: str) -> None:
+        lays = "between the open fingers" in what
+        block = draw_object(np.random.default_rng(1), "rigid-block")
+        bench.world.place(block if lays else None)
+        zeros[0] += 3_000_000 if lays else -3_000_000  # the block weighs on its cell
+
+    bench.board.weighed, bench.does = weighed, places
+    # Without --out it is the file that the rig file names, which a grasp is going to use.
+    arguments = ("--rig", str(bench.rig), "--block-mm", "40")
+    assert call(calibrate_compliance.compliance, *arguments, "--json") == 0
+    assert bench.asked[0].startswith("the rigid block with the load cell")
+    assert bench.asked[1].startswith("take the block out")
+    document = json.loads(capsys.readouterr().out)
+    assert document["simulated"] is False
+    assert 0.1 < document["fingers_mm_per_n"] < 0.4
+    made = Calibration.load(out)
+    assert made.current is not None
+    assert min(made.current.width_mm) < 10.0, "the empty hand closed all its way"
+    assert max(made.block.force_n) == pytest.approx(15.0, abs=3.0)
+
+
+def test_a_rig_file_without_load_cells_is_sent_to_dead_weights(
+    bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench.rig.write_text(TABLES)
+    assert call(calibrate_compliance.compliance, "--rig", str(bench.rig)) == 3
+    assert "dead weights" in capsys.readouterr().err

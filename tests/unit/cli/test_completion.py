@@ -1,0 +1,70 @@
+"""Completion, as bash asks for it after <Tab>."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from palpate.cli import build_app
+from palpate.cli.outcome import run
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a command `palpate` and a store of items."""
+    path = tmp_path_factory.mktemp("completion")
+    command = path / "palpate"
+    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m palpate "$@"\n')
+    command.chmod(0o755)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(path)
+        assert run(build_app(), ["demo", "packhouse", "--out", "."], name="palpate") == 0
+    return path
+
+
+def completed(line: str, folder: Path) -> list[str]:
+    """Return what bash offers for the last word of a line."""
+    words = line.split(" ")
+    script = (
+        'eval "$(_PALPATE_COMPLETE=source_bash palpate)"; '
+        f"COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}; "
+        '_palpate_completion palpate; printf "%s\\n" "${COMPREPLY[@]}"'
+    )
+    done = subprocess.run(
+        [shutil.which("bash") or "bash", "-c", script],
+        cwd=folder,
+        env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}", "PALPATE_STORE": ""},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stderr == ""
+    return done.stdout.split()
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("palpate gra", ["grasp"]),
+        ("palpate grasp --target", ["--target-force-n"]),
+        ("palpate grasp --object straw", ["strawberry"]),
+        ("palpate serve --object springs-", ["springs-2", "springs-4", "springs-6", "springs-8"]),
+        ("palpate grasp --rig sim-f", ["sim-firmware"]),
+        ("palpate settle --method log_law_", ["log_law_early"]),
+        ("palpate calibrate se", ["settling"]),
+        ("palpate study table1", ["table1"]),
+        ("palpate bench set", ["settling"]),
+        ("palpate demo pack", ["packhouse"]),
+        ("palpate items fruit-3", ["fruit-3"]),
+        ("palpate grasp --item fruit-3", ["fruit-3"]),
+        ("palpate items --store nowhere.sqlite fruit", []),
+    ],
+)
+def test_bash_completes(line: str, offered: list[str], folder: Path) -> None:
+    assert completed(line, folder) == offered
+    assert not (folder / "nowhere.sqlite").exists()

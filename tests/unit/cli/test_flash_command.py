@@ -1,0 +1,196 @@
+"""`palpate flash` with a stand-in for avrdude on the PATH, and a board on a pseudo-terminal."""
+
+from __future__ import annotations
+
+import os
+import threading
+import tty
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+from tests.conftest import skip
+
+from palpate.cli import build_app, run
+from palpate.cli.avrdude import meaning
+from palpate.errors import DeviceNotFoundError
+from palpate.firmware_image import IMAGES, image_path
+from palpate.sensor.wire import unpack
+from palpate.sensor.wire_messages import BoardIdentity, CommandType
+from palpate_studies.board_bytes import encode_message
+
+HEX = ":100000000C9434000C943E000C943E000C943E0082\n:00000001FF\n"
+
+
+@dataclass
+class Board:
+    """Answers `identify` at the far end of a pseudo-terminal."""
+
+    port: str
+    asked: list[int] = field(default_factory=list)
+
+
+@pytest.fixture
+def board() -> Iterator[Board]:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    board = Board(port=os.ttyname(slave))
+
+    def answer() -> None:
+        pending = b""
+        while True:
+            try:
+                data = os.read(master, 256)
+            except OSError:
+                return
+            if not data or data.endswith(b"end"):
+                return
+            *packets, pending = (pending + data).split(b"\0")
+            for packet in packets:
+                unpacked = unpack(packet)
+                if unpacked is not None and unpacked[0] == CommandType.IDENTIFY:
+                    board.asked.append(unpacked[1][0])
+                    os.write(master, encode_message(identity(unpacked[1][0])))
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+    yield board
+    os.write(slave, b"end")
+    thread.join(timeout=10)
+    os.close(slave)
+    os.close(master)
+
+
+def identity(tag: int) -> BoardIdentity:
+    return BoardIdentity(
+        tag=tag, protocol=1, version=(1, 2, 3), features=3, rows=4, cols=2, oversampling=1,
+        max_rows=16, max_cols=16, max_oversampling=64, settle_us=20, heartbeat_ms=500,
+        reset_cause=1, streaming=False, conversion_us=104, baud=1_000_000, rate_hz=250.0,
+        highest_rate_hz=600.0, board="Arduino Mega 2560",
+    )  # fmt: skip
+
+
+@pytest.fixture
+def image(tmp_path: Path) -> Path:
+    path = tmp_path / "some.hex"
+    path.write_text(HEX)
+    return path
+
+
+def put_avrdude(folder: Path, monkeypatch: pytest.MonkeyPatch, *, says: str, status: int) -> Path:
+    """Put a program of that name on the PATH that notes its arguments; return the note."""
+    note = folder / "arguments"
+    program = folder / "bin" / "avrdude"
+    program.parent.mkdir()
+    (folder / "says").write_text(says)
+    program.write_text(
+        f'#!/bin/sh\nprintf "%s\\n" "$@" > {note}\ncat {folder / "says"} >&2\nexit {status}\n'
+    )
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{program.parent}:/bin:/usr/bin")
+    return note
+
+
+def flash(*arguments: object) -> int:
+    return run(build_app(), ["flash", *map(str, arguments)], name="palpate")
+
+
+def test_writes_and_asks_the_board(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    board: Board,
+    image: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    note = put_avrdude(tmp_path, monkeypatch, says="avrdude done. Thank you.", status=0)
+    assert flash("--port", board.port, "--image", image) == 0
+    said = note.read_text().split()
+    assert said[:6] == ["-p", "atmega2560", "-c", "wiring", "-P", board.port]
+    assert said[-1] == f"flash:w:{image}:i"
+    assert "-D" in said
+    assert board.asked
+    assert "Arduino Mega 2560 runs palpate's firmware 1.2.3" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("says", "line"),
+    [
+        (
+            "avrdude: Device signature = 0x1e950f (probably m328p)\n"
+            "avrdude error: expected signature for ATmega2560 is 1E 98 01\n",
+            "the board is an ATmega328P (Arduino Uno, Nano), not a Mega 2560",
+        ),
+        ("avrdude: Device signature = 0x000000\n", "the chip gives no signature"),
+        (
+            "avrdude error: timeout\navrdude error: unable to open programmer wiring on port\n",
+            "no Mega 2560 boot loader answers",
+        ),
+        ("avrdude OS error: cannot open port: Permission denied\n", "usermod -aG dialout"),
+        ("avrdude OS error: cannot open port: Device or resource busy\n", "another program"),
+        (
+            "avrdude: Device signature = 0x1e9801 (probably m2560)\n"
+            "avrdude error: verification mismatch at byte 0x0010\n",
+            "memory differs",
+        ),
+        (
+            "avrdude: hello\navrdude error: strange thing\n",
+            "avrdude failed: avrdude error: strange",
+        ),
+    ],
+)
+def test_a_failure_is_one_line(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    board: Board,
+    image: Path,
+    capsys: pytest.CaptureFixture[str],
+    says: str,
+    line: str,
+) -> None:
+    put_avrdude(tmp_path, monkeypatch, says=says, status=1)
+    assert flash("--port", board.port, "--image", image) == 3
+    last = capsys.readouterr().err.strip().splitlines()[-1]
+    assert board.port in last
+    assert line in last
+    assert not board.asked
+
+
+def test_silent_failure_still_says_something() -> None:
+    assert meaning("") == "avrdude failed: no reason given"
+
+
+def test_missing_avrdude_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert flash("--port", "/dev/ttyACM0") == 3
+    assert "sudo apt install avrdude" in capsys.readouterr().err
+
+
+def test_port_and_image_are_looked_at_before_anything_is_written(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    board: Board,
+    image: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    note = put_avrdude(tmp_path, monkeypatch, says="", status=0)
+    assert flash("--port", "/dev/no-such-port", "--image", image) == 3
+    assert "no port /dev/no-such-port" in capsys.readouterr().err
+    image.write_text(HEX.replace(":00000001FF\n", ""))
+    assert flash("--port", board.port, "--image", image) == 2
+    assert "not a whole Intel hex file" in capsys.readouterr().err
+    assert flash("--port", board.port, "--image", tmp_path / "none.hex") == 2
+    assert not note.exists()
+
+
+@pytest.mark.parametrize("baud", IMAGES)
+def test_images_in_this_checkout_are_whole(baud: int) -> None:
+    try:
+        path = image_path(baud)
+    except DeviceNotFoundError:
+        skip("no firmware image; run `make -C firmware`")
+    lines = path.read_text().split()
+    assert lines[-1] == ":00000001FF"
+    assert len(lines) > 100

@@ -1,0 +1,217 @@
+"""What `palpate live` draws, and that it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from palpate.cli import build_app, run
+from palpate.cli.live_reading import LiveReading, Squeeze
+from palpate.cli.live_view import LiveView
+from palpate.cli.sensor_source import SensorSource
+from palpate.clock import ManualClock
+from palpate.estimate.force_now import ForceNow
+from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
+from palpate.sensor.array import RIGID_LAYOUT, Frame
+from palpate.sensor.board_array import layout_named
+from palpate.signal.circuit import resistance_ohm
+from palpate.signal.relative import mean_change, relative_change_percent
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.objects import draw_object
+from palpate.twin.world import World
+
+REST_COUNTS = np.full((4, 2), 300)
+RED = "\x1b[1;31m"
+
+
+class Screen:
+    """A view at 50 frames/s, and what it shows."""
+
+    def __init__(self, *, calibrated: bool = True, simulated: bool = False) -> None:
+        rest_ohm = resistance_ohm(REST_COUNTS, divider=RIGID_LAYOUT.divider)
+        source = SensorSource(
+            name="bench", array=TwinArray(World(None, seed=1)), simulated=simulated
+        )
+        self.clock = ManualClock()
+        self.view = LiveView(
+            LiveReading(source, rest_ohm=rest_ohm if calibrated else None, clock=self.clock)
+        )
+        self.sequence = 0
+
+    def feed(self, counts: np.ndarray, *, frames: int = 20) -> None:
+        for _ in range(frames):
+            self.clock.sleep_s(0.02)
+            frame = Frame(time_s=self.clock.now_s(), sequence=self.sequence, counts=counts)
+            self.view.add(frame)
+            self.sequence += 1
+
+    def text(self, *, colors: bool = False) -> str:
+        file = StringIO()
+        system = "truecolor" if colors else None
+        Console(width=110, file=file, force_terminal=colors, color_system=system).print(
+            self.view.render()
+        )
+        return file.getvalue()
+
+
+def test_nothing_yet_is_said() -> None:
+    assert "no frame yet" in Screen().text()
+
+
+def test_rest_is_taken_first_without_a_calibration() -> None:
+    screen = Screen(calibrated=False)
+    screen.feed(REST_COUNTS, frames=10)
+    assert "leave the sensor alone" in screen.text()
+    screen.feed(REST_COUNTS, frames=60)
+    assert "rest of the first second" in screen.text()
+    assert screen.text().count("no contact") == 2
+
+
+def test_contact_and_pixels() -> None:
+    screen = Screen()
+    counts = REST_COUNTS.copy()
+    counts[0, 1], counts[3, 0], counts[3, 1] = 600, 0, 290
+    screen.feed(counts)
+    shown = screen.text()
+    assert "-71 %" in shown
+    assert "+5 %" in shown
+    assert "open" in shown
+    assert shown.count("contact") == 2
+    assert shown.count("no contact") == 1
+    assert "50.0 Hz" in shown
+    assert "SIMULATED" not in shown
+
+
+def test_an_unplugged_sensor_is_shown_and_comes_back() -> None:
+    screen = Screen()
+    screen.feed(REST_COUNTS)
+    screen.feed(np.zeros((4, 2), dtype=int), frames=40)
+    shown = screen.text()
+    assert shown.count("open") == 8
+    assert shown.count("no pixel") == 3
+    assert "nan" not in shown
+    screen.feed(np.full((4, 2), 2))
+    shown = screen.text()
+    assert shown.count("+999 %") == 8
+    assert "+999.0 %" in shown
+    screen.feed(REST_COUNTS)
+    assert "no pixel" not in screen.text()
+
+
+def test_one_frame_has_no_rate_yet() -> None:
+    screen = Screen()
+    screen.feed(REST_COUNTS, frames=1)
+    assert "Hz" not in screen.text()
+    assert "1 frames" in screen.text()
+
+
+def test_the_largest_matrix_fits_a_terminal() -> None:
+    array = TwinArray(World(None, seed=1, layout=layout_named("16x16")))
+    source = SensorSource(name="bench", array=array)
+    view = LiveView(LiveReading(source, rest_ohm=np.full((16, 16), 8e3), clock=ManualClock()))
+    view.add(array.read(timeout_s=1.0))
+    file = StringIO()
+    Console(width=80, file=file).print(view.render())
+    lines = file.getvalue().splitlines()
+    assert max(map(len, lines)) <= 80
+    assert sum(line.count("+") + line.count(" -") >= 16 for line in lines) == 16
+
+
+def test_losses_are_red() -> None:
+    screen = Screen()
+    screen.feed(REST_COUNTS)
+    assert f"{RED}0 lost" not in screen.text(colors=True)
+    screen.sequence += 3
+    screen.feed(REST_COUNTS)
+    assert f"{RED}3 lost" in screen.text(colors=True)
+
+
+def test_a_stale_frame_is_red() -> None:
+    screen = Screen()
+    screen.feed(REST_COUNTS)
+    screen.clock.sleep_s(0.05)
+    assert f"{RED}last frame 50 ms ago" not in screen.text(colors=True)
+    screen.clock.sleep_s(0.1)
+    assert f"{RED}last frame 150 ms ago" in screen.text(colors=True)
+
+
+def test_simulated_is_said() -> None:
+    screen = Screen(simulated=True)
+    screen.feed(REST_COUNTS)
+    assert "SIMULATED" in screen.text()
+
+
+@pytest.mark.parametrize("kind", ["rigid", "soft"])
+def test_a_simulated_rig_is_squeezed_and_let_go(kind: str) -> None:
+    world = World(
+        draw_object(np.random.default_rng(2), "ball-44lbs"),
+        seed=2,
+        gripper="soft" if kind == "soft" else "rigid",
+    )
+    array, rest_ohm = TwinArray(world), world.pixel_resistance_ohm(0.0)
+    squeeze = Squeeze(TwinGripper(world), rest_ohm=rest_ohm)
+    mean = []
+    for _ in range(15 * 90):
+        frame = array.read(timeout_s=1.0)
+        ohm = resistance_ohm(frame.counts, divider=world.layout.divider)
+        squeeze.see(frame.time_s, ohm)
+        mean.append(float(mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm))))
+    assert -75 < min(mean) < -40
+    assert max(mean[int(np.argmin(mean)) :]) > -5
+    assert max(mean[: 15 * 5]) > -5
+
+
+def test_it_ends(rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["live", "--rig", str(rig_file()), "--duration", "0.2"]
+    assert run(build_app(), arguments, name="palpate") == 0
+    assert "palpate live" in capsys.readouterr().out
+
+
+def test_force_is_shown_at_every_frame() -> None:
+    law = PixelForceLaw(
+        log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.01, range=(0.1, 50.0)
+    )
+    screen = Screen()
+    source = SensorSource(name="bench", array=TwinArray(World(None, seed=1)), simulated=False)
+    force = ForceNow(PixelReading.summed(), early=law, settled=law, early_s=0.4, settled_s=20.0)
+    rest_ohm = resistance_ohm(REST_COUNTS, divider=RIGID_LAYOUT.divider)
+    screen.view = LiveView(LiveReading(source, rest_ohm=rest_ohm, clock=screen.clock, force=force))
+    screen.feed(REST_COUNTS)
+    assert "force now 0.00 N" in screen.text()
+    screen.feed(REST_COUNTS * 2)
+    value = float(screen.text().split("force now ")[1].split(" N")[0])
+    assert value > 1.0
+
+
+def test_force_without_a_calibration_is_refused(
+    rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["live", "--rig", str(rig_file()), "--duration", "0.2", "--force"]
+    assert run(build_app(), arguments, name="palpate") == 2
+    error = capsys.readouterr().err
+    assert "palpate calibrate force" in error
+    assert len(error.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["127.0.0.1:8765"], "--foxglove"),
+        (["127.0.0.1", "--foxglove"], "HOST:PORT"),
+        (["127.0.0.1:70000", "--foxglove"], "HOST:PORT"),
+        (["nowhere.invalid:8765", "--foxglove"], "another address"),
+    ],
+)
+def test_an_address_that_is_none_is_refused(
+    words: list[str], said: str, rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["live", "--rig", str(rig_file()), "--duration", "0.2", *words]
+    assert run(build_app(), arguments, name="palpate") == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert len(error.strip().splitlines()) == 1

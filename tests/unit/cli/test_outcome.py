@@ -1,0 +1,144 @@
+"""What a failure means to a user of any verb: one line and an exit status, no traceback."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from io import StringIO
+
+import pytest
+import typer
+
+import palpate
+from palpate.cli import REMOVED, build_app
+from palpate.cli.outcome import run
+
+SCRIPT = (sys.executable, "-c", "from palpate.cli import main; main()")
+CARD = ("grasp", "--seed", "1", "--object", "rigid-block")
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(build_app(), ["--version"], name="palpate") == 0
+    assert capsys.readouterr().out == f"palpate {palpate.__version__}\n"
+
+
+def test_without_a_verb_the_help_is_all_there_is(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(build_app(), [], name="palpate") == 2
+    captured = capsys.readouterr()
+    assert "grasp" in captured.out
+    assert captured.err == ""
+
+
+@pytest.mark.parametrize("wrong", ["--nonsense", "gras"])
+def test_usage_errors_are_sentences(wrong: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(build_app(), [wrong], name="palpate") == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert (". Try `palpate --help`." in said) or ("? Try `palpate --help`." in said)
+
+
+@pytest.mark.parametrize("arguments", [["run.mcap"], ["A17", "--store", "s"], ["--help"]])
+@pytest.mark.parametrize(("verb", "use"), REMOVED.items())
+def test_removed_verb_typed_names_what_to_use(
+    verb: str, use: str, arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(build_app(), [verb, *arguments], name="palpate") == 2
+    assert capsys.readouterr().err == f"palpate: {verb}: use `{use}`\n"
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_output_in_a_poor_encoding_has_question_marks(encoding: str) -> None:
+    done = subprocess.run(
+        [*SCRIPT, *CARD],
+        capture_output=True,
+        env={**os.environ, "PYTHONIOENCODING": encoding},
+        check=False,
+    )
+    assert done.stderr == b""
+    assert done.returncode == 0
+    shown = done.stdout.decode(encoding)
+    assert "Grip force, N" in shown
+    assert "?" in shown
+    assert len({len(line) for line in shown.splitlines()}) == 1
+
+
+def test_a_full_disk_is_one_line() -> None:
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [*SCRIPT, "study", "--list"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 3
+    assert done.stderr == "palpate: No space left on device; make room, or choose another disk\n"
+
+
+def test_a_reader_that_leaves_early_is_no_fault() -> None:
+    with subprocess.Popen(
+        [*SCRIPT, "study", "--list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == ""
+
+
+def test_rights_are_named_with_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:
+    app = typer.Typer()
+
+    @app.command()
+    def write() -> None:
+        raise PermissionError(13, "Permission denied", "out.csv")
+
+    assert run(app, [], name="palpate") == 2
+    assert capsys.readouterr().err.startswith(
+        "palpate: out.csv: Permission denied; change the permissions"
+    )
+
+
+def test_a_question_that_nobody_answers_is_bad_usage(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdin", StringIO())
+    app = typer.Typer()
+
+    @app.command()
+    def ask() -> None:
+        typer.prompt("loads", err=True)
+
+    assert run(app, [], name="palpate") == 2
+    assert "palpate: nobody answers; run it in a terminal" in capsys.readouterr().err
+
+
+def test_ctrl_c_at_a_question_is_a_stop(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Pressed(StringIO):
+        def readline(self, size: int | None = -1, /) -> str:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("sys.stdin", Pressed())
+    app = typer.Typer()
+
+    @app.command()
+    def ask() -> None:
+        typer.prompt("loads", err=True)
+
+    assert run(app, [], name="palpate") == 130
+    assert "palpate: stopped" in capsys.readouterr().err
+
+
+def test_a_narrow_terminal_shows_every_number() -> None:
+    done = subprocess.run(
+        [*SCRIPT, *CARD],
+        capture_output=True,
+        env={**os.environ, "COLUMNS": "60", "PYTHONIOENCODING": "utf-8"},
+        check=True,
+    )
+    shown = done.stdout.decode()
+    assert max(map(len, shown.splitlines())) == 60
+    # The only dots of leaving out are those of intervals: `48.7 … 49.3`.
+    assert "…" not in shown.replace(" … ", "")

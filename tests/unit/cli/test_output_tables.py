@@ -1,0 +1,52 @@
+"""Tables of a terminal, as narrow as it may be."""
+
+from __future__ import annotations
+
+import re
+from io import StringIO
+
+import pytest
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from palpate.cli.output import fit_table
+
+ROWS = (
+    ("fruit-17", "2026-05-14 08:02", "[bold]62.0[/]\n[dim]61.6…62.4[/]", Text("conditioned")),
+    ("ball", "2026-05-15 09:30", "-", Text("nothing is known of it, [as] yet")),
+)
+
+
+def printed(width: int) -> str:
+    table = Table("item", "last grasp", "size\nmm", "verdict", box=None, padding=(0, 2, 0, 0))
+    for row in ROWS:
+        table.add_row(*row)
+    console = Console(width=width, file=StringIO(), highlight=False)
+    console.print(fit_table(table, console=console))
+    assert isinstance(console.file, StringIO)
+    return console.file.getvalue()
+
+
+@pytest.mark.parametrize("width", [24, 40, 46, 60, 80, 200])
+def test_no_word_is_cut_and_none_is_missing(width: int) -> None:
+    shown = printed(width)
+    assert max(map(len, shown.splitlines())) <= width
+    words = "item last grasp size mm verdict fruit-17 2026-05-14 08:02 62.0 61.6…62.4 conditioned"
+    words += " ball 2026-05-15 09:30 nothing is known of it, [as] yet"
+    assert set(words.split()) <= set(re.split(r"[\s()]+|, ", shown)) | set(shown.split())
+
+
+def test_room_for_all_keeps_each_row_on_its_lines() -> None:
+    assert printed(200).splitlines()[2].split() == [
+        "fruit-17",
+        "2026-05-14",
+        "08:02",
+        "62.0",
+        "conditioned",
+    ]
+
+
+def test_without_room_a_row_is_a_paragraph_that_names_its_columns() -> None:
+    one = " ".join(printed(40).split())
+    assert "item fruit-17 · last grasp 2026-05-14 08:02 · size, mm 62.0 (61.6…62.4) ·" in one

@@ -1,0 +1,69 @@
+"""The bar: on a terminal, and nowhere else."""
+
+from __future__ import annotations
+
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+RULES = """\
+default = "by hand"
+
+[[rule]]
+bin = "small"
+size_mm = [0, 45]
+"""
+SORT = ["-m", "palpate", "sort", "--rules", "rules.toml", "--rig", "sim-rigid", "--items", "1"]
+
+
+def on_a_terminal(arguments: list[str], *, folder: Path) -> tuple[str, bytes]:
+    """Run Python with a terminal for standard error; return both outputs."""
+    terminal, end = pty.openpty()
+    done = subprocess.Popen(
+        [sys.executable, *arguments],
+        cwd=folder,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "80"},
+        stdout=subprocess.PIPE,
+        stderr=end,
+        text=True,
+    )
+    os.close(end)
+    shown = b""
+    while True:
+        try:
+            shown += os.read(terminal, 4096)
+        except OSError:  # the other end is closed: the command has ended
+            break
+    os.close(terminal)
+    assert done.stdout is not None
+    out = done.stdout.read()
+    done.stdout.close()
+    assert done.wait() == 0, shown
+    return out, shown
+
+
+@pytest.mark.parametrize(
+    ("more", "bar"), [([], True), (["--quiet"], False), (["--json"], False)], ids=str
+)
+def test_sorting_shows_a_bar_on_a_terminal(more: list[str], bar: bool, tmp_path: Path) -> None:
+    (tmp_path / "rules.toml").write_text(RULES)
+    out, shown = on_a_terminal([*SORT, *more], folder=tmp_path)
+    assert (b"sorting" in shown) is bar
+    assert "by hand" in out or "small" in out
+    assert "sorting" not in out
+
+
+def test_what_is_printed_meanwhile_stays_out_of_the_terminal(tmp_path: Path) -> None:
+    script = (
+        "from palpate.cli.progress import progress\n"
+        "with progress('counting') as show:\n"
+        "    print('answer')\n"
+    )
+    out, shown = on_a_terminal(["-c", script], folder=tmp_path)
+    assert b"counting" in shown
+    assert out == "answer\n"
+    assert b"answer" not in shown

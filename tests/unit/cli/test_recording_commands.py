@@ -1,0 +1,303 @@
+"""`palpate inspect`, `export`, `recover`, `replay`, `record` and `ports`, as a user runs them."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.cli import build_app
+from palpate.cli.outcome import run
+from palpate.gripper.interface import GripperState
+from palpate.recording import (
+    FileState,
+    RecordingInfo,
+    RecordingReader,
+    RecordingWriter,
+)
+from palpate.sensor.array import RIGID_LAYOUT, Frame
+
+
+def palpate(*arguments: str | Path) -> int:
+    return run(build_app(), [str(argument) for argument in arguments], name="palpate")
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> Path:
+    path = tmp_path / "run.mcap"
+    info = RecordingInfo(layout=RIGID_LAYOUT, origin="twin", seed=3)
+    with RecordingWriter(path, info=info) as writer:
+        for k in range(100):
+            frame = Frame(time_s=k / 50, sequence=k + (k > 50), counts=np.full((4, 2), 300 + k))
+            writer.add(frame)
+    return path
+
+
+def cut(path: Path, *, share: float) -> None:
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(len(whole) * share)])
+
+
+def test_inspect_counts(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert palpate("inspect", recorded, "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["frames"], found["frames_lost"], found["intact"]) == (100, 1, True)
+    assert found["rate_hz"] == pytest.approx(50.0)
+    assert (found["origin"], found["seed"], found["layout"]["rows"]) == ("twin", 3, 4)
+
+
+def test_inspect_says_simulated_and_what_is_missing(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cut(recorded, share=0.6)
+    assert palpate("inspect", recorded) == 0
+    text = capsys.readouterr().out
+    assert "twin (simulated)" in text
+    assert "not finished" in text
+    assert f"`palpate inspect {recorded} --recover FILE`" in text
+
+
+def test_recover_makes_it_whole(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cut(recorded, share=0.6)
+    assert palpate("inspect", recorded, "--recover", recorded, "--json") == 0
+    shown = capsys.readouterr()
+    assert json.loads(shown.out)["intact"] is True
+    assert "everything readable is kept (0 damaged chunks" in shown.err
+    copy = recorded.with_name("copy.mcap")
+    assert palpate("inspect", recorded, "--recover", copy, "--json") == 0
+    shown = capsys.readouterr()
+    assert json.loads(shown.out)["path"] == str(copy)
+    assert "was whole already" in shown.err
+
+
+def test_export_writes_beside_the_recording(recorded: Path) -> None:
+    assert palpate("export", recorded) == 0
+    with recorded.with_suffix(".csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [int(row["r3c1_counts"]) for row in rows] == list(range(300, 400))
+
+
+def test_export_never_writes_over_a_recording(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = recorded.read_bytes()
+    assert palpate("export", recorded, "--out", recorded) == 2
+    assert "ends in .csv or .parquet" in capsys.readouterr().err
+    assert palpate("export", recorded, "--to", "parquet", "--out", "run.csv") == 2
+    assert "ends in .parquet" in capsys.readouterr().err
+    assert recorded.read_bytes() == before
+
+
+def test_export_takes_the_form_from_the_name(recorded: Path, tmp_path: Path) -> None:
+    assert palpate("export", recorded, "--out", tmp_path / "run.parquet") == 0
+    assert (tmp_path / "run.parquet").read_bytes().startswith(b"PAR1")
+
+
+def test_a_recording_is_called_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = tmp_path / "run.csv"
+    assert palpate("record", table, "--rig", "sim-rigid", "--duration", "1") == 2
+    assert "a recording ends in .mcap" in capsys.readouterr().err
+    assert not table.exists()
+
+
+def test_settle_names_the_recording_that_has_no_rest(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert palpate("settle", recorded) == 2
+    error = capsys.readouterr().err
+    assert f"{recorded}: no rest at the beginning" in error
+    assert "Record a second of rest first" in error
+
+
+def test_recover_never_writes_over_another_recording(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other.mcap"
+    other.write_bytes(b"somebody's")
+    assert palpate("inspect", recorded, "--recover", other) == 2
+    assert "not overwritten" in capsys.readouterr().err
+    assert other.read_bytes() == b"somebody's"
+    assert palpate("inspect", recorded, "--recover", recorded) == 0
+
+
+def test_export_of_holds_names_the_file_in_its_error(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert palpate("export", recorded, "--holds") == 2
+    captured = capsys.readouterr()
+    assert captured.err.startswith(f"palpate: {recorded}: no rest at the beginning")
+    assert captured.err.count("\n") == 1
+
+
+def test_replay_plays_frames_where_nothing_was_grasped(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert palpate("replay", recorded, "--json") == 0
+    frames = json.loads(capsys.readouterr().out)["frames"]
+    assert [frame["counts"][0][0] for frame in frames] == list(range(300, 400))
+    assert palpate("replay", recorded, "--speed", "1000") == 0
+    assert len(capsys.readouterr().out.splitlines()) == 100
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["inspect", "gone.mcap"],
+        ["replay", "gone.mcap"],
+        ["export", "gone.mcap"],
+        ["export", "gone.mcap", "--holds"],
+        ["inspect", "gone.mcap", "--recover", "whole.mcap"],
+    ],
+)
+def test_a_missing_file_is_one_line(
+    arguments: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert palpate(*arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.err.startswith("palpate: gone.mcap: ")
+    assert captured.err.count("\n") == 1
+    assert captured.out == ""
+
+
+def test_a_folder_is_no_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for verb in (["inspect"], ["replay"], ["export"], ["inspect", "--recover", "whole.mcap"]):
+        assert palpate(*verb, ".") == 2
+        said = capsys.readouterr().err
+        assert said.startswith("palpate: .: ")
+        assert said.endswith("Is a directory\n")
+        assert said.count("\n") == 1
+
+
+def test_export_names_the_folder_that_is_missing(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = recorded.parent / "gone" / "run.csv"
+    assert palpate("export", recorded, "--out", out) == 2
+    said = f"palpate: {out}: there is no folder {out.parent}; make it first\n"
+    assert capsys.readouterr().err == said
+
+
+@pytest.mark.parametrize("speed", ["0", "-1", "inf", "nan", "1e-300", "1e-9"])
+def test_an_impossible_speed_is_refused(
+    recorded: Path, speed: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert palpate("replay", recorded, "--speed", speed) == 2
+    said = f"palpate: --speed {float(speed):g}: must be at least 0.001\n"
+    assert capsys.readouterr().err == said
+
+
+def test_record_needs_its_port(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    port = tmp_path / "ttyACM9"
+    assert palpate("record", tmp_path / "new.mcap", "--port", port) == 3
+    assert capsys.readouterr().err.startswith(f"palpate: no port {port}")
+    assert not (tmp_path / "new.mcap").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--rig", "sim-rigid"], "never end: give a --duration"),
+        (["--rig", "sim-rigid", "--port", "x"], "--port: a rig states that itself"),
+        (["--rig", "sim-rigid", "--rate-hz", "9"], "--rate-hz: a rig states that itself"),
+        (["--rig", "nothing"], "no rig 'nothing'"),
+        (["--rig", "gone.toml"], "gone.toml: no such file"),
+        (["--duration", "0"], "--duration 0: must be above 0"),
+    ],
+)
+def test_record_refuses_what_makes_no_sense(
+    options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "new.mcap"
+    assert palpate("record", path, *options) == 2
+    captured = capsys.readouterr()
+    assert said in captured.err
+    assert captured.err.count("\n") == 1
+    assert not path.exists()
+
+
+def test_record_from_a_rig_file_without_a_gripper(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = tmp_path / "rig.toml"
+    port = tmp_path / "ttyACM9"
+    assert palpate("init", rig, "--port", port) == 0
+    assert palpate("record", tmp_path / "new.mcap", "--rig", rig) == 3
+    assert f"no port {port}" in capsys.readouterr().err
+
+
+def test_ctrl_c_ends_a_rig_s_recording_with_the_file_whole(tmp_path: Path) -> None:
+    path = tmp_path / "new.mcap"
+    command = [sys.executable, "-c", "from palpate.cli import main; main()", "record", str(path)]
+    options = ["--rig", "sim-rigid", "--seed", "4", "--duration", "1e9"]
+    with subprocess.Popen([*command, *options], stderr=subprocess.PIPE, text=True) as recorder:
+        assert recorder.stderr is not None
+        assert "Ctrl-C ends it" in recorder.stderr.readline()
+        # Well beyond the head of the file, which carries the whole calibration.
+        while path.stat().st_size < 200_000:
+            os.sched_yield()
+        recorder.send_signal(signal.SIGINT)
+        assert recorder.wait() == 130
+        assert recorder.stderr.read() == f"{path}: recorded\n"
+    state = FileState()
+    with RecordingReader(path) as reader:
+        kinds = [type(message) for message in reader.messages(state=state)]
+        info = reader.info
+    assert state.intact
+    assert kinds.count(Frame) == kinds.count(GripperState) > 30
+    assert (info.origin, info.rig, info.seed) == ("twin", "sim-rigid", 4)
+    assert info.calibration is not None
+    assert info.gripper is None, "no grasp: a replay plays it and decides nothing"
+
+
+@pytest.mark.parametrize("layout", ["0x4", "17x2", "big", "4"])
+def test_record_refuses_layouts_that_no_board_scans(layout: str, tmp_path: Path) -> None:
+    assert palpate("record", tmp_path / "new.mcap", "--layout", layout, "--port", "x") == 2
+
+
+def test_ports_is_one_json_document(capsys: pytest.CaptureFixture[str]) -> None:
+    assert palpate("ports", "--json") == 0
+    assert isinstance(json.loads(capsys.readouterr().out)["ports"], list)
+
+
+@pytest.mark.parametrize("verb", ["record", "inspect", "replay", "export", "ports"])
+def test_help_shows_an_example(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert palpate(verb, "--help") == 0
+    assert "Example: palpate" in capsys.readouterr().out
+
+
+def test_inspect_draws_a_plot(recorded: Path, tmp_path: Path) -> None:
+    sizes = []
+    for dpi in ([], ["--dpi", "100"]):
+        assert palpate("inspect", recorded, "--plot", tmp_path / "run.png", *dpi) == 0
+        png = (tmp_path / "run.png").read_bytes()
+        assert png.startswith(b"\x89PNG")
+        sizes.append(struct.unpack(">II", png[16:24]))
+    # 300 dots per inch by default.
+    assert sizes[0][0] == pytest.approx(3 * sizes[1][0], abs=3)
+    assert sizes[0][1] == pytest.approx(3 * sizes[1][1], abs=3)
+
+
+def test_inspect_refuses_to_draw_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "empty.mcap"
+    with RecordingWriter(path, info=RecordingInfo(layout=RIGID_LAYOUT, origin="twin")):
+        pass
+    assert palpate("inspect", path, "--plot", tmp_path / "run.png") == 2
+    assert "no frame in it" in capsys.readouterr().err
+    assert not (tmp_path / "run.png").exists()

@@ -1,0 +1,74 @@
+"""`palpate serve` before it serves: what it refuses, and what it leaves alone."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from palpate.cli import build_app
+from palpate.cli.outcome import run
+
+
+@pytest.mark.parametrize(
+    ("options", "status", "said"),
+    [
+        (["--rig", "nowhere.toml"], 2, "no rig 'nowhere.toml'; there are: sim-rigid"),
+        (["--object", "moon"], 2, "no simulated object 'moon'; there are: ecoflex-10"),
+        (["--host", "0.0.0.0"], 2, "give a --token"),
+        (["--host", "[::]"], 2, "--host :: can be reached from other machines"),
+        (["--damage", "no.json"], 2, "damage file no.json: No such file or directory"),
+        (["--token", "short"], 2, "the token has 5 characters; give at least 8"),
+    ],
+)
+def test_what_cannot_be_served_is_refused_in_one_line(
+    options: list[str],
+    status: int,
+    said: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(build_app(), ["serve", *options], name="palpate") == status
+    error = capsys.readouterr().err
+    assert said in error
+    assert len(error.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_port_that_is_taken_is_named(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        command = [sys.executable, "-c", "from palpate.cli import main; main()", "serve"]
+        ended = subprocess.run(
+            [*command, "--port", port], capture_output=True, text=True, cwd=tmp_path, check=False
+        )
+    assert ended.returncode == 3
+    assert f"127.0.0.1:{port}: Address already in use" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+def test_nothing_but_serving_loads_the_web() -> None:
+    code = (
+        "import sys; from palpate.cli import build_app; build_app(); "
+        "print([name for name in ('nicegui', 'fastapi', 'uvicorn') if name in sys.modules])"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ended.stdout.strip() == "[]"
+
+
+def test_a_missing_extra_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("palpate.dashboard.server", "palpate.dashboard.access"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    for name in ("starlette", "starlette.datastructures", "fastapi", "nicegui", "uvicorn"):
+        monkeypatch.setitem(sys.modules, name, None)
+    assert run(build_app(), ["serve"], name="palpate") == 2
+    said = capsys.readouterr().err
+    assert "pip install 'palpate[dashboard]'" in said
+    assert said.count("\n") == 1

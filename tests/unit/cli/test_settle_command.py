@@ -1,0 +1,435 @@
+"""`palpate settle` as a user runs it: documents, tables, plots and refusals."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+import threading
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import typer
+from tests.pdf_fonts import check_fonts
+
+from palpate.cli import run, settle_report
+from palpate.cli.settle import settle
+from palpate.demo.recordings import write_recordings
+
+ROW_KEYS = [
+    *("hold_id", "channel", "method", "cutoff_s", "predicted", "low", "high", "settled"),
+    *("error_percent", "status"),
+]
+SUMMARY_KEYS = [
+    *("method", "cutoff_s", "holds", "median_abs_error_percent", "mean_abs_error_percent"),
+    *("p90_abs_error_percent", "median_error_of_remaining_percent", "coverage"),
+    "median_half_width_percent",
+]
+
+
+@pytest.fixture
+def holds_csv(tmp_path: Path) -> Path:
+    """Five falling holds of 21 s, one of 8 s, one constant and one of a single sample."""
+    random = np.random.default_rng(3)
+    lines = ["hold_id,time_s,value"]
+    for number in range(6):
+        time_s = np.arange(0, 8 if number == 5 else 21, 0.1)
+        values = 100 - (4 + number) * np.log(time_s + 0.4) + 0.05 * random.normal(size=time_s.size)
+        lines += [f"h{number},{t:.1f},{v:.4f}" for t, v in zip(time_s, values, strict=True)]
+    lines += [f"flat,{t / 10:.1f},7" for t in range(210)]
+    lines += ["single,0,3.5"]
+    path = tmp_path / "holds.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def ran(*arguments: object) -> int:
+    app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
+    app.command()(settle)
+    return run(app, [str(argument) for argument in arguments], name="palpate settle")
+
+
+def document(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict:
+    assert ran(*arguments, "--json") == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    assert captured.out.endswith("}\n")
+    return json.loads(captured.out, parse_constant=pytest.fail)
+
+
+def test_json_is_one_document_in_the_public_form(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = document(capsys, holds_csv)
+    assert list(found["rows"][0])[: len(ROW_KEYS)] == ROW_KEYS
+    assert list(found["summary"][0])[: len(SUMMARY_KEYS)] == SUMMARY_KEYS
+    assert [row["hold_id"] for row in found["rows"]] == [
+        *("h0", "h1", "h2", "h3", "h4", "h5", "flat", "single")
+    ]
+    assert {(row["method"], row["cutoff_s"]) for row in found["rows"]} == {("relaxation", 2.5)}
+    rows = {row["hold_id"]: row for row in found["rows"]}
+    assert rows["h5"]["settled"] is None
+    assert rows["h5"]["error_percent"] is None
+    assert rows["h5"]["predicted"] is not None
+    assert rows["flat"]["predicted"] == pytest.approx(7)
+    assert rows["flat"]["error_of_remaining_percent"] is None
+    assert rows["single"]["predicted"] == 3.5
+    assert found["summary"][0]["holds"] == 8
+    assert found["summary"][0]["holds_with_settled_value"] == 6
+
+
+def test_figures_are_what_they_are_called(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = document(capsys, holds_csv, "--method", "recorded", "--cutoff", "5", "--cutoff", "1")
+    rows = [row for row in found["rows"] if row["error_percent"] is not None]
+    for row in rows:
+        error = 100 * (row["predicted"] - row["settled"]) / abs(row["settled"])
+        assert row["error_percent"] == pytest.approx(error)
+        assert row["low"] is None
+    assert [entry["cutoff_s"] for entry in found["summary"]] == [5.0, 1.0]
+    errors = [abs(row["error_percent"]) for row in rows if row["cutoff_s"] == 5.0]
+    assert found["summary"][0]["median_abs_error_percent"] == pytest.approx(np.median(errors))
+    assert found["summary"][0]["median_error_of_remaining_percent"] == pytest.approx(100)
+    assert found["summary"][0]["coverage"] is None
+
+
+def test_several_files_and_methods_in_a_stable_order(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = (holds_csv, holds_csv, "--method", "exponential", "--method", "recorded")
+    first = document(capsys, *arguments)
+    assert first == document(capsys, *arguments)
+    assert len(first["rows"]) == 2 * 8 * 2
+    assert [row["method"] for row in first["rows"][:2]] == ["exponential", "recorded"]
+
+
+def test_fit_on_sets_intervals_and_leaves_values(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    methods = ("--method", "relaxation", "--method", "exponential", "--level", "0.5")
+    plain = document(capsys, holds_csv, *methods)
+    assert ran(holds_csv, *methods, "--fit-on", holds_csv, "--json") == 0
+    fitted = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert [r["high"] for r in plain["rows"][::2]] != [r["high"] for r in fitted["rows"][::2]]
+    assert {r["high"] for r in plain["rows"][1::2]} == {None}
+    assert any(r["high"] is not None for r in fitted["rows"][1::2])
+    assert [r["predicted"] for r in plain["rows"]] == [r["predicted"] for r in fitted["rows"]]
+
+
+def test_own_holds_teach_relaxation_alone(
+    holds_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = tmp_path / "own.csv"
+    own.write_bytes(holds_csv.read_bytes())
+    methods = ("--method", "relaxation", "--method", "exponential")
+    plain = document(capsys, holds_csv, *methods)
+    taught = document(capsys, holds_csv, *methods, "--learn-from", own)
+    errors = [
+        [
+            abs(r["error_percent"])
+            for r in found["rows"]
+            if r["method"] == "relaxation" and r["error_percent"] is not None
+        ]
+        for found in (plain, taught)
+    ]
+    assert np.median(errors[1]) < np.median(errors[0])
+    rivals = [
+        [r for r in found["rows"] if r["method"] == "exponential"] for found in (plain, taught)
+    ]
+    assert rivals[0] == rivals[1]
+
+
+def test_holds_to_learn_from_are_not_those_to_predict(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ran(holds_csv, "--learn-from", holds_csv) == 2
+    assert "scores on holds that were learned from mean nothing" in capsys.readouterr().err
+
+
+def test_few_calibration_holds_and_methods_without_intervals_are_named_on_stderr(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ran(holds_csv, "--fit-on", holds_csv) == 0
+    assert "holds reach 20 s; intervals from fewer than 20" in capsys.readouterr().err
+    assert ran(holds_csv, "--method", "recorded", "--until-half-width", "5") == 0
+    assert "recorded has no interval without --fit-on" in capsys.readouterr().err
+
+
+def test_until_half_width_reports_the_time_of_decision(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = document(capsys, holds_csv, "--until-half-width", "5")
+    [entry] = found["summary"]
+    decided = [row["cutoff_s"] for row in found["rows"] if row["decided"]]
+    assert entry["holds_decided"] == len(decided) >= 5
+    assert entry["median_decision_s"] == pytest.approx(np.median(decided))
+    assert entry["until_half_width_percent"] == 5.0
+    for row in found["rows"]:
+        if row["decided"]:
+            assert (row["high"] - row["low"]) / 2 <= 0.05 * abs(row["predicted"])
+
+
+def test_a_fixed_cutoff_may_stand_beside_the_decisions(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = document(capsys, holds_csv, "--until-half-width", "5", "--cutoff", "2.5")
+    assert ["median_decision_s" in entry for entry in found["summary"]] == [False, True]
+
+
+def test_out_writes_the_same_as_json_csv_and_parquet(
+    holds_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = document(capsys, holds_csv, "--out", tmp_path / "all.json")
+    assert json.loads((tmp_path / "all.json").read_text()) == found
+    document(capsys, holds_csv, "--out", tmp_path / "rows.parquet")
+    assert pq.read_table(tmp_path / "rows.parquet").to_pylist() == found["rows"]
+    document(capsys, holds_csv, "--out", tmp_path / "rows.csv")
+    with (tmp_path / "rows.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["hold_id"] for row in rows] == [row["hold_id"] for row in found["rows"]]
+    assert float(rows[0]["predicted"]) == found["rows"][0]["predicted"]
+    assert rows[5]["settled"] == ""
+
+
+def test_out_csv_has_no_cell_that_a_spreadsheet_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "holds.csv"
+    rows = [f"=1+1,{t},{9 - t / 50}" for t in range(210)]
+    path.write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
+    found = document(capsys, path, "--out", tmp_path / "rows.csv")
+    assert found["rows"][0]["hold_id"] == "=1+1"
+    with (tmp_path / "rows.csv").open() as stream:
+        assert next(csv.DictReader(stream))["hold_id"] == "'=1+1"
+
+
+@pytest.mark.parametrize("how", [["--cutoff", "2.5"], ["--until-half-width", "2.5"]])
+def test_milliseconds_are_noticed_once(
+    how: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "holds.csv"
+    rows = [f"{hold},{100 * t},{9 - t / 50}" for hold in "ab" for t in range(210)]
+    path.write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
+    assert ran(path, *how) == 0
+    said = capsys.readouterr().err
+    assert said.count("a sample every 100 s; time_s is in seconds, are these milliseconds?") == 1
+
+
+@pytest.mark.parametrize("read_by", ["argument", "--fit-on"])
+def test_out_never_writes_over_what_is_read(
+    read_by: str, holds_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other.csv"
+    other.write_bytes(holds_csv.read_bytes())
+    before = other.read_bytes()
+    read = (other,) if read_by == "argument" else (holds_csv, "--fit-on", other)
+    assert ran(*read, "--out", tmp_path / "." / "other.csv") == 2
+    assert "would be lost" in capsys.readouterr().err
+    assert other.read_bytes() == before
+
+
+@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
+def test_plot_is_drawn(holds_csv: Path, tmp_path: Path, ending: str) -> None:
+    plot = tmp_path / f"plot.{ending}"
+    assert ran(holds_csv, "--method", "relaxation", "--method", "recorded", "--plot", plot) == 0
+    magic = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[ending]
+    assert plot.read_bytes().startswith(magic)
+    if ending == "pdf":
+        check_fonts(plot)
+
+
+def test_tables_for_people(holds_csv: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert ran(holds_csv, "--until-half-width", "5", "--method", "relaxation") == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    for said in ("Value predicted for 20 s", "relaxation", "in 90%", "± fell below 5 %", "h5"):
+        assert said in captured.out
+
+
+def test_values_are_shown_with_their_units(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_recordings(tmp_path)
+    assert ran(tmp_path / "ohm.csv", "--cutoff", "1", "--cutoff", "2.5") == 0
+    assert "Value in ohm predicted for 20 s by relaxation: 8 predictions" in capsys.readouterr().out
+    divider = ("--adc-bits", "10", "--reference-ohm", "4700", "--sensor-leg", "upper")
+    assert ran(tmp_path / "counts.csv", *divider) == 0
+    assert "Value in ohm predicted" in capsys.readouterr().out
+    assert ran(tmp_path, "--out", tmp_path / "all.json") == 0
+    heads = next(line for line in capsys.readouterr().out.splitlines() if "cut-off" in line)
+    assert heads.split()[:4] == ["hold", "cut-off", "predicted", "unit"]
+    rows = json.loads((tmp_path / "all.json").read_text())["rows"]
+    assert {row["unit"] for row in rows} == {"ohm", "counts"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (
+            ["--method", "magic"],
+            "no method 'magic'; there are: recorded, exponential, log_law, log_law_early",
+        ),
+        (["--cutoff", "0"], "--cutoff 0"),
+        (["--cutoff", "nan"], "--cutoff nan"),
+        (["--cutoff", "21"], "not after the horizon (20 s)"),
+        (["--cutoff", "soon"], "--cutoff"),
+        (["--level", "1"], "--level 1"),
+        (["--level", "0"], "--level 0"),
+        (["--horizon", "-3"], "--horizon -3"),
+        (["--horizon", "inf"], "--horizon inf"),
+        (["--until-half-width", "0"], "--until-half-width 0"),
+        (["--plot", "plot.bmp"], "a plot ends in"),
+        (["--plot", "nowhere/plot.png"], "no folder nowhere"),
+        (["--plot", "plot.svg", "--dpi", "600"], "only .png has dots"),
+        (["--dpi", "600"], "it is for --plot"),
+        (["--plot", "plot.png", "--dpi", "1"], "--dpi"),
+        (["--out", "rows.txt"], ".json, .csv or .parquet"),
+        (["--out", "nowhere/rows.csv"], "a folder that exists"),
+        (["--fit-on", "nowhere.csv"], "nowhere.csv: no such file"),
+        (["--bogus"], "--bogus"),
+    ],
+)
+def test_bad_options_are_one_line_and_status_2(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+) -> None:
+    assert ran(holds_csv, *arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert said in captured.err
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "the file is empty"),
+        (b"hold_id,value\na,1\n", "line 1: no column time_s"),
+        (b"hold_id,time_s,value\na,0,1\na,1,nan\n", "line 3: value is 'nan', not a finite number"),
+        (b"hold_id,time_s,value\na,0,1\na,1,oops\n", "line 3: value is 'oops'"),
+        (b"hold_id,time_s,value\na,1,1\na,0,1\n", "line 3: time goes backwards in hold a"),
+        (bytes(range(256)) * 8, "not a text file"),
+    ],
+)
+def test_bad_files_are_one_line_and_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes, said: str
+) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_bytes(content)
+    out = tmp_path / "never.json"
+    assert ran(path, "--json", "--out", out) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert f"{path}" in captured.err
+    assert said in captured.err
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("header", "hold"), [("hold_id,time_s,value", "A,"), ("time_s,percent", "")]
+)
+def test_values_too_large_to_work_with_are_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], header: str, hold: str
+) -> None:
+    rows = (f"{hold}{number / 20},{(-1) ** number * 1.7e308}" for number in range(400))
+    path = tmp_path / "huge.csv"
+    path.write_text("\n".join((header, *rows)))
+    assert ran(path, "--plot", tmp_path / "plot.png") == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert f"{path}" in said
+
+
+def test_a_pipe_is_read_once_and_refused_where_it_would_be_read_twice(
+    holds_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    assert ran(pipe, "--plot", tmp_path / "plot.png") == 2
+    assert "a pipe can be read only once" in capsys.readouterr().err
+    writer = threading.Thread(target=lambda: pipe.write_bytes(holds_csv.read_bytes()))
+    writer.start()
+    found = document(capsys, pipe)
+    writer.join()
+    assert len(found["rows"]) == 8
+
+
+def test_a_folder_and_no_file_at_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert ran(tmp_path) == 2
+    assert "a folder" in capsys.readouterr().err
+    assert ran() == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_real_holds_give_finite_predictions(
+    real_data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = document(capsys, real_data / "holds_cbsilicone.csv.gz", "--cutoff", "2.5")
+    assert len(found["rows"]) == found["summary"][0]["holds"] == 131
+    assert all(row["predicted"] is not None for row in found["rows"])
+    assert all(row["settled"] is not None for row in found["rows"])
+
+
+@pytest.mark.parametrize("columns", [60, 80])
+def test_a_narrow_terminal_has_every_column(
+    holds_csv: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    columns: int,
+) -> None:
+    monkeypatch.setattr(settle_report, "PIPED_WIDTH", columns)
+    assert ran(holds_csv) == 0
+    lines = capsys.readouterr().out.splitlines()
+    heads = [line.split() for line in lines if "cut-off" in line]
+    assert heads[0] == ["hold", "cut-off", "predicted", "±", "settled", "error", "status"]
+    scores = ["method", "cut-off", "holds", "median", "mean", "p90", "of", "rest", "in", "90%", "±"]
+    assert heads[1] == scores
+    assert sum(line.rstrip().endswith(" ok") for line in lines) >= 5
+    assert all(len(line) <= columns for line in lines)
+
+
+def test_mean_of_the_columns_is_predicted_as_one_hold(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    time_s = np.arange(0, 26, 0.1)
+    fall = np.where(time_s > 3, 0.5 - 0.1 * np.exp(-(time_s - 3) / 2), 0.0)
+    rows = [
+        f"{t:.1f},{1e3 * (1 - f):.2f},{9e3 * (1 - 0.4 * f):.2f}"
+        for t, f in zip(time_s, fall, strict=True)
+    ]
+    path = tmp_path / "pixels.csv"
+    path.write_text("\n".join(["time_s,a_ohm,b_ohm", *rows]) + "\n")
+    options = ("--rest", "0:2.5", "--mean", "--method", "exponential")
+    (row,) = document(capsys, path, *options)["rows"]
+    assert row["hold_id"] == "pixels:mean change:1"
+    assert row["predicted"] == pytest.approx(-35.0, abs=0.2)
+    for wrong, words in (
+        (["--mean"], "give --rest START:END too"),
+        (["--rest", "3"], "give START:END in seconds"),
+        (["--rest", "0:2", "--unit", "percent"], "relative changes of ohm"),
+    ):
+        assert ran(path, *wrong) == 2
+        assert words in capsys.readouterr().err
+
+
+def test_rows_and_summary_of_one_hold_agree(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    time_s = np.arange(0, 21, 0.1)
+    values = 40.0 + 8.0 * np.exp(-time_s / 4.0)
+    rows = [f"h1,{time:.1f},{value:.6f}" for time, value in zip(time_s, values, strict=True)]
+    path = tmp_path / "one.csv"
+    path.write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
+    assert ran(path, "--method", "relaxation", "--method", "recorded") == 0
+    shown = capsys.readouterr().out
+    assert "relaxation: 1 hold\n" in re.sub(r" +\n", "\n", shown)
+    # The half-width is of the settled value in both tables.
+    (row,) = re.findall(r"h1 .* ([\d.]+) % +[\d.]+\.\.", shown)
+    (summary,) = re.findall(r"relaxation +2.5 s .* ([\d.]+) *\n", shown)
+    assert float(row) == pytest.approx(float(summary), abs=0.06)
+    # Each method's statuses are counted apart, so that they add up to its holds.
+    assert re.search(r"Status of relaxation: 1 \w+\nStatus of recorded: 1 \w+\n", shown)
