@@ -24,7 +24,7 @@ from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import String
 
 from palpate.recording import load_recording
-from palpate.recording.exporting import recorded_holds
+from palpate.recording.exporting import cut_recorded_holds
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -113,7 +113,7 @@ def test_a_bag_becomes_a_recording(
     assert recording.info.gripper is not None
     sent = np.array([np.frombuffer(bytes(m.data), "<u2") for m in heard["/palpate_gripper/counts"]])
     assert (recording.counts.reshape(sent.shape) == sent).all()
-    assert any(hold.channel == "mean" for hold in recorded_holds(recording))
+    assert any(hold.channel == "mean" for hold in cut_recorded_holds(recording))
     holds = tmp_path / "holds.csv"
     for command in (
         ["export", str(out), "--holds", "--out", str(holds)],
