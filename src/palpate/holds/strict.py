@@ -132,9 +132,15 @@ def _text_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterato
         for rows, places in split_rows(
             lines, separator=separator, first_number=2, name=name, strict=True
         ):
-            odd = next((at for at, row in enumerate(rows) if _is_odd(row, len(names))), None)
-            whole = [at for at, row in enumerate(rows[:odd]) if len(row) == len(names)]
-            parts = zip(*[rows[at] for at in whole], strict=True)
+            full, odd = rows, None
+            whole: Sequence[int] = range(len(rows))
+            if set(map(len, rows)) != {len(names)}:
+                # Blank lines have no fields.
+                filled = [at for at, row in enumerate(rows) if any(f.strip() for f in row)]
+                odd = next((at for at in filled if len(rows[at]) != len(names)), None)
+                whole = [at for at, row in enumerate(rows[:odd]) if len(row) == len(names)]
+                full = [rows[at] for at in whole]
+            parts = zip(*full, strict=True)
             cells = {n: part for n, part in zip(names, parts, strict=False) if n in kinds}
             if mark is None:
                 signs = "".join(chain(*(cells[n] for n in cells if kinds[n] != "text")))
@@ -153,11 +159,6 @@ def _text_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterato
                     f"{name} line {places[odd]}: {len(rows[odd])} fields where the header has "
                     f"{len(names)} ({','.join(names)}); fix or remove the line"
                 )
-
-
-def _is_odd(row: Sequence[str], width: int) -> bool:
-    """Return whether a row has another number of fields than the header; blank lines have none."""
-    return len(row) != width and any(field.strip() for field in row)
 
 
 def _line_of(places: Sequence[int], rows: Sequence[int], at: int) -> str:
@@ -193,6 +194,7 @@ def _parquet_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iter
                     cells[column] = ["" if cell is None else str(cell) for cell in cells[column]]
                 else:
                     numbers[column] = piece.columns[column].astype(np.float64)
+                    numbers[column][~is_usable(numbers[column])] = np.nan
             yield _check_cells(cells, numbers, kinds, name=name, place=piece.place)
 
 
@@ -207,7 +209,7 @@ def _check_cells(
     """Return cells as a table; refuse the first row with one that is no number and should be."""
     faults: list[tuple[int, str]] = []
     for column, values in numbers.items():
-        wrong = np.flatnonzero(~is_usable(values)).tolist()
+        wrong = np.flatnonzero(np.isnan(values)).tolist()
         if kinds[column] == "number or empty":
             wrong = [at for at in wrong if str(cells[column][at] or "").strip()]
         faults += [(at, column) for at in wrong[:1]]

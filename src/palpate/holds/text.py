@@ -155,11 +155,16 @@ def numbers_of(fields: Sequence[str], *, comma: bool) -> FloatArray:
             raise ValueError("underscore in a number")
         numbers = np.fromiter(map(float, fields), dtype=np.float64, count=len(fields))
     except ValueError:
-        if len(fields) == 1:
-            return np.array([np.nan])
-        return np.concatenate([numbers_of([field], comma=False) for field in fields])
+        numbers = np.array([_number(field) for field in fields])
     numbers[~is_usable(numbers)] = np.nan
     return numbers
+
+
+def _number(field: str) -> float:
+    try:
+        return float("nan") if "_" in field else float(field)
+    except ValueError:
+        return float("nan")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -309,6 +314,9 @@ def gather_rows(
             ]
             rows, numbers = [rows[at][:width] for at in whole], [numbers[at] for at in whole]
         for column, fields in zip(names, zip(*rows, strict=True), strict=False):
+            if column in texts:
+                columns[column].append(np.array(fields, dtype=object))
+                continue
             parsed = numbers_of(fields, comma=layout.comma)
             odd = [
                 numbers[at]
@@ -317,8 +325,10 @@ def gather_rows(
             ]
             if not kept and 2 * len(odd) >= len(fields):
                 texts.add(column)
-            strange[column] += odd
-            columns[column].append(np.array(fields, object) if column in texts else parsed)
+                columns[column].append(np.array(fields, dtype=object))
+            else:
+                strange[column] += odd
+                columns[column].append(parsed)
         kept += numbers
     left_out = refuse_or_report(bad, total=len(kept) + len(bad), name=name)
     if not kept:
@@ -327,7 +337,7 @@ def gather_rows(
         f"{column}: {len(odd)} fields are not numbers and count as missing (first at {word} "
         f"{odd[0]})"
         for column, odd in strange.items()
-        if odd and column not in texts
+        if odd
     ]
     return Table(
         name=name,
