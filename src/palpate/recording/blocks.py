@@ -18,7 +18,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Metadata, Schema
+from mcap.records import Channel, Message, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 
 from palpate.errors import RecordingError
@@ -34,18 +34,7 @@ _WANTED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.M
 MALFORMED = (struct.error, McapError, ValueError, OverflowError)
 
 
-@dataclass(frozen=True, slots=True)
-class RawMessage:
-    """A message as it lies in the file; its data are still encoded."""
-
-    channel_id: int
-    sequence: int
-    log_time: int
-    publish_time: int
-    data: bytes
-
-
-McapRecord = Schema | Channel | Metadata | RawMessage
+McapRecord = Schema | Channel | Metadata | Message
 
 
 @dataclass(slots=True, kw_only=True)
@@ -126,7 +115,7 @@ def _record(opcode: int, body: bytes) -> McapRecord:
     if opcode == Opcode.MESSAGE:
         channel_id, sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(body)
         data = body[_MESSAGE_HEAD.size :]
-        return RawMessage(channel_id, sequence, log_time, publish_time, data)
+        return Message(channel_id, log_time, data, publish_time, sequence)
     kinds: dict[int, type[Channel | Schema | Metadata]] = {
         Opcode.CHANNEL: Channel,
         Opcode.SCHEMA: Schema,

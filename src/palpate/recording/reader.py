@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from mcap.records import Channel, Metadata
+from mcap.records import Channel, Message, Metadata
 from numpy.typing import NDArray
 
 from palpate.errors import RecordingError
 from palpate.gripper.interface import GripperState
-from palpate.recording.blocks import FileState, RawMessage, read_blocks
+from palpate.recording.blocks import FileState, read_blocks
 from palpate.recording.channels import METADATA_NAME, RecordedMessage, decode, decode_info
 from palpate.recording.contents import Event, GripperTrack, LoadCells, Recording, RecordingInfo
 from palpate.sensor.array import Frame
@@ -74,7 +74,7 @@ class RecordingReader:
             for record in block:
                 if isinstance(record, Channel):
                     topics[record.id] = record.topic
-                elif isinstance(record, RawMessage):
+                elif isinstance(record, Message):
                     message = self._decode(record, topic=topics.get(record.channel_id, ""))
                     if message is not None:
                         yield message
@@ -89,7 +89,7 @@ class RecordingReader:
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _decode(self, record: RawMessage, *, topic: str) -> RecordedMessage | None:
+    def _decode(self, record: Message, *, topic: str) -> RecordedMessage | None:
         try:
             return decode(topic, record.data, layout=self.info.layout)
         except RecordingError as error:
