@@ -8,8 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.estimate.measurement import Measurement
-from palpate.produce.identify.features import FeaturePoint
-from palpate.produce.identify.identifier import UNKNOWN, Identifier, Identity, TaughtItem
+from palpate.produce.identify.identifier import (
+    UNKNOWN,
+    FeaturePoint,
+    Identifier,
+    Identity,
+    TaughtItem,
+)
 from palpate.produce.sorting.conditions import Evidence, OneOf, Within
 from palpate.produce.sorting.rules import Rule, RuleBook, decide
 

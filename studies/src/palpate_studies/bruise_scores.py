@@ -12,8 +12,7 @@ from scipy.stats import rankdata
 
 from palpate.arrays import FloatArray
 from palpate.errors import needing
-from palpate.produce.bruise.learning import learn_bruises
-from palpate.produce.bruise.model import REFERENCES, BruiseModel
+from palpate.produce.bruise.model import REFERENCES, BruiseModel, learn_bruises
 from palpate.produce.bruise.shape import contrast, finger_contrast, slopes
 from palpate_studies.bootstrap import bootstrap_interval
 from palpate_studies.bruise_data import CUTOFFS_S, EARLY_S, SIDES_AROUND, Examined

@@ -22,8 +22,7 @@ from palpate.produce.bruise.items import (
     learn_from,
     telling,
 )
-from palpate.produce.bruise.learning import learn_bruises
-from palpate.produce.bruise.model import BruiseModel, Example, Place, default_model
+from palpate.produce.bruise.model import BruiseModel, Example, Place, default_model, learn_bruises
 from palpate.produce.bruise.shape import shape_of
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store

@@ -9,8 +9,15 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
-from palpate.produce.identify.features import FeaturePoint, put_together, touch_of
-from palpate.produce.identify.identifier import UNKNOWN, Identifier, TaughtItem, as_labelled
+from palpate.produce.identify.identifier import (
+    UNKNOWN,
+    FeaturePoint,
+    Identifier,
+    TaughtItem,
+    as_labelled,
+    put_together,
+    touch_of,
+)
 
 #: ln of size and stiffness of two kinds that differ in size, and one that differs in stiffness.
 KINDS = {"small": (3.2, 1.0), "large": (4.1, 1.0), "hard": (4.1, 2.5)}

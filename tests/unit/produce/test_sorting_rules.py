@@ -10,8 +10,13 @@ import pytest
 
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
-from palpate.produce.identify.features import FeaturePoint
-from palpate.produce.identify.identifier import UNKNOWN, Identifier, Identity, TaughtItem
+from palpate.produce.identify.identifier import (
+    UNKNOWN,
+    FeaturePoint,
+    Identifier,
+    Identity,
+    TaughtItem,
+)
 from palpate.produce.records import About, Grasp, Verdict
 from palpate.produce.sorting.conditions import Evidence, OneOf, Within
 from palpate.produce.sorting.hand import TimedGrasp

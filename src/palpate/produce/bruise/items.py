@@ -20,8 +20,7 @@ from palpate.produce.bruise.judge import (
     apart_deg,
     judge_sides,
 )
-from palpate.produce.bruise.learning import learn_bruises
-from palpate.produce.bruise.model import REFERENCES, BruiseModel, Example
+from palpate.produce.bruise.model import REFERENCES, BruiseModel, Example, learn_bruises
 from palpate.produce.bruise.shape import LoadShape, middle_of, shape_of
 from palpate.produce.records import About, Grasp, Source, Verdict
 

@@ -9,19 +9,17 @@ from typing import TYPE_CHECKING
 
 from palpate.errors import InputError
 from palpate.grasp.result import Outcome
-from palpate.produce.identify.features import (
-    PRESSURE_FEATURES,
-    WIDTH_FEATURES,
-    FeaturePoint,
-    touch_of,
-)
 from palpate.produce.identify.identifier import (
     FALSE_REJECT,
     FEWEST_ITEMS,
+    PRESSURE_FEATURES,
     UNKNOWN,
+    WIDTH_FEATURES,
+    FeaturePoint,
     Identifier,
     Identity,
     TaughtItem,
+    touch_of,
 )
 from palpate.produce.records import About, Drive, Grasp, Source, Verdict
 

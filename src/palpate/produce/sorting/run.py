@@ -8,8 +8,7 @@ from datetime import datetime
 
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
-from palpate.produce.identify.features import put_together
-from palpate.produce.identify.identifier import Identifier, Identity, as_labelled
+from palpate.produce.identify.identifier import Identifier, Identity, as_labelled, put_together
 from palpate.produce.identify.items import touches_of
 from palpate.produce.records import About, Drive, Grasp, Verdict
 from palpate.produce.sorting.conditions import Evidence

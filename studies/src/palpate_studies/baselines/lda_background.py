@@ -13,10 +13,10 @@ import numpy as np
 from scipy.stats import multivariate_normal
 
 from palpate.arrays import FloatArray
-from palpate.produce.identify.features import FeaturePoint
 from palpate.produce.identify.identifier import (
     FALSE_REJECT,
     UNKNOWN,
+    FeaturePoint,
     Identifier,
     Identity,
     TaughtItem,
