@@ -1,8 +1,8 @@
 """Screenshots of the dashboard for docs/images: `python docs/generate_dashboard.py`.
 
 A simulated strawberry is grasped and held; the whole page and the operator view are pictured,
-light and dark, then the page after a force calibration that was stopped. Needs Chromium
-(`apt-get install chromium`) and `pip install 'palpate[dev]'`.
+light and dark, with the bin that a rule gives it, then the page after a force calibration that was
+stopped. Needs Chromium (`apt-get install chromium`) and `pip install 'palpate[dev]'`.
 """
 
 from __future__ import annotations
@@ -21,6 +21,12 @@ from playwright.sync_api import Browser, Page, expect, sync_playwright
 CHROMIUM = "/usr/bin/chromium"
 VIEWS = {"dashboard-wide": "", "operate-wide": "operate"}
 SIZE = {"width": 1280, "height": 800}
+#: Bins by size; the strawberry of the pictures is of 37 mm.
+RULES = """default = "by hand"
+[[rule]]
+bin = "large"
+size_mm = [35, 60]
+"""
 
 
 @contextmanager
@@ -36,7 +42,9 @@ def served(folder: Path) -> Iterator[str]:
         "--object",
     ]
     command += ["strawberry", "--seed", "3", "--speed", "5", "--folder", str(folder)]
-    command += ["--store", str(folder / "items.sqlite")]
+    rules = folder / "rules.toml"
+    rules.write_text(RULES)
+    command += ["--store", str(folder / "items.sqlite"), "--rules", str(rules)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
@@ -62,13 +70,13 @@ def pictures(browser: Browser, address: str, out: Path) -> None:
     driver.locator("#grasp").click()
     driver.wait_for_function("+document.querySelector('#band')?.dataset.count > 0")
     driver.get_by_role("button", name="1×").click()
-    expect(driver.locator("#verdict-text")).to_have_text("holding", timeout=60_000)
+    expect(driver.locator("#verdict-text")).to_have_text("large", timeout=60_000)
     driver.mouse.move(640, 20)
     driver.wait_for_function("+document.querySelector('#band')?.dataset.count > 30")
     for name, page in pages.items():
         page.screenshot(path=out / f"{name}.png")
     driver.locator("#release").click()
-    expect(driver.locator("#verdict-text")).to_contain_text("held", timeout=60_000)
+    expect(driver.locator("#grasp")).to_be_enabled(timeout=60_000)
     calibrate_and_stop(driver)
     for shade in ("light", "dark"):
         page = pages[f"dashboard-wide-{shade}"]

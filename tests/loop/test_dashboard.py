@@ -159,11 +159,13 @@ def test_a_grasp_narrows_its_band_and_says_a_verdict(driver: Page) -> None:
     expect(driver.locator("#band-settles")).to_contain_text("settles at −")
     expect(driver.locator(".move").first).to_be_attached()
     expect(driver.locator("#simulated")).to_be_visible()
-    forecast_ends = "Math.max(...Array.from(document.querySelector('#band').points, p => p.x))"
     release(driver)
     verdict(driver, "held and given back")
     # The forecast is of the hold, and ends where the hand opens.
-    driver.wait_for_function(f"{forecast_ends} < document.querySelector('#curve').clientWidth - 60")
+    driver.wait_for_function(
+        "Math.max(...Array.from(document.querySelector('#band').points, (p) => p.x))"
+        " <= +document.querySelector('#curve line[data-name=held]').getAttribute('x1') + 1"
+    )
     expect(driver.locator("#verdict")).to_have_attribute("data-kind", "good")
     # The clock of the page is real, so the same squeeze ends in a bound or in a number.
     answer = json.loads(driver.evaluate("fetch('/api/result').then(reply => reply.text())"))
@@ -176,6 +178,11 @@ def test_a_grasp_narrows_its_band_and_says_a_verdict(driver: Page) -> None:
     expect(driver.locator("#verdict .firm")).to_have_text(answer["verdict"]["firmness"])
     for name in ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent"):
         expect(driver.locator(f"#measure-{name} .range")).to_contain_text("true")
+    # The grasp that ended stays in sight whole, however long the page then watches.
+    marks = "document.querySelector('#curve line[data-name=contact]').getAttribute('x1')"
+    at, begun = driver.evaluate(marks), driver.evaluate("+document.body.dataset.drawn")
+    driver.wait_for_function("(begun) => +document.body.dataset.drawn > begun + 40", arg=begun)
+    assert driver.evaluate(marks) == at
 
 
 def test_newtons_are_of_now_and_marked_by_the_controller(driver: Page) -> None:
@@ -277,6 +284,7 @@ def test_a_second_viewer_watches_stops_and_takes_over_explicitly(
     second.locator("#take-over").click()
     expect(second.locator("#who")).to_contain_text("you drive")
     expect(driver.locator("#who")).to_have_text("you watch")
+    expect(driver.get_by_text("Someone else drives now")).to_be_visible()
     expect(driver.locator("#release")).to_be_disabled()
     release(second)
 

@@ -132,9 +132,14 @@ def _header(
         shade.classes("btn plain small").props("flat id=shade")
         shade.props["aria-label"] = "Light or dark"
 
+    was_mine = [False]
+
     def drives() -> None:
         """Show who drives, how many watch, and the button to take over."""
         mine = viewer.drives
+        if was_mine[0] and not mine:
+            ui.notify("Someone else drives now", type="warning")
+        was_mine[0] = mine
         others = len(app_state.session.viewers) - 1 if mine else 0
         watchers = f"{others} watch{'es' if others == 1 else ''}" if others else ""
         nobody = "nobody drives" if app_state.session.driver is None else "you watch"

@@ -3,8 +3,8 @@ import { $, handState, seen } from "/static/poll.js";
 import { keptAt, zeroOf } from "/static/compare.js";
 import { fixed, range, t } from "/static/words.js";
 
-// A grasp that ended stays in sight with its last seconds, as long as the curve is kept.
-const WINDOW_S = 30, LAST_S = 20, POINTS = 400;
+// A grasp that ended stays in sight whole, from before its contact to after its release.
+const WINDOW_S = 30, BEFORE_S = 2, AFTER_S = 3, POINTS = 400;
 // A pixel that comes loose reads a hundred times its rest value: it must not flatten everything else.
 const HIGHEST = 100;
 const BOX = { l: 46, r: 12, t: 18, b: 26 };
@@ -21,13 +21,14 @@ function ticks(low, high, most) {
 
 // What both curves share: the window of time, and what happened in it.
 function shared(doc) {
-  const last = seen.curve.length ? seen.curve[seen.curve.length - 1][0] : 0, first = seen.curve.length ? seen.curve[0][0] : 0;
+  const newest = seen.curve.length ? seen.curve[seen.curve.length - 1][0] : 0, first = seen.curve.length ? seen.curve[0][0] : 0;
   const grasp = doc.replay ? doc.replay.grasp : doc.grasp, zero = zeroOf(doc);
   const touched = Boolean(grasp && grasp.touched_s !== null), kept = keptAt(zero, touched);
-  const ended = doc.activity === "watching" && grasp?.moments.length ? grasp.moments.at(-1)[0] - LAST_S : last;
-  const start = doc.replay ? Math.min(first, kept[0]?.[0] ?? first) : Math.max(first, Math.min(last - WINDOW_S, ended));
-  const end = doc.replay ? Math.max(last, kept.at(-1)?.[0] ?? last) : Math.max(last, start + WINDOW_S);
-  const all = seen.curve.filter(([time]) => time >= start), every = Math.max(1, Math.ceil(all.length / POINTS));
+  const until = !doc.replay && doc.activity === "watching" && touched && grasp.moments.length ? grasp.moments.at(-1)[0] + AFTER_S : null;
+  const last = until === null ? newest : Math.min(newest, until);
+  const start = doc.replay ? Math.min(first, kept[0]?.[0] ?? first) : Math.max(first, until === null ? newest - WINDOW_S : zero - BEFORE_S);
+  const end = doc.replay ? Math.max(last, kept.at(-1)?.[0] ?? last) : (until ?? Math.max(last, start + WINDOW_S));
+  const all = seen.curve.filter(([time]) => time >= start && time <= last), every = Math.max(1, Math.ceil(all.length / POINTS));
   // Every so many by their number in time, so that a curve does not shimmer as it moves.
   const curve = all.filter(([time], i) => i === all.length - 1 || Math.round(time * 50) % every === 0);
   const moments = (grasp ? grasp.moments : []).filter(([time]) => time >= start);
