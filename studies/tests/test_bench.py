@@ -57,7 +57,7 @@ def test_a_peer_that_is_missing_is_named_with_its_remedy(tmp_path, capsys) -> No
 
 def test_an_unknown_benchmark_names_those_there_are(capsys) -> None:
     assert bench_with(["warp"]) == 2
-    assert "no benchmark 'warp'; there are: all, crosstalk" in capsys.readouterr().err
+    assert "no bench 'warp'; there are: all, crosstalk" in capsys.readouterr().err
 
 
 def test_help_shows_an_example(capsys) -> None:

@@ -110,7 +110,8 @@ def test_figure_fits_a_page_and_has_letters_units_and_editable_fonts(
         letter_panels(figure)
         letters = [text.get_text() for axis in figure.axes for text in axis.texts]
         assert letters[: len(figure.axes)] == list("abcdef")[: len(figure.axes)] or not letters
-        assert UNIT.search(figure.axes[0].get_ylabel()), figure.axes[0].get_ylabel()
+        said = [figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()]
+        assert any(map(UNIT.search, said)), said
         save_figure(figure, tmp_path / "figure.pdf")
         check_fonts(tmp_path / "figure.pdf")
 

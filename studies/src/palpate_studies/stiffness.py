@@ -114,7 +114,7 @@ def report(
                 },
             )
         ],
-        payload={"summary": summary, "rows": [as_row(one) for one in found]},
+        payload={"study": "stiffness", "summary": summary, "rows": [as_row(one) for one in found]},
     )
 
 

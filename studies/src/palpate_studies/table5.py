@@ -140,6 +140,7 @@ def report(
         ),
         tables=[error_table(rows, grasps=count)],
         payload={
+            "study": "table5",
             "rows": rows,
             "misfit": misfit,
             "contradictions": excluded,
