@@ -343,6 +343,8 @@ def test_what_is_wanted_outlives_a_reload_and_is_the_same_for_all(
             other.get_by_label("Next item").fill("berry-10")
         page.reload()
         expect(page.get_by_label("Item (empty: not stored)")).to_have_value("berry-10")
+        # Only who drives can change them, and the other took over.
+        drive(page)
         field = page.get_by_label("Target force, N (empty: a gentle squeeze)")
         expect(field).to_have_value("3")
         for name in ("Target force, N (empty: a gentle squeeze)", "Item (empty: not stored)"):
