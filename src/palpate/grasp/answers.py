@@ -202,6 +202,7 @@ def _contact_point(estimate: ContactEstimate, plan: Plan, give: Compliance) -> C
     width, felt, read = _read(steps, estimate, plan)
     # Below the weakest reading of the calibration the law can't distinguish forces.
     weakest_n = float(plan.early_law.force_n(plan.early_law.range[0]).value)
+    felt &= read.value > SETTLE.felt_fraction * weakest_n
     if felt.sum() < 2:
         return None
     force = np.where(felt, read.value, 0.0)

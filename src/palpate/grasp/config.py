@@ -152,6 +152,7 @@ class Settle:
     since_sd : 0.03 to 0.1 ln, paper. Gain changes after calibration.
     relaxed : 0.85 to 1 1, twin. Of the closing force left at 20 s.
     relaxed_sd : 0.02 to 0.1 ln, twin. Scatter of that.
+    felt_fraction : 0.3 to 1 1, guess. Of the calibration's faintest force that counts.
     kept_factor : 1.5 to 3 1, guess. A reading of what is held changes by no more until 20 s.
     least_read : 0.1 to 0.5 1, guess.
         Of a step's force that its unseen threshold may take away, at most.
@@ -169,6 +170,7 @@ class Settle:
     since_sd: float = 0.05
     relaxed: float = 0.96
     relaxed_sd: float = 0.03
+    felt_fraction: float = 0.5
     kept_factor: float = 2.0
     least_read: float = 0.3
     haste_sd: float = 0.12
