@@ -26,7 +26,7 @@ from asyncua import Client
 from pymodbus.client import AsyncModbusTcpClient
 from tests.loop.test_dashboard import SIMULATED, served
 from tests.loop.test_dashboard_api import Machine
-from tests.loop.test_line import OpcUa, free_port, reach, registers
+from tests.loop.test_line import PATIENCE_S, OpcUa, free_port, reach, registers
 
 from palpate.line import modbus
 from palpate.line.machine import LineState
@@ -51,7 +51,7 @@ def age_ms(document: dict[str, Any]) -> float:
 
 async def shift_over_opcua(address: str, machine: Machine, *, items: int) -> None:
     differ, late_ms = 0, []
-    async with Client(address) as client:
+    async with Client(address, watchdog_intervall=PATIENCE_S) as client:
         hand = OpcUa(client)
         await hand.call("TakeOver")
         for number in range(items):

@@ -113,7 +113,7 @@ async def reach(client: AsyncModbusTcpClient, state: LineState) -> None:
 
 def test_opcua_grasp_gives_the_result_that_http_gives(station: Served) -> None:
     async def work() -> tuple[dict[str, Any], float, str]:
-        async with Client(station.opcua, timeout=PATIENCE_S) as client:
+        async with Client(station.opcua, watchdog_intervall=PATIENCE_S) as client:
             hand = OpcUa(client)
             await hand.call("TakeOver")
             await hand.reach("idle")
@@ -182,7 +182,7 @@ def test_modbus_wrong_command_and_address_are_exceptions_with_a_reason(station: 
 
 def test_opcua_wrong_force_is_refused_with_a_status_and_a_reason(station: Served) -> None:
     async def work() -> str:
-        async with Client(station.opcua, timeout=PATIENCE_S) as client:
+        async with Client(station.opcua, watchdog_intervall=PATIENCE_S) as client:
             hand = OpcUa(client)
             await hand.call("TakeOver")
             await hand.reach("idle")
@@ -204,7 +204,7 @@ def test_opcua_wrong_force_is_refused_with_a_status_and_a_reason(station: Served
 def test_two_clients_only_the_driver_grasps_and_anyone_stops(station: Served) -> None:
     async def work() -> None:
         async with (
-            Client(station.opcua, timeout=PATIENCE_S) as client,
+            Client(station.opcua, watchdog_intervall=PATIENCE_S) as client,
             AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as other,
         ):
             hand = OpcUa(client)
@@ -230,7 +230,7 @@ def test_two_clients_only_the_driver_grasps_and_anyone_stops(station: Served) ->
 
 def test_opcua_state_after_a_command_is_the_new_one_at_once(station: Served) -> None:
     async def work() -> list[str]:
-        async with Client(station.opcua, timeout=PATIENCE_S) as client:
+        async with Client(station.opcua, watchdog_intervall=PATIENCE_S) as client:
             hand = OpcUa(client)
             await hand.call("TakeOver")
             await hand.reach("idle")
@@ -247,7 +247,7 @@ def test_opcua_state_after_a_command_is_the_new_one_at_once(station: Served) -> 
 
 
 async def begin_over_opcua(station: Served) -> None:
-    async with Client(station.opcua, timeout=PATIENCE_S) as client:
+    async with Client(station.opcua, watchdog_intervall=PATIENCE_S) as client:
         hand = OpcUa(client)
         await hand.call("TakeOver")
         await hand.reach("idle")
@@ -269,7 +269,7 @@ def test_client_lost_while_the_hand_closes_leaves_the_grasp_to_the_next(
     station: Served, begin: Callable[[Served], Coroutine[Any, Any, None]]
 ) -> None:
     async def end() -> str:
-        async with Client(station.opcua, timeout=PATIENCE_S) as client:
+        async with Client(station.opcua, watchdog_intervall=PATIENCE_S) as client:
             hand = OpcUa(client)
             await hand.reach("holding")
             await hand.call("TakeOver")
