@@ -76,6 +76,9 @@ def _placed(
     if found is None:
         return headline | {"why": f"no bin: {placed['why']}", "kind": "warn"}
     firm = None if headline["firmness"] == UNKNOWN_FIRMNESS else headline["firmness"]
+    if result.firmness is not None:
+        index = f"{result.firmness.middle:.0f} of 100"
+        firm = f"firmness {index}" if firm is None else f"{firm} ({index})"
     return headline | {
         "text": found["name"],
         "bin": found["name"],
