@@ -117,7 +117,8 @@ class LiveView:
         span = f"0 to -{_DEEPEST_PERCENT:.0f} %, last {_CURVE_COLUMNS * _COLUMN_S:.0f} s"
         lines = [head, Text(curve, style="dark_orange"), Text(span, style="dim")]
         if self._reading.force_n is not None:
-            lines.append(Text.from_markup(f"force now [bold]{_newtons(self._reading.force_n)}[/]"))
+            newtons = _newtons(self._reading.force_n, touching=bool(self._reading.touching))
+            lines.append(Text.from_markup(f"force now [bold]{newtons}[/]"))
         return Group(*lines)
 
     def _link(self) -> RenderableType:
@@ -136,7 +137,10 @@ class LiveView:
         )
 
 
-def _newtons(force: Measurement) -> str:
+def _newtons(force: Measurement, *, touching: bool) -> str:
+    """Return a force with its interval; without a contact only the upper end is known."""
+    if not touching:
+        return f"at most {force.high:.2f} N[/], no contact[bold]"
     return f"{force.value:.2f} N[/] ({force.low:.2f} to {force.high:.2f}, {force.level:.0%})[bold]"
 
 
