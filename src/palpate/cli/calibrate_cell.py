@@ -39,8 +39,8 @@ def cell(
     """
     if not (math.isfinite(known_n) and known_n > 0):
         raise InputError(f"--known-n must be above 0 newtons, not {known_n:g}")
-    known = _known(rig, cell=cell)
-    newtons_per_count = known_n / _counts(rig, cell=cell, known_n=known_n)
+    known = _read_scales(rig, cell=cell)
+    newtons_per_count = known_n / _measure_counts(rig, cell=cell, known_n=known_n)
     line = [*known[:cell], newtons_per_count, *known[cell + 1 :]]
     if as_json:
         print_json({"rig": rig, "cell": cell, "newtons_per_count": line})
@@ -49,7 +49,7 @@ def cell(
     print(f"newtons_per_count = [{', '.join(f'{scale:.6g}' for scale in line)}]")
 
 
-def _known(rig: str, *, cell: int) -> tuple[float, ...]:
+def _read_scales(rig: str, *, cell: int) -> tuple[float, ...]:
     """Return what the rig file states already."""
     if not rig.endswith(".toml"):
         raise InputError(f"rig {rig!r} is simulated; give a rig file whose [array] is a board")
@@ -61,7 +61,7 @@ def _known(rig: str, *, cell: int) -> tuple[float, ...]:
     return known
 
 
-def _counts(rig: str, *, cell: int, known_n: float) -> float:
+def _measure_counts(rig: str, *, cell: int, known_n: float) -> float:
     """Return by how many counts the weight moves the cell."""
     clock = RealClock()
     with closing(open_source(rig=rig)) as source:

@@ -71,7 +71,7 @@ def force(
     path = calibration_file(rig, out)
     check_plot(plot, dpi=dpi)
     if loads is None and has_load_cell(rig):
-        made, course = _guided(rig, seed=seed, out=path), None
+        made, course = _calibrate_by_cell(rig, seed=seed, out=path), None
     else:
         made, course = weigh_loads(rig, loads=loads, out=path, tolerance_percent=tolerance_percent)
     made = replace(
@@ -120,7 +120,7 @@ class _Shown:
         self._bar.update(self._task, description=what, advance=advance)
 
 
-def _guided(rig: str, *, seed: int, out: Path) -> Calibration:
+def _calibrate_by_cell(rig: str, *, seed: int, out: Path) -> Calibration:
     """Read settled holds on the load cell and fit the laws of a grasp to them."""
     shown = _Shown(len(HOLDS_N))
     with open_bench(rig, seed=seed, ask=shown.ask, placements=len(HOLDS_N)) as guided, shown:

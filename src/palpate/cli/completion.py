@@ -15,22 +15,22 @@ import typer
 _MOST_ITEMS = 200
 
 
-def _names_in(module: str, table: str) -> Callable[[str], list[str]]:
+def _complete_from(module: str, table: str) -> Callable[[str], list[str]]:
     """Return the completion of the names in a table, which is loaded when the shell asks."""
 
     def complete(incomplete: str) -> list[str]:
-        return _matching(getattr(importlib.import_module(module), table), incomplete)
+        return _filter_names(getattr(importlib.import_module(module), table), incomplete)
 
     return complete
 
 
-def _matching(names: Iterable[str], incomplete: str) -> list[str]:
+def _filter_names(names: Iterable[str], incomplete: str) -> list[str]:
     return [name for name in names if name.startswith(incomplete)]
 
 
-objects = _names_in("palpate.twin.objects", "OBJECTS")
-methods = _names_in("palpate.settling.predict", "METHODS")
-demos = _names_in("palpate.cli.demo", "NAMES")
+objects = _complete_from("palpate.twin.objects", "OBJECTS")
+methods = _complete_from("palpate.settling.predict", "METHODS")
+demos = _complete_from("palpate.cli.demo", "NAMES")
 
 
 def rigs(incomplete: str) -> list[str]:
@@ -38,7 +38,7 @@ def rigs(incomplete: str) -> list[str]:
     from palpate.rig import rig_names
 
     files = sorted(str(path) for path in Path().glob("*.toml"))
-    return _matching([*rig_names(), *files], incomplete)
+    return _filter_names([*rig_names(), *files], incomplete)
 
 
 def items(context: typer.Context, incomplete: str) -> list[str]:
@@ -51,4 +51,4 @@ def items(context: typer.Context, incomplete: str) -> list[str]:
             known = [item.item_id for item in store.items()]
     except PalpateError:
         return []
-    return _matching(known, incomplete)[:_MOST_ITEMS]
+    return _filter_names(known, incomplete)[:_MOST_ITEMS]

@@ -36,7 +36,7 @@ def board_options(rig: str | None, **options: Any) -> tuple[str | None, dict[str
     return rig, given
 
 
-def _chosen(rig: str) -> str:
+def _choose_rig(rig: str) -> str:
     """Return the rig asked for, the stated one, or the twin, whose output always says so."""
     from palpate.rig import DEFAULT_RIG
 
@@ -52,7 +52,7 @@ RigOption: TypeAlias = Annotated[
         "sim-rigid (simulated).",
         metavar="NAME_OR_TOML",
         autocompletion=completion.rigs,
-        callback=_chosen,
+        callback=_choose_rig,
         show_default=False,
     ),
 ]
@@ -80,7 +80,7 @@ DpiOption: TypeAlias = Annotated[
 ]
 
 
-def _possible(target_force_n: float | None) -> float | None:
+def _check_force(target_force_n: float | None) -> float | None:
     """Refuse a force that no grasp may reach."""
     from palpate.grasp.planning import check_target_force
 
@@ -95,7 +95,7 @@ TargetForceOption: TypeAlias = Annotated[
         "--target-force-n",
         help="Grip force to reach; a gentle squeeze by default.",
         metavar="NEWTONS",
-        callback=_possible,
+        callback=_check_force,
     ),
 ]
 

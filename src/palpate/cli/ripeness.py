@@ -79,7 +79,7 @@ def ripeness(
     names = _names(stages, ripe=ripe)
     check_plot(plot, dpi=dpi)
     with open_store(store) as known:
-        asked = _asked(known, items or [], batch=batch)
+        asked = _select_items(known, items or [], batch=batch)
         if plot is not None and len(asked) != 1:
             raise InputError(f"--plot {plot}: draws one item; {len(asked)} were asked for")
         judge = _Judge(known, reference=reference, stages=names, ripe=ripe)
@@ -109,7 +109,7 @@ def _names(stages: str, *, ripe: str) -> tuple[str, ...]:
     return names
 
 
-def _asked(store: Store, items: list[str], *, batch: str | None) -> list[Item]:
+def _select_items(store: Store, items: list[str], *, batch: str | None) -> list[Item]:
     found = [store.item(item) for item in items]
     if batch is not None:
         of_batch = store.of_batch(batch)

@@ -184,7 +184,7 @@ def settle(
     report.check_outputs(plot=plot, out=out, inputs=[*files, *(fit_on or []), *(learn_from or [])])
     names = method or ["relaxation"]
     if rig is not None:
-        learn_from = [*(learn_from or []), _own_holds(rig)]
+        learn_from = [*(learn_from or []), _find_own_holds(rig)]
     _check_unseen(learn_from or [], files=files)
     chosen = _methods(
         names,
@@ -313,7 +313,7 @@ def _check_rereadable(files: Sequence[Path]) -> None:
             )
 
 
-def _in_seconds(holds: Iterator[Hold], *, source: str) -> Iterator[Hold]:
+def _warn_of_milliseconds(holds: Iterator[Hold], *, source: str) -> Iterator[Hold]:
     """Pass holds on; warn once if their times seem to be in another unit."""
     warned = False
     for hold in holds:
@@ -328,7 +328,7 @@ def _in_seconds(holds: Iterator[Hold], *, source: str) -> Iterator[Hold]:
         yield hold
 
 
-def _own_holds(rig: str) -> Path:
+def _find_own_holds(rig: str) -> Path:
     place = place_of_holds(rig)
     if not place.exists():
         raise InputError(
@@ -359,13 +359,13 @@ def _methods(
     """Make each method once; the sensor's own holds and calibration holds sharpen some."""
     made = {name: method_named(name) for name in names}
     if learn_from and "relaxation" in made:
-        own = _settled_holds(
+        own = _read_settled_holds(
             learn_from, horizon_s=horizon_s, option="--learn-from", percent=percent
         )
         made["relaxation"] = OwnRelaxation(holds=tuple(own))
     if not fit_on:
         return made
-    holds = _settled_holds(fit_on, horizon_s=horizon_s, option="--fit-on", percent=percent)
+    holds = _read_settled_holds(fit_on, horizon_s=horizon_s, option="--fit-on", percent=percent)
     if len(holds) < FEW_CALIBRATION_HOLDS:
         print(
             f"palpate: --fit-on: {len(holds)} holds reach {horizon_s:g} s; intervals from fewer "
@@ -375,7 +375,7 @@ def _methods(
     return {name: calibrate(method, holds, horizon_s=horizon_s) for name, method in made.items()}
 
 
-def _settled_holds(
+def _read_settled_holds(
     files: Sequence[Path], *, horizon_s: float, option: str, percent: bool
 ) -> list[Hold]:
     """Return the holds that reach the horizon; refuse where `--learn-from` has none."""
@@ -405,9 +405,9 @@ def _predict(
     with progress("settling", total=len(files), quiet=quiet) as show:
         for number, file in enumerate(files):
             if cutoffs_s:
-                held = source.holds(file, until_s=horizon_s, progress=_of_file(number, show))
+                held = source.holds(file, until_s=horizon_s, progress=_show_fraction(number, show))
                 yield from predict_holds(
-                    _in_seconds(held, source=str(file)),
+                    _warn_of_milliseconds(held, source=str(file)),
                     methods=methods,
                     cutoffs_s=cutoffs_s,
                     horizon_s=horizon_s,
@@ -415,9 +415,9 @@ def _predict(
                     source=str(file),
                 )
             if until_half_width_percent is not None:
-                held = source.holds(file, until_s=horizon_s, progress=_of_file(number, show))
+                held = source.holds(file, until_s=horizon_s, progress=_show_fraction(number, show))
                 yield from decide_holds(
-                    held if cutoffs_s else _in_seconds(held, source=str(file)),
+                    held if cutoffs_s else _warn_of_milliseconds(held, source=str(file)),
                     methods=methods,
                     half_width_percent=until_half_width_percent,
                     horizon_s=horizon_s,
@@ -426,6 +426,6 @@ def _predict(
                 )
 
 
-def _of_file(number: int, show: Callable[[float], None]) -> Callable[[float], None]:
+def _show_fraction(number: int, show: Callable[[float], None]) -> Callable[[float], None]:
     """Return a function that shows which fraction of a file is read."""
     return lambda fraction: show(number + fraction)

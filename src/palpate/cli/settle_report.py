@@ -73,7 +73,7 @@ def print_json(document: ScoreTable) -> None:
     sys.stdout.write("\n")
 
 
-def by_error(predictions: Sequence[Prediction]) -> list[int]:
+def rank_by_error(predictions: Sequence[Prediction]) -> list[int]:
     """Return indices, furthest off first; without settled values the widest interval comes first.
 
     Those with neither come last, in their own order.
@@ -108,7 +108,7 @@ def draw(
     known = np.isfinite(score_predictions(rows).error_percent)
     if known.any():
         rows = [row for row, has_error in zip(rows, known, strict=True) if has_error]
-    order = [rows[index] for index in reversed(by_error(rows))]
+    order = [rows[index] for index in reversed(rank_by_error(rows))]
     places = {
         "median error": (len(order) - 1) // 2,
         "90th percentile": round(0.9 * (len(order) - 1)),
@@ -122,7 +122,7 @@ def draw(
             key = (str(file), hold.hold_id, hold.channel)
             if key in wanted:
                 name, row = wanted[key]
-                title = f"{name}{_off(row)}\n{hold.hold_id} {hold.channel or ''}"
+                title = f"{name}{_error_text(row)}\n{hold.hold_id} {hold.channel or ''}"
                 panels[key] = Panel(title=title, hold=hold, cutoff_s=row.cutoff_s)
     figure = settle_figure(
         [panels[key] for key in wanted],
@@ -159,7 +159,7 @@ def _key(row: Prediction) -> tuple[str, str, str | None]:
     return row.source, row.hold_id, row.channel
 
 
-def _off(row: Prediction) -> str:
+def _error_text(row: Prediction) -> str:
     error = float(score_predictions([row]).error_percent[0])
     if not np.isfinite(error):
         return ""
@@ -198,7 +198,7 @@ def _print_holds(document: ScoreTable, console: Console, *, level: float) -> Non
     """Print the holds of the first method, those furthest off or least sure."""
     rows = [r for r in document.predictions if r.method == document.predictions[0].method]
     scored = any(np.isfinite(row.settled) for row in rows)
-    order = by_error(rows)[:ROWS_SHOWN]
+    order = rank_by_error(rows)[:ROWS_SHOWN]
     every = len(order) == len(rows)
     several = len({row.cutoff_s for row in rows if row.decided is None}) > 1
     which = f"{len(rows)} {'prediction' if several else 'hold'}{'s' * (len(rows) != 1)}"

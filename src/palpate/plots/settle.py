@@ -105,7 +105,7 @@ def settle_figure(
         letters = int((figure.get_figwidth() / columns - _AXIS_IN) / _LETTER_IN)
         for axis, panel in zip(axes.flat, panels, strict=False):
             _draw_panel(axis, panel, methods=methods, horizon_s=horizon_s, level=level)
-            axis.set_title(_folded(panel.title, letters), loc="left")
+            axis.set_title(_fold_title(panel.title, letters), loc="left")
         for axis in axes.flat[len(panels) :]:
             axis.set_visible(False)
         one_unit = len({panel.hold.unit for panel in panels}) == 1
@@ -118,10 +118,10 @@ def settle_figure(
     return figure
 
 
-def _folded(title: str, letters: int) -> str:
+def _fold_title(title: str, letters: int) -> str:
     """Fold the lines of a title that are longer than this many letters.
 
-    >>> _folded("a-hold\\nerror +2 % of settled, 30 % of the rest", 30).splitlines()
+    >>> _fold_title("a-hold\\nerror +2 % of settled, 30 % of the rest", 30).splitlines()
     ['a-hold', 'error +2 % of settled, 30 % of', 'the rest']
     """
     return "\n".join(textwrap.fill(line, letters) for line in title.splitlines())
