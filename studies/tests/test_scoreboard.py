@@ -228,7 +228,7 @@ def imports(path: Path, module: str, symbol: str, public: set[str]) -> bool:
 
 def reached() -> list[Path]:
     """Return the files of the product that its commands import, directly or not."""
-    commands = (ROOT / "src" / "palpate" / "commands").glob("*.py")
+    commands = (ROOT / "src" / "palpate" / "cli").glob("*.py")
     files, waiting = dict[Path, None](), list(commands)
     while waiting:
         path = waiting.pop()
