@@ -40,13 +40,17 @@ Rows: TypeAlias = list[dict[str, Any]]
 def report(
     *,
     ladders: Annotated[Path, typer.Option(help="Ladders of weights to learn from.", metavar="CSV")],
+    test_ladders: Annotated[
+        Path | None,
+        typer.Option(help="Ladders to predict; without, each in turn is left out.", metavar="CSV"),
+    ] = None,
 ) -> StudyReport:
     """Predict dead weights on real sensors, each given those nearest to 1.5, 4 and 9 N.
 
     Example: palpate study force-ladders --ladders ladders.csv
     """
     known, rows = read_ladders(ladders), list[dict[str, Any]]()
-    for one in known:
+    for one in read_ladders(test_ladders) if test_ladders else known:
         others = [ladder for ladder in known if ladder.name != one.name]
         if not others:
             raise InputError(f"{ladders}: no ladder other than {one.name!r} to learn from; add one")

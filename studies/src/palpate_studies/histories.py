@@ -44,6 +44,12 @@ def report(
     recordings: Annotated[
         Path | None, typer.Option(help="Recordings of stretching to learn from.", metavar="CSV")
     ] = None,
+    test_recordings: Annotated[
+        Path | None,
+        typer.Option(
+            help="Recordings to predict; without, kinds of motion are left out.", metavar="CSV"
+        ),
+    ] = None,
     second: SecondOption = False,
 ) -> StudyReport:
     """Predict the force of stretched silicone from its resistance, kinds of motion left out.
@@ -52,11 +58,13 @@ def report(
     """
     if second == (recordings is not None):
         raise InputError("give either --recordings or --second")
-    sources = (
-        [other_histories(rubber) for rubber in range(RUBBERS)]
-        if recordings is None
-        else [read_histories(recordings)]
-    )
+    if recordings is None:
+        rubbers = [other_histories(rubber) for rubber in range(RUBBERS)]
+        splits = [pair for one in rubbers for pair in _leave_kinds_out(one, path="rubber")]
+    elif test_recordings is None:
+        splits = [*_leave_kinds_out(read_histories(recordings), path=recordings)]
+    else:
+        splits = [(read_histories(recordings), read_histories(test_recordings))]
     rows = [
         {
             "recording_id": one.recording_id,
@@ -66,8 +74,7 @@ def report(
             "model": model,
             **_scores(predict(one.inputs(name)), one.force_n),
         }
-        for known in sources
-        for inside, tested in _leave_kinds_out(known, path=recordings or "second generator")
+        for inside, tested in splits
         for name in INPUTS
         for model, learn in MODELS.items()
         for predict in [learn(inside, name)]
@@ -79,8 +86,13 @@ def report(
         if recordings
         else "Force of simulated rubbers with another memory (second generator)",
         provenance=(
-            "Real recordings (carbon-black silicone). Each kind of motion is predicted by models "
-            "learned from the other kinds. Causal; no force of the tested recording is known."
+            "Real recordings (carbon-black silicone). "
+            + (
+                "Each kind of motion is predicted by models learned from the other kinds."
+                if test_recordings is None
+                else f"Learned from {recordings} alone."
+            )
+            + " Causal; no force of the tested recording is known."
             if recordings
             else _SECOND,
             "`displacement` is no sensor: the gripper's or clip's position. `zero known` takes the "

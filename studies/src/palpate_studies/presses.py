@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
@@ -21,10 +21,11 @@ from palpate_studies.rows import group
 
 #: Name of a band of force -> its ends, newtons.
 BANDS = {"0-2": (0.0, 2.0), "2-5": (2.0, 5.0), "5-15": (5.0, 15.0), "15-": (15.0, np.inf)}
+_FOLDED = f"{FOLDS} folds by setting: a setting's repeats are left out together."
 _WORDS = (
-    f"{FOLDS} folds by setting: a setting's repeats are left out together. All models are given "
-    "the force once per press, then all but `constant` and `clock`, which see no sensor, see "
-    "resistance alone: how much force rises after that, and when, is learned like everything else. "
+    "All models are given the force once per press, then all but `constant` and `clock`, which "
+    "see no sensor, see resistance alone: how much force rises after that, and when, is learned "
+    "like everything else. "
     "`ours`: `palpate.ForceLaw`, its population learned from the training presses; `ridge` and "
     "`trees` see the same states.",
     "Presses of one kind that are alike help them; the release shows what the sheet is worth.",
@@ -44,6 +45,10 @@ def report(
     recordings: Annotated[
         Path | None, typer.Option(help="Recordings of presses to learn from.", metavar="CSV")
     ] = None,
+    test_recordings: Annotated[
+        Path | None,
+        typer.Option(help="Recordings to follow; without, 5 folds by setting.", metavar="CSV"),
+    ] = None,
     second: SecondOption = False,
 ) -> StudyReport:
     """Follow the force of real presses from resistance, given the force once in each.
@@ -53,19 +58,27 @@ def report(
     if second == (recordings is not None):
         raise InputError("give either --recordings or --second")
     if recordings is not None:
-        scores = judge(read_presses(recordings))
+        known = read_presses(recordings)
+        if test_recordings is None:
+            scores = judge(folds(known))
+        else:
+            scores = judge([(known, read_presses(test_recordings))])
         return StudyReport(
             name="presses",
             title="Force now on real Velostat under a robot's presses",
-            provenance=("Real recordings with a reference load cell.", *_WORDS),
+            provenance=(
+                "Real recordings with a reference load cell.",
+                _FOLDED if test_recordings is None else f"Learned from {recordings} alone.",
+                *_WORDS,
+            ),
             tables=tables(scores),
             payload={"study": "presses", **scores},
         )
-    found = {motion: judge(other_presses(motion)) for motion in MOTIONS}
+    found = {motion: judge(folds(other_presses(motion))) for motion in MOTIONS}
     return StudyReport(
         name="presses",
         title="Force now on simulated sheets of another law (second generator)",
-        provenance=(_SECOND, *_WORDS),
+        provenance=(_SECOND, _FOLDED, *_WORDS),
         tables=[
             table for name, scores in found.items() for table in tables(scores, of=f"{name}: ")
         ],
@@ -76,14 +89,26 @@ def report(
 command = as_command(report)
 
 
-def judge(presses: Presses) -> dict[str, Any]:
-    """Follow every press by every model, learned on other settings, and score the answers."""
+def judge(splits: Iterable[tuple[Presses, Presses]]) -> dict[str, Any]:
+    """Follow every press that is tested by every model, learned on the others, and score it."""
     followed: dict[str, list[Followed]] = {name: [] for name in MODELS}
-    for train, tested in folds(presses):
+    for train, tested in splits:
         for name, learn in MODELS.items():
             model = learn(train)
             followed[name] += [in_newtons(press, model(press)) for press in tested]
     return {
+        "rows": [
+            {
+                "recording_id": one.press.recording_id,
+                "press": one.press.press,
+                "model": model,
+                "median_abs_log_error": float(np.median(np.abs(one.log_error))),
+                "final_log_error": float(one.log_error[-1]),
+                "coverage": float(np.mean(one.covered)),
+            }
+            for model, each in followed.items()
+            for one in each
+        ],
         "summary": _summary(followed),
         "by_force": _by_force(followed),
         "compared": _compared(followed),

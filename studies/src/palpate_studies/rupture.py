@@ -12,7 +12,13 @@ import typer
 
 from palpate.errors import InputError
 from palpate.estimate.damage import FOLDS, NOMINAL_RATE
-from palpate.estimate.damage_learning import FruitClosing, learn_damage, read_closings, split
+from palpate.estimate.damage_learning import (
+    FruitClosing,
+    at_half_load,
+    learn_damage,
+    read_closings,
+    split,
+)
 from palpate_studies.other_closings import other_closings
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.rupture_policies import (
@@ -24,6 +30,7 @@ from palpate_studies.rupture_policies import (
     published_scores,
     rule_scores,
     shipped_scores,
+    stop_forces,
 )
 from palpate_studies.rupture_tradeoff import (
     RATES,
@@ -42,13 +49,29 @@ IndexOption = Annotated[Path | None, typer.Option(help="Their rupture forces.", 
 
 
 def report(
-    *, curves: CurvesOption = None, index: IndexOption = None, second: SecondOption = False
+    *,
+    curves: CurvesOption = None,
+    index: IndexOption = None,
+    test_curves: Annotated[
+        Path | None, typer.Option(help="Closings to test on; without, 5 folds.", metavar="CSV")
+    ] = None,
+    test_index: Annotated[
+        Path | None, typer.Option(help="Their rupture forces.", metavar="CSV")
+    ] = None,
+    second: SecondOption = False,
 ) -> StudyReport:
     """Stop closing on real fruit before it ruptures, at a nominal rate of rupture.
 
     Example: palpate study rupture --curves fruit.csv.gz --index fruit_index.csv
     """
-    splits = split(closings_of(curves, index, second=second))
+    if (test_curves is None) != (test_index is None):
+        raise InputError("--test-curves and --test-index go together; give both or neither")
+    closings = closings_of(curves, index, second=second)
+    if test_curves is None or test_index is None:
+        splits, how = split(closings), f"{FOLDS}-fold cross-validation"
+    else:
+        splits = [(closings, read_closings(test_curves, test_index))]
+        how = f"learned from {index}, tested on {test_index}"
     tested = [closing for _, test in splits for closing in test]
     methods = [shipped(splits, known=known) for known in (True, False)]
     policies = [OURS, Policy("cap per fruit", _cap), Policy("stiffness rule", _rule)]
@@ -56,7 +79,7 @@ def report(
         policies.append(Policy("rule as published", lambda training: published_scores))
     methods += [applied(policy, splits) for policy in policies]
     provenance = (
-        f"{origin(second=second)}; {FOLDS}-fold cross-validation.",
+        f"{origin(second=second)}; {how}.",
         "`ours` is `DamageModel.bound_n`, the limit that a grasp obeys, at the nominal rate as it "
         "is; every sample used precedes the decision. Each other method's setting is chosen for "
         "the rate on the training fruit (a rank of scores by models fitted without each fruit); "
@@ -74,10 +97,38 @@ def report(
         provenance=provenance,
         second=second,
         nominal_rate=NOMINAL_RATE,
+        rows=[row for training, test in splits for row in _stopped(training, test=test)],
     )
 
 
 command = as_command(report)
+
+
+def _stopped(
+    training: Sequence[FruitClosing], *, test: Sequence[FruitClosing]
+) -> list[dict[str, Any]]:
+    """Return what is predicted for each fruit at half load, and where its limit stops."""
+    model = learn_damage(training)
+    rows = []
+    for one in test:
+        half = at_half_load(one, model=model, kind=one.fruit)
+        scores = shipped_scores(one, model=model, kind_known=True)
+        rupture_n = one.rupture_force_n
+        stop_n = float(
+            stop_forces([scores], rupture_force_n=[rupture_n], at=np.array([NOMINAL_RATE]))[0, 0]
+        )
+        rows.append(
+            {
+                "grasp_id": one.grasp_id,
+                "fruit": one.fruit,
+                "rupture_force_n": rupture_n,
+                "predicted_n": half and half.predicted_n,
+                "low_n": half and half.low_n,
+                "stop_force_n": stop_n,
+                "ruptured": stop_n >= rupture_n,
+            }
+        )
+    return rows
 
 
 def grip_report(

@@ -44,16 +44,24 @@ def report(
     recordings: Annotated[
         Path, typer.Option(help="Recordings of touches to learn from.", metavar="CSV")
     ],
+    test_recordings: Annotated[
+        Path | None,
+        typer.Option(
+            help="Recordings to follow; without, each sensor in turn is left out.", metavar="CSV"
+        ),
+    ] = None,
 ) -> StudyReport:
     """Follow the force of real touches from resistance, with and without a measured force.
 
     Example: palpate study strokes --recordings velostat_strokes.csv.gz
     """
     touches = read_strokes(recordings)
-    sensors = list(dict.fromkeys(one.sensor for one in touches))
-    if len(sensors) < 2:
-        raise InputError(f"{recordings}: one sensor, nothing to learn from when it is left out")
-    scored = [one for sensor in sensors for one in _score(touches, sensor)]
+    if test_recordings is None:
+        splits, how = _sensors_out(touches, path=recordings), "each sensor in turn left out"
+    else:
+        splits = [(touches, read_strokes(test_recordings))]
+        how = f"learned from, {test_recordings} followed"
+    scored = [one for train, tested in splits for one in _score(train, tested)]
     summary = _summary(scored)
     columns = {"all": ("all", "all"), "unloading": ("unloading", "all")}
     columns |= {f"{band} N": ("all", band) for band in BANDS}
@@ -62,8 +70,8 @@ def report(
         name="strokes",
         title="Force of real Velostat under short touches",
         provenance=(
-            f"Real recordings with a load cell, {len(touches)} touches, each sensor in turn left "
-            f"out. Samples of {SMALLEST_N:g} N and more; medians over samples.",
+            f"Real recordings with a load cell, {len(touches)} touches, {how}. "
+            f"Samples of {SMALLEST_N:g} N and more; medians over samples.",
             "`ours` is `palpate.ForceLaw`, its population learned from the training touches. "
             "`place`: the other attempts at the place are known, force and reading. A static law "
             "takes its gain from them, `ours` a law of the place, the clock their usual "
@@ -88,6 +96,7 @@ def report(
         ],
         payload={
             "study": "strokes",
+            "rows": _rows(scored),
             "summary": summary,
             "compared": _compared(scored),
             "level": LEVEL,
@@ -98,10 +107,24 @@ def report(
 command = as_command(report)
 
 
-def _score(touches: Others, sensor: str) -> Iterator[Scored]:
-    """Yield the answers of every model on the touches of a sensor, learned from the others."""
-    train = [one for one in touches if one.sensor != sensor]
-    tested = [one for one in touches if one.sensor == sensor]
+def _sensors_out(touches: Others, *, path: Path) -> list[tuple[Others, Others]]:
+    """Return the touches of the other sensors with those of each."""
+    sensors = list(dict.fromkeys(one.sensor for one in touches))
+    if len(sensors) < 2:
+        raise InputError(
+            f"{path}: one sensor, nothing to learn from when it is left out; give --test-recordings"
+        )
+    return [
+        (
+            [one for one in touches if one.sensor != sensor],
+            [one for one in touches if one.sensor == sensor],
+        )
+        for sensor in sensors
+    ]
+
+
+def _score(train: Others, tested: Others) -> Iterator[Scored]:
+    """Yield the answers of every model on the tested touches."""
     for told in TOLD:
         for model, learn in MODELS.items():
             follow = learn(train, told)
@@ -120,6 +143,29 @@ def _score(touches: Others, sensor: str) -> Iterator[Scored]:
                     covered=error <= half[used],
                     phase=touch.phase[used],
                 )
+
+
+def _rows(scored: Sequence[Scored]) -> Rows:
+    """Return medians over the samples of each touch, by phase and by band of force."""
+    rows: Rows = []
+    for one in scored:
+        force_n = np.exp(one.log_force)
+        for phase in PHASES:
+            for band, (low, high) in BANDS.items():
+                mine = (one.phase == phase) & (force_n >= low) & (force_n < high)
+                if mine.any():
+                    rows.append(
+                        {
+                            "recording_id": one.touch.recording_id,
+                            "touch": one.touch.touch,
+                            "model": one.model,
+                            "told": one.told,
+                            "phase": phase,
+                            "band": band,
+                            **_figures(one.error[mine], one.covered[mine]),
+                        }
+                    )
+    return rows
 
 
 def _summary(scored: Sequence[Scored]) -> Rows:
@@ -141,12 +187,18 @@ def _summary(scored: Sequence[Scored]) -> Rows:
                             **key,
                             "phase": phase,
                             "band": band,
-                            "samples": int(here.sum()),
-                            "median_abs_log_error": round(float(np.median(error[here])), 5),
-                            "coverage": round(float(np.mean(covered[here])), 5),
+                            **_figures(error[here], covered[here]),
                         }
                     )
     return summary
+
+
+def _figures(error: FloatArray, covered: Mask) -> dict[str, Any]:
+    return {
+        "samples": len(error),
+        "median_abs_log_error": round(float(np.median(error)), 5),
+        "coverage": round(float(np.mean(covered)), 5),
+    }
 
 
 def _compared(scored: Sequence[Scored]) -> Rows:
