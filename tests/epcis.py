@@ -16,9 +16,15 @@ LIBRARY = Path(sys.prefix) / "epcis2.js"
 _PROGRAM = """
 const { EPCISDocument, validateEpcisDocument } = require(process.argv[1]);
 const document = JSON.parse(require("fs").readFileSync(0));
-validateEpcisDocument(document);
-const events = new EPCISDocument(document).toObject().epcisBody.eventList;
-process.stdout.write(JSON.stringify(events));
+try {
+  validateEpcisDocument(document);
+  const events = new EPCISDocument(document).toObject().epcisBody.eventList;
+  process.stdout.write(JSON.stringify(events));
+} catch (error) {
+  // The message alone: with it Node.js would print the library's one long line of code.
+  process.stderr.write(String(error.message));
+  process.exitCode = 1;
+}
 """
 
 

@@ -15,7 +15,6 @@ from palpate.cli import calibrate_force
 from palpate.cli.outcome import run
 from palpate.clock import ManualClock
 from palpate.estimate.pixel_law import fit_laws
-from palpate.grasp import calibrating as grasp_calibrating
 from palpate.grasp.planning import HORIZON_S, placements_of
 from palpate.rig.simulated import FACES
 from palpate.sensor.array import RIGID_LAYOUT
@@ -112,7 +111,7 @@ def test_from_the_first_prompt_to_the_file(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     # All steps, but fewer placements: half an hour of the board takes minutes to simulate.
-    monkeypatch.setattr(grasp_calibrating, "HOLDS_N", ((0.8, 3.0), (1.5, 9.0), (0.8, 5.0)))
+    monkeypatch.setattr(calibrate_force, "HOLDS_N", ((0.8, 3.0), (1.5, 9.0), (0.8, 5.0)))
     assert calibrate(tmp_path) == 0
     assert [what.split(":")[0] for what in bench.asked] == [
         f"placement {number} of 3" for number in range(1, 4)

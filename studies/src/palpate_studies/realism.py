@@ -86,9 +86,10 @@ def report(
     rest_ohm = [one.rest_ohm for one in read_ladders(ladders)] if ladders else []
     twin = {level: twin_quantities(level=level, sensors=sensors) for level in LEVELS}
     rows = [
-        _compare(quantity, values, twin, file=name)
+        _compare(quantity, quantities[quantity], twin, file=name)
         for name, quantities in (real or {"": twin["lab"]}).items()
-        for quantity, values in quantities.items()
+        for quantity in COMPARED
+        if quantity in quantities
     ]
     return StudyReport(
         name="realism",
