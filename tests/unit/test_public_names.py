@@ -68,3 +68,12 @@ def test_every_place_that_states_the_version_states_the_same() -> None:
     citation = (root / "CITATION.cff").read_text()
     assert palpate.__version__ == stated
     assert f"\nversion: {stated}\n" in citation
+
+
+def test_importing_the_grasp_verb_loads_no_distributions() -> None:
+    """`scipy.stats` takes longer to load than a grasp takes to plan."""
+    program = "import sys, palpate.cli.grasp; print('scipy.stats' in sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", program], check=True, capture_output=True, text=True
+    )
+    assert done.stdout.strip() == "False"

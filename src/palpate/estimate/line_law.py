@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import t as student_t
+from scipy.special import stdtrit
 
 from palpate.errors import CalibrationError
 from palpate.estimate.force import (
@@ -84,7 +84,7 @@ class LineForceLaw:
         value = slope * x + intercept
         gradient = np.stack([x, np.ones_like(x)], axis=-1)
         sd = law_sd(gradient, covariance=self.covariance, residual_sd=self.residual_sd)
-        half = student_t.ppf(0.5 + level / 2, self.pairs - 2) * sd
+        half = stdtrit(self.pairs - 2, 0.5 + level / 2) * sd
         return ForceEstimate(
             value=np.maximum(value, 0.0),
             low=np.maximum(value - half, 0.0),
