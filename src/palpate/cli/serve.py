@@ -83,8 +83,9 @@ def serve(
 
     Example: palpate serve --rig sim-rigid --object avocado-day-3
     """
-    from palpate.dashboard.app_state import Settings
-    from palpate.dashboard.server import serve as serve_page
+    with needing("the dashboard", extra="dashboard"):
+        from palpate.dashboard.app_state import Settings
+        from palpate.dashboard.server import serve as serve_page
 
     if rig not in rig_names() and not (rig.endswith(".toml") and Path(rig).is_file()):
         raise InputError(
