@@ -111,3 +111,12 @@ def test_real_ladders_ours_beats_power_and_pooled_laws(
         if row["model"] == "ours"
     ]
     assert 0.8 <= np.mean(covered) <= 0.97
+
+
+def test_study_with_test_ladders_scores_them_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    known, tested = ladder_csv(tmp_path / "a.csv", "AB"), ladder_csv(tmp_path / "b.csv", "C")
+    status, out, _ = study(capsys, "--ladders", str(known), "--test-ladders", str(tested), "--json")
+    assert status == 0
+    assert {row["ladder"] for row in json.loads(out)["rows"]} == {"C"}

@@ -113,3 +113,14 @@ def test_rubbers_of_another_memory(
     assert {row["specimen"] for row in document["rows"]} == {"0"}
     assert run(build_app(), ["study", "histories"], name="palpate") == 2
     assert "either --recordings or --second" in capsys.readouterr().err
+
+
+def test_study_with_test_recordings_scores_them_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    known, tested = history_csv(tmp_path / "a.csv"), history_csv(tmp_path / "b.csv")
+    tested.write_text(tested.read_text().replace("\nsine-1,", "\nsine-9,"))
+    arguments = ["study", "histories", "--recordings", str(known), "--json"]
+    assert run(build_app(), [*arguments, "--test-recordings", str(tested)], name="palpate") == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert {row["recording_id"] for row in rows} == {"sine-9", "ramp-1", "mix-1"}

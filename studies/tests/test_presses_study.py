@@ -166,3 +166,17 @@ def test_presses_of_sheets_of_another_law(
         assert {("presses", "clock"), ("released", "trees")} <= rivals
     assert run(build_app(), ["study", "presses"], name="palpate") == 2
     assert "either --recordings or --second" in capsys.readouterr().err
+
+
+def test_study_with_test_recordings_scores_them_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    known = press_csv(tmp_path / "known.csv")
+    tested = press_csv(tmp_path / "tested.csv", recordings=1, presses=3)
+    arguments = ["study", "presses", "--recordings", str(known), "--json"]
+    assert run(build_app(), [*arguments, "--test-recordings", str(tested)], name="palpate") == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert len(rows) == 3 * len(MODELS)
+    assert {(row["recording_id"], row["press"]) for row in rows} == {
+        ("shape0_exp1", press) for press in range(3)
+    }

@@ -77,18 +77,24 @@ def test_decisions_use_no_sample_from_after_them(real_data: Path) -> None:
         )
 
 
-def test_fruit_without_published_constants_is_judged_without_them(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    rng = np.random.default_rng(1)
+def pear_files(folder: Path, *, name: str = "p", seed: int = 1) -> tuple[Path, Path]:
+    """Write invented closings on twenty pears, and their rupture forces."""
+    rng = np.random.default_rng(seed)
     curves, index = ["grasp_id,closure_mm,force_n"], ["grasp_id,fruit,rupture_force_n"]
     for number in range(20):
         stiffness = rng.uniform(2.0, 8.0)
-        index.append(f"p{number},pear,{2.0 * stiffness * rng.uniform(0.8, 1.2):.3f}")
-        curves += [f"p{number},{x:.2f},{stiffness * x:.4f}" for x in np.arange(0.0, 3.0, 0.02)]
-    files = tmp_path / "curves.csv", tmp_path / "index.csv"
+        index.append(f"{name}{number},pear,{2.0 * stiffness * rng.uniform(0.8, 1.2):.3f}")
+        curves += [f"{name}{number},{x:.2f},{stiffness * x:.4f}" for x in np.arange(0.0, 3.0, 0.02)]
+    files = folder / f"{name}-curves.csv", folder / f"{name}-index.csv"
     files[0].write_text("\n".join(curves) + "\n")
     files[1].write_text("\n".join(index) + "\n")
+    return files
+
+
+def test_fruit_without_published_constants_is_judged_without_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = pear_files(tmp_path)
     assert run_study(["--curves", str(files[0]), "--index", str(files[1]), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     methods = {entry["method"] for entry in result["tradeoff"]}
@@ -160,3 +166,17 @@ def test_fruit_of_two_ripenesses_is_judged_without_files(
     assert {row["rival"] for row in result["compared"]} >= {"stiffness rule", "cap per fruit"}
     assert run_study([]) == 2
     assert "either --curves and --index or --second" in capsys.readouterr().err
+
+
+def test_study_with_test_closings_judges_them_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    known, tested = pear_files(tmp_path), pear_files(tmp_path, name="q", seed=2)
+    options = ("--curves", "--index", "--test-curves", "--test-index")
+    given = [word for pair in zip(options, (*known, *tested), strict=True) for word in pair]
+    assert run_study([*map(str, given), "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert [row["grasp_id"] for row in rows] == [f"q{number}" for number in range(20)]
+    assert all(row["ruptured"] == (row["stop_force_n"] >= row["rupture_force_n"]) for row in rows)
+    assert run_study([*map(str, given[:6])]) == 2
+    assert "--test-curves and --test-index go together" in capsys.readouterr().err

@@ -132,3 +132,17 @@ def test_one_sensor_alone_has_nothing_to_learn_from(
     path = str(strokes_csv(tmp_path / "s.csv", sensors=1))
     assert run(build_app(), ["study", "strokes", "--recordings", path], name="palpate") == 2
     assert "nothing to learn from" in capsys.readouterr().err
+
+
+def test_study_with_test_recordings_scores_them_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    known = strokes_csv(tmp_path / "known.csv", sensors=1)
+    tested = strokes_csv(tmp_path / "tested.csv", sensors=1, places=3)
+    tested.write_text(tested.read_text().replace("\ns0-", "\nnew-"))
+    arguments = ["study", "strokes", "--recordings", str(known), "--json"]
+    assert run(build_app(), [*arguments, "--test-recordings", str(tested)], name="palpate") == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert {row["recording_id"].split("-")[0] for row in rows} == {"new"}
+    assert {row["touch"] for row in rows} == {0, 1, 2}
+    assert {row["told"] for row in rows} == {*TOLD}
