@@ -242,7 +242,7 @@ def entry_of(
         measured |= _ends(name, getattr(result, name))
     firmness = words["firmness"]
     return Entry(
-        ended_at=datetime.now(UTC).isoformat(timespec="seconds"),
+        ended_at=datetime.now(UTC).isoformat(timespec="milliseconds"),
         recording="" if grasped.recording is None else grasped.recording.name,
         simulated=simulated,
         item_id=item_id,

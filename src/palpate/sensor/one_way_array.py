@@ -6,7 +6,6 @@ by the time between their neighbours. A changed digit or byte can't be.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from typing import Protocol, TypeAlias
 
@@ -14,17 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.clock import Clock
-from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, WireError
+from palpate.errors import DeviceError, DeviceTimeoutError, WireError
 from palpate.sensor.array import ArrayLayout, Frame, LinkCounters
 from palpate.sensor.byte_stream import ByteStream
+from palpate.sensor.frame_port import FramePort
 
 Counts: TypeAlias = NDArray[np.int32]
 
 #: Opening its port resets most boards: boot loader up to 2 s, and the program's own start.
 OPEN_S = 5.0
-_POLL_S, _REOPEN_S = 0.001, 0.25
-#: As for palpate's own board: older frames count as late when they are read.
-_LATE_PERIODS, _LATE_S = 5, 0.1
 #: Frames that the period is averaged over (a running mean), and fewest to know it.
 _PERIOD_FRAMES, _FEWEST_FRAMES = 1000, 8
 #: A gap by this many periods more than a frame takes hides lost ones (guess: a half is jitter).
@@ -89,19 +86,16 @@ class OneWayArray:
         decoder: FrameDecoder,
         reopen: Callable[[], ByteStream] | None = None,
     ) -> None:
-        self._stream: ByteStream | None = stream
-        self._name = stream.name
+        self._port = FramePort(stream, clock=clock, reopen=reopen)
         self._clock = clock
         self._layout = layout
         self._decoder = decoder
-        self._reopen = reopen
-        self._waiting: deque[Frame] = deque()
         self._timing = _Timing()
-        self._last_s = self._tried_s = clock.now_s()
+        self._last_s = clock.now_s()
         self._bytes = 0
-        self._next = self._frames = self._lost = self._late = self._reconnects = 0
+        self._next = self._frames = self._lost = 0
         try:
-            self._waiting.append(self.read(timeout_s=OPEN_S))
+            self._port.waiting.appendleft(self.read(timeout_s=OPEN_S))
         except DeviceError:
             self.close()
             raise
@@ -114,7 +108,7 @@ class OneWayArray:
     @property
     def name(self) -> str:
         """The port that it is, or was last, at."""
-        return self._name
+        return self._port.name
 
     @property
     def counters(self) -> LinkCounters:
@@ -123,8 +117,8 @@ class OneWayArray:
             frames=self._frames,
             lost=self._lost,
             corrupt=self._decoder.corrupt,
-            late=self._late,
-            reconnects=self._reconnects,
+            late=self._port.late,
+            reconnects=self._port.reconnects,
         )
 
     def read(self, *, timeout_s: float) -> Frame:
@@ -139,59 +133,33 @@ class OneWayArray:
         DeviceError
             If the board is gone for good.
         """
-        deadline_s = self._clock.now_s() + timeout_s
-        while not self._waiting:
-            self._fetch()
-            if self._waiting:
-                break
-            left_s = deadline_s - self._clock.now_s()
-            if left_s <= 0:
-                raise self._silence(timeout_s)
-            self._clock.sleep_s(min(_POLL_S, left_s))
-        frame = self._waiting.popleft()
-        age_s = self._clock.now_s() - frame.time_s
-        self._late += age_s > max(_LATE_S, _LATE_PERIODS * (self._timing.period_s or 0.0))
-        return frame
+        return self._port.read(
+            self._fetch,
+            timeout_s=timeout_s,
+            period_s=self._timing.period_s or 0.0,
+            silence=lambda: self._silence(timeout_s),
+        )
 
     def close(self) -> None:
         """Let go of the port; calling it again does nothing."""
-        self._reopen = None
-        if self._stream is not None:
-            self._stream.close()
-            self._stream = None
+        self._port.close()
 
     def _fetch(self) -> None:
         """Take what has come; follow an unplug."""
-        now_s = self._clock.now_s()
-        if self._stream is None:
-            self._try_again(now_s)
+        now_s, stream = self._clock.now_s(), self._port.stream
+        if stream is None:
+            if self._port.try_again() is not None:
+                self._timing, self._last_s = _Timing(), now_s
             return
         try:
-            data = self._stream.read_waiting()
-        except DeviceError:
-            if self._reopen is None:
-                raise
-            self._stream.close()
-            self._stream, self._tried_s = None, now_s
+            data = stream.read_waiting()
+        except DeviceError as error:
+            self._port.lose(error)
             return
         self._bytes += len(data)
         if data and (counts := self._decoder.feed(data)):
             self._bytes = 0
             self._accept(counts, arrival_s=now_s)
-
-    def _try_again(self, now_s: float) -> None:
-        if self._reopen is None:
-            raise DeviceNotFoundError(f"{self._name} was closed")
-        if now_s - self._tried_s < _REOPEN_S:
-            return
-        self._tried_s = now_s
-        try:
-            self._stream = self._reopen()
-        except DeviceError:
-            return  # still unplugged: the timeout informs the caller
-        self._name = self._stream.name
-        self._reconnects += 1
-        self._timing, self._last_s = _Timing(), now_s
 
     def _accept(self, counts: list[Counts], *, arrival_s: float) -> None:
         """Number and date frames that arrived together."""
@@ -204,23 +172,19 @@ class OneWayArray:
             # Two reads within the clock's resolution: time still rises.
             time_s = arrival_s - (count - 1 - index) * step_s
             self._last_s = max(time_s, self._last_s + 1e-6)
-            self._waiting.append(Frame(time_s=self._last_s, sequence=self._next, counts=one))
+            self._port.waiting.append(Frame(time_s=self._last_s, sequence=self._next, counts=one))
             self._next += 1
         self._frames += count
 
     def _silence(self, timeout_s: float) -> DeviceError:
-        if self._stream is None:
-            return DeviceTimeoutError(
-                f"{self._name} is unplugged ({timeout_s:g} s without a frame). Plug it in again."
-            )
         if self._bytes:
             rows, cols = self._layout.rows, self._layout.cols
             return WireError(
-                f"{self._name}: {self._bytes} bytes and no frame of {rows} x {cols} readings in "
+                f"{self.name}: {self._bytes} bytes and no frame of {rows} x {cols} readings in "
                 f"{timeout_s:g} s: {self._decoder.fault or _NO_END}"
             )
         return DeviceTimeoutError(
-            f"{self._name}: nothing came in {timeout_s:g} s. Check its power, and that its program "
+            f"{self.name}: nothing came in {timeout_s:g} s. Check its power, and that its program "
             "prints without being asked."
         )
 

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from palpate.clock import Clock
-from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError
+from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.sensor.array import ArrayLayout, Frame, LinkCounters
-from palpate.sensor.board_link import POLL_S, BoardLink, least_delay_s
+from palpate.sensor.board_link import BoardLink, least_delay_s
 from palpate.sensor.byte_stream import ByteStream
 from palpate.sensor.device_clock import DeviceClock
+from palpate.sensor.frame_port import FramePort
 from palpate.sensor.wire_messages import (
     BoardIdentity,
     BoardStatus,
@@ -32,10 +32,6 @@ from palpate.sensor.wire_messages import (
     Stop,
 )
 
-#: Between two tries to open a port that was pulled out.
-_REOPEN_S = 0.25
-#: Frames older than this on arrival in the program count as late: 5 periods, at least 100 ms.
-_LATE_PERIODS, _LATE_S = 5, 0.1
 #: A board is pinged while its frames come: at most 3 periods and what an adapter holds back.
 _PING_PERIODS, _PING_S = 3, 0.02
 #: Without a frame for this long the stream is set up again: 10 periods, at least 0.5 s.
@@ -86,7 +82,7 @@ class SerialArray:
         self._layout = layout
         self._clock = clock
         self._rate_hz = rate_hz
-        self._reopen = reopen
+        self._port = FramePort(stream, clock=clock, reopen=reopen)
         self._setup: tuple[Command, ...] = (
             Stop(),
             SetLayout(rows=layout.rows, cols=layout.cols, settle_us=settle_us),
@@ -98,17 +94,14 @@ class SerialArray:
             Start(contents=contents),
         )
         self._link: BoardLink | None = BoardLink(stream, clock=clock)
-        self._name = stream.name
         self._decoder = self._link.decoder
         self._device_clock = DeviceClock()
-        self._waiting: deque[Frame] = deque()
         self._load_cells: tuple[CellSample, ...] = ()
         self._newest: FrameMessage | None = None
         self._stream_number: int | None = None
         self._sequence_offset = 0
         self._last: Frame | None = None
-        self._heard_s = self._tried_s = clock.now_s()
-        self._late = self._reconnects = 0
+        self._heard_s = clock.now_s()
         self._tripped = False
         try:
             frames = self._link.ask(*self._setup)
@@ -125,7 +118,7 @@ class SerialArray:
     @property
     def name(self) -> str:
         """The port that it is, or was last, at."""
-        return self._name
+        return self._port.name
 
     @property
     def identity(self) -> BoardIdentity | None:
@@ -147,8 +140,8 @@ class SerialArray:
         """What happened on the link so far."""
         return replace(
             self._decoder.counters,
-            late=self._late,
-            reconnects=self._reconnects,
+            late=self._port.late,
+            reconnects=self._port.reconnects,
             drift_ppm=self._device_clock.drift_ppm,
         )
 
@@ -162,19 +155,15 @@ class SerialArray:
         DeviceError
             If the board is gone for good.
         """
-        deadline_s = self._clock.now_s() + timeout_s
-        while not self._waiting:
-            self._fetch()
-            if self._waiting:
-                break
-            left_s = deadline_s - self._clock.now_s()
-            if left_s <= 0:
-                raise DeviceTimeoutError(self._silence(timeout_s))
-            self._clock.sleep_s(min(POLL_S, left_s))
-        frame = self._waiting.popleft()
-        age_s = self._clock.now_s() - frame.time_s
-        self._late += age_s > max(_LATE_S, _LATE_PERIODS / self._rate_hz)
-        return frame
+        return self._port.read(
+            self._fetch,
+            timeout_s=timeout_s,
+            period_s=1 / self._rate_hz,
+            silence=lambda: DeviceTimeoutError(
+                f"no frame from {self.name} in {timeout_s:.2f} s (expected every "
+                f"{1 / self._rate_hz:.3g} s). Check power, then run `palpate doctor`."
+            ),
+        )
 
     def newest(self) -> FrameMessage | None:
         """Return the newest frame as the board sent it, with status and pressure; None before one.
@@ -200,7 +189,7 @@ class SerialArray:
             If the board is unplugged.
         """
         if self._link is None:
-            raise DeviceError(f"{self._name} is unplugged; nothing can be sent to it")
+            raise DeviceError(f"{self.name} is unplugged; nothing can be sent to it")
         silent = self._clock.now_s() - self._heard_s > _PING_PERIODS / self._rate_hz + _PING_S
         if not (isinstance(command, Ping) and (silent or self._link.busy)):
             self._link.send(command)
@@ -222,38 +211,36 @@ class SerialArray:
             If the board is unplugged, refuses, or does not answer.
         """
         if self._link is None:
-            raise DeviceError(f"{self._name} is unplugged; nothing can be sent to it")
+            raise DeviceError(f"{self.name} is unplugged; nothing can be sent to it")
         ceiling, self._tripped = SetCeiling(counts=counts), False
         self._setup = (*self._setup[:-2], ceiling, self._setup[-1])
         self._take(self._link.ask(ceiling))
 
     def close(self) -> None:
         """Stop the stream and let go of the port; calling it again does nothing."""
-        self._reopen = None
-        if self._link is None:
-            return
+        link, self._link = self._link, None
         try:
-            self._link.send(Stop())
+            if link is not None:
+                link.send(Stop())
         except DeviceError:
             pass  # unplugged: there is nothing to stop
         finally:
-            self._link.stream.close()
-            self._link = None
+            self._port.close()
 
     def _fetch(self) -> None:
         """Take what has come; follow resets and unplugs."""
         now_s = self._clock.now_s()
         if self._link is None:
-            self._try_again(now_s)
+            if (stream := self._port.try_again()) is not None:
+                self._link = BoardLink(stream, clock=self._clock, decoder=self._decoder)
+                self._begin(self._link)
+                self._heard_s = now_s
             return
         try:
             frames = self._link.poll()
-        except DeviceError:
-            if self._reopen is None:
-                raise
-            self._link.stream.close()
+        except DeviceError as error:
+            self._port.lose(error)
             self._link = None
-            self._tried_s = now_s
             return
         if frames or self._link.busy:
             self._take(frames)
@@ -267,22 +254,6 @@ class SerialArray:
         self._heard_s = self._clock.now_s()
         for frame in frames:
             self._accept(frame, arrival_s=self._heard_s)
-
-    def _try_again(self, now_s: float) -> None:
-        if self._reopen is None:
-            raise DeviceNotFoundError(f"{self._name} was closed")
-        if now_s - self._tried_s < _REOPEN_S:
-            return
-        self._tried_s = now_s
-        try:
-            stream = self._reopen()
-        except DeviceError:
-            return  # still unplugged: the timeout informs the caller
-        self._link = BoardLink(stream, clock=self._clock, decoder=self._decoder)
-        self._begin(self._link)
-        self._name = stream.name
-        self._heard_s = now_s
-        self._reconnects += 1
 
     def _begin(self, link: BoardLink) -> None:
         """Set the board up again; a ceiling command would clear a trip, which stays."""
@@ -303,7 +274,7 @@ class SerialArray:
             ceiling_tripped=self._tripped,
         )
         self._load_cells, self._newest = message.load_cells, message
-        self._waiting.append(self._last)
+        self._port.waiting.append(self._last)
 
     def _enter(self, message: FrameMessage) -> None:
         """Begin to follow a stream: numbers go on, the clocks are compared afresh."""
@@ -318,11 +289,3 @@ class SerialArray:
             return
         self._sequence_offset = self._last.sequence + 1
         self._device_clock = DeviceClock(floor_s=floor_s, not_before_s=self._last.time_s)
-
-    def _silence(self, timeout_s: float) -> str:
-        if self._link is None:
-            return f"{self._name} is unplugged ({timeout_s:g} s without a frame). Plug it in again."
-        return (
-            f"no frame from {self._name} in {timeout_s:.2f} s (expected every "
-            f"{1 / self._rate_hz:.3g} s). Check power, then run `palpate doctor`."
-        )
