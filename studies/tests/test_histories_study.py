@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 from palpate.cli import build_app, run
-from palpate_studies import histories
 from palpate_studies.histories import MODELS, ours
 from palpate_studies.history_data import read_histories
-from palpate_studies.other_histories import other_histories
 
 HEADER = "recording_id,time_s,resistance_4wire_ohm,force_n,displacement_mm\n"
 
@@ -88,31 +86,6 @@ def test_real_kinds_of_motion_left_out(real_data: Path) -> None:
     rms = float(np.sqrt(np.mean((value - tested.force_n) ** 2)))
     # A ridge and trees had 23 and 15 % of the range where this study was laid out.
     assert rms < 0.15 * np.ptp(tested.force_n)
-
-
-def test_a_contact_network_forgets_nothing_while_it_rests() -> None:
-    sawtooth, again = (other_histories(0, seed=3)[0] for _ in range(2))
-    np.testing.assert_array_equal(sawtooth.log_ohm, again.log_ohm)
-    # At the same stretch it reads another resistance, by how it came there.
-    near = np.abs(sawtooth.displacement_mm - 6.0) < 0.3
-    assert np.ptp(sawtooth.log_ohm[near]) > 0.2
-
-
-def test_rubbers_of_another_memory(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(histories, "RUBBERS", 1)
-    monkeypatch.setattr(
-        histories, "other_histories", lambda rubber: other_histories(rubber, seed=3)[:3]
-    )
-    quick = {name: MODELS[name] for name in ("constant", "ridge", "ours")}
-    monkeypatch.setattr(histories, "MODELS", quick)
-    assert run(build_app(), ["study", "histories", "--second", "--json"], name="palpate") == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["second_generator"] is True
-    assert {row["specimen"] for row in document["rows"]} == {"0"}
-    assert run(build_app(), ["study", "histories"], name="palpate") == 2
-    assert "either --recordings or --second" in capsys.readouterr().err
 
 
 def test_study_with_test_recordings_scores_them_alone(

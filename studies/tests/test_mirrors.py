@@ -1,4 +1,4 @@
-"""What estimators and twin share is named on the scoreboard, by names that the code still has."""
+"""What estimators and twin share is named on the results page, by names that the code still has."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from palpate.estimate import closing_stiffness, size
 from palpate.twin.objects import draw_object
 from palpate_studies import force_control_world
 
-PAGE = Path(__file__).parents[2] / "docs" / "scoreboard.md"
+PAGE = Path(__file__).parents[2] / "docs" / "results.md"
 
 
 def mirrors() -> list[tuple[str, str]]:

@@ -13,9 +13,6 @@ import numpy as np
 import pytest
 
 from palpate.cli import build_app, run
-from palpate_studies import other_presses as other_presses_module
-from palpate_studies import press_models, presses
-from palpate_studies.other_presses import MOTIONS, other_presses
 from palpate_studies.press_data import Press, read_presses
 from palpate_studies.press_follow import in_newtons
 from palpate_studies.press_models import MODELS
@@ -144,28 +141,6 @@ def test_real_presses_of_settings_left_out(real_presses: list[Press]) -> None:
         )
         assert after <= 0.6 * before
     assert 0.8 <= np.mean([np.mean(one.covered) for one in ours]) <= 0.99
-
-
-def test_presses_of_sheets_of_another_law(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(other_presses_module, "_SHEETS", 2)
-    monkeypatch.setattr(press_models, "_ROUNDS", 10)
-    few = {motion: other_presses(motion, seed=3)[::8] for motion in MOTIONS}
-    held_s = {
-        motion: [p.trace.time_s[p.last_held] - p.trace.time_s[p.trace.told] for p in each]
-        for motion, each in few.items()
-    }
-    assert np.ptp(held_s["alike"]) < 0.5 < 2.0 < np.ptp(held_s["unlike"])
-    monkeypatch.setattr(presses, "other_presses", few.get)
-    assert run(build_app(), ["study", "presses", "--second", "--json"], name="palpate") == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["second_generator"] is True
-    for motion in MOTIONS:
-        rivals = {(row["part"], row["rival"]) for row in document[motion]["compared"]}
-        assert {("presses", "clock"), ("released", "trees")} <= rivals
-    assert run(build_app(), ["study", "presses"], name="palpate") == 2
-    assert "either --recordings or --second" in capsys.readouterr().err
 
 
 def test_study_with_test_recordings_scores_them_alone(

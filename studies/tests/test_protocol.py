@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import pytest
 
 from palpate.errors import PalpateError
 from palpate.estimate.damage_learning import FruitClosing, follow_closing
-from palpate_studies.protocol.method import Answer, Case, Question, losses
 from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.protocol.parts import Fold, SeenBeforeError, choose, folds
 from palpate_studies.rupture import OURS
@@ -40,32 +37,6 @@ def test_a_choice_is_refused_where_it_was_made() -> None:
     with pytest.raises(SeenBeforeError, match="b was used"):
         chosen.on(["b", "c"])
     assert issubclass(SeenBeforeError, PalpateError)
-
-
-def test_a_method_remembers_nothing_from_fold_to_fold() -> None:
-    class Remembers:
-        name = "remembers"
-
-        def __init__(self) -> None:
-            self.seen = list[Case]()
-
-        def fit(self, training: Sequence[Case], *, choosing: Sequence[Case]) -> Answer:
-            self.seen += [*training, *choosing]
-            known = {id(case.question): case.truth for case in self.seen}
-            return lambda asked: known.get(id(asked), 1.0)
-
-    cases = [
-        Case(
-            question=Question(curve=np.ones((2, 2)), asked=1.0, scale=1.0, kind=""),
-            truth=2.0,
-            specimen=name,
-            name=name,
-            whole=np.ones((2, 2)),
-        )
-        for name in "abc"
-    ]
-    found = losses(Remembers(), cases, parts=folds("abc", count=3))
-    assert found == pytest.approx(np.log(2.0))
 
 
 def test_folds_test_every_specimen_once_and_share_none() -> None:

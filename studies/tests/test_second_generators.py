@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -19,7 +17,6 @@ from palpate_studies.fruit_ranges import BRUISES
 from palpate_studies.other_crates import other_item
 from palpate_studies.other_fruit import WAYS, CorkyPatch, corky, other_avocado
 from palpate_studies.other_sheets import OtherSheet, other_sheet
-from palpate_studies.protocol.other_challenges import ladders, settled
 from palpate_studies.twin_apple import draw_apple
 from palpate_studies.twin_avocado import draw_avocado
 
@@ -119,13 +116,3 @@ def test_items_of_the_second_population_have_a_skin_and_shells_do_not() -> None:
     kiwi, egg = map(other_item, draw_crate(["kiwi", "egg"], seed=4))
     assert kiwi.side(0).curve is not None
     assert egg.side(0).curve is None
-
-
-def test_drawn_challenges_are_the_same_each_time_and_split_by_sensor() -> None:
-    for make in (settled, ladders):
-        made, again = make(Path()), make(Path())
-        assert [case.truth for case in made.cases] == [case.truth for case in again.cases]
-        tested = [name for fold in made.folds for name in fold.test]
-        assert sorted(tested) == sorted({case.specimen for case in made.cases})
-    back = [case for case in settled(Path()).cases if case.specimen.startswith("climbs back")]
-    assert all(case.whole[:, 1].min() < case.truth for case in back)

@@ -9,7 +9,6 @@ from palpate.sensor.array import SOFT_LAYOUT
 from palpate.twin.placement import PixelGrid
 from palpate_studies.dropped_apple import CLOSURE_MM, DROPPED, SIZE_MM, grasp_free, grasp_supported
 from palpate_studies.figure16 import GrowingContact, scores
-from palpate_studies.table4_preload import preloaded_line
 
 
 def test_supported_apple_keeps_the_load_of_its_sound_side() -> None:
@@ -48,13 +47,3 @@ def test_trend_is_counted_by_fruit() -> None:
     stays = np.array([-40.0, -41.0, -40.5, -39.5])[:, None] + np.array([-0.5, 0.5])
     found = scores(np.array([falls, stays]))
     assert (found["falls_every_day"], found["falls_clearly"], found["fruits"]) == (1, 1, 2)
-
-
-def test_preload_at_rest_turns_the_sign_of_an_intercept() -> None:
-    """A change that bends, as a sheet's does, has a line with a negative intercept without it."""
-    force_n = np.linspace(0.2, 12.0, 10)[:, None]
-    percent = -90.0 * (1.0 - np.exp(-force_n / 14.0))
-    (_, _, without_n), (_, _, under_n) = (
-        preloaded_line(force_n, percent, preload_n=preload_n) for preload_n in (0.0, 2.5)
-    )
-    assert without_n < 0 < under_n

@@ -18,21 +18,14 @@ from palpate.arrays import FloatArray
 from palpate.errors import InputError, needing
 from palpate_studies.force_model import ForceModel
 from palpate_studies.history_data import INPUTS, History, read_histories
-from palpate_studies.other_histories import RUBBERS, other_histories
 from palpate_studies.protocol.paired import compare
-from palpate_studies.report import SecondOption, StudyReport, Table, as_command
+from palpate_studies.report import StudyReport, Table, as_command
 
 LEVEL = 0.9
 _RIDGE = 1e-3
 #: Neighbours repeat each other: every second sample is learned from.
 _EVERY = 2
 
-_SECOND = (
-    f"Simulated: {RUBBERS} rubbers whose resistance is that of contacts that break and, after a "
-    "delay, close again, and whose force softens, relaxes by a power of time and rubs alike at any "
-    "speed. Each kind of motion of a rubber is predicted by models learned from its other kinds; "
-    "columns are means over rubbers."
-)
 #: From the inputs of a recording to force and half width of its interval, where it has one.
 Predictor: TypeAlias = Callable[[FloatArray], tuple[FloatArray, FloatArray | None]]
 Histories: TypeAlias = Sequence[History]
@@ -42,26 +35,20 @@ Rows: TypeAlias = list[dict[str, Any]]
 def report(
     *,
     recordings: Annotated[
-        Path | None, typer.Option(help="Recordings of stretching to learn from.", metavar="CSV")
-    ] = None,
+        Path, typer.Option(help="Recordings of stretching to learn from.", metavar="CSV")
+    ],
     test_recordings: Annotated[
         Path | None,
         typer.Option(
             help="Recordings to predict; without, kinds of motion are left out.", metavar="CSV"
         ),
     ] = None,
-    second: SecondOption = False,
 ) -> StudyReport:
     """Predict the force of stretched silicone from its resistance, kinds of motion left out.
 
     Example: palpate study histories --recordings silicone_histories.csv.gz
     """
-    if second == (recordings is not None):
-        raise InputError("give either --recordings or --second")
-    if recordings is None:
-        rubbers = [other_histories(rubber) for rubber in range(RUBBERS)]
-        splits = [pair for one in rubbers for pair in _leave_kinds_out(one, path="rubber")]
-    elif test_recordings is None:
+    if test_recordings is None:
         splits = [*_leave_kinds_out(read_histories(recordings), path=recordings)]
     else:
         splits = [(read_histories(recordings), read_histories(test_recordings))]
@@ -69,7 +56,6 @@ def report(
         {
             "recording_id": one.recording_id,
             "kind": one.kind,
-            "specimen": one.recording_id.partition("-rubber-")[2] if second else one.kind,
             "inputs": name,
             "model": model,
             **_scores(predict(one.inputs(name)), one.force_n),
@@ -82,9 +68,7 @@ def report(
     ]
     return StudyReport(
         name="histories",
-        title="Force of stretched silicone from the history of its resistance"
-        if recordings
-        else "Force of simulated rubbers with another memory (second generator)",
+        title="Force of stretched silicone from the history of its resistance",
         provenance=(
             "Real recordings (carbon-black silicone). "
             + (
@@ -92,9 +76,7 @@ def report(
                 if test_recordings is None
                 else f"Learned from {recordings} alone."
             )
-            + " Causal; no force of the tested recording is known."
-            if recordings
-            else _SECOND,
+            + " Causal; no force of the tested recording is known.",
             "`displacement` is no sensor: the gripper's or clip's position. `zero known` takes the "
             "mean error of each recording away: the load cell's zero was set again in each, in "
             "another state of the rubber, and no reading shows where.",
@@ -106,7 +88,6 @@ def report(
         ],
         payload={
             "study": "histories",
-            "second_generator": second,
             "rows": rows,
             "summary": _summary(rows),
             "compared": _compared(rows),
@@ -118,9 +99,7 @@ def report(
 command = as_command(report)
 
 
-def _leave_kinds_out(
-    known: Histories, *, path: Path | str
-) -> Iterator[tuple[Histories, Histories]]:
+def _leave_kinds_out(known: Histories, *, path: Path) -> Iterator[tuple[Histories, Histories]]:
     kinds = list(dict.fromkeys(one.kind for one in known))
     if len(kinds) < 2:
         raise InputError(f"{path}: one kind of motion only; two are needed")
@@ -216,24 +195,15 @@ def _scores(answer: tuple[FloatArray, FloatArray | None], force_n: FloatArray) -
 
 
 def _table(rows: Rows, key: str, *, title: str) -> Table:
-    """Return a line for each model, a column for each recording; of rubbers, for each kind."""
-    by = "kind" if len({row["specimen"] for row in rows}) > len({r["kind"] for r in rows}) else ""
-    cells: dict[tuple[str, str, str], list[float]] = {}
-    for row in rows:
-        if row[key] is not None:
-            where = row[by or "recording_id"]
-            cells.setdefault((row["inputs"], row["model"], where), []).append(row[key])
-    means = [
-        {"inputs": inputs, "model": model, "where": where, "mean": float(np.mean(values))}
-        for (inputs, model, where), values in cells.items()
-    ]
-    form = "{mean:.2f}" if key == "coverage" else "{mean:.1f}"
+    """Return a line for each model, a column for each recording."""
+    known = [row for row in rows if row[key] is not None]
+    form = f"{{{key}:.2f}}" if key == "coverage" else f"{{{key}:.1f}}"
     lead = {"inputs": "{inputs}", "model": "{model}"}
-    return Table.wide(title, means, lead, over="where", form=form)
+    return Table.wide(title, known, lead, over="recording_id", form=form)
 
 
 def _compared(rows: Rows) -> Rows:
-    """Return the error of ours less that of each other model, by kind of motion or rubber."""
+    """Return the error of ours less that of each other model, by kind of motion."""
     found: Rows = []
     for inputs in INPUTS:
         lost: dict[str, dict[str, float]] = {model: {} for model in MODELS}
@@ -241,7 +211,7 @@ def _compared(rows: Rows) -> Rows:
         for row in rows:
             if row["inputs"] == inputs:
                 lost[row["model"]][row["recording_id"]] = row["rms_percent"]
-                of[row["recording_id"]] = row["specimen"]
+                of[row["recording_id"]] = row["kind"]
         losses = {model: [each[name] for name in of] for model, each in lost.items()}
         found += compare(losses, list(of.values()), statistic=np.mean, inputs=inputs)
     return found

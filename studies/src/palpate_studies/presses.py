@@ -10,13 +10,11 @@ import numpy as np
 import typer
 
 from palpate.arrays import FloatArray
-from palpate.errors import InputError
-from palpate_studies.other_presses import MOTIONS, other_presses
 from palpate_studies.press_data import read_presses
 from palpate_studies.press_follow import Followed, in_newtons
 from palpate_studies.press_models import FOLDS, LEVEL, MODELS, Presses, folds
 from palpate_studies.protocol.paired import compare
-from palpate_studies.report import SecondOption, StudyReport, Table, as_command
+from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import group
 
 #: Name of a band of force -> its ends, newtons.
@@ -30,12 +28,6 @@ _WORDS = (
     "`trees` see the same states.",
     "Presses of one kind that are alike help them; the release shows what the sheet is worth.",
 )
-_SECOND = (
-    "Simulated: sheets whose conductance rises steeply, then with the logarithm of the load only, "
-    "with play of a fixed force and creep at an even pace, pressed at eight places. A setting is a "
-    "sheet and a force. Alike: up, held and let go as the robot of the real recordings does. "
-    "Unlike: of any speed and length, with a force that wanders, let go in up to 0.6 s."
-)
 
 Rows: TypeAlias = list[dict[str, Any]]
 
@@ -43,46 +35,30 @@ Rows: TypeAlias = list[dict[str, Any]]
 def report(
     *,
     recordings: Annotated[
-        Path | None, typer.Option(help="Recordings of presses to learn from.", metavar="CSV")
-    ] = None,
+        Path, typer.Option(help="Recordings of presses to learn from.", metavar="CSV")
+    ],
     test_recordings: Annotated[
         Path | None,
         typer.Option(help="Recordings to follow; without, 5 folds by setting.", metavar="CSV"),
     ] = None,
-    second: SecondOption = False,
 ) -> StudyReport:
     """Follow the force of real presses from resistance, given the force once in each.
 
     Example: palpate study presses --recordings presses.csv.gz
     """
-    if second == (recordings is not None):
-        raise InputError("give either --recordings or --second")
-    if recordings is not None:
-        known = read_presses(recordings)
-        if test_recordings is None:
-            scores = judge(folds(known))
-        else:
-            scores = judge([(known, read_presses(test_recordings))])
-        return StudyReport(
-            name="presses",
-            title="Force now on real Velostat under a robot's presses",
-            provenance=(
-                "Real recordings with a reference load cell.",
-                _FOLDED if test_recordings is None else f"Learned from {recordings} alone.",
-                *_WORDS,
-            ),
-            tables=tables(scores),
-            payload={"study": "presses", **scores},
-        )
-    found = {motion: judge(folds(other_presses(motion))) for motion in MOTIONS}
+    known = read_presses(recordings)
+    splits = folds(known) if test_recordings is None else [(known, read_presses(test_recordings))]
+    scores = judge(splits)
     return StudyReport(
         name="presses",
-        title="Force now on simulated sheets of another law (second generator)",
-        provenance=(_SECOND, _FOLDED, *_WORDS),
-        tables=[
-            table for name, scores in found.items() for table in tables(scores, of=f"{name}: ")
-        ],
-        payload={"study": "presses", "second_generator": True, **found},
+        title="Force now on real Velostat under a robot's presses",
+        provenance=(
+            "Real recordings with a reference load cell.",
+            _FOLDED if test_recordings is None else f"Learned from {recordings} alone.",
+            *_WORDS,
+        ),
+        tables=tables(scores),
+        payload={"study": "presses", **scores},
     )
 
 
@@ -186,11 +162,11 @@ def _compared(followed: Mapping[str, Sequence[Followed]]) -> Rows:
     return rows
 
 
-def tables(scores: Mapping[str, Any], *, of: str = "") -> list[Table]:
-    """Return the rows of the study's JSON as tables; `of` leads their titles."""
+def tables(scores: Mapping[str, Any]) -> list[Table]:
+    """Return the rows of the study's JSON as tables."""
     return [
         Table.of(
-            f"{of}Force after it was given, medians over presses",
+            "Force after it was given, medians over presses",
             scores["summary"],
             {
                 "setting": "{setting}",
@@ -204,7 +180,7 @@ def tables(scores: Mapping[str, Any], *, of: str = "") -> list[Table]:
             },
         ),
         Table.of(
-            f"{of}By force and part of the press, medians over samples",
+            "By force and part of the press, medians over samples",
             scores["by_force"],
             {
                 "model": "{model}",

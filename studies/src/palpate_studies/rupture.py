@@ -87,7 +87,6 @@ def report(
         "Stiffness rule: a line per fruit fitted to the training fruit, with our stiffness. Rule "
         "as published: with its authors' constants and window; they fitted them to fruit that may "
         "be among these.",
-        "What learners that are given everything do on such fruit: palpate study rupture-limits.",
     )
     return grip_report(
         "rupture",

@@ -1,9 +1,8 @@
-"""The scoreboard: every claim as data, its figures taken from kept results of studies.
+"""The claims of README.md and docs/results.md, with figures from stored results of studies.
 
-`docs/claims.toml` states what is claimed, what was criticised, and what pages quote;
-`docs/kept/NAME.json` holds what a study gave, with its command, seeds, date and the hash of its
-code. A figure on a page that neither gives fails a test. Studies take minutes to hours, so they are
-not run again there; `keep` writes a new result.
+`docs/claims.toml` states the claims, `docs/kept/results.md.in` the text of the results page, and
+`docs/kept/NAME.json` holds the figures of one run with its command, seeds, date and the hash of its
+code. Studies take minutes to hours, so the pages are filled from these files.
 """
 
 from __future__ import annotations
@@ -11,85 +10,73 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
+from functools import cache
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from palpate.errors import InputError
 from palpate.files import atomic_path
 
 _PART = re.compile(r"([^/\[\]]+)(?:\[([^\]]*)\])?")
+_VERDICTS = {"ours": "palpate", "rival": "baseline", "undecided": "undecided"}
+#: Figures of claims, by their key in claims.toml.
+_FILLED = ("count", "ours", "rival", "rival_name", "note")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Claim:
-    """One row of the scoreboard, as text.
+    """One row of the table of claims, as text.
 
     Attributes
     ----------
     name, claim : str
         For reference, and in words, with the unit.
+    code : str
+        The shipped class or function, ``module:symbol``.
+    study : str
+        The study that gives the figures.
     origin : str
         ``"real"`` or ``"simulated"``.
-    count : str
-        How many of what.
+    count, held : str
+        Number of cases, and by which unit they were held out.
     ours, rival, rival_name : str
-        Both figures, and what the strongest rival is.
+        Both figures, and the strongest baseline.
     difference : str
-        Ours less the rival with its interval; empty where nothing was paired.
+        palpate less the baseline with its interval; empty where nothing was paired.
     verdict : str
-        Who is better: ``ours``, ``rival`` or ``undecided``.
+        The better one: ``ours``, ``rival`` or ``undecided``.
     second : str
-        The figure on a second generator or other specimens; empty if there is none yet.
-    second_verdict : str
-        Who is better there: ``ours``, ``rival`` or ``undecided``; empty if nothing was compared.
-    command, note : str
-        What regenerates it, and what else must be stated.
+        The figure on a second generator, led by the better one there; may be empty.
+    note : str
+        What else must be stated.
     first_page : bool
         Whether README.md shows it too.
     """
 
     name: str
     claim: str
+    code: str
+    study: str
     origin: str
     count: str
+    held: str
     ours: str
     rival: str
     rival_name: str
     difference: str
     verdict: str
     second: str
-    second_verdict: str
-    command: str
     note: str
     first_page: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
-    """One point of criticism, and what its command gives now.
-
-    Attributes
-    ----------
-    found, now : str
-        What was found, and the figures of the kept result in words.
-    command : str
-        What regenerates them.
-    origin : str
-        ``"real"``, ``"simulated"``, or ``"printed"``: from published numbers alone.
-    """
-
-    found: str
-    now: str
-    command: str
-    origin: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Kept:
-    """A kept result without its figures: what made it, and how often it was looked at."""
+    """The origin of a stored result."""
 
     name: str
     command: str
@@ -103,40 +90,49 @@ class Kept:
         return self.command.split()[2]
 
 
+def generated_pages(docs: Path) -> dict[Path, str]:
+    """Return README.md and the results page, filled from the stored results."""
+    claims, readme = read_claims(docs), docs.parent / "README.md"
+    page = (docs / "kept" / "results.md.in").read_text(encoding="utf-8")
+    for origin in ("real", "simulated"):
+        chosen = [one for one in claims if one.origin == origin]
+        page = page.replace(f"{{{{claims {origin}}}}}", as_table(chosen))
+    return {
+        readme: with_table(readme.read_text(encoding="utf-8"), as_first_table(claims)),
+        docs / "results.md": fill_page(page, docs),
+    }
+
+
+def fill_page(text: str, docs: Path) -> str:
+    """Put figures in place of `{{RESULT|path:format}}`; of a list, its median.
+
+    Raises
+    ------
+    InputError
+        If a result does not hold a figure.
+    """
+
+    def put(match: re.Match[str]) -> str:
+        figures = _read_result(docs, match[1])["figures"]
+        return _fill(f"{{{match[2]}}}", figures, claim="results.md.in")
+
+    return re.sub(r"\{\{([\w-]+)\|([^}]*)\}\}", put, text)
+
+
 def read_kept(docs: Path) -> list[Kept]:
-    """Read what made every kept result, by name."""
+    """Read the origin of every stored result, by name."""
     return [
         Kept(
             name=path.stem,
             **{key: one[key] for key in ("command", "made_on", "code_sha256", "note")},
         )
         for path in sorted((docs / "kept").glob("*.json"))
-        for one in [_kept(docs, path.stem)]
-    ]
-
-
-def read_findings(docs: Path) -> list[Finding]:
-    """Read the points of criticism, with every figure taken from its kept result.
-
-    Raises
-    ------
-    InputError
-        If one names a figure that its result does not hold.
-    """
-    return [
-        Finding(
-            found=row["found"],
-            now=_filled(row["now"], kept["figures"], claim=row["found"]),
-            command=row.get("command", kept["command"]),
-            origin=row.get("origin", kept["origin"]),
-        )
-        for row in _rows(docs, "finding")
-        for kept in [_kept(docs, row["result"])]
+        for one in [_read_result(docs, path.stem)]
     ]
 
 
 def read_claims(docs: Path) -> list[Claim]:
-    """Read the claims, with every figure taken from its kept result.
+    """Read the claims, with every figure taken from its stored result.
 
     Raises
     ------
@@ -144,69 +140,40 @@ def read_claims(docs: Path) -> list[Claim]:
         If a claim names a figure that its result does not hold, or a verdict that its interval does
         not support.
     """
-    return [_claim(row, docs) for row in _rows(docs, "claim")]
+    document = tomllib.loads((docs / "claims.toml").read_text(encoding="utf-8"))
+    return [_read_claim(row, docs) for row in document["claim"]]
 
 
-def quotes(docs: Path) -> list[tuple[str, str, str]]:
-    """Return claim or result, page and text that the page has to hold, figures filled in."""
-    return [
-        (name, page, _filled(text, _kept(docs, row[result])["figures"], claim=name))
-        for row in (*_rows(docs, "claim"), *_rows(docs, "page"))
-        for name in [row.get("name", row["result"])]
-        for result, quoted in (("result", "quotes"), ("second_result", "second_quotes"))
-        for page, text in row.get(quoted, [])
-    ]
-
-
-def _rows(docs: Path, kind: str) -> list[dict[str, Any]]:
-    rows: list[dict[str, Any]] = tomllib.loads((docs / "claims.toml").read_text()).get(kind, [])
-    return rows
-
-
-def _claim(row: Mapping[str, Any], docs: Path) -> Claim:
-    kept = _kept(docs, row["result"])
-
-    def filled(key: str) -> str:
-        return _filled(row.get(key, ""), kept["figures"], claim=row["name"])
-
-    verdict, difference = row["verdict"], ""
+def _read_claim(row: Mapping[str, Any], docs: Path) -> Claim:
+    kept = _read_result(docs, row["result"])
+    verdict, difference, second = row["verdict"], "", ""
     if "difference" in row:
-        ends = _compared(row, "difference", kept["figures"], verdict=verdict)
+        ends = _compare(row, "difference", kept["figures"], verdict=verdict)
         difference = "{} ({} to {})".format(*ends)
-    second, second_verdict = row.get("second", ""), row.get("second_verdict", "")
     if "second_result" in row:
-        figures = _kept(docs, row["second_result"])["figures"]
-        second = _filled(second, figures, claim=row["name"])
-        if "second_difference" in row:
-            ends = _compared(row, "second_difference", figures, verdict=second_verdict)
-            second += " (difference {}, {} to {})".format(*ends)
+        figures = _read_result(docs, row["second_result"])["figures"]
+        second = _fill(row["second"], figures, claim=row["name"])
+        better = row["second_verdict"]
+        ends = _compare(row, "second_difference", figures, verdict=better)
+        second = f"**{_VERDICTS[better]}**: {second} ({{}}, {{}} to {{}})".format(*ends)
     return Claim(
         name=row["name"],
         claim=row["claim"],
+        code=row["code"],
+        study=kept["command"].split()[2],
         origin=kept["origin"],
-        count=filled("count"),
-        ours=filled("ours"),
-        rival=filled("rival"),
-        rival_name=filled("rival_name"),
+        held=row["held"],
         difference=difference,
         verdict=verdict,
         second=second,
-        second_verdict=second_verdict,
-        command=kept["command"],
-        note=filled("note"),
         first_page=row.get("first_page", False),
+        **{key: _fill(row.get(key, ""), kept["figures"], claim=row["name"]) for key in _FILLED},
     )
 
 
-def _compared(row: Mapping[str, Any], key: str, figures: Any, *, verdict: str) -> list[str]:
-    """Return a difference and the ends of its interval as text.
-
-    Raises
-    ------
-    InputError
-        If the claim states another verdict than the interval supports.
-    """
-    found = _looked_up(row[key], figures, claim=row["name"])
+def _compare(row: Mapping[str, Any], key: str, figures: Any, *, verdict: str) -> list[str]:
+    """Return a difference and the ends of its interval; refuse an unsupported verdict."""
+    found = _look_up(row[key], figures, claim=row["name"])
     if found["verdict"] != verdict:
         raise InputError(
             f"claims.toml: {row['name']} says {verdict!r}, its interval {found['verdict']!r}"
@@ -215,27 +182,27 @@ def _compared(row: Mapping[str, Any], key: str, figures: Any, *, verdict: str) -
     return [f"{scale * found[end]:{form}}" for end in ("difference", "low", "high")]
 
 
-def _kept(docs: Path, name: str) -> dict[str, Any]:
+@cache
+def _read_result(docs: Path, name: str) -> dict[str, Any]:
     found: dict[str, Any] = json.loads((docs / "kept" / f"{name}.json").read_text())
     return found
 
 
-def _filled(text: str, figures: Any, *, claim: str) -> str:
+def _fill(text: str, figures: Any, *, claim: str) -> str:
     """Put figures in place of `{path}` or `{path:form}`, or `{100*path:form}`."""
 
     def put(match: re.Match[str]) -> str:
         path, _, form = match.group(1).partition(":")
-        scale = 1.0
-        if "*" in path:
-            factor, path = path.split("*", 1)
-            scale = float(factor)
-        value = _looked_up(path, figures, claim=claim)
-        return f"{scale * value:{form}}" if form else f"{value}"
+        factor, star, rest = path.partition("*")
+        value = _look_up(rest if star else path, figures, claim=claim)
+        if isinstance(value, list):
+            value = median(value)
+        return f"{float(factor if star else 1) * value:{form}}" if form else f"{value}"
 
     return re.sub(r"\{([^}]*)\}", put, text)
 
 
-def _looked_up(path: str, figures: Any, *, claim: str) -> Any:
+def _look_up(path: str, figures: Any, *, claim: str) -> Any:
     """Follow a path such as ``rows[method=ours;rate=0.05]/firmness`` or ``interval/0``."""
     found = figures
     for part in path.split("/"):
@@ -255,6 +222,68 @@ def _looked_up(path: str, figures: Any, *, claim: str) -> Any:
     return found
 
 
+def as_table(claims: Sequence[Claim]) -> str:
+    """Return the Markdown table of claims for the results page."""
+    rows = [
+        (
+            one.claim + (f" ({one.note})" if one.note else ""),
+            f"`{one.code.rpartition(':')[2]}`, `{one.study}`",
+            one.count,
+            one.held,
+            one.ours,
+            f"{one.rival} ({one.rival_name})",
+            one.difference or "not paired",
+            _VERDICTS[one.verdict],
+            one.second,
+        )
+        for one in claims
+    ]
+    head = ("claim", "code, study", "n", "held out by", "palpate", "strongest baseline")
+    return _markdown((*head, "difference (90 %)", "better", "second generator"), rows)
+
+
+def as_first_table(claims: Sequence[Claim]) -> str:
+    """Return the Markdown table of the few claims that README.md shows."""
+    rows = [
+        (one.claim, one.count, one.ours, f"{one.rival} ({one.rival_name})", _VERDICTS[one.verdict])
+        for one in claims
+        if one.first_page
+    ]
+    return _markdown(("", "n", "palpate", "strongest baseline", "better"), rows)
+
+
+def _markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
+    return "\n".join(lines)
+
+
+def with_table(page: str, table: str) -> str:
+    """Return a page with the table of claims between its marks.
+
+    Raises
+    ------
+    InputError
+        If the page has no such marks, or more than one pair.
+
+    Examples
+    --------
+    >>> begin, end = MARKS
+    >>> with_table(f"a\\n{begin}\\nold\\n{end}\\nb", "new").split("\\n")[2:5]
+    ['', 'new', '']
+    """
+    begin, end = MARKS
+    if page.count(begin) != 1 or page.count(end) != 1:
+        raise InputError(f"a page needs one {begin} and one {end}")
+    before, rest = page.split(begin)
+    after = rest.split(end)[1]
+    return f"{before}{begin}\n\n{table}\n\n{end}{after}"
+
+
+#: The lines of README.md around the table of claims.
+MARKS = ("<!-- scoreboard: begin -->", "<!-- scoreboard: end -->")
+
+
 def keep(
     name: str,
     *,
@@ -265,7 +294,7 @@ def keep(
     note: str = "",
     code_sha256: str,
 ) -> Path:
-    """Write what a study gave to `docs/kept`, with what made it.
+    """Write the figures of a study to `docs/kept`, with their origin.
 
     Parameters
     ----------
@@ -278,9 +307,9 @@ def keep(
     origin : {"real", "simulated"}
         Of the data.
     figures : mapping
-        The part of the study's JSON that claims may quote.
+        The part of the study's JSON that pages may quote.
     note : str
-        Seeds, looks, and what was cut short.
+        Seeds, evaluations on the test set, and what was cut short.
     code_sha256 : str
         `study_code.code_hash` of the study when it began.
     """

@@ -4,10 +4,26 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.signal.events import EventKind, actuation_spikes
-from palpate_studies.contact_events import contact_events, lowpass, running_median
+from palpate.signal.events import (
+    ContactState,
+    EventKind,
+    SignalEvent,
+    actuation_spikes,
+    watch_contact,
+)
 
 TIME_S = np.arange(0, 10, 1 / 15)
+
+
+def contact_events(time_s: np.ndarray, finger_percent: np.ndarray) -> list[SignalEvent]:
+    """Watch each finger's change, sample by sample."""
+    events, states = [], [ContactState()] * finger_percent.shape[1]
+    for now_s, changes in zip(time_s, finger_percent, strict=True):
+        for finger, change in enumerate(changes):
+            states[finger], kind = watch_contact(states[finger], float(change))
+            if kind is not None:
+                events.append(SignalEvent(kind=kind, time_s=float(now_s), finger=finger))
+    return events
 
 
 def kinds(events: list) -> list[tuple[str, int | None]]:
@@ -74,19 +90,3 @@ def test_everything_is_causal() -> None:
     cut = 100
     before = [event for event in contact_events(TIME_S, fingers) if event.time_s < TIME_S[cut]]
     assert contact_events(TIME_S[:cut], fingers[:cut]) == before
-    np.testing.assert_array_equal(
-        running_median(fingers, length=5)[:cut], running_median(fingers[:cut], length=5)
-    )
-
-
-def test_lowpass_is_exact_on_uneven_times() -> None:
-    uneven = np.array([0.0, 0.1, 0.15, 0.6, 1.0])
-    step = np.array([0.0, 1.0, 1.0, 1.0, 1.0])
-    smooth = lowpass(uneven, step, time_constant_s=0.3)
-    np.testing.assert_allclose(smooth, 1 - np.exp(-uneven / 0.3), atol=1e-12)
-
-
-def test_running_median_drops_single_outliers() -> None:
-    spoiled = np.zeros(20)
-    spoiled[7] = 100.0
-    assert running_median(spoiled, length=3).max() == 0.0
