@@ -16,7 +16,6 @@ import griffe
 
 from palpate import errors
 from palpate.cli.grasp import EXIT_STATUS
-from palpate.grasp.config import rows
 from palpate.grasp.result import Outcome
 from palpate.grasp.verdict import outcome_text
 from palpate.gripper import dynamixel, feetech, pneumatic
@@ -60,36 +59,56 @@ def _outcomes() -> str:
 
 
 def _schema(path: Path, *, without: Path | None = None) -> str:
-    """Return the fields of a JSON schema, nested ones by their path, less those of another."""
+    """Return the fields of a JSON schema, nested ones by their path, less those of another.
+
+    Fields of one parent that agree in type and meaning share a row.
+    """
     rows = [
         list(_fields(json.loads(one.read_text(encoding="utf-8")), where=""))
         for one in (path, without)
         if one is not None
     ]
     known = rows[1] if without is not None else []
-    return _table(("field", "type", "meaning"), (row for row in rows[0] if row not in known))
+    shared: dict[tuple[str, str, str], list[str]] = {}
+    for name, kind, meaning in rows[0]:
+        if (name, kind, meaning) not in known:
+            parent = name.rpartition(".")[0]
+            shared.setdefault((parent, kind, meaning), []).append(name)
+    return _table(
+        ("field and type", "meaning"),
+        (
+            (f"{', '.join(f'`{one}`' for one in names)} {kind}", meaning)
+            for (_, kind, meaning), names in shared.items()
+        ),
+    )
 
 
 def _fields(schema: dict[str, Any], *, where: str) -> Iterator[tuple[str, str, str]]:
     for name, field in schema.get("properties", {}).items():
         full, optional = where + name, name not in schema["required"]
-        kind = _type(field) + (", may be absent" if optional else "")
-        yield f"`{full}`", kind, field.get("description", "")
+        kind = _type(field) + (", optional" if optional else "")
+        yield full, kind, field.get("description", "")
         yield from _fields(field, where=f"{full}.")
         yield from _fields(field.get("items", {}), where=f"{full}[].")
 
 
 def _type(field: dict[str, Any]) -> str:
+    """Return the type of a field; a question mark stands for "or null"."""
     if "$ref" in field:
         return "[measurement](#measurement)"
-    if "anyOf" in field:
-        return " or ".join(map(_type, field["anyOf"]))
+    if field.get("type") == "null":
+        return "null"
     if "enum" in field:
-        return " or ".join("null" if one is None else f"`{one}`" for one in field["enum"])
-    kinds = field["type"] if isinstance(field["type"], list) else [field["type"]]
-    inner = field.get("items", {})
-    of = f" of {_type(inner)}" if inner and "properties" not in inner else ""
-    return " or ".join(kind + (of if kind == "array" else "") for kind in kinds)
+        known = [f"`{one}`" for one in field["enum"] if one is not None]
+        return " ".join(known) + ("?" if None in field["enum"] else "")
+    if "anyOf" in field:
+        kinds = [_type(one) for one in field["anyOf"]]
+    else:
+        kinds = field["type"] if isinstance(field["type"], list) else [field["type"]]
+        inner = field.get("items", {})
+        of = f" of {_type(inner)}" if inner and "properties" not in inner else ""
+        kinds = [kind + (of if kind == "array" else "") for kind in kinds]
+    return "/".join(kind for kind in kinds if kind != "null") + ("?" if "null" in kinds else "")
 
 
 def _topics() -> str:
@@ -97,9 +116,9 @@ def _topics() -> str:
     return _table(
         ("topic", "field", "type", "meaning"),
         (
-            (f"`{topic}`", *field)
+            (f"`{topic}`", f"`{name}`", kind, meaning)
             for topic, schema in SCHEMAS.items()
-            for field in _fields(schema, where="")
+            for name, kind, meaning in _fields(schema, where="")
         ),
     )
 
@@ -139,13 +158,7 @@ def _default(value: object) -> str:
 _SCHEMAS = Path(__file__).resolve().parent / "docs" / "schemas"
 
 
-def _grasp_numbers() -> str:
-    head = ("number", "value", "range", "unit", "source", "quantity")
-    return _table(head, ((f"`{name}`", *row) for name, *row in rows()))
-
-
 TABLES: dict[str, Callable[[], str]] = {
-    "grasp-numbers": _grasp_numbers,
     "errors": _errors,
     "outcomes": _outcomes,
     "topics": _topics,

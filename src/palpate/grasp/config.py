@@ -1,9 +1,8 @@
 """The tuned numbers of the grasp, each with its range, unit, source and quantity.
 
 A source is the paper, a datasheet, a study of this project, development sensors of the twin, a
-requirement, or a guess. `docs/grasp-states.md` shows them as a table. No other file of this folder
-holds a tuned number (`tests/unit/grasp/test_config.py`); what a user or a rig sets is in `Plan` and
-`SafetyLimits`.
+requirement, or a guess. No other file of this folder holds a tuned number
+(`tests/unit/grasp/test_config.py`); what a user or a rig sets is in `Plan` and `SafetyLimits`.
 """
 
 from __future__ import annotations
@@ -309,7 +308,7 @@ GROUPS: dict[str, Any] = {
 
 
 def rows() -> list[tuple[str, ...]]:
-    """Return name, value, range, unit, source and quantity of every number, for the table.
+    """Return name, value, range, unit, source and quantity of every number.
 
     >>> rows()[0][:4]
     ('READING.now_s', '0.14', '0.05 to 0.3', 's')
