@@ -45,9 +45,9 @@ if TYPE_CHECKING:
     from palpate.rig import Rig, open_rig
     from palpate.rig.grip import Grip
     from palpate.rig.reading import Reading
+    from palpate.settling.baselines import Recorded
     from palpate.settling.exponential import Exponential
     from palpate.settling.predict import predict_settled
-    from palpate.settling.recorded import Recorded
     from palpate.settling.relaxation import Relaxation
     from palpate.settling.result import SettledEstimate, Status
     from palpate.settling.score_table import ScoreTable, score
@@ -98,7 +98,7 @@ _HOMES = {
     "Plan": "palpate.grasp.plan",
     "Reading": "palpate.rig.reading",
     "Readings": "palpate.holds.recordings",
-    "Recorded": "palpate.settling.recorded",
+    "Recorded": "palpate.settling.baselines",
     "Relaxation": "palpate.settling.relaxation",
     "Rig": "palpate.rig",
     "ScoreTable": "palpate.settling.score_table",

@@ -20,7 +20,7 @@ from palpate.grasp.safety import SafetyLimits, largest_step
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.sensor.array import ArrayLayout, Frame
-from palpate.settling.recorded import Recorded
+from palpate.settling.baselines import Recorded
 
 LIMITS = GripperLimits(drive="width", lowest=20.0, highest=40.0, fastest=60.0)
 LAYOUT = ArrayLayout(name="two", rows=2, cols=1, finger_of_row=(0, 1))

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate.settling.baselines import LogLaw, Recorded
 from palpate.settling.exponential import Exponential
-from palpate.settling.log_law import LogLaw
-from palpate.settling.recorded import Recorded
 
 METHODS = [Recorded(), Exponential(), LogLaw()]
 

@@ -21,8 +21,7 @@ from palpate.errors import InputError
 from palpate.holds import Hold, settled_value
 from palpate.holds.cutting import CutAt
 from palpate.plots.style import check_plot
-from palpate.settling.conformal import calibrate
-from palpate.settling.own import OwnRelaxation
+from palpate.settling.calibrated import Calibrated
 from palpate.settling.predict import method_named
 from palpate.settling.result import SettlingMethod
 from palpate.settling.score_table import ScoreTable
@@ -362,7 +361,7 @@ def _methods(
         own = _read_settled_holds(
             learn_from, horizon_s=horizon_s, option="--learn-from", percent=percent
         )
-        made["relaxation"] = OwnRelaxation(holds=tuple(own))
+        made["relaxation"] = Calibrated(holds=tuple(own))
     if not fit_on:
         return made
     holds = _read_settled_holds(fit_on, horizon_s=horizon_s, option="--fit-on", percent=percent)
@@ -372,7 +371,9 @@ def _methods(
             f"than {FEW_CALIBRATION_HOLDS} are rough or missing",
             file=sys.stderr,
         )
-    return {name: calibrate(method, holds, horizon_s=horizon_s) for name, method in made.items()}
+    return {
+        name: Calibrated(method=method, holds=holds, learn=False) for name, method in made.items()
+    }
 
 
 def _read_settled_holds(

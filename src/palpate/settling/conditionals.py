@@ -1,4 +1,4 @@
-"""The shapes met with a sampling grid: linear forms that forecast, quadratic forms that weigh.
+"""The shapes on a sampling grid: linear forms that forecast, quadratic forms that weigh.
 
 A component is a curve and a deviation. Up to one unknown scale s, the differences d of the binned
 samples to the last one have covariance s^2 (K + c c'), with K of the deviation and c of the curve.
@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.settling.shapes import DEVIATIONS, N_CURVES, curve_values
 
+#: Degrees of freedom of the prior of the scale of ln R (see `mixture.SCALE`).
+SCALE_DEGREES = 4.0
 #: An average of many samples is no better than this share of one sample's variance: coloured noise.
 NOISE_FLOOR = 0.02
 #: Time added before the logarithm of the walk, s: about the length of the contact transient.
@@ -33,6 +35,7 @@ _JITTER = 1e-9
 N_DEVIATIONS = len(DEVIATIONS)
 #: Which deviation each component has: they are counted deviation by deviation.
 DEVIATION_OF = np.repeat(np.arange(N_DEVIATIONS), N_CURVES)
+_IS_OWN = np.arange(N_DEVIATIONS)[:, None] == DEVIATION_OF
 #: Noise of one sample in each deviation, in units of the scale.
 NOISE = np.array([d.noise for d in DEVIATIONS])
 #: What each term of the covariance counts for in each deviation, shape (n_deviations, n_terms).
@@ -40,12 +43,12 @@ _VARIANCE = np.array(
     [[d.noise**2, d.walk**2, d.loose**2, d.fast] for d in DEVIATIONS], dtype=np.float64
 )
 
-#: More stretches than this sharpen no prediction, they only cost.
+#: More bins than this sharpen no prediction, they only cost.
 MOST_BINS = 12
-#: Below this time after the peak, stretches stop shrinking (s).
+#: Below this time after the peak, bins stop shrinking (s).
 LINEAR_BELOW_S = 0.1
-#: Scatter within the stretches counts as at most this many independent samples: real noise is
-#: coloured (mains, filters), and a thousand samples a second don't know it a thousand times better.
+#: Scatter within the bins counts as at most this many independent samples: real noise is coloured
+#: (mains, filters), and a thousand samples a second don't know it a thousand times better.
 MOST_NOISE_SAMPLES = 12.0
 #: Scatter this much larger (variance) over the whole than over the later half is no noise: contact
 #: was being made. The later half alone then gives the noise.
@@ -56,19 +59,22 @@ CONTACT_SCATTER = 10.0
 class Conditionals:
     """The components evaluated on one grid; m is the number of differences."""
 
-    #: How samples are averaged first.
-    bins: Bins
-    #: What differences are multiplied with, m rows each: whitened by each deviation, shape
-    #: (m, n_deviations * m); along each whitened curve divided by sqrt(1 + its square), shape
-    #: (m, n_components); and forecast by each deviation, shape (m, n_deviations).
+    #: Shape (n_bins, n_times). Averages the samples of one bin each.
+    averaging: FloatArray
+    #: Independent samples of noise, and degrees of freedom of the scale.
+    noise_samples: float
+    degrees: float
+    #: Factors of differences, m rows each: whitened by each deviation, shape (m, n_deviations * m);
+    #: along each whitened curve divided by sqrt(1 + its square) and times the root of the handicap,
+    #: shape (m, n_components); and forecast by each deviation, shape (m, n_deviations).
     whitening: FloatArray
     along: FloatArray
     ahead: FloatArray
-    #: Shape (n_components,). Forecast per unit along such a curve, deviation by deviation.
+    #: Shape (n_deviations, n_components). What multiplies the unexplained squares of a component,
+    #: for the noise and the determinants: at least 1; 0 outside of its own deviation.
+    handicap: FloatArray
+    #: Shape (n_components,). Forecast per unit along the curve, and its variance per unit left.
     step: FloatArray
-    #: Shape (n_components,). -ln|K + c c'| / 2.
-    log_weight: FloatArray
-    #: Shape (n_components,). Variance of the forecast at unit scale.
     variance: FloatArray
     #: The recent pace per e-fold of time would bring a change of `pace` times the difference of the
     #: last bin to this one.
@@ -76,68 +82,76 @@ class Conditionals:
     pace: float
 
 
-def conditionals(time_s: FloatArray, *, after_s: float, loading_s: float = 0.0) -> Conditionals:
+def conditionals(
+    time_s: FloatArray, *, after_s: float, loading_s: float, scaled: bool
+) -> Conditionals:
     """Work out, or recall, the conditionals of a grid.
 
     `time_s`, shape (n_times,): seconds after the origin of the samples to use; at least two.
     `after_s`: time of the value to predict, seconds after the origin.
     `loading_s`: how long loading took before the origin; 0 where it is not known.
+    `scaled`: whether the values are ln R, whose scale is known roughly; of other units nothing is.
     """
-    return _recall(time_s.tobytes(), after_s, loading_s)
+    return _recall(time_s.tobytes(), after_s, loading_s, scaled)
 
 
 @lru_cache(maxsize=64)
-def _recall(time_bytes: bytes, after_s: float, loading_s: float) -> Conditionals:
-    bins = log_bins(np.frombuffer(time_bytes))
-    time_s = np.append(bins.time_s, after_s)
-    last = bins.time_s.size - 1
+def _recall(time_bytes: bytes, after_s: float, loading_s: float, scaled: bool) -> Conditionals:
+    samples_s = np.frombuffer(time_bytes)
+    averaging, count, time_s = log_bins(samples_s)
+    last = time_s.size - 1
+    pace_from = min(int(np.searchsorted(time_s, time_s[-1] / np.e)), last - 1)
+    log_time = np.log(np.array([time_s[pace_from], time_s[-1], after_s]) + WALK_FROM_S)
+    time_s = np.append(time_s, after_s)
     others = np.array([*range(last), last + 1], dtype=np.intp)
     curve = curve_values(time_s, loading_s=loading_s)
     curve = curve[others] - curve[last]
     # Factorised whole: the last row of the factor is that of the horizon given the samples.
-    covariances = _covariances(bins, time_s=time_s, others=others)
-    factor = np.asarray(np.linalg.cholesky(covariances), np.float64)
+    factor = np.linalg.cholesky(_covariances(count, time_s=time_s, others=others))
     whitening = np.asarray(np.linalg.inv(factor[:, :-1, :-1]), np.float64)
     ahead = factor[:, -1, :-1]
     whitened = whitening @ curve[:-1]
     root = np.sqrt(1 + np.einsum("kmc,kmc->kc", whitened, whitened))
-    step = (curve[-1] - (ahead[:, None] @ whitened)[:, 0]) / root
+    step = ((curve[-1] - (ahead[:, None] @ whitened)[:, 0]) / root).ravel()
+    diagonal = np.diagonal(factor, axis1=1, axis2=2)
+    log_weight = (-np.log(diagonal[:, :-1]).sum(axis=1)[:, None] - np.log(root)).ravel()
+    variance = np.repeat(diagonal[:, -1] ** 2, N_CURVES) + step**2
+    # Neighbouring deviations share samples: about half of them are independent.
+    noise_samples = min(max(samples_s.size - 2, 0) / 2, MOST_NOISE_SAMPLES)
+    degrees = last + noise_samples + scaled * SCALE_DEGREES
+    log_prior = log_weight - noise_samples * np.log(NOISE)[DEVIATION_OF]
+    handicap = np.exp((log_prior.max() - log_prior) * (2 / degrees))
     back = whitening.transpose(0, 2, 1)
     whitening_back, along, ahead_of = (
         np.ascontiguousarray(part.transpose(1, 0, 2)).reshape(last, -1)
         for part in (back, back @ (whitened / root[:, None]), back @ ahead[:, :, None])
     )
-    diagonal = np.diagonal(factor, axis1=1, axis2=2)
-    pace_from, pace = _recent_pace(bins.time_s, after_s=after_s)
     return Conditionals(
-        bins=bins,
+        averaging=averaging,
+        noise_samples=noise_samples,
+        degrees=degrees,
         whitening=whitening_back,
-        along=along,
+        along=along * np.sqrt(handicap),
         ahead=ahead_of,
-        step=step.ravel(),
-        log_weight=(-np.log(diagonal[:, :-1]).sum(axis=1)[:, None] - np.log(root)).ravel(),
-        variance=(diagonal[:, -1:] ** 2 + step**2).ravel(),
+        handicap=np.where(_IS_OWN, handicap, 0.0),
+        step=step / np.sqrt(handicap),
+        variance=variance / handicap / max(degrees - 2, 1),
         pace_from=pace_from,
-        pace=pace,
+        pace=float((log_time[2] - log_time[1]) / (log_time[1] - log_time[0])),
     )
 
 
-def _recent_pace(time_s: FloatArray, *, after_s: float) -> tuple[int, float]:
-    """Return the bin an e-fold of time before the last, and e-folds to come over those since it."""
-    first = min(int(np.searchsorted(time_s, time_s[-1] / np.e)), time_s.size - 2)
-    log_time = np.log(np.array([time_s[first], time_s[-1], after_s]) + WALK_FROM_S)
-    return first, float((log_time[2] - log_time[1]) / (log_time[1] - log_time[0]))
-
-
-def _covariances(bins: Bins, *, time_s: FloatArray, others: NDArray[np.intp]) -> FloatArray:
+def _covariances(
+    samples: FloatArray, *, time_s: FloatArray, others: NDArray[np.intp]
+) -> FloatArray:
     """Return the covariance of (other bins, value at the horizon) less the last bin, unit scale."""
-    last, count = bins.time_s.size - 1, others.size
+    last, count = samples.size - 1, others.size
 
     def outer(rows: FloatArray) -> FloatArray:
         moved = rows[others] - rows[last]
         return np.asarray(moved @ moved.T)
 
-    noise = np.append(1 / bins.count + NOISE_FLOOR, 0.0)
+    noise = np.append(1 / samples + NOISE_FLOOR, 0.0)
     log_time = np.log(time_s + WALK_FROM_S)
     steps = log_time[others] - log_time[last]
     terms = np.empty((_VARIANCE.shape[1], count, count))
@@ -149,79 +163,45 @@ def _covariances(bins: Bins, *, time_s: FloatArray, others: NDArray[np.intp]) ->
     return np.asarray(covariance.reshape(-1, count, count) + _JITTER * np.eye(count))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Bins:
-    """Stretches of a sampling grid."""
-
-    #: Shape (n_bins, n_times). Rows that average the samples of one stretch each.
-    averaging: FloatArray
-    #: Shape (n_bins,). Time of each average, seconds after the peak.
-    time_s: FloatArray
-    #: Shape (n_bins,). Samples in each.
-    count: FloatArray
-
-
-def log_bins(time_s: FloatArray) -> Bins:
-    """Divide sampling times after the peak into stretches of equal length in log time.
+def log_bins(time_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Divide sampling times after the peak into bins of equal length in log time.
 
     `time_s`, shape (n_times,): seconds after the peak, starting at 0, strictly increasing.
-    At most `MOST_BINS`; empty stretches are left out.
+    Returns rows that average the samples of one bin each, shape (n_bins, n_times), and the number
+    of samples and the time of each bin. At most `MOST_BINS`; empty bins are left out.
 
-    >>> bins = log_bins(np.arange(0.0, 3.0, 0.1))
-    >>> bins.count.astype(int).tolist()
+    >>> _, count, _ = log_bins(np.arange(0.0, 3.0, 0.1))
+    >>> count.astype(int).tolist()
     [1, 1, 1, 1, 1, 2, 2, 3, 5, 5, 8]
     """
-    n_times = time_s.size
     log_time = np.log(time_s + LINEAR_BELOW_S)
-    if n_times <= MOST_BINS:
-        label = np.arange(n_times)
+    if time_s.size <= MOST_BINS:
+        label = np.arange(time_s.size)
     else:
         share = (log_time - log_time[0]) / (log_time[-1] - log_time[0])
         label = np.minimum((share * MOST_BINS).astype(np.intp), MOST_BINS - 1)
         label = np.concatenate([[0], (label[1:] > label[:-1]).cumsum()])
     count = np.bincount(label).astype(np.float64)
-    averaging = np.zeros((count.size, n_times))
-    averaging[label, np.arange(n_times)] = 1.0 / count[label]
+    averaging = (label == np.arange(count.size)[:, None]) / count[:, None]
     # Averaging a curve that is nearly straight in log time: its time is the mean log time.
-    time = np.exp(averaging @ log_time) - LINEAR_BELOW_S
-    return Bins(averaging=averaging, time_s=time, count=count)
+    return averaging, count, np.exp(averaging @ log_time) - LINEAR_BELOW_S
 
 
-def noise_scatter(time_s: FloatArray, values: FloatArray) -> tuple[FloatArray, float]:
+def noise_variance(time_s: FloatArray, values: FloatArray) -> FloatArray:
     """Measure the noise by how far each sample lies from the line between its neighbours.
 
-    `variance`, shape (n_holds,): noise variance of one sample; zero where there are fewer than
-    three.
-    `samples`: the number of independent samples that it counts for.
+    Returns the variance of one sample, shape (n_holds,); zero of fewer than three samples.
 
     A straight line has none:
 
-    >>> noise_scatter(np.array([0.0, 0.1, 0.3, 0.4]), np.array([[0.0, 1.0, 3.0, 4.0]]))[0].round(9)
+    >>> noise_variance(np.array([0.0, 0.1, 0.3, 0.4]), np.array([[0.0, 1.0, 3.0, 4.0]])).round(9)
     array([0.])
     """
-    n_times = time_s.size
-    if n_times < 3:
-        return np.zeros(len(values)), 0.0
-    before, here, after, means = _neighbours(time_s.tobytes())
-    off = here * values[:, 1:-1]
-    off -= before * values[:, :-2]
-    off -= after * values[:, 2:]
-    variance, late = (np.square(off, out=off) @ means).T
-    variance = np.where(variance > CONTACT_SCATTER * late, late, variance)
-    # Neighbouring deviations share samples: about half of them are independent.
-    return variance, min((n_times - 2) / 2, MOST_NOISE_SAMPLES)
-
-
-@lru_cache(maxsize=64)
-def _neighbours(time_bytes: bytes) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return what samples and their neighbours count for in a deviation of unit variance.
-
-    Last come the weights of all squares, and of those of the later half, shape (n_times - 2, 2).
-    """
-    time_s = np.frombuffer(time_bytes)
+    if time_s.size < 3:
+        return np.zeros(len(values))
     left = (time_s[2:] - time_s[1:-1]) / (time_s[2:] - time_s[:-2])
-    unit = np.sqrt(1 + left**2 + (1 - left) ** 2)
-    half = left.size // 2
-    means = np.full((left.size, 2), 1 / left.size)
-    means[:half, 1], means[half:, 1] = 0.0, 1 / (left.size - half)
-    return left / unit, 1 / unit, (1 - left) / unit, means
+    off = values[:, 1:-1] - left * values[:, :-2] - (1 - left) * values[:, 2:]
+    square = np.square(off, out=off)
+    square /= 1 + left**2 + (1 - left) ** 2
+    variance, late = square.mean(axis=1), square[:, left.size // 2 :].mean(axis=1)
+    return np.asarray(np.where(variance > CONTACT_SCATTER * late, late, variance))

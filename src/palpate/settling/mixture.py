@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate.settling.conditionals import DEVIATION_OF, N_DEVIATIONS, NOISE, Conditionals
+from palpate.settling.conditionals import (
+    DEVIATION_OF,
+    N_DEVIATIONS,
+    NOISE,
+    SCALE_DEGREES,
+    Conditionals,
+)
 
-#: Scale of the change of ln R from 0.3 to 20 s, and how many samples' worth that is known: sheets
-#: and soft materials creep by a tenth to a half (median drops of five real materials: .08 to .4).
-SCALE, SCALE_DEGREES = 0.18, 4.0
+#: Scale of the change of ln R from 0.3 to 20 s, where it is known: sheets and soft materials creep
+#: by a tenth to a half (median drops of five real materials: .08 to .4).
+SCALE = 0.18
 #: No curve is the truth: each forecast may have this relative error, and this share of the change
 #: that the recent pace per e-fold of time would bring.
 SHAPE_DOUBT = 0.08
@@ -45,44 +49,34 @@ class Mixture:
     deviation: FloatArray
 
 
-def posterior(
-    forms: Conditionals,
-    seen: FloatArray,
-    *,
-    scatter: tuple[FloatArray, float],
-    scaled: bool,
-) -> Mixture:
+def posterior(forms: Conditionals, seen: FloatArray, *, noise: FloatArray, scaled: bool) -> Mixture:
     """Weigh the components by the binned samples of holds on one grid.
 
     `seen`, shape (n_holds, m): differences of the bins to the last one.
-    `scatter`, shape (n_holds,): noise variance of one sample, and the number of samples it counts
-    for.
-    `scaled`: whether the values are ln R, whose scale is known roughly; of other units nothing is.
+    `noise`, shape (n_holds,): noise variance of one sample.
+    `scaled`: as of `conditionals`.
     """
-    noise, samples = scatter
-    degrees = seen.shape[1] + samples + scaled * SCALE_DEGREES
-    weighing = _weighing(forms, samples, degrees)
     holds, m = seen.shape
     whitened = (seen @ forms.whitening).reshape(holds, N_DEVIATIONS, m)
-    along, left, square = _scratch(holds)
-    np.matmul(seen, weighing.along, out=along)
     squares = np.einsum("hkm,hkm->hk", whitened, whitened)
-    squares += noise[:, None] * (samples / NOISE**2) + (scaled * SCALE_DEGREES * SCALE**2 + _TINY)
-    # A weight is handicap x what is left unexplained, to the power of -degrees / 2: whether it
-    # counts is known without taking a logarithm.
-    np.matmul(squares, weighing.handicap, out=left)
-    left -= np.square(along, out=square)
+    squares += noise[:, None] * (forms.noise_samples / NOISE**2)
+    squares += scaled * SCALE_DEGREES * SCALE**2 + _TINY
+    # A weight is handicap x unexplained squares, to the power of -degrees / 2: whether it counts is
+    # known without taking a logarithm.
+    along = seen @ forms.along
+    left = squares @ forms.handicap
+    left -= np.square(along)
     least = np.maximum(left.min(axis=1), 1e-12 * squares.min(axis=1))
-    [kept] = (left <= (least * LIGHTEST ** (-2 / degrees))[:, None]).ravel().nonzero()
-    hold = kept // along.shape[1]
-    component = kept - hold * along.shape[1]
+    [kept] = (left <= (least * LIGHTEST ** (-2 / forms.degrees))[:, None]).ravel().nonzero()
+    hold = kept // DEVIATION_OF.size
+    component = kept - hold * DEVIATION_OF.size
     first = hold.searchsorted(np.arange(holds))
     least = least[hold]
     unexplained = np.maximum(left.take(kept), least)
-    weight = np.exp(-degrees / 2 * np.log(unexplained / least))
+    weight = np.exp(-forms.degrees / 2 * np.log(unexplained / least))
     weight /= np.add.reduceat(weight, first)[hold]
     forecast = (seen @ forms.ahead).take(hold * N_DEVIATIONS + DEVIATION_OF[component])
-    forecast += weighing.step[component] * along.take(kept)
+    forecast += forms.step[component] * along.take(kept)
     pace = forms.pace * seen[:, forms.pace_from][hold]
     doubt = SHAPE_DOUBT**2 * (forecast**2 + pace**2)
     return Mixture(
@@ -90,51 +84,7 @@ def posterior(
         hold=hold,
         weight=weight,
         forecast=forecast,
-        deviation=np.sqrt(unexplained * weighing.variance[component] + doubt),
-    )
-
-
-class _Scratch(threading.local):
-    """Numbers of each hold and component, kept from call to call: fresh pages cost a third more."""
-
-    numbers = np.empty((3, 0, DEVIATION_OF.size))
-
-
-_SCRATCH = _Scratch()
-
-
-def _scratch(holds: int) -> FloatArray:
-    """Return three arrays of shape (holds, n_components), overwritten by the next call."""
-    if holds > _SCRATCH.numbers.shape[1]:
-        _SCRATCH.numbers = np.empty((3, holds, DEVIATION_OF.size))
-    return _SCRATCH.numbers[:, :holds]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Weighing:
-    """Conditionals of a grid with noise of one sample in each."""
-
-    #: Shape (n_deviations, n_components). What multiplies the unexplained squares of a component,
-    #: for the noise and the determinants: at least 1; 0 outside of its own deviation.
-    handicap: FloatArray
-    #: Shape (m, n_components). That of the conditionals, with the root of the handicap.
-    along: FloatArray
-    #: Shape (n_components,). Forecast per unit along the curve, and its variance per unit left,
-    #: both so multiplied.
-    step: FloatArray
-    variance: FloatArray
-
-
-@lru_cache(maxsize=64)
-def _weighing(forms: Conditionals, samples: float, degrees: float) -> _Weighing:
-    log_prior = forms.log_weight - samples * np.log(NOISE)[DEVIATION_OF]
-    handicap = np.exp((log_prior.max() - log_prior) * (2 / degrees))
-    root = np.sqrt(handicap)
-    return _Weighing(
-        handicap=np.where(np.arange(N_DEVIATIONS)[:, None] == DEVIATION_OF, handicap, 0.0),
-        along=forms.along * root,
-        step=forms.step / root,
-        variance=forms.variance / handicap / max(degrees - 2, 1),
+        deviation=np.sqrt(unexplained * forms.variance[component] + doubt),
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,49 +79,28 @@ def origins(
     >>> float(time_s[origin[0]].round(2)), float(time_s[first[0]].round(2))
     (0.95, 1.3)
     """
-    grid = _grid(time_s.tobytes())
-    rested = _baseline_end(time_s, values, could_end=grid.could_end)
+    rested = _baseline_end(time_s, values)
     at_once = _at_once(values, rested, positive=positive)
     origin = np.maximum(peak_index(values), rested + at_once)
-    rows = np.arange(len(values))
+    rows, begin_s = np.arange(len(values)), time_s[origin]
     start = values[rows, origin]
-    jump = np.abs(start - values[rows, grid.soon[origin]])
+    soon = time_s.searchsorted(begin_s + _CONTACT_S, side="right") - 1
+    jump = np.abs(start - values[rows, soon])
     least = _CONTACT_LOG
     if not positive:
         least = _CONTACT_SHARE * np.abs(values - start[:, None]).max(axis=1)
     contact = (jump > least) | ((rested > 0) & ~at_once)
-    return origin, np.where(contact, grid.later[origin], origin)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Grid:
-    """Each sample of a grid taken as the origin: all of shape (n_times,), and one more index."""
-
-    #: Last sample that may show a contact.
-    soon: NDArray[np.intp]
-    #: Where the contact has rung out, or the origin itself where too few samples come after that.
-    later: NDArray[np.intp]
-    #: First sample at which a baseline could end.
-    could_end: int
-
-
-@lru_cache(maxsize=64)
-def _grid(time_bytes: bytes) -> _Grid:
-    time_s = np.frombuffer(time_bytes)
-    later = np.searchsorted(time_s, time_s + _RUNG_OUT_S - 1e-9)
-    enough = (time_s.size - later >= _FEWEST_LEFT) & (
+    later = time_s.searchsorted(begin_s + _RUNG_OUT_S - 1e-9)
+    # Where too few samples come after the ringing, none is left out.
+    enough = (later + _FEWEST_LEFT <= time_s.size) & (
         time_s[-1] - time_s[np.minimum(later, time_s.size - 1)] >= _SHORTEST_LEFT_S
     )
-    could_end = max(int(np.searchsorted(time_s - time_s[0], _FLAT_S)), _FLAT_SAMPLES - 1)
-    return _Grid(
-        soon=np.searchsorted(time_s, time_s + _CONTACT_S, side="right") - 1,
-        later=np.where(enough, later, np.arange(time_s.size)),
-        could_end=could_end,
-    )
+    return origin, np.where(contact & enough, later, origin)
 
 
-def _baseline_end(time_s: FloatArray, values: FloatArray, *, could_end: int) -> NDArray[np.intp]:
+def _baseline_end(time_s: FloatArray, values: FloatArray) -> NDArray[np.intp]:
     """Return the last sample of a flat stretch in front, 0 if there is none."""
+    could_end = max(int((time_s - time_s[0]).searchsorted(_FLAT_S)), _FLAT_SAMPLES - 1)
     away = np.abs(values - values[:, :1])
     whole = away.max(axis=1, keepdims=True)
     if could_end >= time_s.size or (away[:, could_end] > _FLAT * whole[:, 0]).all():

@@ -13,10 +13,9 @@ from numpy.typing import ArrayLike
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.holds import Hold
+from palpate.settling.baselines import LogLaw, Recorded
 from palpate.settling.exponential import Exponential
-from palpate.settling.log_law import LogLaw
 from palpate.settling.percent import for_hold
-from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettledEstimate, SettlingMethod, join_estimates
 

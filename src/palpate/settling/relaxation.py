@@ -11,7 +11,7 @@ from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
 from palpate.holds import SETTLED_WINDOW_S
-from palpate.settling.conditionals import conditionals, noise_scatter
+from palpate.settling.conditionals import conditionals, noise_variance
 from palpate.settling.mixture import posterior, quantiles
 from palpate.settling.origin import Window, find_renewals, windows
 from palpate.settling.result import SettledEstimate, Status
@@ -88,15 +88,34 @@ class Relaxation:
             raise ValueError(f"level must lie between 0 and 1, not {level:g}")
         ends = np.empty((3, len(values)))
         status, window_s = np.empty(len(values), dtype=object), np.empty(len(values))
-        for rows, times, some in _by_renewal(time_s, values):
-            for part, seen, positive in _by_sign(some):
-                for at, since_s, found in self._ends(
-                    times, seen, positive=positive, horizon_s=horizon_s, level=level
-                ):
-                    hold = rows[part[at]]
-                    last = some[part[at], -1]
-                    ends[:, hold] = last * np.exp(found[0]) if positive else last + found[0]
-                    status[hold], window_s[hold] = found[1], since_s
+        quantile = np.array([(1 - level) / 2, 0.5, (1 + level) / 2])
+        after_s = horizon_s - SETTLED_WINDOW_S / 2
+        for rows, columns, positive in _group(values):
+            times, some = time_s[columns], values[rows[:, None], columns]
+            last = some[:, -1:]
+            # Counted from the last sample, so that a constant hold stays exactly so.
+            seen = np.log(some / last) if positive else some - last
+            if times[-1] >= after_s:
+                found = _average_end(times, seen, horizon_s=horizon_s, quantile=quantile)
+                status[rows] = Status.OK
+                status[rows[np.ptp(seen, axis=1) == 0]] = Status.NOT_SETTLING
+                window_s[rows] = times[-1] - times[0]
+                ends[:, rows] = last.T * np.exp(found) if positive else last.T + found
+                continue
+            for window in windows(times, seen, positive=positive):
+                for start in range(0, window.rows.size, CHUNK):
+                    part = window.rows[start : start + CHUNK]
+                    hold = rows[part]
+                    found, status[hold] = self._forecast(
+                        window,
+                        seen[part, window.first :],
+                        positive=positive,
+                        after_s=after_s - float(times[window.origin]),
+                        quantile=quantile,
+                    )
+                    base = last[part, 0]
+                    ends[:, hold] = base * np.exp(found) if positive else base + found
+                    window_s[hold] = window.since_s[-1] - window.since_s[0]
         low, value, high = ends
         return SettledEstimate(
             value=value,
@@ -108,38 +127,6 @@ class Relaxation:
             method=self.name,
             status=status,
         )
-
-    def _ends(
-        self,
-        time_s: FloatArray,
-        seen: FloatArray,
-        *,
-        positive: bool,
-        horizon_s: float,
-        level: float,
-    ) -> Iterator[tuple[NDArray[np.intp], float, tuple[FloatArray, NDArray[np.object_]]]]:
-        """Yield which holds, the length of their window, and their ends and statuses."""
-        quantile = np.array([(1 - level) / 2, 0.5, (1 + level) / 2])
-        target_s = horizon_s - SETTLED_WINDOW_S / 2
-        if time_s[-1] >= target_s:
-            ends = _average_end(time_s, seen, horizon_s=horizon_s, quantile=quantile)
-            status = _each(len(seen), Status.OK)
-            status[np.ptp(seen, axis=1) == 0] = Status.NOT_SETTLING
-            yield np.arange(len(seen)), float(time_s[-1] - time_s[0]), (ends, status)
-            return
-        for window in windows(time_s, seen, positive=positive):
-            after_s = target_s - float(time_s[window.origin])
-            length_s = float(window.since_s[-1] - window.since_s[0])
-            for start in range(0, window.rows.size, CHUNK):
-                part = window.rows[start : start + CHUNK]
-                used = seen[part, window.first :]
-                yield (
-                    part,
-                    length_s,
-                    self._forecast(
-                        window, used, positive=positive, after_s=after_s, quantile=quantile
-                    ),
-                )
 
     def _forecast(
         self,
@@ -155,67 +142,47 @@ class Relaxation:
         if since_s.size < 2:
             sides = np.array([-1.0, 0.0, 1.0])[:, None]
             return used[:, -1] + sides * reach, _each(len(used), Status.TOO_SHORT)
-        forms = conditionals(since_s, after_s=after_s, loading_s=self.loading_s)
-        binned = used @ forms.bins.averaging.T
+        forms = conditionals(since_s, after_s=after_s, loading_s=self.loading_s, scaled=positive)
+        binned = used @ forms.averaging.T
         steps = binned[:, :-1] - binned[:, -1:]
-        scatter = noise_scatter(since_s, used)
-        found = posterior(forms, steps, scatter=scatter, scaled=positive)
-        ahead = quantiles(found, quantile)
+        noise = noise_variance(since_s, used)
+        ahead = quantiles(posterior(forms, steps, noise=noise, scaled=positive), quantile)
         gone = np.abs(binned - binned[:, :1])
         furthest = gone.max(axis=1)
         turned = furthest - gone[:, -1] > TURNED_BACK * furthest
-        if turned.any():
-            ahead[0] -= turned * reach
-            ahead[2] += turned * reach
-        limit = FURTHEST * reach
-        possible = np.minimum(np.maximum(ahead, -limit), limit)
+        ahead[0] -= turned * reach
+        ahead[2] += turned * reach
+        possible = np.minimum(np.maximum(ahead, -FURTHEST * reach), FURTHEST * reach)
         ends = binned[:, -1] + possible
         status = _statuses(window, ends, reach=reach, positive=positive)
-        limited = possible[1] != ahead[1]
-        if limited.any():
-            status[limited & (status == Status.OK)] = Status.FELL_BACK
+        status[(possible[1] != ahead[1]) & (status == Status.OK)] = Status.FELL_BACK
         pace = -forms.pace * steps[:, forms.pace_from]
         least, most = PROVEN_PACE
         unlike = (possible[1] - least * pace) * (possible[1] - most * pace) > 0
-        if unlike.any():
-            status[unlike & (status == Status.OK)] = Status.UNPROVEN
+        status[unlike & (status == Status.OK)] = Status.UNPROVEN
         status[turned | (reach == 0)] = Status.NOT_SETTLING
         return ends, status
 
 
-def _by_renewal(
-    time_s: FloatArray, values: FloatArray
-) -> Iterator[tuple[NDArray[np.intp], FloatArray, FloatArray]]:
-    """Yield which holds, and when their readings were renewed with the values then."""
+def _group(
+    values: FloatArray,
+) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], bool]]:
+    """Yield which holds, which of their samples are renewed, and whether those are logarithms."""
+    least, most = values.min(axis=1), values.max(axis=1)
+    positive = (least > 0) & (least > _LEAST_SHARE * most)
     changed = values[:, 1:] != values[:, :-1]
     # A reading that changes twice in a row is renewed at every sample.
     quick = (changed[:, 1:] & changed[:, :-1]).any(axis=1)
-    if quick.all():
-        yield np.arange(len(values)), time_s, values
-        return
     groups: dict[bytes, list[int]] = {}
-    every = np.arange(values.shape[1]).tobytes()
-    for row, steady in enumerate(quick):
-        key = every if steady else find_renewals(values[row]).tobytes()
-        groups.setdefault(key, []).append(row)
-    for key, rows in groups.items():
-        columns, some = np.frombuffer(key, dtype=np.intp), np.array(rows)
-        yield some, time_s[columns], values[np.ix_(some, columns)]
-
-
-def _by_sign(values: FloatArray) -> Iterator[tuple[NDArray[np.intp], FloatArray, bool]]:
-    """Yield which holds, what is seen of them, and whether those are logarithms.
-
-    Counted from the last sample, so that a constant hold stays exactly so.
-    """
-    least, most = values.min(axis=1), values.max(axis=1)
-    above_zero = np.asarray((least > 0) & (least > _LEAST_SHARE * most))
-    for positive, alike in ((True, above_zero), (False, ~above_zero)):
-        [rows] = alike.nonzero()
-        if rows.size:
-            some = values if rows.size == len(values) else values[rows]
-            last = some[:, -1:]
-            yield rows, np.log(some / last) if positive else some - last, positive
+    for row in np.flatnonzero(~quick):
+        groups.setdefault(find_renewals(values[row]).tobytes(), []).append(row)
+    every = np.arange(values.shape[1])
+    grids = [(np.flatnonzero(quick), every)]
+    grids += [(np.array(rows), np.frombuffer(key, dtype=np.intp)) for key, rows in groups.items()]
+    for rows, columns in grids:
+        for sign in (True, False):
+            if (alike := rows[positive[rows] == sign]).size:
+                yield alike, columns, sign
 
 
 def _each(holds: int, status: Status) -> NDArray[np.object_]:
@@ -248,5 +215,5 @@ def _average_end(
     upto = max(1, int(np.searchsorted(time_s, horizon_s, side="right")))
     last = seen[:, :upto][:, time_s[:upto] >= horizon_s - SETTLED_WINDOW_S]
     last = last if last.size else seen[:, upto - 1 : upto]
-    variance, _ = noise_scatter(time_s, seen)
+    variance = noise_variance(time_s, seen)
     return np.asarray(last.mean(axis=1) + ndtri(quantile)[:, None] * np.sqrt(variance))

@@ -119,7 +119,7 @@ class SettledEstimate:
 
         Examples
         --------
-        >>> from palpate.settling.recorded import Recorded
+        >>> from palpate.settling.baselines import Recorded
         >>> found = Recorded().predict(
         ...     np.array([0.0, 1.0]), np.array([[9.0, 8.0]]), horizon_s=20.0, level=0.9
         ... )

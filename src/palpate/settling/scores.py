@@ -65,7 +65,7 @@ def predict_holds(
     `horizon_s`, `level`: time of the value to predict, and the probability its interval is to
     cover.
 
-    >>> from palpate.settling.recorded import Recorded
+    >>> from palpate.settling.baselines import Recorded
     >>> time_s = np.arange(0, 21, 0.5)
     >>> hold = Hold(hold_id="a", channel=None, time_s=time_s, values=100 - time_s)
     >>> [row] = predict_holds(

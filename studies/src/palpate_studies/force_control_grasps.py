@@ -16,7 +16,7 @@ from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
 from palpate.rig.simulated import calibrated
 from palpate.sensor.calibration import Calibration
-from palpate.settling.recorded import Recorded
+from palpate.settling.baselines import Recorded
 from palpate.signal.relative import excess_conductance
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.velostat import Environment

@@ -14,7 +14,7 @@ from palpate import predict_settled
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.holds import Hold, settled_value
-from palpate.settling.own import OwnRelaxation
+from palpate.settling.calibrated import Calibrated
 from palpate.settling.result import SettlingMethod, Status
 from palpate_studies import settled_rules as rules
 from palpate_studies.report import StudyReport, Table, as_command
@@ -184,8 +184,7 @@ def _own_rows(name: str, holds: Sequence[Hold], *, count: int, wanted: int) -> l
         place: [(place - back) % len(holds) for back in range(count, 0, -1)] for place in tested
     }
     methods = {
-        place: OwnRelaxation(holds=tuple(holds[k] for k in before))
-        for place, before in past.items()
+        place: Calibrated(holds=tuple(holds[k] for k in before)) for place, before in past.items()
     }
     for cutoff_s in CUTOFFS_S:
         every = [rules.show(hold, cutoff_s) for hold in holds]

@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.holds import Hold, settled_value
-from palpate.settling.log_law import LogLaw
+from palpate.settling.baselines import LogLaw
 
 HORIZON_S = 20.0
 #: Stretches of log time that the ridge sees of a hold, and its penalties to choose from.

@@ -9,9 +9,8 @@ import numpy as np
 import typer
 
 from palpate.holds import Hold, settled_value
+from palpate.settling.baselines import LogLaw, Recorded
 from palpate.settling.exponential import Exponential, fit_exponential
-from palpate.settling.log_law import LogLaw
-from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod
 from palpate.settling.scores import Prediction, predict_holds, score_predictions, summarise

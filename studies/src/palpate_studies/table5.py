@@ -13,10 +13,10 @@ from palpate.arrays import FloatArray
 from palpate.estimate.line_law import LineForceLaw
 from palpate.gripper.interface import GripperCommand
 from palpate.holds import Hold
+from palpate.settling.baselines import Recorded
+from palpate.settling.calibrated import Calibrated
 from palpate.settling.exponential import Exponential
-from palpate.settling.own import OwnRelaxation
 from palpate.settling.predict import predict_settled
-from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod
 from palpate.signal.relative import mean_change, relative_change_percent, rest_baseline
@@ -218,7 +218,7 @@ def _predicted(sheets: Sequence[_Sheet], index: int) -> dict[str, FloatArray]:
             for one in known
             for values in one.calibration
         ]
-        rows[name] = early(OwnRelaxation(holds=tuple(own)), cutoff_s)
+        rows[name] = early(Calibrated(holds=tuple(own)), cutoff_s)
     return rows
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.settling.log_law import LogLaw
+from palpate.settling.baselines import LogLaw
 from palpate.settling.result import Status
 
 

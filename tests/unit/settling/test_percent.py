@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate.holds import Hold
-from palpate.settling.own import OwnRelaxation
+from palpate.settling.calibrated import Calibrated
 from palpate.settling.percent import without_percent
 from palpate.settling.predict import predict_settled
 from palpate.settling.relaxation import Relaxation
@@ -93,7 +93,7 @@ def test_own_holds_in_percent_teach_what_the_same_holds_in_ohm_teach() -> None:
     ]
     values = left(0.07)[None, :15]
     by_percent, by_ratio = (
-        OwnRelaxation(holds=tuple(holds)).predict(TIME_S[:15], values, horizon_s=20.0, level=0.9)
+        Calibrated(holds=tuple(holds)).predict(TIME_S[:15], values, horizon_s=20.0, level=0.9)
         for holds in (past, [without_percent(hold) for hold in past])
     )
     assert by_percent.value[0] == by_ratio.value[0]

@@ -7,8 +7,8 @@ import pytest
 
 from palpate.holds import Hold
 from palpate.settling import scores as evaluate
+from palpate.settling.baselines import Recorded
 from palpate.settling.exponential import Exponential
-from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import Status
 from palpate.settling.scores import decide_holds, predict_holds

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate.holds import read_holds, settled_value
-from palpate.settling.conformal import calibrate
+from palpate.settling.calibrated import Calibrated
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettledEstimate, Status
 
@@ -197,7 +197,7 @@ def test_from_two_seconds_on_no_real_hold_is_half_its_value_off(real_data: Path)
 def test_calibration_on_other_specimens_covers_and_narrows(real_data: Path) -> None:
     holds = list(read_holds(real_data / "holds_cbsilicone.csv.gz"))
     others = [h for h in holds if h.hold_id.startswith("1_10_E")]
-    calibrated = calibrate(Relaxation(), others, horizon_s=20.0)
+    calibrated = Calibrated(method=Relaxation(), holds=others, learn=False)
     covered, narrower = [], []
     for hold in holds:
         if hold.hold_id.startswith("1_10_E"):

@@ -18,8 +18,8 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.estimate.line_law import LineForceLaw, settled_line
 from palpate.grasp.planning import HORIZON_S
+from palpate.settling.baselines import Recorded
 from palpate.settling.exponential import Exponential
-from palpate.settling.recorded import Recorded
 from palpate.settling.result import SettlingMethod
 from palpate.signal.relative import mean_change, relative_change_percent
 from palpate.twin.devices import TwinArray, TwinGripper

@@ -7,8 +7,7 @@ import pytest
 
 from palpate.errors import CalibrationError
 from palpate.holds import Hold
-from palpate.settling.conformal import PROVING_HOLDS
-from palpate.settling.own import OwnRelaxation
+from palpate.settling.calibrated import PROVING_HOLDS, Calibrated
 from palpate.settling.predict import predict_settled
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import FloatArray, Status
@@ -37,11 +36,11 @@ def settled(values: FloatArray) -> FloatArray:
 
 
 @pytest.fixture(scope="module")
-def own() -> OwnRelaxation:
-    return OwnRelaxation(holds=named(holds(1, 20)))
+def own() -> Calibrated:
+    return Calibrated(holds=named(holds(1, 20)))
 
 
-def test_own_holds_beat_the_general_prior(own: OwnRelaxation) -> None:
+def test_own_holds_beat_the_general_prior(own: Calibrated) -> None:
     tested = holds(2, 20)
     errors = [
         np.abs(predict_settled(TIME_S, tested, cutoff_s=2.5, method=method).value - settled(tested))
@@ -50,7 +49,7 @@ def test_own_holds_beat_the_general_prior(own: OwnRelaxation) -> None:
     assert np.median(errors[0]) < 0.5 * np.median(errors[1])
 
 
-def test_intervals_cover_at_their_level(own: OwnRelaxation) -> None:
+def test_intervals_cover_at_their_level(own: Calibrated) -> None:
     tested = holds(3, 60)
     found = predict_settled(TIME_S, tested, cutoff_s=2.5, method=own)
     truth = settled(tested)
@@ -58,16 +57,16 @@ def test_intervals_cover_at_their_level(own: OwnRelaxation) -> None:
     assert np.all(found.high - found.low < 0.3 * np.abs(truth))
 
 
-def test_the_unit_does_not_matter(own: OwnRelaxation) -> None:
+def test_the_unit_does_not_matter(own: Calibrated) -> None:
     tested = holds(4, 3)
     same = predict_settled(TIME_S, tested, cutoff_s=2.5, method=own)
-    scaled = OwnRelaxation(holds=named(7.0 * holds(1, 20)))
+    scaled = Calibrated(holds=named(7.0 * holds(1, 20)))
     other = predict_settled(TIME_S, 7.0 * tested, cutoff_s=2.5, method=scaled)
     assert other.value == pytest.approx(7.0 * same.value, rel=1e-3)
     assert np.all(other.low < other.high)
 
 
-def test_at_the_horizon_nothing_is_left_to_learn(own: OwnRelaxation) -> None:
+def test_at_the_horizon_nothing_is_left_to_learn(own: Calibrated) -> None:
     tested = holds(6, 2)
     found = predict_settled(TIME_S, tested, cutoff_s=20.0, method=own)
     assert found.value == pytest.approx(settled(tested), abs=0.1)
@@ -75,7 +74,7 @@ def test_at_the_horizon_nothing_is_left_to_learn(own: OwnRelaxation) -> None:
 
 def test_no_holds_are_refused() -> None:
     with pytest.raises(CalibrationError, match="no hold to learn from"):
-        OwnRelaxation(holds=())
+        Calibrated(holds=())
 
 
 def test_holds_that_end_too_early_teach_nothing() -> None:
@@ -84,7 +83,7 @@ def test_holds_that_end_too_early_teach_nothing() -> None:
     tested = holds(8, 2)
     found, general = (
         predict_settled(TIME_S, tested, cutoff_s=2.5, method=method)
-        for method in (OwnRelaxation(holds=taught), Relaxation())
+        for method in (Calibrated(holds=taught), Relaxation())
     )
     assert found.value.tolist() == general.value.tolist()
 
@@ -104,7 +103,7 @@ def test_more_own_holds_narrow_the_interval() -> None:
     *past, hold = named(creeping(25), LONG_S)
     widths = []
     for count in (3, 6, 12, 24):
-        found = predict_settled(hold, method=OwnRelaxation(holds=tuple(past[:count])))
+        found = predict_settled(hold, method=Calibrated(holds=tuple(past[:count])))
         assert found.low < hold.values[197:201].mean() < found.high
         widths.append(float(found.high - found.low))
     assert widths == sorted(widths, reverse=True)
@@ -115,7 +114,7 @@ def test_a_constant_multiple_is_found_where_it_is_true() -> None:
     # Contact rings in another way each time, and all that follows is one tenth less.
     ringing = 1.0 + rng.uniform(0.1, 0.9, (13, 1)) * np.exp(-LONG_S)
     *past, hold = named(np.where(LONG_S < 10, ringing, 0.9), LONG_S)
-    found = predict_settled(hold, cutoff_s=9.0, method=OwnRelaxation(holds=tuple(past)))
+    found = predict_settled(hold, cutoff_s=9.0, method=Calibrated(holds=tuple(past)))
     assert found.value == pytest.approx(0.9, rel=0.003)
 
 
@@ -124,14 +123,14 @@ def test_own_holds_prove_an_interval() -> None:
     noise = 2e-4 * rng.standard_normal((PROVING_HOLDS + 1, LONG_S.size))
     *past, hold = named(100 * (1 + 0.3 * np.exp(-LONG_S / 2) + noise), LONG_S)
     assert predict_settled(hold, cutoff_s=5.0).status is Status.UNPROVEN
-    few = OwnRelaxation(holds=tuple(past[:-1]))
+    few = Calibrated(holds=tuple(past[:-1]))
     assert predict_settled(hold, cutoff_s=5.0, method=few).status is Status.UNPROVEN
-    enough = OwnRelaxation(holds=tuple(past))
+    enough = Calibrated(holds=tuple(past))
     assert predict_settled(hold, cutoff_s=5.0, method=enough).status is Status.OK
 
 
 def test_past_holds_without_a_sample_before_the_cutoff_count_nothing() -> None:
     late = named(creeping(4)[:, 30:], LONG_S[30:])
     [hold] = named(creeping(1, seed=13), LONG_S)
-    own = predict_settled(hold, cutoff_s=2.0, method=OwnRelaxation(holds=late))
+    own = predict_settled(hold, cutoff_s=2.0, method=Calibrated(holds=late))
     assert own.value == predict_settled(hold, cutoff_s=2.0).value

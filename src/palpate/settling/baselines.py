@@ -1,8 +1,9 @@
-"""A plain logarithm of time: the baseline that any predictor of creep has to beat."""
+"""The simplest predictors: the last sample, and a plain logarithm of time."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -12,6 +13,37 @@ from palpate.signal.transient import WAIT_S, hold_window
 
 #: A line and one sample to spare.
 _MIN_SAMPLES = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recorded:
+    """The last sample as it is (paper, Table 1: "recorded resistance").
+
+    It has no interval: one sample shows nothing of the change still to come.
+
+    Examples
+    --------
+    >>> hold = Recorded().predict(
+    ...     np.array([0.0, 1.0]), np.array([[5.0, 3.0]]), horizon_s=20.0, level=0.9
+    ... )
+    >>> float(hold.value[0]), hold.status[0].value
+    (3.0, 'ok')
+    """
+
+    name: ClassVar[str] = "recorded"
+
+    def predict(
+        self, time_s: FloatArray, values: FloatArray, *, horizon_s: float, level: float
+    ) -> SettledEstimate:
+        """Return the last sample of each hold; see `SettlingMethod.predict`."""
+        return SettledEstimate.without_interval(
+            values[:, -1].copy(),
+            horizon_s=horizon_s,
+            level=level,
+            method=self.name,
+            window_s=np.zeros(len(values)),
+            status=np.array([Status.OK] * len(values), dtype=object),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
