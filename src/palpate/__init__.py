@@ -45,12 +45,12 @@ if TYPE_CHECKING:
     from palpate.rig import Rig, open_rig
     from palpate.rig.grip import Grip
     from palpate.rig.reading import Reading
+    from palpate.scoring.table import ScoreTable, score
     from palpate.settling.baselines import Recorded
     from palpate.settling.exponential import Exponential
     from palpate.settling.predict import predict_settled
     from palpate.settling.relaxation import Relaxation
     from palpate.settling.result import SettledEstimate, Status
-    from palpate.settling.score_table import ScoreTable, score
     from palpate.settling.streaming import SettlingStream
 
 __all__ = [
@@ -101,7 +101,7 @@ _HOMES = {
     "Recorded": "palpate.settling.baselines",
     "Relaxation": "palpate.settling.relaxation",
     "Rig": "palpate.rig",
-    "ScoreTable": "palpate.settling.score_table",
+    "ScoreTable": "palpate.scoring.table",
     "SettledEstimate": "palpate.settling.result",
     "SettlingStream": "palpate.settling.streaming",
     "Status": "palpate.settling.result",
@@ -114,7 +114,7 @@ _HOMES = {
     "read_holds": "palpate.holds",
     "read_recording": "palpate.holds.recordings",
     "run_grasp": "palpate.grasp.runner",
-    "score": "palpate.settling.score_table",
+    "score": "palpate.scoring.table",
 }
 
 

@@ -21,11 +21,11 @@ from palpate.errors import InputError
 from palpate.holds import Hold, settled_value
 from palpate.holds.cutting import CutAt
 from palpate.plots.style import check_plot
+from palpate.scoring.predictions import Prediction, decide_holds, predict_holds
+from palpate.scoring.table import ScoreTable
 from palpate.settling.calibrated import Calibrated
 from palpate.settling.predict import method_named
 from palpate.settling.result import SettlingMethod
-from palpate.settling.score_table import ScoreTable
-from palpate.settling.scores import Prediction, decide_holds, predict_holds
 from palpate.signal.circuit import Divider
 
 DEFAULT_CUTOFF_S = 2.5

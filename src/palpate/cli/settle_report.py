@@ -8,7 +8,6 @@ import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -20,8 +19,8 @@ from palpate.files import atomic_path, csv_cell, keep_inputs
 from palpate.holds.table_files import pyarrow_for
 from palpate.plots.settle import MOST_OVERVIEWS, Overview, Panel, settle_figure
 from palpate.plots.style import save_figure
-from palpate.settling.result import SettlingMethod
-from palpate.settling.score_table import (
+from palpate.scoring.predictions import Prediction
+from palpate.scoring.table import (
     PIPED_WIDTH,
     WIDE,
     ScoreTable,
@@ -29,7 +28,7 @@ from palpate.settling.score_table import (
     print_scores,
     short,
 )
-from palpate.settling.scores import Prediction, Scores, score_predictions
+from palpate.settling.result import SettlingMethod
 
 OUT_ENDINGS = (".json", ".csv", ".parquet")
 #: How many of the holds with the largest errors are listed.
@@ -78,16 +77,11 @@ def rank_by_error(predictions: Sequence[Prediction]) -> list[int]:
 
     Those with neither come last, in their own order.
     """
-    scores = score_predictions(predictions)
-    keys = np.abs(_sortable(scores, predictions))
-    return [int(index) for index in np.argsort(-keys, kind="stable")]
-
-
-def _sortable(scores: Scores, predictions: Sequence[Prediction]) -> np.ndarray[Any, Any]:
-    keys = scores.error_percent
+    keys = np.array([row.error_percent for row in predictions])
     if not np.isfinite(keys).any():
         keys = np.array([row.high - row.low for row in predictions])
-    return np.nan_to_num(keys, nan=0.0, posinf=np.inf)
+    size = np.abs(np.nan_to_num(keys, nan=0.0, posinf=np.inf))
+    return [int(index) for index in np.argsort(-size, kind="stable")]
 
 
 def draw(
@@ -105,9 +99,7 @@ def draw(
     then is it known which they are, and keeping every hold would take the memory of all.
     """
     rows = next(iter(document.groups().values()))
-    known = np.isfinite(score_predictions(rows).error_percent)
-    if known.any():
-        rows = [row for row, has_error in zip(rows, known, strict=True) if has_error]
+    rows = [row for row in rows if np.isfinite(row.error_percent)] or rows
     order = [rows[index] for index in reversed(rank_by_error(rows))]
     places = {
         "median error": (len(order) - 1) // 2,
@@ -160,10 +152,9 @@ def _key(row: Prediction) -> tuple[str, str, str | None]:
 
 
 def _error_text(row: Prediction) -> str:
-    error = float(score_predictions([row]).error_percent[0])
-    if not np.isfinite(error):
+    if not np.isfinite(row.error_percent):
         return ""
-    percent = f"{error:+.2g}".replace("-", "\N{MINUS SIGN}")
+    percent = f"{row.error_percent:+.2g}".replace("-", "\N{MINUS SIGN}")
     return f": {row.method} {percent} %"
 
 
@@ -227,7 +218,7 @@ def _print_holds(document: ScoreTable, console: Console, *, level: float) -> Non
 
 
 def _row_cells(row: Prediction) -> dict[str, str]:
-    error_percent = float(score_predictions([row]).error_percent[0])
+    error_percent = row.error_percent
     whole = abs(row.settled if np.isfinite(row.settled) else row.predicted)
     has_interval = np.isfinite(row.low) and whole > 0
     half_percent = 50 * (row.high - row.low) / whole if has_interval else float("nan")

@@ -142,8 +142,8 @@ class Calibrated:
         if count >= PROVING_HOLDS:
             proven = status != Status.NOT_SETTLING if self.learn else status == Status.UNPROVEN
             status[proven] = Status.OK
-        value = value if self.learn else found.value
-        return replace(found, low=low, value=value, high=high, status=status)
+        settled = value if self.learn else found.value
+        return replace(found, low=low, value=settled, high=high, status=status)
 
     def _calibrate(
         self, cutoff_s: float, *, horizon_s: float, level: float, logs: bool
@@ -205,10 +205,9 @@ class Calibrated:
             laws = LogLaw(wait_s=0.1, from_s=0.4), LogLaw(wait_s=fold_s, from_s=0.2)
             samples = np.log(values / values[:, -1:]) if logs else values - values[:, -1:]
             scale = 1.0 if unit is None else unit
-            columns += [
-                law.predict(time_s, samples, horizon_s=horizon_s, level=found.level).value / scale
-                for law in laws
-            ]
+            for law in laws:
+                ahead = law.predict(time_s, samples, horizon_s=horizon_s, level=found.level)
+                columns.append(np.asarray(ahead.value / scale))
         below, above = forecast - low, high - forecast
         has_interval = bool(np.isfinite(below).all())
         if not has_interval:

@@ -174,7 +174,7 @@ def _group(
     # A reading that changes twice in a row is renewed at every sample.
     quick = (changed[:, 1:] & changed[:, :-1]).any(axis=1)
     groups: dict[bytes, list[int]] = {}
-    for row in np.flatnonzero(~quick):
+    for row in np.flatnonzero(~quick).tolist():
         groups.setdefault(find_renewals(values[row]).tobytes(), []).append(row)
     every = np.arange(values.shape[1])
     grids = [(np.flatnonzero(quick), every)]

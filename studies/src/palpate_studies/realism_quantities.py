@@ -8,10 +8,10 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.holds import Hold, settled_value
+from palpate.scoring.predictions import predict_holds
 from palpate.settling.exponential import Exponential
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod
-from palpate.settling.scores import predict_holds, score_predictions
 from palpate_studies.press_data import Press
 
 CUTOFF_S, HORIZON_S = 2.5, 20.0
@@ -145,9 +145,9 @@ def hold_quantities(holds: Sequence[Hold]) -> dict[str, FloatArray]:
         predict_holds(long, methods=methods, cutoffs_s=[CUTOFF_S], horizon_s=HORIZON_S, level=0.9)
     )
     for name in methods:
-        scores = score_predictions([one for one in predictions if one.method == name])
-        found[f"{name} error, %"] = np.abs(scores.error_percent)
-        found[f"{name} error, % of rest"] = scores.of_remaining_percent
+        rows = [one for one in predictions if one.method == name]
+        found[f"{name} error, %"] = np.abs([row.error_percent for row in rows])
+        found[f"{name} error, % of rest"] = np.array([row.of_remaining_percent for row in rows])
     return found
 
 

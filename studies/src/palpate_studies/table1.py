@@ -9,11 +9,11 @@ import numpy as np
 import typer
 
 from palpate.holds import Hold, settled_value
+from palpate.scoring.predictions import Prediction, predict_holds, summarise
 from palpate.settling.baselines import LogLaw, Recorded
 from palpate.settling.exponential import Exponential, fit_exponential
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod
-from palpate.settling.scores import Prediction, predict_holds, score_predictions, summarise
 from palpate.signal.transient import WAIT_S
 from palpate_studies.bootstrap import bootstrap_interval
 from palpate_studies.misfit import Entry, missed, sentence
@@ -127,12 +127,12 @@ def _errors(holds: Sequence[Hold]) -> dict[str, list[dict[str, float | None]]]:
 
 
 def _row(predictions: Sequence[Prediction], cutoff_s: float) -> dict[str, float | None]:
-    scores = score_predictions(predictions)
+    errors = np.abs([found.error_percent for found in predictions])
     sensors = [found.hold_id.split("/")[0] for found in predictions]
-    low, high = bootstrap_interval(np.abs(scores.error_percent), sensors, statistic=np.mean)
+    low, high = bootstrap_interval(errors, sensors, statistic=np.mean)
     row = {
         "cutoff_s": cutoff_s,
-        **summarise(scores),
+        **summarise(predictions),
         "mean_abs_error_low_percent": low,
         "mean_abs_error_high_percent": high,
         "not_ok_share": float(np.mean([found.status != "ok" for found in predictions])),
@@ -223,7 +223,7 @@ def _median_hold(holds: Sequence[Hold]) -> Hold:
             level=LEVEL,
         )
     )
-    error = np.abs(score_predictions(found).error_percent)
+    error = np.abs([one.error_percent for one in found])
     fitted = np.array([row.status == "ok" for row in found])
     order = [index for index in np.argsort(error) if fitted[index]]
     return holds[int(order[len(order) // 2])]

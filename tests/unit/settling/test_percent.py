@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate.holds import Hold
+from palpate.scoring.predictions import predict_holds
 from palpate.settling.calibrated import Calibrated
 from palpate.settling.percent import without_percent
 from palpate.settling.predict import predict_settled
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.scores import predict_holds
 from palpate.settling.streaming import SettlingStream
 
 TIME_S = np.arange(1, 301) / 15

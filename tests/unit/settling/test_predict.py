@@ -10,11 +10,11 @@ import pytest
 import palpate
 from palpate.errors import InputError
 from palpate.holds import Hold
+from palpate.scoring.predictions import predict_holds
 from palpate.settling.exponential import Exponential
 from palpate.settling.predict import METHODS, predict_settled
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import Status
-from palpate.settling.scores import predict_holds
 
 TIME_S = np.arange(0, 20, 0.1)
 HOLD = 30 * np.exp(-TIME_S / 1.5) - 4 * np.log(TIME_S + 0.5) - 40

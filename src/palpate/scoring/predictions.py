@@ -2,41 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
 from palpate.holds import Hold, recorded_value, settled_value
-from palpate.settling.deciding import find_decision
+from palpate.scoring.deciding import find_decision
 from palpate.settling.percent import for_hold
 from palpate.settling.result import SettledEstimate, SettlingMethod, Status
 
 #: Holds predicted together. Only holds on one sampling grid share work, and those are neighbours.
 HOLDS_AT_A_TIME = 512
 SAMPLES_AT_A_TIME = 500_000
+#: Figures of a summary: the property of a prediction and the statistic over those that have it.
+_FIGURES: Mapping[str, tuple[str, Any]] = {
+    "median_abs_error_percent": ("error_percent", np.median),
+    "mean_abs_error_percent": ("error_percent", np.mean),
+    "p90_abs_error_percent": ("error_percent", lambda size: np.quantile(size, 0.9)),
+    "median_error_of_remaining_percent": ("of_remaining_percent", np.median),
+    "coverage": ("covered", np.mean),
+    "median_half_width_percent": ("half_width_percent", np.median),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """One hold, method and cut-off, with the value that the hold settled to."""
+    """One hold, method and cut-off, with the value that the hold settled to.
 
-    #: Which hold of which file.
-    source: str
+    >>> row = Prediction(hold_id="a", method="recorded", cutoff_s=2.5, predicted=-48.0,
+    ...     low=-53.0, high=-45.0, settled=-50.0, recorded=-40.0, status=Status.OK)
+    >>> row.error_percent, row.of_remaining_percent, row.half_width_percent, row.covered
+    (4.0, 20.0, 8.0, 1.0)
+    """
+
+    #: File, hold, and the unit of its values, where they are known.
+    source: str = ""
     hold_id: str
-    channel: str | None
-    #: Unit of the values, where it is known.
-    unit: str | None
+    channel: str | None = None
+    unit: str | None = None
     #: By the name that the caller gave it.
     method: str
     #: The prediction rests on samples up to this time alone.
     cutoff_s: float
     #: Whether the interval became narrow enough; None where the cut-off was given beforehand.
-    decided: bool | None
+    decided: bool | None = None
     #: At the horizon; NaN where there is no sample before the cut-off or no interval.
     predicted: float
     low: float
@@ -46,6 +58,32 @@ class Prediction:
     recorded: float
     #: Of the prediction.
     status: Status
+
+    @property
+    def error_percent(self) -> float:
+        """Signed error in % of the settled value; NaN where that is unknown or zero."""
+        return _percent(self.predicted - self.settled, self.settled)
+
+    @property
+    def of_remaining_percent(self) -> float:
+        """|Error| in % of the change still to come: it does not depend on unit or baseline."""
+        return _percent(abs(self.predicted - self.settled), self.settled - self.recorded)
+
+    @property
+    def half_width_percent(self) -> float:
+        """Half of the interval, in % of the settled value."""
+        return _percent((self.high - self.low) / 2, self.settled)
+
+    @property
+    def covered(self) -> float:
+        """1 where the interval holds the settled value, else 0; NaN where either is unknown."""
+        if np.isnan(self.low + self.high + self.settled):
+            return np.nan
+        return float(self.low <= self.settled <= self.high)
+
+
+def _percent(part: float, whole: float) -> float:
+    return 100 * part / abs(whole) if abs(whole) > 0 else np.nan
 
 
 def predict_holds(
@@ -59,7 +97,7 @@ def predict_holds(
 ) -> Iterator[Prediction]:
     """Yield predictions in the order of holds, then methods, then cut-offs.
 
-    Holds are taken in batches and let go, so memory does not grow with their number.
+    Holds are taken in batches and released, so memory does not grow with their number.
 
     `holds` may be a stream; `methods` are by the name to report.
     `horizon_s`, `level`: time of the value to predict, and the probability its interval is to
@@ -74,22 +112,21 @@ def predict_holds(
     >>> row.predicted, row.settled
     (97.5, 80.25)
     """
-    for batch in _batches(holds):
+    for batch in _batch(holds):
         estimates = {
             (name, cutoff_s): _predict_batch(batch, method, cutoff_s, horizon_s, level)
             for name, method in methods.items()
             for cutoff_s in cutoffs_s
         }
         for index, hold in enumerate(batch):
-            settled = settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
             for (name, cutoff_s), found in estimates.items():
-                yield _prediction(
+                yield _pair(
                     hold,
                     found[index],
                     source=source,
                     method=name,
                     cutoff_s=cutoff_s,
-                    settled=settled,
+                    horizon_s=horizon_s,
                 )
 
 
@@ -102,12 +139,11 @@ def decide_holds(
     level: float,
     source: str = "",
 ) -> Iterator[Prediction]:
-    """Yield the first prediction of each hold that is sure enough, by `deciding.find_decision`.
+    """Yield the first prediction of each hold whose interval is narrow, by `find_decision`.
 
     The cut-off of each is its time of decision; the other parameters are those of `predict_holds`.
     """
     for hold in holds:
-        settled = settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
         for name, method in methods.items():
             found, cutoff_s, decided = None, horizon_s, False
             if hold.time_s[0] <= horizon_s:
@@ -120,25 +156,25 @@ def decide_holds(
                     level=level,
                 )
                 found, cutoff_s, decided = decision.estimate, decision.time_s, decision.decided
-            yield _prediction(
+            yield _pair(
                 hold,
                 found,
                 source=source,
                 method=name,
                 cutoff_s=cutoff_s,
-                settled=settled,
+                horizon_s=horizon_s,
                 decided=decided,
             )
 
 
-def _prediction(
+def _pair(
     hold: Hold,
     estimate: SettledEstimate | None,
     *,
     source: str,
     method: str,
     cutoff_s: float,
-    settled: float,
+    horizon_s: float,
     decided: bool | None = None,
 ) -> Prediction:
     """Pair an estimate with the value that the hold settled to; None means no sample at all."""
@@ -157,93 +193,27 @@ def _prediction(
         predicted=value,
         low=low,
         high=high,
-        settled=settled,
+        settled=settled_value(hold.time_s, hold.values, horizon_s=horizon_s),
         recorded=recorded_value(hold.time_s, hold.values, cutoff_s=cutoff_s),
         status=status,
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Scores:
-    """Predictions against settled values, hold by hold; NaN where a hold has no settled value."""
-
-    #: Shape (n_holds,). (predicted - settled) / abs(settled).
-    error_percent: FloatArray
-    #: Shape (n_holds,). abs(predicted - settled) / abs(settled - recorded at the cut-off): what is
-    #: still missing of the change that was still to come. It does not depend on unit or baseline.
-    of_remaining_percent: FloatArray
-    #: Shape (n_holds,). Half of the interval, in percent of abs(settled).
-    half_width_percent: FloatArray
-    #: Shape (n_holds,). 1 where the interval holds the settled value, 0 where not, NaN where either
-    #: is unknown.
-    covered: FloatArray
-
-
-def score_values(
-    predicted: ArrayLike,
-    *,
-    low: ArrayLike,
-    high: ArrayLike,
-    settled: ArrayLike,
-    recorded: ArrayLike,
-) -> Scores:
-    """Score predictions, each of shape (n_holds,), against the values they were to predict.
-
-    >>> ends = {"low": [98.0], "high": [110.0]}
-    >>> scores = score_values([104.0], **ends, settled=[100.0], recorded=[120.0])
-    >>> scores.error_percent.item(), scores.of_remaining_percent.item(), scores.covered.item()
-    (4.0, 20.0, 1.0)
-    """
-    value, bottom, top, target, last = (
-        np.asarray(array, dtype=np.float64) for array in (predicted, low, high, settled, recorded)
-    )
-    known = np.isfinite(bottom) & np.isfinite(top) & np.isfinite(target)
-    return Scores(
-        error_percent=_percent(value - target, np.abs(target)),
-        of_remaining_percent=_percent(np.abs(value - target), np.abs(target - last)),
-        half_width_percent=_percent((top - bottom) / 2, np.abs(target)),
-        covered=np.where(known, (bottom <= target) & (target <= top), np.nan),
-    )
-
-
-def _percent(part: FloatArray, whole: FloatArray) -> FloatArray:
-    share = np.full(part.shape, np.nan)
-    np.divide(100 * part, whole, out=share, where=whole > 0)
-    return share
-
-
-def score_predictions(predictions: Sequence[Prediction]) -> Scores:
-    """Score predictions, one entry for each."""
-    return score_values(
-        [p.predicted for p in predictions],
-        low=[p.low for p in predictions],
-        high=[p.high for p in predictions],
-        settled=[p.settled for p in predictions],
-        recorded=[p.recorded for p in predictions],
-    )
-
-
-def summarise(scores: Scores) -> dict[str, float]:
+def summarise(predictions: Iterable[Prediction]) -> dict[str, float]:
     """Return the summary that `palpate settle --json` prints for one method and cut-off.
 
-    A figure that no hold gives is NaN.
+    A figure that no hold has is NaN.
     """
-    size = np.abs(scores.error_percent)
-    figures: dict[str, tuple[FloatArray, Callable[[FloatArray], Any]]] = {
-        "median_abs_error_percent": (size, np.median),
-        "mean_abs_error_percent": (size, np.mean),
-        "p90_abs_error_percent": (size, partial(np.quantile, q=0.9)),
-        "median_error_of_remaining_percent": (scores.of_remaining_percent, np.median),
-        "coverage": (scores.covered, np.mean),
-        "median_half_width_percent": (scores.half_width_percent, np.median),
-    }
-    return {
-        name: float(figure(known)) if (known := values[np.isfinite(values)]).size else float("nan")
-        for name, (values, figure) in figures.items()
-    }
+    rows = list(predictions)
+    figures = {}
+    for name, (of, statistic) in _FIGURES.items():
+        values = np.abs([getattr(row, of) for row in rows])
+        known = values[np.isfinite(values)]
+        figures[name] = float(statistic(known)) if known.size else float("nan")
+    return figures
 
 
-def _batches(holds: Iterable[Hold]) -> Iterator[list[Hold]]:
+def _batch(holds: Iterable[Hold]) -> Iterator[list[Hold]]:
     batch: list[Hold] = []
     samples = 0
     for hold in holds:
@@ -269,11 +239,10 @@ def _predict_batch(
         grids.setdefault(key, []).append(index)
     found: list[SettledEstimate | None] = [None] * len(batch)
     for indices in grids.values():
-        time_s = windows[indices[0]]
+        time_s, hold = windows[indices[0]], batch[indices[0]]
         if not time_s.size:
             continue
         values = np.stack([batch[index].values[: time_s.size] for index in indices])
-        hold = batch[indices[0]]
         suited = for_hold(method, unit=hold.unit, loading_s=hold.loading_s)
         estimate = suited.predict(time_s, values, horizon_s=horizon_s, level=level)
         for row, index in enumerate(indices):

@@ -6,8 +6,28 @@ import numpy as np
 import pytest
 
 from palpate.holds import recorded_value, settled_value
-from palpate.settling.scores import score_values, summarise
+from palpate.scoring.predictions import Prediction, summarise
+from palpate.settling.result import Status
 from palpate_studies.bootstrap import bootstrap_interval
+
+
+def predictions(predicted, *, low, high, settled, recorded) -> list[Prediction]:
+    return [
+        Prediction(
+            hold_id="a",
+            method="m",
+            cutoff_s=1.0,
+            status=Status.OK,
+            predicted=one,
+            low=bottom,
+            high=top,
+            settled=target,
+            recorded=last,
+        )
+        for one, bottom, top, target, last in zip(
+            predicted, low, high, settled, recorded, strict=True
+        )
+    ]
 
 
 def test_settled_value_is_the_mean_of_the_last_half_second() -> None:
@@ -38,29 +58,23 @@ def test_recorded_value_includes_the_sample_at_the_cutoff() -> None:
     assert np.isnan(recorded_value(time_s, time_s, cutoff_s=0.4))
 
 
-def test_percentages_of_a_negative_settled_value_keep_their_direction() -> None:
-    scores = score_values([-48.0], low=[-53.0], high=[-45.0], settled=[-50.0], recorded=[-40.0])
-    assert scores.error_percent.tolist() == [4.0]
-    assert scores.of_remaining_percent.tolist() == [20.0]
-    assert scores.half_width_percent.tolist() == [8.0]
-    assert scores.covered.tolist() == [1.0]
-
-
 def test_no_figure_where_there_is_nothing_to_be_a_share_of() -> None:
-    scores = score_values(
+    scores = predictions(
         [1.0, 1.0, 1.0],
         low=[np.nan, 0.0, 0.0],
         high=[np.nan, 2.0, 2.0],
         settled=[2.0, 0.0, np.nan],
         recorded=[2.0, 1.0, 1.0],
     )
-    np.testing.assert_array_equal(scores.error_percent, [-50.0, np.nan, np.nan])
-    np.testing.assert_array_equal(scores.of_remaining_percent, [np.nan, 100.0, np.nan])
-    np.testing.assert_array_equal(scores.covered, [np.nan, 1.0, np.nan])
+    np.testing.assert_array_equal([row.error_percent for row in scores], [-50.0, np.nan, np.nan])
+    np.testing.assert_array_equal(
+        [row.of_remaining_percent for row in scores], [np.nan, 100.0, np.nan]
+    )
+    np.testing.assert_array_equal([row.covered for row in scores], [np.nan, 1.0, np.nan])
 
 
 def test_summary_counts_only_what_is_known() -> None:
-    scores = score_values(
+    scores = predictions(
         [101.0, 98.0, 103.0, 7.0],
         low=[99.0, 97.0, 102.0, 6.0],
         high=[103.0, 99.0, 104.0, 8.0],

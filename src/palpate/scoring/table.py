@@ -11,8 +11,8 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.holds import Hold
+from palpate.scoring.predictions import Prediction, predict_holds, summarise
 from palpate.settling.predict import method_named
-from palpate.settling.scores import Prediction, predict_holds, score_predictions, summarise
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -76,8 +76,7 @@ class ScoreTable:
 
     def rows(self) -> Iterator[dict[str, Any]]:
         """Yield one mapping for each prediction."""
-        scores = score_predictions(self.predictions)
-        for index, row in enumerate(self.predictions):
+        for row in self.predictions:
             cells = {
                 "hold_id": row.hold_id,
                 "channel": row.channel,
@@ -87,9 +86,9 @@ class ScoreTable:
                 "low": _known(row.low),
                 "high": _known(row.high),
                 "settled": _known(row.settled),
-                "error_percent": _known(scores.error_percent[index]),
+                "error_percent": _known(row.error_percent),
                 "status": str(row.status),
-                "error_of_remaining_percent": _known(scores.of_remaining_percent[index]),
+                "error_of_remaining_percent": _known(row.of_remaining_percent),
                 "file": row.source,
                 "unit": row.unit,
             }
@@ -101,9 +100,8 @@ class ScoreTable:
         """Return one mapping for each method and cut-off."""
         found = []
         for (method, cutoff_s), rows in self.groups().items():
-            scores = score_predictions(rows)
             entry: dict[str, Any] = {"method": method, "cutoff_s": cutoff_s, "holds": len(rows)}
-            entry |= {name: _known(figure) for name, figure in summarise(scores).items()}
+            entry |= {name: _known(figure) for name, figure in summarise(rows).items()}
             entry["holds_with_settled_value"] = sum(bool(np.isfinite(r.settled)) for r in rows)
             if cutoff_s is None:
                 times_s = np.array([row.cutoff_s for row in rows if row.decided])

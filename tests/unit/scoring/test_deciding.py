@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.settling.deciding import EARLIEST_S, find_decision
+from palpate.scoring.deciding import EARLIEST_S, find_decision
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import Status
 

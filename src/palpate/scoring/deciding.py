@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.arrays import FloatArray
 from palpate.settling.result import SettledEstimate, SettlingMethod, Status
 
 #: No decision before this: contact bounces of real presses last about as long.
@@ -82,20 +83,22 @@ def find_decision(
         raise ValueError(f"half_width_percent must be positive, not {half_width_percent:g}")
     times = np.asarray(time_s, dtype=np.float64)
     samples = np.asarray(values, dtype=np.float64)
-    stops = _looks(times[times <= horizon_s])
+    stops = _count_samples(times[times <= horizon_s])
     was_narrow = False
     for stop in stops:
         estimate = method.predict(
             times[:stop], samples[None, :stop], horizon_s=horizon_s, level=level
         ).hold(0)
-        narrow = _is_narrow(estimate, half_width_percent)
+        half_width = (estimate.high - estimate.low) / 2
+        widest = half_width_percent / 100 * np.abs(estimate.value)
+        narrow = bool(estimate.status == Status.OK and half_width <= widest)
         if narrow and was_narrow:
             return Decision(time_s=float(times[stop - 1]), estimate=estimate, decided=True)
         was_narrow = narrow
     return Decision(time_s=float(times[stops[-1] - 1]), estimate=estimate, decided=False)
 
 
-def _looks(times: np.ndarray[tuple[int], np.dtype[np.float64]]) -> list[int]:
+def _count_samples(times: FloatArray) -> list[int]:
     """Return how many samples each look uses: geometrically spaced, the last one always."""
     if times.size == 0:
         raise ValueError("no sample at or before the horizon")
@@ -108,12 +111,3 @@ def _looks(times: np.ndarray[tuple[int], np.dtype[np.float64]]) -> list[int]:
     if not stops or stops[-1] != times.size:
         stops.append(times.size)
     return stops
-
-
-def _is_narrow(estimate: SettledEstimate, half_width_percent: float) -> bool:
-    """Return whether the interval is narrow and its status supports it."""
-    half_width = (estimate.high - estimate.low) / 2
-    return bool(
-        estimate.status == Status.OK
-        and half_width <= half_width_percent / 100 * np.abs(estimate.value)
-    )
