@@ -8,7 +8,7 @@ import json
 import pytest
 
 from palpate.cli import build_app, run
-from palpate_studies.benchmarks import crosstalk, files, frames, growth, port, settling
+from palpate_studies.benchmarks import frames, settling
 from palpate_studies.benchmarks.protocol import Ratio
 from palpate_studies.benchmarks.report import row
 from palpate_studies.benchmarks.synthetic import synthetic_holds
@@ -57,7 +57,7 @@ def test_a_peer_that_is_missing_is_named_with_its_remedy(tmp_path, capsys) -> No
 
 def test_an_unknown_benchmark_names_those_there_are(capsys) -> None:
     assert bench_with(["warp"]) == 2
-    assert "no bench 'warp'; there are: all, crosstalk" in capsys.readouterr().err
+    assert "no bench 'warp'; there are: all, frames" in capsys.readouterr().err
 
 
 def test_help_shows_an_example(capsys) -> None:
@@ -86,34 +86,6 @@ def test_predictors_are_timed_and_agree_with_curve_fit() -> None:
     assert float(agreement.rsplit(" ", 1)[1].rstrip(".")) < 1e-5
 
 
-def test_memory_grows_with_the_result_alone() -> None:
-    few, many = (
-        one.ours - one.theirs
-        for size in (8192, 65_536)
-        for one in growth._of_size(size)
-        if one.what == "relaxation, memory"
-    )
-    assert many < 1.1 * few
-
-
-def test_files_without_pandas_are_still_timed(monkeypatch) -> None:
-    assert {one.times is None for one in files.measure(False).ratios} == {False}
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    alone = files.measure(False).ratios
-    assert [one.peer for one in alone if one.times is not None] == ["csv.writer"]
-
-
 def test_a_missing_frame_ends_the_benchmark() -> None:
     with pytest.raises(RuntimeError, match="instead of 1 frames"):
         frames.decode(b"", frames=1, piece=64)
-
-
-def test_crosstalk_is_solved_faster_than_by_a_general_solver() -> None:
-    assert crosstalk._compared((4, 2), crosstalk.ROOT, frames=10).times > 1
-
-
-def test_a_port_is_read_without_losses() -> None:
-    taken_s, note = port._by_palpate(0.3)
-    assert 0 < taken_s < 1
-    assert " 0 lost, 0 corrupt" in note
-    assert 0 < port._by_readline(0.3) < 1

@@ -11,7 +11,6 @@ _SHOWN = {
     "grasp-cycle": "Seconds to touch and answer, what they risk and what is learned, simulated",
     "faults": "Single faults in every phase of a grasp, simulated",
     "harvest": "Pulls of 1 to 10 N on held fruit: the verdict against the truth, simulated",
-    "qualify": "Agreement with a penetrometer: 720 real apples, and simulated ones on the twin",
     "presses": "Force now on real Velostat under a robot's presses",
     "histories": "Force of stretched silicone from the history of its resistance, real recordings",
     "hydrogel": "Force of a real hydrogel sensor in a robot's force loop, recordings left out",
@@ -39,11 +38,7 @@ _SHOWN = {
 }
 _COMPARED = {
     "all": "All of these, one after the other",
-    "crosstalk": "Pixels solved out of a matrix's crosstalk against SciPy's dense solve and root",
-    "files": "Recordings and CSV tables, written and read, against csv and pandas",
     "frames": "Frames decoded from memory against lines of CSV and FlexiTac's package",
-    "growth": "Batches of a thousand holds and more against a matrix product and memory bandwidth",
-    "port": "A board read live against pyserial's readline of CSV lines",
     "settling": "Predictors of the settled value against curve_fit and lmfit",
 }
 #: Study -> (module, what it shows).
