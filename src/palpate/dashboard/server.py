@@ -9,13 +9,15 @@ import socket
 import tempfile
 import time
 from collections.abc import Awaitable, Callable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from palpate.dashboard.app_state import AppState, Settings
 from palpate.dashboard.folder import recording_named
+from palpate.dashboard.loop_thread import LoopThread
 from palpate.dashboard.page_document import document
-from palpate.dashboard.station import DocumentSink, Station, publish
+from palpate.dashboard.station import DocumentSink, RemoteStation, Station, publish
 from palpate.errors import DeviceError, InputError, needing
 from palpate.line.machine import Line
 
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
     from fastapi import FastAPI
 
 #: Opens one protocol on a station.
-LineOpener: TypeAlias = Callable[[Station], Awaitable[Line]]
+LineOpener: TypeAlias = Callable[[RemoteStation], Awaitable[Line]]
 
 _STATIC = Path(__file__).parent / "static"
 #: Controllers of a line see a change after this time at most, seconds.
@@ -78,8 +80,9 @@ def serve(
     app.router.on_shutdown.append(app_state.close)
     if publisher is not None:
         _publish(app, app_state, publisher)
-    if lines:
-        _serve_lines(app, station, lines)
+    line_thread = LoopThread("lines") if lines else None
+    if line_thread is not None:
+        _serve_lines(app, station, lines, thread=line_thread)
     ui.run_with(
         app,
         title="palpate",
@@ -108,7 +111,7 @@ def serve(
     app.router.on_startup.append(lambda: announce(address))
     # A full collection of all that was imported would hold up every thread for 0.1 s.
     gc.freeze()
-    with listening, threaded:
+    with listening, threaded, line_thread or nullcontext():
         uvicorn.Server(config).run(sockets=[listening])
 
 
@@ -192,8 +195,14 @@ def _publish(app: Any, app_state: AppState, publisher: DocumentSink) -> None:
     app.router.on_shutdown.append(end)
 
 
-def _serve_lines(app: Any, station: Station, lines: Sequence[LineOpener]) -> None:
-    """Let protocols of a line serve the station while the application runs."""
+def _serve_lines(
+    app: Any, station: Station, lines: Sequence[LineOpener], *, thread: LoopThread
+) -> None:
+    """Let protocols of a line serve the station while the application runs.
+
+    In a thread of their own: a controller that is not answered for a second drops the connection,
+    and a page can take longer to build on a busy machine.
+    """
     open_lines: list[Line] = []
     running: list[asyncio.Task[None]] = []
 
@@ -203,8 +212,8 @@ def _serve_lines(app: Any, station: Station, lines: Sequence[LineOpener]) -> Non
                 await line.refresh()
             await asyncio.sleep(_LINE_S)
 
-    async def start() -> None:
-        open_lines.extend([await opener(station) for opener in lines])
+    async def start(machine: RemoteStation) -> None:
+        open_lines.extend([await opener(machine) for opener in lines])
         running.append(asyncio.create_task(refresh()))
 
     async def end() -> None:
@@ -213,8 +222,15 @@ def _serve_lines(app: Any, station: Station, lines: Sequence[LineOpener]) -> Non
         for line in open_lines:
             await line.close()
 
-    app.router.on_startup.append(start)
-    app.router.on_shutdown.append(end)
+    async def start_there() -> None:
+        machine = RemoteStation(station, loop=asyncio.get_running_loop())
+        await thread.run(start(machine))
+
+    async def end_there() -> None:
+        await thread.run(end())
+
+    app.router.on_startup.append(start_there)
+    app.router.on_shutdown.append(end_there)
 
 
 def _listen(host: str, port: int) -> socket.socket:

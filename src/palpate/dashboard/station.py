@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import Any, Protocol
+from functools import partial
+from typing import Any, Protocol, TypeVar
 
 from palpate.dashboard.app_state import AppState
+from palpate.dashboard.loop_thread import run_on
 from palpate.dashboard.page_document import state_document
 from palpate.errors import InputError
 from palpate.line.machine import CommandRefusedError
 
+_Answer = TypeVar("_Answer")
 #: A stop that is not confirmed by then is answered so, seconds.
 STOP_PATIENCE_S = 2.0
 
 
 class Station:
-    """The commands of one server; see `palpate.line.machine.Machine`."""
+    """The commands of one server, on its event loop; `state`, `result` and `stop` on any."""
 
     def __init__(self, app_state: AppState) -> None:
         self._app_state, self._session = app_state, app_state.session
@@ -85,6 +88,50 @@ class Station:
 
     def _count(self, document: Mapping[str, object]) -> None:
         self._results += 1
+
+
+class RemoteStation:
+    """A station for the loop of another thread; see `palpate.line.machine.Machine`.
+
+    `loop`: that of the station, which its commands run on.
+    """
+
+    def __init__(self, station: Station, *, loop: asyncio.AbstractEventLoop) -> None:
+        self._station, self._loop = station, loop
+
+    def state(self) -> Mapping[str, Any]:
+        """Return the state document."""
+        return self._station.state()
+
+    def result(self) -> tuple[int, Mapping[str, Any] | None]:
+        """Return how many grasps have ended, and the document of the last."""
+        return self._station.result()
+
+    async def grasp(self, driver: str, **order: Any) -> str:
+        """Begin a grasp; return the name of its recording."""
+        return await self._carry_out(partial(self._station.grasp, driver, **order))
+
+    async def release(self, driver: str) -> None:
+        """Release the object, or open the hand."""
+        await self._carry_out(partial(self._station.release, driver))
+
+    async def take_over(self, driver: str) -> None:
+        """Drive from now on."""
+        await self._carry_out(partial(self._station.take_over, driver))
+
+    async def leave(self, driver: str) -> None:
+        """Let another client drive."""
+        await self._carry_out(partial(self._station.leave, driver))
+
+    async def stop(self) -> bool:
+        """Stop; return whether the devices confirmed it in time."""
+        return await self._station.stop()
+
+    async def _carry_out(self, command: Callable[[], _Answer]) -> _Answer:
+        async def work() -> _Answer:
+            return command()
+
+        return await run_on(self._loop, work())
 
 
 #: What changes faster than this is not published.

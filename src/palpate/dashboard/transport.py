@@ -6,13 +6,13 @@ import asyncio
 import resource
 import socket
 import sys
-from collections.abc import Awaitable
 from ipaddress import ip_address
-from threading import Thread
-from typing import ClassVar, TypeVar
+from typing import ClassVar
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+
+from palpate.dashboard.loop_thread import LoopThread, run_on
 
 #: A request is complete this long after its first byte, or after its connection was opened, in
 #: seconds (guess): a page on a slow network takes far less.
@@ -89,7 +89,6 @@ def most_connections() -> int:
     return MOST_CONNECTIONS if soft < 0 else min(MOST_CONNECTIONS, soft // 2)
 
 
-_T = TypeVar("_T")
 #: Python lets another thread run this often, seconds. While a page was being built, an answer of a
 #: direct path took 13.8 ms (p99 41) at the usual 5 ms, and 1.3 ms (p99 18) at this; the median of
 #: 150, two loaded cores.
@@ -112,21 +111,17 @@ class AppThread:
 
     def __init__(self, app: ASGIApp, *, direct: frozenset[str]) -> None:
         self._app, self._direct = app, direct
-        self._runner = asyncio.Runner(loop_factory=asyncio.new_event_loop)
-        self._loop, self._closed = self._runner.get_loop(), asyncio.Event()
-        self._thread = Thread(target=self._runner.run, args=(self._closed.wait(),), name="pages")
+        self._thread = LoopThread("pages")
 
     def __enter__(self) -> AppThread:
         self._usual_switch_s = sys.getswitchinterval()
         sys.setswitchinterval(_SWITCH_S)
-        self._thread.start()
+        self._thread.__enter__()
         return self
 
     def __exit__(self, *error: object) -> None:
         sys.setswitchinterval(self._usual_switch_s)
-        self._loop.call_soon_threadsafe(self._closed.set)
-        self._thread.join()
-        self._runner.close()
+        self._thread.__exit__(*error)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a direct path here, and everything else in the thread."""
@@ -136,21 +131,12 @@ class AppThread:
         server = asyncio.get_running_loop()
 
         async def receive_there() -> Message:
-            return await _run_on(server, receive())
+            return await run_on(server, receive())
 
         async def send_there(message: Message) -> None:
-            await _run_on(server, send(message))
+            await run_on(server, send(message))
 
-        await _run_on(self._loop, self._app(scope, receive_there, send_there))
-
-
-async def _run_on(loop: asyncio.AbstractEventLoop, work: Awaitable[_T]) -> _T:
-    """Wait for what runs on the loop of another thread."""
-
-    async def finish() -> _T:
-        return await work
-
-    return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(finish(), loop))
+        await self._thread.run(self._app(scope, receive_there, send_there))
 
 
 #: Addresses for documentation (RFC 5737, RFC 3849): the route to them leaves this machine.

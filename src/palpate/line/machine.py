@@ -23,7 +23,7 @@ class LineState(IntEnum):
 
 
 class Machine(Protocol):
-    """What a protocol needs of the server. Everything is called on the server's event loop.
+    """What a protocol needs of the server, on the event loop of the protocols.
 
     Commands raise `CommandRefusedError` where they can't be carried out now, `InputError` for a bad
     value.
@@ -37,7 +37,7 @@ class Machine(Protocol):
         """Return how many grasps have ended in this run, and the document of the last."""
         ...
 
-    def grasp(
+    async def grasp(
         self,
         driver: str,
         *,
@@ -49,15 +49,15 @@ class Machine(Protocol):
         """Begin a grasp; return the name of its recording."""
         ...
 
-    def release(self, driver: str) -> None:
+    async def release(self, driver: str) -> None:
         """Release the object, or open the hand."""
         ...
 
-    def take_over(self, driver: str) -> None:
+    async def take_over(self, driver: str) -> None:
         """Drive from now on."""
         ...
 
-    def leave(self, driver: str) -> None:
+    async def leave(self, driver: str) -> None:
         """Let another client drive."""
         ...
 

@@ -98,7 +98,7 @@ class ModbusStation:
             stops = _long(self._written, KNOWN_STOPS - COMMAND)
             item = self._written[NEW_ITEM - COMMAND : NEW_ITEM - COMMAND + TEXT_REGISTERS]
             target = self._written[TARGET - COMMAND]
-            machine.grasp(
+            await machine.grasp(
                 DRIVER,
                 target_force_n=target / 100.0 if target else None,
                 item_id=text_of(item),
@@ -106,14 +106,14 @@ class ModbusStation:
                 stops=None if stops == ANY_STOPS else stops,
             )
         elif command == RELEASE:
-            machine.release(DRIVER)
+            await machine.release(DRIVER)
         elif command == STOP:
             if not await machine.stop():
                 raise CommandRefusedError("the stop was not confirmed: use the emergency stop")
         elif command == TAKE_OVER:
-            machine.take_over(DRIVER)
+            await machine.take_over(DRIVER)
         elif command == LEAVE:
-            machine.leave(DRIVER)
+            await machine.leave(DRIVER)
         else:
             raise InputError(f"command {command}: there are 1 to 5")
 

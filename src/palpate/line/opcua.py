@@ -6,7 +6,7 @@ import hmac
 import json
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -208,7 +208,7 @@ class OpcUaStation:
             return _status(StatusCodes.BadTypeMismatch)
         target, item, kind, stops = values
         return await self._obey(
-            lambda: self._machine.grasp(
+            self._machine.grasp(
                 DRIVER,
                 target_force_n=None if target == 0 else target,
                 item_id=item or "",
@@ -218,9 +218,9 @@ class OpcUaStation:
         )
 
     async def _release(self, parent: Any) -> _Answer:
-        return await self._obey(lambda: self._machine.release(DRIVER))
+        return await self._obey(self._machine.release(DRIVER))
 
-    async def _obey(self, command: Callable[[], str | None]) -> _Answer:
+    async def _obey(self, command: Awaitable[str | None]) -> _Answer:
         """Carry out a command; refuse it with a status, and the reason in `Refusal`.
 
         The variables are written first: a client that reads after the answer reads the new state.
@@ -228,7 +228,7 @@ class OpcUaStation:
         refusal = ""
         answer: _Answer
         try:
-            text = command()
+            text = await command
             answer = [] if text is None else [ua.Variant(text, ua.VariantType.String)]
         except CommandRefusedError as error:
             refusal, answer = str(error), _status(StatusCodes.BadInvalidState)
@@ -244,10 +244,10 @@ class OpcUaStation:
         return [ua.Variant(is_stopped, ua.VariantType.Boolean)]
 
     async def _take_over(self, parent: Any) -> _Answer:
-        return await self._obey(lambda: self._machine.take_over(DRIVER))
+        return await self._obey(self._machine.take_over(DRIVER))
 
     async def _leave(self, parent: Any) -> _Answer:
-        return await self._obey(lambda: self._machine.leave(DRIVER))
+        return await self._obey(self._machine.leave(DRIVER))
 
 
 def _measured_names() -> list[str]:

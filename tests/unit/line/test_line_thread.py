@@ -1,0 +1,47 @@
+"""Controllers of a line are answered on a thread of their own."""
+
+from __future__ import annotations
+
+import asyncio
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from types import SimpleNamespace
+
+from asyncua import Client
+from pymodbus.client import AsyncModbusTcpClient
+from tests.loop.test_line import OpcUa, free_port, registers
+from tests.unit.dashboard.test_app_state import app_state_of
+
+from palpate.cli.serve import open_lines
+from palpate.dashboard.loop_thread import LoopThread
+from palpate.dashboard.server import _serve_lines
+from palpate.dashboard.station import Station
+from palpate.line import modbus
+
+
+def test_controllers_are_answered_while_the_pages_are_busy(tmp_path: Path) -> None:
+    opcua_port, modbus_port = free_port(), free_port()
+    app = SimpleNamespace(router=SimpleNamespace(on_startup=[], on_shutdown=[]))
+
+    async def visit() -> tuple[str, list[int]]:
+        async with (
+            Client(f"opc.tcp://127.0.0.1:{opcua_port}/palpate") as first,
+            AsyncModbusTcpClient("127.0.0.1", port=modbus_port) as second,
+        ):
+            return await OpcUa(first).value("State"), await registers(second, modbus.STATE, 1)
+
+    async def serve_and_be_busy() -> tuple[str, list[int]]:
+        (start,), (end,) = app.router.on_startup, app.router.on_shutdown
+        await start()
+        with ThreadPoolExecutor() as pool:
+            # Blocks this loop, on which pages are built, until both clients have their answers.
+            found = pool.submit(asyncio.run, visit()).result()
+        await end()
+        return found
+
+    with LoopThread("lines") as thread:
+        opened = open_lines(
+            opcua=str(opcua_port), modbus=str(modbus_port), token=None, folder=tmp_path
+        )
+        _serve_lines(app, Station(app_state_of(tmp_path)), opened, thread=thread)
+        assert asyncio.run(serve_and_be_busy()) == ("stopped", [0])
