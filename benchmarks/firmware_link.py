@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate.firmware_image import BOARDS
 from palpate.sensor.wire import Decoder, encode_command
 from palpate.sensor.wire_messages import (
     Contents,
@@ -26,7 +27,7 @@ from palpate.sensor.wire_messages import (
     SetRate,
     Start,
 )
-from palpate.twin.firmware import BUILD, FirmwareBoard
+from palpate.twin.firmware import FirmwareBoard
 
 _STEP_S = 0.2
 
@@ -39,13 +40,11 @@ def run_link(
     cols: int,
     oversampling: int = 1,
     baud: int = 1_000_000,
+    board: str = "mega2560",
     contents: Contents = Contents.PIXELS,
 ) -> dict[str, Any]:
     """Stream for `seconds` of simulated time; return what was counted and measured."""
-    image = BUILD / (
-        "palpate-mega2560.elf" if baud == 1_000_000 else f"palpate-mega2560-{baud}.elf"
-    )
-    board = FirmwareBoard(image, baud=baud)
+    machine = FirmwareBoard(board, baud=baud)
     decoder = Decoder()
     setup = (
         SetLayout(rows=rows, cols=cols),
@@ -54,39 +53,40 @@ def run_link(
         Start(contents=contents),
     )
     for command in setup:
-        board.run_until(board.now_s() + 0.1)
-        board.write_bytes(encode_command(command, tag=1))
-    clock_s = _power_up_to_clock_s(board, decoder)
+        machine.run_until(machine.now_s() + 0.1)
+        machine.write_bytes(encode_command(command, tag=1))
+    clock_s = _power_up_to_clock_s(machine, decoder)
     began = time.perf_counter()
-    start_s = board.now_s()
+    start_s = machine.now_s()
     rng = np.random.default_rng(0)
     tally = _Tally(rows=rows, cols=cols, oversampling=oversampling, clock_s=clock_s)
-    while board.now_s() - start_s < seconds:
-        board.write_bytes(encode_command(Ping(), tag=2))
+    while machine.now_s() - start_s < seconds:
+        machine.write_bytes(encode_command(Ping(), tag=2))
         wanted_mv = rng.uniform(0, 4990, size=(rows, cols))
-        changed_s = board.now_s()
-        board.set_pixels_mv(wanted_mv)
-        board.run_until(changed_s + _STEP_S)
-        data, through_s = board.read_timed()
+        changed_s = machine.now_s()
+        machine.set_pixels_mv(wanted_mv)
+        machine.run_until(changed_s + _STEP_S)
+        data, through_s = machine.read_timed()
         # The pieces that the bytes come in do not matter to the decoder; the delay needs the ends.
         ends_s = through_s[np.frombuffer(data, np.uint8) == 0]
         messages = decoder.feed(data)
         tally.add(messages, ends_s=ends_s, wanted_mv=wanted_mv, changed_s=changed_s)
     counters = decoder.counters
     result = {
-        "simulated_s": round(board.now_s() - start_s, 3),
+        "simulated_s": round(machine.now_s() - start_s, 3),
         "rate_hz": rate_hz,
         "pixels": rows * cols,
         "oversampling": oversampling,
+        "board": board,
         "baud": baud,
         "frames": counters.frames,
         "frames_lost": counters.lost,
         "corrupt": counters.corrupt,
-        "conversions_misrouted": board.misrouted,
-        "times_real_time": round((board.now_s() - start_s) / (time.perf_counter() - began), 2),
+        "conversions_misrouted": machine.misrouted,
+        "times_real_time": round((machine.now_s() - start_s) / (time.perf_counter() - began), 2),
         **tally.summary(rate_hz=rate_hz),
     }
-    board.close()
+    machine.close()
     return result
 
 
@@ -159,6 +159,7 @@ def main() -> None:
     parser.add_argument("--cols", type=int, default=2)
     parser.add_argument("--oversampling", type=int, default=1)
     parser.add_argument("--baud", type=int, default=1_000_000)
+    parser.add_argument("--board", default="mega2560", choices=BOARDS)
     args = parser.parse_args()
     result = run_link(
         seconds=args.seconds,
@@ -167,6 +168,7 @@ def main() -> None:
         cols=args.cols,
         oversampling=args.oversampling,
         baud=args.baud,
+        board=args.board,
     )
     print(json.dumps(result, indent=1))
     bad = result["frames_lost"] or result["corrupt"] or result["frames_wrong"]

@@ -29,6 +29,8 @@ uint8_t argument_bytes(uint8_t type) {
       return 2;
     case kLayout:
     case kRate:
+    case kServoTravel:
+    case kServo:
       return 4;
     case kPressure:
       return 6;
@@ -45,6 +47,7 @@ void Device::begin(uint8_t reset_cause, uint8_t seed, bool watchdog_since_power_
   watchdog_ = watchdog_since_power_up;
   tripped_ = tripped;
   board_.set_pressure_output(0);
+  board_.set_servo_pulse(0);
   // Until a host sets a ceiling.
   board_.set_safe_line(false);
   send_identity(0);
@@ -69,7 +72,7 @@ void Device::obey(const Packet& packet) {
     return;
   }
   const Result result = execute(packet);
-  if (result != kUnknownCommand) regulator_.heartbeat(board_.now_us());
+  if (result != kUnknownCommand) heard_us_ = board_.now_us();
   if (packet.type == kIdentify && result == kOk) {
     send_identity(packet.payload[0]);
   } else {
@@ -80,6 +83,7 @@ void Device::obey(const Packet& packet) {
 Result Device::execute(const Packet& packet) {
   const uint8_t expected = argument_bytes(packet.type);
   if (expected == 0xFF) return kUnknownCommand;
+  if (packet.type == kPressure && !(features_ & kWithPressure)) return kUnknownCommand;
   if (packet.size != 1 + expected) return kBadArgument;
   const bool configures = packet.type >= kLayout && packet.type <= kStart;
   if (configures && streaming_) return kStreaming;
@@ -101,12 +105,16 @@ Result Device::execute(const Packet& packet) {
       board_.stop_scanning();
       return kOk;
     case kPressure:
-      if (tripped_) return kTripped;
-      return regulator_.set(u16_at(arguments), u32_at(arguments + 2)) ? kOk : kBadArgument;
+      return set_pressure(u16_at(arguments), u32_at(arguments + 2));
+    case kServoTravel:
+      return set_servo_travel(u16_at(arguments), u16_at(arguments + 2));
+    case kServo:
+      return set_servo(u16_at(arguments), u16_at(arguments + 2));
     case kCeiling:
-      if (u16_at(arguments) > kAdcMax) return kBadArgument;
+      if (u16_at(arguments) >= kAdcFullScale) return kBadArgument;
       ceiling_ = u16_at(arguments);
       tripped_ = false;
+      armed_ = true;
       board_.set_safe_line(true);
       return kOk;
     default:
@@ -130,8 +138,51 @@ Result Device::set_rate(uint32_t rate_mhz) {
   return kOk;
 }
 
+Result Device::set_pressure(uint16_t target_pa, uint32_t slew_pa_per_s) {
+  if (tripped_) return kTripped;
+  if (target_pa > kMaxPressurePa || slew_pa_per_s < 1 || slew_pa_per_s > kMaxSlewPaPerS) {
+    return kBadArgument;
+  }
+  pressure_.go(target_pa, slew_pa_per_s);
+  heartbeat_lost_ = false;
+  return kOk;
+}
+
+Result Device::set_servo_travel(uint16_t open_us, uint16_t closed_us) {
+  const uint16_t low = open_us < closed_us ? open_us : closed_us;
+  const uint16_t high = open_us < closed_us ? closed_us : open_us;
+  if (low < kShortestPulseUs || high > kLongestPulseUs || low == high) return kBadArgument;
+  const bool is_another = open_us != open_us_ || closed_us != closed_us_;
+  if (is_another && servo_.value() != 0) return kBadArgument;
+  open_us_ = open_us;
+  closed_us_ = closed_us;
+  return kOk;
+}
+
+bool Device::in_travel(uint16_t pulse_us) const {
+  return open_us_ < closed_us_ ? open_us_ <= pulse_us && pulse_us <= closed_us_
+                               : closed_us_ <= pulse_us && pulse_us <= open_us_;
+}
+
+// The first pulses after a reset or a trip are those of the open fingers: nothing shows where a
+// hobby servo is.
+Result Device::set_servo(uint16_t target_us, uint16_t rate_us_per_s) {
+  // Without supply, pulses would feed the servo through its signal.
+  if (tripped_ || !armed_) return kTripped;
+  if (open_us_ == 0 || rate_us_per_s == 0) return kBadArgument;
+  if (target_us != 0 && !in_travel(target_us)) return kBadArgument;
+  if (target_us == 0) {
+    servo_.hold();
+  } else {
+    if (servo_.value() == 0) servo_.jump(open_us_);
+    servo_.go(target_us, rate_us_per_s);
+  }
+  heartbeat_lost_ = false;
+  return kOk;
+}
+
 Result Device::start(uint8_t contents) {
-  if (contents & ~kAllContents) return kBadArgument;
+  if (contents & ~features_) return kBadArgument;
   plan_.contents = contents;
   if (plan_.rate_mhz > highest_rate_mhz(plan_, timing_)) return kTooFast;
   stream_seed_ = stream_seed_ == 0xFF ? 1 : static_cast<uint8_t>(stream_seed_ + 1);
@@ -151,24 +202,50 @@ void Device::on_scan(const Scan& scan) {
 }
 
 void Device::check_ceiling(const Scan& scan) {
-  if (ceiling_ == 0) return;
+  if (ceiling_ == 0 || tripped_) return;
   const uint16_t limit = static_cast<uint16_t>(ceiling_ * plan_.oversampling);
   for (uint16_t pixel = 0; pixel < plan_.pixels(); ++pixel) {
     if (scan.counts[pixel] < limit) continue;
     tripped_ = true;
-    regulator_.vent();
+    tripped_us_ = board_.now_us();
+    pressure_.jump(0);
     board_.set_pressure_output(0);
-    board_.set_safe_line(false);
+    if (servo_.value() == 0) {
+      board_.set_safe_line(false);
+    } else {
+      servo_.jump(open_us_);
+    }
     return;
   }
 }
 
-void Device::poll() { board_.set_pressure_output(regulator_.update(board_.now_us())); }
+void Device::poll() {
+  const uint32_t now_us = board_.now_us();
+  uint16_t elapsed_ms = 0;
+  // A division would take 40 us.
+  for (; now_us - polled_us_ >= 1000u && elapsed_ms < 1000u; ++elapsed_ms) polled_us_ += 1000u;
+  if (elapsed_ms == 0) return;
+  const bool driven = pressure_.target() != 0 || pressure_.value() != 0 || servo_.value() != 0;
+  if (driven && now_us - heard_us_ > kHeartbeatMs * 1000ul) {
+    pressure_.jump(0);
+    servo_.hold();
+    heartbeat_lost_ = true;
+  }
+  // The servo has backed off with the supply that the safe line switches.
+  if (tripped_ && servo_.value() != 0 && now_us - tripped_us_ > kBackOffMs * 1000ul) {
+    servo_.jump(0);
+    board_.set_safe_line(false);
+  }
+  pressure_.advance(elapsed_ms);
+  servo_.advance(elapsed_ms);
+  board_.set_pressure_output(pressure_.value());
+  board_.set_servo_pulse(servo_.value());
+}
 
 uint8_t Device::status() const {
   uint8_t bits = 0;
   if (dropped_) bits |= kDropped;
-  if (regulator_.heartbeat_lost()) bits |= kHeartbeatLost;
+  if (heartbeat_lost_) bits |= kHeartbeatLost;
   if (tripped_) bits |= kCeilingTripped;
   if (watchdog_) bits |= kWatchdogReset;
   if (damaged_) bits |= kCommandDamaged;
@@ -198,10 +275,11 @@ void Device::send_frame(uint8_t* out, const Scan& scan) {
     }
   }
   if (plan_.contents & kWithPressure) {
-    packet.u16(regulator_.output_pa());
+    packet.u16(pressure_.value());
     packet.u16(static_cast<uint16_t>(static_cast<uint32_t>(scan.pressure_counts) *
-                                     kMaxPressurePa / kAdcMax));
+                                     kMaxPressurePa / (kAdcFullScale - 1)));
   }
+  if (plan_.contents & kWithServo) packet.u16(servo_.value());
   board_.transmit(packet.finish());
 }
 
@@ -224,7 +302,7 @@ void Device::send_identity(uint8_t tag) {
   packet.u8(tag);
   packet.u8(kProtocolVersion);
   for (uint8_t i = 0; i < 3; ++i) packet.u8(kVersion[i]);
-  packet.u16(kAllContents);
+  packet.u16(features_);
   packet.u8(plan_.rows);
   packet.u8(plan_.cols);
   packet.u8(plan_.oversampling);
@@ -238,6 +316,7 @@ void Device::send_identity(uint8_t tag) {
   packet.u32(timing_.baud);
   packet.u32(plan_.rate_mhz);
   packet.u32(highest_rate_mhz(plan_, timing_));
+  packet.u16(kAdcFullScale);
   for (uint8_t i = 0; i < name; ++i) packet.u8(static_cast<uint8_t>(name_[i]));
   board_.transmit(packet.finish());
 }

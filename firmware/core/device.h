@@ -5,7 +5,7 @@
 #include "packet.h"
 #include "plan.h"
 #include "protocol.h"
-#include "regulator.h"
+#include "ramp.h"
 
 namespace palpate {
 
@@ -33,6 +33,8 @@ class Board {
   virtual uint8_t* transmit_buffer() = 0;
   virtual void transmit(uint16_t size) = 0;
   virtual void set_pressure_output(uint16_t pa) = 0;
+  // Width of a servo's pulses; 0 for none.
+  virtual void set_servo_pulse(uint16_t us) = 0;
   virtual void set_safe_line(bool safe) = 0;
   virtual const LoadCell& load_cell(uint8_t index) = 0;
 
@@ -42,8 +44,9 @@ class Board {
 
 class Device {
  public:
-  Device(Board& board, const Timing& timing, const char* name)
-      : board_(board), timing_(timing), name_(name) {}
+  // `features`: bits of `Contents` that the hardware has.
+  Device(Board& board, const Timing& timing, uint8_t features, const char* name)
+      : board_(board), timing_(timing), features_(features), name_(name) {}
 
   // `seed` makes stream numbers differ from those before a reset.
   // A trip of the ceiling before the reset stays one.
@@ -63,6 +66,10 @@ class Device {
   Result start(uint8_t contents);
   Result set_layout(uint8_t rows, uint8_t cols, uint16_t settle_us);
   Result set_rate(uint32_t rate_mhz);
+  Result set_pressure(uint16_t target_pa, uint32_t slew_pa_per_s);
+  Result set_servo_travel(uint16_t open_us, uint16_t closed_us);
+  Result set_servo(uint16_t target_us, uint16_t rate_us_per_s);
+  bool in_travel(uint16_t pulse_us) const;
   void send_ack(uint8_t command, uint8_t tag, Result result);
   void send_identity(uint8_t tag);
   void send_frame(uint8_t* out, const Scan& scan);
@@ -71,10 +78,18 @@ class Device {
 
   Board& board_;
   Timing timing_;
+  uint8_t features_;
   const char* name_;
   PacketReader reader_;
   Plan plan_;
-  Regulator regulator_;
+  Ramp pressure_;
+  // Pulses are sent while its value is not 0.
+  Ramp servo_;
+  uint16_t open_us_ = 0;
+  uint16_t closed_us_ = 0;
+  uint32_t polled_us_ = 0;
+  uint32_t heard_us_ = 0;
+  uint32_t tripped_us_ = 0;
   uint32_t next_sequence_ = 0;
   uint16_t ceiling_ = 0;
   uint8_t stream_ = 0;
@@ -82,7 +97,9 @@ class Device {
   uint8_t reset_cause_ = 0;
   bool streaming_ = false;
   bool tripped_ = false;
+  bool armed_ = false;
   bool watchdog_ = false;
+  bool heartbeat_lost_ = false;
   bool dropped_ = false;
   bool damaged_ = false;
 };

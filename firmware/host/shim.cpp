@@ -20,6 +20,7 @@ class HostBoard final : public palpate::Board {
   uint8_t* transmit_buffer() override { return sent + size; }
   void transmit(uint16_t bytes) override { size += bytes; }
   void set_pressure_output(uint16_t pa) override { pressure_pa = pa; }
+  void set_servo_pulse(uint16_t us) override { servo_us = us; }
   void set_safe_line(bool level) override { safe = level; }
   const LoadCell& load_cell(uint8_t index) override { return cells[index]; }
 
@@ -27,13 +28,14 @@ class HostBoard final : public palpate::Board {
   uint8_t sent[8 * palpate::kMaxStuffedBytes];
   size_t size = 0;
   uint16_t pressure_pa = 0;
+  uint16_t servo_us = 0;
   bool safe = false;
   bool scanning = false;
   LoadCell cells[palpate::kLoadCells];
 };
 
 struct Host {
-  explicit Host(const palpate::Timing& timing) : device(board, timing, "host") {}
+  explicit Host(const palpate::Timing& timing) : device(board, timing, palpate::kAllContents, "host") {}
   HostBoard board;
   Device device;
 };
@@ -69,6 +71,7 @@ size_t host_take(Host* host, uint8_t* out) {
   return size;
 }
 uint16_t host_pressure_pa(const Host* host) { return host->board.pressure_pa; }
+uint16_t host_servo_us(const Host* host) { return host->board.servo_us; }
 bool host_safe(const Host* host) { return host->board.safe; }
 bool host_scanning(const Host* host) { return host->board.scanning; }
 

@@ -1,5 +1,6 @@
-/* An Arduino Mega 2560 on simavr, with what is wired to it: the pixels behind two multiplexers, a
- * pressure regulator, two HX711 load-cell amplifiers and a serial line at its true speed.
+/* An Arduino Mega 2560, Uno or Nano on simavr, with what is wired to it: the pixels behind two
+ * multiplexers, a pressure regulator, a servo's signal, two HX711 load-cell amplifiers and a serial
+ * line at its true speed.
  * Driven from Python by ctypes (palpate.twin.firmware). Test tool only: simavr is GPL-3. */
 #include <math.h>
 #include <stdint.h>
@@ -24,11 +25,40 @@
 #define SUPPLY_MV 5000.0
 #define REGULATOR_LAG_S 0.05
 
-/* Data-space addresses, ATmega2560 data sheet, register summary. */
-enum { PORTA_ = 0x22, PORTC_ = 0x28, PORTH_ = 0x102, PORTL_ = 0x10B, TCCR3A_ = 0x90, OCR3AL_ = 0x98 };
+#define PULSES 4096u
+
+/* Data-space addresses, ATmega2560 and ATmega328P data sheets, register summaries. A port's
+ * direction register lies below it. */
+enum { PORTA_ = 0x22, PORTB_ = 0x25, PORTC_ = 0x28, PORTD_ = 0x2B, PORTH_ = 0x102, PORTL_ = 0x10B };
+enum { TCCR1A_ = 0x80, TCCR3A_ = 0x90, OCR3AL_ = 0x98 };
+
+typedef struct pin {
+  uint8_t port, bit;
+} pin_t;
+
+/* A field of a port's bits. */
+typedef struct field {
+  uint16_t address;
+  uint8_t first, mask;
+} field_t;
+
+/* How a board is wired: the tables of firmware/board. */
+typedef struct wiring {
+  const char *chip;
+  field_t row, col, lines_low, lines_high, safe, servo;
+  pin_t safe_pin, clock[LOAD_CELLS], data[LOAD_CELLS];
+} wiring_t;
+
+static const wiring_t WIRINGS[] = {
+    {"atmega2560", {PORTL_, 0, 15}, {PORTL_, 4, 15}, {PORTA_, 0, 255}, {PORTC_, 0, 255}, {PORTH_, 5, 1},
+     {PORTB_, 6, 1}, {'H', 5}, {{'G', 0}, {'G', 2}}, {{'J', 1}, {'D', 7}}},
+    {"atmega328p", {PORTD_, 2, 3}, {PORTD_, 4, 3}, {PORTC_, 2, 15}, {PORTC_, 0, 0}, {PORTB_, 0, 1},
+     {PORTB_, 2, 1}, {'B', 0}, {{'D', 6}, {'B', 3}}, {{'D', 7}, {'B', 4}}},
+};
 
 typedef struct load_cell {
-  avr_irq_t *data;
+  avr_t *avr;
+  pin_t data;
   uint64_t ready_cycle;
   int32_t raw, shift;
   int pulses, clock;
@@ -36,6 +66,7 @@ typedef struct load_cell {
 
 typedef struct board {
   avr_t *avr;
+  const wiring_t *wiring;
   avr_irq_t *adc, *uart_in;
   float from_mv[PIXELS], to_mv[PIXELS];
   uint64_t from_cycle, to_cycle;
@@ -53,7 +84,17 @@ typedef struct board {
   uint32_t byte_cycles;
   uint32_t safe_edges;
   int safe_level;
+  uint64_t rise_cycle, pulse_cycle[PULSES];
+  uint32_t pulse_cycles[PULSES], pulses;
 } board_t;
+
+static int read_field(const board_t *board, field_t field) {
+  return board->avr->data[field.address] >> field.first & field.mask;
+}
+
+static int is_output(const board_t *board, field_t field) {
+  return board->avr->data[field.address - 1] >> field.first & field.mask;
+}
 
 static double uniform(board_t *board) {
   board->random ^= board->random << 13;
@@ -85,13 +126,13 @@ static double pressure_now(board_t *board) {
 
 /* The direct row lines must agree with the multiplexer: exactly the selected row high. */
 static int rows_agree(const board_t *board, int row) {
-  const uint8_t *data = board->avr->data;
-  return (data[PORTA_] | data[PORTC_] << 8) == 1 << row;
+  const wiring_t *wiring = board->wiring;
+  return (read_field(board, wiring->lines_low) | read_field(board, wiring->lines_high) << 8) == 1 << row;
 }
 
 static double pixel_mv(board_t *board) {
-  uint8_t select = board->avr->data[PORTL_];
-  int row = select & 15, col = select >> 4, pixel = row * 16 + col;
+  int row = read_field(board, board->wiring->row), col = read_field(board, board->wiring->col);
+  int pixel = row * 16 + col;
   if (!rows_agree(board, row)) board->misrouted++;
   double span = (double)(board->to_cycle - board->from_cycle);
   double share = span > 0 ? (double)(board->avr->cycle - board->from_cycle) / span : 1.0;
@@ -145,12 +186,24 @@ static avr_cycle_count_t on_receive(avr_t *avr, avr_cycle_count_t when, void *pa
   return when + board->byte_cycles;
 }
 
+static avr_irq_t *irq_of(avr_t *avr, pin_t pin) {
+  return avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ(pin.port), pin.bit);
+}
+
+/* Also tells the port what holds the pin: otherwise a write to it would bring its pull-up back. */
+static void set_load_data(load_cell_t *cell, int level) {
+  uint8_t mask = (uint8_t)(1 << cell->data.bit);
+  avr_ioport_external_t held = {.name = cell->data.port, .mask = mask, .value = level ? mask : 0};
+  avr_ioctl(cell->avr, AVR_IOCTL_IOPORT_SET_EXTERNAL(cell->data.port), &held);
+  avr_raise_irq(irq_of(cell->avr, cell->data), (uint32_t)level);
+}
+
 static avr_cycle_count_t on_load_ready(avr_t *avr, avr_cycle_count_t when, void *param) {
   (void)avr;
   load_cell_t *cell = param;
   cell->pulses = 0;
   cell->shift = cell->raw;
-  avr_raise_irq(cell->data, 0);
+  set_load_data(cell, 0);
   return when + LOAD_PERIOD_CYCLES;
 }
 
@@ -162,7 +215,7 @@ static void on_load_clock(avr_irq_t *irq, uint32_t value, void *param) {
   if (!rising) return;
   int bit = cell->pulses < 24 ? (cell->shift >> (23 - cell->pulses)) & 1 : 1;
   cell->pulses++;
-  avr_raise_irq(cell->data, (uint32_t)bit);
+  set_load_data(cell, bit);
 }
 
 static void on_safe_line(avr_irq_t *irq, uint32_t value, void *param) {
@@ -171,6 +224,24 @@ static void on_safe_line(avr_irq_t *irq, uint32_t value, void *param) {
   int level = value != 0;
   board->safe_edges += level != board->safe_level;
   board->safe_level = level;
+}
+
+/* Notes when each pulse of the compare unit began and how long it was; the oldest are kept if they
+ * are not taken. simavr also moves a compare's pin at each overflow, as in its PWM modes, always
+ * against the sense of the compare: this is left out. */
+static void on_servo(avr_irq_t *irq, uint32_t value, void *param) {
+  (void)irq;
+  board_t *board = param;
+  uint64_t now = board->avr->cycle;
+  int mode = board->avr->data[TCCR1A_] >> 4 & 3; /* 2: clear on match, 3: set */
+  if (mode != (value ? 3 : 2) || !is_output(board, board->wiring->servo)) return;
+  if (value) {
+    board->rise_cycle = now;
+  } else if (board->rise_cycle && board->pulses < PULSES) {
+    board->pulse_cycle[board->pulses] = board->rise_cycle;
+    board->pulse_cycles[board->pulses++] = (uint32_t)(now - board->rise_cycle);
+    board->rise_cycle = 0;
+  }
 }
 
 static void no_sleep(avr_t *avr, avr_cycle_count_t cycles) {
@@ -195,30 +266,36 @@ static void connect(board_t *board) {
   avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), on_sent,
                           board);
 
-  avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('H'), 5), on_safe_line, board);
-
-  board->loads[0].data = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('J'), 1);
-  board->loads[1].data = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), 7);
-  const int clock_pin[LOAD_CELLS] = {0, 2};
+  const wiring_t *wiring = board->wiring;
+  avr_irq_register_notify(irq_of(avr, wiring->safe_pin), on_safe_line, board);
+  avr_irq_t *timer = avr_io_getirq(avr, AVR_IOCTL_TIMER_GETIRQ('1'), TIMER_IRQ_OUT_COMP + 1);
+  avr_irq_register_notify(timer, on_servo, board);
   for (int i = 0; i < LOAD_CELLS; i++) {
-    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('G'), clock_pin[i]),
-                            on_load_clock, &board->loads[i]);
-    avr_raise_irq(board->loads[i].data, 1);
+    board->loads[i].avr = avr;
+    board->loads[i].data = wiring->data[i];
+    avr_irq_register_notify(irq_of(avr, wiring->clock[i]), on_load_clock, &board->loads[i]);
+    set_load_data(&board->loads[i], 1);
   }
 }
 
-/* Returns null if the file is not an ELF that simavr can run. */
-board_t *board_open(const char *elf, uint32_t baud, uint64_t seed) {
+/* Returns null if the chip is none of a board, or the file is not an ELF that simavr can run. */
+board_t *board_open(const char *chip, const char *elf, uint32_t baud, uint64_t seed) {
+  const wiring_t *wiring = NULL;
+  for (size_t i = 0; i < sizeof WIRINGS / sizeof *WIRINGS; i++) {
+    if (strcmp(WIRINGS[i].chip, chip) == 0) wiring = &WIRINGS[i];
+  }
+  if (!wiring) return NULL;
   avr_global_logger_set(quiet);
   elf_firmware_t firmware = {0};
   if (elf_read_firmware(elf, &firmware) != 0) return NULL;
   board_t *board = calloc(1, sizeof *board);
-  avr_t *avr = board ? avr_make_mcu_by_name("atmega2560") : NULL;
+  avr_t *avr = board ? avr_make_mcu_by_name(chip) : NULL;
   if (!avr) {
     free(board);
     return NULL;
   }
   board->avr = avr;
+  board->wiring = wiring;
   board->random = seed * 0x9E3779B97F4A7C15u | 1;
   board->byte_cycles = CLOCK_HZ / baud * 10;
   avr_init(avr);
@@ -262,7 +339,10 @@ uint64_t board_misrouted(const board_t *board) { return board->misrouted; }
 uint32_t board_out_lost(const board_t *board) { return board->out_lost; }
 double board_output_duty(const board_t *board) { return output_duty(board); }
 double board_pressure(board_t *board) { return pressure_now(board); }
-int board_safe_line(const board_t *board) { return board->avr->data[PORTH_] >> 5 & 1; }
+/* High only as an output: otherwise its pull-down holds it low. */
+int board_safe_line(const board_t *board) {
+  return read_field(board, board->wiring->safe) & is_output(board, board->wiring->safe);
+}
 uint32_t board_safe_edges(const board_t *board) { return board->safe_edges; }
 void board_reset(board_t *board) { avr_reset(board->avr); }
 void board_set_noise_mv(board_t *board, float noise_mv) { board->noise_mv = noise_mv; }
@@ -287,7 +367,7 @@ void board_set_load(board_t *board, int index, int32_t raw) {
 
 /* Makes the program hang where it is, as a hit by a particle would: interrupts go on. */
 void board_hang(board_t *board) {
-  const avr_flashaddr_t nowhere = 0x3FF00; /* above the boot loader */
+  const avr_flashaddr_t nowhere = board->avr->flashend / 2 & ~1u; /* above the program */
   board->avr->flash[nowhere] = 0xFF; /* rjmp to itself */
   board->avr->flash[nowhere + 1] = 0xCF;
   board->avr->pc = nowhere;
@@ -316,6 +396,15 @@ uint32_t board_take(board_t *board, uint8_t *bytes, uint64_t *cycles) {
   memcpy(cycles, board->out_cycle, size * sizeof *cycles);
   board->out_size = 0;
   return size;
+}
+
+/* Servo pulses since the last call: the cycle at which each began, and its length in cycles. */
+uint32_t board_take_pulses(board_t *board, uint64_t *began, uint32_t *cycles) {
+  uint32_t count = board->pulses;
+  memcpy(began, board->pulse_cycle, count * sizeof *began);
+  memcpy(cycles, board->pulse_cycles, count * sizeof *cycles);
+  board->pulses = 0;
+  return count;
 }
 
 /* Runs up to a cycle; returns 0, or -1 if the program has crashed. */

@@ -58,6 +58,12 @@ class Core:
         self._library.host_scan(self._host, sequence, ctypes.c_uint32(time_us), pointer, pressure)
         return self.take()
 
+    def move_servo(self, target_us: int, *, open_us: int = 2000, rate: int = 1000) -> wm.Result:
+        """Arm the board, set a travel and move the servo."""
+        self.result(wm.SetCeiling(counts=900))
+        self.result(wm.SetServoTravel(open_us=open_us, closed_us=1000))
+        return self.result(wm.SetServo(target_us=target_us, rate_us_per_s=rate))
+
     def load(self, index: int, *, raw: int, sample: int) -> None:
         self._library.host_set_load(self._host, index, raw, sample, 0)
 
@@ -67,6 +73,10 @@ class Core:
     @property
     def pressure_pa(self) -> int:
         return int(self._library.host_pressure_pa(self._host))
+
+    @property
+    def servo_us(self) -> int:
+        return int(self._library.host_servo_us(self._host))
 
     @property
     def safe(self) -> bool:
@@ -110,7 +120,18 @@ def test_commands_in_the_firmware(vector: dict[str, Any], core: Core) -> None:
     (answer,) = core.decoder.feed(core.give(bytes.fromhex(vector["bytes"])))
     assert answer.tag == vector["tag"]
     if isinstance(answer, wm.Ack):
-        assert answer.result == wm.Result.OK
+        # Nothing has armed the board, as a servo needs.
+        refused = vector["name"] == "SetServo"
+        assert answer.result == (wm.Result.TRIPPED if refused else wm.Result.OK)
+
+
+@pytest.mark.parametrize("vector", VECTORS["identities"])
+def test_identities_of_both_versions_in_python(vector: dict[str, Any]) -> None:
+    data = bytes.fromhex(vector["bytes"])
+    given = vector["fields"] | {"version": tuple(vector["fields"]["version"])}
+    identity = wm.BoardIdentity(**given)
+    assert encode_message(identity) == data
+    assert Decoder().feed(data) == [identity]
 
 
 @pytest.mark.parametrize("vector", VECTORS["frames"])
@@ -143,6 +164,9 @@ def test_frames_in_the_firmware(vector: dict[str, Any], library: ctypes.CDLL) ->
         core.result(wm.SetPressure(target_kpa=wanted.pressure_set_kpa or 0.0, slew_kpa_per_s=500.0))
         core.at_ms(100)
         pressure = round(wanted.pressure_kpa / 50 * 1023)
+    if wanted.servo_us is not None:
+        contents |= wm.Contents.SERVO
+        core.move_servo(wanted.servo_us, open_us=wanted.servo_us)
     core.result(wm.SetRate(rate_hz=0.2))
     core.result(wm.SetLayout(rows=rows, cols=cols))
     core.result(wm.SetOversampling(conversions=wanted.oversampling))
@@ -169,6 +193,7 @@ def test_identity_at_boot(core: Core) -> None:
     (identity,) = Decoder().feed(core.at_boot)
     assert isinstance(identity, wm.BoardIdentity)
     assert (identity.tag, identity.protocol, identity.board) == (0, wm.PROTOCOL_VERSION, "host")
+    assert (identity.features, identity.full_scale) == (7, 1024)
 
 
 def test_a_rate_that_cannot_be_met_is_refused_with_the_highest(core: Core) -> None:
@@ -196,6 +221,10 @@ def test_start_is_refused_when_the_layout_grew_after_the_rate(core: Core) -> Non
         (wm.SetPressure(target_kpa=50.001, slew_kpa_per_s=1.0), wm.Result.BAD_ARGUMENT),
         (wm.SetPressure(target_kpa=5.0, slew_kpa_per_s=0.0), wm.Result.BAD_ARGUMENT),
         (wm.SetCeiling(counts=1024), wm.Result.BAD_ARGUMENT),
+        (wm.SetServoTravel(open_us=499, closed_us=1000), wm.Result.BAD_ARGUMENT),
+        (wm.SetServoTravel(open_us=1000, closed_us=2501), wm.Result.BAD_ARGUMENT),
+        (wm.SetServoTravel(open_us=1000, closed_us=1000), wm.Result.BAD_ARGUMENT),
+        (wm.SetServo(target_us=1000, rate_us_per_s=1), wm.Result.TRIPPED),
     ],
 )
 def test_arguments_out_of_range_are_refused(
@@ -250,6 +279,80 @@ def test_ceiling_vents_and_holds_until_armed_again(core: Core) -> None:
     core.result(wm.SetCeiling(counts=900))
     assert core.safe
     assert core.result(again) == wm.Result.OK
+
+
+@pytest.mark.parametrize("pulse_us", [999, 2001, 500, 2500])
+def test_servo_beyond_its_travel_is_refused(core: Core, pulse_us: int) -> None:
+    assert core.move_servo(1500) == wm.Result.OK
+    again = wm.SetServo(target_us=pulse_us, rate_us_per_s=1000)
+    assert core.result(again) == wm.Result.BAD_ARGUMENT
+    core.at_ms(1)
+    assert core.servo_us == 1999, "still on its way to the first target"
+
+
+def test_servo_without_a_travel_is_refused(core: Core) -> None:
+    core.result(wm.SetCeiling(counts=900))
+    move = wm.SetServo(target_us=1500, rate_us_per_s=1000)
+    assert core.result(move) == wm.Result.BAD_ARGUMENT
+    core.at_ms(1)
+    assert core.servo_us == 0
+
+
+def test_servo_travel_stays_while_pulses_are_sent(core: Core) -> None:
+    core.move_servo(1500)
+    changed = wm.SetServoTravel(open_us=2000, closed_us=900)
+    assert core.result(changed) == wm.Result.BAD_ARGUMENT
+    assert core.result(wm.SetServoTravel(open_us=2000, closed_us=1000)) == wm.Result.OK
+
+
+def test_servo_begins_open_and_moves_on_a_ramp(core: Core) -> None:
+    core.at_ms(1000)
+    core.move_servo(1500, rate=1000)
+    core.at_ms(1001)
+    assert core.servo_us == pytest.approx(2000, abs=2)
+    core.at_ms(1250)
+    assert core.servo_us == pytest.approx(1750, abs=2)
+    core.result(wm.SetServo(target_us=0, rate_us_per_s=1000))
+    core.at_ms(1400)
+    assert core.servo_us == pytest.approx(1750, abs=2), "stopped where it was"
+    core.result(wm.SetServo(target_us=1800, rate_us_per_s=100))
+    core.at_ms(1800)
+    assert core.servo_us == pytest.approx(1790, abs=2), "and opens as slowly as asked"
+
+
+def test_servo_without_heartbeat_holds_its_place(core: Core) -> None:
+    core.at_ms(1000)
+    core.move_servo(1000, rate=1000)
+    for time_ms in range(1000, 5001, 100):
+        core.at_ms(time_ms)
+    assert core.servo_us == pytest.approx(1500, abs=102), "half a second of the ramp"
+    assert core.safe
+    core.result(wm.Start())
+    (frame,) = core.decoder.feed(core.scan(np.zeros((4, 2)), sequence=0))
+    assert isinstance(frame, wm.FrameMessage)
+    assert frame.status & wm.BoardStatus.HEARTBEAT_LOST
+
+
+def test_ceiling_opens_the_servo_before_its_supply_is_cut(core: Core) -> None:
+    core.at_ms(1000)
+    core.move_servo(1200, rate=2000)
+    core.at_ms(1400)
+    core.result(wm.Start())
+    core.scan(np.full((4, 2), 900), sequence=0)
+    core.at_ms(1401)
+    assert (core.servo_us, core.safe) == (2000, True)
+    move = wm.SetServo(target_us=1500, rate_us_per_s=1000)
+    assert core.result(move) == wm.Result.TRIPPED
+    core.at_ms(1799)
+    assert (core.servo_us, core.safe) == (2000, True)
+    core.at_ms(1802)
+    assert (core.servo_us, core.safe) == (0, False)
+    core.result(wm.SetCeiling(counts=950))
+    core.at_ms(1803)
+    assert (core.servo_us, core.safe) == (0, True), "no pulses until it is moved again"
+    assert core.result(move) == wm.Result.OK
+    core.at_ms(1804)
+    assert core.servo_us == pytest.approx(2000, abs=2)
 
 
 def test_damaged_commands_are_ignored_and_reported(core: Core) -> None:

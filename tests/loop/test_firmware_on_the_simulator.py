@@ -29,8 +29,8 @@ pytestmark = pytest.mark.usefixtures("firmware_built")
 class Desk:
     """A board and a decoder on one line."""
 
-    def __init__(self) -> None:
-        self.board = FirmwareBoard()
+    def __init__(self, kind: str = "mega2560") -> None:
+        self.board = FirmwareBoard(kind)
         self.decoder = Decoder()
         self.run(0.05)
 
@@ -56,6 +56,14 @@ def desk() -> Iterator[Desk]:
     desk.board.close()
 
 
+#: A Nano is an Uno by another name.
+@pytest.fixture(params=["mega2560", "uno"])
+def any_desk(request: pytest.FixtureRequest) -> Iterator[Desk]:
+    desk = Desk(request.param)
+    yield desk
+    desk.board.close()
+
+
 @pytest.fixture(scope="module")
 def run_link() -> Callable[..., dict[str, object]]:
     spec = importlib.util.spec_from_file_location("link", ROOT / "benchmarks/firmware_link.py")
@@ -68,19 +76,24 @@ def run_link() -> Callable[..., dict[str, object]]:
 
 
 @pytest.mark.parametrize(
-    ("rate_hz", "rows", "cols", "oversampling", "baud", "seconds"),
+    ("board", "rate_hz", "rows", "cols", "oversampling", "baud", "seconds"),
     [
-        (500.0, 4, 2, 1, 1_000_000, 2.0),
-        (300.0, 6, 2, 1, 1_000_000, 2.0),
-        (250.0, 4, 2, 3, 1_000_000, 2.0),
-        (400.0, 4, 2, 1, 250_000, 1.0),
-        (250.0, 4, 2, 1, 115_200, 1.0),
-        (15.0, 4, 2, 1, 9600, 2.0),
-        (25.0, 16, 16, 1, 1_000_000, 1.0),
+        ("mega2560", 500.0, 4, 2, 1, 1_000_000, 2.0),
+        ("mega2560", 300.0, 6, 2, 1, 1_000_000, 2.0),
+        ("mega2560", 250.0, 4, 2, 3, 1_000_000, 2.0),
+        ("mega2560", 400.0, 4, 2, 1, 250_000, 1.0),
+        ("mega2560", 250.0, 4, 2, 1, 115_200, 1.0),
+        ("mega2560", 15.0, 4, 2, 1, 9600, 2.0),
+        ("mega2560", 25.0, 16, 16, 1, 1_000_000, 1.0),
+        ("uno", 500.0, 4, 2, 1, 500_000, 1.0),
+        ("uno", 300.0, 4, 4, 1, 250_000, 1.0),
+        ("nano", 250.0, 4, 2, 1, 115_200, 1.0),
+        ("nano", 15.0, 1, 4, 64, 1_000_000, 1.0),
     ],
 )
 def test_no_frame_is_lost_and_every_count_is_right(
     run_link: Callable[..., dict[str, object]],
+    board: str,
     rate_hz: float,
     rows: int,
     cols: int,
@@ -89,6 +102,7 @@ def test_no_frame_is_lost_and_every_count_is_right(
     seconds: float,
 ) -> None:
     result = run_link(
+        board=board,
         seconds=seconds,
         rate_hz=rate_hz,
         rows=rows,
@@ -107,40 +121,59 @@ def test_no_frame_is_lost_and_every_count_is_right(
 
 @pytest.mark.parametrize(("rows", "cols", "oversampling"), [(4, 2, 1), (4, 2, 16), (1, 1, 1)])
 def test_the_highest_rate_it_names_is_kept(
-    desk: Desk, rows: int, cols: int, oversampling: int
+    any_desk: Desk, rows: int, cols: int, oversampling: int
 ) -> None:
-    *_, refusal = desk.ask(
+    *_, refusal = any_desk.ask(
         wm.SetLayout(rows=rows, cols=cols),
         wm.SetOversampling(conversions=oversampling),
         wm.SetRate(rate_hz=1e5),
     )
     assert isinstance(refusal, wm.Ack)
     assert refusal.result == wm.Result.TOO_FAST
-    desk.ask(wm.SetRate(rate_hz=refusal.highest_rate_hz), wm.Start())
-    frames = desk.frames(0.9)
+    any_desk.ask(wm.SetRate(rate_hz=refusal.highest_rate_hz), wm.Start())
+    frames = any_desk.frames(0.9)
     assert len(frames) >= 0.9 * refusal.highest_rate_hz - 2
-    assert desk.decoder.counters.lost == 0
+    assert any_desk.decoder.counters.lost == 0
 
 
-def test_it_says_who_it_is(desk: Desk) -> None:
+@pytest.mark.parametrize(
+    ("kind", "name", "features", "side"),
+    [
+        ("mega2560", "Arduino Mega 2560", 7, 16),
+        ("uno", "Arduino Uno", 5, 4),
+        ("nano", "Arduino Nano", 5, 4),
+    ],
+)
+def test_each_board_states_its_name_size_and_features(
+    kind: str, name: str, features: int, side: int
+) -> None:
+    desk = Desk(kind)
     (identity,) = desk.ask(wm.Identify())
     assert isinstance(identity, wm.BoardIdentity)
-    assert (identity.board, identity.baud) == ("Arduino Mega 2560", 1_000_000)
-    assert (identity.max_rows, identity.max_cols, identity.max_oversampling) == (16, 16, 64)
+    assert (identity.board, identity.baud, identity.full_scale) == (name, 1_000_000, 1024)
+    assert (identity.max_rows, identity.max_cols, identity.features) == (side, side, features)
+    for contents in wm.Contents:
+        answer = desk.ask(wm.Start(contents=contents), wm.Stop())[0]
+        assert isinstance(answer, wm.Ack)
+        assert (answer.result == wm.Result.OK) == bool(features & contents)
+    too_large = desk.ask(wm.SetLayout(rows=side + 1, cols=1))[0]
+    assert isinstance(too_large, wm.Ack)
+    assert too_large.result == wm.Result.BAD_ARGUMENT
+    desk.board.close()
 
 
-def test_reset_begins_another_stream(desk: Desk) -> None:
-    desk.ask(wm.SetRate(rate_hz=250.0), wm.Start())
-    before = desk.frames(0.1)[-1]
-    desk.board.reset()
-    (identity,) = desk.run(0.05)
+def test_reset_begins_another_stream(any_desk: Desk) -> None:
+    any_desk.ask(wm.SetRate(rate_hz=250.0), wm.Start())
+    before = any_desk.frames(0.1)[-1]
+    any_desk.board.reset()
+    (identity,) = any_desk.run(0.05)
     assert isinstance(identity, wm.BoardIdentity)
     assert not identity.streaming
-    desk.ask(wm.Start())
-    after = desk.frames(0.1)
+    any_desk.ask(wm.Start())
+    after = any_desk.frames(0.1)
     assert after[-1].stream != before.stream
-    assert desk.decoder.counters.restarts == 1
-    assert desk.decoder.counters.lost == 0
+    assert any_desk.decoder.counters.restarts == 1
+    assert any_desk.decoder.counters.lost == 0
 
 
 def test_the_watchdog_ends_a_hang_and_vents(desk: Desk) -> None:
@@ -171,49 +204,162 @@ def test_pressure_follows_slew_and_heartbeat(desk: Desk) -> None:
     assert desk.board.output_kpa == 0
 
 
-def test_load_cells_are_read_beside_the_pixels(desk: Desk) -> None:
-    desk.board.set_load(0, -8_388_608)
-    desk.board.set_load(1, 1_234_567)
-    desk.ask(wm.SetRate(rate_hz=250.0), wm.Start(contents=wm.Contents.LOAD_CELLS))
-    frames = desk.frames(0.5)
+def test_load_cells_are_read_beside_the_pixels(any_desk: Desk) -> None:
+    any_desk.board.set_load(0, -8_388_608)
+    any_desk.board.set_load(1, 1_234_567)
+    any_desk.ask(wm.SetRate(rate_hz=250.0), wm.Start(contents=wm.Contents.LOAD_CELLS))
+    frames = any_desk.frames(0.5)
     assert [cell.raw for cell in frames[-1].load_cells] == [-8_388_608, 1_234_567]
     readings = (frames[-1].load_cells[0].sample - frames[10].load_cells[0].sample) % 256
     assert readings == pytest.approx(80 * 0.46, abs=3)
-    assert desk.decoder.counters.lost == 0
+    assert any_desk.decoder.counters.lost == 0
 
 
-def test_an_absent_load_cell_is_said_to_be_silent(desk: Desk) -> None:
-    desk.board.set_load(0, 5)
-    desk.ask(wm.Start(contents=wm.Contents.LOAD_CELLS))
-    last = desk.frames(0.7)[-1]
+def test_an_absent_load_cell_is_said_to_be_silent(any_desk: Desk) -> None:
+    any_desk.board.set_load(0, 5)
+    any_desk.ask(wm.Start(contents=wm.Contents.LOAD_CELLS))
+    last = any_desk.frames(0.7)[-1]
     assert last.status & wm.BoardStatus.LOAD_CELL_SILENT
     assert last.load_cells[1].raw == wm.NO_READING
 
 
-def test_an_absent_load_cell_stays_silent_when_the_clock_wraps(desk: Desk) -> None:
-    elf = ROOT / "firmware/build/palpate-mega2560.elf"
+def test_an_absent_load_cell_stays_silent_when_the_clock_wraps(
+    any_desk: Desk, request: pytest.FixtureRequest
+) -> None:
+    elf = ROOT / f"firmware/build/palpate-{request.node.callspec.params['any_desk']}.elf"
     symbols = subprocess.run(["avr-nm", elf], check=True, capture_output=True, text=True).stdout
-    (found,) = re.findall(r"(\w+) b \S*overflows", symbols)
-    desk.board.set_load(0, 5)
-    desk.ask(wm.Start(contents=wm.Contents.LOAD_CELLS))
-    desk.frames(0.7)
-    # 71 minutes less 33 ms, in overflows of 32.768 ms.
-    desk.board.set_memory(int(found, 16) & 0xFFFF, 0x1FFFF)
-    frames = desk.frames(0.3)
+    (found,) = re.findall(r"(\w+) [bB] \S*overflows", symbols)
+    any_desk.board.set_load(0, 5)
+    any_desk.ask(wm.Start(contents=wm.Contents.LOAD_CELLS))
+    any_desk.frames(0.7)
+    # 71 minutes less some 50 ms, in overflows of 32.768 ms (Mega) or 512 us.
+    last = 2**32 // (512 if "uno" in elf.name else 32_768) - 1
+    any_desk.board.set_memory(int(found, 16) & 0xFFFF, last - (100 if "uno" in elf.name else 0))
+    frames = any_desk.frames(0.3)
     assert frames[-1].time_us % 2**32 < 300_000
     assert all(frame.status & wm.BoardStatus.LOAD_CELL_SILENT for frame in frames)
 
 
-def test_the_ceiling_acts_without_the_host(desk: Desk) -> None:
+def test_the_ceiling_acts_without_the_host(any_desk: Desk) -> None:
+    desk = any_desk
     desk.ask(wm.SetCeiling(counts=900), wm.SetPressure(target_kpa=30.0, slew_kpa_per_s=500.0))
     desk.ask(wm.SetRate(rate_hz=250.0), wm.Start())
     desk.run(0.1)
     assert desk.board.safe_line
+    press(desk)
+    desk.run(0.010)
+    assert (desk.board.safe_line, desk.board.output_kpa) == (False, 0.0)
+
+
+def press(desk: Desk) -> None:
+    """Press a pixel beyond the ceiling."""
     voltages = np.full((4, 2), 1000.0)
     voltages[3, 1] = 4500.0
     desk.board.set_pixels_mv(voltages)
-    desk.run(0.010)
-    assert (desk.board.safe_line, desk.board.output_kpa) == (False, 0.0)
+
+
+def move_servo(desk: Desk, *, target_us: int, rate: int = 2000) -> list[wm.BoardMessage]:
+    """Arm the board, stream, set a travel of 2300 (open) to 700 microseconds, and move."""
+    return desk.ask(
+        wm.SetCeiling(counts=900),
+        wm.SetRate(rate_hz=250.0),
+        wm.Start(contents=wm.Contents.SERVO),
+        wm.SetServoTravel(open_us=2300, closed_us=700),
+        wm.SetServo(target_us=target_us, rate_us_per_s=rate),
+    )
+
+
+def test_servo_pulses_come_every_20_ms_and_follow_the_ramp(any_desk: Desk) -> None:
+    move_servo(any_desk, target_us=1500)
+    frames = any_desk.frames(0.3)
+    begin_s, width_us = any_desk.board.read_pulses()
+    assert np.diff(begin_s) == pytest.approx(0.020, abs=1e-6)
+    assert width_us[0] == pytest.approx(2300, abs=45), "the first pulses are the open fingers'"
+    # 2000 us/s over 20 ms; the ramp has steps of 2 us, at the main loop's 1.024 ms.
+    assert np.diff(width_us) == pytest.approx(-40.0, abs=4.2)
+    assert np.diff(width_us).mean() == pytest.approx(-40.0, abs=0.3)
+    assert frames[-1].servo_us == pytest.approx(width_us[-1] - 40, abs=45)
+    any_desk.ask(wm.Ping())
+    any_desk.run(0.3)
+    assert any_desk.board.read_pulses()[1][-1] == pytest.approx(1500, abs=0.5)
+    assert any_desk.decoder.counters.lost == 0
+
+
+def test_servo_pulses_keep_their_width_while_all_else_works(any_desk: Desk) -> None:
+    """Frames at the highest rate, load cells and commands: no edge is moved."""
+    any_desk.board.set_load(0, 5)
+    any_desk.board.set_load(1, 7)
+    any_desk.ask(wm.SetRate(rate_hz=700.0), wm.SetCeiling(counts=0))
+    any_desk.ask(wm.Start(contents=wm.Contents.LOAD_CELLS | wm.Contents.SERVO))
+    any_desk.ask(wm.SetServoTravel(open_us=1500, closed_us=700))
+    for _ in range(20):
+        any_desk.ask(wm.SetServo(target_us=1500, rate_us_per_s=1), wm.Ping())
+        any_desk.run(0.05)
+    begin_s, width_us = any_desk.board.read_pulses()
+    assert len(width_us) > 50
+    # simavr times a compare to some cycles of 62.5 ns.
+    assert width_us == pytest.approx(1500, abs=0.5)
+    assert np.diff(begin_s) == pytest.approx(0.020, abs=1e-6)
+
+
+def test_servo_is_held_when_the_host_is_silent(any_desk: Desk) -> None:
+    move_servo(any_desk, target_us=700, rate=1000)
+    any_desk.run(0.4)
+    any_desk.board.read_pulses()
+    frames = any_desk.frames(0.9)
+    begin_s, width_us = any_desk.board.read_pulses()
+    assert len(begin_s) == pytest.approx(45, abs=1)
+    assert width_us[-1] == pytest.approx(2300 - 500, abs=12)
+    assert np.ptp(width_us[10:]) < 0.5
+    assert frames[-1].status & wm.BoardStatus.HEARTBEAT_LOST
+    assert any_desk.board.safe_line
+
+
+def test_servo_backs_off_at_the_ceiling_and_then_loses_its_supply(any_desk: Desk) -> None:
+    desk = any_desk
+    move_servo(desk, target_us=1900)
+    desk.run(0.4)
+    desk.board.read_pulses()
+    press(desk)
+    pressed_s = desk.board.now_s()
+    desk.run(0.3)
+    begin_s, width_us = desk.board.read_pulses()
+    opened = width_us[begin_s > pressed_s + 0.025]
+    assert opened == pytest.approx(2300, abs=0.5)
+    assert desk.board.safe_line, "the supply is there while it opens"
+    desk.run(0.12)
+    assert not desk.board.safe_line
+    desk.board.read_pulses()
+    desk.run(0.3)
+    assert len(desk.board.read_pulses()[0]) == 0
+    (refusal,) = desk.ask(wm.SetServo(target_us=1900, rate_us_per_s=1))
+    assert isinstance(refusal, wm.Ack)
+    assert refusal.result == wm.Result.TRIPPED
+
+
+@pytest.mark.parametrize("how", ["reset", "hang"])
+def test_servo_has_neither_supply_nor_pulses_after_a_reset(any_desk: Desk, how: str) -> None:
+    move_servo(any_desk, target_us=1500)
+    any_desk.run(0.3)
+    getattr(any_desk.board, how)()
+    any_desk.run(0.4)
+    any_desk.board.read_pulses()
+    any_desk.run(0.2)
+    assert not any_desk.board.safe_line
+    assert len(any_desk.board.read_pulses()[0]) == 0
+    (refusal,) = any_desk.ask(wm.SetServo(target_us=1500, rate_us_per_s=1))
+    assert isinstance(refusal, wm.Ack)
+    assert refusal.result == wm.Result.TRIPPED
+
+
+def test_servo_pulse_that_has_begun_is_finished(any_desk: Desk) -> None:
+    move_servo(any_desk, target_us=1500)
+    any_desk.run(0.5)
+    any_desk.board.read_pulses()
+    press(any_desk)
+    any_desk.run(0.9)
+    width_us = any_desk.board.read_pulses()[1]
+    assert ((width_us > 1499) & (width_us < 2301)).all()
 
 
 def test_the_serial_array_reads_the_twin_through_it() -> None:

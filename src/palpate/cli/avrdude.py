@@ -1,4 +1,4 @@
-"""Putting an image on an Arduino Mega 2560 with avrdude, and what its messages mean."""
+"""Putting an image on an Arduino with avrdude, and what its messages mean."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ import subprocess
 from pathlib import Path
 
 from palpate.errors import DeviceError, DeviceNotFoundError, InputError
+from palpate.firmware_image import BOARDS
 
-#: The Mega's boot loader (stk500v2, "wiring" in avrdude's terms) and its speed.
-_PART, _PROGRAMMER, _BOOT_BAUD = "atmega2560", "wiring", 115_200
 _TIMEOUT_S = 120.0
 _SIGNATURES = {
     "1e9801": "ATmega2560",
@@ -19,6 +18,7 @@ _SIGNATURES = {
     "1e9587": "ATmega32U4 (Arduino Leonardo, Micro)",
     "1e9703": "ATmega1280 (the first Arduino Mega)",
 }
+_NO_ANSWER = r"not in sync|timeout|unable to open programmer|not responding"
 #: avrdude's message -> what it means; the first match counts.
 _MEANINGS = (
     (
@@ -33,9 +33,9 @@ _MEANINGS = (
         "again; if it stays, the chip is worn",
     ),
     (
-        r"not in sync|timeout|unable to open programmer|not responding",
-        "no Mega 2560 boot loader answers: another board (an Uno speaks another protocol), a "
-        "charge-only cable, or a clone without boot loader. Press reset just before trying again.",
+        _NO_ANSWER,
+        "no boot loader of this board answers: another board (`--board`), a charge-only cable, or "
+        "a clone without boot loader. Press reset just before trying again.",
     ),
 )
 
@@ -54,49 +54,57 @@ def avrdude_path() -> str:
     return found
 
 
-def write_image(image: Path, *, port: str) -> None:
+def write_image(image: Path, *, board: str, port: str) -> None:
     """Write an image to the board on a port, and verify it.
+
+    `board`: a key of `palpate.firmware_image.BOARDS`; each of its boot loaders is tried.
 
     Raises `InputError` if the image is not an Intel hex file; `DeviceError` if avrdude is missing
     or fails; one line that gives the reason.
     """
     _refuse_other_files(image)
-    command = [avrdude_path(), "-p", _PART, "-c", _PROGRAMMER, "-P", port, "-b", str(_BOOT_BAUD)]
-    # -D: the boot loader erases page by page and can't erase the whole chip.
-    command += ["-D", "-U", f"flash:w:{image}:i"]
-    try:
-        done = subprocess.run(
-            command,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=_TIMEOUT_S,
-            check=False,
-        )
-    except subprocess.TimeoutExpired as error:
-        raise DeviceError(
-            f"{port}: avrdude did not finish in {_TIMEOUT_S:g} s. Unplug the board, plug it in "
-            "and try again."
-        ) from error
-    if done.returncode != 0:
-        raise DeviceError(f"{port}: {meaning(done.stdout + done.stderr)}")
+    for programmer, baud in BOARDS[board].boot_loaders:
+        command = [avrdude_path(), "-p", BOARDS[board].chip, "-c", programmer]
+        # -D: the boot loader erases page by page and can't erase the whole chip.
+        command += ["-P", port, "-b", str(baud), "-D", "-U", f"flash:w:{image}:i"]
+        try:
+            done = subprocess.run(
+                command,
+                capture_output=True,
+                text=True,
+                errors="replace",
+                timeout=_TIMEOUT_S,
+                check=False,
+            )
+        except subprocess.TimeoutExpired as error:
+            raise DeviceError(
+                f"{port}: avrdude did not finish in {_TIMEOUT_S:g} s. Unplug the board, plug it "
+                "in and try again."
+            ) from error
+        output = done.stdout + done.stderr
+        if done.returncode == 0:
+            return
+        if not re.search(_NO_ANSWER, output, re.IGNORECASE):
+            break
+    raise DeviceError(f"{port}: {meaning(output, board=board)}")
 
 
-def meaning(output: str) -> str:
+def meaning(output: str, *, board: str = "mega2560") -> str:
     """Translate the output of a failed avrdude into one line.
 
     >>> meaning("avrdude: Device signature = 0x1e950f (probably m328p)")
-    'the board is an ATmega328P (Arduino Uno, Nano), not a Mega 2560; palpate needs a Mega 2560'
+    'the board is an ATmega328P (Arduino Uno, Nano), not an Arduino Mega 2560; see --board'
     """
+    about = BOARDS[board]
     signature = re.search(r"signature = (?:0x)?([0-9a-f ]{6,8})", output, re.IGNORECASE)
     if signature is not None:
         chip = signature[1].replace(" ", "").lower()
         if chip in ("000000", "ffffff"):
             return "the chip gives no signature: it is not powered, or its boot loader is broken"
-        if not chip.startswith("1e9801"):
+        if not chip.startswith(about.signature):
             name = _SIGNATURES.get(chip[:6], f"a chip with signature 0x{chip}")
             article = "an " if name.startswith("ATmega") else ""
-            return f"the board is {article}{name}, not a Mega 2560; palpate needs a Mega 2560"
+            return f"the board is {article}{name}, not an {about.label}; see --board"
     for pattern, line in _MEANINGS:
         if re.search(pattern, output, re.IGNORECASE):
             return line

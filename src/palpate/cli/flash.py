@@ -1,10 +1,10 @@
-"""`palpate flash`: put palpate's firmware on an Arduino Mega 2560."""
+"""`palpate flash`: put palpate's firmware on an Arduino Mega 2560, Uno or Nano."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -20,9 +20,14 @@ def flash(
     port: Annotated[
         str | None, typer.Option(help="Serial port; by default the one found by USB id.")
     ] = None,
+    board: Annotated[
+        Literal["mega2560", "uno", "nano"], typer.Option(help="Which Arduino it is.")
+    ] = "mega2560",
     baud: Annotated[
         int,
-        typer.Option(help="Speed it will talk at: 1000000, 500000, 250000, 115200 or 9600."),
+        typer.Option(
+            help="Speed it will talk at: 1000000, 500000, 250000 or 115200; a Mega also 9600."
+        ),
     ] = 1_000_000,
     image: Annotated[
         Path | None, typer.Option(help="Another image (Intel hex) than the one installed.")
@@ -33,20 +38,20 @@ def flash(
     Example: palpate flash --port /dev/ttyACM0
     """
     avrdude_path()
-    chosen = image or image_path(baud)
+    chosen = image or image_path(board, baud)
     device = port or _only_port()
     # Opened and closed first: reports in one line what avrdude reports in many, or not at all.
     SerialStream(device, baud=baud).close()
     print(f"writing {chosen.name} to {device} ...", file=sys.stderr)
-    write_image(chosen, port=device)
+    write_image(chosen, board=board, port=device)
     try:
-        board = ask_identity(SerialStream(device, baud=baud), clock=RealClock())
+        found = ask_identity(SerialStream(device, baud=baud), clock=RealClock())
     except DeviceError as error:
         raise DeviceError(
             f"written and verified, but the board does not answer: {error}"
         ) from error
-    version = ".".join(map(str, board.version))
-    print(f"{device}: {board.board} runs palpate's firmware {version} at {board.baud} baud")
+    version = ".".join(map(str, found.version))
+    print(f"{device}: {found.board} runs palpate's firmware {version} at {found.baud} baud")
 
 
 def _only_port() -> str:

@@ -34,6 +34,8 @@ from palpate.sensor.wire_messages import (
     SetOversampling,
     SetPressure,
     SetRate,
+    SetServo,
+    SetServoTravel,
     Start,
     Stop,
 )
@@ -50,8 +52,10 @@ _FRAME = int(MessageType.FRAME)
 FRAME_HEAD = struct.Struct("<IIBBBBB")
 LOADS = struct.Struct("<iBiB")
 PRESSURE = struct.Struct("<HH")
+SERVO = struct.Struct("<H")
 ACK = struct.Struct("<BBBBIII")
 IDENTITY = struct.Struct("<BBBBBHBBBBBBHHBIIII")
+FULL_SCALE = struct.Struct("<H")
 #: Command -> its type, and the form of its fields after the tag; a quantity goes in thousandths.
 _COMMANDS: dict[type[Command], tuple[CommandType, str]] = {
     Identify: (CommandType.IDENTIFY, ""),
@@ -63,8 +67,10 @@ _COMMANDS: dict[type[Command], tuple[CommandType, str]] = {
     Ping: (CommandType.PING, ""),
     SetPressure: (CommandType.PRESSURE, "HI"),
     SetCeiling: (CommandType.CEILING, "H"),
+    SetServoTravel: (CommandType.SERVO_TRAVEL, "HH"),
+    SetServo: (CommandType.SERVO, "HH"),
 }
-_ALL_CONTENTS = int(Contents.LOAD_CELLS | Contents.PRESSURE)
+_ALL_CONTENTS = int(Contents.LOAD_CELLS | Contents.PRESSURE | Contents.SERVO)
 
 
 def stuff(data: bytes) -> bytes:
@@ -170,11 +176,11 @@ def unpack_frame(
     if not 1 <= oversampling <= MAX_OVERSAMPLING:
         return None
     loads: tuple[CellSample, ...] = ()
-    set_kpa = read_kpa = None
+    set_kpa = read_kpa = servo_us = None
     if contents:
         if contents > _ALL_CONTENTS or len(payload) != end + _extra_size(contents):
             return None
-        loads, set_kpa, read_kpa = _unpack_extra(payload, end, contents)
+        loads, set_kpa, read_kpa, servo_us = _unpack_extra(payload, end, contents)
     elif len(payload) != end:
         return None
     pixels = np.ndarray((rows, cols), "<u2", payload, FRAME_HEAD.size)
@@ -189,27 +195,30 @@ def unpack_frame(
         load_cells=loads,
         pressure_set_kpa=set_kpa,
         pressure_kpa=read_kpa,
+        servo_us=servo_us,
     )
 
 
 def _extra_size(contents: int) -> int:
-    return (LOADS.size if contents & Contents.LOAD_CELLS else 0) + (
-        PRESSURE.size if contents & Contents.PRESSURE else 0
-    )
+    sizes = zip(Contents, (LOADS.size, PRESSURE.size, SERVO.size), strict=True)
+    return sum(size for part, size in sizes if contents & part)
 
 
 def _unpack_extra(
     payload: bytes, offset: int, contents: int
-) -> tuple[tuple[CellSample, ...], float | None, float | None]:
+) -> tuple[tuple[CellSample, ...], float | None, float | None, int | None]:
     loads: tuple[CellSample, ...] = ()
+    set_kpa = read_kpa = servo_us = None
     if contents & Contents.LOAD_CELLS:
         raw_0, sample_0, raw_1, sample_1 = LOADS.unpack_from(payload, offset)
         loads = (CellSample(raw=raw_0, sample=sample_0), CellSample(raw=raw_1, sample=sample_1))
         offset += LOADS.size
-    if not contents & Contents.PRESSURE:
-        return loads, None, None
-    set_pa, read_pa = PRESSURE.unpack_from(payload, offset)
-    return loads, set_pa / 1e3, read_pa / 1e3
+    if contents & Contents.PRESSURE:
+        set_kpa, read_kpa = (pa / 1e3 for pa in PRESSURE.unpack_from(payload, offset))
+        offset += PRESSURE.size
+    if contents & Contents.SERVO:
+        (servo_us,) = SERVO.unpack_from(payload, offset)
+    return loads, set_kpa, read_kpa, servo_us
 
 
 def unpack_ack(payload: bytes) -> Ack | None:
@@ -232,10 +241,16 @@ def unpack_ack(payload: bytes) -> Ack | None:
 
 def unpack_identity(payload: bytes) -> BoardIdentity | None:
     """Return the identity in `payload`, or None if it isn't one."""
-    board = payload[IDENTITY.size :]
-    if len(payload) < IDENTITY.size or not board.isascii():
+    if len(payload) < IDENTITY.size:
         return None
     tag, protocol, major, minor, patch, *rest = IDENTITY.unpack_from(payload)
+    board, full_scale = payload[IDENTITY.size :], 1024
+    if protocol > 1:
+        if len(board) < FULL_SCALE.size:
+            return None
+        (full_scale,), board = FULL_SCALE.unpack_from(board), board[FULL_SCALE.size :]
+    if not board.isascii():
+        return None
     features, rows, cols, oversampling, max_rows, max_cols, max_oversampling, *rest = rest
     settle_us, heartbeat_ms, state, conversion_us, baud, rate_mhz, highest_mhz = rest
     return BoardIdentity(
@@ -258,6 +273,7 @@ def unpack_identity(payload: bytes) -> BoardIdentity | None:
         rate_hz=rate_mhz / 1e3,
         highest_rate_hz=highest_mhz / 1e3,
         board=board.decode("ascii"),
+        full_scale=full_scale,
     )
 
 

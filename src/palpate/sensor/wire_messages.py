@@ -11,7 +11,8 @@ from enum import IntEnum, IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
-PROTOCOL_VERSION = 1
+#: Version 1 has no servo and no full scale in the identity; it is still read.
+PROTOCOL_VERSION = 2
 MAX_SIDE = 16
 MAX_OVERSAMPLING = 64
 MAX_PRESSURE_KPA = 50.0
@@ -40,6 +41,8 @@ class CommandType(IntEnum):
     PING = 0x87
     PRESSURE = 0x88
     CEILING = 0x89
+    SERVO_TRAVEL = 0x8A
+    SERVO = 0x8B
 
 
 class Result(IntEnum):
@@ -52,7 +55,7 @@ class Result(IntEnum):
     TOO_FAST = 3
     #: Only possible while no frames are streamed: send `Stop` first.
     STREAMING = 4
-    #: The pixel ceiling has tripped: send `SetCeiling` to arm it again.
+    #: The pixel ceiling has tripped, or (servo) was never armed: send `SetCeiling`.
     TRIPPED = 5
 
 
@@ -62,6 +65,7 @@ class Contents(IntFlag):
     PIXELS = 0
     LOAD_CELLS = 1
     PRESSURE = 2
+    SERVO = 4
 
 
 class BoardStatus(IntFlag):
@@ -69,9 +73,9 @@ class BoardStatus(IntFlag):
 
     #: The scan before this one was dropped on the board: the link was too slow.
     DROPPED = 0x01
-    #: No command for the heartbeat time, so the pressure output was vented.
+    #: No command for the heartbeat time: pressure vented, servo held where it was.
     HEARTBEAT_LOST = 0x02
-    #: A pixel reached the ceiling; output vented, safe line low, until `SetCeiling`.
+    #: A pixel reached the ceiling; vented, servo opened, safe line low, until `SetCeiling`.
     CEILING_TRIPPED = 0x04
     #: A load cell that was asked for does not answer.
     LOAD_CELL_SILENT = 0x08
@@ -122,6 +126,8 @@ class FrameMessage:
     #: Regulator output now (after the slew limit) and its read-back.
     pressure_set_kpa: float | None = None
     pressure_kpa: float | None = None
+    #: Width of the servo's pulses now (on the ramp); 0 while there are none.
+    servo_us: int | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -181,6 +187,8 @@ class BoardIdentity:
     highest_rate_hz: float
     #: Name of the hardware.
     board: str
+    #: Counts of the converter at the supply voltage.
+    full_scale: int = 1024
 
 
 BoardMessage = FrameMessage | Ack | BoardIdentity
@@ -246,6 +254,22 @@ class SetCeiling:
     counts: int
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetServoTravel:
+    """Set the pulses of the open and the closed fingers, 500 to 2500 microseconds."""
+
+    open_us: int
+    closed_us: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetServo:
+    """Move the servo to a pulse within its travel, on a ramp; 0 stops it where it is."""
+
+    target_us: int
+    rate_us_per_s: int
+
+
 Command = (
     Identify
     | SetLayout
@@ -256,4 +280,6 @@ Command = (
     | Ping
     | SetPressure
     | SetCeiling
+    | SetServoTravel
+    | SetServo
 )

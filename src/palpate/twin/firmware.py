@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import DeviceError, DeviceNotFoundError
+from palpate.firmware_image import BOARDS, IMAGES
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.byte_stream import SerialStream
 from palpate.sensor.serial_array import SerialArray
@@ -25,11 +26,15 @@ CLOCK_HZ = 16_000_000
 BUILD = Path(__file__).resolve().parents[3] / "firmware" / "build"
 _SIDE = 16
 _OUT_BYTES = 1 << 20
+_PULSES = 4096
 #: Simulated time per call into the simulator: the line must not outrun its buffer of 1 MB.
 _LONGEST_RUN_S = 1.0
 
 _SIGNATURES: dict[str, tuple[object, list[object]]] = {
-    "board_open": (ctypes.c_void_p, [ctypes.c_char_p, ctypes.c_uint32, ctypes.c_uint64]),
+    "board_open": (
+        ctypes.c_void_p,
+        [ctypes.c_char_p, ctypes.c_char_p, ctypes.c_uint32, ctypes.c_uint64],
+    ),
     "board_load_boot": (ctypes.c_int, [ctypes.c_void_p, ctypes.c_char_p]),
     "board_close": (None, [ctypes.c_void_p]),
     "board_run": (ctypes.c_int, [ctypes.c_void_p, ctypes.c_uint64]),
@@ -47,6 +52,7 @@ _SIGNATURES: dict[str, tuple[object, list[object]]] = {
     "board_set_pixels": (None, [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint64]),
     "board_set_load": (None, [ctypes.c_void_p, ctypes.c_int, ctypes.c_int32]),
     "board_give": (ctypes.c_uint32, [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_uint32]),
+    "board_take_pulses": (ctypes.c_uint32, [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p]),
     "board_take": (ctypes.c_uint32, [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p]),
 }
 
@@ -74,9 +80,10 @@ def _library() -> ctypes.CDLL:
 
 
 class FirmwareBoard:
-    """An Arduino Mega 2560 that runs an image; time passes only in `run_until`.
+    """An Arduino that runs an image; time passes only in `run_until`.
 
-    `elf`: image to run; the one for 1 Mbaud by default.
+    `board`: mega2560, uno or nano.
+    `elf`: image to run; the board's for `baud` by default.
     `baud`: speed of the serial line.
     `seed`: seed of the converter's noise.
     `boot_loader`: Intel hex of the boot loader that it starts in, as a bought board does; none by
@@ -86,21 +93,23 @@ class FirmwareBoard:
 
     def __init__(
         self,
-        elf: Path | None = None,
+        board: str = "mega2560",
         *,
+        elf: Path | None = None,
         baud: int = 1_000_000,
         seed: int = 0,
         boot_loader: Path | None = None,
     ) -> None:
         self._board: int | None = None
         self._library = _library()
-        path = BUILD / "palpate-mega2560.elf" if elf is None else elf
+        path = elf or BUILD / IMAGES[board, baud].replace(".hex", ".elf")
         if not path.is_file():
             raise DeviceNotFoundError(
                 f"no firmware image at {path}: install gcc-avr, avr-libc and binutils-avr, then "
                 "run `make -C firmware`"
             )
-        self._board = self._library.board_open(str(path).encode(), baud, seed)
+        chip = BOARDS[board].chip.encode()
+        self._board = self._library.board_open(chip, str(path).encode(), baud, seed)
         if not self._board:
             raise DeviceNotFoundError(f"{path} is not an image that the simulator can run")
         if boot_loader is not None:
@@ -109,6 +118,8 @@ class FirmwareBoard:
                 raise DeviceNotFoundError(f"{boot_loader} is no boot loader in Intel hex")
         self._bytes = np.empty(_OUT_BYTES, dtype=np.uint8)
         self._cycles = np.empty(_OUT_BYTES, dtype=np.uint64)
+        self._pulse_cycles = np.empty(_PULSES, dtype=np.uint64)
+        self._pulse_lengths = np.empty(_PULSES, dtype=np.uint32)
 
     def now_s(self) -> float:
         """Return the simulated time since power-up, seconds."""
@@ -172,6 +183,17 @@ class FirmwareBoard:
     def set_memory(self, address: int, value: int) -> None:
         """Set a 32-bit variable of the program."""
         self._library.board_set_memory(self._board, address, value)
+
+    def read_pulses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the servo's pulses since the last call.
+
+        When each began, seconds, and its width, microseconds; both of shape (n_pulses,).
+        """
+        count = self._library.board_take_pulses(
+            self._board, self._pulse_cycles.ctypes.data, self._pulse_lengths.ctypes.data
+        )
+        lengths = self._pulse_lengths[:count].astype(np.float64)
+        return self._pulse_cycles[:count] / CLOCK_HZ, lengths * (1e6 / CLOCK_HZ)
 
     @property
     def conversions(self) -> int:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.sensor.wire import ACK, FRAME_HEAD, IDENTITY, LOADS, PRESSURE, pack
+from palpate.sensor.wire import ACK, FRAME_HEAD, FULL_SCALE, IDENTITY, LOADS, PRESSURE, SERVO, pack
 from palpate.sensor.wire_messages import (
     MAX_SIDE,
     Ack,
@@ -42,6 +42,9 @@ def pack_frame(frame: FrameMessage) -> bytes:
     if frame.pressure_set_kpa is not None and frame.pressure_kpa is not None:
         contents |= Contents.PRESSURE
         extra += PRESSURE.pack(round(frame.pressure_set_kpa * 1e3), round(frame.pressure_kpa * 1e3))
+    if frame.servo_us is not None:
+        contents |= Contents.SERVO
+        extra += SERVO.pack(frame.servo_us)
     head = FRAME_HEAD.pack(
         frame.sequence & 0xFFFFFFFF,
         frame.time_us & 0xFFFFFFFF,
@@ -68,8 +71,11 @@ def pack_ack(ack: Ack) -> bytes:
 
 
 def pack_identity(identity: BoardIdentity) -> bytes:
-    """Return the payload of an identity."""
-    return IDENTITY.pack(
+    """Return the payload of an identity, in the version of the protocol that it names."""
+    name = identity.board.encode("ascii")
+    if identity.protocol > 1:
+        name = FULL_SCALE.pack(identity.full_scale) + name
+    head = IDENTITY.pack(
         identity.tag,
         identity.protocol,
         *identity.version,
@@ -87,4 +93,5 @@ def pack_identity(identity: BoardIdentity) -> bytes:
         identity.baud,
         round(identity.rate_hz * 1e3),
         round(identity.highest_rate_hz * 1e3),
-    ) + identity.board.encode("ascii")
+    )
+    return head + name

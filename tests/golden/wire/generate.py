@@ -25,6 +25,8 @@ def commands() -> list[tuple[wm.Command, int]]:
         (wm.Ping(), 7),
         (wm.SetPressure(target_kpa=12.345, slew_kpa_per_s=20.0), 8),
         (wm.SetCeiling(counts=1000), 9),
+        (wm.SetServoTravel(open_us=2300, closed_us=700), 10),
+        (wm.SetServo(target_us=0, rate_us_per_s=1000), 11),
     ]
 
 
@@ -48,6 +50,36 @@ def frames() -> list[wm.FrameMessage]:
         # 512 bytes of pixels without a zero: stuffing runs of 254.
         frame(np.full((16, 16), 0x0101), load_cells=cells, pressure_set_kpa=0.0, pressure_kpa=0.0),
         frame(pixels(16, 16, 65472), oversampling=64, sequence=10**9),
+        frame(np.full((4, 2), 700), load_cells=cells, servo_us=1500),
+    ]
+
+
+def identities() -> list[wm.BoardIdentity]:
+    def identity(protocol: int, **rest: Any) -> wm.BoardIdentity:
+        return wm.BoardIdentity(
+            tag=3,
+            protocol=protocol,
+            version=(0, protocol, 0),
+            rows=4,
+            cols=2,
+            oversampling=1,
+            max_oversampling=64,
+            settle_us=20,
+            heartbeat_ms=500,
+            reset_cause=8,
+            streaming=True,
+            conversion_us=104,
+            baud=1_000_000,
+            rate_hz=250.0,
+            highest_rate_hz=801.282,
+            **rest,
+        )
+
+    mega = {"features": 3, "max_rows": 16, "max_cols": 16, "board": "Arduino Mega 2560"}
+    return [
+        identity(1, **mega),
+        identity(2, features=5, max_rows=4, max_cols=4, board="Arduino Uno"),
+        identity(2, features=4, max_rows=4, max_cols=4, board="twelve bits", full_scale=4096),
     ]
 
 
@@ -75,6 +107,10 @@ def main() -> None:
         ],
         "frames": [
             {"fields": plain(frame), "bytes": encode_message(frame).hex()} for frame in frames()
+        ],
+        "identities": [
+            {"fields": plain(identity), "bytes": encode_message(identity).hex()}
+            for identity in identities()
         ],
     }
     path = Path(__file__).with_name("vectors.json")

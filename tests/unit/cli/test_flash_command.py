@@ -119,12 +119,12 @@ def test_writes_and_asks_the_board(
         (
             "avrdude: Device signature = 0x1e950f (probably m328p)\n"
             "avrdude error: expected signature for ATmega2560 is 1E 98 01\n",
-            "the board is an ATmega328P (Arduino Uno, Nano), not a Mega 2560",
+            "the board is an ATmega328P (Arduino Uno, Nano), not an Arduino Mega 2560",
         ),
         ("avrdude: Device signature = 0x000000\n", "the chip gives no signature"),
         (
             "avrdude error: timeout\navrdude error: unable to open programmer wiring on port\n",
-            "no Mega 2560 boot loader answers",
+            "no boot loader of this board answers",
         ),
         ("avrdude OS error: cannot open port: Permission denied\n", "usermod -aG dialout"),
         ("avrdude OS error: cannot open port: Device or resource busy\n", "another program"),
@@ -185,10 +185,20 @@ def test_port_and_image_are_looked_at_before_anything_is_written(
     assert not note.exists()
 
 
-@pytest.mark.parametrize("baud", IMAGES)
-def test_images_in_this_checkout_are_whole(baud: int) -> None:
+def test_nano_with_the_older_boot_loader_is_tried_at_its_speed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, board: Board, image: Path
+) -> None:
+    note = put_avrdude(tmp_path, monkeypatch, says="avrdude: not in sync: resp=0x00\n", status=1)
+    assert flash("--port", board.port, "--board", "nano", "--image", image) == 3
+    said = note.read_text().split()
+    assert said[:6] == ["-p", "atmega328p", "-c", "arduino", "-P", board.port]
+    assert said[6:8] == ["-b", "57600"]
+
+
+@pytest.mark.parametrize(("kind", "baud"), IMAGES)
+def test_images_in_this_checkout_are_whole(kind: str, baud: int) -> None:
     try:
-        path = image_path(baud)
+        path = image_path(kind, baud)
     except DeviceNotFoundError:
         skip("no firmware image; run `make -C firmware`")
     lines = path.read_text().split()

@@ -14,7 +14,7 @@ from palpate.signal.circuit import Divider
 
 ROOT = Path(__file__).resolve().parents[3]
 README = (ROOT / "hardware" / "README.md").read_text()
-BOARD = (ROOT / "firmware" / "board" / "mega2560.cpp").read_text().partition("#include")[0]
+BOARD = (ROOT / "firmware" / "board" / "mega2560.h").read_text()
 
 
 def wired(pins: str) -> str:
@@ -29,24 +29,19 @@ def wired(pins: str) -> str:
 @pytest.mark.parametrize(
     ("firmware", "pins", "said"),
     [
-        (r"A0 +ADC0 +divider", "A0", "divider"),
-        (r"A1 +ADC1 +pressure read-back", "A1", "pressure read back"),
-        (r"49-46 PL0-3 +row multiplexer select, low bit first", "49, 48, 47, 46", "S0, S1, S2, S3"),
-        (r"45-42 PL4-7 +column multiplexer select", "45, 44, 43, 42", "column select, low bit"),
-        (r"\n// +5 +PE3 +pressure output", "5", "pressure, 0 to 5 V is 0 to 50 kPa"),
-        (r"\n// +8 +PH5 +safe line", "8", "safe line"),
-        (r"22-29 PA0-7 +row lines 0-7 direct", "22 to 29", "rows R0 to R7"),
-        (r"37-30 PC0-7 +row lines 8-15 direct", "37 to 30", "rows R8 to R15"),
-        (
-            r"41 PG0, 14 PJ1 +load cell 0 clock, data",
-            "41, 14",
-            "SCK and DT of load-cell amplifier 0",
-        ),
-        (
-            r"39 PG2, 38 PD7 +load cell 1 clock, data",
-            "39, 38",
-            "SCK and DT of load-cell amplifier 1",
-        ),
+        (r"A0 \(divider\)", "A0", "divider"),
+        (r"A1 \(pressure\n// read-back\)", "A1", "pressure read back"),
+        (r"L, 0 +// 49-46: row multiplexer select, low bit", "49, 48, 47, 46", "S0, S1, S2, S3"),
+        (r"L, 4 +// 45-42: column multiplexer", "45, 44, 43, 42", "column select, low bit"),
+        (r"E, 3 +// 5: pressure output", "5", "pressure, 0 to 5 V is 0 to 50 kPa"),
+        (r"H, 5 +// 8: safe line", "8", "safe line"),
+        (r"B, 6 +// 12: servo signal", "12", "signal of a hobby servo"),
+        (r"A, 0 +// 22-29: row lines 0-7 direct", "22 to 29", "rows R0 to R7"),
+        (r"C, 0 +// 37-30: row lines 8-15 direct", "37 to 30", "rows R8 to R15"),
+        (r"G, 0 +// 41: load cell 0 clock", "41, 14", "SCK and DT of load-cell amplifier 0"),
+        (r"J, 1 +// 14: load cell 0 data", "41, 14", "SCK and DT of load-cell amplifier 0"),
+        (r"G, 2 +// 39: load cell 1 clock", "39, 38", "SCK and DT of load-cell amplifier 1"),
+        (r"D, 7 +// 38: load cell 1 data", "39, 38", "SCK and DT of load-cell amplifier 1"),
     ],
 )
 def test_pins_are_the_firmwares(firmware: str, pins: str, said: str) -> None:

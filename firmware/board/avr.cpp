@@ -1,21 +1,13 @@
-// Arduino Mega 2560: pins, timers, converter and serial port under the portable core.
-//
-// Wiring (Mega pin: port bit):
-//   A0 ADC0  divider              49-46 PL0-3  row multiplexer select, low bit first
-//   A1 ADC1  pressure read-back   45-42 PL4-7  column multiplexer select, low bit first
-//   5  PE3   pressure output      22-29 PA0-7  row lines 0-7 direct: selected high, idle grounded
-//   8  PH5   safe line            37-30 PC0-7  row lines 8-15 direct, likewise
-//   41 PG0, 14 PJ1  load cell 0 clock, data      39 PG2, 38 PD7  load cell 1 clock, data
-// Rows go either to the row multiplexer (idle rows float) or to the direct lines (idle rows are
-// grounded); both sets of pins are always driven.
+// An Arduino with an AVR: converter, frames, servo and serial port under the portable core.
+// BOARD names the file with its pins and timers.
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/sleep.h>
 #include <avr/wdt.h>
-#include <util/atomic.h>
 #include <util/delay.h>
 
 #include "../core/device.h"
+#include BOARD
 
 namespace {
 
@@ -29,19 +21,13 @@ constexpr uint8_t kAdcSilent = _BV(ADEN) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0);
 constexpr uint8_t kAdcEnable = kAdcSilent | _BV(ADIE);
 constexpr uint8_t kAdcSupplyReference = _BV(REFS0);
 constexpr uint8_t kReadBackChannel = 1;
-constexpr uint8_t kGroundChannel = 0x1F;
 
-// Timer 1 gives the frames, timer 4 the settle time, timer 5 the clock, all at 16 MHz / 8. One each:
-// a compare register is never written on the timer whose overflows are counted.
+// Timer 1 at 16 MHz / 8 gives the frames (compare A) and the servo's pulses (compare B).
 constexpr uint32_t kTicksPerSecond = 2000000;
-constexpr uint16_t kPwmTop = 1023;  // timer 3 at 16 MHz / 1024: 15.6 kHz
+constexpr uint16_t kServoPeriodTicks = 40000;  // 20 ms
 constexpr uint32_t kSilentUs = 500000;         // five readings of an HX711 at its slower rate
 
 constexpr uint16_t kDivisor = static_cast<uint16_t>((F_CPU + BAUD * 4) / (BAUD * 8) - 1);
-
-// Conversion: 13 ADC clocks, up to one of waiting for the ADC clock's edge, and the interrupt.
-// Measured in the simulator and rounded up.
-constexpr palpate::Timing kTiming = {104, 120, 14, 8, 12, 80, BAUD};
 
 // Survives resets: the number of the last stream, whether the watchdog ever bit, and a trip of the
 // ceiling.
@@ -86,7 +72,15 @@ struct Receiver {
 };
 Receiver receiver;
 
+struct Servo {
+  uint16_t ticks;        // wanted width of a pulse; 0: none
+  uint16_t pulse_ticks;  // width of the latest
+  bool is_high;
+};
+Servo servo;
+
 volatile uint32_t overflows;
+volatile bool ticked;
 
 // Keeps the compiler from reading what an interrupt wrote before the flag that says so.
 inline void after_flag() { __asm__ volatile("" ::: "memory"); }
@@ -96,29 +90,17 @@ uint32_t load_read_us[palpate::kLoadCells];
 
 // Interrupts must be off.
 uint32_t clock_us() {
-  const uint16_t ticks = TCNT5;
+  const uint16_t part_us = board::clock_part_us();
   uint32_t high = overflows;
-  if ((TIFR5 & _BV(TOV5)) && ticks < 0x8000) ++high;
-  return high << 15 | ticks >> 1;
-}
-
-inline void select_pixel(uint8_t row, uint8_t col) {
-  PORTL = static_cast<uint8_t>(row | col << 4);
-  PORTA = row < 8 ? static_cast<uint8_t>(1 << row) : 0;
-  PORTC = row < 8 ? 0 : static_cast<uint8_t>(1 << (row - 8));
-}
-
-inline void convert_after_settling() {
-  OCR4A = static_cast<uint16_t>(TCNT4 + 2 * scanner.plan.settle_us);
-  TIFR4 = _BV(OCF4A);
-  TIMSK4 = _BV(OCIE4A);
+  if (board::overflow_waits() && part_us < 1u << (board::kOverflowShift - 1)) ++high;
+  return high << board::kOverflowShift | part_us;
 }
 
 inline void begin_pixel() {
-  select_pixel(scanner.row, scanner.col);
+  board::select_pixel(scanner.row, scanner.col);
   scanner.sum = 0;
   scanner.conversions_left = scanner.plan.oversampling;
-  convert_after_settling();
+  board::start_settling(scanner.plan.settle_us);
 }
 
 void begin_scan() {
@@ -167,7 +149,7 @@ void end_pixel() {
     ADMUX = kAdcSupplyReference | kReadBackChannel;
     scanner.sum = 0;
     scanner.conversions_left = 1;
-    convert_after_settling();
+    board::start_settling(scanner.plan.settle_us);
   } else {
     end_scan();
   }
@@ -189,7 +171,7 @@ void schedule_frame() {
   scanner.ticks_left = left - step;
 }
 
-class Mega final : public palpate::Board {
+class Arduino final : public palpate::Board {
  public:
   uint32_t now_us() override {
     uint32_t now;
@@ -209,14 +191,14 @@ class Mega final : public palpate::Board {
       OCR1A = TCNT1;
       schedule_frame();
       TIFR1 = _BV(OCF1A);
-      TIMSK1 = _BV(OCIE1A);
+      TIMSK1 |= _BV(OCIE1A);
     }
   }
 
   void stop_scanning() override {
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
-      TIMSK1 = 0;
-      TIMSK4 = 0;
+      TIMSK1 &= static_cast<uint8_t>(~_BV(OCIE1A));
+      board::stop_settling();
       ADCSRA = kAdcSilent;
       scanner.active = false;
       scanner.ready = false;
@@ -245,24 +227,23 @@ class Mega final : public palpate::Board {
   void set_pressure_output(uint16_t pa) override {
     if (pa == output_pa_) return;
     output_pa_ = pa;
-    const uint16_t duty = static_cast<uint16_t>(static_cast<uint32_t>(pa) * kPwmTop /
-                                                palpate::kMaxPressurePa);
-    // A compare of 0 still gives a pulse of one clock: zero means the pin itself is held low.
+    board::set_pressure_output(pa);
+  }
+
+  void set_servo_pulse(uint16_t us) override {
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
-      OCR3A = duty;
-      TCCR3A = static_cast<uint8_t>((duty ? _BV(COM3A1) : 0) | _BV(WGM31));
+      servo.ticks = static_cast<uint16_t>(2 * us);
+      if (us != 0 && !(TIMSK1 & _BV(OCIE1B))) {
+        servo.is_high = false;
+        OCR1B = static_cast<uint16_t>(TCNT1 + kServoPeriodTicks / 2);
+        TCCR1A = _BV(COM1B1) | _BV(COM1B0);
+        TIFR1 = _BV(OCF1B);
+        TIMSK1 |= _BV(OCIE1B);
+      }
     }
   }
 
-  void set_safe_line(bool safe) override {
-    // Out of the reach of sbi and cbi, and no interrupt writes this port. Not pin 13, which the boot
-    // loader blinks.
-    if (safe) {
-      PORTH |= _BV(PH5);
-    } else {
-      PORTH &= static_cast<uint8_t>(~_BV(PH5));
-    }
-  }
+  void set_safe_line(bool safe) override { SET_PIN(SAFE_LINE, safe); }
 
   const LoadCell& load_cell(uint8_t index) override { return load_cells[index]; }
 
@@ -270,25 +251,32 @@ class Mega final : public palpate::Board {
   uint16_t output_pa_ = 0;
 };
 
-Mega mega;
-palpate::Device device(mega, kTiming, "Arduino Mega 2560");
+Arduino arduino;
+palpate::Device device(arduino, board::kTiming, board::kFeatures, BOARD_NAME);
 
 bool load_ready(uint8_t index) {
-  return index == 0 ? !(PINJ & _BV(PJ1)) : !(PIND & _BV(PD7));
+  return index == 0 ? !IS_HIGH(LOAD_DATA_0) : !IS_HIGH(LOAD_DATA_1);
+}
+
+void set_load_clock(uint8_t index, bool is_high) {
+  if (index == 0) {
+    SET_PIN(LOAD_CLOCK_0, is_high);
+  } else {
+    SET_PIN(LOAD_CLOCK_1, is_high);
+  }
 }
 
 // HX711 data sheet, "Serial Interface": 24 bits, then one pulse for channel A at gain 128. A clock
 // held high for 60 us would put it to sleep, so no interrupt may fall into a pulse.
 void read_load_cell(uint8_t index) {
-  const uint8_t clock = index == 0 ? _BV(PG0) : _BV(PG2);
   uint32_t bits = 0;
   for (uint8_t i = 0; i < 25; ++i) {
     uint8_t level;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
-      PORTG |= clock;
+      set_load_clock(index, true);
       _delay_us(1);
       level = load_ready(index) ? 0 : 1;
-      PORTG &= static_cast<uint8_t>(~clock);
+      set_load_clock(index, false);
     }
     _delay_us(1);
     if (i < 24) bits = bits << 1 | level;
@@ -299,7 +287,7 @@ void read_load_cell(uint8_t index) {
 }
 
 void poll_load_cells() {
-  const uint32_t now = mega.now_us();
+  const uint32_t now = arduino.now_us();
   for (uint8_t i = 0; i < palpate::kLoadCells; ++i) {
     if (load_ready(i)) {
       read_load_cell(i);
@@ -313,39 +301,22 @@ void poll_load_cells() {
 }
 
 void set_up_pins() {
-  DDRL = 0xFF;
-  DDRA = 0xFF;
-  DDRC = 0xFF;
-  DDRE |= _BV(PE3);
-  DDRH |= _BV(PH5);
-  DDRG |= _BV(PG0) | _BV(PG2);
+  board::set_up_select_pins();
+  MAKE_OUTPUTS(SAFE_LINE, 1);
+  MAKE_OUTPUTS(SERVO, 1);
+  MAKE_OUTPUTS(LOAD_CLOCK_0, 1);
+  MAKE_OUTPUTS(LOAD_CLOCK_1, 1);
   // Pulled up, so that an absent load cell reads as never ready.
-  PORTJ |= _BV(PJ1);
-  PORTD |= _BV(PD7);
+  SET_PIN(LOAD_DATA_0, true);
+  SET_PIN(LOAD_DATA_1, true);
 }
 
 void set_up_converter() {
   // The digital inputs of the two analog pins draw current at half the supply (section 26.8.6).
   DIDR0 = _BV(ADC0D) | _BV(ADC1D);
   // The first conversion, which initializes the converter, is of ground.
-  ADMUX = kAdcSupplyReference | kGroundChannel;
+  ADMUX = kAdcSupplyReference | board::kGroundChannel;
   ADCSRA = kAdcSilent | _BV(ADSC);
-}
-
-void set_up_timers() {
-  TCCR1A = 0;
-  TCCR1B = _BV(CS11);
-  TCCR4A = 0;
-  TCCR4B = _BV(CS41);
-  TCCR5A = 0;
-  TCCR5B = _BV(CS51);
-  TIMSK5 = _BV(TOIE5);
-  // Timer 0 wakes the main loop every 1.024 ms, for slew limit, heartbeat and watchdog.
-  TCCR0B = _BV(CS01) | _BV(CS00);
-  TIMSK0 = _BV(TOIE0);
-  ICR3 = kPwmTop;
-  TCCR3A = _BV(WGM31);
-  TCCR3B = _BV(WGM33) | _BV(WGM32) | _BV(CS30);
 }
 
 void set_up_serial() {
@@ -372,9 +343,9 @@ void first_thing() {
   wdt_disable();
 }
 
-EMPTY_INTERRUPT(TIMER0_OVF_vect)
+ISR(CLOCK_OVERFLOW_vect) { ++overflows; }
 
-ISR(TIMER5_OVF_vect) { ++overflows; }
+ISR(TIMER0_OVF_vect) { ticked = true; }
 
 ISR(TIMER1_COMPA_vect) {
   const bool due = scanner.ticks_left == 0;
@@ -382,8 +353,25 @@ ISR(TIMER1_COMPA_vect) {
   if (due) begin_scan();
 }
 
-ISR(TIMER4_COMPA_vect) {
-  TIMSK4 = 0;
+// The edges are the compare unit's own, so that no other interrupt moves them; here the next one is
+// prepared. A pulse that has begun is finished.
+ISR(TIMER1_COMPB_vect) {
+  servo.is_high = !servo.is_high;
+  if (servo.is_high) {
+    if (servo.ticks != 0) servo.pulse_ticks = servo.ticks;
+    OCR1B = static_cast<uint16_t>(OCR1B + servo.pulse_ticks);
+    TCCR1A = _BV(COM1B1);
+  } else if (servo.ticks == 0) {
+    TCCR1A = 0;
+    TIMSK1 &= static_cast<uint8_t>(~_BV(OCIE1B));
+  } else {
+    OCR1B = static_cast<uint16_t>(OCR1B + kServoPeriodTicks - servo.pulse_ticks);
+    TCCR1A = _BV(COM1B1) | _BV(COM1B0);
+  }
+}
+
+ISR(SETTLED_vect) {
+  board::stop_settling();
   ADCSRA |= _BV(ADSC);
 }
 
@@ -396,7 +384,7 @@ ISR(ADC_vect) {
   }
 }
 
-ISR(USART0_UDRE_vect) {
+ISR(SERIAL_UDRE_vect) {
   const uint8_t sending = transmitter.sending;
   UDR0 = transmitter.bytes[sending][transmitter.at++];
   if (transmitter.at != transmitter.size[sending]) return;
@@ -406,7 +394,7 @@ ISR(USART0_UDRE_vect) {
   if (transmitter.size[sending ^ 1] == 0) UCSR0B &= static_cast<uint8_t>(~_BV(UDRIE0));
 }
 
-ISR(USART0_RX_vect) {
+ISR(SERIAL_RX_vect) {
   const uint8_t byte = UDR0;
   const uint8_t next = (receiver.head + 1) & (sizeof receiver.bytes - 1);
   // When full, the byte is lost, and with it by its CRC the command.
@@ -417,8 +405,8 @@ ISR(USART0_RX_vect) {
 
 namespace {
 
-bool byte_waits() { return receiver.tail != receiver.head && mega.transmit_buffer() != nullptr; }
-bool scan_waits() { return scanner.ready && mega.transmit_buffer() != nullptr; }
+bool byte_waits() { return receiver.tail != receiver.head && arduino.transmit_buffer() != nullptr; }
+bool scan_waits() { return scanner.ready && arduino.transmit_buffer() != nullptr; }
 
 void take_byte() {
   after_flag();
@@ -437,16 +425,18 @@ void take_scan() {
   scanner.ready = false;
 }
 
-// Until the next interrupt; nothing can slip in between the look and the sleep. A sleeping
-// processor also disturbs the converter less.
+// Until there is something to do, at most 1.024 ms: no interrupt can come between the check and the
+// sleep. A sleeping processor also disturbs the converter less.
 void rest() {
   cli();
-  if (!byte_waits() && !scan_waits()) {
+  while (!ticked && !byte_waits() && !scan_waits()) {
     sleep_enable();
     sei();
     sleep_cpu();
     sleep_disable();
+    cli();
   }
+  ticked = false;
   sei();
 }
 
@@ -455,10 +445,16 @@ void rest() {
 int main() {
   remember_reset();
   set_up_pins();
-  set_up_timers();
+  TCCR1A = 0;
+  TCCR1B = _BV(CS11);
+  // Timer 0 at 16 MHz / 64 wakes the main loop every 1.024 ms.
+  TCCR0A = 0;
+  TCCR0B = _BV(CS01) | _BV(CS00);
+  TIMSK0 = _BV(TOIE0);
+  board::set_up_timers();
   set_up_serial();
   set_up_converter();
-  mega.stop_scanning();
+  arduino.stop_scanning();
   set_sleep_mode(SLEEP_MODE_IDLE);
   wdt_enable(WDTO_250MS);
   sei();
