@@ -68,11 +68,11 @@ def pictures(browser: Browser, address: str, out: Path) -> None:
     driver.get_by_label("Target force").first.fill("3")
     driver.get_by_label("Item").first.fill("berry-7")
     driver.locator("#grasp").click()
-    driver.wait_for_function("+document.querySelector('#band')?.dataset.count > 0")
+    driver.wait_for_function("+document.querySelector('#curve')?.dataset.bands > 0")
     driver.get_by_role("button", name="1×").click()
     expect(driver.locator("#verdict-text")).to_have_text("large", timeout=60_000)
     driver.mouse.move(640, 20)
-    driver.wait_for_function("+document.querySelector('#band')?.dataset.count > 30")
+    driver.wait_for_function("+document.querySelector('#curve')?.dataset.bands > 30")
     for name, page in pages.items():
         page.screenshot(path=out / f"{name}.png")
     driver.locator("#release").click()

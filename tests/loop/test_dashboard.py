@@ -151,20 +151,20 @@ def test_a_grasp_narrows_its_band_and_says_a_verdict(driver: Page) -> None:
     halves = []
     for count in (1, 8):
         driver.wait_for_function(
-            "count => +document.querySelector('#band')?.dataset.count >= count", arg=count
+            "count => +document.querySelector('#curve')?.dataset.bands >= count", arg=count
         )
-        halves.append(float(driver.locator("#band").get_attribute("data-half-width") or "nan"))
+        halves.append(float(driver.locator("#curve").get_attribute("data-half-width") or "nan"))
     assert 0 < halves[1] < 0.8 * halves[0]
     verdict(driver, "holding")
-    expect(driver.locator("#band-settles")).to_contain_text("settles at −")
-    expect(driver.locator(".move").first).to_be_attached()
+    expect(driver.locator("#curve-settles")).to_contain_text("settles at −")
+    expect(driver.locator("#chart")).not_to_have_attribute("data-moves", "0")
     expect(driver.locator("#simulated")).to_be_visible()
     release(driver)
     verdict(driver, "held and given back")
     # The forecast is of the hold, and ends where the hand opens.
     driver.wait_for_function(
-        "Math.max(...Array.from(document.querySelector('#band').points, (p) => p.x))"
-        " <= +document.querySelector('#curve line[data-name=held]').getAttribute('x1') + 1"
+        "+document.querySelector('#curve').dataset.bandEnd"
+        " <= +document.querySelector('#moments [data-name=held]').dataset.at + 0.2"
     )
     expect(driver.locator("#verdict")).to_have_attribute("data-kind", "good")
     # The clock of the page is real, so the same squeeze ends in a bound or in a number.
@@ -178,11 +178,90 @@ def test_a_grasp_narrows_its_band_and_says_a_verdict(driver: Page) -> None:
     expect(driver.locator("#verdict .firm")).to_have_text(answer["verdict"]["firmness"])
     for name in ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent"):
         expect(driver.locator(f"#measure-{name} .range")).to_contain_text("true")
-    # The grasp that ended stays in sight whole, however long the page then watches.
-    marks = "document.querySelector('#curve line[data-name=contact]').getAttribute('x1')"
-    at, begun = driver.evaluate(marks), driver.evaluate("+document.body.dataset.drawn")
-    driver.wait_for_function("(begun) => +document.body.dataset.drawn > begun + 40", arg=begun)
-    assert driver.evaluate(marks) == at
+
+
+#: Ends of the stretch of time that the chart shows, seconds from the contact.
+STRETCH = "() => ['start', 'end'].map((end) => +document.querySelector('#chart').dataset[end])"
+
+
+def test_grasp_that_ended_stays_frozen_and_can_be_zoomed_and_pointed_at(
+    come: Callable[..., Page], driver: Page
+) -> None:
+    grasp(driver)
+    release(driver)
+    chart, force = driver.locator("#chart"), driver.locator("#force .u-over")
+    expect(chart).to_have_attribute("data-frozen", "true")
+    released = driver.locator("#moments [data-name=held]").get_attribute("data-at")
+    frozen = [-2.0, pytest.approx(float(released or "nan") + 3.0, abs=0.02)]
+    driver.wait_for_function(f"() => ({STRETCH})()[1] > {released} + 2.97")
+    begun = driver.evaluate("+document.body.dataset.drawn")
+    driver.wait_for_function("(begun) => +document.body.dataset.drawn > begun + 20", arg=begun)
+    assert driver.evaluate(STRETCH) == frozen
+    box = force.bounding_box()
+    assert box is not None
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    # The cursor is on both plots, and the hand is shown as it was then.
+    driver.mouse.move(*middle)
+    reading = re.compile(r"^\d+\.\d s: \d\.\d\d N \[")
+    expect(driver.locator("#force-at")).to_have_text(reading)
+    expect(driver.locator("#curve-at")).to_have_text(re.compile(r"^\d+\.\d s: −\d+\.\d %"))
+    expect(driver.locator("#fingers-title")).to_have_text(re.compile(r"^Fingers at \d+\.\d s$"))
+    expect(driver.locator("#fingers")).not_to_contain_text("74.0 mm apart")
+    driver.mouse.wheel(0, -300)
+    wheeled = driver.evaluate(STRETCH)
+    assert wheeled[0] > -2.0
+    assert wheeled[1] < released_s(driver) + 2.9
+    driver.mouse.down()
+    driver.mouse.move(middle[0] + box["width"] / 4, middle[1], steps=4)
+    driver.mouse.up()
+    dragged = driver.evaluate(STRETCH)
+    assert dragged[1] - dragged[0] < 0.5 * (wheeled[1] - wheeled[0])
+    expect(driver.locator("#unzoom")).to_be_visible()
+    driver.mouse.dblclick(*middle)
+    assert driver.evaluate(STRETCH) == frozen
+    for view in ("30 s", "All"):
+        driver.get_by_role("button", name=view, exact=True).click()
+        expect(chart).to_have_attribute("data-frozen", "false")
+    # By keyboard: the cursor is a slider that reports time and value.
+    driver.locator("[data-view=grasp]").click()
+    slider = driver.get_by_role("slider", name="Grip force over time")
+    slider.focus()
+    for _ in range(12):
+        slider.press("ArrowLeft")
+    expect(slider).to_have_attribute("aria-valuetext", reading)
+    slider.press("PageUp")
+    assert driver.evaluate(STRETCH) != frozen
+    slider.press("Home")
+    assert driver.evaluate(STRETCH) == frozen
+    # A pixel is chosen from its small plot too.
+    driver.locator("#pixels").click(position={"x": 10, "y": 10})
+    expect(driver.locator("#pixel-name")).to_have_text("R0 C0")
+    driver.locator("#pixel-close").click()
+    # By two fingers.
+    touched = come(has_touch=True)
+    fresh(touched)
+    touched.locator("[data-view=all]").click()
+    before = touched.evaluate(STRETCH)
+    touched.evaluate(PINCH)
+    after = touched.evaluate(STRETCH)
+    assert after[1] - after[0] == pytest.approx((before[1] - before[0]) / 2, rel=0.1)
+
+
+def released_s(page: Page) -> float:
+    """Return when the hand opened, seconds from the contact."""
+    return float(page.locator("#moments [data-name=held]").get_attribute("data-at") or "nan")
+
+
+#: Two fingers on the plot move to twice their distance.
+PINCH = """() => {
+    const plot = document.querySelector('#curve .u-over'), box = plot.getBoundingClientRect();
+    const touch = (identifier, share) => new Touch({ identifier, target: plot,
+        clientX: box.left + share * box.width, clientY: box.top + 5 });
+    for (const [type, shares] of [['touchstart', [0.4, 0.6]], ['touchmove', [0.3, 0.7]]]) {
+        plot.dispatchEvent(new TouchEvent(type, { cancelable: true,
+            touches: shares.map((share, i) => touch(i, share)) }));
+    }
+}"""
 
 
 def test_newtons_are_of_now_and_marked_by_the_controller(driver: Page) -> None:
@@ -191,20 +270,16 @@ def test_newtons_are_of_now_and_marked_by_the_controller(driver: Page) -> None:
     card = driver.locator("#measure-force_n")
     expect(card).to_contain_text("Grip force now")
     expect(card).to_contain_text(re.compile(r"answer \d\.\d+ N"))
-    expect(driver.locator("#force-band-settles")).to_contain_text(re.compile(r"settles at \d"))
-    expect(driver.locator("#force line.target")).to_have_attribute("data-value", "3")
-    expect(driver.locator("#force line[data-name='answer']")).to_be_attached()
-    expect(driver.locator("#force path[data-name='finger_contact']")).to_have_count(2)
+    expect(driver.locator("#force-settles")).to_contain_text(re.compile(r"settles at \d"))
+    expect(driver.locator("#force .level.target")).to_have_attribute("data-value", "3")
+    expect(driver.locator("#moments [data-name=answer]")).to_be_attached()
+    expect(driver.locator("#moments [data-name=finger_contact]")).to_have_count(2)
     expect(driver.locator("#fingers .pad.touching")).to_have_count(2)
-    expect(driver.locator(".counts")).to_have_text("s from contact")
     for curve, unit in (("force", "N"), ("curve", "%")):
-        box = driver.locator(f"#{curve}").bounding_box()
-        assert box is not None
-        driver.mouse.move(box["x"] + 0.7 * box["width"], box["y"] + 0.5 * box["height"])
+        driver.locator(f"#{curve} .u-over").hover()
         at = driver.locator(f"#{curve}-at")
         expect(at).to_have_text(re.compile(rf"^\d+\.\d s: .*\d {unit}"))
         expect(at).to_have_class(re.compile("pointed"))
-        expect(driver.locator(f"#{curve} .cross")).to_be_attached()
     driver.mouse.move(5, 5)
     expect(driver.locator("#force-at")).to_have_text(re.compile(r"^\d+\.\d\d N \["))
     release(driver)

@@ -280,14 +280,13 @@ def test_a_stop_says_what_to_do(browser: Browser, address: str) -> None:
         fits(page)
 
 
-#: Words of levels in the curve of force that the line of another level runs through.
-STRUCK_OUT = """() => [...document.querySelectorAll('#force text.level')].filter((words) => {
-    const box = words.getBoundingClientRect();
-    return [...document.querySelectorAll('#force line.level')].some((line) => {
-        const { top } = line.getBoundingClientRect();
-        return box.top < top && top < box.bottom;
-    });
-}).map((words) => words.textContent)"""
+#: Names of levels on the plot of force that lie over each other.
+OVERLAPPING = """() => {
+    const names = [...document.querySelectorAll('#force .level')];
+    const boxes = names.map((one) => one.getBoundingClientRect());
+    return boxes.some((a, i) => boxes.some((b, j) => i < j && a.left < b.right && b.left < a.right
+        && a.top < b.bottom && b.top < a.bottom));
+}"""
 
 
 def test_a_damaged_item_is_set_aside_and_reported_once(browser: Browser, address: str) -> None:
@@ -298,10 +297,18 @@ def test_a_damaged_item_is_set_aside_and_reported_once(browser: Browser, address
         page.locator("#grasp").click()
         verdict(page, "holding")
         # Target and ceiling lie close together.
-        expect(page.locator("#force text.level")).to_have_count(2)
-        assert page.evaluate(STRUCK_OUT) == []
+        expect(page.locator("#force .level")).to_have_count(2)
+        assert not page.evaluate(OVERLAPPING)
         release(page)
         verdict(page, "the object was damaged")
+        # Marked at its moment: while the hand closed, not when the answer came.
+        at_s = {
+            name: float(
+                page.locator(f"#moments [data-name={name}]").get_attribute("data-at") or "nan"
+            )
+            for name in ("contact", "damaged", "answer")
+        }
+        assert at_s["contact"] < at_s["damaged"] < at_s["answer"]
         target.fill("")
         page.goto(f"{address}operate")
         verdict(page, "Damaged")

@@ -116,6 +116,8 @@ class Live:
         self.moves: deque[list[float | None]] = deque(maxlen=_MOST_MOVES)
         self.band: deque[Band] = deque(maxlen=_MOST_BANDS)
         self.progress: GraspProgress | None = None
+        #: When each phase of the grasp began.
+        self.phases: list[tuple[float, str]] = []
         self.released = False
         self._force = None if self._laws is None else GripForce(self._laws)
         self._slot = -math.inf
@@ -126,6 +128,8 @@ class Live:
         if progress.rest_ohm is not None:
             self._rest_ohm = progress.rest_ohm
         before, settled = self.progress, progress.settled
+        if before is None or before.phase != progress.phase:
+            self.phases.append((progress.time_s, progress.phase))
         self.released = self.released or progress.phase == Phase.RELEASE
         fresh = before is None or settled != before.settled
         if (

@@ -38,6 +38,11 @@ _PIXEL_COLORS = (
     + json.dumps({"fall": FALL, "rise": RISE, "deepest_percent": DEEPEST_PERCENT})
     + "</script>"
 )
+#: Draws the plots: uPlot (MIT), with its licence next to it.
+_UPLOT = (
+    '<link rel="stylesheet" href="/static/uplot/uPlot.min.css">'
+    '<script src="/static/uplot/uPlot.iife.min.js"></script>'
+)
 _REFRESH_S = 0.2
 _PREFERS_DARK = "(prefers-color-scheme: dark)"
 
@@ -55,6 +60,7 @@ def build_page(
     _header(app_state, viewer, other=("/operate", "Operate"))
     ui.on("seek", lambda event: viewer.seek(event.args))
     ui.on("pause", lambda event: viewer.pause(bool(event.args)))
+    ui.on("back", lambda: viewer.confirm())
     ui.on("speed", lambda event: viewer.set_speed(event.args))
     with ui.element("div").classes("page"):
         with ui.element("div").classes("stage"):
@@ -87,6 +93,8 @@ def _begin(app_state: AppState, client: Client, *, script: str) -> Viewer:
     """Add what every view has, and let the viewer in."""
     ui.add_head_html('<link rel="stylesheet" href="/static/dashboard.css">')
     ui.add_head_html(_PIXEL_COLORS)
+    if script == "live.js":
+        ui.add_head_html(_UPLOT)
     # Apart from all that the framework draws, moves and takes away.
     ui.add_body_html(_STOP)
     ui.add_body_html(f'<script type="module" src="/static/{script}"></script>')
@@ -164,7 +172,10 @@ def _alerts(app_state: AppState, viewer: Viewer) -> None:
 
     def guides() -> None:
         """Show what a person is to do now, how far it is, and the button that confirms it."""
-        guide = app_state.session.devices.guide
+        devices = app_state.session.devices
+        guide, source = devices.guide, devices.live.source
+        if guide is not None and guide.asks and source is not None and source.replayed:
+            guide = None  # the timeline leads back
         box.set_visibility(guide is not None)
         if guide is None:
             return
@@ -172,11 +183,6 @@ def _alerts(app_state: AppState, viewer: Viewer) -> None:
         bar.set_visibility(guide.share is not None)
         bar.set_value(guide.share or 0.0)
         done.set_visibility(guide.asks)
-        back = (
-            app_state.session.devices.live.source is not None
-            and app_state.session.devices.live.source.replayed
-        )
-        done.set_text("Back to the rig" if back else "Done, go on")
 
     viewer.on_refresh(guides)
     viewer.enable_when_allowed(done, Action.CONFIRM)

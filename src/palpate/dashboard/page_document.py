@@ -112,12 +112,16 @@ def _replay(live: Live) -> dict[str, Any] | None:
     return {
         "start_s": timeline.start_s,
         "end_s": timeline.end_s,
-        "phases": [[time_s, PHASE_TEXTS.get(phase, "")] for time_s, phase in timeline.phases],
+        "phases": _phases(timeline.phases),
         "grasp": _grasp(timeline.ended, live),
         "time_s": playing.time_s,
         "paused": playing.paused,
         "speed": playing.speed,
     }
+
+
+def _phases(phases: Sequence[tuple[float, str]]) -> list[list[object]]:
+    return [[time_s, PHASE_TEXTS.get(phase, "")] for time_s, phase in phases]
 
 
 def _grasp(progress: GraspProgress | None, live: Live) -> dict[str, Any] | None:
@@ -126,6 +130,7 @@ def _grasp(progress: GraspProgress | None, live: Live) -> dict[str, Any] | None:
         return None
     return {
         "phase": progress.phase,
+        "phases": _phases(live.phases),
         "began_s": progress.began_s,
         "touched_s": progress.touched_s,
         "moments": [[one.time_s, one.name, one.finger] for one in progress.moments],
@@ -230,6 +235,7 @@ def _measured(session: Session) -> dict[str, Any]:
         "settled": _at_horizon(session.devices.live),
         "limited": result is not None and result.limited,
         "damaged": truth.get("damaged"),
+        "damaged_s": truth.get("damaged_s"),
         "force_now": _one(session.devices.live.force, None),
         "holds": grasped is None and session.devices.live.open_hand is not True,
         "faults": [] if grasped is None else list(grasped.result.faults),

@@ -204,6 +204,8 @@ class Truth:
     peak_force_n: float
     #: Whether the force ever passed the object's yield force.
     damaged: bool
+    #: When that was, on the rig's clock; None where it was not, or is not known.
+    damaged_s: float | None = None
 
     def to_dict(self) -> dict[str, float | bool | None]:
         """Return the form that commands print."""

@@ -120,6 +120,7 @@ class World:
         self._latest: PlantState
         self._restart(self._plant.at_rest(time_s=start_s, width_mm=OPEN_MM, obj=obj))
         self._hold: PlantState | None = None
+        self._damaged_s: float | None = None
         self._readout = Readout(
             sheet=self.sheet,
             layout=layout,
@@ -184,7 +185,7 @@ class World:
                 f"{obj.name} is {obj.size_mm:.1f} mm and the fingers are at {width_mm:.1f} mm; "
                 "open them first"
             )
-        self._hold = None
+        self._hold = self._damaged_s = None
         if fixture:
             self._plant.placements.fixtures.add(now.placed + 1)
         moving = now.motion.end_s > now.time_s
@@ -275,6 +276,7 @@ class World:
             stiffness_n_per_mm=end.force_n / deformation_mm if end.force_n > 0 else None,
             peak_force_n=peak_force_n,
             damaged=obj is not None and (self._latest.ruptured or peak_force_n >= obj.yield_n),
+            damaged_s=self._damaged_s,
         )
 
     # -- inside -----------------------------------------------------------------------------------
@@ -308,6 +310,10 @@ class World:
         self._latest = self._node
         if time_s > self._node.time_s:
             self._latest = self._plant.between(self._node, self._next, time_s)
+        obj = self._latest.obj
+        if self._damaged_s is None and obj is not None:
+            ruptured = self._latest.ruptured or self._latest.peak_force_n >= obj.yield_n
+            self._damaged_s = time_s if ruptured else None
         return self._latest
 
     def _restart(self, state: PlantState) -> None:

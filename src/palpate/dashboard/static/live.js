@@ -1,7 +1,7 @@
 // The whole page: the pads, the curves, the verdict and what was measured.
 import { $, follow, handState, number, say, seen, whys } from "/static/poll.js";
 import { fixed, range, t } from "/static/words.js";
-import { begin as beginCurves, drawCurves } from "/static/curves.js";
+import { begin as beginChart, drawChart, momentOf } from "/static/chart.js";
 import { begin as beginHand, drawFingers } from "/static/pads.js";
 import { begin as beginKept, drawKept } from "/static/compare.js";
 import { begin as beginTimeline, drawTimeline } from "/static/timeline.js";
@@ -107,7 +107,7 @@ function lookAtPanel() {
 }
 
 beginHand();
-beginCurves();
+beginChart();
 beginTimeline();
 beginKept();
-follow((doc) => { drawVerdict(doc); drawTimeline(doc); drawKept(doc); drawFingers(doc); drawCurves(doc); drawMeasures(doc); hideUnmeasured(doc); lookAtPanel(); });
+follow((doc) => { drawVerdict(doc); drawTimeline(doc); drawKept(doc); drawChart(doc); drawFingers(momentOf(doc)); drawMeasures(doc); hideUnmeasured(doc); lookAtPanel(); });

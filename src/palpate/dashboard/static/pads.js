@@ -3,9 +3,9 @@ import { $, esc, seen } from "/static/poll.js";
 import { fixed, t, whole as wholeNumber } from "/static/words.js";
 import { color } from "/static/colors.js";
 
-const PAD = { top: 26, margin: 10, wide: 138, tall: 164 }, SIDE_GAP = 56, TRACE_S = 30;
+const PAD = { top: 26, margin: 10, wide: 138, tall: 164 }, SIDE_GAP = 56, RECENT_S = 30;
 let built = null, pads = [], chosen = null, caption = 14;
-const traces = [];
+export const chosenPixel = () => chosen;
 
 // A pad is as wide as it is tall if its pixels are: they lie on a square grid.
 function shape(rows, cols) {
@@ -68,7 +68,7 @@ function view(svg, left, top, width, height) {
 // Finger pads at their places; returns how far apart they are drawn.
 function place(svg, doc) {
   const hand = doc.hand, between = hand !== null && pads.length === 2;
-  const small = isSmall(svg), width = small ? 500 : 700, middle = width / 2;
+  const small = isSmall(svg), width = small ? 430 : 700, middle = width / 2;
 
   svg.querySelectorAll(".metal").forEach((part) => part.classList.toggle("hidden", !between));
   if (!between) {
@@ -116,14 +116,6 @@ function namePads(svg, doc) {
 }
 
 // -- one pixel, near -------------------------------------------------------------------------------
-function remember(doc) {
-  const time = doc.pixels.time_s, last = traces.length ? traces[traces.length - 1].time : -Infinity;
-  if (time === null || time === last) return;
-  if (time < last) traces.length = 0;
-  traces.push({ time, ohm: doc.pixels.ohm });
-  while (traces.length && traces[0].time < time - TRACE_S) traces.shift();
-}
-
 function drawChosen(doc) {
   const box = $("pixel");
   if (!box) return;
@@ -135,22 +127,18 @@ function drawChosen(doc) {
   $("pixel-ohm").textContent = ohm === null ? "open" : t("{n} ohm", { n: wholeNumber(ohm) });
   $("pixel-percent").textContent = percent === null ? "" : `${fixed(percent, 1)} %`;
   $("pixel-found").textContent = one ? one.text : "";
-  const points = traces.map((one) => [one.time, one.ohm[row][col]]).filter(([, v]) => v !== null);
-  const values = points.map(([, v]) => v), low = Math.min(...values), span = Math.max(Math.max(...values) - low, 0.02 * low, 1e-9);
-  const end = points.length ? points[points.length - 1][0] : 0;
-  const line = points.map(([time, v]) => `${(300 * (1 - (end - time) / TRACE_S)).toFixed(1)},${(38 - 34 * ((v - low) / span)).toFixed(1)}`).join(" ");
-  $("pixel-trace").innerHTML = `<polyline points="${line}" fill="none" stroke="var(--curve)" stroke-width="1.5" vector-effect="non-scaling-stroke"/>`;
-  $("pixel-range").textContent = points.length ? t("last {s} s: {low} to {high} ohm", { s: TRACE_S, low: wholeNumber(low), high: wholeNumber(Math.max(...values)) }) : "";
+  const end = doc.pixels.time_s, values = seen.pixels.filter((p) => p.time_s <= end && p.time_s > end - RECENT_S).map((p) => p.ohm[row]?.[col]).filter((v) => typeof v === "number");
+  $("pixel-range").textContent = values.length ? t("last {s} s: {low} to {high} ohm", { s: RECENT_S, low: wholeNumber(Math.min(...values)), high: wholeNumber(Math.max(...values)) }) : "";
 }
 
-function choose(row, col) {
+export function choosePixel(row, col) {
   chosen = chosen !== null && chosen.row === row && chosen.col === col ? null : { row, col };
 }
 
 export function begin() {
   document.addEventListener("click", (event) => {
     const cell = event.target.closest?.(".cell");
-    if (cell) choose(+cell.dataset.row, +cell.dataset.col);
+    if (cell) choosePixel(+cell.dataset.row, +cell.dataset.col);
     if (event.target.closest?.("#pixel-close")) chosen = null;
   });
   // By keyboard: the pads take the focus, the arrows choose.
@@ -170,7 +158,6 @@ export function drawFingers(doc) {
   if (!doc.pixels) {
     if (built !== null || !svg.firstChild) svg.innerHTML = "<text class='soft' x='350' y='120' text-anchor='middle' font-size='17'></text>";
     built = null;
-    traces.length = 0;
     svg.setAttribute("viewBox", "0 0 700 240");
     svg.firstChild.textContent = `${doc.activity} …`;
     return;
@@ -188,8 +175,8 @@ export function drawFingers(doc) {
   opening.textContent = !between || hand.value === null ? "" : [between.scale ? t("{width} mm apart", { width: fixed(hand.value, 1) }) : `${fixed(hand.value, 1)} kPa`, ...(hand.moving ? ["moving"] : [])].join(", ");
   namePads(svg, doc);
   drawCells(svg, doc);
-  remember(doc);
   drawChosen(doc);
-  $("fingers-title").textContent = between ? "Fingers, seen from between them" : pads.length === 1 ? "Pad" : t("{n} pads", { n: pads.length });
+  const at = doc.pointed_s === undefined ? "" : ` at ${fixed(doc.pointed_s, 1)} s`;
+  $("fingers-title").textContent = between ? `Fingers${at || ", seen from between them"}` : pads.length === 1 ? "Pad" : t("{n} pads", { n: pads.length });
   seen.built = built;
 }

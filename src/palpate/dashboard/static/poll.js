@@ -7,7 +7,7 @@ const PERIOD_MS = 66, GIVEN_UP_MS = 4000, BESIDE_MS = 2000, LOST_MS = 1000, LOOK
 const GREYED = ".figure, .measures, #next-step, .item, .force, .panel-body, .panel-foot";
 export const $ = (id) => document.getElementById(id);
 export const esc = (text) => String(text).replace(/[&<>"]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[c]);
-export const seen = { generation: -1, curve: [], band: [], at: performance.now(), hungS: null, drawn: 0, stops: null, serverS: null, askedAt: 0, socketAt: Infinity, vain: false };
+export const seen = { generation: -1, curve: [], band: [], pixels: [], at: performance.now(), hungS: null, drawn: 0, stops: null, serverS: null, askedAt: 0, socketAt: Infinity, vain: false };
 // A screen reader speaks of what is written: nothing is, unless it changed.
 export const say = (element, text) => { if (element && element.textContent !== text) element.textContent = text; };
 
@@ -114,13 +114,22 @@ function drawLoss(onLost) {
 }
 
 function take(doc, began) {
-  if (doc.generation !== seen.generation) Object.assign(seen, { generation: doc.generation, curve: [], band: [] });
+  if (doc.generation !== seen.generation) Object.assign(seen, { generation: doc.generation, curve: [], band: [], pixels: [] });
   const after = (points) => ([time]) => !points.length || time > points[points.length - 1][0];
   seen.curve.push(...doc.curve.filter(after(seen.curve)));
   seen.band.push(...doc.band.filter(after(seen.band)));
   if (seen.curve.length > 4500) seen.curve.splice(0, seen.curve.length - 4500);
   if (seen.band.length > 900) seen.band.splice(0, seen.band.length - 900);
+  keepPixels(doc);
   Object.assign(seen, { at: performance.now(), hungS: doc.link.hung_s, stops: doc.stops, serverS: doc.server_s, askedAt: began });
+}
+
+// The pads and the hand as they were, in order of time: a replay may go back.
+function keepPixels({ pixels, hand }) {
+  if (!pixels || pixels.time_s === null) return;
+  const at = seen.pixels.findLastIndex((p) => p.time_s <= pixels.time_s);
+  if (seen.pixels[at]?.time_s !== pixels.time_s) seen.pixels.splice(at + 1, 0, { ...pixels, hand });
+  if (seen.pixels.length > 1400) seen.pixels.shift();
 }
 
 let asked = 0, taken = 0, next = 0;
@@ -175,7 +184,7 @@ function typed(event) {
   if (button) {
     event.preventDefault();
     $(button)?.click();
-  } else if (field && !field.disabled && event.key.length === 1 && !(event.key === " " && event.target.closest("button, a, [tabindex]")) && !event.target.closest("input, textarea, select, [role=slider], [role=dialog], [contenteditable]")) {
+  } else if (field && !field.disabled && event.key.length === 1 && !(event.key === " " && event.target.closest("button, a, [tabindex]")) && !event.target.closest("input, textarea, select, [role=slider]:not(.plot), [role=dialog], [contenteditable]")) {
     field.focus();
     field.select();
   }
