@@ -67,7 +67,12 @@ def serve(
 
         from palpate.dashboard.access import STOPS, AccessControl, check_token, is_loopback
         from palpate.dashboard.api import build_api
-        from palpate.dashboard.transport import AppThread, BoundedConnection, address_for_others
+        from palpate.dashboard.transport import (
+            AppThread,
+            BoundedConnection,
+            FilesGzip,
+            address_for_others,
+        )
     check_token(host, token)
     listening = _listen(host, port)
     app_state = AppState(settings)
@@ -93,7 +98,7 @@ def serve(
         reconnect_timeout=_RECONNECT_S,
         message_history_length=100,
         tailwind=False,
-        gzip_middleware_factory=None,
+        gzip_middleware_factory=FilesGzip,
         show_welcome_message=False,
     )
     threaded = AppThread(app, direct=STOPS)
