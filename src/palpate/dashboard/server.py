@@ -67,12 +67,7 @@ def serve(
 
         from palpate.dashboard.access import STOPS, AccessControl, check_token, is_loopback
         from palpate.dashboard.api import build_api
-        from palpate.dashboard.transport import (
-            AppThread,
-            BoundedConnection,
-            FilesGzip,
-            address_for_others,
-        )
+        from palpate.dashboard.transport import AppThread, BoundedConnection, address_for_others
     check_token(host, token)
     listening = _listen(host, port)
     app_state = AppState(settings)
@@ -98,7 +93,7 @@ def serve(
         reconnect_timeout=_RECONNECT_S,
         message_history_length=100,
         tailwind=False,
-        gzip_middleware_factory=FilesGzip,
+        gzip_middleware_factory=None,
         show_welcome_message=False,
     )
     threaded = AppThread(app, direct=STOPS)
@@ -137,7 +132,9 @@ def _routes(app_state: AppState) -> None:
     from nicegui import Client, app, ui
 
     from palpate.dashboard.page import TABS, build_operator_page, build_page
+    from palpate.dashboard.transport import FilesGzip
 
+    app.add_middleware(FilesGzip)
     # Requested each time: a page must not outlive an update.
     app.add_static_files("/static", _STATIC, max_cache_age=0)
 
