@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from ctypes.util import find_library
+
 import gymnasium
 import numpy as np
 import pytest
@@ -15,6 +20,7 @@ NAME = "palpate_mujoco.env:palpate/Grasp-v0"
 
 @pytest.mark.parametrize("hand", ["widowx", "so101"])
 def test_gymnasiums_own_check_passes(hand: str) -> None:
+    # With pictures below: they need a process of their own.
     check_env(gymnasium.make(NAME, hand=hand).unwrapped, skip_render_check=True)
 
 
@@ -63,3 +69,42 @@ def test_each_reset_draws_another_sheet_and_object() -> None:
 def test_an_unknown_object_is_refused() -> None:
     with pytest.raises(InputError, match="no simulated object 'anvil'"):
         GraspEnv(object_name="anvil")
+
+
+def run_with(gl: str, *lines: str) -> subprocess.CompletedProcess[str]:
+    """Run Python with one of MuJoCo's ways to draw: it chooses when it is imported."""
+    text = "\n".join(("import gymnasium", f"NAME = {NAME!r}", *lines))
+    environment = {name: value for name, value in os.environ.items() if "DISPLAY" not in name}
+    return subprocess.run(
+        [sys.executable, "-c", text],
+        env=environment | {"MUJOCO_GL": gl},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.skipif(find_library("EGL") is None, reason="libEGL is not installed")
+def test_gymnasiums_own_check_passes_with_pictures_too() -> None:
+    done = run_with(
+        "egl",
+        "from gymnasium.utils.env_checker import check_env",
+        'env = gymnasium.make(NAME, render_mode="rgb_array", object_name="tomato")',
+        "check_env(env.unwrapped)",
+        "env.reset(seed=1)",
+        "first = env.render()",
+        "env.step(env.action_space.high * -1)",
+        "for _ in range(15): env.step(env.action_space.low)",
+        "print(first.shape, first.dtype, (env.render() != first).any())",
+    )
+    assert done.stdout == "(240, 320, 3) uint8 True\n", done.stderr
+
+
+def test_no_way_to_draw_is_one_clear_line() -> None:
+    done = run_with(
+        "glfw",
+        'env = gymnasium.make(NAME, render_mode="rgb_array", object_name="tomato")',
+        "env.reset(seed=1)",
+        "env.render()",
+    )
+    assert "InputError: MuJoCo can't draw here: set MUJOCO_GL=egl, or osmesa" in done.stderr

@@ -11,11 +11,13 @@ import pytest
 from bridges.mujoco.tests.lying import PALM, UP, lying
 
 from palpate.errors import DeviceTimeoutError, InputError
-from palpate.sensor.array import wrong_counts
+from palpate.sensor.array import ArrayLayout, wrong_counts
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.twin.devices import TwinArray
 from palpate.twin.sheet_state import SheetState
-from palpate_mujoco import PadSensor
+from palpate_mujoco import PadSensor, TouchGrid
+
+TALL = ArrayLayout(name="tall", rows=5, cols=5, finger_of_row=(0,) * 5)
 
 
 def test_frames_come_at_the_arrays_rate_and_fit_its_layout() -> None:
@@ -98,3 +100,53 @@ def test_an_unloaded_pad_goes_back_to_rest() -> None:
     sensor.model.opt.gravity[:] = 0.0
     sensor.step_to(sensor.data.time + 60.0)
     assert np.abs(sensor.change_percent()).max() < 2.0
+
+
+GRIDDED = """
+<mujoco>
+  <extension><plugin plugin="mujoco.sensor.touch_grid"/></extension>
+  <worldbody>
+    <body>
+      <geom name="pad" type="box" size="0.02 0.02 0.001"/>
+      <site name="eye" pos="0 0 -0.04" euler="180 0 0"/>
+      <geom type="box" size="0.02 0.02 0.001" pos="0 0 -0.2"/>
+    </body>
+    <body pos="0.008 0.012 0.0111">
+      <joint type="slide" axis="0 0 1" damping="300"/>
+      <geom size="0.01" mass="1"/>
+    </body>
+  </worldbody>
+  <sensor>
+    <plugin name="grid" plugin="mujoco.sensor.touch_grid" objtype="site" objname="eye">
+      <config key="size" value="3 2"/><config key="fov" value="26 26"/>
+      <config key="gamma" value="0"/><config key="nchannel" value="3"/>
+    </plugin>
+    <framepos name="place" objtype="site" objname="eye"/>
+  </sensor>
+</mujoco>
+"""
+
+
+def test_touch_grid_of_the_model_loads_its_pixels_with_newtons() -> None:
+    model = mujoco.MjModel.from_xml_string(GRIDDED)
+    data = mujoco.MjData(model)
+    sensor = PadSensor(model, data, pads=[TouchGrid(sensor="grid")], layout=PALM, seed=1)
+    sensor.step_to(1.0)
+    # The site looks up: its x is the model's, its y the other way.
+    assert sensor.load_n == pytest.approx(np.array([[0.0, 0.0, 9.81], [0.0, 0.0, 0.0]]), abs=0.05)
+    assert sensor.change_percent()[0, 2] < -20.0
+
+
+@pytest.mark.parametrize(("name", "layout"), [("gird", PALM), ("place", PALM), ("grid", TALL)])
+def test_a_sensor_that_is_no_grid_of_these_pixels_is_refused(
+    name: str, layout: ArrayLayout
+) -> None:
+    model = mujoco.MjModel.from_xml_string(GRIDDED)
+    with pytest.raises(InputError, match=f"needs a touch_grid '{name}' with the"):
+        PadSensor(
+            model,
+            mujoco.MjData(model),
+            pads=[TouchGrid(sensor=name)],
+            layout=layout,
+            seed=1,
+        )

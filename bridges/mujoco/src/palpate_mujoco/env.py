@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import gymnasium
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +26,8 @@ Info: TypeAlias = dict[str, Any]
 _REST_FRAMES = 15
 #: A relative change is reported up to this, percent.
 _MOST_PERCENT = 100.0
+#: Height and width of a picture.
+_PICTURE = 240, 320
 #: What damage costs, in steps without any force.
 _DAMAGE_COST = 20.0
 
@@ -50,6 +53,9 @@ class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
         How much sheets scatter; each reset draws another.
     hand : {"widowx", "so101"}
         Like which robot's.
+    render_mode : {"rgb_array"}, optional
+        Whether `render` draws pictures. Without a screen, MuJoCo draws where ``MUJOCO_GL`` is
+        ``egl`` or ``osmesa`` before Python starts.
 
     Raises
     ------
@@ -67,7 +73,7 @@ class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
     (-1.0, 0.0)
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012 - gymnasium's own form
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 15}  # noqa: RUF012 - gymnasium's own form
 
     def __init__(
         self,
@@ -77,6 +83,7 @@ class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
         rate_mm_per_s: float = 20.0,
         level: str = "lab",
         hand: str = "widowx",
+        render_mode: Literal["rgb_array"] | None = None,
     ) -> None:
         if object_name is not None and object_name not in OBJECTS:
             raise InputError(
@@ -84,6 +91,8 @@ class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
             )
         self._object_name, self._level, self._hand = object_name, level, hand_named(hand)
         self._target_force_n, self._rate_mm_per_s = target_force_n, rate_mm_per_s
+        self.render_mode = render_mode
+        self._renderer: mujoco.Renderer | None = None
         self._open(seed=0)
         layout, limits = self._array.layout, self._gripper.limits
         self._lowest_mm, self._span_mm = limits.lowest, limits.span
@@ -118,7 +127,33 @@ class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
         reward -= _DAMAGE_COST * truth["damaged"]
         return felt, reward, truth["damaged"], False, info
 
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return a picture from the front, shape (240, 320, 3); None without a `render_mode`.
+
+        Raises `InputError` if OpenGL has neither a screen nor another way to draw.
+        """
+        if self.render_mode is None:
+            return None
+        if self._renderer is None:
+            try:
+                self._renderer = mujoco.Renderer(self._world.model, *_PICTURE)
+            except (mujoco.FatalError, RuntimeError, AttributeError, ImportError) as error:
+                raise InputError(
+                    "MuJoCo can't draw here: set MUJOCO_GL=egl, or osmesa, before Python starts "
+                    f"({error})"
+                ) from error
+        self._renderer.update_scene(self._world.data, camera="front")
+        picture: NDArray[np.uint8] = self._renderer.render()
+        return picture
+
+    def close(self) -> None:
+        """Let go of what draws."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
     def _open(self, *, seed: int) -> None:
+        self.close()  # it draws the model before
         obj = draw_object(np.random.default_rng([seed, 10]), self._object_name)
         self._world = MujocoWorld(obj, seed=seed, level=self._level, hand=self._hand)
         self._array, self._gripper = TwinArray(self._world), TwinGripper(self._world)

@@ -41,6 +41,62 @@ class Pad:
     centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TouchGrid:
+    """A `touch_grid` sensor of the model as the pixels of one finger.
+
+    Its bins are the pixels: as many as the finger has, its columns along the site's x, its rows
+    along the site's y. What its first channel reads, newtons, loads them as it is.
+
+    Attributes
+    ----------
+    sensor : str
+        Name of the sensor.
+    """
+
+    sensor: str
+
+
+class GridLoads:
+    """What grids of the model read, as loads of pixels.
+
+    Raises `InputError` if the model has no such sensor, or its bins are not the pixels.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, *, grids: Sequence[TouchGrid], layout: ArrayLayout
+    ) -> None:
+        _check_count(grids, layout=layout)
+        self._places = []
+        for finger, grid in enumerate(grids):
+            index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, grid.sensor)
+            is_plugin = index >= 0 and model.sensor_type[index] == mujoco.mjtSensor.mjSENS_PLUGIN
+            pixels = np.flatnonzero(layout.finger_mask(finger))
+            if not is_plugin or model.sensor_dim[index] % len(pixels):
+                found = f"reads {model.sensor_dim[index]} numbers" if is_plugin else "is none"
+                raise InputError(
+                    f"the model needs a touch_grid {grid.sensor!r} with the {len(pixels)} pixels "
+                    f"of finger {finger} (layout {layout.name}); the one of this name {found}"
+                )
+            self._places.append((pixels, int(model.sensor_adr[index])))
+        self._pixels = layout.pixels
+
+    def load_n(self, data: mujoco.MjData, *, reach_mm: float) -> FloatArray:
+        """Return the load of every pixel, shape (pixels,); `reach_mm` is not used."""
+        load_n = np.zeros(self._pixels)
+        for pixels, start in self._places:
+            load_n[pixels] = data.sensordata[start : start + len(pixels)]
+        return load_n
+
+
+def _check_count(pads: Sequence[Pad | TouchGrid], *, layout: ArrayLayout) -> None:
+    if len(pads) != layout.fingers:
+        raise InputError(
+            f"layout {layout.name} has {layout.fingers} finger(s) and {len(pads)} pad(s) are "
+            "given; give one for each finger"
+        )
+
+
 class PadLoads:
     """Contacts on the pads of a model, shared out to pixels.
 
@@ -64,11 +120,7 @@ class PadLoads:
     """
 
     def __init__(self, model: mujoco.MjModel, *, pads: Sequence[Pad], layout: ArrayLayout) -> None:
-        if len(pads) != layout.fingers:
-            raise InputError(
-                f"layout {layout.name} has {layout.fingers} finger(s) and {len(pads)} pad(s) are "
-                "given; give one for each finger"
-            )
+        _check_count(pads, layout=layout)
         grid = PixelGrid.of(layout)
         self._model = model
         self._geom = [_geom_id(model, pad.geom) for pad in pads]

@@ -18,7 +18,7 @@ from palpate.twin.ranges import ranges_of
 from palpate.twin.readout import Readout
 from palpate.twin.sheet_state import SheetState
 from palpate.twin.velostat import Environment, draw_sheet
-from palpate_mujoco.pads import Pad, PadLoads
+from palpate_mujoco.pads import GridLoads, Pad, PadLoads, TouchGrid
 
 #: How far the force of a contact spreads, as a share of the pixels' pitch (as on the twin).
 REACH = 0.8
@@ -37,7 +37,7 @@ class PadSensor:
     ----------
     model, data : MjModel, MjData
         Any model that has the pads' geoms, and its state.
-    pads : sequence of Pad
+    pads : sequence of Pad, or of TouchGrid
         One for each finger of the layout.
     layout : ArrayLayout
         Pixels and readout.
@@ -82,7 +82,7 @@ class PadSensor:
         model: mujoco.MjModel,
         data: mujoco.MjData,
         *,
-        pads: Sequence[Pad],
+        pads: Sequence[Pad | TouchGrid],
         layout: ArrayLayout = RIGID_LAYOUT,
         seed: int,
         sheet_seed: int | None = None,
@@ -146,7 +146,13 @@ class PadSensor:
     def attach(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Go on with the same pads in another model, or another state of it."""
         self.model, self.data = model, data
-        self._loads = PadLoads(model, pads=self._pads, layout=self.layout)
+        grids = [pad for pad in self._pads if isinstance(pad, TouchGrid)]
+        pads = [pad for pad in self._pads if isinstance(pad, Pad)]
+        self._loads: PadLoads | GridLoads = (
+            GridLoads(model, grids=grids, layout=self.layout)
+            if grids
+            else PadLoads(model, pads=pads, layout=self.layout)
+        )
         self._load_n = np.zeros(self.layout.pixels)
         self._felt_s = data.time
 
