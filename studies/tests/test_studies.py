@@ -18,13 +18,16 @@ from tests.pdf_fonts import check_fonts
 
 from palpate.plots.style import PAGE_WIDTH_IN, letter_panels, save_figure
 from palpate_studies import (
+    detection_limit,
     environment,
     fatigue,
     figure16,
     harvest,
+    noise,
     realism,
     ripeness,
     size,
+    slip,
     springs,
     stiffness,
     table1,
@@ -38,6 +41,7 @@ from palpate_studies.catalogue import BENCHMARKS, STUDIES
 from palpate_studies.report import StudyReport
 from palpate_studies.twin_session import Session, drawn
 
+NOISE_CHAINS = ("250 Hz, no filter", "250 Hz, median of 5", "250 Hz, notch 50 and 60 Hz")
 #: A unit in brackets, or a ratio that has none.
 UNIT = re.compile(r"\((%|N|ohm|mm|kPa|mV)[^)]*\)|G/G₀")
 REPORTS: dict[str, Callable[[], StudyReport]] = {
@@ -50,6 +54,11 @@ REPORTS: dict[str, Callable[[], StudyReport]] = {
     "figure16": lambda: figure16.report(1, grasps=2),
     "environment": lambda: environment.report(sensors=1, repeats=2),
     "fatigue": lambda: fatigue.report(sensors=1, cycles=40),
+    "noise": lambda: noise.report(
+        sensors=1, chains={name: noise.CHAINS[name] for name in NOISE_CHAINS}
+    ),
+    "detection-limit": lambda: detection_limit.report(sensors=1),
+    "slip": lambda: slip.report(events=4, hours=0.1),
     "table5": lambda: table5.report(sensors=1, repeats=1),
     "stiffness": lambda: stiffness.report(grasps=4),
     "size": lambda: size.report(sensors=1, first_sensor=300, berries=2),
@@ -130,6 +139,28 @@ def test_stiffer_sheet_changes_more_at_one_width() -> None:
 def test_suction_raises_resistance() -> None:
     change = np.array(payload("environment")["suction_change_percent"]["lab"])
     assert np.all(np.diff(change, axis=1) > 0)
+
+
+def test_median_removes_spikes_and_notch_removes_mains() -> None:
+    rms = {
+        (row["chain"], row["disturbance"]): row["rms_points"]
+        for row in payload("noise")["levels"]["lab"]
+    }
+    plain = "250 Hz, no filter"
+    assert rms["250 Hz, median of 5", "motor spikes"] < 0.1 * rms[plain, "motor spikes"]
+    assert rms["250 Hz, notch 50 and 60 Hz", "mains 60 Hz"] < 0.2 * rms[plain, "mains 60 Hz"]
+
+
+def test_own_noise_sees_less_force_than_the_fixed_threshold() -> None:
+    (fixed, own), *_ = payload("detection-limit")["weakest_n"]["lab, flat (springs)"]
+    assert 0.0 < own < fixed < 5.0
+
+
+def test_slip_is_seen_and_a_quiet_hold_raises_no_alarm() -> None:
+    for row in payload("slip")["summary"]:
+        assert row["seen"] == row["felt_before"]
+        assert row["called_before"] == 0
+    assert all(row["called"] == 0 for row in payload("slip")["quiet"])
 
 
 def test_every_cycle_grasps_the_same_object() -> None:

@@ -1,0 +1,161 @@
+"""The weakest force that is seen, and how linear readings are over the range."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.arrays import FloatArray
+from palpate.errors import CalibrationError
+from palpate.estimate.force import PowerForceLaw
+from palpate.signal.relative import CONTACT_PERCENT, finger_means, relative_change_percent
+from palpate_studies.contact_events import running_median
+from palpate_studies.equal_width import SEED
+from palpate_studies.report import StudyReport, Table, as_command
+from palpate_studies.rows import LEVELS
+from palpate_studies.twin_session import GAP_MM, STILL_S, Session, drawn, grasps
+
+SENSORS, SMOOTH = 6, 3
+#: Rest from which the noise is taken, and standard deviations that give about one false contact an
+#: hour at 15 Hz, were the noise normal.
+REST_S, FALSE_SD = 30.0, 4.2
+#: Steps of closing, mm, one second each, on a soft face and on a soft ball.
+STEP_MM, STEPS, DWELL_S = 0.04, 45, 1.0
+FACES = {"flat (springs)": "springs-2", "round (ball)": "ball-33lbs"}
+#: Linearity: closures on a stiff sheet, and the spans over which a line is tried.
+STIFF, CLOSURES_MM = "dragonskin-30", tuple(np.geomspace(0.3, 8.5, 18))
+SPANS_N = (2.0, 5.0, 10.0, 20.0, 30.0)
+
+
+def report(*, sensors: int = SENSORS) -> StudyReport:
+    """Find the weakest force that simulated sensors see, and how linear they are up to 30 N.
+
+    Example: palpate study detection-limit --out reports
+    """
+    limits = {
+        (level, face): np.array([weakest_n(sensor, name, level=level) for sensor in range(sensors)])
+        for level in LEVELS
+        for face, name in FACES.items()
+    }
+    ranges = {
+        level: [over_range(sensor, level=level) for sensor in range(sensors)] for level in LEVELS
+    }
+    bends = {level: np.array([_bends(*one) for one in ranges[level]]) for level in LEVELS}
+    rules = ("the paper's -10 %", f"{FALSE_SD:g} sd of its own noise")
+    return StudyReport(
+        name="detection-limit",
+        title="Weakest force seen, and linearity over the range",
+        provenance=[
+            f"Simulated: {sensors} sensors per level, 15 Hz, 10 bit; the hand closes by "
+            f"{STEP_MM:g} mm a second until a finger's mean change (median of {SMOOTH} frames) "
+            "crosses the threshold; force from the simulated load cell.",
+            "The paper has no such data (its future work). The twin's threshold of force per pixel "
+            "is an assumed range (0.05-0.2 N at `lab`, 0-0.1 N at `field`), which bounds these "
+            "figures from below.",
+            "Linearity: settled readings on a stiff sheet; largest distance from the best line "
+            "through all forces up to the span, in percent of the span. Power law: fitted up to "
+            "the span, its largest error in percent of the force, above a tenth of the span.",
+        ],
+        tables=[
+            Table(
+                title="Weakest force seen, N: median sensor (worst)",
+                columns=("face", "threshold", *LEVELS),
+                rows=[
+                    [face, rule, *(_cell(limits[level, face][:, column]) for level in LEVELS)]
+                    for face in FACES
+                    for column, rule in enumerate(rules)
+                ],
+            ),
+            Table(
+                title="Departure from a law, percent: median sensor (worst)",
+                columns=("law", "up to, N", *LEVELS),
+                rows=[
+                    [law, f"{span_n:g}", *(_cell(bends[level][:, row, column]) for level in LEVELS)]
+                    for row, law in enumerate(
+                        ("line in mean change", "line in summed excess", "power law in excess")
+                    )
+                    for column, span_n in enumerate(SPANS_N)
+                ],
+            ),
+        ],
+        payload={
+            "study": "detection-limit",
+            "origin": "twin",
+            "weakest_n": {f"{a}, {b}": _known(values) for (a, b), values in limits.items()},
+            "spans_n": list(SPANS_N),
+            "departure_percent": {level: [_known(one) for one in bends[level]] for level in LEVELS},
+        },
+    )
+
+
+command = as_command(report)
+
+
+def weakest_n(sensor: int, name: str, *, level: str) -> tuple[float, float]:
+    """Return the force at which each threshold is first crossed."""
+    session, obj = Session(sensor, level=level), drawn(name, seed=SEED)
+    session.place(obj)
+    session.close_to(obj.size_mm + GAP_MM)
+    session.world.clock.sleep_s(STILL_S)
+    rest = session.read(REST_S)
+    rest_ohm, fingers = rest.mean(axis=0), session.world.layout.finger_of_row
+
+    def lowest(ohm: FloatArray) -> FloatArray:
+        """Return the lower finger's smoothed mean change of each frame but the first ones."""
+        change = finger_means(
+            relative_change_percent(ohm, rest_ohm=rest_ohm), finger_of_row=fingers
+        )
+        return np.asarray(running_median(change, length=SMOOTH)[SMOOTH - 1 :].min(axis=1))
+
+    thresholds = (CONTACT_PERCENT, -FALSE_SD * float(np.std(lowest(rest))))
+    seen = [np.nan, np.nan]
+    for step in range(STEPS):
+        session.close_to(obj.size_mm - STEP_MM * (step + 1))
+        change, force_n = lowest(session.read(DWELL_S))[-1], session.cell.read_n()
+        for index, threshold in enumerate(thresholds):
+            if np.isnan(seen[index]) and change <= threshold:
+                seen[index] = force_n
+    return seen[0], seen[1]
+
+
+def over_range(sensor: int, *, level: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return force, mean change and summed excess over the range, in order of force."""
+    session, obj = Session(sensor, level=level, trial=1), drawn(STIFF, seed=SEED)
+    widths = [obj.size_mm - closure_mm for closure_mm in CLOSURES_MM]
+    made = [at[0] for at in grasps(session, obj, widths_mm=widths, repeats=1)]
+    made.sort(key=lambda reading: reading.force_n)
+    return (
+        np.array([r.force_n for r in made]),
+        np.array([r.mean_percent for r in made]),
+        np.array([r.excess for r in made]),
+    )
+
+
+def _bends(force_n: FloatArray, percent: FloatArray, excess: FloatArray) -> list[list[float]]:
+    """Return departures in percent, shape (laws, spans); NaN where a law can't be fitted."""
+    rows: list[list[float]] = [[], [], []]
+    for span_n in SPANS_N:
+        inside = (force_n <= span_n) & (excess > 0)
+        force = force_n[inside]
+        for row, reading in zip(rows, (percent[inside], excess[inside]), strict=False):
+            line = np.polyval(np.polyfit(reading, force, 1), reading)
+            row.append(float(100 * np.max(np.abs(line - force)) / span_n))
+        try:
+            fitted = PowerForceLaw.fit(excess[inside], force_n=force).force_n(excess[inside]).value
+            kept = force > 0.1 * span_n
+            rows[2].append(float(100 * np.max(np.abs(fitted / force - 1)[kept])))
+        except CalibrationError:
+            rows[2].append(np.nan)
+    return rows
+
+
+def _known(values: FloatArray) -> list[list[float | None]]:
+    """Return a table for JSON, which has no NaN."""
+    return [[float(v) if np.isfinite(v) else None for v in row] for row in values]
+
+
+def _cell(values: FloatArray) -> str:
+    found = values[np.isfinite(values)]
+    missing = f", {values.size - found.size} without" if found.size < values.size else ""
+    if not found.size:
+        return "none"
+    return f"{np.median(found):.2g} ({found.max():.2g}{missing})"

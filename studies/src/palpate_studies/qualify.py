@@ -1,0 +1,227 @@
+"""Ceiling of a real penetrometer, and coverage of `palpate qualify` on simulated ones."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from palpate.arrays import FloatArray
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.runner import run_grasp
+from palpate.holds.strict import read_table
+from palpate.produce.qualify.agreement import (
+    FIGURES,
+    Demand,
+    Estimate,
+    agreement_of,
+    measure,
+)
+from palpate.produce.qualify.readings import PairedReadings
+from palpate.produce.qualify.scatter import Scatter
+from palpate.rig.simulated import calibrated
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.objects import draw_object
+from palpate.twin.world import World
+from palpate_studies.report import StudyReport, Table, as_command
+from palpate_studies.rows import LEVELS
+
+#: Twin fruit of the pool, grasps of each, and the sensor's seed.
+ITEMS, GRASPS, SENSOR = 160, 2, 46
+KINDS = ("avocado-day-1", "avocado-day-2", "avocado-day-3", "avocado-day-4")
+#: Scatter of the simulated penetrometer between sides, ln N/mm: fine, as on the real apples beside
+#: their spread between items, and coarse.
+SIDE_SCATTERS = (0.1, 0.3, 1.0)
+#: Campaigns of each condition, and items of each campaign.
+CAMPAIGNS, CAMPAIGN_ITEMS = 60, 60
+#: Tolerance in ln N/mm, and in pound-force on the apples.
+TOLERANCE, APPLE_TOLERANCE_LBF = 0.3, 1.0
+#: Figures whose true value is known.
+CHECKED = ("r_squared", "r_squared_ceiling", "share_within", "share_within_ceiling")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pool:
+    """Twin fruit that were grasped: ln of the true stiffness, and of what each grasp measured."""
+
+    truth: FloatArray
+    grasps: FloatArray
+
+
+def report(
+    *,
+    apples: Annotated[
+        Path | None,
+        typer.Option(help="Real apples: columns side1_lbf and side2_lbf.", metavar="CSV"),
+    ] = None,
+    items: int = ITEMS,
+    campaigns: int = CAMPAIGNS,
+) -> StudyReport:
+    """Qualify a real penetrometer against itself, and grasps on the twin against simulated ones.
+
+    Example: palpate study qualify --apples apples_firmness.csv.gz
+    """
+    tables: list[Table] = []
+    payload: dict[str, Any] = {"study": "qualify", "summary": []}
+    if apples is not None:
+        found = agreement_of(side_pairs(apples), Demand(tolerance=APPLE_TOLERANCE_LBF))
+        payload["apples"] = {
+            name: {
+                end: value if math.isfinite(value := getattr(figure, end)) else None
+                for end in ("value", "low", "high")
+            }
+            for name, figure in found.figures.items()
+        }
+        tables.append(
+            Table(
+                title="One penetrometer against itself on the other side, 720 apples, 1 lbf (real)",
+                columns=("figure", "value", "90 % interval"),
+                rows=[
+                    (FIGURES[name], f"{figure.value:.2f}", f"{figure.low:.2f} to {figure.high:.2f}")
+                    for name, figure in found.figures.items()
+                ],
+            )
+        )
+    for level in LEVELS:
+        pool = grasp_pool(items, level=level)
+        for side_sd in SIDE_SCATTERS:
+            payload["summary"] += check(pool, side_sd, level=level, campaigns=campaigns)
+    tables.append(
+        Table.of(
+            "Grasps against simulated penetrometers (simulated)",
+            payload["summary"],
+            {
+                "level": "{level}",
+                "side scatter": "{side_sd:g}",
+                "figure": "{figure}",
+                "true": "{true:.2f}",
+                "median": "{median:.2f}",
+                "± half width": "{median_half_width:.2f}",
+                "coverage": "{coverage:.2f}",
+            },
+        )
+    )
+    return StudyReport(
+        name="qualify",
+        title="Agreement with a reference, and the ceiling that the reference sets",
+        provenance=[
+            "Apples: real, one penetrometer against itself on the other side of 720 apples.",
+            f"Twin: simulated; {items} avocados of four days, {GRASPS} grasps each, one sensor a "
+            f"level; {campaigns} campaigns of {CAMPAIGN_ITEMS} items drawn from them, each with "
+            "newly drawn scatter of a simulated penetrometer. The true figures come from 20 000 "
+            "readings of the pool.",
+        ],
+        tables=tables,
+        payload=payload,
+    )
+
+
+command = as_command(report)
+
+
+def side_pairs(path: Path) -> PairedReadings:
+    """Return the first side of each apple as the grasp, and both sides as the reference."""
+    columns = read_table(
+        path, columns={"side1_lbf": "number or empty", "side2_lbf": "number or empty"}
+    )
+    first, second = columns["side1_lbf"], columns["side2_lbf"]
+    number = np.arange(first.size)
+    return PairedReadings(
+        item=np.concatenate((number, number)),
+        reference=np.concatenate((second, first)),
+        grasp=np.concatenate((first, np.full(first.size, np.nan))),
+    )
+
+
+def grasp_pool(items: int, *, level: str) -> Pool:
+    """Grasp twin fruit, each twice; fruit without a stiffness at every grasp are left out."""
+    calibration = calibrated(seed=SENSOR, level=level, apart_from="")
+    truth, measured = [], []
+    for number in range(items):
+        random = np.random.default_rng([SENSOR, number])
+        fruit = draw_object(random, KINDS[number % len(KINDS)])
+        found = []
+        for grasp in range(GRASPS):
+            world = World(fruit, seed=1000 * number + grasp, sheet_seed=SENSOR, level=level)
+            gripper = TwinGripper(world)
+            result = run_grasp(
+                plan_grasp(calibration, gripper=gripper),
+                array=TwinArray(world),
+                gripper=gripper,
+                clock=world.clock,
+            )
+            found.append(_log_of(result.stiffness_n_per_mm))
+        if all(math.isfinite(value) for value in found):
+            truth.append(math.log(fruit.force_at_1mm_n))
+            measured.append(found)
+    return Pool(truth=np.array(truth), grasps=np.array(measured))
+
+
+def _log_of(measured: Measurement | None) -> float:
+    if measured is None or not measured.low > 0:
+        return math.nan
+    return 0.5 * (math.log(measured.low) + math.log(measured.high))
+
+
+def check(pool: Pool, side_sd: float, *, level: str, campaigns: int) -> list[dict[str, Any]]:
+    """Return how often the intervals of each figure cover its true value."""
+    demand = Demand(tolerance=TOLERANCE)
+    random = np.random.default_rng([SENSOR, round(1000 * side_sd)])
+    every = np.tile(np.arange(pool.truth.size), math.ceil(20_000 / pool.truth.size))
+    large = _campaign(pool, every, side_sd, random)
+    true = _true_figures(large, pool, side_sd, demand)
+    rows: dict[str, list[Estimate]] = {name: [] for name in CHECKED}
+    for _ in range(campaigns):
+        chosen = random.integers(pool.truth.size, size=CAMPAIGN_ITEMS)
+        found = agreement_of(_campaign(pool, chosen, side_sd, random), demand)
+        for name in CHECKED:
+            rows[name].append(found.figures[name])
+    return [
+        {
+            "level": level,
+            "side_sd": side_sd,
+            "figure": name,
+            "true": true[name],
+            "median": float(np.median([figure.value for figure in found_figures])),
+            "coverage": float(
+                np.mean([figure.low <= true[name] <= figure.high for figure in found_figures])
+            ),
+            "median_half_width": float(
+                np.median([(figure.high - figure.low) / 2.0 for figure in found_figures])
+            ),
+            "campaigns": campaigns,
+        }
+        for name, found_figures in rows.items()
+    ]
+
+
+def _campaign(
+    pool: Pool,
+    chosen: np.ndarray[Any, np.dtype[np.intp]],
+    side_sd: float,
+    random: np.random.Generator,
+) -> PairedReadings:
+    """Return two sides of each chosen item, both read by both instruments."""
+    sides = random.normal(0.0, side_sd, (chosen.size, GRASPS))
+    return PairedReadings(
+        item=np.repeat(np.arange(chosen.size), GRASPS),
+        reference=(pool.truth[chosen, None] + sides).ravel(),
+        grasp=pool.grasps[chosen].ravel(),
+    )
+
+
+def _true_figures(
+    large: PairedReadings, pool: Pool, side_sd: float, demand: Demand
+) -> dict[str, float]:
+    """Return the figures of endless readings; the ceiling from the scatter that was put in."""
+    exact = Scatter(between=float(pool.truth.std()), within=side_sd)
+    figures = measure(large, demand).figures
+    return {name: figure.value for name, figure in figures.items()} | {
+        "r_squared_ceiling": exact.repeatability,
+        "share_within_ceiling": exact.share_within(demand.tolerance),
+    }
