@@ -81,6 +81,10 @@ def report(*, sensors: int = SENSORS) -> StudyReport:
             "study": "detection-limit",
             "origin": "twin",
             "weakest_n": {f"{a}, {b}": _known(values) for (a, b), values in limits.items()},
+            "median_n": {
+                f"{level}, {face}": np.nanmedian(values, axis=0).tolist()
+                for (level, face), values in limits.items()
+            },
             "spans_n": list(SPANS_N),
             "departure_percent": {level: [_known(one) for one in bends[level]] for level in LEVELS},
         },

@@ -109,7 +109,7 @@ def report(*, sensors: int = SENSORS, chains: Mapping[str, Chain] = CHAINS) -> S
             "spikes of 0.5 V for 2 ms, 8 a second, on every wire. These sizes are assumptions; the "
             "paper has no such data (its future work).",
             "Delay: how much later contact (-10 %) is seen than without filter at 250 Hz. Errors "
-            "are against the noise-free signal.",
+            "are against the noise-free signal. A prediction starts at the contact.",
             "At 15 Hz, 60 Hz mains is seen as a constant (60 is a multiple of 15), which the rest "
             "values take out as long as the rate is exact, and 50 Hz as 5 Hz, which no notch can "
             "separate from the signal; a capacitor before the converter or a higher rate can.",
@@ -156,7 +156,8 @@ def _errors(holds: list[CleanHold], chain: Chain, disturbance: Disturbance) -> d
     for seed, clean in enumerate(holds):
         time_s, percent = _run(clean, chain, disturbance, seed=seed)
         truth = clean.percent(clean.ohm, clean.time_s)
-        held, seen = time_s > 2.0, (time_s >= 0) & (time_s <= CUTOFF_S)
+        touch_s = _find_touch_s(time_s, percent)
+        held, seen = time_s > 2.0, (time_s >= touch_s) & (time_s <= CUTOFF_S)
         rms = np.sqrt(np.mean((percent - np.interp(time_s, clean.time_s, truth))[held] ** 2))
         # Prediction costs with the number of samples and gains nothing beyond this many.
         thin = slice(None, None, max(1, int(seen.sum() // 60)))
@@ -173,6 +174,10 @@ def _delay_ms(clean: CleanHold, chain: Chain) -> float:
     seen = []
     for one in (chain, Chain()):
         time_s, percent = _run(clean, one, Disturbance())
-        after = time_s > 0
-        seen.append(time_s[after][np.argmax(percent[after] <= CONTACT_PERCENT)])
-    return float(1000 * (seen[0] - seen[1]))
+        seen.append(_find_touch_s(time_s, percent))
+    return 1000 * (seen[0] - seen[1])
+
+
+def _find_touch_s(time_s: FloatArray, percent: FloatArray) -> float:
+    after = time_s > 0
+    return float(time_s[after][np.argmax(percent[after] <= CONTACT_PERCENT)])
