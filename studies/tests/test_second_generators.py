@@ -10,7 +10,7 @@ from palpate.twin.crate import draw_crate
 from palpate.twin.sheet_state import SheetState
 from palpate.twin.velostat import draw_sheet
 from palpate.twin.world import World
-from palpate_studies import ripeness, size
+from palpate_studies import ripeness
 from palpate_studies.bruise_data import as_drawn
 from palpate_studies.force_control_world import task
 from palpate_studies.fruit_ranges import BRUISES
@@ -104,12 +104,6 @@ def test_things_to_grip_keep_size_and_target_and_lose_their_law() -> None:
         first, second = task(seed, level="lab"), task(seed, level="lab", second=True)
         assert second.obj.name == name
         assert (second.obj.size_mm, second.target_n) == (first.obj.size_mm, first.target_n)
-
-
-def test_size_states_that_it_ran_on_the_second_generator() -> None:
-    made = size.report(sensors=1, first_sensor=3, berries=1, second=True)
-    assert made.payload["second_generator"] is True
-    assert "skin" in " ".join(made.provenance)
 
 
 def test_items_of_the_second_population_have_a_skin_and_shells_do_not() -> None:

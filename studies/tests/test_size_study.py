@@ -27,26 +27,23 @@ def test_scores_of_sizes() -> None:
             berry=number,
             true_mm=35.0,
             published_mm=published,
-            same_steps=None,
-            ours=said(ours),
-            damaged=False,
-            damaged_by_same_steps=number == 0,
+            same_steps=said(ours),
+            damaged=number == 0,
             pressed_to_mm=33.5,
             steps=np.zeros(3),
         )
         for number, (published, ours) in enumerate([(36.0, 35.1), (34.0, 35.5), (35.0, 34.9)])
     ]
-    published, ours = size.scores(berries, "published"), size.scores(berries, "ours")
+    published, ours = size.scores(berries, "published"), size.scores(berries, "same_steps")
     assert published["rms_mm"] == pytest.approx(np.sqrt(2 / 3))
     assert published["within_1_mm"] == 1.0
     assert ours["coverage"] == pytest.approx(2 / 3)
     assert ours["worst_mm"] == pytest.approx(0.5)
-    assert size.scores(berries, "same_steps")["rms_mm"] is None
-    assert size.scores(berries, "same_steps")["damaged"] == 1
+    assert ours["damaged"] == 1
     # Contact was seen at 35, 33 and 34 mm, a step within the answers.
     assert deeper_mm(berries) == pytest.approx(0.5)
     # One sensor alone: there is no other to learn on.
-    assert size.scores(berries, "ridge")["answered"] == 0
+    assert size.scores(berries, "trees")["answered"] == 0
 
 
 def test_size_study_is_finite_and_says_simulated(tmp_path: Path) -> None:
@@ -55,7 +52,7 @@ def test_size_study_is_finite_and_says_simulated(tmp_path: Path) -> None:
     stored = json.loads((tmp_path / "size.json").read_text())
     assert stored["origin"] == "twin"
     assert [row["strawberries"] for row in stored["summary"]] == [2] * 2 * len(size.WAYS)
-    ours = [row for row in stored["summary"] if row["way"] == "ours"]
+    ours = [row for row in stored["summary"] if row["way"] == "same_steps"]
     assert all(row["rms_mm"] < 1.0 for row in ours)
     assert "Simulated" in (tmp_path / "size.md").read_text()
     assert (tmp_path / "figure14.png").stat().st_size > 10_000

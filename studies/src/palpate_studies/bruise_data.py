@@ -14,23 +14,21 @@ import numpy as np
 from palpate.produce.bruise.model import Example, Place
 from palpate.produce.bruise.shape import LoadShape, middle_of
 from palpate_studies.bruise_grasps import CLOSURE_MM, GAP_MM, OPEN_MM, ApplePress, press
-from palpate_studies.fruit_ranges import BRUISES, BRUISES_OFF_THE_BELT, SMALL_BRUISES, BruiseRanges
+from palpate_studies.fruit_ranges import BRUISES
 from palpate_studies.twin_apple import Apple, draw_apple
 from palpate_studies.twin_session import Session
 
-#: When the answer is given, seconds after the fingers close on: early, as the paper's, at the end.
-CUTOFFS_S, EARLY_S = (1.0, 2.5, 20.0), 2.5
+#: When the answer is given, seconds after the fingers close on.
+EARLY_S = 2.5
 #: How far the middle of the bruise lies from the middle of the fingers, at most, in both
 #: directions: the user presents the side in question and lays it as the twin lays everything
 #: (`off_centre` of `palpate.twin.ranges`: 0.6 of the pitch).
 PLACED_WITHIN_MM = 6.0
 #: A sensor's own idea of its class: sound apples, two sides of each.
 REFERENCE_APPLES, REFERENCE_SIDES_DEG = 8, (0.0, 90.0)
-#: Apples on one sensor, and sides gone through where nobody knows which is in question.
-APPLES_PER_SENSOR, SIDES_AROUND = 24, 5
+APPLES_PER_SENSOR = 24
 #: Sensors of one purpose never serve another.
-_FIRST_SENSOR = {"learn": 20_000, "test": 30_000, "small": 40_000, "off": 50_000, "around": 60_000}
-_RANGES = {"small": SMALL_BRUISES, "off": BRUISES_OFF_THE_BELT}
+_FIRST_SENSOR = {"learn": 20_000, "test": 30_000}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,10 +46,10 @@ class Examined:
     angle_deg : float
         The side in question, to the first finger.
     presses : mapping of str to ApplePress
-        ``before`` the bruise; ``now`` and ``again``, placed again; the ``other`` sides, a quarter
-        turn on; at the ``same_width`` as before; or ``0``, ``1``, ... around the fruit.
-    sound : mapping of float to Shape
-        Cut-off -> how the sensor's sound apples load it then.
+        ``before`` the bruise; ``now``, placed again; the ``other`` sides, a quarter turn on; at the
+        ``same_width`` as before.
+    sound : LoadShape
+        How the sensor's sound apples load it.
     """
 
     purpose: str
@@ -60,7 +58,7 @@ class Examined:
     apple: Apple
     angle_deg: float
     presses: Mapping[str, ApplePress]
-    sound: Mapping[float, LoadShape]
+    sound: LoadShape
 
     @property
     def bruised(self) -> bool:
@@ -82,19 +80,14 @@ class Examined:
         across_mm = (1 - 2 * finger) * angles_rad[finger] * self.apple.radius_mm
         return Place(finger=finger, along_mm=bruise.height_mm, across_mm=across_mm)
 
-    def example(self, cutoff_s: float, *, press_name: str = "now") -> Example:
-        """Return what is judged, and all that it may be held against, at a time of the hold."""
+    def example(self, cutoff_s: float) -> Example:
+        """Return what is judged, and all that it is compared with, at a time of the hold."""
         shapes = {name: one.shape(cutoff_s) for name, one in self.presses.items()}
-        against = {"class": self.sound[cutoff_s]}
+        against = {"class": self.sound}
         if "before" in shapes:
             against["history"] = shapes["before"]
-        others = [shape for name, shape in shapes.items() if name != press_name and name.isdigit()]
-        others = [shapes["other"]] if "other" in shapes else others
-        if others:
-            against["item"] = middle_of(others, with_width=True)
-        return Example(
-            shape=shapes[press_name], against=against, bruised=self.bruised, place=self.place
-        )
+        against["item"] = middle_of([shapes["other"]], with_width=True)
+        return Example(shape=shapes["now"], against=against, bruised=self.bruised, place=self.place)
 
 
 def as_drawn(apple: Apple) -> Apple:
@@ -115,7 +108,7 @@ def examine(
     Parameters
     ----------
     purposes : mapping of str to int
-        ``learn`` and ``test``; ``small`` and ``off`` (the belt), all of them bruised; ``around``.
+        ``learn`` and ``test``.
     levels : sequence of str
         Levels of the twin.
     seed : int
@@ -160,10 +153,7 @@ def _batch(
             ],
         )
     ]
-    classes = {
-        cutoff_s: middle_of([one.shape(cutoff_s) for one in sound], with_width=False)
-        for cutoff_s in CUTOFFS_S
-    }
+    classes = middle_of([one.shape(EARLY_S) for one in sound], with_width=False)
     return [
         _examined(session, purpose, level, sensor, index, sound=classes, remade=remade)
         for index in range(apples)
@@ -177,28 +167,26 @@ def _examined(
     sensor: int,
     index: int,
     *,
-    sound: Mapping[float, LoadShape],
+    sound: LoadShape,
     remade: Callable[[Apple], Apple],
 ) -> Examined:
     rng = np.random.default_rng([sensor, 2, index])
-    bruised = purpose in _RANGES or index % 2 == 1
-    apple = remade(draw_apple(rng, bruises=_ranges(purpose) if bruised else None))
+    near = replace(BRUISES, height_mm=(-PLACED_WITHIN_MM, PLACED_WITHIN_MM))
+    apple = remade(draw_apple(rng, bruises=near if index % 2 == 1 else None))
     angle_deg = rng.uniform(0.0, 360.0)
-    if apple.bruise is not None and purpose != "around":
+    if apple.bruise is not None:
         beside_mm = rng.uniform(-PLACED_WITHIN_MM, PLACED_WITHIN_MM)
         angle_deg = apple.bruise.angle_deg + math.degrees(beside_mm / apple.radius_mm)
         angle_deg += 180.0 * rng.integers(2)
     before = replace(apple, bruise=None)
-    turned = {"before": (before, angle_deg), "now": (apple, angle_deg)}
-    if purpose in ("learn", "test"):
-        turned["other"] = (apple, angle_deg + 90.0)
+    turned = {
+        "before": (before, angle_deg),
+        "now": (apple, angle_deg),
+        "other": (apple, angle_deg + 90.0),
+    }
     if purpose == "test":
+        # Not judged: it keeps the load history of the sheet as in the stored results.
         turned["again"] = (apple, angle_deg)
-    if purpose == "around":
-        turned = {
-            str(turn): (apple, angle_deg + 180.0 * turn / SIDES_AROUND)
-            for turn in range(SIDES_AROUND)
-        }
     made = dict(zip(turned, _presses(session, list(turned.values())), strict=True))
     if purpose == "test":
         made["same_width"] = press(
@@ -214,14 +202,6 @@ def _examined(
         presses=made,
         sound=sound,
     )
-
-
-def _ranges(purpose: str) -> BruiseRanges:
-    """Return the ranges of a purpose; a side in question has its bruise near its middle."""
-    ranges = _RANGES.get(purpose, BRUISES)
-    if purpose in ("off", "around"):
-        return ranges
-    return replace(ranges, height_mm=(-PLACED_WITHIN_MM, PLACED_WITHIN_MM))
 
 
 def _presses(session: Session, turned: Sequence[tuple[Apple, float]]) -> list[ApplePress]:

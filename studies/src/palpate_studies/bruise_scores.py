@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import TypeAlias
 
 import numpy as np
@@ -13,14 +12,12 @@ from scipy.stats import rankdata
 from palpate.arrays import FloatArray
 from palpate.errors import needing
 from palpate.produce.bruise.model import REFERENCES, BruiseModel, learn_bruises
-from palpate.produce.bruise.shape import contrast, finger_contrast, slopes
+from palpate.produce.bruise.shape import contrast
 from palpate_studies.bootstrap import bootstrap_interval
-from palpate_studies.bruise_data import CUTOFFS_S, EARLY_S, SIDES_AROUND, Examined
+from palpate_studies.bruise_data import EARLY_S, Examined
 from palpate_studies.protocol.paired import Difference, IntArray, drawn_difference
 
-#: Ways that need no learning: the paper's mean over all pixels after 20 s.
-THRESHOLD = "threshold on the 20 s mean"
-CHANGE = "change of the 20 s mean since before, closed by contact"
+#: The way that needs no learning: the paper's mean over all pixels after 20 s.
 SAME_WIDTH = "change of the 20 s mean since before, at one width (the paper's way)"
 #: Of what is reported as ours.
 EARLIER, KIND, FIRST_MET = "history+class", "class", "class+item"
@@ -100,25 +97,20 @@ def area_lost(ours: Scored, rival: Scored) -> Difference:
     return drawn_difference(of, ours.sensors)
 
 
-def models_of(learned: Sequence[Examined], *, level: str) -> dict[float, BruiseModel]:
-    """Learn a model for each cut-off."""
+def model_of(learned: Sequence[Examined], *, level: str) -> BruiseModel:
+    """Learn a model of early readings."""
     sensors = len({one.sensor for one in learned})
     source = f"{len(learned)} simulated apples on {sensors} simulated sensors, level {level}"
-    return {
-        cutoff_s: learn_bruises([one.example(cutoff_s) for one in learned], learned_on=source)
-        for cutoff_s in CUTOFFS_S
-    }
+    return learn_bruises([one.example(EARLY_S) for one in learned], learned_on=source)
 
 
 #: Reference -> contrasts of every side to it, shape (sides, 17).
 Felt: TypeAlias = Mapping[str, FloatArray]
 
 
-def felt_of(
-    examined: Sequence[Examined], *, cutoff_s: float = EARLY_S, press_name: str = "now"
-) -> Felt:
+def felt_of(examined: Sequence[Examined]) -> Felt:
     """Return what one grasp of each side is judged by."""
-    examples = [one.example(cutoff_s, press_name=press_name) for one in examined]
+    examples = [one.example(EARLY_S) for one in examined]
     return {
         name: np.array([contrast(one.shape, one.against[name]) for one in examples])
         for name in REFERENCES
@@ -136,35 +128,23 @@ def _numbers(felt: Felt, names: str) -> FloatArray:
 
 
 def score_all(
-    tested: Sequence[Examined],
-    models: Mapping[float, BruiseModel],
-    *,
-    learned: Sequence[Examined],
+    tested: Sequence[Examined], model: BruiseModel, *, learned: Sequence[Examined]
 ) -> dict[str, Scored]:
     """Return the scores of every way on the test apples; way -> scores."""
-    means = {
-        name: np.array([one.presses[name].mean_percent for one in tested])
-        for name in ("before", "now", "same_width")
-    }
+    change = [
+        one.presses["same_width"].mean_percent - one.presses["before"].mean_percent
+        for one in tested
+    ]
+    felt, known = felt_of(tested), felt_of(learned)
+    bruised = [one.bruised for one in learned]
     scores = {
-        THRESHOLD: means["now"],
-        CHANGE: means["now"] - means["before"],
-        SAME_WIDTH: means["same_width"] - means["before"],
+        SAME_WIDTH: np.array(change),
+        **{way(names): log_odds(felt, model, names) for names in (EARLIER, KIND, "item")},
+        **{
+            name: _by_trees(_numbers(known, names), bruised, _numbers(felt, names))
+            for names, name in TREES.items()
+        },
     }
-    felt = {cutoff_s: felt_of(tested, cutoff_s=cutoff_s) for cutoff_s in CUTOFFS_S}
-    again = felt_of(tested, press_name="again")
-    for size in range(1, len(REFERENCES) + 1):
-        for chosen in combinations(REFERENCES, size):
-            names = "+".join(chosen)
-            scores[way(names, EARLY_S)] = log_odds(felt[EARLY_S], models[EARLY_S], names)
-    for names in (KIND, EARLIER):
-        for cutoff_s in CUTOFFS_S:
-            scores[way(names, cutoff_s)] = log_odds(felt[cutoff_s], models[cutoff_s], names)
-        both = [log_odds(one, models[EARLY_S], names) for one in (felt[EARLY_S], again)]
-        scores[f"{way(names, EARLY_S)}, two grasps"] = np.mean(both, axis=0)
-    known, bruised = felt_of(learned), [one.bruised for one in learned]
-    for names, name in TREES.items():
-        scores[name] = _by_trees(_numbers(known, names), bruised, _numbers(felt[EARLY_S], names))
     return {name: scored(tested, score) for name, score in scores.items()}
 
 
@@ -178,9 +158,9 @@ def _by_trees(learned: FloatArray, bruised: Sequence[bool], tested: FloatArray) 
     return np.asarray(trees.fit(learned, bruised).decision_function(tested))
 
 
-def way(names: str, cutoff_s: float) -> str:
-    """Return how one of our ways is called."""
-    return f"ours against {names.replace('+', ' and ')}, {cutoff_s:g} s"
+def way(names: str) -> str:
+    """Return the name of palpate's judgement against some references."""
+    return f"ours against {names.replace('+', ' and ')}, {EARLY_S:g} s"
 
 
 def scored(examined: Sequence[Examined], score: FloatArray) -> Scored:
@@ -190,41 +170,3 @@ def scored(examined: Sequence[Examined], score: FloatArray) -> Scored:
         score=score,
         sensors=[str(one.sensor) for one in examined],
     )
-
-
-def around(examined: Sequence[Examined], model: BruiseModel) -> Scored:
-    """Return the scores of apples whose bruised side nobody knows: their most suspicious one."""
-    each = [
-        log_odds(felt_of(examined, press_name=str(turn)), model, FIRST_MET)
-        for turn in range(SIDES_AROUND)
-    ]
-    return scored(examined, np.max(each, axis=0))
-
-
-def locate(examined: Sequence[Examined], model: BruiseModel) -> dict[str, float] | None:
-    """Return how often the finger is right, and the error of the place on the right finger.
-
-    `spread_mm` is how far off it would be if the middle of the finger were always named. None where
-    too few were learned from to name places.
-    """
-    if "history" not in model.locators:
-        return None
-    locator, right, off_mm, spread_mm = model.locators["history"], [], [], []
-    for one in examined:
-        if one.place is None:
-            continue
-        example = one.example(EARLY_S)
-        reference = example.against["history"]
-        second = locator.finger.log_odds(finger_contrast(example.shape, reference)) > 0
-        right.append(second == (one.place.finger == 1))
-        sign = 1 - 2 * one.place.finger
-        found_mm = sign * slopes(example.shape, reference) * np.array(locator.mm_per_slope)
-        true_mm = np.array([one.place.along_mm, one.place.across_mm])
-        off_mm.append(float(np.hypot(*(found_mm - true_mm))))
-        spread_mm.append(float(np.hypot(*true_mm)))
-    return {
-        "bruised": len(right),
-        "finger_right": float(np.mean(right)),
-        "median_off_mm": float(np.median(off_mm)),
-        "median_spread_mm": float(np.median(spread_mm)),
-    }

@@ -54,10 +54,6 @@ class BruiseRanges:
 
 APPLES = AppleRanges()
 BRUISES = BruiseRanges()
-#: Below what grades limit: reported apart.
-SMALL_BRUISES = replace(BRUISES, diameter_mm_log=(4.0, 11.3))
-#: Beyond the belt that fingers touch: reported apart; the belt is not the fruit.
-BRUISES_OFF_THE_BELT = replace(BRUISES, height_mm=(12.0, 25.0))
 #: One side dropped on cement (paper, section 4.3): a bruise at the large end of the ranges.
 DROPPED = replace(BRUISES, diameter_mm_log=(25.0, 30.0), height_mm=(-2.0, 2.0))
 

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from palpate_studies.baselines.told_everything import LEARNERS, RIDGE, TREES
-from palpate_studies.other_things import other_thing
+from palpate_studies.baselines.told_everything import LEARNERS, TREES
 from palpate_studies.protocol.paired import compare, rms
-from palpate_studies.report import SecondOption, StudyReport, Table, as_command
+from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
 from palpate_studies.size_grasps import Sized, deeper_mm, errors_mm, measured, sized
 
@@ -21,24 +20,16 @@ if TYPE_CHECKING:
 #: Paper, section 4.1: ten strawberries of 31-41 mm; root mean square and mean percent error.
 BERRIES = 10
 PUBLISHED = {"rms_mm": 0.89, "mean_error_percent": 2.2, "within_1_mm": 1.0}
-#: Seeds of the first sensor of each generator, written down before anything was scored on them.
-#: Looked at before, with their figures on the scoreboard: 20_000 on, 98_000 to 98_049, and of the
-#: second generator 96_000 to 96_002 and 98_500 to 98_519.
-FIRST_SENSOR, SECOND_SENSOR = 99_000, 99_500
-_SECOND = (
-    "Second generator: their sizes and strengths, but a third each with a skin on softer flesh and "
-    "a core, of foam (exponent 2.5), and of dough that loses half of its force."
-)
+#: Seed of the first sensor, fixed before anything was scored on it.
+FIRST_SENSOR = 99_000
 WAYS = {
     "published": "Figure 13: the previous width",
     "without_bias": "Figure 13, plus a constant learned on other sensors",
     "same_steps": "ours, no step finer than 1 mm",
-    RIDGE: f"{LEARNERS[RIDGE]} that this read, learned on other sensors",
-    TREES: f"{LEARNERS[TREES]}, the same",
-    "ours": "ours, finer steps after the first hint",
+    TREES: f"{LEARNERS[TREES]} that this read, trained on other sensors",
 }
-#: Those that are ours and have an interval.
-OURS = ("same_steps", "ours")
+#: palpate's way, with an interval.
+OURS = "same_steps"
 
 
 def report(
@@ -46,20 +37,15 @@ def report(
     sensors: Annotated[
         int, typer.Option(help=f"Sensors of each level; {BERRIES} strawberries on each.", min=1)
     ] = 2,
-    second: SecondOption = False,
-    first_sensor: int | None = None,
+    first_sensor: int = FIRST_SENSOR,
     berries: int = BERRIES,
 ) -> StudyReport:
     """Size simulated strawberries as the paper does and as ours does, compared with Figure 14.
 
     Example: palpate study size --out reports
     """
-    first = (SECOND_SENSOR if second else FIRST_SENSOR) if first_sensor is None else first_sensor
-    seeds = range(first, first + sensors)
-    remade = (lambda berry, number: other_thing(berry, number=number)) if second else None
-    found = {
-        level: list(sized(level, sensors=seeds, berries=berries, remade=remade)) for level in LEVELS
-    }
+    seeds = range(first_sensor, first_sensor + sensors)
+    found = {level: list(sized(level, sensors=seeds, berries=berries)) for level in LEVELS}
     summary = [
         {"level": level, "way": way, **scores(found[level], way)}
         for level in LEVELS
@@ -70,8 +56,7 @@ def report(
         title="Figure 14: size of strawberries in steps of 1 mm (simulated)",
         provenance=[
             f"Simulated: {berries} strawberries of 31-41 mm on each of {sensors} sensors per "
-            f"level, first seed {first}; each strawberry three times on the same spot.",
-            *([_SECOND] if second else []),
+            f"level, first seed {first_sensor}; each strawberry twice on the same spot.",
             "Published: section 4.1, ten strawberries. Sizes to the nearest mm and widths in whole "
             "mm leave errors of -1, 0 and 1 alone: a root mean square of 0.89 means eight of ten "
             "off by 1 mm. So the row `to the nearest mm` is the one to compare it with.",
@@ -87,7 +72,6 @@ def report(
             "study": "size",
             "origin": "twin",
             "published": PUBLISHED,
-            "second_generator": second,
             "summary": summary,
             "deeper_mm": {level: deeper_mm(found[level]) for level in LEVELS},
             "compared": [row for level in LEVELS for row in _compared(level, found[level])],
@@ -103,7 +87,7 @@ def scores(found: Sequence[Sized], way: str) -> dict[str, Any]:
     """Return how large the errors of one way are, and what its intervals cover."""
     error, rounded = errors_mm(found, way), nearest_mm(found, way)
     error = error[np.isfinite(error)]
-    pairs = measured(found, way) if way in OURS else []
+    pairs = measured(found) if way == OURS else []
     inside = [value.low <= true_mm <= value.high for value, true_mm in pairs]
     half = [0.5 * (value.high - value.low) for value, _ in pairs]
     true_mm = np.array([one.true_mm for one in found])
@@ -120,35 +104,22 @@ def scores(found: Sequence[Sized], way: str) -> dict[str, Any]:
         else None,
         "coverage": float(np.mean(inside)) if inside else None,
         "median_half_width_mm": float(np.median(half)) if half else None,
-        "damaged": {
-            "ours": sum(one.damaged for one in found),
-            "same_steps": sum(one.damaged_by_same_steps for one in found),
-        }.get(way),
+        "damaged": sum(one.damaged for one in found) if way == OURS else None,
     }
 
 
 def _compared(level: str, found: Sequence[Sized]) -> list[dict[str, Any]]:
     """Return the RMS error of ours less that of each other way on the same fruit, by sensor."""
-    both = [
-        one
-        for one in found
-        if None not in (one.ours, one.same_steps) and np.isfinite(one.published_mm)
-    ]
+    both = [one for one in found if one.same_steps is not None and np.isfinite(one.published_mm)]
     of, lost = [str(one.sensor) for one in both], {way: errors_mm(both, way) for way in WAYS}
-    rivals = {way: e for way, e in lost.items() if way not in OURS and np.isfinite(e).all()}
-    return [
-        row
-        for way in OURS
-        for row in compare(
-            {way: lost[way], **rivals}, of, ours=way, statistic=rms, level=level, way=way
-        )
-    ]
+    finite = {way: e for way, e in lost.items() if way == OURS or np.isfinite(e).all()}
+    return compare(finite, of, ours=OURS, statistic=rms, level=level, way=OURS)
 
 
 def nearest_mm(found: Sequence[Sized], way: str) -> np.ndarray:
     """Return the errors as the paper saw them: estimate and caliper both in whole millimetres."""
-    if way in OURS:
-        pairs = [(value.middle, true_mm) for value, true_mm in measured(found, way)]
+    if way == OURS:
+        pairs = [(value.middle, true_mm) for value, true_mm in measured(found)]
     else:
         pairs = [
             (true_mm + error, true_mm)
@@ -208,7 +179,7 @@ def draw(found: Mapping[str, Sequence[Sized]], *, shown: int) -> Figure:
             printed = [one.published_mm for one in some]
             true_mm = [one.true_mm for one in some]
             axis.plot(true_mm, printed, square, color=grey, label="published way (Figure 13)")
-            ours = measured(some, "ours")
+            ours = measured(some)
             axis.errorbar(
                 [true for _, true in ours],
                 [one.middle for one, _ in ours],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -46,11 +46,10 @@ class Sized:
         Its extent along the closing axis.
     published_mm : float
         The previous width, as in the paper's Figure 13; NaN where contact was never seen.
-    same_steps, ours : Measurement or None
-        Our estimate from closing in the paper's steps, and from the usual grasp.
-    damaged, damaged_by_same_steps : bool
-        Whether our usual grasp, and the one that gave `same_steps`, pressed it beyond its yield
-        force.
+    same_steps : Measurement or None
+        palpate's estimate from closing in the paper's steps.
+    damaged : bool
+        Whether that grasp pressed it beyond its yield force.
     pressed_to_mm : float
         Least width of the grasp that gave `same_steps`.
     steps : ndarray, shape (numbers,)
@@ -62,40 +61,27 @@ class Sized:
     true_mm: float
     published_mm: float
     same_steps: Measurement | None
-    ours: Measurement | None
     damaged: bool
-    damaged_by_same_steps: bool
     pressed_to_mm: float
     steps: FloatArray
 
 
-def sized(
-    level: str,
-    *,
-    sensors: Sequence[int],
-    berries: int,
-    remade: Callable[[TwinObject, int], TwinObject] | None = None,
-) -> Iterator[Sized]:
-    """Size `berries` strawberries on each sensor of a level, each three times.
-
-    `remade`: takes a strawberry and its number and returns a thing of another form.
-    """
+def sized(level: str, *, sensors: Sequence[int], berries: int) -> Iterator[Sized]:
+    """Size `berries` strawberries on each sensor of a level, each in both ways."""
     for sensor in sensors:
         calibration = calibrated(seed=sensor, level=level, apart_from="strawberry")
         for berry in range(berries):
             obj = draw_object(np.random.default_rng([sensor, berry, 31]), "strawberry")
-            obj = obj if remade is None else remade(obj, berry)
             yield _sized(obj, level=level, sensor=sensor, berry=berry, calibration=calibration)
 
 
 def _sized(
     obj: TwinObject, *, level: str, sensor: int, berry: int, calibration: Calibration
 ) -> Sized:
-    coarse, fine = (_faced(obj, level, sensor, berry) for _ in range(2))
+    coarse = _faced(obj, level, sensor, berry)
     plan = replace(plan_grasp(calibration, gripper=coarse.gripper), **SAME_STEPS)
     seen = list[Observation]()
     same_steps = _grasped(coarse, plan, seen)
-    ours = _grasped(fine, plan_grasp(calibration, gripper=fine.gripper))
     # Driven by width: the calibration always knows how the fingers give way.
     assert plan.give is not None
     return Sized(
@@ -104,9 +90,7 @@ def _sized(
         true_mm=obj.size_mm,
         published_mm=previous_width_mm(_faced(obj, level, sensor, berry)),
         same_steps=same_steps,
-        ours=ours,
-        damaged=fine.world.truth().damaged,
-        damaged_by_same_steps=coarse.world.truth().damaged,
+        damaged=coarse.world.truth().damaged,
         pressed_to_mm=narrowest_mm(seen),
         steps=last_steps(seen, plan=plan, give=plan.give),
     )
@@ -134,9 +118,7 @@ def previous_width_mm(session: Session) -> float:
     return float("nan")
 
 
-def _grasped(
-    session: Session, plan: Plan, seen: list[Observation] | None = None
-) -> Measurement | None:
+def _grasped(session: Session, plan: Plan, seen: list[Observation]) -> Measurement | None:
     """Grasp what it faces and return the size that was found; `seen` gathers the readings."""
     result = uninterrupted(
         run_grasp(
@@ -144,7 +126,7 @@ def _grasped(
             array=TwinArray(session.world),
             gripper=session.gripper,
             clock=session.world.clock,
-            subscribers=[] if seen is None else [seen.append],
+            subscribers=[seen.append],
         )
     )
     return result.size_mm
@@ -166,7 +148,7 @@ def errors_mm(found: Sequence[Sized], way: str) -> FloatArray:
         seen = [one for one in found if np.isfinite(one.published_mm)]
         errors = np.array([one.published_mm - one.true_mm for one in seen], dtype=float)
         return errors if way == "published" else without_bias(errors, [one.sensor for one in seen])
-    return np.array([m.middle - true_mm for m, true_mm in measured(found, way)], dtype=float)
+    return np.array([m.middle - true_mm for m, true_mm in measured(found)], dtype=float)
 
 
 def _learned_errors_mm(found: Sequence[Sized], learner: str) -> FloatArray:
@@ -182,7 +164,6 @@ def _learned_errors_mm(found: Sequence[Sized], learner: str) -> FloatArray:
     return np.asarray(pressed_to_mm + thinner_mm - true_mm)
 
 
-def measured(found: Sequence[Sized], way: str) -> list[tuple[Measurement, float]]:
-    """Return each of our estimates with the true size: `same_steps` or `ours`."""
-    pairs = [(getattr(one, way), one.true_mm) for one in found]
-    return [(value, true_mm) for value, true_mm in pairs if value is not None]
+def measured(found: Sequence[Sized]) -> list[tuple[Measurement, float]]:
+    """Return each estimate of palpate with the true size."""
+    return [(one.same_steps, one.true_mm) for one in found if one.same_steps is not None]
