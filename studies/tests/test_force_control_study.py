@@ -11,10 +11,9 @@ from palpate.twin.friction import N_PER_G
 from palpate.twin.objects import FRICTION
 from palpate.twin.world import GripperKind
 from palpate_studies.baselines.learned_loop import LOOPS, _taught, learned_laws, learned_loop
-from palpate_studies.baselines.paper_loop import EXPONENTIAL, paper_loop
+from palpate_studies.baselines.paper_loop import WAITS_S, paper_loop
 from palpate_studies.baselines.told_everything import RIDGE
 from palpate_studies.force_control import compared, judge, scores
-from palpate_studies.force_control_baselines import best_fixed, chosen_extra
 from palpate_studies.force_control_grasps import UNLIMITED, Gripped, ours
 from palpate_studies.force_control_world import (
     TARGETS_N,
@@ -129,11 +128,11 @@ def test_percentages_are_also_given_of_everything_that_was_to_be_gripped() -> No
 
 
 def test_the_papers_line_as_feedback_says_the_target_where_it_stops() -> None:
-    found = paper_loop(task(700_000, level="lab"), EXPONENTIAL)
+    found = paper_loop(task(700_000, level="lab"))
     assert found.on_target_s is not None
     assert found.said_n == pytest.approx(found.task.target_n, rel=0.05)
     assert found.force_n == pytest.approx(found.task.target_n, rel=0.4)
-    assert found.on_target_s > EXPONENTIAL.waits_s
+    assert found.on_target_s > WAITS_S
 
 
 def test_a_learned_law_is_feedback_on_sensors_that_it_never_saw() -> None:
@@ -148,13 +147,6 @@ def test_a_learned_law_is_feedback_on_sensors_that_it_never_saw() -> None:
     rows = _taught(task(700_000, level="lab"))
     assert 1 <= len(rows) <= 13
     assert all(abs(log) < 1.0 for _, log in rows)
-
-
-def test_a_fixed_closing_is_not_scored_on_what_it_was_chosen_on() -> None:
-    chosen = chosen_extra([task(0, level="lab")])
-    with pytest.raises(SeenBeforeError, match="lab 0 was used"):
-        best_fixed(task(0, level="lab"), chosen)
-    assert best_fixed(task(1, level="lab"), chosen).method == "best fixed extra closing"
 
 
 def test_ours_is_compared_on_the_things_that_both_gripped() -> None:

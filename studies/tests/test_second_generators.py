@@ -12,8 +12,8 @@ from palpate.twin.velostat import draw_sheet
 from palpate.twin.world import World
 from palpate_studies import ripeness
 from palpate_studies.bruise_data import as_drawn
-from palpate_studies.force_control_world import task
 from palpate_studies.fruit_ranges import BRUISES
+from palpate_studies.grasp_cycles import Sample
 from palpate_studies.other_crates import other_item
 from palpate_studies.other_fruit import WAYS, CorkyPatch, corky, other_avocado
 from palpate_studies.other_sheets import OtherSheet, other_sheet
@@ -99,11 +99,14 @@ def test_a_world_takes_the_sheet_that_it_is_given() -> None:
     assert second.sheet.rest_ohm.tolist() == first.sheet.rest_ohm.tolist()
 
 
-def test_things_to_grip_keep_size_and_target_and_lose_their_law() -> None:
+def test_objects_to_grasp_keep_their_size_and_lose_their_law() -> None:
     for seed, name in ((960_000, "layered"), (960_001, "foam"), (960_002, "dough")):
-        first, second = task(seed, level="lab"), task(seed, level="lab", second=True)
-        assert second.obj.name == name
-        assert (second.obj.size_mm, second.target_n) == (first.obj.size_mm, first.target_n)
+        first, second = (
+            Sample(seed=seed, level="lab", kind="rigid", second=other).obj()
+            for other in (False, True)
+        )
+        assert second.name == name
+        assert second.size_mm == first.size_mm
 
 
 def test_items_of_the_second_population_have_a_skin_and_shells_do_not() -> None:

@@ -1,4 +1,4 @@
-"""A study that is told to stop ends as a whole."""
+"""A study that is stopped ends as a whole."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_a_signal_ends_the_study_with_the_hand_safe(
     monkeypatch.setattr(force_control_grasps, "TwinGripper", Gripper)
     tasks = [task(seed, level="lab") for seed in (8, 9)]
     with pytest.raises(KeyboardInterrupt):
-        list(gripped(tasks, damage=learned_damage(seed=1), extra={}, laws={}))
+        list(gripped(tasks, damage=learned_damage(seed=1), laws={}))
     assert len(worlds) == 1
     assert not worlds[0].state().moving
     assert signal.getsignal(number) is before

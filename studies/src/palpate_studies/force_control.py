@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -10,9 +10,8 @@ import typer
 from scipy.stats import beta
 
 from palpate_studies.baselines.learned_loop import LOOPS, Laws, learned_laws, learned_loop
-from palpate_studies.baselines.paper_loop import EXPONENTIAL, PATIENT, paper_loop
-from palpate_studies.force_control_baselines import best_fixed, by_current, chosen_extra
-from palpate_studies.force_control_grasps import NEAR, UNLIMITED, Gripped, ours, unlimited, waiting
+from palpate_studies.baselines.paper_loop import paper_loop
+from palpate_studies.force_control_grasps import NEAR, UNLIMITED, Gripped, ours, unlimited
 from palpate_studies.force_control_world import (
     GRASPS_PER_SHEET,
     PRESSED,
@@ -22,28 +21,14 @@ from palpate_studies.force_control_world import (
     task,
 )
 from palpate_studies.protocol.paired import compare
-from palpate_studies.protocol.parts import Learned
-from palpate_studies.report import SecondOption, StudyReport, Table, as_command
+from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS, mean, median
 
 if TYPE_CHECKING:
     from palpate.estimate.damage import DamageModel
-    from palpate.twin.world import GripperKind
 
-#: The first seed of the shown grasps of each generator, written down before anything was scored on
-#: them. Looked at before: 800_000 on and 840_000 on, and of the second generator 960_000 on.
-FIRST_SEED, SECOND_SEED = 870_000, 966_000
-_SECOND = (
-    "Second generator: the things described next, but a third each with a skin on softer flesh and "
-    "a core, of foam (exponent 2.5), and of dough that loses half of its force; so are those that "
-    "the damage limit is learned from. The strongest rival alone."
-)
-#: Things that the slow ways are tried on: waiting takes them minutes each.
-COMPARED = 40
-#: Things that ours grips without its damage limit too.
-UNLIMITED_ON = 200
-#: Seeds that the best fixed closing is chosen on; none of them is shown.
-CHOOSING_SEED, CHOSEN_ON = 1_500_000, 24
+#: The first seed of the shown grasps, fixed before anything was scored on them.
+FIRST_SEED = 870_000
 #: Seeds that the learners learn from; none of them is shown.
 LEARNING_SEED, LEARNED_FROM = 1_600_000, 240
 
@@ -51,72 +36,30 @@ LEARNING_SEED, LEARNED_FROM = 1_600_000, 240
 def report(
     *,
     grasps: Annotated[int, typer.Option(help="Things gripped at each level.", min=1)] = 8,
-    second: SecondOption = False,
 ) -> StudyReport:
     """Grip random things to a force, lift them, and count what was missed, dropped and damaged.
 
     Example: palpate study force-control --grasps 100 --out reports
     """
     found = list[Gripped]()
-    first = SECOND_SEED if second else FIRST_SEED
-    damage = learned_damage(seed=first, second=second)
+    damage = learned_damage(seed=FIRST_SEED)
     for level in LEVELS:
-        seeds = range(first, first + grasps)
-        tasks = [task(seed, level=level, second=second) for seed in seeds]
-        taught = range(LEARNING_SEED, LEARNING_SEED + LEARNED_FROM)
-        laws = learned_laws([task(seed, level=level, second=second) for seed in taught])
-        if second:
-            found += against_the_strongest(tasks, damage=damage, laws=laws)
-        else:
-            extra = chosen_for(tasks, level=level)
-            found += gripped(tasks, damage=damage, extra=extra, laws=laws)
-    return judge(found, second=second)
+        tasks = [task(seed, level=level) for seed in range(FIRST_SEED, FIRST_SEED + grasps)]
+        training = range(LEARNING_SEED, LEARNING_SEED + LEARNED_FROM)
+        laws = learned_laws([task(seed, level=level) for seed in training])
+        found += gripped(tasks, damage=damage, laws=laws)
+    return judge(found)
 
 
 command = as_command(report)
 
 
-def chosen_for(tasks: Sequence[Task], *, level: str) -> Mapping[GripperKind, Learned[float]]:
-    """Choose the best fixed closing for each kind of hand among the tasks, on other seeds."""
-    choosing = [
-        task(seed, level=level) for seed in range(CHOOSING_SEED, CHOOSING_SEED + 4 * CHOSEN_ON)
-    ]
-    return {
-        kind: chosen_extra([one for one in choosing if one.kind == kind][:CHOSEN_ON])
-        for kind in dict.fromkeys(one.kind for one in tasks)
-    }
-
-
-def gripped(
-    tasks: Sequence[Task],
-    *,
-    damage: DamageModel,
-    extra: Mapping[GripperKind, Learned[float]],
-    laws: Laws,
-) -> Iterator[Gripped]:
-    """Grip every task by ours and by each quick rival; the first ones by the slow ways too."""
-    for number, one in enumerate(tasks):
-        yield ours(one, damage=damage)
-        yield paper_loop(one, EXPONENTIAL)
-        yield best_fixed(one, extra[one.kind])
-        yield from (learned_loop(one, learner, laws=laws) for learner in LOOPS)
-        if number < UNLIMITED_ON:
-            yield unlimited(one)
-        if number < COMPARED:
-            yield waiting(one, damage=damage)
-            yield paper_loop(one, PATIENT)
-            if one.kind == "rigid":
-                yield by_current(one)
-
-
-def against_the_strongest(
-    tasks: Sequence[Task], *, damage: DamageModel, laws: Laws
-) -> Iterator[Gripped]:
-    """Grip every task by ours, with and without the damage limit, and by the strongest rivals."""
+def gripped(tasks: Sequence[Task], *, damage: DamageModel, laws: Laws) -> Iterator[Gripped]:
+    """Grip every task with and without the damage limit, and by each baseline."""
     for one in tasks:
         yield ours(one, damage=damage)
         yield unlimited(one)
-        yield paper_loop(one, EXPONENTIAL)
+        yield paper_loop(one)
         yield from (learned_loop(one, learner, laws=laws) for learner in LOOPS)
 
 
@@ -198,7 +141,7 @@ def _most(bad: int, count: int) -> float:
     return 1.0 if bad == count else float(beta.ppf(0.95, bad + 1, count - bad))
 
 
-def judge(found: Sequence[Gripped], *, second: bool = False) -> StudyReport:
+def judge(found: Sequence[Gripped]) -> StudyReport:
     """Return the report of any number of grasps."""
     methods = list(dict.fromkeys(one.method for one in found))
     summary = [
@@ -220,7 +163,6 @@ def judge(found: Sequence[Gripped], *, second: bool = False) -> StudyReport:
         name="force-control",
         title="Gripping random things to a force, and lifting them (simulated)",
         provenance=(
-            *([_SECOND] if second else []),
             "Simulated: sizes within the stroke, stiffness over two decades, linear or Hertz, flat "
             "or round, half relaxing as fruit does, off-centre, off the middle, on worn sheets; "
             f"every fourth sensor on soft fingers. Targets {TARGETS_N[0]:g} to {TARGETS_N[1]:g} N; "
@@ -234,14 +176,10 @@ def judge(found: Sequence[Gripped], *, second: bool = False) -> StudyReport:
             "did not keep below it. Were settling and wear known: the same of those of them that "
             "were held, for an answer by the sheet alone that knew how it is going to settle and "
             "how it wore since its calibration, and a hand that stopped exactly there.",
-            "Lifted: only where the method reports that the grip will do; the simpler ways lift "
-            f"blindly. Those that wait and the motor current (read at rest, rigid fingers) are "
-            f"tried on the first {COMPARED} things of each level, ours without its damage limit on "
-            f"the first {UNLIMITED_ON}.",
+            "Lifted: only where the method reports that the grip will do; the baselines lift "
+            "blindly.",
             "The paper's line: the one of its Table 4, fitted to the settled pairs of the same "
-            "calibration as ours, with equations 2 and 3 or the reading after 20 s as feedback, up "
-            "and down. Best fixed closing: the way after the touch that came nearest on "
-            f"{CHOSEN_ON} other things for each level and hand (seeds from {CHOOSING_SEED} on).",
+            "calibration, with equations 2 and 3 as feedback, up and down.",
             "Learners: the same loop as the paper's line, with the calibrated law of ours as it is "
             "corrected by everything that was read after 2.5 s, the way of closing and the servo's "
             f"current; learned for each level from {LEARNED_FROM} other things on other sensors "
@@ -256,7 +194,6 @@ def judge(found: Sequence[Gripped], *, second: bool = False) -> StudyReport:
         payload={
             "study": "force-control",
             "simulated": True,
-            "second_generator": second,
             "summary": summary,
             "compared": [*compared(found), *compared(found, method=UNLIMITED)],
         },

@@ -1,9 +1,8 @@
-"""The simpler ways to grip: a threshold and a fixed closing, and the servo's current alone."""
+"""Steps of the simpler ways to grip: close to a threshold, move, lift."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import lru_cache
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,53 +15,13 @@ from palpate.signal.relative import (
     mean_change,
     relative_change_percent,
 )
-from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
-from palpate.twin.objects import draw_object
+from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.world import GripperKind, World
-from palpate_studies.force_control_grasps import LIFTED_S, NEAR, Gripped, damaged
-from palpate_studies.force_control_world import GRASPS_PER_SHEET, Task, chance_of_damage
-from palpate_studies.protocol.parts import Learned, choose
+from palpate_studies.force_control_grasps import LIFTED_S, Gripped, damaged
+from palpate_studies.force_control_world import Task, chance_of_damage
 
-#: The paper's way: after contact close further by a fixed amount, mm or kPa; those tried.
-_EXTRAS: dict[GripperKind, tuple[float, ...]] = {
-    "rigid": (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.4, 3.0, 4.0),
-    "soft": (0.0, 1.5, 3.0, 4.5, 6.0, 9.0, 12.0),
-}
-_STEP: dict[GripperKind, float] = {"rigid": 1.0, "soft": 0.8}
 _RATE: dict[GripperKind, float] = {"rigid": 20.0, "soft": 15.0}
 _DWELL_S = 0.42
-#: Closing by current alone: finer steps, and readings averaged at each.
-_FINE_MM, _READINGS = 0.25, 5
-
-
-def best_fixed(task: Task, extra: Learned[float]) -> Gripped:
-    """Close by the fixed amount that was best on other things; refused on those themselves."""
-    return fixed_extra(task, extra=extra.on([_thing(task)]))
-
-
-def chosen_extra(tasks: Sequence[Task]) -> Learned[float]:
-    """Return the fixed closing that comes within 10 % most often, then nearest in the median."""
-
-    def loss(extra: float) -> tuple[float, float]:
-        off = np.abs([fixed_extra(task, extra=extra).off_target for task in tasks])
-        return float(np.mean(off > NEAR)), float(np.median(off))
-
-    return choose(_EXTRAS[tasks[0].kind], loss=loss, on=map(_thing, tasks))
-
-
-def _thing(task: Task) -> str:
-    return f"{task.level} {task.seed}"
-
-
-def fixed_extra(task: Task, *, extra: float) -> Gripped:
-    """Close in steps until the mean change passes the threshold, then by a fixed amount (4.1)."""
-    world = task.world()
-    array, gripper = TwinArray(world), TwinGripper(world)
-    rest_ohm = read_ohm(array, seconds=0.5)
-    touched = touched_by(array, world, rest_ohm)
-    closed = close_until(world, gripper, touched, step=_STEP[task.kind], kind=task.kind)
-    drive(world, gripper, closed + extra, kind=task.kind)
-    return blindly_lifted(world, task, method="best fixed extra closing")
 
 
 def touched_by(
@@ -81,50 +40,6 @@ def touched_by(
         return bool(mean_change(change) <= CONTACT_PERCENT)
 
     return touched
-
-
-def by_current(task: Task) -> Gripped:
-    """Close in fine steps until the servo's current gives the target; rigid fingers only."""
-    world = task.world()
-    gripper = TwinGripper(world)
-    zero_ma, ma_per_n = current_line(task.seed // GRASPS_PER_SHEET, task.level)
-
-    def reached() -> bool:
-        world.clock.sleep_s(_DWELL_S)
-        return _current_ma(gripper, world) >= zero_ma + ma_per_n * task.target_n
-
-    close_until(world, gripper, reached, step=_FINE_MM, kind="rigid")
-    return blindly_lifted(world, task, method="motor current alone")
-
-
-@lru_cache(maxsize=2)
-def current_line(sheet: int, level: str) -> tuple[float, float]:
-    """Calibrate current against a load cell, in another session: zero (mA) and slope (mA/N)."""
-    world = World(None, seed=sheet + 1_000_003, sheet_seed=sheet, level=level)
-    world.place(draw_object(np.random.default_rng([sheet, 35]), "ball-44lbs"))
-    gripper, cell = TwinGripper(world), TwinLoadCell(world)
-    rows = list[tuple[float, float]]()
-
-    def enough() -> bool:
-        world.clock.sleep_s(_DWELL_S)
-        force_n = cell.read_n()
-        if force_n > 0.5:
-            rows.append((force_n, _current_ma(gripper, world)))
-        return force_n > 10.0
-
-    drive(world, gripper, 22.0, kind="rigid")
-    close_until(world, gripper, enough, step=_FINE_MM, kind="rigid")
-    force_n, current_ma = np.array(rows).T
-    slope, zero = np.polyfit(force_n, current_ma, 1)
-    return float(zero), max(float(slope), 1.0)
-
-
-def _current_ma(gripper: TwinGripper, world: World) -> float:
-    readings = []
-    for _ in range(_READINGS):
-        readings.append(gripper.state().current_ma)
-        world.clock.sleep_s(0.02)
-    return float(np.mean(readings))
 
 
 def read_ohm(array: TwinArray, *, seconds: float, last: int | None = None) -> NDArray[np.float64]:

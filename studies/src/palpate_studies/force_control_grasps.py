@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 from palpate.estimate.damage import DamageModel
@@ -16,7 +15,6 @@ from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
 from palpate.rig.simulated import calibrated
 from palpate.sensor.calibration import Calibration
-from palpate.settling.baselines import Recorded
 from palpate.signal.relative import excess_conductance
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.velostat import Environment
@@ -86,33 +84,15 @@ class Gripped:
 
 def ours(task: Task, *, damage: DamageModel) -> Gripped:
     """Grip with the controller as shipped."""
-    return _controlled(task, lambda plan: plan, method="ours", damage=damage)
+    return _controlled(task, method="ours", damage=damage)
 
 
 def unlimited(task: Task) -> Gripped:
     """Grip with the controller as shipped where no damage limit was learned, as its rivals do."""
-    return _controlled(task, lambda plan: plan, method=UNLIMITED, damage=None)
+    return _controlled(task, method=UNLIMITED, damage=None)
 
 
-def waiting(task: Task, *, damage: DamageModel) -> Gripped:
-    """Grip with the same controller, but wait for the settled value after each movement."""
-    until_s = HORIZON_S - 0.5
-
-    def patient(plan: Plan) -> Plan:
-        return replace(
-            plan,
-            settling=Recorded(),
-            correct_after_s=until_s,
-            decide_after_s=until_s,
-            decide_by_s=until_s,
-        )
-
-    return _controlled(task, patient, method="wait 20 s after each move", damage=damage)
-
-
-def _controlled(
-    task: Task, change: Callable[[Plan], Plan], *, method: str, damage: DamageModel | None
-) -> Gripped:
+def _controlled(task: Task, *, method: str, damage: DamageModel | None) -> Gripped:
     world = task.world()
     gripper, lifted, touched_n = TwinGripper(world), list[float](), list[float]()
     known_n = list[float]()
@@ -136,7 +116,7 @@ def _controlled(
     )
     array = TwinArray(world)
     result = uninterrupted(
-        run_grasp(change(plan), array=array, gripper=gripper, clock=world.clock, watchers=[arm])
+        run_grasp(plan, array=array, gripper=gripper, clock=world.clock, watchers=[arm])
     )
     force, truth = result.force_n, world.truth()
     return Gripped(

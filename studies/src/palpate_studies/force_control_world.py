@@ -15,7 +15,6 @@ from palpate.twin.objects import FRICTION, TwinObject
 from palpate.twin.ranges import log_uniform, uniform
 from palpate.twin.velostat import Environment
 from palpate.twin.world import GripperKind, World
-from palpate_studies.other_things import other_thing
 
 #: Two decades of force at 1 mm, newtons.
 STIFFNESS_N = (0.5, 50.0)
@@ -73,18 +72,14 @@ class Task:
 GRASPS_PER_SHEET = 4
 
 
-def task(seed: int, *, level: str, second: bool = False) -> Task:
-    """Draw one task; every fourth sensor sits on soft fingers.
-
-    `second`: its thing is of the second generator.
-    """
+def task(seed: int, *, level: str) -> Task:
+    """Draw one task; every fourth sensor sits on soft fingers."""
     rng = np.random.default_rng([seed, 31])
     kind: GripperKind = "soft" if (seed // GRASPS_PER_SHEET) % 4 == 3 else "rigid"
     target_n = log_uniform(rng, TARGETS_N)
     lift_n = target_n * uniform(rng, _LIFT_SHARE)
     mass_g = 2.0 * FRICTION[0] * lift_n / N_PER_G
     obj = thing(rng, size_mm=SIZES_MM[kind], mass_g=mass_g)
-    obj = other_thing(obj, number=seed) if second else obj
     return Task(seed=seed, level=level, kind=kind, obj=obj, target_n=target_n, lift_n=lift_n)
 
 
@@ -124,19 +119,17 @@ def chance_of_damage(obj: TwinObject, force_n: float) -> float:
     return float(ndtr(np.log(deformed_mm / _YIELD_MM) / _YIELD_LOG_SD))
 
 
-def learned_damage(*, seed: int, second: bool = False) -> DamageModel:
+def learned_damage(*, seed: int) -> DamageModel:
     """Press other things in a test stand until they yield, and learn the limit from that.
 
     A user's step: the label is the force at which a thing yielded. The curves are coarsened and
     blurred as the hand will read them: a guard that learned from clean curves takes every wobble
-    of a reading for a bend. Things that stand more than the stand gives are left out. `second`: the
-    things are of the second generator, as those that are gripped.
+    of a reading for a bend. Things that stand more than the stand gives are left out.
     """
     paths, limits_n = list[list[ClosingState]](), list[float]()
     rng = np.random.default_rng([seed, 34])
     while len(paths) < PRESSED:
         obj = thing(rng, size_mm=SIZES_MM["rigid"])
-        obj = other_thing(obj, number=len(paths)) if second else obj
         if obj.yield_n < _PRESS_UP_TO_N:
             paths.append(_pressed(obj, rng=rng))
             limits_n.append(obj.yield_n)

@@ -9,7 +9,6 @@ secant through the last two answers, up or down, until the line reads the target
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import TypeAlias
 
@@ -18,9 +17,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.estimate.line_law import LineForceLaw, settled_line
 from palpate.grasp.planning import HORIZON_S
-from palpate.settling.baselines import Recorded
 from palpate.settling.exponential import Exponential
-from palpate.settling.result import SettlingMethod
 from palpate.signal.relative import mean_change, relative_change_percent
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.world import GripperKind, World
@@ -43,33 +40,20 @@ _CLOSE_ENOUGH, _MOST_MOVES = 0.05, 12
 _FRAME_RATE_HZ = 15
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Feedback:
-    """The feedback of one loop after each move: which forecast, after how long."""
-
-    name: str
-    method: SettlingMethod
-    waits_s: float
-
-
 #: Closure, and the servo's current on the way there (mA) -> force, N.
 ForceReader: TypeAlias = Callable[[float, float], float]
 
-#: The paper's 2.5 s, and the same loop given all of the 20 s.
-EXPONENTIAL = Feedback(
-    name="the paper's line, exponential at 2.5 s", method=Exponential(), waits_s=2.5
-)
-PATIENT = Feedback(name="the paper's line, read after 20 s", method=Recorded(), waits_s=20.0)
+NAME, WAITS_S = "the paper's line, exponential at 2.5 s", 2.5
 
 
-def paper_loop(task: Task, feedback: Feedback) -> Gripped:
+def paper_loop(task: Task) -> Gripped:
     """Close to contact, then correct until the line reads the target, and lift."""
     law = _line(task.seed // GRASPS_PER_SHEET, task.level, task.kind)
 
     def reader(array: TwinArray, _gripper: TwinGripper, rest_ohm: FloatArray) -> ForceReader:
-        return lambda _closure, _current_ma: _read(array, rest_ohm, feedback, law)
+        return lambda _closure, _current_ma: _read(array, rest_ohm, law)
 
-    return corrected(task, name=feedback.name, reader=reader)
+    return corrected(task, name=NAME, reader=reader)
 
 
 def corrected(
@@ -122,13 +106,13 @@ def _bounded(step: float, *, missing_n: float, kind: GripperKind) -> float:
     return size if missing_n > 0 else -size
 
 
-def _read(array: TwinArray, rest_ohm: FloatArray, feedback: Feedback, law: LineForceLaw) -> float:
+def _read(array: TwinArray, rest_ohm: FloatArray, law: LineForceLaw) -> float:
     """Wait after a move and return the force that the line gives for the forecast."""
-    frames = int(feedback.waits_s * _FRAME_RATE_HZ)
-    ohm = read_ohm(array, seconds=feedback.waits_s, last=frames)
+    frames = int(WAITS_S * _FRAME_RATE_HZ)
+    ohm = read_ohm(array, seconds=WAITS_S, last=frames)
     change = mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm))
     time_s = np.arange(1, len(change) + 1) / _FRAME_RATE_HZ
-    found = feedback.method.predict(time_s, change[None], horizon_s=20.0, level=0.9)
+    found = Exponential().predict(time_s, change[None], horizon_s=20.0, level=0.9)
     return float(law.force_n(np.asarray(found.value)[0]).value)
 
 
