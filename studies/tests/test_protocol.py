@@ -9,7 +9,7 @@ from palpate.errors import PalpateError
 from palpate.estimate.damage_learning import FruitClosing, follow_closing
 from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.protocol.parts import Fold, SeenBeforeError, choose, folds
-from palpate_studies.rupture import OURS
+from palpate_studies.rupture import RULE
 from palpate_studies.rupture_tradeoff import RATES, applied, stops, tradeoff
 
 
@@ -70,12 +70,12 @@ def test_what_makes_a_specimen_hard_for_both_drops_out_of_a_paired_difference() 
 def test_a_rupture_setting_is_never_used_on_fruit_that_it_was_chosen_on() -> None:
     fruit = pears(24, seed=1)
     with pytest.raises(SeenBeforeError, match="used for fitting or choosing"):
-        applied(OURS, [(fruit, fruit[:3])])
+        applied(RULE, [(fruit, fruit[:3])])
 
 
 def test_rupture_settings_come_from_the_training_fruit_alone() -> None:
     training, test = pears(60, seed=1), pears(30, seed=2)
-    whole, part = (applied(OURS, [(training, some)]) for some in (test, test[:5]))
+    whole, part = (applied(RULE, [(training, some)]) for some in (test, test[:5]))
     assert part.settings == pytest.approx(whole.settings[:5])
     assert stops(part, test[:5]) == pytest.approx(stops(whole, test)[:5])
     assert np.all(np.diff(whole.settings[0]) >= 0)

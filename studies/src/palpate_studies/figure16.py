@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -13,7 +13,6 @@ from palpate.arrays import FloatArray
 from palpate.gripper.interface import GripperCommand
 from palpate.twin.devices import TwinGripper
 from palpate.twin.objects import TwinObject
-from palpate.twin.placement import PixelGrid
 from palpate.twin.world import OPEN_MM, SOFT_MM_PER_KPA, SOFT_MM_PER_N, GripperKind, World
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
@@ -33,16 +32,12 @@ FIRST_FRUIT, SENSOR = 16_000, 16
 CLOSED_BY_MM, PRESSURE_KPA = 3.0, 28.0
 #: Compliance of soft fingers at their stop: a tenth.
 STOPPED_MM_PER_N = SOFT_MM_PER_N / 10.0
-#: Reach of a contact beyond Hertz's, in pitches, as `palpate.twin.mechanics.patch_reach_mm` has it.
-_COVER_PITCHES = 0.8
 _RATE: dict[GripperKind, float] = {"rigid": 40.0, "soft": 15.0}
-#: Places in a line across a pixel over which a contact's pressure is summed.
-_PLACES = 7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hand:
-    """Fingers, and how a contact loads their pixels.
+    """Fingers of one kind.
 
     Attributes
     ----------
@@ -54,15 +49,12 @@ class Hand:
         Compliance of soft fingers.
     stopped : bool
         Whether they end `CLOSED_BY_MM` beyond the size of each fruit, not at one pressure.
-    spills : bool
-        Whether load that lies beyond the pixels is lost to them.
     """
 
     name: str
     gripper: GripperKind = "soft"
     soft_mm_per_n: float = SOFT_MM_PER_N
     stopped: bool = False
-    spills: bool = False
 
     def target(self, fruit: Avocado) -> float:
         """Return the width or pressure that the paper's way uses for a fruit on all days."""
@@ -76,30 +68,8 @@ class Hand:
 HANDS = (
     Hand(name="rigid, one width", gripper="rigid", stopped=True),
     Hand(name="soft, one pressure"),
-    Hand(name="soft, contact grows beyond the pixels", spills=True),
     Hand(name="soft, stopped by geometry", soft_mm_per_n=STOPPED_MM_PER_N, stopped=True),
-    Hand(name="soft, both", soft_mm_per_n=STOPPED_MM_PER_N, stopped=True, spills=True),
 )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GrowingContact:
-    """A round contact whose load beyond the pixels is lost to them; `size_mm` of the fruit."""
-
-    size_mm: float
-
-    def pixel_shares(
-        self, deformation_mm: float, *, grid: PixelGrid, off_centre_mm: tuple[float, float]
-    ) -> FloatArray:
-        """Return the share of its finger's force that each pixel carries, shape (pixels,)."""
-        hertz_mm = np.sqrt(0.25 * self.size_mm * max(deformation_mm, 0.0))
-        reach_mm = _COVER_PITCHES * grid.pitch_mm + hertz_mm
-        places = ((np.arange(_PLACES) + 0.5) / _PLACES - 0.5) * grid.pitch_mm
-        along = (grid.along_mm - off_centre_mm[0])[:, None, None] + places[:, None]
-        across = (grid.across_mm - off_centre_mm[1])[:, None, None] + places
-        pressure = np.maximum(1.0 - (along**2 + across**2) / reach_mm**2, 0.0)
-        caught = pressure.mean(axis=(1, 2)) * grid.pitch_mm**2
-        return np.asarray(caught / (0.5 * np.pi * reach_mm**2))
 
 
 def report(
@@ -107,7 +77,7 @@ def report(
     *,
     grasps: int = GRASPS,
 ) -> StudyReport:
-    """Grasp avocados ten times a day for four days, by rigid and by four kinds of soft fingers.
+    """Grasp avocados ten times a day for four days, by rigid and by two kinds of soft fingers.
 
     Example: palpate study figure16 --out reports
     """
@@ -202,10 +172,7 @@ def _settled_percent(
     """Grasp one spot, hold it, open, and return the mean change at the end of the hold."""
     gripper.release()
     world.clock.sleep_s(STILL_S)
-    world.place(
-        replace(spot, faces=GrowingContact(size_mm=spot.size_mm)) if by.spills else spot,
-        fixture=True,
-    )
+    world.place(spot, fixture=True)
     gripper.command(GripperCommand(target=by.target(fruit), rate=_RATE[by.gripper]))
     world.clock.sleep_s(HOLD_S)
     world.force_n(world.clock.now_s())
@@ -234,11 +201,10 @@ def scores(settled: FloatArray) -> dict[str, Any]:
 
 
 def draw(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Draw mean and sd of the settled change over days at `lab`, for three of the hands."""
+    """Draw mean and sd of the settled change over days at `lab`, for each hand."""
     from palpate.plots.style import BLUE, GREEN, ORANGE, new_figure
 
-    names = [HANDS[number].name for number in (0, 1, 3)]
-    shown = [row for row in rows if row["level"] == "lab" and row["hand"] in names]
+    shown = [row for row in rows if row["level"] == "lab"]
     with new_figure(columns=3, width_in=9.6, height_in=2.8, shared=True) as (figure, axes):
         for axis, row, colour in zip(axes[0], shown, (BLUE, ORANGE, GREEN), strict=True):
             at = np.arange(1, DAYS + 1)

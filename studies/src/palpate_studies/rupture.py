@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -26,7 +25,6 @@ from palpate_studies.rupture_policies import (
     Scored,
     cap_scores,
     fit_rule,
-    our_scores,
     published_scores,
     rule_scores,
     shipped_scores,
@@ -74,7 +72,7 @@ def report(
         how = f"learned from {index}, tested on {test_index}"
     tested = [closing for _, test in splits for closing in test]
     methods = [shipped(splits, known=known) for known in (True, False)]
-    policies = [OURS, Policy("cap per fruit", _cap), Policy("stiffness rule", _rule)]
+    policies = [Policy("cap per fruit", _cap), RULE]
     if all(closing.fruit in PUBLISHED for closing in tested):
         policies.append(Policy("rule as published", lambda training: published_scores))
     methods += [applied(policy, splits) for policy in policies]
@@ -210,13 +208,6 @@ def shipped(splits: Splits, *, known: bool) -> Method:
     return Method(name, scores, np.tile(RATES, (len(scores), 1)))
 
 
-def _ours(training: Sequence[FruitClosing]) -> Scorer:
-    return partial(our_scores, model=learn_damage(training))
-
-
-OURS = Policy("load quantile", _ours)
-
-
 def _cap(training: Sequence[FruitClosing]) -> Scorer:
     medians = {
         fruit: float(np.median([closing.rupture_force_n for closing in of_fruit]))
@@ -228,6 +219,9 @@ def _cap(training: Sequence[FruitClosing]) -> Scorer:
 def _rule(training: Sequence[FruitClosing]) -> Scorer:
     lines = {fruit: fit_rule(of_fruit) for fruit, of_fruit in _by_fruit(training).items()}
     return lambda closing: rule_scores(closing, line=_of_kind(lines, closing))
+
+
+RULE = Policy("stiffness rule", _rule)
 
 
 def _by_fruit(closings: Sequence[FruitClosing]) -> dict[str, list[FruitClosing]]:

@@ -53,13 +53,6 @@ def _measured(state: ClosingState) -> Measurement:
     return Measurement(value=value, low=low, high=high, unit="n_per_mm")
 
 
-def our_scores(closing: FruitClosing, *, model: DamageModel) -> Scored:
-    """Return the guard's score at each state."""
-    kind = closing.fruit
-    score = [model.limit(state, kind=kind, stop_score=np.inf).score for state in closing.states]
-    return Scored(closing.force_n, np.array(score))
-
-
 def cap_scores(closing: FruitClosing, *, median_n: float) -> Scored:
     """Score of the cap per fruit: force as a share of the fruit's median rupture force."""
     return Scored(closing.force_n, np.array([s.force_n for s in closing.states]) / median_n)
