@@ -83,6 +83,22 @@ def _schema(path: Path, *, without: Path | None = None) -> str:
     )
 
 
+def _schemas() -> str:
+    """Return every published schema with the fields of its document."""
+    documents = {path: json.loads(path.read_text()) for path in sorted(_SCHEMAS.glob("*.json"))}
+    return _table(
+        ("document", "schema", "fields"),
+        (
+            (
+                one["title"],
+                f"[{path.name}](schemas/{path.name})",
+                ", ".join(f"`{name}`" for name in one["properties"]),
+            )
+            for path, one in documents.items()
+        ),
+    )
+
+
 def _fields(schema: dict[str, Any], *, where: str) -> Iterator[tuple[str, str, str]]:
     for name, field in schema.get("properties", {}).items():
         full, optional = where + name, name not in schema["required"]
@@ -159,6 +175,7 @@ _SCHEMAS = Path(__file__).resolve().parent / "docs" / "schemas"
 
 
 TABLES: dict[str, Callable[[], str]] = {
+    "schemas": _schemas,
     "errors": _errors,
     "outcomes": _outcomes,
     "topics": _topics,
