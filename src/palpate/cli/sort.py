@@ -28,8 +28,9 @@ from palpate.cli.sort_run import sort_from_store, sort_with_rig
 from palpate.cli.sort_supply import SimulatedCrate, open_supply
 from palpate.errors import InputError
 from palpate.estimate.damage_file import DamageFile
-from palpate.produce.identify.identifier import UNKNOWN, Identifier, Identity
-from palpate.produce.identify.items import drive_of, identity_verdict, learn_kinds, touches_of
+from palpate.produce.identify.identifier import Identifier, Identity
+from palpate.produce.identify.items import identity_verdict, learn_kinds, touches_of
+from palpate.produce.learning import UNKNOWN
 from palpate.produce.sorting.rules_file import read_rules
 
 
@@ -127,14 +128,15 @@ def _identify(item: str, *, store: str | None, as_json: bool) -> None:
     with open_store(store) as opened:
         opened.item(item)
         grasps = opened.grasps_of(item)
-        drive = drive_of(grasps, item_id=item)
-        touches = touches_of(grasps, drive=drive)
+        if not grasps:
+            raise InputError(f"item {item!r} was never grasped; grasp it first")
+        touches = touches_of(grasps)
         if not touches:
             raise InputError(
                 f"item {item!r}: no grasp of it measured size and stiffness; grasp it again with "
                 "fingers driven by width"
             )
-        known = learn_kinds(opened, drive=drive, without=item)
+        known = learn_kinds(opened, without=item)
         identity = known.identify(touches)
         verdict = identity_verdict(item, identity, given_at=datetime.now(UTC))
         opened.add_verdict(verdict)
@@ -170,8 +172,8 @@ def _print_identity(
     ]
     print_table(("kind", ">probability, %"), rows, console=console)
     console.print(why, markup=False)
-    if known.items_missing:
+    if known.learner.items_missing:
         console.print(
-            f"To call anything unknown at {100 * known.false_reject:g} %, label "
-            f"{known.items_missing} more items."
+            f"To call anything unknown at {100 * known.learner.false_reject:g} %, label "
+            f"{known.learner.items_missing} more items."
         )

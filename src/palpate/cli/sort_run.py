@@ -14,7 +14,7 @@ from palpate.cli.sort_report import SortReport
 from palpate.cli.sort_supply import SimulatedCrate, Supply
 from palpate.errors import DeviceError, InputError
 from palpate.estimate.measurement import Measurement
-from palpate.produce.identify.identifier import Identifier, TaughtItem
+from palpate.produce.identify.identifier import Identifier
 from palpate.produce.identify.items import identity_verdict, learn_kinds, touches_of
 from palpate.produce.records import Item, Verdict
 from palpate.produce.sorting.hand import TimedGrasp
@@ -141,8 +141,7 @@ def _teach(supply: SimulatedCrate, kept: Store | None) -> Identifier:
         if kept is not None:
             kept.add_item(item)
             kept.add_grasps(grasps, calibration=supply.calibration)
-        touches = touches_of(grasps, drive="width")
-        found.append(TaughtItem(kind=str(item.kind), touches=touches))
+        found.append((str(item.kind), touches_of(grasps)))
     return Identifier(found)
 
 

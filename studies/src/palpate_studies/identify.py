@@ -11,17 +11,12 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from palpate.arrays import FloatArray
 from palpate.cli.options import TargetForceOption
 from palpate.errors import InputError
-from palpate.produce.identify.identifier import (
-    FALSE_REJECT,
-    UNKNOWN,
-    Identifier,
-    Identity,
-    TaughtItem,
-)
+from palpate.produce.identify.identifier import Identifier, Identity
 from palpate.produce.identify.items import touches_of
-from palpate_studies.baselines.lda_background import LdaBackground
+from palpate.produce.learning import FALSE_REJECT, UNKNOWN
 from palpate_studies.identify_baselines import guesses
 from palpate_studies.identify_data import (
     SORTED_GRASPS,
@@ -37,8 +32,11 @@ from palpate_studies.rows import LEVELS, group
 
 #: Items of each kind that teach. A packhouse has that many at hand.
 TAUGHT = 10
-#: What the tables call the strongest rival, and ours.
-LDA, OURS = "LDA with a background class", "ours"
+#: Ours: a linear discriminant with a background class.
+OURS = "ours"
+#: Learners in its place, with the same background class -> their names in
+#: `palpate.produce.learning.METHODS`.
+LEARNERS = {"logistic regression": "logistic", "boosted trees": "trees"}
 #: Seeds of the sensors; others were used while this was made, and for earlier figures.
 FIRST_SENSOR = 910
 #: That of the one look at the second generator.
@@ -123,12 +121,10 @@ def crates_of(
     ]
 
 
-def taught_items(crates: Sequence[CrateItemGrasps]) -> list[TaughtItem]:
+def taught_items(crates: Sequence[CrateItemGrasps]) -> list[tuple[str, tuple[FloatArray, ...]]]:
     """Return what teaches, as the identifier takes it."""
     return [
-        TaughtItem(
-            kind=item.kind, touches=touches_of([one.grasp for one in item.grasps], drive="width")
-        )
+        (item.kind, touches_of([one.grasp for one in item.grasps]))
         for item in crates
         if item.teaches
     ]
@@ -175,9 +171,10 @@ def _by_sensor(
 
 
 def identifiers(teaching: Sequence[CrateItemGrasps]) -> dict[str, Identifier]:
-    """Return the strongest rival and ours, taught with the same items."""
+    """Return ours, and learners in its place, taught with the same items."""
     taught = taught_items(teaching)
-    return {LDA: LdaBackground(taught), OURS: Identifier(taught)}
+    learners = {name: Identifier(taught, methods=[method]) for name, method in LEARNERS.items()}
+    return {OURS: Identifier(taught), **learners}
 
 
 def _asked(
@@ -185,15 +182,15 @@ def _asked(
 ) -> list[Answer]:
     found = []
     for item in items:
-        touches = touches_of([one.grasp for one in item.grasps[:count]], drive="width")
+        touches = touches_of([one.grasp for one in item.grasps[:count]])
         identity = known.identify(touches) if touches else None
         guessed = UNKNOWN if identity is None else identity.kind
         found.append(Answer(level=level, method=method, item=item, said=guessed, identity=identity))
     return found
 
 
-def against_lda(given: Sequence[Answer]) -> list[dict[str, Any]]:
-    """Return ours against the discriminant analysis at equal grasps, paired by item.
+def against_learners(given: Sequence[Answer]) -> list[dict[str, Any]]:
+    """Return ours against each learner in its place at equal grasps, paired by item.
 
     An item's loss is 1 where its answer, a kind or unknown, is not true.
     """
@@ -206,19 +203,22 @@ def against_lda(given: Sequence[Answer]) -> list[dict[str, Any]]:
                     for one in mine
                     if one.method == f"{name}, {count} grasp{'s' if count > 1 else ''}"
                 }
-                for name in (OURS, LDA)
+                for name in (OURS, *LEARNERS)
             }
             items = list(lost[OURS])
-            ours, lda = ([each[item] for item in items] for each in lost.values())
-            found.append(
-                {
-                    **key,
-                    "grasps": count,
-                    "ours_wrong": float(np.mean(ours)),
-                    "lda_wrong": float(np.mean(lda)),
-                    **paired_difference(ours, lda, items, statistic=np.mean).to_dict(),
-                }
-            )
+            ours = [lost[OURS][item] for item in items]
+            for learner in LEARNERS:
+                theirs = [lost[learner][item] for item in items]
+                found.append(
+                    {
+                        **key,
+                        "grasps": count,
+                        "learner": learner,
+                        "ours_wrong": float(np.mean(ours)),
+                        "learner_wrong": float(np.mean(theirs)),
+                        **paired_difference(ours, theirs, items, statistic=np.mean).to_dict(),
+                    }
+                )
     return found
 
 
@@ -295,7 +295,7 @@ def judge(crates: Sequence[CrateItemGrasps], *, second: bool = False) -> StudyRe
             "second_generator": second,
             "false_reject": FALSE_REJECT,
             "summary": summary,
-            "against_lda": against_lda(given),
+            "against_learners": against_learners(given),
         },
         files={"crates.json": partial(write_crates, crates)},
     )

@@ -13,7 +13,7 @@ from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.files import atomic_path
 from palpate.grasp.planning import plan_grasp
-from palpate.produce.identify.identifier import UNKNOWN
+from palpate.produce.learning import UNKNOWN
 from palpate.produce.records import MEASURED, Grasp
 from palpate.produce.sorting.hand import SortingHand, TimedGrasp
 from palpate.rig.simulated import calibrated

@@ -26,7 +26,7 @@ from palpate_studies.identify import (
     CratesOption,
     ItemsOption,
     SensorsOption,
-    against_lda,
+    against_learners,
     answers,
     crates_of,
     identifiers,
@@ -211,7 +211,7 @@ def judge(crates: Sequence[CrateItemGrasps], *, book: RuleBook = BOOK) -> StudyR
             "damaged": damaged,
             "summary": summary,
             "identify": summed(given),
-            "against_lda": against_lda(given),
+            "against_learners": against_learners(given),
         },
         files={"crates.json": partial(write_crates, crates)},
         figures={"sorting-rate": partial(draw, summary)},
@@ -223,7 +223,7 @@ def draw(summary: Sequence[Mapping[str, Any]]) -> Figure:
     from palpate.plots.style import BLUE, ORANGE, new_figure
 
     levels = list(dict.fromkeys(row["level"] for row in summary))
-    ways = {"ours, ": ("palpate", BLUE), "LDA with a background": ("LDA, background", ORANGE)}
+    ways = {"ours, ": ("palpate", BLUE), "boosted trees, ": ("boosted trees", ORANGE)}
     with new_figure(columns=len(levels), width_in=7.2, height_in=3.2, shared=True) as (fig, axes):
         for axis, level in zip(axes[0], levels, strict=True):
             for start, (label, colour) in ways.items():

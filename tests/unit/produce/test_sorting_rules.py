@@ -10,13 +10,8 @@ import pytest
 
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
-from palpate.produce.identify.identifier import (
-    UNKNOWN,
-    FeaturePoint,
-    Identifier,
-    Identity,
-    TaughtItem,
-)
+from palpate.produce.identify.identifier import Identifier, Identity
+from palpate.produce.learning import UNKNOWN
 from palpate.produce.records import About, Grasp, Verdict
 from palpate.produce.sorting.conditions import Evidence, OneOf, Within
 from palpate.produce.sorting.hand import TimedGrasp
@@ -145,15 +140,7 @@ def _identifier() -> Identifier:
     for kind, ln_mm, ln_k in (("kiwi", np.log(50), np.log(1.5)), ("lime", np.log(45), np.log(4))):
         for _ in range(15):
             at = np.array([ln_mm, ln_k]) + np.array([0.04, 0.2]) * rng.standard_normal(2)
-            touches = tuple(
-                FeaturePoint(
-                    value=at + 0.05 * rng.standard_normal(2),
-                    sd=np.array([0.006, 0.14]),
-                    calibration="monday",
-                )
-                for _ in range(2)
-            )
-            items.append(TaughtItem(kind=kind, touches=touches))
+            items.append((kind, [at + 0.05 * rng.standard_normal(2) for _ in range(2)]))
     return Identifier(items)
 
 

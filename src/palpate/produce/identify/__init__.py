@@ -1,1 +1,1 @@
-"""The kind of an item, identified from its grasps, or that it is like nothing taught."""
+"""The kind of an item, identified from its grasps, or that it is none of the labelled ones."""

@@ -7,48 +7,37 @@ from collections.abc import Iterable, Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING
 
+from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.grasp.result import Outcome
-from palpate.produce.identify.identifier import (
-    FALSE_REJECT,
-    FEWEST_ITEMS,
-    PRESSURE_FEATURES,
-    UNKNOWN,
-    WIDTH_FEATURES,
-    FeaturePoint,
-    Identifier,
-    Identity,
-    TaughtItem,
-    touch_of,
-)
+from palpate.produce.identify.identifier import Identifier, Identity, touch_of
+from palpate.produce.learning import FALSE_REJECT, FEWEST_ITEMS, UNKNOWN
 from palpate.produce.records import About, Drive, Grasp, Source, Verdict
 
 if TYPE_CHECKING:
     from palpate.produce.store import Store
 
 
-#: Items read, the last met first, and items of one kind that are learned from: what is taught
-#: today should not depend on how much was taught years ago.
+#: Items read, the last met first, and items of one kind that are learned from: what is learned
+#: today should not depend on how much was labelled years ago.
 _MOST_ITEMS, _MOST_OF_A_KIND = 5000, 200
 
 
 def learn_kinds(
     store: Store,
     *,
-    drive: Drive = "width",
     false_reject: float = FALSE_REJECT,
     without: str | None = None,
 ) -> Identifier:
     """Learn every kind that enough items of the store are labelled with.
 
     `store`: items whose `kind`, or identity, a person gave, with their grasps.
-    `drive` ("width" or "pressure"): kind of gripper: grasps by the other one give nothing of these
-        features.
-    `false_reject`: share of items of the taught kinds that may be called unknown.
-    `without`: item that is to be identified: it must not teach what it is itself.
-    Raises `InputError` if no kind has enough labelled items.
+    `false_reject`: fraction of items of the labelled kinds that may be called unknown.
+    `without`: item that is to be identified: its own label is not learned from.
+    Raises `InputError` if no kind has enough labelled items; `MissingExtraError` if scikit-learn is
+    not installed.
     """
-    taught: dict[str, list[TaughtItem]] = defaultdict(list)
+    taught: dict[str, list[tuple[str, Sequence[FloatArray]]]] = defaultdict(list)
     stated = {
         verdict.item_id: verdict.text
         for verdict in store.verdicts(About.IDENTITY, source=Source.PERSON)
@@ -57,28 +46,16 @@ def learn_kinds(
         kind = stated.get(item.item_id, item.kind)
         if kind is None or item.item_id == without or len(taught[kind]) >= _MOST_OF_A_KIND:
             continue
-        touches = touches_of(store.grasps_of(item.item_id), drive=drive)
-        if touches:
-            taught[kind].append(TaughtItem(kind=kind, touches=touches))
+        if touches := touches_of(store.grasps_of(item.item_id)):
+            taught[kind].append((kind, touches))
     enough = [kind for kind in taught.values() if len(kind) >= FEWEST_ITEMS]
     return Identifier([one for kind in enough for one in kind], false_reject=false_reject)
 
 
-def touches_of(grasps: Iterable[Grasp], *, drive: Drive) -> tuple[FeaturePoint, ...]:
-    """Return those grasps that measured the features of kinds, as points."""
-    found = [touch_of_grasp(grasp) for grasp in grasps if grasp.drive == drive]
+def touches_of(grasps: Iterable[Grasp]) -> tuple[FloatArray, ...]:
+    """Return the points of those grasps that held the item and measured what kinds differ in."""
+    found = (touch_of(one.measurements) for one in grasps if one.outcome is Outcome.HELD)
     return tuple(touch for touch in found if touch is not None)
-
-
-def touch_of_grasp(grasp: Grasp) -> FeaturePoint | None:
-    """Return a grasp as a point; None if it did not hold the item or did not measure enough."""
-    if grasp.outcome is not Outcome.HELD:
-        return None
-    return touch_of(
-        grasp.measurements,
-        features=WIDTH_FEATURES if grasp.drive == "width" else PRESSURE_FEATURES,
-        calibration=grasp.calibration_id or f"rig {grasp.rig}",
-    )
 
 
 def drive_of(grasps: Sequence[Grasp], *, item_id: str) -> Drive:

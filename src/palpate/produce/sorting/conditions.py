@@ -14,7 +14,8 @@ from types import MappingProxyType
 from typing import Any, TypeAlias
 
 from palpate.estimate.measurement import Measurement
-from palpate.produce.identify.identifier import UNKNOWN, Identity
+from palpate.produce.identify.identifier import Identity
+from palpate.produce.learning import UNKNOWN
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

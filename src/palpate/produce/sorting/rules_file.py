@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.errors import InputError
-from palpate.produce.identify.identifier import FEWEST_ITEMS, UNKNOWN
+from palpate.produce.learning import FEWEST_ITEMS, UNKNOWN
 from palpate.produce.sorting.conditions import CONDITIONS, Condition, OneOf
 from palpate.produce.sorting.rules import CONFIDENCE, MOST_GRASPS, Rule, RuleBook
 

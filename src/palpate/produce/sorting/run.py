@@ -10,14 +10,10 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.identify.identifier import Identifier, Identity, as_labelled, put_together
 from palpate.produce.identify.items import touches_of
-from palpate.produce.records import About, Drive, Grasp, Verdict
+from palpate.produce.records import About, Grasp, Verdict
 from palpate.produce.sorting.conditions import Evidence
 from palpate.produce.sorting.hand import TimedGrasp
 from palpate.produce.sorting.rules import BinDecision, RuleBook, decide
-
-#: Used until repeated grasps of taught items show how much of a size's error differs between
-#: grasps.
-_OWN_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,26 +77,24 @@ def evidence_of(
 ) -> Evidence:
     """Put together what grasps and verdicts show of an item."""
     held = [one for one in grasps if one.outcome is Outcome.HELD]
-    drive: Drive = held[-1].drive if held else "width"
-    touches = touches_of(held, drive=drive)
+    touches = touches_of(held)
     identity = None if kind is None else as_labelled(kind)
     if identity is None and identifier is not None and touches:
         identity = identifier.identify(touches)
-    own_share = _OWN_SHARE if identifier is None else float(identifier.own_share[0])
     last = {one.about: one for one in sorted(verdicts, key=lambda one: one.given_at)}
     return Evidence(
         identity=identity,
-        size_mm=_average(held, "size_mm", own_share=own_share),
-        firmness=_average(held, "firmness", own_share=_OWN_SHARE),
+        size_mm=_average(held, "size_mm"),
+        firmness=_average(held, "firmness"),
         ripeness=_stages(last[About.RIPENESS]) if About.RIPENESS in last else {},
         bruised=_bruised(last[About.BRUISE]) if About.BRUISE in last else None,
         grasps=len(grasps),
     )
 
 
-def _average(grasps: Sequence[Grasp], name: str, *, own_share: float) -> Measurement | None:
+def _average(grasps: Sequence[Grasp], name: str) -> Measurement | None:
     found = [one.measurements[name] for one in grasps if name in one.measurements]
-    return put_together(found, own_share=own_share) if found else None
+    return put_together(found) if found else None
 
 
 def _stages(verdict: Verdict) -> dict[str, float]:

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from palpate.estimate.measurement import Measurement
-from palpate.produce.identify.identifier import UNKNOWN, as_labelled
+from palpate.produce.identify.identifier import as_labelled
+from palpate.produce.learning import UNKNOWN
 from palpate.produce.sorting.conditions import Evidence
 from palpate.produce.sorting.rules import RuleBook, decide
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.produce.identify.identifier import FALSE_REJECT, UNKNOWN
+from palpate.produce.learning import FALSE_REJECT, UNKNOWN
 
 
 class NearestMean:
