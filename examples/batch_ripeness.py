@@ -58,9 +58,10 @@ def plot(fruits: list, rule: object, path: Path) -> None:
     for fruit in fruits:
         days = [day.day for day in fruit.days]
         axes.plot(days, [np.exp(day.firmness) for day in fruit.days], "o-", label=fruit.item_id)
-    for stage, firmness in zip(STAGES[1:], rule.boundaries.firmness, strict=True):
-        axes.axhline(np.exp(firmness), color="#8A8A8A", lw=0.8, ls="--")
-        axes.annotate(f"{stage} below", (2.5, np.exp(firmness)), fontsize=7, va="top")
+    for stage in STAGES[1:]:
+        begins = np.exp(rule.begins(stage))
+        axes.axhline(begins, color="#8A8A8A", lw=0.8, ls="--")
+        axes.annotate(f"{stage} below", (2.5, begins), fontsize=7, va="top")
     axes.set(xlabel="days since the first grasp", ylabel="stiffness at 5 N, N/mm", yscale="log")
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter("{x:g}")

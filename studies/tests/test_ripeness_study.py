@@ -157,13 +157,13 @@ def test_learners_are_rivals_that_see_the_labels_of_every_station(station: Felt)
 def test_differences_are_paired_by_fruit(station: Felt) -> None:
     rows = judged(made_up(station, worn=0.0), name="a")
     assert len({row.fruit for row in rows}) == 10
-    never = [replace(row, said=row.said | {"one day alone": row.said["ours"]}) for row in rows]
+    never = [replace(row, said=row.said | {"settled change": row.said["ours"]}) for row in rows]
     always = [
-        replace(row, said=row.said | {"one day alone": (row.truth + 1) % 4, "ours": row.truth})
+        replace(row, said=row.said | {"settled change": (row.truth + 1) % 4, "ours": row.truth})
         for row in rows
     ]
     for judgements, difference in ((never, 0.0), (always, -1.0)):
-        (row,) = (one for one in compared(judgements) if one["rival"] == "one day alone")
+        (row,) = (one for one in compared(judgements) if one["rival"] == "settled change")
         assert (row["difference"], row["cases"], row["specimens"]) == (difference, 40, 10)
 
 

@@ -55,8 +55,8 @@ def test_ripeness_pairs_ours_with_that_day_alone() -> None:
     assert payload["simulated"] is True
     assert [row["generator"] for row in payload["ripeness"]] == ["first", *WAYS, "all three"]
     for row in payload["ripeness"]:
-        assert row["fruit_days"] == row["wrong_less_one_day"]["cases"] == 16
-        assert row["wrong_less_one_day"]["specimens"] == 4
+        assert row["fruit_days"] == row["wrong_less_learned"]["trees"]["cases"] == 16
+        assert row["wrong_less_learned"]["trees"]["specimens"] == 4
         for learner, exact in row["exact_learned"].items():
             less = row["wrong_less_learned"][learner]["difference"]
             assert less == pytest.approx(exact - row["exact"])

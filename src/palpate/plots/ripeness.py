@@ -74,8 +74,8 @@ def _draw_courses(
         label="90 % of courses",
     )
     axis.plot(day, _shown(middle, width), color=BLUE, lw=1)
-    for stage, begins in zip(rule.boundaries.stages[1:], rule.boundaries.firmness, strict=True):
-        level = float(_shown([begins], width)[0])
+    for stage in rule.stages[1:]:
+        level = float(_shown([rule.begins(stage)], width)[0])
         axis.axhline(level, color=ORANGE, lw=0.8, ls="--")
         axis.annotate(
             f"{stage} below" if width else f"{stage} above",

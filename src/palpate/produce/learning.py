@@ -14,6 +14,7 @@ ones it rejects no more than the stated fraction, whatever their distribution.
 from __future__ import annotations
 
 import math
+import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -100,14 +101,15 @@ class LabelLearner:
         """
         of = [str(row) for row in range(len(labels))] if items is None else list(items)
         counts = Counter(label for _, label in set(zip(of, labels, strict=True)))
-        fewest, least = (1, FEWEST_ITEMS) if self.strangers else (2, 1)
-        few = [f"{name} {count}" for name, count in sorted(counts.items()) if count < least]
-        if few or len(counts) < fewest:
+        least = FEWEST_ITEMS if self.strangers else 1
+        few = {name: count for name, count in counts.items() if count < least}
+        if few or len(counts) < 2 - self.strangers or len(labels) <= len(counts) > 1:
+            held = ", ".join(f"{name} {count}" for name, count in sorted((few or counts).items()))
             raise InputError(
-                f"learning takes {fewest} label{'s' * (fewest > 1)} or more, each on at least "
-                f"{least} item{'s' * (least > 1)} with a grasp; found "
-                f"{', '.join(few) or ', '.join(counts) or 'none at all'}; label more: "
-                "palpate items NAME --set kind=KIND, or --say ABOUT=LABEL"
+                f"each label needs at least {least} labelled item{'s' * (least > 1)} with a grasp"
+                f"{', one of them two, of two labels' * (not self.strangers)}; found "
+                f"{held or 'none at all'}; label more: palpate items NAME --set kind=KIND, or "
+                "--say ABOUT=LABEL"
             )
         self.labels = tuple(sorted(counts))
         self._table = np.asarray(table, dtype=float)
@@ -183,17 +185,22 @@ class LabelLearner:
         with needing("learning from labels", extra="produce"):
             from sklearn.model_selection import StratifiedGroupKFold
         parts = StratifiedGroupKFold(folds, shuffle=True, random_state=0)
-        return list(parts.split(self._table, self._truth, self._items))
+        with warnings.catch_warnings():
+            # A label of one item is missing where that is left out; `_predicted` allows for it.
+            warnings.simplefilter("ignore", UserWarning)
+            return list(parts.split(self._table, self._truth, self._items))
 
     def _fitted(self, name: str, rows: Any) -> Any:
-        """Return a pipeline fitted to some rows; None where they have one label only."""
+        """Return a pipeline fitted to some rows; None where they have one label, or are too few."""
         truth = self._truth[rows]
-        return None if np.ptp(truth) == 0 else make_pipeline(name).fit(self._table[rows], truth)
+        if not 1 < len(np.unique(truth)) < len(truth):
+            return None
+        return make_pipeline(name).fit(self._table[rows], truth)
 
     def _predicted(self, model: Any, table: FloatArray) -> FloatArray:
         found = np.zeros((len(table), len(self.labels)))
         if model is None:
-            found[:, 0] = 1.0
+            found[:] = 1.0 / len(self.labels)
         else:
             found[:, model.classes_] = model.predict_proba(table)
         return found

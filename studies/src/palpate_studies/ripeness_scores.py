@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import InputError
+from palpate.produce.learning import LabelLearner
 from palpate.produce.ripeness.firmness import DayFelt
-from palpate.produce.ripeness.reference_object import Drift
-from palpate.produce.ripeness.rule import judge_by_first_day
-from palpate.produce.ripeness.stages import RIPE, STAGES, Boundaries
+from palpate.produce.ripeness.rule import judge_by_first_day, learn_stages
+from palpate.produce.ripeness.stages import RIPE, STAGES
 from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS, learned_stage, numbers_of
 from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.ripeness_felt import Felt, days_of, drift_of, labelled_of, rule_of
@@ -20,9 +20,8 @@ from palpate_studies.ripeness_station import DAYS
 
 #: Ways to judge -> what they are.
 WAYS = {
-    "ours": "course and labels, drift taken out by the reference object",
+    "ours": "discriminant of that day's firmness, drift taken out by the reference object",
     "ours, no reference": "the same without the reference object",
-    "one day alone": "firmness of that day against learned boundaries, reference used",
     "own first day": "no labels: softening since the item's first day, reference used",
     "settled change": "the paper's way: change at one width or pressure, learned thresholds",
     **STAGE_LEARNERS,
@@ -78,8 +77,7 @@ def judged(felt: Felt, *, taught: Sequence[Felt] = (), name: str = "") -> list[J
     """
     drift = drift_of(felt)
     with_reference, without = (rule_of(felt, one) for one in (drift, None))
-    single = _single_day(felt, drift)
-    published, sign = _published(felt)
+    published = _published(felt)
     learners = _learners([felt, *taught])
     found = []
     for number, fruit in enumerate(felt.others):
@@ -102,9 +100,8 @@ def judged(felt: Felt, *, taught: Sequence[Felt] = (), name: str = "") -> list[J
                     said={
                         "ours": STAGES.index(ours.stage),
                         "ours, no reference": STAGES.index(without.judge(raw[:count]).stage),
-                        "one day alone": _likeliest(single, days[count - 1].firmness),
                         "own first day": own,
-                        "settled change": _likeliest(published, sign * change),
+                        "settled change": STAGES.index(published.predict([[change]])[0]),
                         **{learner: stage(shown) for learner, stage in learners.items()},
                     },
                     wait_days=fruit.day_of(RIPE) - day,
@@ -196,29 +193,16 @@ def _shown(
     return [*numbers_of(days), *numbers_of(raw), *means, change]
 
 
-def _single_day(felt: Felt, drift: Drift) -> Boundaries:
-    known = [(fruit, day) for fruit, days in labelled_of(felt, drift) for day in days]
-    return Boundaries.learn(
-        [day.firmness for _, day in known], [fruit.stage(round(day.day)) for fruit, day in known]
-    )
-
-
-def _published(felt: Felt) -> tuple[Boundaries, float]:
-    """Learn thresholds on the settled change from the same labels as ours, and its direction.
+def _published(felt: Felt) -> LabelLearner:
+    """Learn stages from the settled change, from the same labels as ours.
 
     Under one pressure a ripe fruit may read more than a hard one, for it lies against more pixels.
     """
     known = [
-        (change, fruit.stage(day))
+        (change, fruit.stage(day), str(number))
         for number, fruit in enumerate(felt.labelled)
         for day in range(DAYS)
         if (change := felt.as_published.get((f"labelled-{number}", day))) is not None
     ]
-    changes, labels = np.array([change for change, _ in known]), [label for _, label in known]
-    ranks = [STAGES.index(label) for label in labels]
-    sign = -float(np.sign(np.cov(changes, ranks)[0, 1])) or 1.0
-    return Boundaries.learn(sign * changes, labels), sign
-
-
-def _likeliest(rule: Boundaries, firmness: float) -> int:
-    return int(np.argmax(rule.probabilities(firmness)))
+    changes, labels, items = zip(*known, strict=True)
+    return learn_stages(changes, labels, items=items, stages=STAGES)

@@ -168,7 +168,7 @@ def test_a_store_without_labels_says_what_to_do(palpate: Palpate, tmp_path: Path
         kept.add_grasp(grasp("A", (44.0, 12.0), rng=np.random.default_rng(1)))
     status, _, err = palpate("sort", "--identify", "A", "--store", path)
     assert status == 2
-    assert "each kind needs at least 3 labelled items with a grasp; found none at all" in err
+    assert "each label needs at least 3 labelled items with a grasp; found none at all" in err
 
 
 def test_few_labels_are_said_to_be_few(palpate: Palpate, tmp_path: Path) -> None:

@@ -136,6 +136,8 @@ def test_learner_score_of_noise_is_not_confident(rng: np.random.Generator) -> No
 
 def test_learner_one_label_without_strangers_raises(rng: np.random.Generator) -> None:
     rows, labels, items = table(rng, kinds=("small",))
-    with pytest.raises(InputError, match="found small"):
+    with pytest.raises(InputError, match="of two labels; found small 20"):
         LabelLearner(strangers=False).fit(rows, labels, items=items)
+    with pytest.raises(InputError, match="found a 1, b 1"):
+        LabelLearner(strangers=False).fit(rows[:2], ["a", "b"])
     assert LabelLearner().fit(rows, labels, items=items).predict([rows[0]]) == ["small"]

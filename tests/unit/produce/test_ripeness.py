@@ -25,8 +25,8 @@ from palpate.produce.ripeness.items import (
     verdict_of,
 )
 from palpate.produce.ripeness.reference_object import Drift
-from palpate.produce.ripeness.rule import RipenessRule, judge_by_first_day
-from palpate.produce.ripeness.stages import STAGES, Boundaries
+from palpate.produce.ripeness.rule import RipenessRule, judge_by_first_day, learn_stages
+from palpate.produce.ripeness.stages import STAGES
 from palpate.produce.store import Store
 
 FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
@@ -154,7 +154,7 @@ def test_courses_are_learned_from_items_that_softened(rule: RipenessRule) -> Non
 
 
 def test_boundaries_are_learned_where_labels_change(rule: RipenessRule) -> None:
-    assert np.exp(rule.boundaries.firmness) == pytest.approx(BOUNDS, rel=0.12)
+    assert np.exp([rule.begins(stage) for stage in STAGES[1:]]) == pytest.approx(BOUNDS, rel=0.12)
 
 
 def test_unseen_items_are_judged_right_and_their_intervals_cover(rule: RipenessRule) -> None:
@@ -227,18 +227,20 @@ def test_learning_refuses_what_shows_no_softening() -> None:
 
 def test_a_stage_without_label_is_named() -> None:
     with pytest.raises(InputError, match="no item was ever labelled 'overripe'"):
-        Boundaries.learn([2.0, 1.0, 0.5], ["hard", "conditioned", "ripe"])
+        learn_stages([2.0, 1.0, 0.5], ["hard", "conditioned", "ripe"], items="abc", stages=STAGES)
     with pytest.raises(InputError, match="label 'mushy' is no stage of ripeness"):
-        Boundaries.learn([2.0], ["mushy"])
+        learn_stages([2.0], ["mushy"], items="a", stages=STAGES)
 
 
-def test_stages_are_what_the_user_calls_them() -> None:
+def test_stages_are_what_the_user_calls_them(rule: RipenessRule) -> None:
     felt = [2.0, 1.9, 1.0, 0.9, 0.1, 0.0]
     labels = ["green", "green", "turning", "turning", "ready", "ready"]
-    learned = Boundaries.learn(felt, labels, stages=("green", "turning", "ready"))
-    assert np.argmax(learned.probabilities([1.95, 0.95, 0.05]), axis=1).tolist() == [0, 1, 2]
-    with pytest.raises(InputError, match="'green' does not begin at any boundary"):
-        learned.begins("green")
+    stages = ("green", "turning", "ready")
+    learner = learn_stages(felt, labels, items="abcdef", stages=stages)
+    found = replace(rule, stages=stages, learner=learner)
+    assert np.argmax(found.probabilities([1.95, 0.95, 0.05]), axis=1).tolist() == [0, 1, 2]
+    with pytest.raises(InputError, match="'green' does not begin at any firmness"):
+        found.begins("green")
 
 
 def test_without_labels_an_item_is_judged_by_its_first_day() -> None:

@@ -108,7 +108,7 @@ class Course:
         )
         at = np.array([day.day for day in days])
         felt = np.array([day.firmness for day in days])
-        noise_sd = np.hypot(self.noise_sd, [self._mean_sd(day) for day in days])
+        noise_sd = np.hypot(self.noise_sd, [self.mean_sd(day) for day in days])
         left = _left(at, halfway, pace)
         off = felt - self.soft - (self.hard - self.soft) * left
         start = np.zeros(halfway.size)
@@ -137,8 +137,8 @@ class Course:
             log_evidence=top + float(np.log(weight.sum())),
         )
 
-    def _mean_sd(self, day: DayFelt) -> float:
-        """Return the doubt of a day's mean that comes from the scatter of its grasps."""
+    def mean_sd(self, day: DayFelt) -> float:
+        """Return the standard deviation of a day's mean from the scatter of its grasps."""
         seen = day.grasps - 1
         own = seen * day.spread**2 if seen else 0.0
         variance = (_USUAL_GRASPS * self.grasp_sd**2 + own) / (_USUAL_GRASPS + seen)

@@ -6,10 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from palpate.arrays import FloatArray
+from palpate.errors import InputError
+from palpate.produce.learning import LabelLearner
 from palpate.produce.ripeness.course import Course
 from palpate.produce.ripeness.firmness import DayFelt
-from palpate.produce.ripeness.stages import RIPE, Boundaries
+from palpate.produce.ripeness.stages import RIPE, STAGES, own_probabilities
 
 #: A stage that is less probable than this is unsure.
 SURE = 0.9
@@ -21,6 +25,9 @@ LEVEL = 0.9
 #: and 1.2 92 %. At 1.1 only 83 % were covered of 200 further fruits felt by rigid fingers (soft
 #: 91): set to 1.2 in view of those, which covers 87 and 94 % of them.
 _WIDER = 1.2
+#: Firmness of a day about its mean, standard deviations (Gauss-Hermite).
+_NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
+_NODE_WEIGHTS = _NODE_WEIGHTS / _NODE_WEIGHTS.sum()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,12 +63,18 @@ class Ripeness:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RipenessRule:
-    """The rule learned for one kind on one rig."""
+    """The rule learned for one kind on one rig: stages from labels, days to ripe from the course.
+
+    A day's firmness alone shows the stage: on fruit of five generators no learner that sees all
+    days so far names more (palpate study ripeness --second).
+    """
 
     #: How it softens.
     course: Course
-    #: Where its stages begin.
-    boundaries: Boundaries
+    #: All stages in order, firmest first.
+    stages: tuple[str, ...]
+    #: Learns the stage from the firmness of a day.
+    learner: LabelLearner
 
     @classmethod
     def learn(
@@ -76,36 +89,91 @@ class RipenessRule:
         `items`: each item's days.
         `labels`: stage of each item on each of its days, where a person gave one.
         `stages`: all stages in order, firmest first.
-        Raises `InputError` if there are too few items, or a stage has no label.
+        Raises `InputError` if there are too few items, a label is no stage, or a stage has no
+        label; `MissingExtraError` if scikit-learn is not installed.
         """
         course = Course.learn(items)
-        firmness, given = [], []
-        for item, names in zip(items, labels, strict=True):
-            # Labels are compared with the course of the item, not with a single day's scatter.
-            courses = course.courses_of(item)
-            for day, name in zip(item, names, strict=True):
-                if name is not None:
-                    firmness.append(courses.mean_firmness(day.day))
-                    given.append(name)
-        return cls(course=course, boundaries=Boundaries.learn(firmness, given, stages=stages))
+        known = [
+            (day.firmness, name, str(number))
+            for number, (item, names) in enumerate(zip(items, labels, strict=True))
+            for day, name in zip(item, names, strict=True)
+            if name is not None
+        ]
+        return cls(
+            course=course,
+            stages=tuple(stages),
+            learner=learn_stages(
+                [firmness for firmness, *_ in known],
+                [name for _, name, _ in known],
+                items=[item for *_, item in known],
+                stages=stages,
+            ),
+        )
+
+    def probabilities(self, firmness: ArrayLike) -> FloatArray:
+        """Return the probability of each stage, firmest first, shape (n, stages)."""
+        order = [self.learner.labels.index(stage) for stage in self.stages]
+        return self.learner.probabilities(np.reshape(firmness, (-1, 1)))[:, order]
+
+    def begins(self, stage: str) -> float:
+        """Return the firmness below which a stage, or a softer one, is the more probable.
+
+        Raises `InputError` if it is the first stage or none of them.
+        """
+        if stage not in self.stages[1:]:
+            raise InputError(
+                f"{stage!r} does not begin at any firmness; one can wait for: "
+                f"{', '.join(self.stages[1:])}"
+            )
+        # From hard to soft the probability of being that soft rises from 0 to 1.
+        span = self.course.hard - self.course.soft
+        firmness = np.linspace(self.course.hard + span, self.course.soft - span, 601)
+        is_softer = self.probabilities(firmness)[:, self.stages.index(stage) :].sum(axis=1)
+        return float(firmness[int(np.argmax(is_softer >= 0.5))])
 
     def judge(self, days: Sequence[DayFelt], *, ripe: str = RIPE) -> Ripeness:
         """Judge an item by its days up to and including the last."""
-        courses, last = self.course.courses_of(days), days[-1].day
-        now = courses.firmness(last)[:, 0]
-        chance = courses.weight @ self.boundaries.probabilities(now)
+        courses, last = self.course.courses_of(days), days[-1]
+        chance = _NODE_WEIGHTS @ self.probabilities(
+            last.firmness + self.course.mean_sd(last) * _NODES
+        )
         tail = (1.0 - LEVEL) / 2.0
-        wait = courses.day_below(self.boundaries.begins(ripe)) - last
+        wait = courses.day_below(self.begins(ripe)) - last.day
         low, value, high = courses.quantile(wait, [tail, 0.5, 1.0 - tail])
         if np.isfinite(value):
             low, high = value - _WIDER * (value - low), value + _WIDER * (high - value)
         return Ripeness(
-            stage=self.boundaries.stages[int(np.argmax(chance))],
-            probabilities=dict(zip(self.boundaries.stages, chance.tolist(), strict=True)),
-            firmness=float(courses.weight @ now),
+            stage=self.stages[int(np.argmax(chance))],
+            probabilities=dict(zip(self.stages, chance.tolist(), strict=True)),
+            firmness=courses.mean_firmness(last.day),
             days_to_ripe=Days(value=float(value), low=float(low), high=float(high)),
             basis="labels",
         )
+
+
+def learn_stages(
+    firmness: Sequence[float], labels: Sequence[str], *, items: Sequence[str], stages: Sequence[str]
+) -> LabelLearner:
+    """Learn stages from the firmness of labelled days.
+
+    `firmness`, `labels`, `items`: of each day its firmness, the stage that a person gave, and which
+        item it was.
+    `stages`: all stages in order, firmest first.
+    Raises `InputError` if a label is no stage, or a stage has no label.
+    """
+    unknown = sorted(set(labels) - set(stages))
+    if unknown:
+        raise InputError(
+            f"label {unknown[0]!r} is no stage of ripeness; there are: {', '.join(stages)}"
+        )
+    missing = [stage for stage in stages if stage not in labels]
+    if missing:
+        raise InputError(
+            f"no item was ever labelled {missing[0]!r}; label at least one item of each stage "
+            f"({', '.join(stages)})"
+        )
+    learner = LabelLearner(strangers=False, methods=["discriminant"])
+    return learner.fit(np.reshape(firmness, (-1, 1)), labels, items=items)
 
 
 def judge_by_first_day(days: Sequence[DayFelt]) -> Ripeness:
@@ -117,12 +185,11 @@ def judge_by_first_day(days: Sequence[DayFelt]) -> Ripeness:
     >>> judge_by_first_day(felt).stage
     'hard'
     """
-    boundaries, now = Boundaries.own(days[0].firmness), days[-1].firmness
-    chance = boundaries.probabilities(now)
+    chance = own_probabilities(days[-1].firmness, first_firmness=days[0].firmness)
     return Ripeness(
-        stage=boundaries.stages[int(np.argmax(chance))],
-        probabilities=dict(zip(boundaries.stages, chance.tolist(), strict=True)),
-        firmness=now,
+        stage=STAGES[int(np.argmax(chance))],
+        probabilities=dict(zip(STAGES, chance.tolist(), strict=True)),
+        firmness=days[-1].firmness,
         days_to_ripe=None,
         basis="first day",
     )
