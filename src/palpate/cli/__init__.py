@@ -46,6 +46,7 @@ GROUPS = {
         "bruise": "Judge whether an item is bruised, side by side, from its last visit.",
         "sort": "Sort items into bins by readable rules, or identify one item.",
         "qualify": "Qualify grasps against a penetrometer, a durometer or a buyer's grades.",
+        "teach": "Learn a label from grasps, report the accuracy, and name unlabelled items.",
     },
     "Research": {
         "study": "Regenerate a table or figure next to the published one.",

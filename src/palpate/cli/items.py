@@ -153,18 +153,23 @@ def _label(store: Store, item_id: str, *, changes: list[str], labels: list[str])
     labelled = [_pair(text, option="--say", known=tuple(map(str, About))) for text in labels]
     kind, batch, label = map(settings.get, _SETTABLE)
     store.add_item(Item(item_id=item_id, kind=kind, batch=batch, label=label))
-    grasps = store.grasps_of(item_id)
     for about, text in labelled:
-        store.add_verdict(
-            Verdict(
-                item_id=item_id,
-                about=About(about),
-                text=text,
-                given_at=datetime.now(UTC),
-                source=Source.PERSON,
-                grasp_id=grasps[-1].grasp_id if grasps else None,
-            )
+        add_label(store, item_id, about=About(about), text=text)
+
+
+def add_label(store: Store, item_id: str, *, about: About, text: str) -> None:
+    """Store what a person says an item is now, with its last grasp."""
+    grasps = store.grasps_of(item_id)
+    store.add_verdict(
+        Verdict(
+            item_id=item_id,
+            about=about,
+            text=text,
+            given_at=datetime.now(UTC),
+            source=Source.PERSON,
+            grasp_id=grasps[-1].grasp_id if grasps else None,
         )
+    )
 
 
 def _pair(text: str, *, option: str, known: tuple[str, ...]) -> tuple[str, str]:

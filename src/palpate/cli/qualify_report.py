@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -79,7 +80,7 @@ def demands_of(document: Document) -> list[tuple[str, str]]:
             f"in {100 * document['level']:.0f} % of items",
             count_text(document, "reference"),
         ),
-        ("grasps that do", count_text(document, "grasp")),
+        ("grasps that average to within the same", count_text(document, "grasp")),
         ("items per hour at that number of grasps", "-" if hour is None else f"{hour:.0f}"),
         (
             "items to test to know the limit of agreement to half that",
@@ -128,24 +129,34 @@ def write_report(path: Path, document: Document, *, found: Agreement, source: st
     unit = f" ({document['unit']})" if document["unit"] else ""
     shown = {
         "Grasp against reference": readings_figure(found, unit=unit),
-        "Difference over the mean (Bland and Altman)": differences_figure(found, unit=unit),
+        "Difference over mean (Bland-Altman)": differences_figure(found, unit=unit),
     }
     body: list[Part] = [
         _tiles(document),
         [(name, inline_svg(figure, label=name)) for name, figure in shown.items()],
-        PageTable("Agreement", ["figure", ">value", ">interval"], rows_of(document)),
+        PageTable(
+            "Agreement",
+            ["figure", ">value", f">{100 * document['level']:.0f} % interval"],
+            rows_of(document),
+        ),
         PageTable("Effort", ["question", ">answer"], demands_of(document)),
     ]
     if document["limits"]:
-        body.append(PageTable("Grades", *grade_table(document)))
+        body.append(PageTable("Grades, number of readings", *grade_table(document)))
     body.append(PageTable("Accepted", ["date", "name", "signature"], [["\xa0", "", ""]] * 2))
     text = render_page(
         title="Qualification",
-        chips=[source, f"{document['items']} items", f"{document['pairs']} pairs"],
+        chips=[
+            source,
+            f"{document['items']} items",
+            f"{document['pairs']} pairs",
+            f"tolerance {document['tolerance']:.3g}{unit}",
+            f"{datetime.now().astimezone():%Y-%m-%d}",
+        ],
         simulated=False,
         body=body,
         foot="Grasps are converted to the reference's unit by the line of the other items. "
-        "Intervals are by the bootstrap over items.",
+        "Intervals are by the bootstrap over items. Sides of one item count as readings of it.",
     )
     with atomic_path(path) as partial:
         partial.write_text(text, encoding="utf-8")
@@ -157,14 +168,14 @@ def _tiles(document: Document) -> dict[str, tuple[str, str, str]]:
 
     def percent(name: str) -> str:
         value = found[name]["value"]
-        return "not known" if value is None else f"{100 * value:.0f} %"
+        return "not known" if value is None else f"{100 * value:.0f}\xa0%"
 
     hour, ceiling = document["items_per_hour"], found["r_squared_ceiling"]["value"]
     return {
         f"Within {document['tolerance']:.3g} {unit}".strip(): (
             percent("share_within"),
             "",
-            f"an instrument without error: {percent('share_within_ceiling')}",
+            f"error-free: {percent('share_within_ceiling')}",
         ),
         "R squared": (
             f"{found['r_squared']['value']:.2f}",

@@ -143,14 +143,24 @@ def examine_item(
 def learn_from(store: Store, *, kind: str) -> BruiseModel:
     """Learn from items of a kind that people called bruised or sound.
 
-    Of a bruised item the grasp that the label names counts, or else the last one before it: label
-    it when you have just felt its bruised side. Of a sound item all sides count.
-
     Raises `InputError` if there are too few; `MissingExtraError` if scikit-learn is not installed.
     """
-    examples: list[Example] = []
-    labels = _labels(store, kind=kind)
-    for item_id, label in labels.items():
+    examples = examples_of(store, kind=kind)
+    items = len({item for item, _ in examples})
+    return learn_bruises(
+        [one for _, one in examples],
+        learned_on=f"{items} labelled items of kind {kind} of the store",
+    )
+
+
+def examples_of(store: Store, *, kind: str) -> list[tuple[str, Example]]:
+    """Return the sides of items of a kind that people called bruised or sound, with their items.
+
+    Of a bruised item the grasp that the label names counts, or else the last one before it: label
+    it when you have just felt its bruised side. Of a sound item all sides count.
+    """
+    examples: list[tuple[str, Example]] = []
+    for item_id, label in _labels(store, kind=kind).items():
         grasps = telling(store.grasps_of(item_id))
         visits = in_visits(grasps)
         sound = sound_grasps(store, kind=kind, without=item_id)
@@ -163,9 +173,10 @@ def learn_from(store: Store, *, kind: str) -> BruiseModel:
             known = [visit for visit in visits if visit[0].taken_at <= grasp.taken_at]
             felt = _felt(grasp, visits=known, sound=sound)
             bruised = label.text == BRUISED
-            examples.append(Example(shape=felt.shape, against=felt.against, bruised=bruised))
-    source = f"{len(labels)} labelled items of kind {kind} of the store"
-    return learn_bruises(examples, learned_on=source)
+            examples.append(
+                (item_id, Example(shape=felt.shape, against=felt.against, bruised=bruised))
+            )
+    return examples
 
 
 def telling(grasps: Sequence[Grasp]) -> tuple[Grasp, ...]:

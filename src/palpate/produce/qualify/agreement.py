@@ -83,12 +83,12 @@ class Agreement:
 FIGURES = {
     "limit_of_agreement": "limit of agreement: 95 % of differences are smaller",
     "r_squared": "R squared of single readings",
-    "r_squared_ceiling": "R squared that no instrument can pass, by the reference's own scatter",
-    "share_within": "share of readings within the tolerance",
-    "share_within_ceiling": "the same for an instrument without any error",
-    "share_within_reference": "the same for two readings of the reference on one item",
-    "same_grade": "share of readings in the reference's grade",
-    "same_grade_reference": "the same for two readings of the reference on one item",
+    "r_squared_ceiling": "R squared that no instrument can pass, from the reference's own scatter",
+    "share_within": "grasps within the tolerance of the reference",
+    "share_within_ceiling": "error-free instrument within the tolerance of the reference",
+    "share_within_reference": "second reference reading within the tolerance of the first",
+    "same_grade": "grasps in the grade of the reference",
+    "same_grade_reference": "second reference reading in the grade of the first",
 }
 
 

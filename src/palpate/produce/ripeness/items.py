@@ -98,7 +98,7 @@ def learn_rule(
         history = history_of(store.grasps_of(item_id), item_id=item_id, drive=drive, drift=drift)
         if history.days:
             days.append(history.days)
-            labels.append(_labels(history, (one for one in verdicts if one.item_id == item_id)))
+            labels.append(labels_of(history, (one for one in verdicts if one.item_id == item_id)))
     if not days:
         raise InputError(
             f"no {kind} that a gripper driven by {drive} felt was labelled; label how ripe some "
@@ -175,7 +175,7 @@ def explanation(ripeness: Ripeness, history: FirmnessHistory) -> str:
     return f"{felt}: {chance} {basis}"
 
 
-def _labels(history: FirmnessHistory, verdicts: Iterable[Verdict]) -> list[str | None]:
+def labels_of(history: FirmnessHistory, verdicts: Iterable[Verdict]) -> list[str | None]:
     """Return the label of each day of an item: the last one given near it."""
     labels: list[str | None] = [None] * len(history.days)
     for verdict in verdicts:

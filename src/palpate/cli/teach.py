@@ -1,0 +1,131 @@
+"""`palpate teach`: learn a label from grasps, and report how well that works."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from palpate.cli.items import add_label, open_store
+from palpate.cli.options import JsonOption, StoreOption
+from palpate.cli.output import percent_text, print_json, print_table
+from palpate.errors import InputError
+from palpate.produce.records import About
+from palpate.produce.teaching import labelled_of, read_labelled
+
+
+class Question(StrEnum):
+    """The subject of the labels."""
+
+    KIND = "kind"
+    BRUISE = "bruise"
+    RIPENESS = "ripeness"
+    GRADE = "grade"
+
+
+#: Question -> the verdicts of people that answer it.
+_ABOUT = {
+    Question.KIND: About.IDENTITY,
+    Question.BRUISE: About.BRUISE,
+    Question.RIPENESS: About.RIPENESS,
+    Question.GRADE: About.BIN,
+}
+
+
+def teach(
+    question: Annotated[Question, typer.Argument(help="The subject of the labels.")],
+    table: Annotated[
+        Path | None,
+        typer.Option(
+            help="Learn from a CSV with columns item_id, label and numbers, in place of the store.",
+            metavar="FILE",
+        ),
+    ] = None,
+    kind: Annotated[
+        str | None, typer.Option(help="Learn from items of this kind of the store.")
+    ] = None,
+    say: Annotated[
+        list[str] | None,
+        typer.Option(help="First label an item of the store; repeat.", metavar="ITEM=LABEL"),
+    ] = None,
+    store: StoreOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Learn a label from grasps, report the accuracy, and name unlabelled items.
+
+    A linear discriminant, logistic regression and boosted trees are compared on items left out in
+    turn; the best is used. A grade is the bin that a person gave (--say ITEM=LABEL).
+
+    Example: palpate teach grade --kind avocado --say A17=firm
+    """
+    about = _ABOUT[question]
+    if table is not None:
+        for option, given in (("--kind", kind), ("--say", say), ("--store", store)):
+            if given:
+                raise InputError(f"{option}: --table {table} is learned from alone")
+        known = read_labelled(table)
+    else:
+        with open_store(store, create=bool(say)) as opened:
+            for text in say or []:
+                item, equals, label = text.partition("=")
+                if not equals or not label.strip():
+                    raise InputError(f"--say {text}: must be ITEM=LABEL")
+                opened.item(item)
+                add_label(opened, item, about=about, text=label.strip())
+            known = labelled_of(opened, about, kind=kind)
+    learner = known.learn(strangers=question is Question.KIND)
+    score = learner.score()
+    blank = known.unlabelled()
+    rows = known.rows[np.array(blank, dtype=int)]
+    chances = learner.probabilities(rows) if blank else np.zeros((0, 1))
+    named = [
+        {"item_id": known.items[row], "label": label, "probability": float(chance.max())}
+        for row, label, chance in zip(
+            blank, learner.predict(rows) if blank else [], chances, strict=True
+        )
+    ]
+    if as_json:
+        print_json(
+            {
+                "question": str(question),
+                "features": list(known.features),
+                "method": learner.method,
+                "items": score.items,
+                "right": score.right,
+                "right_by_chance": score.right_by_chance,
+                "log_loss": score.log_loss,
+                "overconfidence": score.overconfidence,
+                "confusion": score.confusion,
+                "named": named,
+            }
+        )
+        return
+    console = Console(highlight=False)
+    console.print(
+        f"{score.items} labelled items, {learner.method}: {percent_text(score.right)} named "
+        f"rightly when left out ({percent_text(score.right_by_chance)} by always naming the most "
+        f"common), overconfident by {100 * score.overconfidence:+.0f} points",
+        markup=False,
+    )
+    print_table(
+        ("label", *(f">{label}" for label in learner.labels)),
+        [
+            (escape(true), *(str(row.get(label, 0)) for label in learner.labels))
+            for true, row in score.confusion.items()
+        ],
+        console=console,
+    )
+    if named:
+        print_table(
+            ("item", "label", ">probability"),
+            [
+                (escape(known.items[row]), escape(str(one["label"])), percent_text(chance.max()))
+                for row, one, chance in zip(blank, named, chances, strict=True)
+            ],
+            console=console,
+        )

@@ -1,0 +1,182 @@
+"""Labels that people gave, as a table to learn from: kind, bruise, ripeness or grade."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate.arrays import FloatArray
+from palpate.errors import InputError
+from palpate.grasp.result import Outcome
+from palpate.holds.strict import read_table
+from palpate.produce.bruise.items import BRUISED, SOUND, examples_of
+from palpate.produce.bruise.model import REFERENCES
+from palpate.produce.bruise.shape import contrast
+from palpate.produce.learning import LabelLearner
+from palpate.produce.records import About, Grasp, Source
+from palpate.produce.ripeness.items import history_of, labels_of
+
+if TYPE_CHECKING:
+    from palpate.produce.store import Store
+
+#: What a grade or a kind may show in: means over an item's grasps. Logarithms, where positive.
+_GRADE_FEATURES = ("size_mm", "stiffness_n_per_mm", "firmness", "settled_percent")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabelledTable:
+    """Rows to learn from, and rows to be named, whose label is empty."""
+
+    #: Names of the columns.
+    features: tuple[str, ...]
+    #: Shape (n_rows, n_features).
+    rows: FloatArray
+    #: Of each row.
+    labels: tuple[str, ...]
+    items: tuple[str, ...]
+
+    def learn(self, *, strangers: bool = False) -> LabelLearner:
+        """Learn from the labelled rows.
+
+        Raises `InputError` if there are too few; `MissingExtraError` if scikit-learn is not
+        installed.
+        """
+        known = [index for index, label in enumerate(self.labels) if label]
+        return LabelLearner(strangers=strangers).fit(
+            self.rows[known],
+            [self.labels[index] for index in known],
+            items=[self.items[index] for index in known],
+        )
+
+    def unlabelled(self) -> list[int]:
+        """Return the numbers of the rows without a label."""
+        return [index for index, label in enumerate(self.labels) if not label]
+
+
+def read_labelled(path: str | os.PathLike[str]) -> LabelledTable:
+    """Read a CSV with columns ``item_id``, ``label`` (perhaps empty) and numbers.
+
+    Raises `InputError` if the file can't be read, has no column of numbers, or a field is none.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "grades.csv"
+    >>> _ = path.write_text("item_id,label,firmness,size_mm\\nA1,soft,41,60\\nA2,,47,61\\n")
+    >>> table = read_labelled(path)
+    >>> table.features, table.rows.tolist(), table.unlabelled()
+    (('firmness', 'size_mm'), [[41.0, 60.0], [47.0, 61.0]], [1])
+    """
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            names = next(csv.reader(file), [])
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: can't be read ({error})") from error
+    features = tuple(name for name in names if name not in ("item_id", "label"))
+    if not features:
+        raise InputError(f"{path}: has no column of numbers next to item_id and label")
+    columns = read_table(
+        path,
+        columns={"item_id": "text", "label": "text", **dict.fromkeys(features, "number")},
+    )
+    return LabelledTable(
+        features=features,
+        rows=np.column_stack([columns[name] for name in features]),
+        labels=tuple(str(label).strip() for label in columns["label"]),
+        items=tuple(map(str, columns["item_id"])),
+    )
+
+
+def labelled_of(store: Store, about: About, *, kind: str | None) -> LabelledTable:
+    """Return what the store's grasps and people's labels give to learn from.
+
+    `about`: identity and bin (a grade) have a row an item, those without a label too; ripeness one
+        for each labelled day of an item grasped by fingers driven by width; bruise one for each
+        labelled side.
+    `kind`: only items of this kind; needed for bruise and ripeness.
+    Raises `InputError` if no kind is named where one is needed, or nothing is there.
+    """
+    if about in (About.BRUISE, About.RIPENESS) and kind is None:
+        raise InputError(f"{about}: items of which kind? Name it with --kind")
+    if about is About.BRUISE:
+        found = _bruise_rows(store, kind=str(kind))
+    elif about is About.RIPENESS:
+        found = _ripeness_rows(store, kind=str(kind))
+    else:
+        found = _item_rows(store, about, kind=kind)
+    features, rows = found
+    if not rows:
+        raise InputError(
+            f"{store.name}: no grasp to learn {about} from; label items: palpate items NAME "
+            f"--say {about}=LABEL"
+        )
+    return LabelledTable(
+        features=features,
+        rows=np.array([row for row, _, _ in rows], dtype=float),
+        labels=tuple(label for _, label, _ in rows),
+        items=tuple(item for _, _, item in rows),
+    )
+
+
+_Rows = tuple[tuple[str, ...], list[tuple[Sequence[float] | FloatArray, str, str]]]
+
+
+def _item_rows(store: Store, about: About, *, kind: str | None) -> _Rows:
+    stated = {one.item_id: one.text for one in store.verdicts(about, source=Source.PERSON)}
+    rows: list[tuple[Sequence[float] | FloatArray, str, str]] = []
+    for item in store.items(kind=kind):
+        fallback = item.kind or "" if about is About.IDENTITY else ""
+        if row := _means(store.grasps_of(item.item_id)):
+            rows.append((row, stated.get(item.item_id, fallback), item.item_id))
+    return _GRADE_FEATURES, rows
+
+
+def _means(grasps: Sequence[Grasp]) -> list[float]:
+    """Return the means of what held grasps measured; empty where one quantity is missing."""
+    found = []
+    for name in _GRADE_FEATURES:
+        values = [
+            one.measurements[name].middle
+            for one in grasps
+            if one.outcome is Outcome.HELD and name in one.measurements
+        ]
+        if not values:
+            return []
+        mean = float(np.mean(values))
+        found.append(float(np.log(mean)) if name.endswith("mm") and mean > 0 else mean)
+    return found
+
+
+def _ripeness_rows(store: Store, *, kind: str) -> _Rows:
+    verdicts = store.verdicts(About.RIPENESS, source=Source.PERSON, kind=kind)
+    rows: list[tuple[Sequence[float] | FloatArray, str, str]] = []
+    for item_id in dict.fromkeys(one.item_id for one in verdicts):
+        history = history_of(store.grasps_of(item_id), item_id=item_id, drive="width")
+        if not history.days:
+            continue
+        labels = labels_of(history, (one for one in verdicts if one.item_id == item_id))
+        rows += [
+            ([day.firmness], label, item_id)
+            for day, label in zip(history.days, labels, strict=True)
+            if label is not None
+        ]
+    return ("ln_stiffness",), rows
+
+
+def _bruise_rows(store: Store, *, kind: str) -> _Rows:
+    """Return contrasts to the reference that most labelled sides have."""
+    examples = examples_of(store, kind=kind)
+    counts = Counter(name for _, one in examples for name in one.against)
+    if not counts:
+        return (), []
+    name = max(REFERENCES, key=lambda one: counts[one])
+    rows: list[tuple[Sequence[float] | FloatArray, str, str]] = [
+        (contrast(one.shape, one.against[name]), BRUISED if one.bruised else SOUND, item)
+        for item, one in examples
+        if name in one.against
+    ]
+    return tuple(f"{name}_{number}" for number in range(len(rows[0][0]))), rows

@@ -1,0 +1,158 @@
+"""`palpate teach`: labels from a table or the store, how well they are learned, and names."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.cli import build_app
+from palpate.cli.outcome import run
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.result import Outcome
+from palpate.produce.records import About, Grasp, Item, Source, Verdict
+from palpate.produce.store import Store
+
+NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
+
+
+def teach(*arguments: str | Path) -> int:
+    return run(build_app(), ["teach", *map(str, arguments)], name="palpate")
+
+
+def write_table(path: Path, *, unlabelled: int = 2) -> Path:
+    random = np.random.default_rng(2)
+    lines = ["item_id,label,firmness,size_mm"]
+    for item in range(24):
+        firmness = random.normal(30.0 + 30.0 * (item % 2), 4.0)
+        label = "" if item < unlabelled else ("soft", "firm")[item % 2]
+        lines.append(f"A{item},{label},{firmness:.1f},{random.normal(60.0, 2.0):.1f}")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def grasp(
+    item_id: str, firmness: float, *, minutes: int = 0, percent: tuple[float, ...] = ()
+) -> Grasp:
+    values = {"size_mm": (60.0, "mm"), "stiffness_n_per_mm": (firmness / 10, "n_per_mm")}
+    values |= {"firmness": (firmness, "index"), "settled_percent": (-40.0, "percent")}
+    values |= {"firmness_n_per_mm": (firmness / 10, "n_per_mm")}
+    return Grasp(
+        item_id=item_id,
+        taken_at=NOON + timedelta(minutes=minutes),
+        rig="test",
+        drive="width",
+        origin="hardware",
+        outcome=Outcome.HELD,
+        measurements={
+            name: Measurement(value=v, low=v - 0.1, high=v + 0.1, unit=unit)
+            for name, (v, unit) in values.items()
+        },
+        pixel_settled_percent=((percent[:2], percent[2:]) * 2) if percent else None,
+    )
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Path:
+    """Twenty avocados, soft and firm in turn, all labelled for every question but the grade."""
+    path, random = tmp_path / "store.sqlite", np.random.default_rng(3)
+    with Store.open(path) as kept:
+        for number in range(20):
+            name, is_firm = f"A{number}", number % 2
+            kept.add_item(Item(item_id=name, kind="avocado"))
+            firmness = float(random.normal(30 + 30 * is_firm, 3))
+            load = tuple(random.normal((-60, -40 - 15 * is_firm, -50, -50), 1.0).tolist())
+            kept.add_grasp(grasp(name, firmness, minutes=number, percent=load))
+            for about, text in (
+                (About.RIPENESS, ("ripe", "hard")[is_firm]),
+                (About.BRUISE, ("bruised", "sound")[is_firm]),
+            ):
+                kept.add_verdict(
+                    Verdict(
+                        item_id=name,
+                        about=about,
+                        text=text,
+                        given_at=NOON + timedelta(minutes=number),
+                        source=Source.PERSON,
+                    )
+                )
+    return path
+
+
+def test_teach_table_reports_and_names_rows_without_label(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = write_table(tmp_path / "grades.csv")
+    assert teach("grade", "--table", file, "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["features"] == ["firmness", "size_mm"]
+    assert document["items"] == 22
+    assert document["right"] > 0.9 > 0.6 > document["right_by_chance"]
+    assert [(one["item_id"], one["label"]) for one in document["named"]] == [
+        ("A0", "soft"),
+        ("A1", "firm"),
+    ]
+    assert teach("grade", "--table", file) == 0
+    shown = capsys.readouterr().out
+    assert "22 labelled items" in shown
+    assert "named rightly when left out" in " ".join(shown.split())
+
+
+def test_teach_grade_labels_items_of_the_store_first(
+    store: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    says = [f"--say=A{number}={('II', 'I')[number % 2]}" for number in range(12)]
+    assert teach("grade", "--kind", "avocado", *says, "--store", store, "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["items"] == 12
+    assert document["right"] == 1.0
+    assert {one["item_id"]: one["label"] for one in document["named"]} == {
+        f"A{number}": ("II", "I")[number % 2] for number in range(12, 20)
+    }
+    with Store.open(store) as kept:
+        assert len(kept.verdicts(About.BIN, source=Source.PERSON)) == 12
+
+
+@pytest.mark.parametrize(("question", "features"), [("ripeness", 1), ("bruise", 17), ("kind", 4)])
+def test_teach_learns_each_question_from_the_store(
+    store: Path, capsys: pytest.CaptureFixture[str], question: str, features: int
+) -> None:
+    assert teach(question, "--kind", "avocado", "--store", store, "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert len(document["features"]) == features
+    assert document["items"] == 20
+    assert document["right"] > 0.9
+    assert document["named"] == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("grade", "--table", "none.csv"), "can't be read"),
+        (("grade", "--table", "bare.csv"), "no column of numbers"),
+        (("grade", "--table", "few.csv"), "each label needs at least 1 labelled item"),
+        (("grade", "--table", "few.csv", "--kind", "kiwi"), "--kind: --table few.csv"),
+        (("bruise", "--store", "store.sqlite"), "items of which kind?"),
+        (("grade", "--store", "store.sqlite", "--say", "A1"), "must be ITEM=LABEL"),
+        (("grade", "--store", "store.sqlite", "--say", "B1=I"), "no item 'B1'"),
+        (("bruise", "--store", "store.sqlite", "--kind", "kiwi"), "no grasp to learn bruise from"),
+    ],
+)
+def test_teach_bad_input_says_what_to_do(
+    store: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: tuple[str, ...],
+    message: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("bare.csv").write_text("item_id,label\nA1,soft\n")
+    Path("few.csv").write_text("item_id,label,firmness\nA1,soft,41\n")
+    assert teach(*arguments) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert message in lines[0]
