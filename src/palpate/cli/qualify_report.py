@@ -150,7 +150,7 @@ def write_report(path: Path, document: Document, *, found: Agreement, source: st
             source,
             f"{document['items']} items",
             f"{document['pairs']} pairs",
-            f"tolerance {document['tolerance']:.3g}{unit}",
+            f"tolerance {document['tolerance']:.3g} {document['unit'] or ''}",
             f"{datetime.now().astimezone():%Y-%m-%d}",
         ],
         simulated=False,
