@@ -195,7 +195,10 @@ class LabelLearner:
         truth = self._truth[rows]
         if not 1 < len(np.unique(truth)) < len(truth):
             return None
-        return make_pipeline(name).fit(self._table[rows], truth)
+        with warnings.catch_warnings():
+            # The covariance of a single row, which shrinkage replaces by that of the others.
+            warnings.filterwarnings("ignore", "Only one sample available", UserWarning)
+            return make_pipeline(name).fit(self._table[rows], truth)
 
     def _predicted(self, model: Any, table: FloatArray) -> FloatArray:
         found = np.zeros((len(table), len(self.labels)))

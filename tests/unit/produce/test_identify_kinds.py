@@ -125,6 +125,12 @@ def test_learner_rows_of_an_item_stay_on_one_side(rng: np.random.Generator) -> N
     assert by_item.score().right < 0.7 < by_row.score().right
 
 
+def test_learner_label_of_one_item_is_learned() -> None:
+    rows = [[2.0], [2.1], [1.0], [1.1], [0.0]]
+    known = LabelLearner(strangers=False, methods=("discriminant",)).fit(rows, list("aabbc"))
+    assert known.predict([[2.05], [1.05], [0.0]]) == ["a", "b", "c"]
+
+
 def test_learner_score_of_noise_is_not_confident(rng: np.random.Generator) -> None:
     rows, labels = rng.standard_normal((80, 3)), 40 * ["a", "b"]
     score = LabelLearner(strangers=False).fit(rows, labels).score()
