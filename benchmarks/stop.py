@@ -64,7 +64,7 @@ def fill(folder: Path, count: int) -> Path:
                 simulated=True,
                 item_id=f"berry-{number}",
                 outcome="held",
-                verdict="held and given back",
+                verdict="held and released",
                 firmness="soft",
                 kind="good",
                 measured={"force_n": 2.5, "force_n_low": 2.0, "force_n_high": 3.0},

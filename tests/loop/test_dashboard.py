@@ -160,7 +160,7 @@ def test_a_grasp_narrows_its_band_and_says_a_verdict(driver: Page) -> None:
     expect(driver.locator("#chart")).not_to_have_attribute("data-moves", "0")
     expect(driver.locator("#simulated")).to_be_visible()
     release(driver)
-    verdict(driver, "held and given back")
+    verdict(driver, "held and released")
     # The forecast is of the hold, and ends where the hand opens.
     driver.wait_for_function(
         "+document.querySelector('#curve').dataset.bandEnd"
@@ -427,7 +427,7 @@ def test_a_recording_is_replayed_and_left_again(driver: Page, folder: Path) -> N
     row.get_by_role("button", name="Replay").click()
     expect(driver.locator("#rig-name")).to_contain_text(f"replay of {newest.name}")
     expect(driver.locator("#link-text")).to_have_text("replay")
-    verdict(driver, "held and given back")
+    verdict(driver, "held and released")
     driver.get_by_role("button", name="Back to the rig").click()
     expect(driver.locator("#rig-name")).to_have_text("sim-rigid")
     fresh(driver)
@@ -467,6 +467,62 @@ def test_a_named_item_has_its_history(driver: Page) -> None:
     expect(page).to_contain_text("SIMULATED")
     # Of its stiffness only a bound is known: a history is made of numbers.
     expect(page.get_by_label("Settled change, % over time").locator("circle")).to_have_count(2)
+
+
+def test_back_turns_to_the_tab_before_and_a_reload_leaves_one_viewer(driver: Page) -> None:
+    for name in ("Calibrate", "Doctor"):
+        tab(driver, name)
+        expect(driver.get_by_role("tab", name=name)).to_have_attribute("aria-selected", "true")
+    driver.wait_for_url("**/doctor")
+    driver.evaluate("window.same = true")
+    for name, path in (("Calibrate", "/calibrate"), ("Set up", "/")):
+        driver.go_back()
+        expect(driver.get_by_role("tab", name=name)).to_have_attribute("aria-selected", "true")
+        assert driver.evaluate("location.pathname") == path
+    assert driver.evaluate("window.same"), "the page was not left"
+    expect(driver.locator("#who")).to_have_text("you drive")
+    driver.reload()
+    fresh(driver)
+    expect(driver.locator("#who")).to_have_text("you drive")
+
+
+#: Places of the words on the object that lie under a pad, in pixels.
+COVERED = """() => {
+    const boxes = (what) => [...document.querySelectorAll(`#fingers ${what}`)]
+        .map((one) => one.getBoundingClientRect());
+    return boxes('.thing').flatMap((words) => boxes('.sheet').map((pad) =>
+        Math.min(words.right, pad.right) - Math.max(words.left, pad.left)));
+}"""
+
+
+@pytest.mark.parametrize("width", [320, 390, 1024])
+def test_soft_hand_that_holds_shows_it_and_every_page_fits(
+    come: Callable[..., Page], tmp_path: Path, width: int
+) -> None:
+    rig = ("--rig", "sim-soft", "--object", "strawberry", "--seed", "3", "--speed", "10")
+    with served(tmp_path, *rig) as address:
+        page = come(address, viewport={"width": width, "height": 768})
+        fresh(page)
+        # Nothing is left of a last grasp, and nothing can be calibrated that has no load cell.
+        tab(page, "Calibrate")
+        expect(page.locator("#calibrate-rest")).to_be_visible()
+        expect(page.locator("#calibrate-force")).to_be_hidden()
+        grasp(page)
+        expect(page.locator("#fingers .thing")).not_to_have_count(0)
+        expect(page.locator("#fingers .thing").first).to_have_text(re.compile("held|mm"))
+        expect(page.locator("#fingers .centre:not(.hidden)")).to_have_count(2)
+        assert max(page.evaluate(COVERED)) <= 0
+        for name in ("Set up", "Calibrate", "Recordings", "Items", "Run"):
+            tab(page, name)
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
+        release(page)
+        # After the rig was opened again the page is idle: it shows the last grasp.
+        tab(page, "Set up")
+        can_press(page, "#use-rig")
+        page.locator("#use-rig").click()
+        fresh(page)
+        words = re.compile(r"last grasp .*: held.*·\stoday 1 held")
+        expect(page.locator("#verdict-why")).to_have_text(words)
 
 
 def test_everything_comes_from_here_and_is_reached_by_keyboard(

@@ -91,7 +91,7 @@ def test_a_replay_is_moved_paused_and_sped_up_by_its_timeline(page: Page) -> Non
     expect(page.locator("#played")).not_to_have_text(at)
     page.locator("#pace").select_option("10")
     page.locator("#play").click()
-    verdict(page, "held and given back")
+    verdict(page, "held and released")
     expect(page.locator("#play")).to_have_text("Again")
     # The sheet still reads as if pressed; what an open hand presses is nothing.
     expect(page.locator("#force-at")).to_have_text("hand open")
@@ -116,7 +116,7 @@ def test_a_replay_fits_a_laptop(page: Page) -> None:
 def test_two_recordings_lie_over_each_other_contact_on_contact(page: Page, folder: Path) -> None:
     page.get_by_label("Replay speed").get_by_role("button", name="10×").click()
     row(page).get_by_role("button", name="Replay").click()
-    expect(page.locator("#verdict-text")).to_have_text("held and given back")
+    expect(page.locator("#verdict-text")).to_have_text("held and released")
     keep = page.get_by_role("button", name="Keep to compare")
     keep.click()
     # Against itself it is the same curve.

@@ -200,8 +200,8 @@ def test_all_that_it_can_say_fits(browser: Browser, address: str, size: str) -> 
     pixels = {**SIZES, **LARGE, **LOW}[size]
     bins = ["by hand", "large", "look at it by hand", "supermarket-class-2", "Rückläufer Tor 12"]
     reason = (
-        "held and given back: kiwi 55 % or lime 40 %, 137.2 mm (136.1 to 138.4), the rule in line "
-        "13 (large) comes nearest: 55 %, 80 % needed; 3 grasps · off the target of 12.5 N · answer "
+        "held and released: kiwi 55 % or lime 40 %, 137.2 mm (136.1 to 138.4), the rule in line "
+        "13 (large) comes nearest: 55 %, 80 % needed; 3 grasps · below the target of 12.5 N · answer "
         "12.7 s after contact"
     )
     again = "Turn the item, then press Grasp again: the bin is only for now"
@@ -209,7 +209,7 @@ def test_all_that_it_can_say_fits(browser: Browser, address: str, size: str) -> 
         capital = [word[:1].upper() + word[1:] for word in words]
         fits(page)
         assert page.evaluate(LAID_OUT, [capital, nexts, whys, ""]) == []
-        firm = "medium or firmer, 137 mm, at least 10.4 N/mm"
+        firm = "at least medium, 137 mm, at least 10.4 N/mm"
         assert page.evaluate(LAID_OUT, [bins, [again, *nexts], [reason], firm]) == []
 
 
@@ -313,7 +313,7 @@ def test_a_damaged_item_is_set_aside_and_reported_once(browser: Browser, address
         page.goto(f"{address}operate")
         verdict(page, "Damaged")
         expect(page.locator("#next-text")).to_have_text("Set this item aside")
-        expect(page.locator("#verdict-why")).to_contain_text("held and given back")
+        expect(page.locator("#verdict-why")).to_contain_text("held and released")
         expect(page.locator("#verdict-why")).not_to_contain_text("damaged")
         fits(page)
 

@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -213,6 +214,15 @@ class AppState:
     def silent_s(self) -> float:
         """Time since the devices' process last sent anything, seconds; 0 while it starts."""
         return 0.0 if self._heard_s is None else time.monotonic() - self._heard_s
+
+    def glance(self) -> list[str]:
+        """Return what an idle page shows: last grasp, counts of today, age of the calibration."""
+        source = self.session.devices.live.source
+        words = self.history.glance()
+        if source is not None and source.calibrated_at:
+            age = datetime.now(UTC) - datetime.fromisoformat(source.calibrated_at).astimezone(UTC)
+            words.append("calibrated today" if age.days < 1 else f"calibrated {age.days} days ago")
+        return words
 
     def _keep(self, grasped: Grasped, order: GraspOrder) -> None:
         """Keep a grasp that has just ended, and publish its result."""

@@ -161,7 +161,7 @@ PHASE_TEXTS = {
     "adjust": "adjusting",
     "ease": "easing off",
     "hold": "holding",
-    "release": "giving it back",
+    "release": "releasing",
 }
 
 

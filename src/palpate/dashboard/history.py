@@ -11,7 +11,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -97,6 +97,8 @@ class History:
         self._names = dict[str, str]()
         self._of_recording = dict[str, Summary]()
         self._recent = deque[Entry](maxlen=LISTED)
+        #: How the grasps of the last day with any ended.
+        self._day, self._of_day = date.min, Counter[str]()
         for stated in self._stated():
             if "renamed" in stated:
                 self._follow(str(stated["recording"]), str(stated["renamed"]))
@@ -126,6 +128,21 @@ class History:
     def bins(self) -> Counter[str]:
         """How many of this run went to each bin."""
         return Counter(found for _, found in self._of_this_run if found is not None)
+
+    def glance(self) -> list[str]:
+        """Return the last grasp and the counts of today in words; nothing before the first."""
+        if not self._recent:
+            return []
+        last = self._recent[-1]
+        when = datetime.fromisoformat(last.ended_at).astimezone()
+        ended = ", ".join(filter(None, (last.outcome.replace("_", " "), last.firmness)))
+        words = [f"last grasp {when:%d %b %H:%M}: {' '.join(filter(None, (last.item_id, ended)))}"]
+        if self._day == datetime.now().date():
+            counts = self._of_day.most_common()
+            words.append(
+                "today " + ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counts)
+            )
+        return words
 
     def add(self, entry: Entry) -> None:
         """Keep a grasp.
@@ -167,6 +184,10 @@ class History:
 
     def _take(self, entry: Entry) -> None:
         self._recent.append(entry)
+        day = datetime.fromisoformat(entry.ended_at).astimezone().date()
+        if day != self._day:
+            self._day, self._of_day = day, Counter()
+        self._of_day[entry.outcome] += 1
         if entry.recording:
             summary = Summary(entry.outcome, entry.item_id, entry.simulated)
             self._of_recording[entry.recording] = summary
@@ -215,9 +236,11 @@ class History:
 def _entry(stated: dict[str, Any]) -> Entry | None:
     known = {name: value for name, value in stated.items() if name in _FIELDS}
     try:
-        return Entry(**known | {"curve": tuple(known.get("curve", ()))})
-    except TypeError:
+        entry = Entry(**known | {"curve": tuple(known.get("curve", ()))})
+        datetime.fromisoformat(entry.ended_at)
+    except (TypeError, ValueError):
         return None
+    return entry
 
 
 def _csv_text(columns: Sequence[str], rows: Iterable[dict[str, Any]]) -> str:

@@ -146,16 +146,6 @@ class ItemStore:
         with Store.open(self._where) as store:
             store.add_verdict(bin_verdict(done, given_at=datetime.now(UTC)))
 
-    def items(self, *, limit: int = 200) -> list[str]:
-        """Return the names of items, the last met first; none where there is no store yet.
-
-        Raises
-        ------
-        PalpateError
-            If the store can't be used, or does not answer.
-        """
-        return self._read(lambda store: [i.item_id for i in store.items(limit=limit)]) or []
-
     def pages(self, *, limit: int) -> tuple[ItemHistory, ...]:
         """Return the pages of items, the last met first; none where there is no store yet.
 
@@ -182,6 +172,16 @@ class ItemStore:
         if found is None:
             raise InputError(f"no item {item_id!r}: the store is empty")
         return found
+
+    def ripening(self, item_id: str) -> str:
+        """Return the figure of `palpate ripeness --plot` as SVG; empty where nothing shows it.
+
+        Raises
+        ------
+        PalpateError
+            If the store can't be used, or does not answer.
+        """
+        return self._read(lambda store: _ripening(store, item_id)) or ""
 
     def _read(self, read: Callable[[Store], _Read]) -> _Read | None:
         """Read from the store; None where there is none yet."""
@@ -278,3 +278,26 @@ def _read_grasp(
         closing=closing,
     )
     return grasp, info.calibration or ""
+
+
+def _ripening(store: Store, item_id: str) -> str:
+    """Draw the days of an item with the courses that its kind's labelled items teach."""
+    from palpate.produce.identify.items import drive_of
+    from palpate.produce.ripeness.items import history_of, judge_ripeness, learn_rule
+    from palpate.produce.ripeness.stages import RIPE, STAGES
+
+    item, grasps = store.item(item_id), store.grasps_of(item_id)
+    if item.kind is None or find_spec("matplotlib") is None:
+        return ""
+    try:
+        drive = drive_of(grasps, item_id=item_id)
+        rule = learn_rule(store, kind=item.kind, drive=drive, stages=STAGES)
+        history = history_of(grasps, item_id=item_id, drive=drive)
+        ripeness = judge_ripeness(history, rule=rule, ripe=RIPE)
+    except InputError:  # none of its kind was labelled, or none of its grasps measured a firmness
+        return ""
+    from palpate.plots.inline_svg import inline_svg
+    from palpate.plots.ripeness import item_figure
+
+    figure = item_figure(history, ripeness, rule=rule)
+    return inline_svg(figure, label=f"Days of {item_id} and how it may ripen")

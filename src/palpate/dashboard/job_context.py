@@ -98,6 +98,7 @@ class JobContext:
             subject=self.rig.subject,
             has_load_cell=self.open_bench is not None,
             calibration="" if calibration is None else calibration.as_text(),
+            calibrated_at="" if calibration is None else calibration.made_at or "",
             laws=ForceLaws.of(calibration),
         )
 

@@ -40,8 +40,9 @@ class FrameSource:
     replayed: bool = False
     #: Whether a force calibration can be made without weights.
     has_load_cell: bool = False
-    #: Text of the calibration; empty without one.
+    #: Text of the calibration and its date; empty without one.
     calibration: str = ""
+    calibrated_at: str = ""
     #: Force laws; None where the force was not calibrated.
     laws: ForceLaws | None = None
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from urllib.parse import unquote
 
 from nicegui import Client, ui
 from nicegui.events import GenericEventArguments
@@ -225,5 +226,17 @@ def _panel(
 
     ui.on("item", show_item)
     ui.on("recording", show_recording)
-    tabs.on_value_change(lambda event: ui.navigate.history.replace(TABS[event.value]))
+
+    def go_back(event: GenericEventArguments) -> None:
+        """Turn to the tab of an address that the browser went back or forward to."""
+        _, first, *rest = str(event.args).split("/", 2)
+        tabs.set_value(next((name for name, path in TABS.items() if path == f"/{first}"), "Set up"))
+        if rest and first == "items":
+            open_item(unquote(rest[0]))
+
+    ui.on("went", go_back)
+    # An address that is there already is one that the browser went back to.
+    tabs.on_value_change(
+        lambda event: ui.run_javascript(f"window.visit({json.dumps(TABS[event.value])})")
+    )
     grasp_buttons(app_state, viewer)

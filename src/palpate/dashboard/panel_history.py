@@ -6,6 +6,7 @@ import html
 from collections import Counter
 from collections.abc import Callable, Sequence
 from datetime import datetime
+from functools import partial
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from palpate.produce.records import Grasp
     from palpate.produce.store.item_history import ItemHistory
 
+#: Items that can be chosen from a list; any can be found by its name.
+_MOST_ITEMS = 50
 _WIDTH, _HEIGHT, _LEFT, _FOOT, _TOP = 360, 170, 40, 26, 12
 
 
@@ -31,12 +34,14 @@ def items_panel(
     """Fill the panel; `item_id` is shown first. Return what shows another."""
     with ui.element("div").classes("form"):
         heading("Items and how they ripen")
-        known = [item_id] if item_id else []
+        known = {item_id: item_id} if item_id else {}
         choice = ui.select(known, value=item_id, on_change=lambda event: choose(event.value))
         choice.classes("w-full")
         choice.props("outlined dense use-input clearable behavior=dialog")
         choice.props["label"] = "Item"
         box = ui.html("", sanitize=False).props("id=item-page")
+    #: The forecast of the item that is shown, and of how many grasps and verdicts it is.
+    ripening, drawn = [""], [("", 0, 0)]
 
     async def choose(item_id: str | None) -> None:
         """Put an item in the address, and show its page."""
@@ -50,23 +55,30 @@ def items_panel(
         """Show an item's page as the store has it now."""
         try:
             found = await run.io_bound(app_state.item_store.page, item_id)
+            if found is None or box.is_deleted:  # the server ends, or the viewer left
+                return
+            known = (item_id, len(found.grasps), len(found.verdicts))
+            if known != drawn[0]:
+                ripening[0] = await run.io_bound(app_state.item_store.ripening, item_id) or ""
+                drawn[0] = known
         except PalpateError as error:
             box.set_content(f"<p class='note'>{html.escape(str(error))}</p>")
             return
-        if found is not None and not box.is_deleted:  # the server ends, or the viewer left
-            box.set_content(item_html(found))
+        if not box.is_deleted:
+            box.set_content(item_html(found, ripening=ripening[0]))
 
     async def look() -> None:
         """Read the store again: its items, and the one that is shown."""
         try:
-            names = await run.io_bound(app_state.item_store.items) or []
+            pages = await run.io_bound(partial(app_state.item_store.pages, limit=_MOST_ITEMS))
         except PalpateError as error:
             app_state.item_store.trouble = str(error)
             return
         if box.is_deleted:
             return
-        if choice.value and choice.value not in names:
-            names = [choice.value, *names]
+        names = {page.item.item_id: item_label(page) for page in pages or ()}
+        if choice.value:
+            names = {choice.value: choice.value} | names
         if names != choice.options:
             choice.set_options(names, value=choice.value)
         if app_state.item_store.trouble:
@@ -79,15 +91,25 @@ def items_panel(
 
     def open_item(item_id: str) -> None:
         """Choose an item, whether the list knows it yet or not."""
-        names = choice.options if item_id in choice.options else [item_id, *choice.options]
-        choice.set_options(names, value=item_id)
+        known = choice.options if isinstance(choice.options, dict) else {}
+        choice.set_options({item_id: item_id} | known, value=item_id)
 
     ui.timer(3.0, look)
     return open_item
 
 
-def item_html(page: ItemHistory) -> str:
-    """Return an item's page: what it is, its stiffness over time, and its verdicts."""
+def item_label(page: ItemHistory) -> str:
+    """Return an item in the list: its name, kind, stage and last grasp."""
+    from palpate.produce.store.item_history import item_facts
+
+    facts = item_facts(page.item.item_id, kind=page.item.kind, verdicts=page.verdicts)
+    last = day_text(page.grasps[-1].taken_at) if page.grasps else ""
+    words = (page.item.item_id, facts["kind"], facts["stage"], last)
+    return " · ".join(str(word) for word in words if word)
+
+
+def item_html(page: ItemHistory, *, ripening: str = "") -> str:
+    """Return an item's page: what it is, its stiffness over time, its forecast and verdicts."""
     item, grasps = page.item, page.grasps
     what = ", ".join(part for part in (item.kind, item.batch, item.label) if part)
     verdicts = "".join(
@@ -104,6 +126,7 @@ def item_html(page: ItemHistory) -> str:
         f"{count_of(len(grasps), 'grasp')}</p>"
         + chart("Stiffness, N/mm", grasps, "stiffness_n_per_mm")
         + chart("Settled change, %", grasps, "settled_percent")
+        + (f"<h3>How it ripens</h3>{ripening}" if ripening else "")
         + (f"<h3>Verdicts</h3><table class='plain'>{verdicts}</table>" if verdicts else "")
     )
 

@@ -69,6 +69,7 @@ def _force(app_state: AppState, viewer: Viewer) -> None:
         cell = source is not None and source.has_load_cell
         simulated = source is not None and source.simulated
         loads.set_visibility(not cell and not simulated)
+        button.set_visibility(cell or not simulated)
         how.set_content(f"<p>{html.escape(_how(cell=cell, simulated=simulated))}</p>")
 
     viewer.on_refresh(explain)
@@ -81,7 +82,7 @@ def _how(*, cell: bool, simulated: bool) -> str:
             "in steps. Its minutes run as fast as this machine can."
         )
     if simulated:
-        return "This simulated rig has no load cell, and nobody can lay weights on it."
+        return "The force of this simulated rig can't be calibrated: it has no load cell."
     return (
         "Lay dead weights on one pad as you are asked to, up and down again; each settles for "
         "20 s. Newtons are grams × 0.00981."

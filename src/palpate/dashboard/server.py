@@ -163,6 +163,8 @@ def _routes(app_state: AppState) -> None:
             generation=generation,
             after_s=after_s,
         )
+        is_idle = found["verdict"]["kind"] == "idle"
+        found["idle"] = app_state.glance() if is_idle else []
         return JSONResponse(found | {"server_s": time.monotonic()})
 
     @app.get("/grasps.csv")

@@ -122,6 +122,8 @@ class Session:
         before = None if tab is None else self._of_tab.get(tab)
         if tab is not None:
             self._of_tab[tab] = viewer
+            # Its connection is given up only after a while.
+            self.viewers -= {before}
         self.viewers.add(viewer)
         if self.driver is None or self.driver == before:
             self.driver = viewer

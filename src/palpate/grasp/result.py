@@ -9,7 +9,7 @@ from palpate.estimate.measurement import Measurement
 
 
 class Outcome(StrEnum):
-    """How a grasp ended. Only `held` means that the object is, or was given back from, the hand.
+    """How a grasp ended. `held`: the grasp completed.
 
     Every reason to end a grasp is listed next to its outcome, with the module that decides it. The
     words of one grasp are in its `GraspResult.faults`; what a stop does to the hand is

@@ -19,7 +19,7 @@ _FIRMNESS = (
 UNKNOWN_FIRMNESS = "firmness not measured"
 
 _OUTCOMES = {
-    Outcome.HELD: "held and given back",
+    Outcome.HELD: "held and released",
     Outcome.NOTHING_THERE: "nothing there: the hand closed without touching anything",
     Outcome.SLIPPED: "slipped: the object left the hand",
     Outcome.TOO_WEAK: "too weak: no grip that is safe for it is sure to lift it; put back",
@@ -47,7 +47,7 @@ def firmness(stiffness: Measurement) -> str:
     'soft to firm'
     >>> wide = Measurement(value=9.0, low=4.0, high=90.0, unit="n_per_mm")
     >>> firmness(wide.or_bound("it gave way too little", least=0.02, most=500.0))
-    'medium or firmer'
+    'at least medium'
     >>> firmness(Measurement(value=9.0, low=0.4, high=90.0, unit="n_per_mm"))
     'firmness not measured'
     """
@@ -59,8 +59,8 @@ def firmness(stiffness: Measurement) -> str:
     if words[0] == words[1]:
         return words[0]
     if high is None:
-        return f"{words[0]} or firmer"
-    return f"{words[1]} or softer" if low is None else f"{words[0]} to {words[1]}"
+        return f"at least {words[0]}"
+    return f"at most {words[1]}" if low is None else f"{words[0]} to {words[1]}"
 
 
 def verdict(result: GraspResult, *, target_force_n: float | None) -> dict[str, object]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -24,7 +25,7 @@ ENTRY = Entry(
     simulated=True,
     item_id="A17",
     outcome="held",
-    verdict="held and given back",
+    verdict="held and released",
     firmness="soft",
     kind="good",
     bin="ripe",
@@ -139,7 +140,7 @@ def test_an_entry_says_what_the_grasp_answered() -> None:
     assert (entry.recording, entry.outcome, entry.firmness) == (
         "grasp-2.mcap",
         "held",
-        "medium or firmer",
+        "at least medium",
     )
     assert entry.measured["stiffness_n_per_mm"] is None, "a bound is no number"
     assert entry.measured["stiffness_n_per_mm_low"] == 4.0
@@ -169,3 +170,16 @@ def test_a_grasp_that_damaged_its_object_is_listed_as_such(tmp_path: Path) -> No
 def test_names_that_lead_out_of_the_folder_are_refused(name: str) -> None:
     with pytest.raises(InputError):
         checked_name(name)
+
+
+def test_history_glance_gives_last_grasp_and_counts_of_today(tmp_path: Path) -> None:
+    history = History(tmp_path)
+    assert history.glance() == []
+    history.add(ENTRY)
+    (last,) = history.glance()
+    assert last.startswith("last grasp ")
+    assert last.endswith(": A17 held, soft")
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    for outcome in ("held", "slipped", "held"):
+        history.add(replace(ENTRY, outcome=outcome, ended_at=now))
+    assert History(tmp_path).glance()[1] == "today 2 held, 1 slipped"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -9,10 +10,11 @@ import pytest
 
 from palpate.dashboard.item_store import ItemStore
 from palpate.dashboard.messages import FrameSource
-from palpate.dashboard.panel_history import item_html
+from palpate.dashboard.panel_history import item_html, item_label
+from palpate.dashboard.viewer import day_text
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Moment, Outcome
-from palpate.produce.records import About, Item, Verdict
+from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.sorting.conditions import OneOf, Within
 from palpate.produce.sorting.rules import Rule, RuleBook
 from palpate.produce.store import Store
@@ -53,13 +55,24 @@ def test_a_grasp_is_kept_with_its_pixels_and_its_calibration(
 ) -> None:
     where = str(tmp_path / "items.sqlite")
     item_store = ItemStore(where)
-    assert item_store.items() == []
+    assert item_store.pages(limit=50) == ()
     assert not Path(where).exists(), "looking makes no store"
     item_store.keep(
         RESULT, recording=recording, item_id="berry-7", closing={"firmness_n_per_mm": FIRM}
     )
     assert item_store.trouble == ""
-    assert item_store.items() == ["berry-7"]
+    (page,) = item_store.pages(limit=50)
+    last = page.grasps[-1].taken_at
+    assert item_label(page) == f"berry-7 · {day_text(last)}"
+    ripe = Verdict(
+        item_id="berry-7",
+        given_at=last,
+        about=About.RIPENESS,
+        text="ripe",
+        source=Source.PERSON,
+    )
+    labelled = replace(page, item=replace(page.item, kind="kiwi"), verdicts=(ripe,))
+    assert item_label(labelled) == f"berry-7 · kiwi · ripe · {day_text(last)}"
     with Store.open(where) as store:
         (grasp,) = store.grasps_of("berry-7")
         assert store.calibration(grasp.calibration_id or "") == "{}"
@@ -159,3 +172,43 @@ def test_a_store_that_cannot_be_used_gives_no_bin_and_the_reason(
     assert placed["bin"] is None
     assert placed["item"]["id"] == "A1"
     assert str(broken) in placed["why"]
+
+
+def test_ripening_is_drawn_for_an_item_whose_kind_was_labelled(tmp_path: Path) -> None:
+    where = str(tmp_path / "items.sqlite")
+    stages = ("hard", "conditioned", "ripe", "overripe")
+    with Store.open(where) as store:
+        for number in range(6):
+            name = f"avocado-{number}"
+            store.add_item(Item(item_id=name, kind="avocado"))
+            for day, firm in enumerate((9.0, 5.0, 2.5, 1.2)):
+                taken = datetime(2026, 5, 1 + day, 8, number, tzinfo=UTC)
+                store.add_grasp(felt(name, taken, firm * (1 + 0.03 * number)))
+                label = Verdict(
+                    item_id=name,
+                    given_at=taken,
+                    about=About.RIPENESS,
+                    text=stages[day],
+                    source=Source.PERSON,
+                )
+                store.add_verdict(label)
+        store.add_item(Item(item_id="plum", kind="plum"))
+    picture = ItemStore(where).ripening("avocado-1")
+    assert picture.startswith("<svg")
+    assert 'aria-label="Days of avocado-1 and how it may ripen"' in picture
+    assert "90 % of courses" in picture
+    assert ItemStore(where).ripening("plum") == ""
+
+
+def felt(item_id: str, taken_at: datetime, firm: float) -> Grasp:
+    """Return a grasp that measured a stiffness at 5 N."""
+    measured = Measurement(value=firm, low=0.8 * firm, high=1.25 * firm, unit="n_per_mm")
+    return Grasp(
+        item_id=item_id,
+        taken_at=taken_at,
+        origin="twin",
+        rig="sim-rigid",
+        drive="width",
+        outcome="held",
+        measurements={"firmness_n_per_mm": measured, "stiffness_n_per_mm": measured},
+    )

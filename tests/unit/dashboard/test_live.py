@@ -255,7 +255,7 @@ def test_a_damaged_object_is_the_headline_and_not_how_the_grasp_ended() -> None:
     result = GraspResult(outcome=Outcome.HELD, force_n=FORCE)
     session.devices.grasped = Grasped(result=result, truth={"damaged": True})
     card = document(session, generation=-1, after_s=0.0)["verdict"]
-    assert (card["text"], card["why"]) == ("the object was damaged", "held and given back")
+    assert (card["text"], card["why"]) == ("the object was damaged", "held and released")
 
 
 @pytest.mark.parametrize(("low_n", "kind"), [(1.5, "warn"), (2.5, "good"), (None, "good")])

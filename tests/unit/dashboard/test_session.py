@@ -123,6 +123,15 @@ def test_a_driver_who_leaves_leaves_nobody_driving_until_someone_takes_over(
     rehearsal.session.order("b", GRASP)
 
 
+def test_a_page_that_is_loaded_again_is_one_viewer(rehearsal: Rehearsal) -> None:
+    session = rehearsal.session
+    session.join("before", tab="1")
+    session.join("after", tab="1")
+    assert session.viewers & {"before", "after"} == {"after"}
+    session.leave("before")
+    assert "after" in session.viewers
+
+
 def test_stop_is_anyones_at_any_time(rehearsal: Rehearsal) -> None:
     rehearsal.session.order("a", GRASP)
     assert [rehearsal.session.stop(), rehearsal.session.stop()] == [1, 2]

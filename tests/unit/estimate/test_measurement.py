@@ -17,7 +17,7 @@ def stiffness(low: float, high: float) -> Measurement:
     ("low", "high", "status", "ends", "word"),
     [
         (2.0, 8.0, "ok", (2.0, 8.0), "soft to medium"),
-        (2.0, 8.1, "at_least", (2.0, None), "soft or firmer"),
+        (2.0, 8.1, "at_least", (2.0, None), "at least soft"),
         (0.36, 500.0, "at_least", (0.36, None), "firmness not measured"),
         (0.02, 0.5, "at_most", (None, 0.5), "very soft"),
         (0.02, 500.0, "not_measured", (None, None), "firmness not measured"),

@@ -331,8 +331,8 @@ function drawPixels() {
   const canvas = $("pixels"), grid = doc.pixels?.percent, points = seen.pixels.filter((p) => p.time_s - view.zero >= view.start && p.time_s - view.zero <= view.end);
   canvas.classList.toggle("hidden", !grid);
   if (!grid) return;
-  const cols = grid[0].length, count = grid.length * cols, many = count > 32, perLine = Math.min(count, many ? cols * Math.max(1, Math.floor(grid.length / 8)) : Math.max(cols, Math.floor(canvas.clientWidth / 52 / cols) * cols));
-  const lines = Math.ceil(count / perLine);
+  const cols = grid[0].length, count = grid.length * cols, many = count > 32, most = many ? cols * Math.ceil(grid.length / 8) : Math.max(cols, Math.floor(canvas.clientWidth / 52 / cols) * cols);
+  const lines = Math.ceil(count / most), perLine = Math.min(count, cols * Math.ceil(count / lines / cols));
   canvas.style.height = `${Math.min(110, lines * (many ? 14 : 34)) * scale()}px`;
   const [ctx, width, height] = surface(canvas), box = { w: width / perLine, h: height / lines };
   const values = points.flatMap((p) => p.percent.flat()).filter(known).map((v) => Math.min(v, HIGHEST)), low = values.reduce((a, b) => Math.min(a, b), 0), high = values.reduce((a, b) => Math.max(a, b), 8);

@@ -1,5 +1,5 @@
 // The whole page: the pads, the curves, the verdict and what was measured.
-import { $, follow, handState, number, say, seen, whys } from "/static/poll.js";
+import { $, follow, handState, isAlone, number, say, seen, whys } from "/static/poll.js";
 import { fixed, range, t } from "/static/words.js";
 import { begin as beginChart, drawChart, momentOf } from "/static/chart.js";
 import { begin as beginHand, drawFingers } from "/static/pads.js";
@@ -31,8 +31,7 @@ function bar(one) {
 
 // Without a hand nothing but a force is measured, nothing is forecast, and nothing moves.
 function hideUnmeasured(doc) {
-  const alone = doc.source !== null && doc.hand === null && doc.grasp === null;
-  document.body.classList.toggle("alone", alone);
+  const alone = isAlone(doc);
   say($("force-title"), alone ? "Force, N" : "Grip force, N");
   for (const name of Object.keys(UNITS)) $(`measure-${name}`)?.classList.toggle("hidden", alone && !(name === "force_n" && doc.measured.force_now));
 }
@@ -100,6 +99,10 @@ document.addEventListener("click", (event) => {
   const [what, name] = Object.entries(link.dataset)[0];
   window.emitEvent(what, name);
 });
+
+// Each tab is a place to come back to.
+window.visit = (path) => { if (location.pathname.split("/")[1] !== path.split("/")[1]) history.pushState(null, "", path); };
+window.addEventListener("popstate", () => window.emitEvent("went", location.pathname));
 
 // On a narrow screen the panel lies below the stage: an address of a tab leads to it.
 function lookAtPanel() {

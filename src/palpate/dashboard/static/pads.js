@@ -35,7 +35,7 @@ function padSvg(pad, index, cols) {
         <path class="found" d="M${x + side - 12} ${y + 3}h9v9z"/></g>`;
     }
   });
-  return `${out}<text class="name" x="${pad.width / 2}" y="${PAD.top + pad.height + 21}" text-anchor="middle"></text></g>`;
+  return `${out}<g class="centre hidden"><title>centre of pressure</title><circle r="7"/><path d="M-11 0h22M0-11v22"/></g><text class="name" x="${pad.width / 2}" y="${PAD.top + pad.height + 21}" text-anchor="middle"></text></g>`;
 }
 
 function drawCells(svg, doc) {
@@ -97,20 +97,46 @@ function place(svg, doc) {
 function object({ gap, scale, middle }, doc) {
   const size = doc.measured.values.size_mm;
   if (doc.nothing_there) return "";
-  const known = size && size.value > 0 && scale > 0;
-  const across = known ? size.value * scale : Math.min(gap * 0.62, 120);
-  const name = doc.source.subject ? doc.source.subject.replace(/-/g, " ") : "unknown";
-  const words = across > 60, colour = doc.measured.damaged ? "var(--bad)" : "var(--accent)";
-  return `<ellipse cx="${middle}" cy="118" rx="${across / 2}" ry="${Math.min(across / 2, 86)}" fill="${colour}" fill-opacity="${known ? 0.22 : 0.08}" stroke="${colour}" stroke-width="2" ${known ? "" : 'stroke-dasharray="7 6"'}/>
-    ${words ? `<text x="${middle}" y="116" text-anchor="middle" font-size="17" font-weight="600">${known ? `${fixed(size.value, 1)} mm` : "?"}</text>
-    <text class="soft" x="${middle}" y="137" text-anchor="middle" font-size="${Math.min(caption, (1.4 * across) / name.length)}">${esc(name)}</text>` : ""}`;
+  const known = size && size.value > 0, held = isHeld(doc);
+  // Between fingers that touch it, it is as wide as their gap, whether that is drawn to scale or not.
+  const across = held ? gap + 4 : known && scale > 0 ? size.value * scale : Math.min(gap * 0.62, 120);
+  const name = doc.source.subject ? doc.source.subject.replace(/-/g, " ") : "";
+  const words = [known ? `${fixed(size.value, 1)} mm` : held ? "held" : "", name].filter(Boolean), colour = doc.measured.damaged ? "var(--bad)" : "var(--accent)";
+  return `<ellipse cx="${middle}" cy="118" rx="${across / 2}" ry="${Math.min(across / 2, 86)}" fill="${colour}" fill-opacity="${known || held ? 0.22 : 0.08}" stroke="${colour}" stroke-width="2" ${known || held ? "" : 'stroke-dasharray="7 6"'}/>
+    ${words.map((text, i) => `<text class="thing${i ? " soft" : ""}" x="${middle}" y="${115 + 22 * i}" text-anchor="middle" font-size="${Math.min(i ? caption : 17, (1.7 * gap) / text.length)}" font-weight="${i ? 400 : 600}">${esc(text)}</text>`).join("")}`;
+}
+
+const touching = (doc) => (doc.grasp && doc.pointed_s === undefined ? doc.grasp.fingers : doc.pixels.touching);
+
+// Between contact and release, as the controller noted it; of another moment, as the pads read then.
+function isHeld({ grasp, hand, pixels, pointed_s: pointed }) {
+  if (pointed !== undefined) return pixels.touching.length === pads.length;
+  return Boolean(grasp) && grasp.touched_s !== null && !hand.open && !hand.opening && !hasSlipped(grasp);
+}
+
+const hasSlipped = (grasp) => Boolean(grasp?.moments.some(([, name]) => name === "slipped"));
+
+// Where a pad is pressed: the mean place of its pixels, weighted by the conductance that each gained.
+function markCentre(group, pad, percent) {
+  let [sum, x, y] = [0, 0, 0];
+  pad.rows.forEach((row, i) => percent[row].forEach((value, col) => {
+    const gained = value === null ? 0 : Math.max(0, 100 / (100 + value) - 1);
+    sum += gained;
+    x += gained * (PAD.margin + (col + 0.5) * pad.cell);
+    y += gained * (PAD.top + PAD.margin + (i + 0.5) * pad.cell);
+  }));
+  const mark = group.querySelector(".centre");
+  mark.classList.toggle("hidden", !(sum > 0.05));
+  if (sum > 0.05) mark.setAttribute("transform", `translate(${x / sum}, ${y / sum})`);
 }
 
 function namePads(svg, doc) {
-  const touching = doc.grasp ? doc.grasp.fingers : doc.pixels.touching;
+  const fingers = touching(doc);
   pads.forEach((pad, i) => {
-    const group = $(`pad-${i}`), mean = doc.pixels.finger_percent[i], touches = touching.includes(i);
+    const group = $(`pad-${i}`), mean = doc.pixels.finger_percent[i], touches = fingers.includes(i);
     group.classList.toggle("touching", touches);
+    group.classList.toggle("slipped", hasSlipped(doc.grasp));
+    markCentre(group, pad, doc.pixels.percent);
     group.lastElementChild.innerHTML = `${doc.hand ? t("finger {n}", { n: pad.finger }) : t("pad {n}", { n: pad.finger })} <tspan font-weight="700">${fixed(mean, 1)} %</tspan>${!touches ? "" : isSmall(svg) ? `<tspan x="${pad.width / 2}" dy="1.15em">${"contact"}</tspan>` : ` · ${"contact"}`}`;
   });
 }

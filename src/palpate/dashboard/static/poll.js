@@ -51,8 +51,9 @@ function pieces(doc) {
   const said = doc.verdict, parts = [];
   if ("target_force_n" in said && doc.item) parts.push(doc.item);
   if (said.why) parts.push(said.why);
-  if (said.on_target === true) parts.push(t("target {force} N within the interval", { force: number(said.target_force_n) }));
-  if (said.on_target === false) parts.push(t("off the target of {force} N", { force: number(said.target_force_n) }));
+  if (said.on_target === true) parts.push(t("on the target of {force} N", { force: number(said.target_force_n) }));
+  if (said.on_target === false) parts.push(t("{where} the target of {force} N", { where: doc.measured.values.force_n?.high < said.target_force_n ? "below" : "above", force: number(said.target_force_n) }));
+  if (said.kind === "idle") parts.push(...doc.idle);
   // The rest is of a grasp: other headlines, such as a calibration's, are not.
   if (!("target_force_n" in said)) return parts;
   if (doc.measured.decided && doc.measured.decision_time_s !== null) parts.push(t("answer {time} s after contact", { time: fixed(doc.measured.decision_time_s, 1) }));
@@ -61,7 +62,11 @@ function pieces(doc) {
   return parts;
 }
 
+// A sensor alone: there is no hand to stop, only what runs.
+export const isAlone = (doc) => doc.source !== null && doc.hand === null && doc.grasp === null;
+
 function drawHead(doc) {
+  document.body.classList.toggle("alone", isAlone(doc));
   const pill = $("link"), link = doc.link, replayed = doc.source && doc.source.replayed;
   const rate = link.rate_hz === null ? "–" : `${fixed(link.rate_hz, link.rate_hz < 100 ? 1 : 0)} Hz`;
   // It was that old when it was sent; since then at most the whole way there and back has passed.
