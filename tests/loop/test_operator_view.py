@@ -201,8 +201,8 @@ def test_all_that_it_can_say_fits(browser: Browser, address: str, size: str) -> 
     bins = ["by hand", "large", "look at it by hand", "supermarket-class-2", "Rückläufer Tor 12"]
     reason = (
         "held and released: kiwi 55 % or lime 40 %, 137.2 mm (136.1 to 138.4), the rule in line "
-        "13 (large) comes nearest: 55 %, 80 % needed; 3 grasps · below the target of 12.5 N · answer "
-        "12.7 s after contact"
+        "13 (large) comes nearest: 55 %, 80 % needed; 3 grasps · below the target of 12.5 N · "
+        "answer 12.7 s after contact"
     )
     again = "Turn the item, then press Grasp again: the bin is only for now"
     with at(browser, f"{address}operate", pixels) as page:
