@@ -99,8 +99,7 @@ def report(
             "given twice: |line(early) - line(settled)|, the part that the technique decides, and "
             "|line(early) - load cell|, with the line's own error; what `recorded, 20 s` has there "
             "is the line's own.",
-            "`own holds` also learns how the sheet settles from those holds, 20 of each "
-            "sensor.",
+            "`own holds` also learns how the sheet settles from those holds, 20 of each sensor.",
             "Published: Table 5, newtons. Ratios are to `recorded, 2.5 s`; the paper's percentages "
             "don't fit its newtons and are left out. Nothing of Table 5 was used to set the twin.",
             *(sentence(misfit[level], of=f"Table 5 by the level {level}") for level in LEVELS),
