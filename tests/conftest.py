@@ -30,6 +30,16 @@ def real_data() -> Path:
 
 
 @pytest.fixture(scope="session")
+def packhouse(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder that `palpate demo packhouse` writes; copy what a test changes."""
+    from palpate.demo.packhouse import write_packhouse
+
+    folder = tmp_path_factory.mktemp("packhouse") / "demo-packhouse"
+    write_packhouse(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
 def postgresql_server() -> Iterator[str]:
     """Start a private PostgreSQL server; return the folder of its socket."""
     found = programs()

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import runpy
-import sys
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,6 @@ REGISTRY: Registry[Any] = Registry().with_resources(
 #: What the commands below read.
 FILES = (
     "demo recordings",
-    "demo packhouse",
     "grasp --seed 3 --object strawberry --record g.mcap",
     "grasp --seed 2 --item A1",
     "calibrate force --rig sim-rigid --out pad-force.json",
@@ -57,7 +55,7 @@ COMMANDS = (
         "--store demo-packhouse/palpate-items.sqlite",
     ),
     ("sort", "sort --rules demo-packhouse/by-size.toml --rig sim-rigid --items 2 --taught 3"),
-    ("bruise", "bruise A17 --store apples.sqlite"),
+    ("bruise", "bruise A17 --store demo-packhouse/palpate-items.sqlite"),
     ("calibrate-rest", "calibrate rest --rig sim-rigid --out pad.json"),
     ("calibrate-force", "calibrate force --rig sim-rigid --seed 1 --out pad-1.json"),
     ("calibrate-compliance", "calibrate compliance --rig sim-rigid --out pad-force.json"),
@@ -69,7 +67,7 @@ COMMANDS = (
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(packhouse: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with what the commands read."""
     path = tmp_path_factory.mktemp("json")
     with pytest.MonkeyPatch.context() as patch:
@@ -78,9 +76,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for command in FILES:
             assert run(build_app(), command.split(), name="palpate") == 0
         write_damage_file(path)
-        example = ROOT / "examples" / "bruised_apple.py"
-        patch.setattr(sys, "argv", [example.name, "apples.sqlite"])
-        runpy.run_path(str(example), run_name="__main__")
+        shutil.copytree(packhouse, "demo-packhouse")
     return path
 
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli import completion
+from palpate.cli.progress import progress
 from palpate.errors import InputError
 
 #: What can be written -> (its folder, what to try on it there).
@@ -28,6 +29,7 @@ NAMES = {
             "palpate ripeness --batch Monday --reference ball",
             "palpate sort --rules rules.toml --batch Monday",
             "palpate items fruit-3",
+            "palpate bruise A17    # exit status 1: it is bruised",
         ),
     ),
 }
@@ -44,7 +46,7 @@ def demo(
 ) -> None:
     """Write simulated files to try palpate on.
 
-    Recordings of a data logger, or a packhouse's store and rules.
+    Recordings of a data logger, or a packhouse's store and rules (half a minute).
 
     All of it is simulated, and labelled so.
 
@@ -61,7 +63,8 @@ def demo(
     else:
         from palpate.demo.packhouse import write_packhouse
 
-        written = write_packhouse(folder)
+        with progress("grasping", total=1.0) as show:
+            written = write_packhouse(folder, progress=show)
     print("Written, simulated: " + ", ".join(map(str, written)))
     print("Try:")
     for command in commands:

@@ -5,14 +5,12 @@ from __future__ import annotations
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from palpate.cli import completion
 from palpate.cli import options as option
-from palpate.cli.grasp_card import print_card
-from palpate.cli.grasp_extras import open_limit, open_store_entry
 from palpate.cli.output import print_json
 from palpate.cli.paper_options import (
     CutoffOption,
@@ -23,15 +21,10 @@ from palpate.cli.paper_options import (
     paper_settings,
 )
 from palpate.errors import InputError
-from palpate.grasp.document import grasp_document
-from palpate.grasp.paper_method import by_paper
-from palpate.grasp.planning import plan_grasp
-from palpate.grasp.pull import judge_pull
-from palpate.grasp.result import GraspResult
-from palpate.grasp.runner import Subscriber, Watcher, run_grasp
-from palpate.grasp.verdict import outcome_text, verdict
-from palpate.rig import open_rig
-from palpate.rig.recorded import record_grasp
+
+if TYPE_CHECKING:
+    from palpate.grasp.result import GraspResult
+    from palpate.grasp.runner import Subscriber, Watcher
 
 #: What each outcome means to a script: the answer is no, equipment lost, stopped by the user.
 EXIT_STATUS = {
@@ -111,6 +104,18 @@ def grasp(
 
     Example: palpate grasp --object strawberry --seed 3
     """
+    # Here and not above: help and completion need none of it.
+    from palpate.cli.grasp_card import print_card
+    from palpate.cli.grasp_extras import open_limit, open_store_entry
+    from palpate.grasp.document import grasp_document
+    from palpate.grasp.paper_method import by_paper
+    from palpate.grasp.planning import plan_grasp
+    from palpate.grasp.pull import judge_pull
+    from palpate.grasp.runner import run_grasp
+    from palpate.grasp.verdict import verdict
+    from palpate.rig import open_rig
+    from palpate.rig.recorded import record_grasp
+
     paper = paper_settings(
         method,
         step_mm=step_mm,
@@ -190,6 +195,8 @@ def grasp(
 
 def _exit_status(result: GraspResult, *, unkept: bool) -> int:
     """Return the exit status; print why, where equipment or a file failed."""
+    from palpate.grasp.verdict import outcome_text
+
     status = EXIT_STATUS[result.outcome]
     if status >= 3:
         why = f"{outcome_text(result.outcome)}. {' '.join(result.faults)}".strip()

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.errors import InputError, StoreError
-from palpate.estimate.damage_file import DamageFile
 from palpate.grasp.document import limit_document
 from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
@@ -19,7 +18,8 @@ from palpate.grasp.state import GraspState
 from palpate.rig import Rig
 
 if TYPE_CHECKING:
-    # The store is an extra.
+    # The store is an extra; the damage model loads scipy.optimize.
+    from palpate.estimate.damage_file import DamageFile
     from palpate.produce.records import Grasp
     from palpate.produce.ripeness.closing import ClosingWatch
     from palpate.produce.store import Store
@@ -58,6 +58,8 @@ def open_limit(path: Path | None, *, kind: str | None) -> Limit | None:
         if kind is not None:
             raise InputError(f"--kind {kind}: give --damage FILE too, which knows kinds")
         return None
+    from palpate.estimate.damage_file import DamageFile
+
     file = DamageFile.load(path)
     known = "" if kind is None else file.known_kind(kind, where=f"--damage {path}")
     return Limit(file, path=path, kind=known)

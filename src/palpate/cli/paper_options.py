@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import typer
 
 from palpate.errors import InputError
-from palpate.grasp.paper import Paper
+
+if TYPE_CHECKING:
+    from palpate.grasp.paper import Paper
 
 Method: TypeAlias = Literal["palpate", "paper"]
 
@@ -56,6 +58,8 @@ def paper_settings(
 
     Raises `InputError` if one is out of its range, or given without the paper's method.
     """
+    from palpate.grasp.paper import Paper
+
     options = {
         "--step-mm": step_mm,
         "--epsilon": epsilon_percent,

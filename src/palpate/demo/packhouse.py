@@ -1,26 +1,61 @@
-"""A packhouse to try: a store with a week of avocados and a rubber ball, and rules to sort them."""
+"""A packhouse to try: grasps of the twin on two weeks of mornings in a store, and sorting rules."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from uuid import UUID
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.estimate.measurement import Measurement
 from palpate.files import atomic_path
-from palpate.grasp.result import Outcome
+from palpate.grasp.calibrating import measure_rest
+from palpate.grasp.estimator import Observation
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.runner import run_grasp
+from palpate.produce.bruise.items import SOUND
+from palpate.produce.grasp_record import make_grasp_record
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
+from palpate.produce.ripeness.closing import ClosingWatch
+from palpate.produce.ripeness.firmness import RIPENESS_N
 from palpate.produce.ripeness.stages import STAGES
 from palpate.produce.store import Store
+from palpate.rig.simulated import calibrated, twin_bench
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.mechanics import pixel_shares
+from palpate.twin.objects import TwinObject, draw_object
+from palpate.twin.placement import PixelGrid
+from palpate.twin.velostat import Environment
+from palpate.twin.world import World
 
+#: Seed of all of it; the sensor's and the gripper's too.
+_SEED = 11
 _FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
-_DAYS, _GRASPS_A_DAY = 4, 3
-#: Stiffness below which a person calls the fruit by the next stage, N/mm.
-_BOUNDARIES_N_PER_MM = (4.5, 2.8, 1.7)
-#: The sheet reads less of the same force from day to day.
-_KEPT_A_DAY = 0.98
+_DAYS = 4
+#: Fruits of a batch and grasps of each a day: nine that a person labels, six to judge, whose stage
+#: stays unsure with fewer grasps; and grasps of the ball.
+_BATCHES = (("labelled", "taught", 9, 1), ("Monday", "fruit", 6, 3))
+_BALL_GRASPS = 3
+#: Elastic force at 1 mm of a hard and of an overripe avocado (ends of the twin's ranges), and below
+#: which a person calls it by the next stage (middles between its four days), newtons.
+_HARD_N, _SOFT_N, _BOUNDARIES_N = 18.0, 3.0, (13.0, 8.0, 4.5)
+#: Half way of the ripest fruit of a batch and of the hardest, days after its first morning.
+_HALF_DAYS = (-1.0, 5.0)
+#: Fruit differs from spot to spot: log standard deviation of the force (as in a mixed crate).
+_SPOT_LOG_SD = 0.08
+#: A bruise of 24 mm whose flesh carries two fifths of what sound flesh does, 5 mm from the middle.
+_BRUISE_MM, _CARRIED, _OFF_MM = 12.0, 0.4, 5.0
+_APPLES, _SIDES_DEG = 3, (0.0, 90.0)
+#: The room on the mornings (temperatures of the paper's Figure 3; humidities ours); what the sheet
+#: was pressed for its calibration and is pressed each day (guesses).
+_ROOM_C, _ROOM_PERCENT, _CYCLES, _CYCLES_A_DAY = (14.8, 26.8), (40.0, 70.0), 60, 250
+#: Frames a second, fewer than a board's; the open hand rests before each grasp, seconds.
+_FRAME_RATE_HZ, _REST_S = 10.0, 6.0
 
 _RULES = """\
 # Where things go. The first rule that is sure enough of an item wins.
@@ -57,21 +92,24 @@ size_mm = [45, 80]
 """
 
 
-def write_packhouse(folder: Path) -> list[Path]:
-    """Write a store and two files of rules; the grasps are made-up numbers, labelled simulated.
+def write_packhouse(
+    folder: Path, *, progress: Callable[[float], None] = lambda _: None
+) -> list[Path]:
+    """Write a store of simulated grasps, and two files of rules.
 
     `folder`: made where it does not exist.
-    Writes `palpate-items.sqlite`: six avocados that a person labelled ("labelled"), eight to judge
-    ("Monday"), on four mornings, and a ball that does not ripen. `rules.toml`: by ripeness.
-    `by-size.toml`: by size. Raises `InputError` if the folder has such a store already: nothing is
-    added to it.
+    `progress`: takes which fraction of the mornings is done.
+    Writes `palpate-items.sqlite`: nine avocados that a person labelled ("labelled"), six to judge
+    ("Monday"), on four mornings, a ball that does not ripen, and four apples, of which "A17" fell
+    before its second visit. `rules.toml`: by ripeness. `by-size.toml`: by size. Every grasp is one
+    of the twin. Raises `InputError` if the folder has such a store already: nothing is added to it.
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "palpate-items.sqlite"
     if path.exists():
         raise InputError(f"{path}: is there already; name another folder, or remove it")
-    with Store.open(path) as store:
-        fill(store, seed=11)
+    with atomic_path(path) as temporary, Store.open(temporary) as store:
+        _fill(store, progress=progress)
     written = [path]
     for name, text in (("rules.toml", _RULES), ("by-size.toml", _SIZES)):
         with atomic_path(folder / name) as temporary:
@@ -80,81 +118,160 @@ def write_packhouse(folder: Path) -> list[Path]:
     return written
 
 
-def fill(store: Store, *, seed: int) -> None:
-    """Add made-up grasps: stiffness falls from 6 to 1.2 N/mm, the sensor loses 2 % a day."""
-    chance = np.random.default_rng(seed)
-    for week, (batch, name, count) in enumerate(
-        (("labelled", "taught", 6), ("Monday", "fruit", 8))
-    ):
-        for day in range(_DAYS):
-            store.add_grasps(_grasps("ball", 4.0, day=day, week=week, scatter=0.02, chance=chance))
-        for number in range(count):
-            item = Item(item_id=f"{name}-{number}", kind="avocado", batch=batch)
-            store.add_item(item)
-            _follow(store, item.item_id, week=week, labelled=batch == "labelled", chance=chance)
-
-
-def _follow(
-    store: Store, item_id: str, *, week: int, labelled: bool, chance: np.random.Generator
-) -> None:
-    """Grasp a fruit on four mornings; where it is labelled, a person names its stage each day."""
-    halfway = float(chance.uniform(-0.5, 3.0)) + week
-    for day in range(_DAYS):
-        stiffness = 1.2 + 4.8 / (1 + np.exp((day - halfway) / 0.6))
-        # Fruit is not the same wherever it is touched.
-        store.add_grasps(
-            _grasps(item_id, stiffness, day=day, week=week, scatter=0.08, chance=chance)
-        )
-        if labelled:
-            stage = STAGES[sum(stiffness < bound for bound in _BOUNDARIES_N_PER_MM)]
-            given_at = _FIRST + timedelta(weeks=week, days=day, hours=2)
-            store.add_verdict(
-                Verdict(
-                    item_id=item_id,
-                    about=About.RIPENESS,
-                    text=stage,
-                    given_at=given_at,
-                    source=Source.PERSON,
-                )
-            )
-
-
-def _grasps(
-    item_id: str,
-    stiffness_n_per_mm: float,
-    *,
-    day: int,
-    week: int,
-    scatter: float,
-    chance: np.random.Generator,
-) -> list[Grasp]:
-    """Return one morning's grasps of an item, as this sensor would read them."""
-    # What is read as 5 N is more and more: it presses deeper, and a round fruit (Hertz) looks
-    # softer by two thirds of that.
-    read_over_true = _KEPT_A_DAY ** (7 * week + day)
-    found = []
-    for minute in range(_GRASPS_A_DAY):
-        value = stiffness_n_per_mm * float(np.exp(scatter * chance.standard_normal()))
-        pressed_mm = 5.0 / value / read_over_true ** (2 / 3)
-        measured = {
-            "stiffness_n_per_mm": (5.0 / pressed_mm, 1.0 / pressed_mm, "n_per_mm"),
-            "force_n": (5.0, 0.5, "n"),
-            "size_mm": (62.0, 0.4, "mm"),
-            "width_mm": (62.0 - pressed_mm, 0.05, "mm"),
-            "settled_percent": (-45.0, 3.0, "percent"),
+def _fill(store: Store, *, progress: Callable[[float], None]) -> None:
+    """Grasp everything on each morning: the ball first, then apples, then avocados."""
+    rng = np.random.default_rng(_SEED)
+    ball, hand = draw_object(rng, "ball-44lbs"), _Hand(rng)
+    apples = {f"apple-{number + 1}": draw_object(rng, "apple") for number in range(_APPLES)}
+    apples["A17"] = draw_object(rng, "apple")
+    for name in apples:
+        store.add_item(Item(item_id=name, kind="apple"))
+    for week, (batch, name, count, times) in enumerate(_BATCHES):
+        fruits = {
+            f"{name}-{number}": _Avocado(flesh=draw_object(rng, "avocado-day-1"), half_day=half_day)
+            for number, half_day in enumerate(np.linspace(*_HALF_DAYS, count).tolist())
         }
-        found.append(
-            Grasp(
-                item_id=item_id,
-                taken_at=_FIRST + timedelta(weeks=week, days=day, minutes=minute),
-                rig="made-up",
-                drive="width",
-                origin="twin",
-                outcome=Outcome.HELD,
-                measurements={
-                    name: Measurement(value=value, low=value - half, high=value + half, unit=unit)
-                    for name, (value, half, unit) in measured.items()
-                },
-            )
-        )
+        for item_id in fruits:
+            store.add_item(Item(item_id=item_id, kind="avocado", batch=batch))
+        for day in range(_DAYS):
+            progress((_DAYS * week + day) / (2 * _DAYS))
+            hand.begin_morning(7 * week + day)
+            grasps = [hand.grasp(ball, "ball") for _ in range(_BALL_GRASPS)]
+            if week == 0 and day < 2:
+                grasps += _grasp_apples(hand, apples if day == 0 else {"A17": apples["A17"]}, day)
+            for item_id, fruit in fruits.items():
+                grasps += [hand.grasp(fruit.spot(day, rng=rng), item_id) for _ in range(times)]
+            store.add_grasps(grasps, calibration=hand.calibration)
+            for item_id, fruit in fruits.items() if batch == "labelled" else ():
+                _label(store, item_id, About.RIPENESS, fruit.stage(day), at=grasps[-1].taken_at)
+    for name in list(apples)[:_APPLES]:
+        _label(store, name, About.BRUISE, SOUND, at=_FIRST + timedelta(hours=2))
+    hand.close()
+
+
+def _label(store: Store, item_id: str, about: About, text: str, *, at: datetime) -> None:
+    store.add_verdict(
+        Verdict(item_id=item_id, about=about, text=text, given_at=at, source=Source.PERSON)
+    )
+
+
+def _grasp_apples(hand: _Hand, apples: dict[str, TwinObject], day: int) -> list[Grasp]:
+    """Grasp both pairs of sides of each apple; on the second day one of A17 is bruised."""
+    found = []
+    for name, apple in apples.items():
+        for angle_deg in _SIDES_DEG:
+            fell = name == "A17" and day > 0 and angle_deg == _SIDES_DEG[-1]
+            side = replace(apple, faces=_BruisedCheek(apple)) if fell else apple
+            found.append(hand.grasp(side, name, angle_deg=angle_deg))
     return found
+
+
+@dataclass(frozen=True, slots=True)
+class _BruisedCheek:
+    """A round fruit whose first side carries less of its load on one spot."""
+
+    sound: TwinObject
+
+    def pixel_shares(
+        self, deformation_mm: float, *, grid: PixelGrid, off_centre_mm: tuple[float, float]
+    ) -> FloatArray:
+        """Return the share of its finger's force that each pixel carries, shape (pixels,)."""
+        shares = pixel_shares(self.sound, deformation_mm, grid=grid, off_centre_mm=off_centre_mm)
+        along_mm, across_mm = (
+            place - off - _OFF_MM
+            for place, off in zip((grid.along_mm, grid.across_mm), off_centre_mm, strict=True)
+        )
+        depth = np.maximum(1.0 - (along_mm**2 + across_mm**2) / _BRUISE_MM**2, 0.0)
+        return np.asarray(shares * (1.0 - (1.0 - _CARRIED) * depth * (grid.finger == 0)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Avocado:
+    """A fruit that softens along an S, half way on a day after its first."""
+
+    flesh: TwinObject
+    half_day: float
+
+    def force_at_1mm_n(self, day: int) -> float:
+        """Return its mean elastic force at 1 mm of deformation."""
+        return _SOFT_N + (_HARD_N - _SOFT_N) / (1.0 + math.exp((day - self.half_day) / 0.6))
+
+    def stage(self, day: int) -> str:
+        """Return its stage as a person sees it."""
+        return STAGES[sum(self.force_at_1mm_n(day) < bound for bound in _BOUNDARIES_N)]
+
+    def spot(self, day: int, *, rng: np.random.Generator) -> TwinObject:
+        """Return the fruit as it is at one spot."""
+        force_n = self.force_at_1mm_n(day) * math.exp(_SPOT_LOG_SD * rng.standard_normal())
+        return replace(self.flesh, force_at_1mm_n=force_n)
+
+
+class _Hand:
+    """One sensor on one gripper, calibrated once; every morning its rest values are taken."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._calibrated = calibrated(seed=_SEED, level="lab", apart_from="ball-44lbs")
+        self._rng = rng
+
+    def begin_morning(self, day: int) -> None:
+        """Take the rest values in the room and with the wear of a day."""
+        self.close()
+        self._day = day
+        world = World(
+            None,
+            seed=_SEED * 1000 + day,
+            sheet_seed=_SEED,
+            frame_rate_hz=_FRAME_RATE_HZ,
+            environment=Environment(
+                temperature_c=float(self._rng.uniform(*_ROOM_C)),
+                humidity_percent=float(self._rng.uniform(*_ROOM_PERCENT)),
+                cycles=_CYCLES + _CYCLES_A_DAY * day,
+            ),
+        )
+        bench = twin_bench(world, start=TwinGripper(world).limits.target(0.0))
+        calibration = replace(self._calibrated, rest=measure_rest(bench))
+        #: The calibration of this morning, as text.
+        self.calibration = calibration.as_text()
+        bench.array.close()
+        self._world, self._array, self._gripper = world, TwinArray(world), TwinGripper(world)
+        self._plan = plan_grasp(
+            calibration, gripper=self._gripper, target_force_n=RIPENESS_N, hold_s=0.0
+        )
+
+    def grasp(self, obj: TwinObject, item_id: str, *, angle_deg: float | None = None) -> Grasp:
+        """Lay an object into the nest and grasp it, as `palpate grasp --item` does."""
+        seen: list[Observation] = []
+        closing, clock = ClosingWatch(self._plan), self._world.clock
+        self._world.place(obj, fixture=True)
+        self._array.skip_until(clock.now_s() + _REST_S)
+        result = run_grasp(
+            self._plan,
+            array=self._array,
+            gripper=self._gripper,
+            clock=clock,
+            subscribers=[seen.append],
+            watchers=[closing.see],
+        )
+        grasp = make_grasp_record(
+            result,
+            item_id=item_id,
+            seen=seen,
+            layout=self._plan.layout,
+            rig="sim-rigid",
+            drive="width",
+            origin="twin",
+            calibration=self.calibration,
+            recording=None,
+            angle_deg=angle_deg,
+            closing=closing.measured(),
+        )
+        return replace(
+            grasp,
+            grasp_id=str(UUID(bytes=self._rng.bytes(16), version=4)),
+            taken_at=_FIRST + timedelta(days=self._day, seconds=clock.now_s()),
+        )
+
+    def close(self) -> None:
+        """Close the morning's devices."""
+        if hasattr(self, "_array"):
+            self._array.close()

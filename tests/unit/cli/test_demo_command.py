@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from palpate.cli import build_app, run
+from palpate.produce.store import Store
 
 
 def palpate(*arguments: str) -> int:
@@ -27,19 +28,31 @@ def test_what_it_proposes_works_as_typed(
     assert palpate("demo", name) == 0
     shown = capsys.readouterr().out
     assert "simulated" in shown
-    proposed = [line.split() for line in shown.split("Try:\n")[1].splitlines()]
+    proposed = shown.split("Try:\n")[1].splitlines()
     assert proposed
     for line in proposed:
-        if line[0] == "cd":
-            os.chdir(line[1])
+        program, *arguments = shlex.split(line, comments=True)
+        if program == "cd":
+            os.chdir(arguments[0])
             continue
-        assert palpate(*shlex.split(" ".join(line))[1:]) == 0, line
+        status = int("exit status 1" in line)
+        assert palpate(*arguments) == status, line
 
 
-def test_a_store_is_not_added_to_twice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert palpate("demo", "packhouse", "--out", str(tmp_path / "a")) == 0
-    assert palpate("demo", "packhouse", "--out", str(tmp_path / "a")) == 2
+def test_a_store_is_not_added_to_twice(packhouse: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert palpate("demo", "packhouse", "--out", str(packhouse)) == 2
     assert "is there already" in capsys.readouterr().err
+
+
+def test_demo_packhouse_measures_every_fruit_on_the_twin(packhouse: Path) -> None:
+    with Store.open(packhouse / "palpate-items.sqlite", create=False) as store:
+        fruits = store.of_batch("Monday")
+        grasps = [store.grasps_of(fruit.item_id)[-1] for fruit in fruits]
+    assert {grasp.origin for grasp in grasps} == {"twin"}
+    for name in ("size_mm", "force_n", "settled_percent"):
+        values = [grasp.measurements[name].value for grasp in grasps]
+        assert len(set(values)) == len(fruits) == 6
+    assert all(grasp.pixel_settled_percent is not None for grasp in grasps)
 
 
 def test_recordings_are_labelled_simulated(tmp_path: Path) -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import runpy
+import shutil
 from pathlib import Path
 
 import pytest
 from tests.pdf_fonts import check_fonts
 
 from palpate.cli import build_app, run
-from palpate.demo.packhouse import write_packhouse
 from palpate.produce.records import About, Item, Source
 from palpate.produce.store import Store
 
@@ -22,8 +22,10 @@ def palpate(*arguments: str) -> int:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_packhouse(tmp_path_factory.mktemp("ripeness"))[0]
+def made(packhouse: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return Path(
+        shutil.copy(packhouse / "palpate-items.sqlite", tmp_path_factory.mktemp("ripeness"))
+    )
 
 
 @pytest.fixture(autouse=True)
@@ -36,7 +38,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_a_batch_is_judged_item_by_item(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert palpate("--batch", "Monday", "--store", str(made), "--reference", "ball", "--json") == 0
     items = json.loads(capsys.readouterr().out)["items"]
-    assert len(items) == 8
+    assert len(items) == 6
     assert all(item["simulated"] and item["basis"] == "labels" for item in items)
     for item in items:
         assert sum(item["probabilities"].values()) == pytest.approx(1.0)
@@ -44,9 +46,12 @@ def test_a_batch_is_judged_item_by_item(made: Path, capsys: pytest.CaptureFixtur
         days = item["days_to_ripe"]
         assert days["low"] <= days["value"] <= days["high"]
         assert len(item["days"]) == 4
-        # The made-up sensor loses 2 % a day of what a ball shows in ten days; three grasps a day
-        # tell it to a few percent.
-        assert item["reference_moved_percent"] == pytest.approx(100 * (0.98**10 - 1), abs=10)
+        assert item["reference_moved_percent"] == items[0]["reference_moved_percent"]
+    # From the ripest to the hardest, as the twin has them; neighbours may be taken for each other.
+    order = ["overripe", "ripe", "conditioned", "hard"]
+    stages = [order.index(item["stage"]) for item in items]
+    true = [0, 0, 0, 1, 3, 3]
+    assert all(abs(a - b) <= 1 for a, b in zip(stages, true, strict=True))
     assert {"hard", "overripe"} <= {item["stage"] for item in items}
 
 
@@ -148,6 +153,6 @@ def test_the_example_prints_its_batch_and_draws_it(
 ) -> None:
     runpy.run_path(str(EXAMPLE), run_name="example")["main"]([str(made), "Monday"])
     said = capsys.readouterr().out
-    assert said.startswith("Monday (simulated): 8 fruits")
+    assert said.startswith("Monday (simulated): 6 fruits")
     assert "the ball reads -" in said
     assert (folder / "batch.png").stat().st_size > 10_000
