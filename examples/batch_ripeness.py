@@ -3,7 +3,7 @@
     python examples/batch_ripeness.py items.sqlite Monday
 
 reads a store that `palpate grasp --item` filled. Without arguments it makes one first, as
-`palpate demo packhouse` does (simulated): a batch on four mornings, six fruits that a person
+`palpate demo packhouse` does (simulated): a batch on three mornings, eight fruits that a person
 labelled, and a rubber ball that shows how the sensor drifts.
 """
 

@@ -13,11 +13,12 @@ from rich.markup import escape
 from palpate.cli import completion
 from palpate.cli.items import open_store
 from palpate.cli.options import JsonOption, StoreOption
-from palpate.cli.output import print_json, print_table
+from palpate.cli.output import print_json
 from palpate.errors import InputError
 from palpate.produce.bruise.items import ItemBruise, examine_item, learn_from
 from palpate.produce.bruise.model import BruiseModel, default_model
 from palpate.produce.store import Store
+from palpate.terminal_table import print_table
 
 
 def bruise(

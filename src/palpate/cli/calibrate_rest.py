@@ -15,7 +15,7 @@ from rich.console import Console
 
 from palpate.cli import options as option
 from palpate.cli.calibrate_bench import DEFAULT_FILE, earlier_calibration, new_calibration
-from palpate.cli.output import print_json, print_table
+from palpate.cli.output import print_json
 from palpate.cli.sensor_source import open_source
 from palpate.errors import CalibrationError
 from palpate.files import check_place
@@ -24,6 +24,7 @@ from palpate.sensor.calibration import Calibration, RestValues
 from palpate.sensor.findings import pixel_name
 from palpate.sensor.health import FrameColumns
 from palpate.signal.relative import refuse_load, rest_baseline
+from palpate.terminal_table import print_table
 
 
 def rest(

@@ -19,7 +19,8 @@ NAMES = {
             "palpate settle demo-recordings/ohm.csv --plot settled.png",
             "palpate settle demo-recordings/counts.csv --unit counts --adc-bits 10 "
             "--reference-ohm 4700 --sensor-leg upper",
-            "palpate settle demo-recordings",
+            "palpate settle demo-recordings --method relaxation --method recorded "
+            "--method exponential --cutoff 1",
         ),
     ),
     "packhouse": (
@@ -46,7 +47,7 @@ def demo(
 ) -> None:
     """Write simulated files to try palpate on.
 
-    Recordings of a data logger, or a packhouse's store and rules (half a minute).
+    Recordings of a data logger, or a packhouse's store and rules (a quarter of a minute).
 
     All of it is simulated, and labelled so.
 

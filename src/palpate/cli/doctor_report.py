@@ -10,10 +10,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from palpate.cli.output import CARD_FRAME, fit_table, make_table, print_card
+from palpate.cli.output import CARD_FRAME, print_card
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.findings import Severity, pixel_name
 from palpate.sensor.health import Health
+from palpate.terminal_table import fit_table, make_table
 
 _MARKS = {Severity.FAULT: "[bold red]✗[/]", Severity.ADVICE: "[yellow]![/]"}
 #: Larger arrays would fill the screen: only their odd pixels are listed.

@@ -8,12 +8,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from palpate.cli.output import make_table
 from palpate.cli.output import print_card as print_frame
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.rig import Rig
 from palpate.settling.result import Status
+from palpate.terminal_table import make_table
 
 _BAR = 20
 #: Narrower terminals have no room for the bars next to the numbers.

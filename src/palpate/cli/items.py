@@ -19,12 +19,9 @@ from palpate.cli.options import BatchOption, DayOption, JsonOption, StoreOption
 from palpate.cli.output import (
     CARD_FRAME,
     SIMULATED,
-    fit_table,
-    make_table,
     percent_text,
     print_card,
     print_json,
-    print_table,
     time_text,
 )
 from palpate.errors import InputError, StoreAwayError
@@ -38,6 +35,7 @@ from palpate.produce.store.item_history import (
     item_pages,
     items_document,
 )
+from palpate.terminal_table import fit_table, make_table, print_table
 
 _SETTABLE = ("kind", "batch", "label")
 #: Grasps and verdicts shown on a page: the last ones.

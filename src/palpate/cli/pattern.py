@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 
 from palpate.cli.options import JsonOption
-from palpate.cli.output import print_json, print_table
+from palpate.cli.output import print_json
 from palpate.errors import InputError, MissingExtraError
 from palpate.fabrication.design import PRESETS, Cutter, SensorDesign
 from palpate.fabrication.drawing import combined_svg, layer_svg, require_dxf, write_dxf
@@ -20,6 +20,7 @@ from palpate.fabrication.pattern import Pattern, lay_out
 from palpate.fabrication.refusals import check_design, check_pattern
 from palpate.fabrication.rest_resistance import RestExpectation, from_measurement, from_sheet
 from palpate.files import atomic_path
+from palpate.terminal_table import print_table
 
 _SHEET, _TAIL, _CUTTER = "Expected rest resistance", "Copper and tape", "What can be cut"
 Shape: TypeAlias = Literal["rectangle", "rounded", "circle"]

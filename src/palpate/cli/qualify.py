@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 
 from palpate.cli.options import JsonOption
-from palpate.cli.output import print_json, print_table
+from palpate.cli.output import print_json
 from palpate.cli.qualify_report import (
     demands_of,
     grade_table,
@@ -23,6 +23,7 @@ from palpate.errors import InputError
 from palpate.produce.qualify.agreement import Demand, agreement_of, effort_of
 from palpate.produce.qualify.readings import read_pairs
 from palpate.produce.qualify.scatter import scatter_of
+from palpate.terminal_table import print_table
 
 #: Without a reference read twice, the tolerance is this share of its scatter over items (guess).
 _TOLERANCE_SHARE = 0.5

@@ -17,7 +17,7 @@ from rich.text import Text
 from palpate.cli import completion
 from palpate.cli.items import open_store
 from palpate.cli.options import BatchOption, DpiOption, JsonOption, StoreOption
-from palpate.cli.output import percent_text, print_json, print_table
+from palpate.cli.output import percent_text, print_json
 from palpate.errors import InputError
 from palpate.plots.style import check_plot, save_figure
 from palpate.produce.identify.items import drive_of
@@ -35,6 +35,7 @@ from palpate.produce.ripeness.items import (
 from palpate.produce.ripeness.reference_object import Drift
 from palpate.produce.ripeness.rule import SURE, Days, Ripeness, RipenessRule
 from palpate.produce.store import Store
+from palpate.terminal_table import print_table
 
 _DEFAULT_STAGES = "hard,conditioned,ripe,overripe"
 

@@ -24,11 +24,11 @@ from palpate.scoring.table import (
     PIPED_WIDTH,
     WIDE,
     ScoreTable,
-    empty_table,
     print_scores,
     short,
 )
 from palpate.settling.result import SettlingMethod
+from palpate.terminal_table import print_table
 
 OUT_ENDINGS = (".json", ".csv", ".parquet")
 #: How many of the holds with the largest errors are listed.
@@ -198,18 +198,16 @@ def _print_holds(document: ScoreTable, console: Console, *, level: float) -> Non
         which = f"{ROWS_SHOWN} of {which}, {first} first"
     units = {row.unit for row in rows}
     in_unit = f" in {units.pop()}" if len(units) == 1 and None not in units else ""
-    headings = ["hold", "cut-off", "predicted", *["unit"] * (len(units) > 1), "±"]
-    headings += ["interval"] * (console.width >= WIDE)
-    headings += ["settled", "error"] * scored + ["status"]
-    table = empty_table(
-        console,
+    headings = ["hold", ">cut-off", ">predicted", *[">unit"] * (len(units) > 1), ">±"]
+    headings += [">interval"] * (console.width >= WIDE)
+    headings += [">settled", ">error"] * scored + [">status"]
+    console.print(
         f"Value{in_unit} predicted for {document.horizon_s:g} s by {rows[0].method}: {which}",
-        *headings,
+        highlight=False,
     )
-    for index in sorted(order) if every else order:
-        cells = _row_cells(rows[index])
-        table.add_row(*(cells[heading] for heading in headings))
-    console.print(table)
+    shown = [_row_cells(rows[index]) for index in (sorted(order) if every else order)]
+    cells = [[row[heading.lstrip(">")] for heading in headings] for row in shown]
+    print_table(headings, cells, console=console)
     console.print(
         f"[dim]±: half-width of the {level:.0%} interval, in % of the settled value, where known, "
         "else of the predicted one[/dim]",
@@ -226,7 +224,7 @@ def _row_cells(row: Prediction) -> dict[str, str]:
         "hold": escape(row.hold_id + (f" {row.channel}" if row.channel else "")),
         "cut-off": f"{row.cutoff_s:.3g} s",
         "predicted": _text(row.predicted),
-        "unit": row.unit or "-",
+        "unit": escape(row.unit or "-"),
         "±": f"{half_percent:.1f} %" if np.isfinite(half_percent) else "-",
         "interval": f"{_text(row.low)}..{_text(row.high)}" if np.isfinite(row.low) else "-",
         "settled": _text(row.settled),

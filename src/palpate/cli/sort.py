@@ -21,7 +21,7 @@ from palpate.cli.options import (
     StoreOption,
     TargetForceOption,
 )
-from palpate.cli.output import print_json, print_table
+from palpate.cli.output import print_json
 from palpate.cli.progress import progress
 from palpate.cli.sort_report import SortReport
 from palpate.cli.sort_run import sort_from_store, sort_with_rig
@@ -32,6 +32,7 @@ from palpate.produce.identify.identifier import Identifier, Identity
 from palpate.produce.identify.items import identity_verdict, learn_kinds, touches_of
 from palpate.produce.learning import UNKNOWN
 from palpate.produce.sorting.rules_file import read_rules
+from palpate.terminal_table import print_table
 
 
 def sort(

@@ -9,10 +9,11 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-from palpate.cli.output import print_json, print_table
+from palpate.cli.output import print_json
 from palpate.produce.sorting.rules import RuleBook
 from palpate.produce.sorting.run import Sorted
 from palpate.produce.sorting.score import CARRY_S, TURN_S, Placed, Score, score_sorting
+from palpate.terminal_table import print_table
 
 
 @dataclass(kw_only=True)

@@ -13,10 +13,11 @@ from rich.markup import escape
 
 from palpate.cli.items import add_label, open_store
 from palpate.cli.options import JsonOption, StoreOption
-from palpate.cli.output import percent_text, print_json, print_table
+from palpate.cli.output import percent_text, print_json
 from palpate.errors import InputError
 from palpate.produce.records import About
 from palpate.produce.teaching import labelled_of, read_labelled
+from palpate.terminal_table import print_table
 
 
 class Question(StrEnum):

@@ -36,16 +36,16 @@ from palpate.twin.world import World
 #: Seed of all of it; the sensor's and the gripper's too.
 _SEED = 11
 _FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
-_DAYS = 4
-#: Fruits of a batch and grasps of each a day: nine that a person labels, six to judge, whose stage
+_DAYS = 3
+#: Fruits of a batch and grasps of each a day: eight that a person labels, six to judge, whose stage
 #: stays unsure with fewer grasps; and grasps of the ball.
-_BATCHES = (("labelled", "taught", 9, 1), ("Monday", "fruit", 6, 3))
-_BALL_GRASPS = 3
+_BATCHES = (("labelled", "taught", 8, 1), ("Monday", "fruit", 6, 2))
+_BALL_GRASPS = 2
 #: Elastic force at 1 mm of a hard and of an overripe avocado (ends of the twin's ranges), and below
 #: which a person calls it by the next stage (middles between its four days), newtons.
 _HARD_N, _SOFT_N, _BOUNDARIES_N = 18.0, 3.0, (13.0, 8.0, 4.5)
 #: Half way of the ripest fruit of a batch and of the hardest, days after its first morning.
-_HALF_DAYS = (-1.0, 5.0)
+_HALF_DAYS = (-1.0, 4.0)
 #: Fruit differs from spot to spot: log standard deviation of the force (as in a mixed crate).
 _SPOT_LOG_SD = 0.08
 #: A bruise of 24 mm whose flesh carries two fifths of what sound flesh does, 5 mm from the middle.
@@ -99,8 +99,8 @@ def write_packhouse(
 
     `folder`: made where it does not exist.
     `progress`: takes which fraction of the mornings is done.
-    Writes `palpate-items.sqlite`: nine avocados that a person labelled ("labelled"), six to judge
-    ("Monday"), on four mornings, a ball that does not ripen, and four apples, of which "A17" fell
+    Writes `palpate-items.sqlite`: eight avocados that a person labelled ("labelled"), six to judge
+    ("Monday"), on three mornings, a ball that does not ripen, and four apples, of which "A17" fell
     before its second visit. `rules.toml`: by ripeness. `by-size.toml`: by size. Every grasp is one
     of the twin. Raises `InputError` if the folder has such a store already: nothing is added to it.
     """

@@ -17,14 +17,12 @@ from palpate.settling.predict import method_named
 if TYPE_CHECKING:
     import pandas as pd
     from rich.console import Console
-    from rich.table import Table
 
 #: Columns of text where standard output is no terminal that has a width of its own.
 PIPED_WIDTH = 120
 
-#: From these widths on intervals are shown with their half-widths; columns stand well apart; only
-#: names fold.
-WIDE, AIRY, NARROWEST = 100, 80, 60
+#: From this width on intervals are shown with their half-widths.
+WIDE = 100
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,56 +168,32 @@ def _known(figure: float) -> float | None:
 
 def print_scores(summary: Sequence[Mapping[str, Any]], console: Console, *, level: float) -> None:
     """Print a row for each method and cut-off of a `ScoreTable`'s summary."""
-    table = empty_table(
-        console,
-        "|error| in % of the settled value",
-        *("method", "cut-off", "holds", "median", "mean", "p90", "of rest", f"in {level:.0%}", "±"),
-    )
+    from palpate.terminal_table import print_table
+
+    heads = ("method", ">cut-off", ">holds", ">median", ">mean", ">p90", ">of rest")
+    rows = []
     for entry in summary:
         cutoff = "-" if entry["cutoff_s"] is None else f"{entry['cutoff_s']:.3g} s"
-        coverage = "-" if entry["coverage"] is None else f"{entry['coverage']:.2f}"
-        table.add_row(
-            entry["method"],
-            f"~{cutoff}" if "holds_decided" in entry else cutoff,
-            str(entry["holds"]),
-            short(entry["median_abs_error_percent"]),
-            short(entry["mean_abs_error_percent"]),
-            short(entry["p90_abs_error_percent"]),
-            short(entry["median_error_of_remaining_percent"]),
-            coverage,
-            short(entry["median_half_width_percent"]),
+        rows.append(
+            (
+                entry["method"],
+                f"~{cutoff}" if "holds_decided" in entry else cutoff,
+                str(entry["holds"]),
+                short(entry["median_abs_error_percent"]),
+                short(entry["mean_abs_error_percent"]),
+                short(entry["p90_abs_error_percent"]),
+                short(entry["median_error_of_remaining_percent"]),
+                "-" if entry["coverage"] is None else f"{entry['coverage']:.2f}",
+                short(entry["median_half_width_percent"]),
+            )
         )
-    console.print(table)
+    console.print("|error| in % of the settled value", highlight=False)
+    print_table((*heads, f">in {level:.0%}", ">±"), rows, console=console)
     console.print(
         f"[dim]of rest: median |error| in % of the change still to come; in {level:.0%}: share of "
         "holds inside their interval; ±: median half-width in %[/dim]",
         highlight=False,
     )
-
-
-def empty_table(console: Console, title: str, *headings: str) -> Table:
-    """Return an empty table; what is too wide for the terminal is folded, never left out."""
-    from rich import box
-    from rich.table import Table
-
-    view = Table(
-        title=title,
-        title_justify="left",
-        box=box.SIMPLE_HEAD,
-        padding=(0, 1 if console.width >= AIRY else 0),
-        pad_edge=False,
-        collapse_padding=True,
-    )
-    for place, heading in enumerate(headings):
-        is_name = place == 0 or heading == "status"
-        view.add_column(
-            heading,
-            justify="left" if place == 0 else "right",
-            no_wrap=not is_name and console.width >= NARROWEST,
-            overflow="fold",
-            min_width=min(10, console.width // 7) if place == 0 else len("status") * is_name,
-        )
-    return view
 
 
 def short(figure: float | None) -> str:

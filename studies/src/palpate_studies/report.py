@@ -20,7 +20,6 @@ from palpate.files import atomic_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from rich.console import Console
 
 
 def _folder(out: Path | None) -> Path | None:
@@ -209,13 +208,16 @@ class StudyReport:
             return
         from rich.console import Console
 
+        from palpate.terminal_table import print_table
+
         # Piped into a file, names in tables must not be cut at 80 columns.
         console = Console(width=None if sys.stdout.isatty() else 120)
         console.print(f"[bold]{self.title}[/bold]")
         for line in self.provenance:
             console.print(f"[dim]{line}[/dim]", highlight=False)
         for table in self.tables:
-            _print_table(console, table)
+            console.print(f"\n[italic]{table.title}[/italic]")
+            print_table(table.columns, table.rows, console=console)
         if out is not None:
             console.print(f"Written to {out}")
 
@@ -236,24 +238,3 @@ class StudyReport:
                 figure = draw()
             letter_panels(figure)
             save_figures(figure, out / stem)
-
-
-def _print_table(console: Console, table: Table) -> None:
-    """Print a table; one that the terminal has no room for as a list of its rows, cell by cell."""
-    from rich.table import Table as RichTable
-
-    from palpate.cli.output import narrow_columns
-
-    view = RichTable(*table.columns, title=table.title, title_justify="left")
-    for row in table.rows:
-        view.add_row(*row)
-    if narrow_columns(view, room=console.width, console=console):
-        console.print(view)
-        return
-    console.print(f"[italic]{table.title}[/italic]")
-    for row in table.rows:
-        cells = RichTable.grid(padding=(0, 2))
-        for column, cell in zip(table.columns, row, strict=True):
-            cells.add_row(column, cell)
-        console.print(cells)
-        console.print()

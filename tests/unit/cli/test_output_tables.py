@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from palpate.cli.output import fit_table
+from palpate.terminal_table import fit_table
 
 ROWS = (
     ("fruit-17", "2026-05-14 08:02", "[bold]62.0[/]\n[dim]61.6…62.4[/]", Text("conditioned")),

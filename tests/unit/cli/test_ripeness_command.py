@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import runpy
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -45,12 +46,12 @@ def test_a_batch_is_judged_item_by_item(made: Path, capsys: pytest.CaptureFixtur
         assert item["unsure"] == (max(item["probabilities"].values()) < 0.9)
         days = item["days_to_ripe"]
         assert days["low"] <= days["value"] <= days["high"]
-        assert len(item["days"]) == 4
+        assert len(item["days"]) == 3
         assert item["reference_moved_percent"] == items[0]["reference_moved_percent"]
     # From the ripest to the hardest, as the twin has them; neighbours may be taken for each other.
     order = ["overripe", "ripe", "conditioned", "hard"]
     stages = [order.index(item["stage"]) for item in items]
-    true = [0, 0, 0, 1, 3, 3]
+    true = [0, 0, 1, 2, 3, 3]
     assert all(abs(a - b) <= 1 for a, b in zip(stages, true, strict=True))
     assert {"hard", "overripe"} <= {item["stage"] for item in items}
 
@@ -73,7 +74,7 @@ def test_one_item_is_explained_drawn_and_remembered(
 ) -> None:
     assert palpate("fruit-1", "--store", str(made), "--plot", "fruit.pdf") == 0
     said = capsys.readouterr().out
-    assert "felt 12 times on 4 days" in said
+    assert "felt 6 times on 3 days" in said
     assert "SIMULATED" in said
     check_fonts(folder / "fruit.pdf")
     with Store.open(made, create=False) as store:
@@ -90,7 +91,7 @@ def test_drift_that_nobody_takes_out_makes_fruit_look_riper(
         item = json.loads(capsys.readouterr().out)["items"][0]
         return float(item["days"][0]["stiffness_n_per_mm"])
 
-    assert stiffness() < 0.93 * stiffness("--reference", "ball")
+    assert stiffness() < 0.97 * stiffness("--reference", "ball")
 
 
 def test_an_item_of_no_kind_is_judged_by_its_first_day(
@@ -99,14 +100,13 @@ def test_an_item_of_no_kind_is_judged_by_its_first_day(
     with Store.open(made, create=False) as store, Store.open(tmp_path / "one.sqlite") as alone:
         alone.add_item(Item(item_id="mine"))
         for grasp in store.grasps_of("fruit-1"):
-            object.__setattr__(grasp, "item_id", "mine")
-            alone.add_grasp(grasp)
+            alone.add_grasp(replace(grasp, item_id="mine", calibration_id=None))
     assert palpate("mine", "--store", "one.sqlite", "--json") == 0
     shown = capsys.readouterr()
     assert "by its own first day: its kind is not known" in shown.err
     item = json.loads(shown.out)["items"][0]
     assert (item["basis"], item["days_to_ripe"]) == ("first day", None)
-    assert item["stage"] in ("ripe", "overripe")
+    assert item["stage"] == "conditioned"
 
 
 def test_a_first_day_without_labels_is_an_assumption_and_not_kept(
@@ -115,8 +115,7 @@ def test_a_first_day_without_labels_is_an_assumption_and_not_kept(
     with Store.open(made, create=False) as store, Store.open(tmp_path / "new.sqlite") as alone:
         alone.add_item(Item(item_id="new"))
         first = store.grasps_of("fruit-1")[0]
-        object.__setattr__(first, "item_id", "new")
-        alone.add_grasp(first)
+        alone.add_grasp(replace(first, item_id="new", calibration_id=None))
     assert palpate("new", "--store", "new.sqlite") == 0
     said = capsys.readouterr().out
     assert "assumed" in said
