@@ -14,8 +14,8 @@ from palpate.errors import InputError
 from palpate.estimate.damage_learning import follow_closing, read_closings
 from palpate.grasp.plan import Plan
 from palpate_studies import rupture
-from palpate_studies.other_closings import other_closings
 from palpate_studies.rupture_policies import published_scores
+from palpate_studies.second.closings import other_closings
 
 
 def run_study(arguments: list[str]) -> int:

@@ -32,9 +32,9 @@ from palpate_studies.bruise_scores import (
     scored,
     way,
 )
-from palpate_studies.other_fruit import corky
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
+from palpate_studies.second.fruit import corky
 from palpate_studies.twin_apple import Apple
 
 #: What is shown of ours: against which references, and in words.
@@ -146,7 +146,7 @@ def second_report(seeds: Sequence[int]) -> StudyReport:
         title="Bruises of another shape (simulated)",
         provenance=(
             "Simulated, at level lab. The second generator is described in "
-            "`palpate_studies.other_fruit`, fixed before anything was scored on it; the model that "
+            "`palpate_studies.second.fruit`, fixed before anything was scored on it; the model that "
             "palpate ships was learned on the first.",
         ),
         tables=[

@@ -23,7 +23,7 @@ from palpate.twin.world import GripperKind, World
 from palpate_studies.force_control_baselines import close_until, read_ohm, touched_by
 from palpate_studies.force_control_grasps import calibration_of
 from palpate_studies.force_control_world import GRASPS_PER_SHEET, SIZES_MM, thing
-from palpate_studies.other_things import other_thing
+from palpate_studies.second.things import other_thing
 from palpate_studies.stoppable import uninterrupted
 
 #: An expected size has an error of up to this, mm.

@@ -19,7 +19,7 @@ from palpate.produce.sorting.hand import SortingHand, TimedGrasp
 from palpate.rig.simulated import calibrated
 from palpate.settling.result import Status
 from palpate.twin.crate import CRATE_STRANGERS, CRATE_TAUGHT, CrateItem, CrateTable, draw_crate
-from palpate_studies.other_crates import other_item
+from palpate_studies.second.crates import other_item
 
 #: Grasps of each item that is taught, and of each that is sorted.
 TAUGHT_GRASPS, SORTED_GRASPS = 2, 3

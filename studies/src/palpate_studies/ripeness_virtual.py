@@ -19,9 +19,9 @@ from palpate.produce.ripeness.firmness import DayFelt
 from palpate.produce.ripeness.rule import RipenessRule
 from palpate.produce.ripeness.stages import RIPE, STAGES
 from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS, learned_stage, numbers_of
-from palpate_studies.other_fruit import WAYS, other_avocado
 from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.report import StudyReport, Table
+from palpate_studies.second.fruit import WAYS, other_avocado
 from palpate_studies.twin_avocado import Avocado, draw_avocado
 
 #: Seed of the final look. Virtual sensors 0 to 2 were used while this was made; 94_001 to 94_004
@@ -76,7 +76,7 @@ def report(*, sensors: int, fruits: int) -> StudyReport:
         name="ripeness",
         title="Ripening of another shape (simulated)",
         provenance=(
-            "Simulated. The second generators are described in `palpate_studies.other_fruit`, "
+            "Simulated. The second generators are described in `palpate_studies.second.fruit`, "
             "fixed before anything was scored on them.",
             "Virtual sensors, whose errors are as large as the twin's were on development sensors; "
             "no grasp is simulated. Each rule is taught with labelled fruit of the generator that "

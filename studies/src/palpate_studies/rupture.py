@@ -18,7 +18,6 @@ from palpate.estimate.damage_learning import (
     read_closings,
     split,
 )
-from palpate_studies.other_closings import other_closings
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.rupture_policies import (
     PUBLISHED,
@@ -40,6 +39,7 @@ from palpate_studies.rupture_tradeoff import (
     compare_grips,
     tradeoff,
 )
+from palpate_studies.second.closings import other_closings
 
 Learnt = TypeVar("Learnt")
 CurvesOption = Annotated[Path | None, typer.Option(help="Closings until rupture.", metavar="CSV")]

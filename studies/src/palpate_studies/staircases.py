@@ -12,10 +12,10 @@ import typer
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate_studies.baselines.told_everything import LEARNERS, RIDGE, TREES
-from palpate_studies.other_sheets import other_sheet
 from palpate_studies.protocol.paired import compare, rms
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
+from palpate_studies.second.sheets import other_sheet
 from palpate_studies.staircase_data import FollowedForce, followed, learned_from
 
 #: Method -> what it is, in the order of the table.

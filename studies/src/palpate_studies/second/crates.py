@@ -2,7 +2,7 @@
 
 Fixed before anything was scored on it. Sizes of a kind crowd at both ends of its range, which is no
 normal distribution; everything but shells has a skin on softer flesh and a core
-(`other_things.layered`), so that its stiffness depends on how far it is pressed.
+(`second.things.layered`), so that its stiffness depends on how far it is pressed.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from palpate.twin.crate import CRATE_STRANGERS, CRATE_TAUGHT, CrateItem
 from palpate.twin.objects import TwinObject
-from palpate_studies.other_things import layered
+from palpate_studies.second.things import layered
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,7 +3,7 @@
 Fixed before anything was scored on it. Guard and rules expect a rupture force that follows from the
 stiffness, with a scatter of one hump. Here a fruit ruptures at a deformation, whatever its
 stiffness: each kind has two ripenesses, of which one gives way at two thirds of the other's
-deformation, and nothing before it shows which. The kinds are those of `other_things`: a skin on
+deformation, and nothing before it shows which. The kinds are those of `second.things`: a skin on
 softer flesh with a core; foam, which stiffens faster than a round thing; dough, whose force
 depends on how fast it is closed on.
 """
@@ -18,7 +18,7 @@ from palpate.arrays import FloatArray
 from palpate.estimate.damage_learning import FruitClosing, follow_closing
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.ranges import log_uniform
-from palpate_studies.other_things import dough, foam, layered
+from palpate_studies.second.things import dough, foam, layered
 
 #: Seed of everything drawn here.
 SEED = 96_500
