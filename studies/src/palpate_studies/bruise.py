@@ -146,7 +146,7 @@ def second_report(seeds: Sequence[int]) -> StudyReport:
         title="Bruises of another shape (simulated)",
         provenance=(
             "Simulated, at level lab. The second generator is described in "
-            "`palpate_studies.second.fruit`, fixed before anything was scored on it; the model that "
+            "`palpate_studies.second.fruit`, fixed before it was scored; the model that "
             "palpate ships was learned on the first.",
         ),
         tables=[
