@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import re
+import shlex
 import subprocess
 from pathlib import Path
 
@@ -29,25 +31,30 @@ def clone(folder: Path, files: dict[str, bytes]) -> Path:
     return folder
 
 
-def strokes_files(*, peak_n: float = 8.0) -> dict[str, bytes]:
+def strokes_files(
+    *, peak_n: float = 8.0, sensor: str = "old_2", attempt: int = 0
+) -> dict[str, bytes]:
     """Return one attempt of four touches, force and resistance on their own clocks."""
     start = 1_620_000_000.0
     time_s = start + np.arange(0.0, 8.0, 0.007)
     since = (time_s - start) % 2.0 - 1.0
     force = np.interp(since, [0, 0.08, 0.28, 0.34], [0, peak_n, peak_n, 0])
-    ohm = 1000.0 / (1.0 + 8.0 * force**1.2)
-    folder = f"{VELOSTAT}question_4/old_2/3_p/attempt_0/"
+    noise = np.random.default_rng(round(peak_n)).normal(0.0, 0.002, len(force))
+    ohm = 1000.0 / (1.0 + 8.0 * force**1.2) * np.exp(noise)
+    folder = f"{VELOSTAT}question_4/{sensor}/3_p/attempt_{attempt}/"
     late = time_s + 0.004
     lines = {
-        "exp_3_p_0.txt": [f"{r:.3f} {t:.4f}" for r, t in zip(ohm, late, strict=True)],
-        "exp_futek_extra_3_p_0.txt": [
+        f"exp_3_p_{attempt}.txt": [f"{r:.3f} {t:.4f}" for r, t in zip(ohm, late, strict=True)],
+        f"exp_futek_extra_3_p_{attempt}.txt": [
             f"{f + 0.3:.3f} {t:.4f}" for f, t in zip(force, time_s, strict=True)
         ],
-        "exp_futek_3_p_0.txt": [f"0.0 {start + 2 * k + 1.1:.4f} touch_grd" for k in range(4)],
+        f"exp_futek_3_p_{attempt}.txt": [
+            f"0.0 {start + 2 * k + 1.1:.4f} touch_grd" for k in range(4)
+        ],
     }
     # A broken line, as the logger left some.
-    lines["exp_3_p_0.txt"].insert(20, "12.3 16200")
-    lines["exp_futek_extra_3_p_0.txt"].insert(5, "garbled")
+    lines[f"exp_3_p_{attempt}.txt"].insert(20, "12.3 16200")
+    lines[f"exp_futek_extra_3_p_{attempt}.txt"].insert(5, "garbled")
     return {folder + name: "\n".join(text).encode() for name, text in lines.items()}
 
 
@@ -116,6 +123,35 @@ def test_strokes_and_ladders_become_what_the_studies_read(
     np.testing.assert_allclose(
         ladder.resistance_ohm, 600.0 / (1 + 2.0 * np.arange(1, 6)), rtol=1e-3
     )
+
+
+def test_the_data_lines_of_the_readme_work_on_clones_of_that_form(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    readme = (Path(__file__).resolve().parents[2] / "README.md").read_text()
+    (block,) = (b for b in re.findall(r"```sh\n(.*?)```", readme, re.DOTALL) if "git clone" in b)
+    # A place is known from the other attempts.
+    sensors = [
+        strokes_files(peak_n=n, sensor=f"old_{n}", attempt=attempt)
+        for n in (5, 8, 11)
+        for attempt in (0, 1)
+    ]
+    published = {
+        "tactile-sensor-velostat": {name: text for one in sensors for name, text in one.items()},
+        "FruitRuptureEstimate": fruit_files(),
+    }
+    for name, files in published.items():
+        clone(tmp_path / "published" / name, files)
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    for line in block.splitlines():
+        program, *words = shlex.split(line)
+        if program == "git":
+            source = tmp_path / "published" / Path(words[-1]).name
+            subprocess.run(["git", "clone", "-q", str(source)], check=True)
+        else:
+            assert run(build_app(), words, name="palpate") == 0, line
+    assert "Force of real Velostat under short touches" in capsys.readouterr().out
 
 
 def test_fruit_become_curves_and_their_index(

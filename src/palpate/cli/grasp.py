@@ -58,6 +58,12 @@ def grasp(
             min=1.0,
         ),
     ] = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            help="Use this calibration of the sensor in place of the rig's own.", metavar="FILE"
+        ),
+    ] = None,
     damage: option.DamageOption = None,
     kind: Annotated[
         str | None,
@@ -114,6 +120,7 @@ def grasp(
     from palpate.grasp.runner import run_grasp
     from palpate.grasp.verdict import verdict
     from palpate.rig import open_rig
+    from palpate.rig.file import with_calibration
     from palpate.rig.recorded import record_grasp
 
     paper = paper_settings(
@@ -131,6 +138,8 @@ def grasp(
     with ExitStack() as stack:
         entry = open_store_entry(stack, item_id=item, store=store, angle_deg=angle_deg)
         devices = open_rig(rig, object_name=object_name, seed=seed)
+        if calibration is not None:
+            devices = with_calibration(devices, calibration)
         stack.callback(devices.close)
         plan = plan_grasp(
             devices.calibration,

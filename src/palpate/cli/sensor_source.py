@@ -12,7 +12,7 @@ from palpate.cli.options import board_options
 from palpate.errors import CalibrationError, DeviceTimeoutError
 from palpate.gripper.interface import Gripper
 from palpate.rig import open_rig
-from palpate.rig.file import open_stated, stated_in, used_in
+from palpate.rig.file import open_stated, stated_in
 from palpate.sensor.array import FRAME_TIMEOUT_S, LinkCounters, PressureArray, link_counters
 from palpate.sensor.board_array import open_board
 from palpate.sensor.calibration import Calibration
@@ -126,10 +126,9 @@ def open_source(
             place = path.parent / str(stated["calibration"]) if "calibration" in stated else None
             array: PressureArray = open_stated(path, "array", stated.get("array"))
             return SensorSource(name=path.name, array=array, calibration_path=place)
-        rig = used_in(path, stated)
     devices = open_rig(rig)
     return SensorSource(
-        name=rig,
+        name=devices.name,
         array=devices.array,
         calibration=devices.calibration,
         gripper=devices.gripper if devices.simulated else None,

@@ -7,7 +7,7 @@ import inspect
 import math
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -55,11 +55,12 @@ class RigFile:
 def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
     """Open the rig that a file describes.
 
-    Either ``use = "sim-rigid"``: another rig by name. Or a ``calibration`` file, and tables
-    ``[array]`` and ``[gripper]`` each with ``open = "module:function"``; what else a table holds
-    goes to that function by keyword. A gripper's function with a parameter ``array`` gets the open
-    array too: fingers on the sensor's own board. A table ``[load_cells]`` with
-    ``newtons_per_count = [...]`` is for calibrating.
+    Either ``use = "sim-rigid"``: another rig by name, with the ``calibration`` file in place of its
+    own where one is stated. Or a ``calibration`` file, and tables ``[array]`` and ``[gripper]``
+    each with ``open = "module:function"``; what else a table holds goes to that function by
+    keyword. A gripper's function with a parameter ``array`` gets the open array too: fingers on the
+    sensor's own board. A table ``[load_cells]`` with ``newtons_per_count = [...]`` is for
+    calibrating.
 
     Raises `InputError` if the file can't be read, or lacks or misnames something; one line that
     names it; `CalibrationError` if the calibration can't be read, or was made with another layout,
@@ -67,9 +68,14 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
     """
     stated = stated_in(path)
     if "use" in stated:
-        if stated.keys() != {"use"}:
-            raise InputError(f"rig file {path}: `use` must be the only entry; leave the rest out")
-        return open_rig(used_in(path, stated), object_name=object_name, seed=seed)
+        if not stated.keys() <= {"use", "calibration"}:
+            raise InputError(
+                f"rig file {path}: next to `use` only `calibration` may stand; leave the rest out"
+            )
+        rig = open_rig(used_in(path, stated), object_name=object_name, seed=seed)
+        if "calibration" not in stated:
+            return rig
+        return with_calibration(rig, path.parent / str(stated["calibration"]))
     rig_file = read_rig_file(path)
     calibration = Calibration.load(rig_file.calibration)
     array, gripper = open_devices(rig_file)
@@ -88,8 +94,22 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
     )
 
 
+def with_calibration(rig: Rig, file: Path) -> Rig:
+    """Return a rig with the calibration of a file in place of its own.
+
+    Raises `CalibrationError` if the file can't be read or is of another sensor; the rig is closed.
+    """
+    try:
+        calibration = Calibration.load(file)
+        check_layout(calibration, rig.array, file=file, rig_file=rig.name)
+    except CalibrationError:
+        rig.close()
+        raise
+    return replace(rig, calibration=calibration)
+
+
 def check_layout(
-    calibration: Calibration, array: PressureArray, *, file: Path, rig_file: Path
+    calibration: Calibration, array: PressureArray, *, file: Path, rig_file: Path | str
 ) -> None:
     """Refuse a calibration of another sensor.
 

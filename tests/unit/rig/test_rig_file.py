@@ -22,7 +22,7 @@ from palpate.rig.file import read_rig_file
         ("[array]\nopen = 'a:b'\n", r"no table \[gripper\]; found array. `palpate init` writes"),
         ("[array]\n[gripper]\n", r'no `calibration = "FILE"`; found array, gripper'),
         ("calibration = 'c'\n[array]\n[gripper]\n[load_cell]\n", "it knows no load_cell; there"),
-        ("use = 'sim-rigid'\nlevel = 'field'\n", "`use` must be the only entry"),
+        ("use = 'sim-rigid'\nlevel = 'field'\n", "next to `use` only `calibration` may"),
         ("use = 'unheard-of'\n", "no rig 'unheard-of'"),
     ],
 )
@@ -72,6 +72,19 @@ def test_devices_by_module_and_function(bench: SimpleNamespace, tmp_path: Path) 
     assert not opened.simulated
     path.write_text(BENCH.replace("my_bench:hand", "my_bench:nothing"))
     with pytest.raises(InputError, match=r"\[gripper\] open = 'my_bench:nothing'"):
+        open_rig(str(path))
+
+
+def test_use_with_a_calibration_takes_it_in_place_of_the_rigs_own(tmp_path: Path) -> None:
+    other = open_rig("sim-rigid", object_name="tomato", seed=6).calibration
+    other.save(tmp_path / "pad.json")
+    path = tmp_path / "rig.toml"
+    path.write_text("use = 'sim-rigid'\ncalibration = 'pad.json'\n")
+    opened = open_rig(str(path), object_name="tomato", seed=5)
+    assert opened.simulated
+    assert opened.calibration == other
+    path.write_text("use = 'sim-soft'\ncalibration = 'pad.json'\n")
+    with pytest.raises(CalibrationError, match="of another sensor"):
         open_rig(str(path))
 
 
