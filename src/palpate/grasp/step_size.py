@@ -11,7 +11,7 @@ from scipy.special import ndtri
 from palpate.estimate.closing_stiffness import FELT
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.answers import floor_n, measured_stiffness, mm_per_unit, sheet_forces_n
-from palpate.grasp.config import SQUEEZE
+from palpate.grasp.config import READING, SQUEEZE
 from palpate.grasp.estimator import ClosingStep, ContactEstimate
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import DAMAGE_RATE
@@ -105,7 +105,7 @@ def _step_to_bound(estimate: ContactEstimate, plan: Plan) -> float:
         return math.inf
     target_n = max(plan.target_force_n, plan.lift_force_n or 0.0)
     room_n = SQUEEZE.most_of_target * target_n + SQUEEZE.most_beyond_n - estimate.force_n
-    return max(room_n, 0.0) / slope_high_n(estimate, plan)
+    return max(room_n, 0.0) / plan.steepest_n
 
 
 def squeeze_step(estimate: ContactEstimate, plan: Plan, *, goal_n: float) -> float:
@@ -203,10 +203,18 @@ def _sure_n(force_n: float, plan: Plan) -> float:
 
 
 def _slope_bound_n(estimate: ContactEstimate, plan: Plan) -> float:
-    """Return the steepest slope that steps without a sure rise leave possible, N per mm or kPa."""
-    force_n = sheet_forces_n(estimate.steps, estimate, plan)
-    felt = np.flatnonzero(force_n > FELT * floor_n(plan))
-    travel = estimate.steps[-1].closure - estimate.steps[felt[0]].closure if felt.size else 0.0
+    """Return the steepest slope that steps without a sure rise leave possible, N per mm or kPa.
+
+    Travel counts from the first force that can't be drift, and from the last step at which one
+    finger still felt nothing: until then the other one alone pushed the object to the middle.
+    """
+    steps = estimate.steps
+    felt = np.flatnonzero(sheet_forces_n(steps, estimate, plan) > FELT * floor_n(plan))
+    alone = [step.touch.shared_percent > READING.felt_percent for step in steps]
+    if not felt.size:
+        return plan.steepest_n
+    first = max([felt[0], *np.flatnonzero(alone)[-1:]])
+    travel = steps[-1].closure - steps[first].closure
     if travel < plan.smallest_step:
         return plan.steepest_n
     return estimate.force_high_n / travel

@@ -174,6 +174,16 @@ FAULTS: dict[str, Callable[[], Fault]] = {
     ),
     "host hangs for 1 s": lambda: Fault(part="host", nudged_s=1.0),
     "stopped by the user": lambda: Fault(part="host", stopped=True),
+    "gripper 10 times too slow": lambda: Fault(part="servo", hasty=0.1),
+    "object beside the sheet, current absent": lambda: Fault(
+        part="two at once", spoil=_unfelt, misreport=_reporting(current_ma=math.nan)
+    ),
+    "pressed from outside, finger at rest": lambda: Fault(
+        part="two at once", pressed_mm=4.0, misreport=_frozen_state, spoil=_finger_at_rest
+    ),
+    "too fast, moving flag flickers": lambda: Fault(
+        part="two at once", hasty=10.0, misreport=_flickering()
+    ),
 }
 
 
