@@ -213,7 +213,7 @@ def _slope_bound_n(estimate: ContactEstimate, plan: Plan) -> float:
     alone = [step.touch.shared_percent > READING.felt_percent for step in steps]
     if not felt.size:
         return plan.steepest_n
-    first = max([felt[0], *np.flatnonzero(alone)[-1:]])
+    first = int(max([felt[0], *np.flatnonzero(alone)[-1:]]))
     travel = steps[-1].closure - steps[first].closure
     if travel < plan.smallest_step:
         return plan.steepest_n

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import DeviceTimeoutError
-from palpate.grasp.controller import GraspController
+from palpate.grasp.controller import GraspController, closes_too_far
 from palpate.grasp.estimator import ContactEstimate, Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
@@ -373,3 +373,29 @@ def test_a_grasp_that_takes_too_long_says_so(plan: Plan, bench: Any) -> None:
     bench.n_per_mm = 0.01
     result = run(replace(plan, longest_s=6.0, hold_s=60.0), bench)
     assert result.faults[-1] == "not done within 6 s"
+
+
+def test_a_hold_that_outlasts_the_longest_grasp_is_held(plan: Plan, bench: Any) -> None:
+    result = run(replace(plan, longest_s=20.0, hold_s=30.0), bench)
+    assert result.outcome is Outcome.HELD
+    assert bench.clock.now_s() > 30.0
+
+
+@pytest.mark.parametrize(
+    ("forces_n", "sent", "target_n", "ends"),
+    [
+        ((1.0, 2.0, 3.0), 21.0, 2.0, True),
+        ((1.0, 1.0, 1.0), 21.0, 2.0, False),
+        ((1.0, 2.0, 3.0), 19.0, 2.0, False),
+        ((1.0, 2.0, 3.0), 21.0, None, False),
+    ],
+)
+def test_a_closing_hand_that_presses_beyond_its_target_is_stopped_where_it_is(
+    plan: Plan, forces_n: tuple[float, ...], sent: float, target_n: float | None, ends: bool
+) -> None:
+    frames_n = tuple((0.1 * number, force_n) for number, force_n in enumerate(forces_n))
+    estimate = ContactEstimate(
+        closure=20.0, sent=sent, frames_n=frames_n, frames=3, began_s=0.0, now_s=0.2
+    )
+    state = GraspState(phase=Phase.SQUEEZE, estimate=estimate)
+    assert closes_too_far(state, replace(plan, target_force_n=target_n)) is ends
