@@ -9,6 +9,7 @@ the recording is complete.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import re
@@ -75,6 +76,54 @@ def write_rig(folder: Path, *, port: str, rate_hz: float) -> Path:
         f'rate_hz = {rate_hz}\n[gripper]\nopen = "benchmarks.dashboard:StillHand"\n'
     )
     return rig
+
+
+def flexitac_on_a_line(rate_hz: float) -> AbstractContextManager[tuple[str, int]]:
+    """Run a board that sends 12 x 32 pixels in a process of its own; give the port and it."""
+    from palpate_studies.benchmarks.pty_board import on_a_port
+
+    def send(master: int) -> None:
+        start_s, pixels = time.monotonic(), np.random.default_rng(1).integers(20, 90, 384)
+        for sent in itertools.count():
+            time.sleep(max(start_s + sent / rate_hz - time.monotonic(), 0.0))
+            pixels[sent % 384] = 20 + sent % 70
+            os.write(master, b"\xaa\x55" + pixels.astype(np.uint8).tobytes())
+
+    return on_a_port(send)
+
+
+def watch_flexitac(*, rate_hz: float, seconds: float) -> None:
+    """Print what 384 pixels on the page cost, with one viewer."""
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        flexitac_on_a_line(rate_hz) as (port, _),
+        sync_playwright() as play,
+        play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as browser,
+    ):
+        rig = Path(folder, "rig.toml")
+        rig.write_text(f'[array]\nopen = "palpate.sensor.flexitac:open_board"\nport = "{port}"\n')
+        with serving(Path(folder), rig) as (address, pid):
+            page = look(browser, address)
+            processes = {"server": pid, "devices": devices_of(pid)}
+            before, drawn = link(address), int(page.evaluate("document.body.dataset.drawn"))
+            cpu = {name: cpu_s(one) for name, one in processes.items()}
+            began_s = time.monotonic()
+            time.sleep(seconds)
+            drawn = int(page.evaluate("document.body.dataset.drawn")) - drawn
+            now, took_s = link(address), time.monotonic() - began_s
+            busy = [100 * (cpu_s(one) - cpu[name]) / took_s for name, one in processes.items()]
+            print(
+                f"12 x 32 pixels at {rate_hz:g} frames/s, one viewer: {drawn / took_s:.1f} "
+                f"pictures a second; {now['frames'] - before['frames']:.0f} frames in "
+                f"{took_s:.0f} s, {now['lost'] - before['lost']:.0f} lost; processor: server "
+                f"{busy[0]:.1f} %, devices {busy[1]:.1f} %; load {os.getloadavg()[0]:.1f}"
+            )
+
+
+def cpu_s(pid: int) -> float:
+    """Return the processor time of a process so far, user and system."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def board_on_a_line(rate_hz: float) -> AbstractContextManager[tuple[str, int]]:
@@ -175,8 +224,12 @@ def main() -> None:
     parser.add_argument("--rate-hz", type=float, default=500.0)
     parser.add_argument("--seconds", type=float, default=600.0, help="with three viewers")
     parser.add_argument("--alone", type=float, default=120.0, help="seconds with none")
+    parser.add_argument("--flexitac", action="store_true", help="384 pixels, one viewer, no more")
     options = parser.parse_args()
     sys.path.insert(0, str(ROOT))
+    if options.flexitac:
+        watch_flexitac(rate_hz=options.rate_hz, seconds=options.seconds)
+        return
     with (
         tempfile.TemporaryDirectory() as folder,
         board_on_a_line(options.rate_hz) as (port, _),

@@ -1,21 +1,28 @@
-"""What HTTP and MQTT cost the loop: a board at 250 frames/s, watched, asked and published.
+"""What each bridge adds to a watched board of 250 frames/s: HTTP, OPC UA, Modbus TCP and MQTT.
 
 Run `python benchmarks/packhouse.py --seconds 30`. The board is a process at the far end of a
 pseudo-terminal (simulated), the broker a real mosquitto. Printed are the loop's period and the
-processor time of both processes: alone, with a machine that asks for the state ten times a second,
-with a broker besides, and with that broker held up; then how long stops and results take.
+processor time of both processes: with no bridge; then, in one server with all of them, with nobody
+asking, with the state asked ten times a second by each protocol in turn, and with the broker held
+up; each as a ratio to HTTP or to no bridge. At the end, how long stops and results take.
 """
 
 from __future__ import annotations
 
 import argparse
+import asyncio
+import math
 import os
 import sys
 import tempfile
 import time
 import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from queue import Queue
+from typing import Any
 
 import numpy as np
 
@@ -23,10 +30,35 @@ ROOT = Path(__file__).resolve().parents[1]
 ASKS_S = 0.1
 
 
-def cpu_s(pid: int) -> float:
-    """Return the processor time of a process so far, user and system."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+def http_asker(address: str) -> Callable[[], object]:
+    return lambda: took_ms(address, "/state")
+
+
+@contextmanager
+def opcua_asker(port: int) -> Iterator[Callable[[], object]]:
+    """Yield what reads the state over OPC UA; the connection is kept."""
+    from asyncua import Client
+
+    async def open_node() -> tuple[Client, Any]:
+        client = Client(f"opc.tcp://127.0.0.1:{port}/palpate", watchdog_intervall=600.0)
+        await client.connect()
+        space = await client.get_namespace_index("urn:palpate:station")
+        path = [f"{space}:Station", f"{space}:State"]
+        return client, await client.nodes.objects.get_child(path)
+
+    with asyncio.Runner() as runner:
+        client, node = runner.run(open_node())
+        yield lambda: runner.run(node.read_value())
+        runner.run(client.disconnect())
+
+
+@contextmanager
+def modbus_asker(port: int) -> Iterator[Callable[[], object]]:
+    """Yield what reads the first registers over Modbus TCP; the connection is kept."""
+    from pymodbus.client import ModbusTcpClient
+
+    with ModbusTcpClient("127.0.0.1", port=port) as client:
+        yield lambda: client.read_holding_registers(0, count=4).registers
 
 
 def took_ms(address: str, path: str, *, method: str = "GET") -> float:
@@ -42,8 +74,17 @@ def shown(name: str, ms: list[float]) -> None:
     print(f"{name}: p50 {p50:.1f} ms, p99 {p99:.1f} ms, longest {max(ms):.1f} ms (n {len(ms)})")
 
 
-def watch(address: str, pid: int, *, seconds: float, asks: bool, what: str) -> None:
-    from benchmarks.dashboard import devices_of, link
+def watch(
+    address: str,
+    pid: int,
+    *,
+    seconds: float,
+    what: str,
+    ask: Callable[[], object] | None = None,
+    base: tuple[float, float] | None = None,
+) -> tuple[float, float]:
+    """Print and return the processor time (%) and the median answer (ms); `base` as a ratio."""
+    from benchmarks.dashboard import cpu_s, devices_of, link
 
     while link(address)["period_p99_s"] is None:
         time.sleep(ASKS_S)
@@ -53,21 +94,28 @@ def watch(address: str, pid: int, *, seconds: float, asks: bool, what: str) -> N
     while time.monotonic() < began_s + seconds:
         time.sleep(ASKS_S)
         turn += 1
-        if asks:
-            asked_ms.append(took_ms(address, "/state"))
+        if ask is not None:
+            asked_s = time.perf_counter()
+            ask()
+            asked_ms.append(1e3 * (time.perf_counter() - asked_s))
         if turn % 10 == 0:
             p99_ms.append(1e3 * link(address)["period_p99_s"])
     now, took_s = link(address), time.monotonic() - began_s
     share = {name: 100 * (cpu_s(one) - cpu[name]) / took_s for name, one in _both(pid, devices)}
+    busy, answer_ms = sum(share.values()), float(np.median(asked_ms)) if asked_ms else math.nan
+    ratio = "" if base is None else f" ({busy / base[0]:.2f} x)"
     print(
         f"{what}: loop period p99 median {np.median(p99_ms):.2f} ms; "
         f"{now['frames'] - before['frames']:.0f} frames, {now['lost'] - before['lost']:.0f} lost; "
-        f"processor: server {share['server']:.1f} %, devices {share['devices']:.1f} %; "
+        f"processor: server {share['server']:.1f} %, devices {share['devices']:.1f} %{ratio}; "
         f"load {os.getloadavg()[0]:.1f}",
         flush=True,
     )
     if asked_ms:
-        shown("  GET /api/state", asked_ms)
+        shown("  answer", asked_ms)
+        if base is not None and not math.isnan(base[1]):
+            print(f"  {answer_ms / base[1]:.2f} x HTTP's")
+    return busy, answer_ms
 
 
 def _both(server: int, devices: int) -> tuple[tuple[str, int], ...]:
@@ -106,6 +154,7 @@ def main() -> None:
     options = parser.parse_args()
     sys.path.insert(0, str(ROOT))
     from benchmarks.dashboard import board_on_a_line, serving, write_rig
+    from tests.loop.test_line import free_port
     from tests.mosquitto import BrokerProcess
 
     with (
@@ -114,16 +163,27 @@ def main() -> None:
     ):
         folder = Path(made)
         rig = write_rig(folder, port=line, rate_hz=options.rate_hz)
+        watched = partial(watch, seconds=options.seconds)
         with serving(folder, rig) as (address, pid):
-            watch(address, pid, seconds=options.seconds, asks=False, what="alone")
-            watch(address, pid, seconds=options.seconds, asks=True, what="asked")
+            alone, _ = watched(address, pid, what="no bridge")
         broker = BrokerProcess(folder)
         file = folder / "broker.toml"
         file.write_text(f'host = "127.0.0.1"\nport = {broker.port}\ntls = false\ntopic = "a"\n')
-        with serving(folder, rig, "--mqtt", str(file)) as (address, pid):
-            watch(address, pid, seconds=options.seconds, asks=True, what="with a broker")
+        opcua, modbus = free_port(), free_port()
+        bridges = ("--mqtt", str(file), "--opcua", str(opcua), "--modbus", str(modbus))
+        with serving(folder, rig, *bridges) as (address, pid):
+            base = alone, math.nan
+            watched(address, pid, what="all bridges, nobody asks", base=base)
+            ask = http_asker(address)
+            _, http_ms = watched(address, pid, what="HTTP asked", ask=ask, base=base)
+            base = alone, http_ms
+            with opcua_asker(opcua) as ask:
+                watched(address, pid, what="OPC UA asked", ask=ask, base=base)
+            with modbus_asker(modbus) as ask:
+                watched(address, pid, what="Modbus TCP asked", ask=ask, base=base)
             broker.hang()
-            watch(address, pid, seconds=options.seconds, asks=True, what="the broker hangs")
+            ask = http_asker(address)
+            watched(address, pid, what="the broker hangs, HTTP asked", ask=ask, base=base)
             shown("POST /api/stop", [took_ms(address, "/stop", method="POST") for _ in range(100)])
             broker.go_on()
         results(broker.port, folder, count=500)

@@ -92,3 +92,14 @@ def test_pick_and_place_shows_newtons_on_the_way_and_places(
     assert len(forces) == 10
     assert all(1.0 < force < 4.0 for force in forces)
     assert lines[-1] == "held (simulated)"
+
+
+def test_learn_from_grasps_trains_a_policy_that_the_cap_keeps_gentle(
+    run: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run("learn_from_grasps.py", "2", "1")
+    free, capped = capsys.readouterr().out.splitlines()
+    assert re.fullmatch(r"no cap: \d of 1 held unhurt at 1 N or more, \d damaged; .*", free)
+    assert re.match(r"cap 4 N: \d of 1 held unhurt", capped)
+    # The cap is kept by the calibration's 90 % interval.
+    assert float(re.findall(r"largest ([\d.]+) N", capped)[0]) < 4.8

@@ -85,7 +85,8 @@ class GridLoads:
         """Return the load of every pixel, shape (pixels,); `reach_mm` is not used."""
         load_n = np.zeros(self._pixels)
         for pixels, start in self._places:
-            load_n[pixels] = data.sensordata[start : start + len(pixels)]
+            # Up to MuJoCo 3.3 what presses on the site is negative there.
+            load_n[pixels] = np.abs(data.sensordata[start : start + len(pixels)])
         return load_n
 
 
