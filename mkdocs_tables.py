@@ -18,7 +18,7 @@ from palpate import errors
 from palpate.cli.grasp import EXIT_STATUS
 from palpate.grasp.result import Outcome
 from palpate.grasp.verdict import outcome_text
-from palpate.gripper import dynamixel, feetech, pneumatic
+from palpate.gripper import dynamixel, feetech, hobby_servo, pneumatic
 from palpate.recording.channels import SCHEMAS
 from palpate.rig.file import in_words
 from palpate.sensor.board_array import layout_named, open_board
@@ -183,6 +183,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "dynamixel": partial(_keys, dynamixel.open_gripper, dynamixel.DynamixelGripper),
     "feetech": partial(_keys, feetech.open_gripper, feetech.FeetechGripper),
     "pneumatic": partial(_keys, pneumatic.open_gripper),
+    "servo": partial(_keys, hobby_servo.open_gripper),
     **{path.stem: partial(_schema, path) for path in sorted(_SCHEMAS.glob("*.json"))},
     "replay": partial(_schema, _SCHEMAS / "replay.json", without=_SCHEMAS / "grasp.json"),
 }

@@ -17,6 +17,7 @@ from palpate.errors import DeviceNotFoundError
 from palpate.gripper.dynamixel import DynamixelGripper
 from palpate.gripper.feetech import FeetechGripper
 from palpate.gripper.fingers import CrankFingers, HingedJaw
+from palpate.gripper.hobby_servo import HobbyServoGripper, ServoTravel
 from palpate.gripper.interface import Gripper, GripperLimits
 from palpate.gripper.packets import PROTOCOL_1
 from palpate.gripper.pneumatic import PneumaticGripper
@@ -151,6 +152,41 @@ def board_hand() -> Iterator[Hand]:
     array.close()
 
 
+#: Of racks that open as wide as the twin's fingers.
+TRAVEL = ServoTravel(open_us=690, closed_us=2310, open_mm=74.0, closed_mm=5.0)
+
+
+def on_hobby_servo(world: World, board: FirmwareBoard) -> tuple[SerialArray, HobbyServoGripper]:
+    """Return the array and the fingers of a board on the simulator that drives a servo."""
+    array = SerialArray(
+        FirmwareStream(world, board=board, travel=TRAVEL),
+        clock=world.clock,
+        layout=world.layout,
+        rate_hz=50.0,
+        contents=Contents.SERVO,
+    )
+    return array, HobbyServoGripper(array, clock=world.clock, travel=TRAVEL)
+
+
+@contextmanager
+def hobby_hand(kind: str) -> Iterator[Hand]:
+    world = world_of("rigid")
+    try:
+        board = FirmwareBoard(kind, seed=1)
+    except DeviceNotFoundError as error:
+        skip(str(error))
+    array, gripper = on_hobby_servo(world, board)
+    wait = _reading(array, gripper, world.clock)
+    wait(0.3)
+
+    def where() -> float:
+        array.read(timeout_s=1.0)
+        return world.drive_value(world.now_s())
+
+    yield Hand(gripper=gripper, clock=world.clock, wait=wait, where=where)
+    array.close()
+
+
 @contextmanager
 def firmware_hand() -> Iterator[Hand]:
     world = world_of("soft")
@@ -174,9 +210,7 @@ def firmware_hand() -> Iterator[Hand]:
     array.close()
 
 
-def _reading(
-    array: SerialArray, gripper: PneumaticGripper, clock: ManualClock
-) -> Callable[[float], None]:
+def _reading(array: SerialArray, gripper: Gripper, clock: ManualClock) -> Callable[[float], None]:
     """Let time pass as the control loop does: reading frames, asking for the state."""
 
     def wait(duration_s: float) -> None:
@@ -197,4 +231,6 @@ HANDS: dict[str, Callable[[], AbstractContextManager[Hand]]] = {
     "feetech jaw": jaw_hand,
     "board with regulator": board_hand,
     "firmware on the simulator": firmware_hand,
+    "hobby servo on a Mega": lambda: hobby_hand("mega2560"),
+    "hobby servo on an Uno": lambda: hobby_hand("uno"),
 }

@@ -21,6 +21,16 @@ _ANY_PORT, _NO_GRIPPER, _LAYOUT = "auto", "none", "rigid-2x2"
 _GRIPPERS = {
     "dynamixel": "palpate.gripper.dynamixel:open_gripper",
     "pneumatic": "palpate.gripper.pneumatic:open_gripper",
+    "servo": "palpate.gripper.hobby_servo:open_gripper",
+}
+#: Frames must carry what the board itself drives.
+_SHARED = {"pneumatic": "pressure", "servo": "servo"}
+#: Of the gripper that `palpate pattern --gripper` draws, before it is measured.
+_SERVO: dict[str, str | float] = {
+    "open_us": 690,
+    "closed_us": 2310,
+    "open_mm": 74.0,
+    "closed_mm": 5.0,
 }
 
 
@@ -40,8 +50,8 @@ def init(
     gripper: Annotated[
         str | None,
         typer.Option(
-            help="none, dynamixel, pneumatic (the board's regulator), or module:function that "
-            "opens yours.",
+            help="none, dynamixel, pneumatic (the board's regulator), servo (a hobby servo on the "
+            "board), or module:function that opens yours.",
             metavar="KIND",
         ),
     ] = None,
@@ -78,9 +88,7 @@ def init(
     array |= {"rate_hz": rate_hz, "baud": baud}
     _check_pixels(array)
     hand = _hand(gripper, gripper_port)
-    if hand.get("open") == _GRIPPERS["pneumatic"]:
-        # The regulator is the board's: its frames must carry the pressure.
-        array["pressure"] = True
+    array |= {key: True for kind, key in _SHARED.items() if hand.get("open") == _GRIPPERS[kind]}
     text = rig_text(array, gripper=hand, calibration=f"{file.stem}-calibration.json")
     with atomic_path(file) as partial:
         partial.write_text(text)
@@ -140,7 +148,7 @@ def _hand(kind: str | None, port: str | None) -> dict[str, str | float]:
         servo = _ask("Serial port of the gripper's servo", port, "/dev/ttyUSB0")
         return {"open": _GRIPPERS[chosen], "port": servo}
     if chosen in _GRIPPERS:
-        return {"open": _GRIPPERS[chosen]}
+        return {"open": _GRIPPERS[chosen]} | (_SERVO if chosen == "servo" else {})
     if ":" not in chosen:
         raise InputError(
             f"--gripper {chosen}: give {kinds}, or module:function, e.g. my_arm:open_hand"

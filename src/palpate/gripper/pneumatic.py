@@ -8,49 +8,27 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from typing import Protocol
 
 from palpate.clock import Clock, RealClock
 from palpate.errors import DeviceError, DeviceTimeoutError, InputError
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
+from palpate.gripper.shared_board import PING_S, STALE_S, SharedBoard
 from palpate.sensor.array import PressureArray
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import (
     MAX_PRESSURE_KPA,
     BoardStatus,
     Command,
-    FrameMessage,
     Ping,
     SetPressure,
 )
 
 #: Range of the paper's fingers (section 4.2), and a slew that they follow.
 SOFT_LIMITS = GripperLimits(drive="pressure", lowest=0.0, highest=MAX_PRESSURE_KPA, fastest=60.0)
-#: A sign of life well within the board's heartbeat of 0.5 s.
-_PING_S = 0.1
 #: Venting is as fast as the board can; the valve and the fingers are slower.
 _VENT_KPA_PER_S = 500.0
 #: The read-back lags behind the output, and has steps of 0.05 kPa and noise.
 _NEAR_KPA, _LAG_S = 0.5, 0.5
-#: A read-back older than this shows nothing of now.
-_STALE_S = 0.5
-
-
-class PressureBoard(Protocol):
-    """Interface of the board that the gripper shares with the sensor."""
-
-    def newest(self) -> FrameMessage | None:
-        """Return the newest frame as the board sent it."""
-        ...
-
-    @property
-    def newest_s(self) -> float:
-        """Time of that frame on the host's clock."""
-        ...
-
-    def send(self, command: Command) -> None:
-        """Send a command without waiting for its answer."""
-        ...
 
 
 class PneumaticGripper:
@@ -62,7 +40,7 @@ class PneumaticGripper:
     """
 
     def __init__(
-        self, board: PressureBoard, *, clock: Clock, limits: GripperLimits = SOFT_LIMITS
+        self, board: SharedBoard, *, clock: Clock, limits: GripperLimits = SOFT_LIMITS
     ) -> None:
         self.limits = limits
         self._board, self._clock = board, clock
@@ -76,7 +54,7 @@ class PneumaticGripper:
         itself because it heard nothing.
         """
         now_s = self._clock.now_s()
-        if now_s - self._sent_s >= _PING_S:
+        if now_s - self._sent_s >= PING_S:
             self._send(Ping())
         newest = self._board.newest()
         if newest is None:
@@ -88,7 +66,7 @@ class PneumaticGripper:
                 "the board's frames carry no pressure; open the array with pressure = true"
             )
         age_s = now_s - self._board.newest_s
-        if age_s > _STALE_S:
+        if age_s > STALE_S:
             raise DeviceTimeoutError(
                 f"the last pressure is {age_s:.2f} s old; check the board's cable. It vents the "
                 "fingers by itself 0.5 s after the last command"

@@ -138,6 +138,7 @@ def open_board(
     baud: int = BAUD,
     load_cells: bool = False,
     pressure: bool = False,
+    servo: bool = False,
 ) -> SerialArray:
     """Open the array of a board with palpate's firmware; it reconnects after an unplug.
 
@@ -157,6 +158,8 @@ def open_board(
         Whether the board's two load cells are read too.
     pressure : bool
         Whether the board's regulator is read too, for fingers driven by pressure.
+    servo : bool
+        Whether the board's servo pulses are read too, for fingers driven by a hobby servo.
 
     Raises
     ------
@@ -189,6 +192,7 @@ def open_board(
         rate_hz=rate_hz,
         oversampling=oversampling,
         contents=(Contents.LOAD_CELLS if load_cells else Contents.PIXELS)
-        | (Contents.PRESSURE if pressure else Contents.PIXELS),
+        | (Contents.PRESSURE if pressure else Contents.PIXELS)
+        | (Contents.SERVO if servo else Contents.PIXELS),
         reopen=lambda: open_stream(where()),
     )

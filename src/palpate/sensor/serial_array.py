@@ -108,6 +108,10 @@ class SerialArray:
         except DeviceError:
             self.close()
             raise
+        if self.identity is not None:
+            bits = self.identity.full_scale.bit_length() - 1
+            divider = replace(layout.divider, adc_bits=bits)
+            self._layout = replace(layout, divider=divider)
         self._take(frames)
 
     @property
@@ -203,7 +207,7 @@ class SerialArray:
         Parameters
         ----------
         counts : int
-            Per conversion, 1 to 1023; 0 is off.
+            Per conversion, below the converter's full scale; 0 is off.
 
         Raises
         ------

@@ -16,6 +16,8 @@ PROTOCOL_VERSION = 2
 MAX_SIDE = 16
 MAX_OVERSAMPLING = 64
 MAX_PRESSURE_KPA = 50.0
+#: Shortest and longest pulse of a hobby servo.
+SERVO_PULSES_US = (500, 2500)
 LOAD_CELLS = 2
 #: Raw load-cell value that means "no reading since the start of the stream".
 NO_READING = -(2**31)

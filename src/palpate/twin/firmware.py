@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import DeviceError, DeviceNotFoundError
 from palpate.firmware_image import BOARDS, IMAGES
+from palpate.gripper.hobby_servo import ServoTravel
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.byte_stream import SerialStream
 from palpate.sensor.serial_array import SerialArray
@@ -58,6 +59,8 @@ _SIGNATURES: dict[str, tuple[object, list[object]]] = {
 
 #: The pixels' voltages are taken from the world this often; a scan of 8 pixels lasts 1 ms.
 _STEP_S = 0.004
+#: MG996R data sheet at 4.8 V: dead band 5 us, 60 degrees in 0.17 s; 500 to 2500 us are 180 degrees.
+_SERVO_DEAD_US, _SERVO_US_PER_S = 5.0, 667 / 0.17
 #: The kernel passes bytes through a pseudo-terminal at once; far longer means that it won't.
 _KERNEL_S = 5.0
 _CHUNK = 1024
@@ -240,10 +243,14 @@ class FirmwareStream:
 
     `world`: where the voltages come from; the board is powered up at its present time.
     `board`: just made; it is closed with the stream.
+    `travel`: of a hobby servo between the board's pulses and the world's fingers; None for none.
     """
 
-    def __init__(self, world: Stage, *, board: FirmwareBoard) -> None:
+    def __init__(
+        self, world: Stage, *, board: FirmwareBoard, travel: ServoTravel | None = None
+    ) -> None:
         self._world, self._board = world, board
+        self._travel, self._servo_us = travel, 0.0
         self._power_up_s = world.clock.now_s()
         self._stepped_s = -1.0
         self._inside = False
@@ -301,10 +308,23 @@ class FirmwareStream:
             while self._stepped_s + _STEP_S <= time_s:
                 self._stepped_s = max(self._stepped_s + _STEP_S, self._power_up_s)
                 self._board_to(self._stepped_s)
+                if self._travel is not None:
+                    self._turn_servo(self._travel)
                 self._board.set_pixels_mv(1e3 * self._world.pixel_voltage_v(self._stepped_s))
             self._board_to(time_s)
         finally:
             self._inside = False
+
+    def _turn_servo(self, travel: ServoTravel) -> None:
+        """Follow the latest pulse, while the safe line gives supply."""
+        _, width_us = self._board.read_pulses()
+        if not self._board.safe_line:
+            self._servo_us = 0.0
+        elif width_us.size and abs(width_us[-1] - self._servo_us) > _SERVO_DEAD_US / 2:
+            self._servo_us = float(width_us[-1])
+            rate = _SERVO_US_PER_S * travel.mm_per_us
+            width_mm = travel.width_mm(self._servo_us)
+            self._world.drive(width_mm, rate=rate, time_s=self._stepped_s)
 
     def _board_to(self, time_s: float) -> None:
         self._board.run_until(time_s - self._power_up_s)

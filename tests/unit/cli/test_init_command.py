@@ -14,6 +14,7 @@ import pytest
 
 from palpate.cli import build_app, run
 from palpate.errors import InputError
+from palpate.gripper.hobby_servo import ServoTravel, open_gripper
 from palpate.sensor.board_array import layout_named, open_board
 
 
@@ -41,6 +42,16 @@ def test_options_become_a_rig_file(tmp_path: Path) -> None:
         },
         "gripper": {"open": "my_arm:open_hand"},
     }
+
+
+def test_a_hobby_servo_gets_its_travel_and_its_pulses_in_the_frames(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    assert init(path, "--port", "auto", "--gripper", "servo") == 0
+    stated = tomllib.loads(path.read_text())
+    assert stated["array"]["servo"] is True
+    table = stated["gripper"]
+    assert table.pop("open") == f"{open_gripper.__module__}:{open_gripper.__name__}"
+    assert ServoTravel(**table).mm_per_us == pytest.approx(69.0 / 1620.0)
 
 
 def test_a_matrix_of_your_own_on_two_fingers(tmp_path: Path) -> None:

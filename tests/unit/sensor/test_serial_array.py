@@ -48,6 +48,7 @@ class PtyBoard(PtyPort):
         self.deaf_to = 0
         self.resets_at_command: int | None = None
         self.highest_rate_hz = 600.0
+        self.protocol, self.full_scale = 1, 1024
         self.seen: list[int] = []
         self.started_us: int | None = None
         self.sent = 0
@@ -131,11 +132,13 @@ class PtyBoard(PtyPort):
 
     def identity(self, *, tag: int) -> BoardIdentity:
         return BoardIdentity(
-            tag=tag, protocol=1, version=(1, 0, 0), features=3, rows=self.rows, cols=self.cols,
-            oversampling=1, max_rows=16, max_cols=16, max_oversampling=64, settle_us=20,
+            tag=tag, protocol=self.protocol, version=(1, 0, 0), features=3, rows=self.rows,
+            cols=self.cols, oversampling=1, max_rows=16, max_cols=16, max_oversampling=64,
+            settle_us=20,
             heartbeat_ms=500, reset_cause=1, streaming=self.started_us is not None,
             conversion_us=104, baud=1_000_000, rate_hz=250.0,
             highest_rate_hz=self.highest_rate_hz, board="pty",
+            full_scale=self.full_scale,
         )  # fmt: skip
 
 
@@ -215,6 +218,16 @@ def test_frames_come_in_order_with_nothing_lost(bench: Bench) -> None:
     assert (counters.frames, counters.lost, counters.corrupt, counters.late) == (500, 0, 0, 0)
     array.close()
     array.close()
+
+
+@pytest.mark.parametrize(("protocol", "full_scale", "bits"), [(1, 4096, 10), (2, 4096, 12)])
+def test_layout_has_the_full_scale_that_the_board_states(
+    bench: Bench, protocol: int, full_scale: int, bits: int
+) -> None:
+    board = bench.board()
+    board.protocol, board.full_scale = protocol, full_scale
+    array = connect(bench, board)
+    assert array.layout.divider.adc_bits == bits, "version 1 states none"
 
 
 def test_the_board_is_set_up_in_order(bench: Bench) -> None:

@@ -1,0 +1,114 @@
+"""Grasps with a hobby servo through the real firmware, beside `sim-rigid` with the same seeds.
+
+    python benchmarks/board_grasps.py --board mega2560 --grasps 40 --out docs/boards/mega2560.json
+
+Board, serial line and pulses are the firmware's on the AVR simulator; sheet, object and fingers are
+the twin's. The servo follows its pulses with the dead band and the speed of an MG996R. Calibration
+is that of `sim-rigid` (same sheet and fingers, another session) without the servo's current, which
+a hobby servo does not report. `--board twin` runs `sim-rigid` itself.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.files import atomic_path
+from palpate.firmware_image import BOARDS
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.runner import run_grasp
+from palpate.gripper.hobby_servo import HobbyServoGripper, ServoTravel
+from palpate.rig import Rig, open_rig
+from palpate.rig.simulated import calibrated
+from palpate.sensor.serial_array import SerialArray
+from palpate.sensor.wire_messages import Contents
+from palpate.twin.firmware import FirmwareBoard, FirmwareStream
+from palpate.twin.objects import draw_object
+from palpate.twin.ranges import ranges_of
+from palpate.twin.world import World
+
+#: Of the fingers that `palpate pattern --gripper` draws.
+TRAVEL = ServoTravel(open_us=690, closed_us=2310, open_mm=74.0, closed_mm=5.0)
+TWIN, _LEVEL = "twin", "lab"
+
+
+def open_board_rig(board: str, *, seed: int) -> Rig:
+    """Return the rig of `sim-rigid` with this seed, read and driven by a board's firmware."""
+    obj = draw_object(np.random.default_rng([seed, 10]), None)
+    world = World(obj, seed=seed, sheet_seed=seed, level=_LEVEL)
+    calibration = calibrated(seed=seed, level=_LEVEL, apart_from=obj.name)
+    machine = FirmwareBoard(board, seed=seed)
+    divider = world.layout.divider
+    count_mv = 1e3 * divider.supply_v / divider.full_scale
+    machine.set_noise_mv(count_mv * ranges_of(_LEVEL).adc_noise_counts)
+    array = SerialArray(
+        FirmwareStream(world, board=machine, travel=TRAVEL),
+        clock=world.clock,
+        layout=world.layout,
+        rate_hz=world.frame_rate_hz,
+        contents=Contents.SERVO,
+    )
+    return Rig(
+        name=board,
+        array=array,
+        gripper=HobbyServoGripper(array, clock=world.clock, travel=TRAVEL),
+        clock=world.clock,
+        calibration=replace(calibration, current=None),
+        origin="firmware-simulated",
+        subject=obj.name,
+        truth=lambda: world.truth().to_dict(),
+        seed=seed,
+    )
+
+
+def grasp_once(seed: int, *, board: str) -> dict[str, Any]:
+    """Return one grasp's outcome, peak, times and losses; `board` is a board, or "twin"."""
+    rig = open_rig("sim-rigid", seed=seed) if board == TWIN else open_board_rig(board, seed=seed)
+    with rig:
+        begin_s = rig.clock.now_s()
+        plan = plan_grasp(rig.calibration, gripper=rig.gripper)
+        result = run_grasp(plan, array=rig.array, gripper=rig.gripper, clock=rig.clock)
+        truth = rig.truth() if rig.truth is not None else {}
+        lost = rig.array.counters.lost if isinstance(rig.array, SerialArray) else 0
+        return {
+            "seed": seed,
+            "object": rig.subject,
+            "outcome": str(result.outcome),
+            "faults": [str(fault) for fault in result.faults],
+            "peak_force_n": round(float(str(truth["peak_force_n"])), 3),
+            "damaged": truth["damaged"],
+            "decision_time_s": result.decision_time_s,
+            "grasp_s": round(rig.clock.now_s() - begin_s, 2),
+            "frames_lost": lost,
+        }
+
+
+def main() -> None:
+    """Run the grasps, print a line for each, write all of them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--board", required=True, choices=(TWIN, *BOARDS))
+    parser.add_argument("--grasps", type=int, default=40)
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--out", type=Path)
+    args = parser.parse_args()
+    rows = []
+    with ProcessPoolExecutor(args.processes) as pool:
+        for row in pool.map(partial(grasp_once, board=args.board), range(args.grasps)):
+            rows.append(row)
+            print(json.dumps(row), file=sys.stderr, flush=True)
+    if args.out is not None:
+        document = {"board": args.board, "simulated": True, "grasps": rows}
+        with atomic_path(args.out) as partial_file:
+            partial_file.write_text(json.dumps(document, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

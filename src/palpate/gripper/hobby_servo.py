@@ -1,0 +1,246 @@
+"""Fingers on racks, driven by a hobby servo whose pulses come from a board with palpate's firmware.
+
+The board keeps travel and ramp, and holds the fingers where they are when it hears nothing for half
+a second; `state` keeps it awake. A hobby servo reports nothing: the width is that of its pulses.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from palpate.clock import Clock, RealClock
+from palpate.errors import DeviceError, DeviceTimeoutError, InputError
+from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
+from palpate.gripper.shared_board import PING_S, STALE_S, SharedBoard
+from palpate.sensor.array import PressureArray
+from palpate.sensor.serial_array import SerialArray
+from palpate.sensor.wire_messages import (
+    SERVO_PULSES_US,
+    BoardStatus,
+    Command,
+    Ping,
+    SetServo,
+    SetServoTravel,
+)
+
+#: A servo is behind its pulses by one period of 20 ms and its own lag (guess).
+_LAG_S = 0.1
+#: A frame shows a command that was sent this long before it: one ping and one frame at 15 Hz.
+_SHOWN_S = 0.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServoTravel:
+    """Pulses and openings of the open and of the closed fingers; in between they are linear.
+
+    Examples
+    --------
+    >>> travel = ServoTravel(open_us=700, closed_us=2300, open_mm=74.0, closed_mm=5.0)
+    >>> travel.pulse_us(39.5), travel.width_mm(1500)
+    (1500, 39.5)
+    """
+
+    open_us: int
+    closed_us: int
+    open_mm: float
+    closed_mm: float
+
+    def __post_init__(self) -> None:
+        low, high = SERVO_PULSES_US
+        for name in ("open_us", "closed_us"):
+            if not low <= getattr(self, name) <= high:
+                raise InputError(f"{name} {getattr(self, name)}: must be {low} to {high}")
+        if self.open_us == self.closed_us:
+            raise InputError("open_us and closed_us are the same: measure both ends of the travel")
+        if not 0 <= self.closed_mm < self.open_mm:
+            raise InputError(
+                f"closed_mm {self.closed_mm:g}: must be at least 0 and below open_mm "
+                f"{self.open_mm:g}"
+            )
+
+    @property
+    def mm_per_us(self) -> float:
+        """Movement of the fingers per microsecond, without its sign."""
+        return (self.open_mm - self.closed_mm) / abs(self.open_us - self.closed_us)
+
+    def width_mm(self, pulse_us: float) -> float:
+        """Return the opening at a pulse."""
+        return self.open_mm - self.mm_per_us * abs(pulse_us - self.open_us)
+
+    def pulse_us(self, width_mm: float) -> int:
+        """Return the pulse of an opening within the travel."""
+        towards = math.copysign(1.0, self.closed_us - self.open_us)
+        return self.open_us + round(towards * (self.open_mm - width_mm) / self.mm_per_us)
+
+
+class HobbyServoGripper:
+    """A `Gripper` on a board's servo output. Made, it opens the fingers.
+
+    Only if the board already sends pulses, it leaves them where they are.
+
+    `board`: an open array whose frames carry the pulses (`Contents.SERVO`); it stays its owner's.
+    `travel`: both ends of the travel; no pulse beyond them is sent.
+    `fastest_mm_per_s`: largest rate.
+    """
+
+    def __init__(
+        self,
+        board: SharedBoard,
+        *,
+        clock: Clock,
+        travel: ServoTravel,
+        fastest_mm_per_s: float = 60.0,
+    ) -> None:
+        self.limits = GripperLimits(
+            drive="width",
+            lowest=travel.closed_mm,
+            highest=travel.open_mm,
+            fastest=fastest_mm_per_s,
+        )
+        self._board, self._clock, self._travel = board, clock, travel
+        self._sent_s = self._commanded_s = self._arrives_s = -math.inf
+        newest, self._rate = board.newest(), 1
+        self._pulse_us: float = (newest and newest.servo_us) or travel.open_us
+        self._target_us: float = self._pulse_us
+        self._send(SetServoTravel(open_us=travel.open_us, closed_us=travel.closed_us))
+        if newest is None or not newest.servo_us:
+            self.release()
+
+    def state(self) -> GripperState:
+        """Return the opening of the present pulses, and show the board that the host is alive.
+
+        Raises `DeviceError` if the board is gone, sends no pulses, or held the fingers because it
+        heard nothing.
+        """
+        now_s = self._clock.now_s()
+        if now_s - self._sent_s >= PING_S:
+            self._send(Ping())
+        newest = self._board.newest()
+        if newest is not None:
+            if newest.servo_us is None:
+                raise DeviceError(
+                    "the board's frames carry no servo pulses; open the array with servo = true"
+                )
+            age_s = now_s - self._board.newest_s
+            if age_s > STALE_S:
+                raise DeviceTimeoutError(
+                    f"the last servo pulse is {age_s:.2f} s old; check the board's cable. It holds "
+                    "the fingers where they are 0.5 s after the last command"
+                )
+            if self._board.newest_s > self._commanded_s + _SHOWN_S:
+                self._check(newest.status, newest.servo_us)
+            self._pulse_us = self._pulse_now(newest.servo_us or self._travel.open_us, now_s)
+        late_s = now_s - self._arrives_s
+        is_lagging = self._pulse_us != self._target_us and late_s < STALE_S
+        return GripperState(
+            time_s=now_s,
+            width_mm=self._travel.width_mm(self._pulse_us),
+            moving=late_s < _LAG_S or is_lagging,
+        )
+
+    def command(self, wanted: GripperCommand) -> GripperCommand:
+        """Send a width and a rate; return what was sent, in whole microseconds.
+
+        Raises `DeviceError` if the board is gone, or its ceiling has tripped.
+        """
+        wanted = self.limits.clamp(wanted)
+        newest = self._board.newest()
+        tripped = newest is not None and newest.status & BoardStatus.CEILING_TRIPPED
+        if tripped and wanted.target < self.limits.highest:
+            raise DeviceError(
+                "the board has opened the fingers: a pixel reached its ceiling. Take the cause "
+                "away, then open the rig again"
+            )
+        target_us = self._travel.pulse_us(wanted.target)
+        rate = max(math.floor(wanted.rate / self._travel.mm_per_us), 1)
+        self._send(SetServo(target_us=target_us, rate_us_per_s=rate))
+        self._commanded_s = self._sent_s
+        travel_us = max(abs(target_us - self._pulse_us), abs(target_us - self._target_us))
+        self._target_us, self._rate = target_us, rate
+        self._arrives_s = self._sent_s + travel_us / rate
+        return GripperCommand(
+            target=self._travel.width_mm(target_us), rate=rate * self._travel.mm_per_us
+        )
+
+    def stop(self) -> None:
+        """Stop where the fingers are; the position stays held.
+
+        Raises `DeviceError` if the board is gone; then it stops the fingers 0.5 s later.
+        """
+        self._send(SetServo(target_us=0, rate_us_per_s=1))
+        self._commanded_s = self._arrives_s = self._sent_s
+        self._target_us = self._pulse_us
+
+    def release(self) -> None:
+        """Open fully."""
+        self.command(GripperCommand(target=self.limits.highest, rate=self.limits.fastest))
+
+    def close(self) -> None:
+        """Nothing to let go of: the board holds the fingers where they are."""
+
+    def _pulse_now(self, frame_us: int, now_s: float) -> float:
+        """Continue the ramp from the newest frame to now: frames are up to 70 ms apart."""
+        since_s = now_s - max(self._board.newest_s, self._commanded_s)
+        way_us = self._target_us - frame_us
+        return frame_us + math.copysign(min(abs(way_us), self._rate * max(since_s, 0.0)), way_us)
+
+    def _check(self, status: int, servo_us: int) -> None:
+        if status & BoardStatus.CEILING_TRIPPED:
+            return  # each frame reports it
+        if servo_us == 0:
+            raise DeviceError(
+                "the board sends no servo pulses: it was reset, and the servo has no supply. Open "
+                "the rig again"
+            )
+        if status & BoardStatus.HEARTBEAT_LOST:
+            raise DeviceError(
+                "the board has held the fingers where they were: it heard nothing for 0.5 s. Check "
+                "its cable, and that nothing else loads this machine"
+            )
+
+    def _send(self, command: Command) -> None:
+        self._board.send(command)
+        self._sent_s = self._clock.now_s()
+
+
+def open_gripper(
+    *,
+    array: PressureArray,
+    open_us: int,
+    closed_us: int,
+    open_mm: float,
+    closed_mm: float,
+    fastest_mm_per_s: float = 60.0,
+) -> HobbyServoGripper:
+    """Open fingers on a hobby servo of the board that reads their sensor. They open at once.
+
+    Parameters
+    ----------
+    array : PressureArray
+        The rig's array: a board opened with ``servo = true``.
+    open_us, closed_us : int
+        Pulses of the open and the closed fingers, 500 to 2500 µs.
+    open_mm, closed_mm : float
+        Opening between the pads at those pulses. Measure both.
+    fastest_mm_per_s : float
+        Largest rate.
+
+    Raises
+    ------
+    InputError
+        If the array is not such a board, or a number is out of its range.
+    DeviceError
+        If the board is gone.
+    """
+    if not isinstance(array, SerialArray):
+        raise InputError(
+            f"a hobby servo needs an array on a board with palpate's firmware, not "
+            f"{type(array).__name__}"
+        )
+    if not 0 < fastest_mm_per_s < math.inf:
+        raise InputError(f"fastest_mm_per_s {fastest_mm_per_s:g}: must be above 0")
+    travel = ServoTravel(open_us=open_us, closed_us=closed_us, open_mm=open_mm, closed_mm=closed_mm)
+    return HobbyServoGripper(
+        array, clock=RealClock(), travel=travel, fastest_mm_per_s=fastest_mm_per_s
+    )

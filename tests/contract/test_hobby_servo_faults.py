@@ -1,0 +1,145 @@
+"""The driver of a hobby servo, on the firmware, with a board or a host that fails."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from tests.conftest import skip
+from tests.contract.hands import TRAVEL, on_hobby_servo, world_of
+
+from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, InputError
+from palpate.gripper.hobby_servo import HobbyServoGripper, ServoTravel, open_gripper
+from palpate.gripper.interface import GripperCommand
+from palpate.sensor.serial_array import SerialArray
+from palpate.twin.devices import TwinArray
+from palpate.twin.firmware import FirmwareBoard
+from palpate.twin.world import World
+
+
+@dataclass
+class Bench:
+    """Fingers on a simulated board, open and still."""
+
+    world: World
+    board: FirmwareBoard
+    array: SerialArray
+    gripper: HobbyServoGripper
+
+    def follow(self, duration_s: float) -> None:
+        """Read frames and states, as the control loop does."""
+        until_s = self.world.now_s() + duration_s
+        while self.world.now_s() < until_s:
+            self.array.read(timeout_s=1.0)
+            self.gripper.state()
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    world = world_of("rigid")
+    try:
+        board = FirmwareBoard(seed=2)
+    except DeviceNotFoundError as error:
+        skip(str(error))
+    array, gripper = on_hobby_servo(world, board)
+    bench = Bench(world=world, board=board, array=array, gripper=gripper)
+    bench.follow(0.3)
+    yield bench
+    array.close()
+
+
+def close_to(bench: Bench, width_mm: float, *, rate: float = 40.0) -> None:
+    bench.gripper.command(GripperCommand(target=width_mm, rate=rate))
+
+
+def test_silent_host_leaves_the_fingers_where_they_are(bench: Bench) -> None:
+    close_to(bench, 20.0, rate=20.0)
+    bench.world.clock.sleep_s(3.0)
+    stopped_mm = bench.world.drive_value(bench.world.now_s())
+    assert stopped_mm == pytest.approx(74.0 - 20.0 * 0.5, abs=1.0)
+    bench.array.read(timeout_s=1.0)
+    with pytest.raises(DeviceError, match="held the fingers where they were"):
+        bench.gripper.state()
+    bench.gripper.stop()
+    bench.follow(0.5)
+    assert bench.gripper.state().width_mm == pytest.approx(stopped_mm, abs=0.3)
+
+
+def test_ceiling_opens_the_fingers_and_refuses_to_close_them(bench: Bench) -> None:
+    bench.array.arm_ceiling(1)
+    close_to(bench, 40.0)
+    bench.follow(2.0)
+    assert bench.world.drive_value(bench.world.now_s()) == pytest.approx(74.0, abs=0.3)
+    assert not bench.board.safe_line
+    state = bench.gripper.state()
+    assert (state.width_mm, state.moving) == (74.0, False)
+    with pytest.raises(DeviceError, match="a pixel reached its ceiling"):
+        close_to(bench, 40.0)
+    bench.gripper.release()
+
+
+def test_reset_board_is_reported_and_sends_no_pulses(bench: Bench) -> None:
+    close_to(bench, 40.0)
+    bench.follow(1.5)
+    bench.board.reset()
+    with pytest.raises(DeviceError, match="it was reset"):
+        bench.follow(3.0)
+    bench.board.read_pulses()
+    bench.world.clock.sleep_s(0.3)
+    assert len(bench.board.read_pulses()[0]) == 0
+    assert bench.world.drive_value(bench.world.now_s()) == pytest.approx(40.0, abs=0.3)
+
+
+def test_stale_frames_are_refused(bench: Bench) -> None:
+    bench.board.hang()
+    bench.world.clock.sleep_s(0.2)
+    bench.array.newest()
+    bench.world.clock.sleep_s(0.6)
+    with pytest.raises(DeviceTimeoutError, match=r"pulse is 0\.\d+ s old"):
+        bench.gripper.state()
+
+
+def test_driver_made_again_leaves_the_fingers_where_they_are(bench: Bench) -> None:
+    close_to(bench, 40.0)
+    bench.follow(1.5)
+    again = HobbyServoGripper(bench.array, clock=bench.world.clock, travel=TRAVEL)
+    bench.gripper = again
+    bench.follow(0.5)
+    assert again.state().width_mm == pytest.approx(40.0, abs=0.05)
+    assert bench.world.drive_value(bench.world.now_s()) == pytest.approx(40.0, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"open_us": 499}, "open_us 499: must be 500 to 2500"),
+        ({"closed_us": 2501}, "closed_us 2501: must be 500 to 2500"),
+        ({"closed_us": 690}, "are the same"),
+        ({"closed_mm": 74.0}, "closed_mm 74: must be at least 0 and below open_mm 74"),
+        ({"closed_mm": -1.0}, "closed_mm -1"),
+        ({"open_mm": float("nan")}, "below open_mm nan"),
+    ],
+)
+def test_travel_out_of_range_is_refused(changes: dict[str, float], message: str) -> None:
+    given = {"open_us": 690, "closed_us": 2310, "open_mm": 74.0, "closed_mm": 5.0} | changes
+    with pytest.raises(InputError, match=message):
+        ServoTravel(**given)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "travel", [TRAVEL, ServoTravel(open_us=2310, closed_us=690, open_mm=74.0, closed_mm=5.0)]
+)
+def test_travel_is_linear_either_way(travel: ServoTravel) -> None:
+    widths_mm = np.linspace(5.0, 74.0, 200)
+    pulses_us = [travel.pulse_us(width_mm) for width_mm in widths_mm]
+    back_mm = [travel.width_mm(pulse_us) for pulse_us in pulses_us]
+    assert np.allclose(back_mm, widths_mm, atol=travel.mm_per_us)
+    assert {travel.pulse_us(74.0), travel.pulse_us(5.0)} == {travel.open_us, travel.closed_us}
+
+
+def test_array_without_a_board_is_refused() -> None:
+    array = TwinArray(world_of("rigid"))
+    with pytest.raises(InputError, match="a board with palpate's firmware, not TwinArray"):
+        open_gripper(array=array, open_us=690, closed_us=2310, open_mm=74.0, closed_mm=5.0)
