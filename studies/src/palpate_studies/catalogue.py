@@ -37,6 +37,7 @@ _SHOWN = {
     "stiffness": "Stiffness in N/mm over two decades, simulated",
     "staircases": "Force now during staircases of closing and opening, simulated",
     "settled": "Settled values on real materials, and after own holds",
+    "meat": "What a squeeze can show of meat, real double presses",
     "identify": "What each item of a mixed crate is, strangers among them, simulated",
     "sorting": "Purity and items per hour of sorting by rules, simulated",
 }

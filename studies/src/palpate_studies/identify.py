@@ -14,7 +14,7 @@ import typer
 from palpate.arrays import FloatArray
 from palpate.cli.options import TargetForceOption
 from palpate.errors import InputError
-from palpate.produce.identify.identifier import Identifier, Identity
+from palpate.produce.identify.identifier import FEATURES, Identifier, Identity
 from palpate.produce.identify.items import touches_of
 from palpate.produce.learning import FALSE_REJECT, UNKNOWN
 from palpate_studies.identify_baselines import guesses
@@ -152,7 +152,7 @@ def _by_sensor(
     for method, guess in guesses(teaching).items():
         for item in sorting:
             measured = item.grasps[0].grasp.measurements
-            guessed = guess(measured) if len(measured) == 4 else UNKNOWN
+            guessed = guess(measured) if set(FEATURES) <= set(measured) else UNKNOWN
             found.append(Answer(level=level, method=method, item=item, said=guessed))
     for name, known in identifiers(teaching).items():
         for count in range(1, SORTED_GRASPS + 1):
