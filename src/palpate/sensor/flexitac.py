@@ -9,12 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.clock import RealClock
 from palpate.errors import InputError
 from palpate.sensor.array import ArrayLayout
-from palpate.sensor.byte_stream import SerialStream
 from palpate.sensor.one_way_array import Counts, OneWayArray
-from palpate.sensor.ports import follow_port
 from palpate.signal.circuit import Divider
 
 _MARKER = b"\xaa\x55"
@@ -106,11 +103,5 @@ def open_board(
         finger_of_row=(0,) * rows,
         divider=Divider(reference_ohm=reference_ohm, adc_bits=8),
     )
-    where = follow_port(port)
-    return OneWayArray(
-        SerialStream(port, baud=baud),
-        clock=RealClock(),
-        layout=layout,
-        decoder=FlexitacDecoder(rows=rows),
-        reopen=lambda: SerialStream(where(), baud=baud),
-    )
+    decoder = FlexitacDecoder(rows=rows)
+    return OneWayArray.on_port(port, baud=baud, layout=layout, decoder=decoder)

@@ -12,11 +12,12 @@ from typing import Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.clock import Clock
+from palpate.clock import Clock, RealClock
 from palpate.errors import DeviceError, DeviceTimeoutError, WireError
 from palpate.sensor.array import ArrayLayout, Frame, LinkCounters
-from palpate.sensor.byte_stream import ByteStream
+from palpate.sensor.byte_stream import ByteStream, SerialStream
 from palpate.sensor.frame_port import FramePort
+from palpate.sensor.ports import follow_port
 
 Counts: TypeAlias = NDArray[np.int32]
 
@@ -99,6 +100,23 @@ class OneWayArray:
         except DeviceError:
             self.close()
             raise
+
+    @classmethod
+    def on_port(
+        cls, port: str, *, baud: int, layout: ArrayLayout, decoder: FrameDecoder
+    ) -> OneWayArray:
+        """Return the array of a board on a serial port, found again after an unplug.
+
+        Raises `DeviceError` if the port can't be opened, or no frame comes.
+        """
+        where = follow_port(port)
+        return cls(
+            SerialStream(port, baud=baud),
+            clock=RealClock(),
+            layout=layout,
+            decoder=decoder,
+            reopen=lambda: SerialStream(where(), baud=baud),
+        )
 
     @property
     def layout(self) -> ArrayLayout:

@@ -10,13 +10,10 @@ from typing import Literal
 
 import numpy as np
 
-from palpate.clock import RealClock
 from palpate.errors import InputError
 from palpate.sensor.array import ArrayLayout, IdleLines
 from palpate.sensor.board_array import layout_named
-from palpate.sensor.byte_stream import SerialStream
 from palpate.sensor.one_way_array import Counts, OneWayArray
-from palpate.sensor.ports import follow_port
 
 _MOST_LINES = 64
 #: Ohms are kept as the counts of a divider this fine: 0.01 % from 1 ohm to 10 megohm.
@@ -218,11 +215,5 @@ def open_board(
                 f"columns = {columns}: give {pixels.pixels} different whole numbers from 1, one "
                 f"for each pixel of layout {layout}"
             )
-    where = follow_port(port)
-    return OneWayArray(
-        SerialStream(port, baud=baud),
-        clock=RealClock(),
-        layout=pixels,
-        decoder=LineDecoder(pixels, columns=columns, in_ohm=in_ohm),
-        reopen=lambda: SerialStream(where(), baud=baud),
-    )
+    decoder = LineDecoder(pixels, columns=columns, in_ohm=in_ohm)
+    return OneWayArray.on_port(port, baud=baud, layout=pixels, decoder=decoder)
