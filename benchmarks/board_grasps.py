@@ -1,4 +1,4 @@
-"""Grasps with a hobby servo through the real firmware, beside `sim-rigid` with the same seeds.
+"""Grasps with a hobby servo through the real firmware, and through `sim-rigid` with the same seeds.
 
     python benchmarks/board_grasps.py --board mega2560 --grasps 40 --out docs/boards/mega2560.json
 
@@ -35,7 +35,7 @@ from palpate.twin.objects import draw_object
 from palpate.twin.ranges import ranges_of
 from palpate.twin.world import World
 
-#: Of the fingers that `palpate pattern --gripper` draws.
+#: As `palpate init --gripper servo` writes it.
 TRAVEL = ServoTravel(open_us=690, closed_us=2310, open_mm=74.0, closed_mm=5.0)
 TWIN, _LEVEL = "twin", "lab"
 

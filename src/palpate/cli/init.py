@@ -25,7 +25,7 @@ _GRIPPERS = {
 }
 #: Frames must carry what the board itself drives.
 _SHARED = {"pneumatic": "pressure", "servo": "servo"}
-#: Of the gripper that `palpate pattern --gripper` draws, before it is measured.
+#: A rack and pinion of 27 mm pitch diameter, nominal; to be measured and replaced.
 _SERVO: dict[str, str | float] = {
     "open_us": 690,
     "closed_us": 2310,

@@ -49,6 +49,28 @@ def test_pins_are_the_firmwares(firmware: str, pins: str, said: str) -> None:
     assert said in wired(pins)
 
 
+UNO = (ROOT / "firmware" / "board" / "atmega328p.h").read_text()
+
+
+@pytest.mark.parametrize(
+    ("firmware", "row"),
+    [
+        (r"D, 2 +// 2-3: row multiplexer select", "| 2, 3 | S0, S1 of the row multiplexer |"),
+        (r"D, 4 +// 4-5: column multiplexer", "| 4, 5 | S0, S1 of the column multiplexer |"),
+        (r"C, 2 +// A2-A5: row lines 0-3", "| A2 to A5 | rows R0 to R3, in place"),
+        (r"D, 6 +// 6: load cell 0 clock", "| 6, 7 | SCK and DT of load-cell amplifier 0 |"),
+        (r"D, 7 +// 7: load cell 0 data", "| 6, 7 | SCK and DT of load-cell amplifier 0 |"),
+        (r"B, 3 +// 11: load cell 1 clock", "| 11, 12 | SCK and DT of load-cell amplifier 1 |"),
+        (r"B, 4 +// 12: load cell 1 data", "| 11, 12 | SCK and DT of load-cell amplifier 1 |"),
+        (r"B, 0 +// 8: safe line", "| 8 | safe line, with 10 kΩ to GND |"),
+        (r"B, 2 +// 10: servo signal", "| 10 | through 330 Ω the signal of a hobby servo |"),
+    ],
+)
+def test_pins_of_the_uno_are_the_firmwares(firmware: str, row: str) -> None:
+    assert re.search(firmware, UNO)
+    assert row in README
+
+
 def test_wiring_drawing_has_the_select_pins_in_order() -> None:
     drawing = (ROOT / "hardware" / "wiring.svg").read_text()
     labels = re.findall(r">(\d\d|A0)</text>", drawing)
