@@ -32,7 +32,7 @@ from scipy.stats import rankdata
 
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.serial_array import SerialArray
@@ -142,7 +142,7 @@ def compare(*, seeds: int, draws: int, rate_hz: float, larger_mm: float) -> dict
     for index in range(seeds):
         seed = index + 1
         name = draw_object(np.random.default_rng([seed, 10])).name
-        calibration = calibrated(seed=seed, level=_LEVEL, apart_from=name)
+        calibration = calibrate_twin(seed=seed, level=_LEVEL, apart_from=name)
         for draw in range(draws):
             for firmware in (False, True):
                 values[int(firmware), index, draw] = grasp(

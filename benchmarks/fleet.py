@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.grasp.planning import force_now
 from palpate.recording import RecordingInfo, RecordingWriter
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.sensor.wire_messages import FrameMessage
 from palpate.signal.relative import excess_conductance
@@ -40,7 +40,7 @@ def main() -> None:
     obj = draw_object(np.random.default_rng(SEED), "strawberry")
     world = World(obj, seed=SEED, level=LEVEL, gripper="soft", frame_rate_hz=RATE_HZ)
     array, gripper = TwinArray(world), TwinGripper(world)
-    calibration = calibrated(seed=SEED, level=LEVEL, apart_from="strawberry", kind="soft")
+    calibration = calibrate_twin(seed=SEED, level=LEVEL, apart_from="strawberry", kind="soft")
     # First all that the twin computes, then what is measured.
     read = [
         (array.read(timeout_s=1.0), gripper.state()) for _ in range(int(told.seconds * RATE_HZ))

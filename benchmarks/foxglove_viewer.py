@@ -28,9 +28,9 @@ SETTLE_S = 5.0
 
 def write_rig(folder: Path, *, port: str, rate_hz: float) -> Path:
     """Write a rig file for a board without a gripper, with a calibration of the twin's."""
-    from palpate.rig.simulated import calibrated
+    from palpate.rig.simulated import calibrate_twin
 
-    calibrated(seed=1, level="lab", apart_from="ball-44lbs").save(folder / "calibration.json")
+    calibrate_twin(seed=1, level="lab", apart_from="ball-44lbs").save(folder / "calibration.json")
     rig = folder / "rig.toml"
     rig.write_text(
         'calibration = "calibration.json"\n[array]\n'

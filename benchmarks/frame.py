@@ -19,7 +19,7 @@ import numpy as np
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand, GripperState
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import Frame
 from palpate.sensor.wire import Decoder
 from palpate.sensor.wire_messages import FrameMessage
@@ -116,7 +116,7 @@ def main() -> None:
     parser.add_argument("--grasps", type=int, default=10)
     parser.add_argument("--hand", choices=("rigid", "soft"), default="rigid")
     told = parser.parse_args()
-    calibration = calibrated(seed=SEED, level=LEVEL, apart_from="strawberry", kind=told.hand)
+    calibration = calibrate_twin(seed=SEED, level=LEVEL, apart_from="strawberry", kind=told.hand)
     ours_s, twin_s, simulated_s = list[float](), 0.0, 0.0
     for number in range(told.grasps):
         thing = draw_object(np.random.default_rng(SEED + number), "strawberry")

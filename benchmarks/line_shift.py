@@ -32,7 +32,7 @@ from tests.loop.test_line import OpcUa, free_port, reach, registers
 
 from palpate.line import modbus
 from palpate.line.machine import LineState
-from palpate.line.results import measured_values
+from palpate.line.results import list_measurements
 
 #: Between two looks of a client, seconds.
 LOOK_S = 0.01
@@ -91,7 +91,7 @@ async def shift_over_modbus(port: int, machine: Machine, *, items: int) -> None:
             named = modbus.text_of(await registers(client, modbus.ITEM, modbus.TEXT_REGISTERS))
             document = machine.ask("GET", "/result")[1]
             late_ms.append(age_ms(document) - 1e3 * (time.time() - seen))
-            wanted = np.array(measured_values(document), dtype=np.float32)
+            wanted = np.array(list_measurements(document), dtype=np.float32)
             values = np.array(struct.unpack(">15f", struct.pack(">30H", *words)), dtype=np.float32)
             is_same = np.array_equal(values, wanted, equal_nan=True) and named == item
             differ += not (is_same and document["item_id"] == item)

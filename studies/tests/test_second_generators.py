@@ -81,7 +81,7 @@ def test_another_sheet_lags_behind_by_a_force_and_its_creep_does_not_slow_down()
     assert play_n[0] == pytest.approx(play_n[1])
     assert 0 < play_n[0] < 2
     creep = sheet.family.draw(np.random.default_rng(1))
-    state = SheetState.unloaded(8, creep=creep)
+    state = SheetState.at_rest(8, creep=creep)
     ohm = [sheet.rest_ohm.mean()]
     for _ in range(400):
         state = state.after(

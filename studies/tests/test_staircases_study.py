@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate_studies import staircases
 from palpate_studies.baselines.learned_now import numbers_of
 from palpate_studies.protocol.parts import SeenBeforeError
@@ -38,7 +38,7 @@ def test_learners_follow_sheets_that_they_never_saw() -> None:
 
 
 def test_what_a_learner_sees_of_a_frame_is_what_came_before_it() -> None:
-    pairs = calibrated(seed=3, level="lab", apart_from="").force
+    pairs = calibrate_twin(seed=3, level="lab", apart_from="").force
     time_s = np.arange(40) / 15
     excess = np.full((40, 4, 2), 0.3)
     excess[20:] *= 2.0

@@ -18,7 +18,7 @@ from palpate.gripper.interface import GripperCommand
 from palpate.gripper.packets import PROTOCOL_1
 from palpate.gripper.servo_line import ServoLine
 from palpate.gripper.x_series import Register
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinArray
 from palpate.twin.world import World
 
@@ -182,7 +182,7 @@ def test_what_can_not_be_opened_is_one_line(
 
 
 def test_a_grasp_through_the_jaw(gripper: FeetechGripper, world: World) -> None:
-    calibration = calibrated(seed=5, level="lab", apart_from="strawberry")
+    calibration = calibrate_twin(seed=5, level="lab", apart_from="strawberry")
     plan = plan_grasp(calibration, gripper=gripper)
     result = run_grasp(plan, array=TwinArray(world), gripper=gripper, clock=world.clock)
     truth = world.truth()

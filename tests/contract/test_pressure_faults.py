@@ -22,7 +22,7 @@ from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperCommand
 from palpate.gripper.pneumatic import SOFT_LIMITS, PneumaticGripper, open_gripper
 from palpate.recording import RecordingInfo, RecordingWriter, load_recording
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import SOFT_LAYOUT
 from palpate.sensor.serial_array import SerialArray
 from palpate.twin.devices import TwinArray, TwinGripper
@@ -31,7 +31,7 @@ from palpate.twin.objects import Truth
 
 @pytest.fixture(scope="module")
 def plan() -> Plan:
-    calibration = calibrated(seed=5, level="lab", apart_from="tomato", kind="soft")
+    calibration = calibrate_twin(seed=5, level="lab", apart_from="tomato", kind="soft")
     return plan_grasp(calibration, gripper=TwinGripper(world_of("soft")))
 
 

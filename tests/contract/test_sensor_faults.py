@@ -24,7 +24,7 @@ from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import Watcher, run_grasp
 from palpate.grasp.state import GraspState
 from palpate.recording import RecordingInfo, RecordingWriter, load_recording
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import PressureArray
 from palpate.sensor.serial_array import SerialArray
 from palpate.twin.devices import TwinGripper
@@ -141,7 +141,7 @@ def world_for(kind: str) -> World:
 
 @cache
 def plan_for(kind: str) -> Plan:
-    calibration = calibrated(seed=5, level="lab", apart_from=OBJECTS[kind], kind=kind)
+    calibration = calibrate_twin(seed=5, level="lab", apart_from=OBJECTS[kind], kind=kind)
     return plan_grasp(calibration, gripper=TwinGripper(world_of(kind)))
 
 

@@ -29,7 +29,7 @@ from palpate.gripper.interface import GripperCommand
 from palpate.gripper.servo_line import RefusedError, ServoLine
 from palpate.recording import RecordingInfo, RecordingWriter, load_recording
 from palpate.rig import open_rig
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinArray
 from palpate.twin.world import World
 
@@ -402,7 +402,7 @@ def test_what_can_not_be_opened_is_one_line(
 def test_opened_by_a_rig_file(
     world: World, bus: ServoBus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    calibration = calibrated(seed=5, level="lab", apart_from="strawberry")
+    calibration = calibrate_twin(seed=5, level="lab", apart_from="strawberry")
     calibration.save(tmp_path / "pad.json")
     opener = SimpleNamespace(array=lambda: TwinArray(world))
     monkeypatch.setitem(sys.modules, "my_bench", opener)
@@ -433,7 +433,7 @@ def plan() -> Plan:
     world = world_of("rigid")
     bus = ServoBus(world)
     gripper = on_servo(world, bus)
-    calibration = calibrated(seed=5, level="lab", apart_from="strawberry")
+    calibration = calibrate_twin(seed=5, level="lab", apart_from="strawberry")
     plan = plan_grasp(calibration, gripper=gripper)
     gripper.close()
     bus.close()
@@ -443,7 +443,7 @@ def plan() -> Plan:
 def test_the_papers_method_through_the_servo(
     plan: Plan, gripper: DynamixelGripper, world: World
 ) -> None:
-    calibration = calibrated(seed=5, level="lab", apart_from="strawberry")
+    calibration = calibrate_twin(seed=5, level="lab", apart_from="strawberry")
     by_its_steps = by_paper(plan, Paper(), calibration=calibration)
     result = run_grasp(by_its_steps, array=TwinArray(world), gripper=gripper, clock=world.clock)
     truth = world.truth()

@@ -17,7 +17,7 @@ from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand
 from palpate.gripper.pneumatic import PneumaticGripper
 from palpate.rig import Rig, open_rig
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import BoardStatus, Contents, SetCeiling
@@ -33,7 +33,8 @@ pytestmark = pytest.mark.usefixtures("firmware_built")
 def calibrations() -> dict[str, Calibration]:
     kinds: tuple[GripperKind, ...] = ("rigid", "soft")
     return {
-        kind: calibrated(seed=2, level="lab", apart_from="strawberry", kind=kind) for kind in kinds
+        kind: calibrate_twin(seed=2, level="lab", apart_from="strawberry", kind=kind)
+        for kind in kinds
     }
 
 

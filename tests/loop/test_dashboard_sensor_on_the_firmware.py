@@ -22,7 +22,7 @@ from tests.loop.test_dashboard import PATIENCE_MS, WIDE, browser, fresh, served,
 from palpate.cli import build_app, run
 from palpate.clock import ManualClock
 from palpate.gripper.interface import GripperCommand
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.twin.devices import TwinGripper
 from palpate.twin.firmware import FirmwareBoard
@@ -95,7 +95,7 @@ def address(board: PressedBoard, tmp_path_factory: pytest.TempPathFactory) -> It
     made = ["init", str(rig), "--port", board.port, "--layout", RIGID_LAYOUT.name]
     made += ["--gripper", "none", "--rate-hz", "100", *wiring()]
     assert run(build_app(), made, name="palpate") == 0
-    calibrated(seed=SHEET, level="lab", apart_from=BALL).save(folder / "rig-calibration.json")
+    calibrate_twin(seed=SHEET, level="lab", apart_from=BALL).save(folder / "rig-calibration.json")
     with served(folder, "--rig", str(rig)) as address:
         yield address
 

@@ -14,7 +14,7 @@ from palpate.cli.sensor_source import SensorSource
 from palpate.clock import ManualClock
 from palpate.grasp.planning import force_now
 from palpate.gripper.interface import GripperCommand
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.serial_array import SerialArray
 from palpate.twin.devices import TwinGripper
@@ -28,7 +28,7 @@ RATE_HZ, HELD_S = 250.0, 4.0
 
 
 def test_newtons_with_an_interval_at_every_frame() -> None:
-    calibration = calibrated(seed=3, level="lab", apart_from="ball-44lbs")
+    calibration = calibrate_twin(seed=3, level="lab", apart_from="ball-44lbs")
     clock = ManualClock(50.0)
     ball = draw_object(np.random.default_rng(3), "ball-44lbs")
     world = World(ball, seed=5, sheet_seed=3, clock=clock, layout=RIGID_LAYOUT)

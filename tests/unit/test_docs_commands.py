@@ -116,11 +116,11 @@ def test_a_command_for_a_board_has_a_verb_and_options_that_exist(page: str, line
 
 def test_the_picture_of_the_sensor_is_what_the_command_draws() -> None:
     from palpate.fabrication.design import PRESETS
-    from palpate.fabrication.drawing import combined_svg
+    from palpate.fabrication.drawing import draw_combined_svg
     from palpate.fabrication.pattern import lay_out
 
     shown = (ROOT / "docs" / "images" / "paper-3x2.svg").read_text(encoding="utf-8")
-    assert shown == combined_svg(lay_out(PRESETS["paper-3x2"]))
+    assert shown == draw_combined_svg(lay_out(PRESETS["paper-3x2"]))
 
 
 def test_the_page_of_the_architecture_lists_the_layers_that_are_enforced() -> None:

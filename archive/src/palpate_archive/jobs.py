@@ -225,7 +225,7 @@ class Judge:
 def _evidence(grasp: dict[str, Any]) -> Any:
     """Return what one grasp alone shows: the kind, if a person stated it, and the size."""
     from palpate.estimate.measurement import Measurement
-    from palpate.produce.identify.identifier import as_labelled
+    from palpate.produce.identify.identifier import label_identity
     from palpate.produce.sorting.conditions import Evidence
     from palpate.settling.result import Status
 
@@ -238,7 +238,7 @@ def _evidence(grasp: dict[str, Any]) -> Any:
             unit="mm",
             status=Status(grasp["size_mm_status"]),
         )
-    identity = as_labelled(grasp["kind"]) if grasp["kind"] else None
+    identity = label_identity(grasp["kind"]) if grasp["kind"] else None
     return Evidence(identity=identity, size_mm=size, grasps=1)
 
 

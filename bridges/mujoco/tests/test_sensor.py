@@ -36,7 +36,7 @@ def test_a_steady_load_reads_what_the_twins_sheet_does_under_it() -> None:
     sensor = lying(at_mm=(5.0, 0.0))
     load_n, chance = sensor.load_n.ravel(), sensor.placement
     sensor.step_to(sensor.data.time + 19.0)
-    state = SheetState.unloaded(PALM.pixels, creep=chance.creep)
+    state = SheetState.at_rest(PALM.pixels, creep=chance.creep)
     for step_s in (1e-3, 20.0):
         state = state.after(
             step_s,

@@ -17,7 +17,7 @@ import rclpy
 from rclpy.action import ActionClient
 from rclpy.node import Node
 
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 
 #: A machine that is busy starts a node slowly and discovers it late.
 PATIENCE_S = 90.0
@@ -28,7 +28,7 @@ _ENTRY_POINTS = "[palpate.rigs]\nbench = bench_rigs:open_bench\nservo = bench_ri
 def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """Return the environment of every process: a domain of its own, the rigs of the tests."""
     folder = tmp_path_factory.mktemp("rigs")
-    calibrated(seed=5, level="lab", apart_from="strawberry").save(folder / "pad.json")
+    calibrate_twin(seed=5, level="lab", apart_from="strawberry").save(folder / "pad.json")
     found = folder / "palpate_bench-0.dist-info"
     found.mkdir()
     (found / "METADATA").write_text("Metadata-Version: 2.1\nName: palpate-bench\nVersion: 0\n")

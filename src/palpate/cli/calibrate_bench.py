@@ -16,7 +16,7 @@ from palpate.errors import CalibrationError, DeviceError
 from palpate.files import check_place
 from palpate.grasp.calibrating import Bench
 from palpate.rig.bench import open_board_bench
-from palpate.rig.file import load_cells_stated, stated_in
+from palpate.rig.file import load_cells_stated, read_stated
 from palpate.rig.simulated import FACES, twin_bench
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
@@ -127,7 +127,7 @@ def calibration_file(rig: str, out: Path | None) -> Path:
     Raises `InputError` if the rig file can't be read, or the calibration could not be written in
     the end.
     """
-    stated = stated_in(Path(rig)) if out is None and rig.endswith(".toml") else {}
+    stated = read_stated(Path(rig)) if out is None and rig.endswith(".toml") else {}
     named = Path(rig).parent / str(stated["calibration"]) if "calibration" in stated else None
     path = out or named or DEFAULT_FILE
     check_place(path)

@@ -22,7 +22,7 @@ from palpate.estimate.compliance import Compliance
 from palpate.grasp.calibrating import measure_block
 from palpate.grasp.calibrating_current import measure_current, measure_gears
 from palpate.grasp.planning import DWELL_S
-from palpate.sensor.calibration import Calibration, joined_currents
+from palpate.sensor.calibration import Calibration, join_currents
 
 #: Closings go up to this force, newtons, and are repeated this often.
 _UP_TO_N, _REPEATS = 15.0, 3
@@ -101,5 +101,5 @@ def _measure(guided: GuidedBench, *, block_mm: float, rig: str, out: Path) -> Ca
     if current is not None:
         guided.take_away()
         empty = measure_gears(bench)
-        current = current if empty is None else joined_currents(current, empty)
+        current = current if empty is None else join_currents(current, empty)
     return replace(earlier, block=block, current=current)

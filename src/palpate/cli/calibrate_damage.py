@@ -17,9 +17,9 @@ from palpate.errors import InputError
 from palpate.estimate.damage_file import DamageFile
 from palpate.estimate.damage_learning import (
     FruitClosing,
-    held_out,
     learn_damage,
     read_closings,
+    score_left_out,
     unfit,
 )
 from palpate.estimate.measurement import Measurement
@@ -76,7 +76,7 @@ def _learn(closings: list[FruitClosing], *, files: tuple[Path, ...]) -> DamageFi
         learned_from={path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files},
         made_at=now_text(),
         left_out=left_out,
-        held_out=held_out(used),
+        held_out=score_left_out(used),
     )
 
 

@@ -20,7 +20,7 @@ from palpate.grasp.planning import with_force_law
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.dead_weights import (
     FEWEST,
-    checked_loads,
+    check_loads,
     hysteresis_seen,
     read_loads,
     weigh,
@@ -137,4 +137,4 @@ def _ask_loads(course: Course) -> Iterator[float]:
         except ValueError as error:
             raise InputError(f"load {typed!r}: type newtons, such as 4.0") from error
         yield loads_n[-1]
-    checked_loads(loads_n, where="the weights")
+    check_loads(loads_n, where="the weights")

@@ -61,7 +61,7 @@ def open_limit(path: Path | None, *, kind: str | None) -> Limit | None:
     from palpate.estimate.damage_file import DamageFile
 
     file = DamageFile.load(path)
-    known = "" if kind is None else file.known_kind(kind, where=f"--damage {path}")
+    known = "" if kind is None else file.check_kind(kind, where=f"--damage {path}")
     return Limit(file, path=path, kind=known)
 
 
@@ -103,7 +103,7 @@ class StoreEntry:
             calibration=calibration,
             recording=recording,
             angle_deg=self._angle_deg,
-            closing={} if self._closing is None else self._closing.measured(),
+            closing={} if self._closing is None else self._closing.list_measurements(),
         )
         self._record = grasp, calibration
         return {"item_id": self._item_id, "grasp_id": grasp.grasp_id}

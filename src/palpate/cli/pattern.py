@@ -15,7 +15,7 @@ from palpate.cli.options import JsonOption
 from palpate.cli.output import print_json
 from palpate.errors import InputError, MissingExtraError
 from palpate.fabrication.design import PRESETS, Cutter, SensorDesign
-from palpate.fabrication.drawing import combined_svg, layer_svg, require_dxf, write_dxf
+from palpate.fabrication.drawing import draw_combined_svg, layer_svg, require_dxf, write_dxf
 from palpate.fabrication.pattern import Pattern, lay_out
 from palpate.fabrication.refusals import check_design, check_pattern
 from palpate.fabrication.rest_resistance import RestExpectation, from_measurement, from_sheet
@@ -172,7 +172,7 @@ def _write_files(drawn: Pattern, folder: Path, *, dxf: bool) -> list[Path]:
                 write_dxf(drawn, layer, partial)
     files.append(folder / f"{stem}.svg")
     with atomic_path(files[-1]) as partial:
-        partial.write_text(combined_svg(drawn), encoding="utf-8")
+        partial.write_text(draw_combined_svg(drawn), encoding="utf-8")
     try:
         draw_pattern(drawn, folder / f"{stem}.png")
         files.append(folder / f"{stem}.png")

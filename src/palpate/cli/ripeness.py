@@ -24,10 +24,10 @@ from palpate.produce.identify.items import drive_of
 from palpate.produce.records import Drive, Item
 from palpate.produce.ripeness.items import (
     FirmnessHistory,
-    assumed,
     drift_of,
     explanation,
     history_of,
+    is_assumed,
     judge_ripeness,
     learn_rule,
     verdict_of,
@@ -134,7 +134,7 @@ class _Judged:
 
     @property
     def assumed(self) -> bool:
-        return assumed(self.ripeness, self.history)
+        return is_assumed(self.ripeness, self.history)
 
     @property
     def simulated(self) -> bool:

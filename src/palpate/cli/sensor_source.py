@@ -12,7 +12,7 @@ from palpate.cli.options import board_options
 from palpate.errors import CalibrationError, DeviceTimeoutError
 from palpate.gripper.interface import Gripper
 from palpate.rig import open_rig
-from palpate.rig.file import open_stated, stated_in
+from palpate.rig.file import open_stated, read_stated
 from palpate.sensor.array import FRAME_TIMEOUT_S, LinkCounters, PressureArray, link_counters
 from palpate.sensor.board_array import open_board
 from palpate.sensor.calibration import Calibration
@@ -120,7 +120,7 @@ def open_source(
         return SensorSource(name=board.name, array=board)
     if rig.endswith(".toml"):
         path = Path(rig)
-        stated = stated_in(path)
+        stated = read_stated(path)
         if "use" not in stated:
             # Its calibration may still be to make.
             place = path.parent / str(stated["calibration"]) if "calibration" in stated else None

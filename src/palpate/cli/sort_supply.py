@@ -17,7 +17,7 @@ from palpate.produce.sorting.rules import RuleBook
 from palpate.produce.sorting.score import where_it_belongs
 from palpate.produce.store.writing import calibration_id_of
 from palpate.rig import Rig, open_rig
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.twin.crate import CRATE_TAUGHT, CrateItem, CrateTable, draw_crate, draw_mixed_crate
 
 #: Fraction of a simulated crate that is of unlabelled kinds.
@@ -151,7 +151,7 @@ def open_supply(
         array=table.array,
         gripper=table.gripper,
         clock=table.clock,
-        calibration=calibrated(seed=seed, level="lab", apart_from=""),
+        calibration=calibrate_twin(seed=seed, level="lab", apart_from=""),
         origin="twin",
     )
     crate = draw_mixed_crate(

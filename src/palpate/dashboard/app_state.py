@@ -33,7 +33,7 @@ from palpate.grasp.result import Outcome
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.line.gs1 import read_label
 from palpate.produce.records import Item
-from palpate.rig.file import stated_in
+from palpate.rig.file import read_stated
 
 if TYPE_CHECKING:
     from palpate.produce.sorting.rules import RuleBook
@@ -156,7 +156,7 @@ class AppState:
         if kind and damage is None:
             raise InputError(f"kind {kind}: palpate serve was started without --damage")
         if kind and damage is not None:
-            damage.known_kind(kind, where="the damage file")
+            damage.check_kind(kind, where="the damage file")
         return GraspOrder(
             target_force_n=target_force_n,
             recording=self.new_recording("grasp"),
@@ -204,7 +204,7 @@ class AppState:
         rig = self.session.rig
         if rig is not None and rig.name.endswith(".toml"):
             path = Path(rig.name)
-            stated = stated_in(path)
+            stated = read_stated(path)
             if "calibration" in stated:
                 return path.parent / str(stated["calibration"])
         name = "rig" if rig is None else f"{Path(rig.name).stem}-{rig.seed}"

@@ -133,7 +133,7 @@ class _GainedLaw:
 
     def force_n(self, reading: ArrayLike, /, *, level: float = 0.9) -> ForceEstimate:
         force = self._law.force_n(reading, level=level)
-        return force if self.gain is None else self.gain.applied(force)
+        return force if self.gain is None else self.gain.apply_to(force)
 
     def as_dict(self) -> dict[str, Any]:
         return self._law.as_dict()

@@ -13,7 +13,7 @@ from palpate.dashboard.job_context import CellBench, JobContext
 from palpate.dashboard.messages import Calibrated, Grasped
 from palpate.dashboard.orders import CalibrateForce, CalibrateRest, Examine, GraspOrder, OpenHand
 from palpate.errors import DeviceError, DeviceTimeoutError
-from palpate.estimate.damage_file import recorded_model
+from palpate.estimate.damage_file import read_recorded_model
 from palpate.grasp.calibrating import HOLDS_N, Bench, measure_force, measure_rest
 from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
@@ -26,7 +26,7 @@ from palpate.rig.recorded import open_grasp_recording
 from palpate.rig.sensor_only import SensorRig
 from palpate.sensor.array import FRAME_TIMEOUT_S, ArrayLayout, Frame
 from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
-from palpate.sensor.dead_weights import checked_loads, weigh
+from palpate.sensor.dead_weights import check_loads, weigh
 from palpate.sensor.health import FrameColumns, Health, examine
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.sensor.serial_array import SerialArray
@@ -46,7 +46,7 @@ def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
         rig.calibration,
         gripper=rig.gripper,
         target_force_n=order.target_force_n,
-        damage=recorded_model(order.damage),
+        damage=read_recorded_model(order.damage),
         kind=order.kind,
         hold_s=HOLD_S,
         longest_s=LONGEST_S,
@@ -89,7 +89,7 @@ def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
                 context.stop_hand()
     truth = None if rig.truth is None else dict(rig.truth())
     return Grasped(
-        result=result, truth=truth, recording=order.recording, closing=closing.measured()
+        result=result, truth=truth, recording=order.recording, closing=closing.list_measurements()
     )
 
 
@@ -200,7 +200,7 @@ def calibrate_force(order: CalibrateForce, *, context: JobContext) -> Calibrated
     if before is None:
         raise DeviceError("the rest was not calibrated: take the rest values first")
     if order.loads_n:
-        pairs = _weighed(checked_loads(order.loads_n, where="the loads"), context)
+        pairs = _weighed(check_loads(order.loads_n, where="the loads"), context)
     elif context.open_bench is not None:
         pairs = _by_cell(context.open_bench(context.rig.name, context.seed), context)
     else:

@@ -15,7 +15,7 @@ from palpate.dashboard.orders import Action, CalibrateForce, CalibrateRest, Exam
 from palpate.dashboard.viewer import Viewer, count_of, heading, number_text, paragraph
 from palpate.errors import InputError
 from palpate.sensor.array import ArrayLayout
-from palpate.sensor.dead_weights import checked_loads
+from palpate.sensor.dead_weights import check_loads
 from palpate.sensor.findings import Severity, pixel_name
 from palpate.sensor.health import Health
 
@@ -53,7 +53,7 @@ def _force(app_state: AppState, viewer: Viewer) -> None:
         source = app_state.session.devices.live.source
         if source is None or not source.has_load_cell:
             try:
-                weights = tuple(checked_loads(_numbers(loads.value), where="loads"))
+                weights = tuple(check_loads(_numbers(loads.value), where="loads"))
             except InputError as error:
                 viewer.refuse(error)
                 return

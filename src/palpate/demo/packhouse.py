@@ -25,7 +25,7 @@ from palpate.produce.ripeness.closing import ClosingWatch
 from palpate.produce.ripeness.firmness import RIPENESS_N
 from palpate.produce.ripeness.stages import STAGES
 from palpate.produce.store import Store
-from palpate.rig.simulated import calibrated, twin_bench
+from palpate.rig.simulated import calibrate_twin, twin_bench
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.mechanics import pixel_shares
 from palpate.twin.objects import TwinObject, draw_object
@@ -207,10 +207,10 @@ class _Avocado:
 
 
 class _Hand:
-    """One sensor on one gripper, calibrated once; every morning its rest values are taken."""
+    """One sensor on one gripper, calibrate_twin once; every morning its rest values are taken."""
 
     def __init__(self, rng: np.random.Generator) -> None:
-        self._calibrated = calibrated(seed=_SEED, level="lab", apart_from="ball-44lbs")
+        self._calibrated = calibrate_twin(seed=_SEED, level="lab", apart_from="ball-44lbs")
         self._rng = rng
 
     def begin_morning(self, day: int) -> None:

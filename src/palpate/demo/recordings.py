@@ -41,7 +41,7 @@ def write_recordings(folder: Path) -> list[Path]:
     ):
         obj = draw_object(np.random.default_rng([_SEED, number]), "ecoflex-10")
         world = World(obj, seed=_SEED + number, level="lab")
-        time_s, counts = _recorded(world, touch_mm=obj.size_mm)
+        time_s, counts = _record(world, touch_mm=obj.size_mm)
         path = folder / name
         with atomic_path(path) as temporary:
             _write(temporary, head, rows(time_s, counts, world))
@@ -49,7 +49,7 @@ def write_recordings(folder: Path) -> list[Path]:
     return written
 
 
-def _recorded(world: World, *, touch_mm: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _record(world: World, *, touch_mm: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return times and counts of the whole session, shapes (frames,) and (frames, pixels)."""
     array, gripper = TwinArray(world), TwinGripper(world)
     time_s, counts = [], []

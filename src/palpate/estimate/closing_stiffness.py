@@ -71,7 +71,7 @@ _MOST_STEPS = 14
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Weighed:
+class _Grid:
     """The grid: gains x shapes x scales x scatters, and at each place what is solved for."""
 
     #: Shape (gains, shapes, scales, scatters). Probability of each place; sums to 1.
@@ -159,10 +159,10 @@ def _quantiles(values: FloatArray, weight: FloatArray, at: list[float]) -> tuple
 def _posterior(curve: ClosingSteps, *, give: Compliance, rng: np.random.Generator) -> _Posterior:
     """Weigh the grid twice, the second time where the scale was found, and draw from it."""
     scales = np.geomspace(0.02, STIFFEST_N_PER_MM, _SCALES)
-    seen = scales[_weighed(curve, give, scales).weight.sum(axis=(0, 1, 3)) > 1e-5]
+    seen = scales[_weigh(curve, give, scales).weight.sum(axis=(0, 1, 3)) > 1e-5]
     step = scales[1] / scales[0]
     scales = np.geomspace(seen[0] / step, seen[-1] * step, _SCALES)
-    grid = _weighed(curve, give, scales)
+    grid = _weigh(curve, give, scales)
     places = np.searchsorted(np.cumsum(grid.weight), (np.arange(_DRAWS) + 0.5) / _DRAWS)
     places = rng.permutation(np.minimum(places, grid.weight.size - 1))
     gain, shape, scale, _ = np.unravel_index(places, grid.weight.shape)
@@ -188,9 +188,9 @@ def _gains(curve: ClosingSteps) -> FloatArray:
     return np.asarray(curve.stated_sd * kept * middles)
 
 
-def _weighed(curve: ClosingSteps, give: Compliance, scales: FloatArray) -> _Weighed:
+def _weigh(curve: ClosingSteps, give: Compliance, scales: FloatArray) -> _Grid:
     """Weigh every place of the grid by how well the steps agree on where contact began there."""
-    touch_mm, design = _witnesses(curve, give, scales)
+    touch_mm, design = _contact_equations(curve, give, scales)
     scatters = np.array(list(_SCATTERS))
     doubt = scatters[:, None] ** 2 + (curve.floor_n / curve.looks.read_n) ** 2
     sharp_mm = max(give.residual_mm, _SHARPEST_MM)
@@ -214,10 +214,10 @@ def _weighed(curve: ClosingSteps, give: Compliance, scales: FloatArray) -> _Weig
         evidence += _not_before(curve, give, scales, mean[..., 0], np.sqrt(variance))
     evidence += np.log(list(_SHAPES.values()))[:, None, None] + np.log(list(_SCATTERS.values()))
     likely = np.exp(evidence - evidence.max())
-    return _Weighed(weight=likely / likely.sum(), mean=mean, precision=precision)
+    return _Grid(weight=likely / likely.sum(), mean=mean, precision=precision)
 
 
-def _witnesses(
+def _contact_equations(
     curve: ClosingSteps, give: Compliance, scales: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return where contact began by each step, and what moves that.

@@ -51,7 +51,7 @@ class DamageFile:
         """Return the kinds that are distinguished."""
         return tuple(kind for kind in self.model.strengths if kind)
 
-    def known_kind(self, name: str, *, where: str) -> str:
+    def check_kind(self, name: str, *, where: str) -> str:
         """Return the name of a kind that may be given for a grasp.
 
         Raises `InputError` if this file has no limit of its own for that kind.
@@ -93,9 +93,9 @@ class DamageFile:
     def _kind_as_dict(self, kind: str) -> dict[str, Any]:
         checked = self.held_out.get(kind)
         return {
-            **_rounded(asdict(self.model.strengths[kind])),
+            **_round_all(asdict(self.model.strengths[kind])),
             "low_share": round(self.model.low_shares[kind], _DIGITS),
-            "held_out": None if checked is None else _rounded(asdict(checked)),
+            "held_out": None if checked is None else _round_all(asdict(checked)),
         }
 
     @classmethod
@@ -131,7 +131,7 @@ class DamageFile:
             raise CalibrationError(f"{where}: {_BROKEN.format(error)}") from error
 
 
-def recorded_model(text: str | None) -> DamageModel | None:
+def read_recorded_model(text: str | None) -> DamageModel | None:
     """Return the model of a damage file kept in a recording, None where none was.
 
     Raises `CalibrationError` as `DamageFile.load` does.
@@ -206,5 +206,5 @@ def _check(kind: _StoredKind, *, where: str) -> None:
         )
 
 
-def _rounded(numbers: Mapping[str, float]) -> dict[str, float]:
+def _round_all(numbers: Mapping[str, float]) -> dict[str, float]:
     return {name: round(value, _DIGITS) for name, value in numbers.items()}

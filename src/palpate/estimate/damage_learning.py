@@ -100,7 +100,7 @@ def at_half_load(closing: FruitClosing, *, model: DamageModel, kind: str) -> Dam
     return half_load([model.limit(s, kind=kind, stop_score=np.inf) for s in closing.states])
 
 
-def held_out(closings: Sequence[FruitClosing]) -> dict[str, HeldOut]:
+def score_left_out(closings: Sequence[FruitClosing]) -> dict[str, HeldOut]:
     """Score a model on closings left out of it, by kind; ``""`` is for an unknown kind.
 
     Raises `InputError` if there are too few to leave some out.
@@ -121,10 +121,10 @@ def held_out(closings: Sequence[FruitClosing]) -> dict[str, HeldOut]:
                         limit.low_n / closing.rupture_force_n,
                     )
                 )
-    return {kind: _scored(predictions[kind]) for kind in sorted(predictions)}
+    return {kind: _score(predictions[kind]) for kind in sorted(predictions)}
 
 
-def _scored(predictions: Iterable[tuple[float, float, float]]) -> HeldOut:
+def _score(predictions: Iterable[tuple[float, float, float]]) -> HeldOut:
     predicted, median, low = np.array(list(predictions)).T
     return HeldOut(
         closings=len(predicted),

@@ -21,7 +21,7 @@ from palpate.arrays import FloatArray
 _TRUE, _MEASURED = 200, 500
 
 
-def bounded_interval(measured: float, *, freedom: float, level: float) -> tuple[float, float]:
+def interval_above_zero(measured: float, *, freedom: float, level: float) -> tuple[float, float]:
     """Return the ends of the interval, in standard deviations of the measurement.
 
     `measured`: in its standard deviations; below 0 if chance wants it.
@@ -30,9 +30,9 @@ def bounded_interval(measured: float, *, freedom: float, level: float) -> tuple[
     As in Table X of the paper, where the error is normal: no lower end from one standard
     deviation below nought, two ends from two above.
 
-    >>> [round(end, 1) for end in bounded_interval(-1.0, freedom=1e6, level=0.9)]
+    >>> [round(end, 1) for end in interval_above_zero(-1.0, freedom=1e6, level=0.9)]
     [0.0, 0.8]
-    >>> [round(end, 1) for end in bounded_interval(2.0, freedom=1e6, level=0.9)]
+    >>> [round(end, 1) for end in interval_above_zero(2.0, freedom=1e6, level=0.9)]
     [0.6, 3.6]
     """
     reach = float(stdtrit(freedom, 0.5 + level / 2))
@@ -48,10 +48,10 @@ def bounded_interval(measured: float, *, freedom: float, level: float) -> tuple[
     return float(inside[0]), float(inside[-1])
 
 
-def bounded_middle(measured: float, *, freedom: float) -> float:
+def middle_above_zero(measured: float, *, freedom: float) -> float:
     """Return the middle of what is left once everything below nought is ruled out.
 
-    >>> [round(bounded_middle(x, freedom=6), 1) for x in (-2.0, 0.0, 4.0)]
+    >>> [round(middle_above_zero(x, freedom=6), 1) for x in (-2.0, 0.0, 4.0)]
     [0.5, 0.7, 4.0]
     """
     left = float(stdtr(freedom, measured))

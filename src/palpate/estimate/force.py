@@ -98,7 +98,7 @@ class ForceEstimate:
     level: float
 
 
-def checked_pairs(reading: ArrayLike, force_n: ArrayLike) -> tuple[FloatArray, FloatArray]:
+def check_pairs(reading: ArrayLike, force_n: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return both as finite float arrays of one length."""
     x, y = np.asarray(reading, dtype=float), np.asarray(force_n, dtype=float)
     if x.ndim != 1 or x.shape != y.shape:
@@ -138,11 +138,11 @@ def law_sd(gradient: FloatArray, *, covariance: ArrayLike, residual_sd: float) -
 
 def law_as_dict(law: Any) -> dict[str, Any]:
     """Return a law's name and numbers as plain values for a calibration file, as it reads back."""
-    return {"law": law.name, **{name: _listed(value) for name, value in asdict(law).items()}}
+    return {"law": law.name, **{name: _as_list(value) for name, value in asdict(law).items()}}
 
 
-def _listed(value: Any) -> Any:
-    return [_listed(part) for part in value] if isinstance(value, tuple) else value
+def _as_list(value: Any) -> Any:
+    return [_as_list(part) for part in value] if isinstance(value, tuple) else value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -204,7 +204,7 @@ class PowerForceLaw:
         >>> law.force_n([4.0, 100.0]).in_range.tolist()
         [True, False]
         """
-        x, y = checked_pairs(excess, force_n)
+        x, y = check_pairs(excess, force_n)
         keep = (x > 0) & (y > 0)
         x, y = enough_pairs(x[keep], y[keep])
         log_x, log_y = np.log(x), np.log(y)

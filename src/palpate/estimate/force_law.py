@@ -82,7 +82,7 @@ class Population:
 
         `given`: whether a force was measured earlier in the same contact.
         """
-        z = standardised(np.asarray(inputs, dtype=float), centre=self.centre, scale=self.scale)
+        z = standardise(np.asarray(inputs, dtype=float), centre=self.centre, scale=self.scale)
         return np.column_stack([np.ones(len(z)), z, np.full(len(z), float(given))])
 
     def variance(self, design: FloatArray) -> FloatArray:
@@ -90,7 +90,7 @@ class Population:
         return np.asarray(np.exp(2.0 * np.clip(noise_inputs(design) @ self.noise, -4.0, 0.5)))
 
 
-def standardised(inputs: FloatArray, *, centre: FloatArray, scale: FloatArray) -> FloatArray:
+def standardise(inputs: FloatArray, *, centre: FloatArray, scale: FloatArray) -> FloatArray:
     """Return inputs with the curve, standardised and clipped, shape (n, INPUTS + 1)."""
     z = (with_curve(inputs) - centre) / scale
     return np.asarray(np.clip(z, -_FARTHEST, _FARTHEST))
@@ -146,7 +146,7 @@ class ForceLaw:
     name: ClassVar[str] = "linear-memory"
 
     def __init__(self, population: Population | None = None) -> None:
-        self.population = shipped_population() if population is None else population
+        self.population = load_population() if population is None else population
         self.mean, self.covariance = self.population.mean, self.population.spread
         self.known, self.least_n, self._given = 0, self.population.least_n, False
 
@@ -274,8 +274,8 @@ class ForceLaw:
             )
         try:
             law = cls(population_of(stored["population"]))
-            law.mean = _shaped(stored["weights"], law.mean.shape)
-            law.covariance = _shaped(stored["covariance"], law.covariance.shape)
+            law.mean = _shape(stored["weights"], law.mean.shape)
+            law.covariance = _shape(stored["covariance"], law.covariance.shape)
             law.known, law.least_n = int(stored["known"]), float(stored["least_n"])
         except (KeyError, TypeError, ValueError) as error:
             raise CalibrationError(f"force law: {error}; calibrate the force again") from error
@@ -309,7 +309,7 @@ class ForceLaw:
 
 
 @cache
-def shipped_population() -> Population:
+def load_population() -> Population:
     """Return the population that palpate ships; `palpate study force-population` learns it."""
     stored = files("palpate.estimate").joinpath("force_population.json").read_text("utf-8")
     return population_of(json.loads(stored))
@@ -321,21 +321,21 @@ def population_of(stored: Mapping[str, Any]) -> Population:
     shapes = {"centre": curved, "scale": curved, "mean": all_weights, "noise": (4,)}
     square = (INPUTS + 3, INPUTS + 3)
     names = [one.name for one in fields(Population) if one.name != "least_n"]
-    arrays = {name: _shaped(stored[name], shapes.get(name, square)) for name in names}
+    arrays = {name: _shape(stored[name], shapes.get(name, square)) for name in names}
     return Population(**arrays, least_n=float(stored["least_n"]))
 
 
-def _shaped(values: Any, shape: tuple[int, ...]) -> FloatArray:
+def _shape(values: Any, shape: tuple[int, ...]) -> FloatArray:
     array = np.asarray(values, dtype=float)
     if array.shape != shape or not np.isfinite(array).all():
         raise ValueError(f"an array of shape {array.shape} in place of finite numbers {shape}")
     return array
 
 
-def settled_inputs(excess: ArrayLike) -> FloatArray:
+def inputs_when_settled(excess: ArrayLike) -> FloatArray:
     """Return settled readings of excess conductance as inputs, shape (n,) to (n, INPUTS).
 
-    >>> settled_inputs([0.9])[:, :2].tolist()
+    >>> inputs_when_settled([0.9])[:, :2].tolist()
     [[0.0, 0.0]]
     """
     readings = np.atleast_1d(log_reading(excess))
@@ -348,7 +348,7 @@ def _inputs(reading: Any) -> FloatArray:
     """Return one reading as inputs, shape (1, INPUTS)."""
     given = np.asarray(reading, dtype=float)
     if given.ndim == 0 and not np.isnan(given):
-        return settled_inputs(given)
+        return inputs_when_settled(given)
     if given.shape != (INPUTS,) or np.isnan(given).any():
         raise InputError(
             f"a reading is an excess conductance or the {INPUTS} inputs of a sample, without NaN; "

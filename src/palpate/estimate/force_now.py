@@ -39,7 +39,8 @@ class ForceNow:
     >>> from palpate.estimate.pixel_law import PixelForceLaw
     >>> law = PixelForceLaw(log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.01,
     ...     range=(0.1, 10.0))
-    >>> now = ForceNow(PixelReading.summed(), early=law, settled=law, early_s=0.4, settled_s=20.0)
+    >>> now = ForceNow(PixelReading.sum_pixels(), early=law, settled=law, early_s=0.4,
+    ...     settled_s=20.0)
     >>> estimate = now.step(0.0, [[1.0, 1.0]])
     >>> round(estimate.value, 2), estimate.low < 2.0 < estimate.high
     (2.0, True)

@@ -39,22 +39,22 @@ class Gain:
     law_sd: float
 
     @classmethod
-    def unknown(cls, *, law_sd: float, more_sd: float = 0.0) -> Gain:
+    def from_calibration(cls, *, law_sd: float, more_sd: float = 0.0) -> Gain:
         """Return the gain known from the sheet's calibration alone, plus what that can't know.
 
-        >>> round(Gain.unknown(law_sd=0.03, more_sd=0.04).log_sd, 6)
+        >>> round(Gain.from_calibration(law_sd=0.03, more_sd=0.04).log_sd, 6)
         0.05
         """
         return cls(log_mean=0.0, log_sd=float(np.hypot(law_sd, more_sd)), law_sd=law_sd)
 
-    def updated(self, measured: MeasuredForce, *, sheet_n: float) -> Gain:
+    def update(self, measured: MeasuredForce, *, sheet_n: float) -> Gain:
         """Return the gain after a force was measured; `sheet_n` is the force by the sheet's law.
 
         Compared in newtons: a force that may be anything from a half to nothing has no logarithm
         to speak of.
 
         >>> measured = MeasuredForce(force_n=2.2, sd_n=0.2, log_sd=0.0)
-        >>> gain = Gain.unknown(law_sd=0.1).updated(measured, sheet_n=2.0)
+        >>> gain = Gain.from_calibration(law_sd=0.1).update(measured, sheet_n=2.0)
         >>> round(gain.log_mean, 2), round(gain.log_sd, 2)
         (0.04, 0.07)
         """
@@ -71,14 +71,14 @@ class Gain:
         spread = float(np.sqrt(weight @ (log_gain - mean) ** 2))
         return Gain(log_mean=mean, log_sd=spread, law_sd=self.law_sd)
 
-    def applied(self, estimate: ForceEstimate) -> ForceEstimate:
+    def apply_to(self, estimate: ForceEstimate) -> ForceEstimate:
         """Return the law's estimate with the gain applied; faint forces stay as estimated.
 
         >>> law_sd = np.log(2.0) / ndtri(0.95)
         >>> raw = ForceEstimate(value=np.array([2.0]), low=np.array([1.0]), high=np.array([4.0]),
         ...     in_range=np.array([True]), level=0.9)
         >>> gain = Gain(log_mean=np.log(1.5), log_sd=law_sd / 2, law_sd=law_sd)
-        >>> gain.applied(raw).value.round(3).tolist(), gain.applied(raw).high.round(3).tolist()
+        >>> gain.apply_to(raw).value.round(3).tolist(), gain.apply_to(raw).high.round(3).tolist()
         ([3.0], [4.243])
         """
         reach = float(ndtri(0.5 + estimate.level / 2))

@@ -12,7 +12,7 @@ from scipy.special import stdtrit
 from palpate.errors import CalibrationError
 from palpate.estimate.force import (
     ForceEstimate,
-    checked_pairs,
+    check_pairs,
     enough_pairs,
     law_as_dict,
     law_sd,
@@ -63,7 +63,7 @@ class LineForceLaw:
         >>> [round(c, 6) for c in law.coefficients]
         [-0.1, 2.0]
         """
-        x, y = enough_pairs(*checked_pairs(relative_percent, force_n))
+        x, y = enough_pairs(*check_pairs(relative_percent, force_n))
         if np.ptp(x) == 0:
             raise CalibrationError("force calibration: every reading is the same; is it saturated?")
         design = np.stack([x, np.ones_like(x)], axis=1)
@@ -98,7 +98,7 @@ class LineForceLaw:
         return law_as_dict(self)
 
 
-def settled_line(pairs: ForcePairs, *, horizon_s: float) -> LineForceLaw:
+def fit_settled_line(pairs: ForcePairs, *, horizon_s: float) -> LineForceLaw:
     """Fit the line to the pairs of a calibration that were read at the settling horizon.
 
     Raises `CalibrationError` if there are none, or too few.

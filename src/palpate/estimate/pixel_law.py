@@ -46,7 +46,7 @@ class PixelReading:
 
     Without a calibration that kept its pixels, the reading is the summed excess:
 
-    >>> PixelReading.summed().reading([[1.0, 0.0], [float("nan"), 2.5]]).item()
+    >>> PixelReading.sum_pixels().reading([[1.0, 0.0], [float("nan"), 2.5]]).item()
     3.5
     """
 
@@ -57,7 +57,7 @@ class PixelReading:
     gains: tuple[float, ...] = ()
 
     @classmethod
-    def summed(cls) -> PixelReading:
+    def sum_pixels(cls) -> PixelReading:
         """Return the plain sum of excess conductances."""
         return cls(exponents=(1.0,), weights=(1.0,))
 
@@ -231,15 +231,15 @@ def fit_laws(placements: PlacedReadings) -> tuple[PixelReading, PixelForceLaw, P
     reading, early, settled = _fit(placements)
     if np.unique(placements.run).size < _FEWEST_RUNS:
         return reading, early, settled
-    estimated, force, is_early = left_out(placements)
+    estimated, force, is_early = read_left_out(placements)
     return (
         reading,
-        _doubted(early, estimated[is_early], force[is_early]),
-        _doubted(settled, estimated[~is_early], force[~is_early]),
+        _with_uncertainty(early, estimated[is_early], force[is_early]),
+        _with_uncertainty(settled, estimated[~is_early], force[~is_early]),
     )
 
 
-def left_out(placements: PlacedReadings) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+def read_left_out(placements: PlacedReadings) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Read each placement by laws fitted to the others.
 
     Returns, each of shape (n,), force by the laws, reference force, and whether it was read soon
@@ -273,7 +273,9 @@ _MOST_DOUBT = 0.7
 _MANY = 20
 
 
-def _doubted(law: PixelForceLaw, estimated: FloatArray, force: FloatArray) -> PixelForceLaw:
+def _with_uncertainty(
+    law: PixelForceLaw, estimated: FloatArray, force: FloatArray
+) -> PixelForceLaw:
     """Return the law with its doubts, of ln force and of a faint force.
 
     Sorted by the estimated force, because a grasp knows nothing else.

@@ -98,7 +98,7 @@ class CurrentLaw:
             gears = GearFriction(mean_ma=zero, mean_sd_ma=usual_ma, movement_ma=usual_ma)
         return cls(gears=gears, ma_per_n=slope, noise_ma=noise_ma)
 
-    def measured(
+    def measure(
         self,
         current_ma: ArrayLike,
         *,
@@ -121,7 +121,7 @@ class CurrentLaw:
         >>> gears = GearFriction(mean_ma=40.0, mean_sd_ma=0.0, movement_ma=0.0)
         >>> law = CurrentLaw(gears=gears, ma_per_n=16.0, noise_ma=6.0)
         >>> share = np.linspace(0.5, 1.0, 12)
-        >>> found = law.measured(
+        >>> found = law.measure(
         ...     40 + 16 * 5.0 * share, share=share, width_mm=30 - share, movement=[0] * 12
         ... )
         >>> abs(found.force_n - 5.0) < 0.1, round(found.sd_n, 2)
@@ -138,7 +138,7 @@ class CurrentLaw:
         end_n = 0.0
         # Twice: how much friction scatters depends on the force.
         for _ in range(2):
-            moved_n = movement_n * (1.0 + self._loaded(end_n) * share)
+            moved_n = movement_n * (1.0 + self._load_fraction(end_n) * share)
             scatter = noise_n**2 * np.eye(share.size) + alike * np.outer(moved_n, moved_n)
             weighed = np.linalg.solve(scatter, design)
             covariance = np.linalg.inv(design.T @ weighed + np.diag([0.0, 1.0 / _BLIND_N**2]))
@@ -152,7 +152,7 @@ class CurrentLaw:
             log_sd=float(np.linalg.norm([WARMTH_SD, _SHAPE_SD, tilted])),
         )
 
-    def _loaded(self, force_n: float) -> float:
+    def _load_fraction(self, force_n: float) -> float:
         """Return by which share of itself the friction grows under a force."""
         free_ma = max(self.gears.mean_ma, 1e-9)
         return min(_LOADED_SHARE * self.ma_per_n * max(force_n, 0.0) / free_ma, 2.0)

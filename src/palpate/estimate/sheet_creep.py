@@ -63,7 +63,7 @@ class OwnCreep:
             settled_s=settled_s,
         )
 
-    def joined(self, forecast: Measurement, *, now: float, since_s: float) -> Measurement:
+    def join(self, forecast: Measurement, *, now: float, since_s: float) -> Measurement:
         """Return a forecast of the settled reading with this creep weighed in.
 
         Both are blind to what the object does, so together they are trusted no more than the
@@ -74,7 +74,7 @@ class OwnCreep:
 
         >>> creep = OwnCreep(log_mean=0.2, log_sd=0.0, early_s=0.4, settled_s=20.0)
         >>> predicted = Measurement(value=1.0, low=0.8, high=1.2, unit="reading")
-        >>> found = creep.joined(predicted, now=1.0, since_s=0.4 * 50**0.5)
+        >>> found = creep.join(predicted, now=1.0, since_s=0.4 * 50**0.5)
         >>> round(found.value, 2), found.high - found.value < 0.1
         (1.09, True)
         """

@@ -102,10 +102,10 @@ def contact_point(
         floor_n=floor_n,
         give_mm_per_n=give_mm_per_n,
     )
-    return _blurred(size, np.exp(log_weight - log_weight.max()).sum(axis=(0, 1)))
+    return _blur(size, np.exp(log_weight - log_weight.max()).sum(axis=(0, 1)))
 
 
-def _exponents_seen() -> list[tuple[float, float]]:
+def _list_exponents() -> list[tuple[float, float]]:
     """Return exponents of the curve as it is read, and how common they are."""
     seen = np.exp(_LAW_LOG_MEAN + _LAW_LOG_SD * _NODES)
     return [
@@ -115,7 +115,7 @@ def _exponents_seen() -> list[tuple[float, float]]:
     ]
 
 
-def _blurred(size_mm: FloatArray, weight: FloatArray) -> ContactPoint:
+def _blur(size_mm: FloatArray, weight: FloatArray) -> ContactPoint:
     """Return the distribution with the doubt about the gripper's zero in it."""
     reach = np.arange(-3 * _BLOCK_SD_MM, 3 * _BLOCK_SD_MM + _GRID_MM / 2, _GRID_MM)
     blur = np.exp(-0.5 * (reach / _BLOCK_SD_MM) ** 2)
@@ -136,7 +136,7 @@ def _log_evidence(
 
     `closed`, shape (n_sizes, n_unfelt), is how far the unfelt steps reach into each size.
     """
-    exponent, common = (np.array(each) for each in zip(*_exponents_seen(), strict=True))
+    exponent, common = (np.array(each) for each in zip(*_list_exponents(), strict=True))
     scatter, likely = np.array(list(_SCATTER)), np.array(list(_SCATTER.values()))
     precision = 1.0 / (scatter[:, None] ** 2 + (0.5 * floor_n / np.exp(log_force)) ** 2)
     share = (precision / precision.sum(axis=-1, keepdims=True)).T

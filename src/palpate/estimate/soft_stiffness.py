@@ -20,7 +20,7 @@ from scipy.special import ndtr, ndtri
 
 from palpate.estimate.closing_stiffness import ClosingSteps, normal_density
 from palpate.estimate.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Compliance
-from palpate.estimate.feldman_cousins import bounded_interval, bounded_middle
+from palpate.estimate.feldman_cousins import interval_above_zero, middle_above_zero
 from palpate.estimate.measurement import Measurement
 from palpate.settling.result import Status
 
@@ -72,8 +72,8 @@ def soft_stiffness(
     sd = math.hypot(force_sd, ways_sd)
     hand_mm_per_n = float(give.give_mm(force.middle)) / force.middle
     beyond = (log_mm_per_n - math.log(hand_mm_per_n)) / sd
-    least, most = bounded_interval(beyond, freedom=_FREEDOM, level=force.level)
-    middle = bounded_middle(beyond, freedom=_FREEDOM)
+    least, most = interval_above_zero(beyond, freedom=_FREEDOM, level=force.level)
+    middle = middle_above_zero(beyond, freedom=_FREEDOM)
     low, value, high = (
         _stiffness_n_per_mm(hand_mm_per_n * math.expm1(min(sd * end, 700.0)))
         for end in (most, middle, least)

@@ -182,7 +182,7 @@ class ClosingCurve:
         if log_force <= before:
             return []
         states = []
-        for index in range(math.floor(before / LEVEL_STEP) + 1, _levels_passed(log_force)):
+        for index in range(math.floor(before / LEVEL_STEP) + 1, _count_passed_levels(log_force)):
             log_level = index * LEVEL_STEP
             share = (math.exp(log_level) - math.exp(before)) / (force_n - math.exp(before))
             self._log_levels.append(log_level)
@@ -208,5 +208,5 @@ class ClosingCurve:
         return math.log((high_n - low_n) / max(float(ends_mm[1] - ends_mm[0]), SHORTEST_MM))
 
 
-def _levels_passed(log_force: float) -> int:
+def _count_passed_levels(log_force: float) -> int:
     return math.floor(log_force / LEVEL_STEP) + 1

@@ -9,7 +9,7 @@ from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.line_law import LineForceLaw
-from palpate.estimate.pixel_law import PlacedReadings, left_out
+from palpate.estimate.pixel_law import PlacedReadings, read_left_out
 from palpate.sensor.calibration import ForcePairs
 
 #: Forces at which a calibration reports what error to expect, newtons, and the ratio within which a
@@ -20,7 +20,7 @@ _NEAR = 1.4
 _FEWEST_PLACEMENTS = 3
 
 
-def held_out_of_placements(placements: PlacedReadings) -> dict[str, dict[str, float | None]]:
+def score_left_out_placements(placements: PlacedReadings) -> dict[str, dict[str, float | None]]:
     """Return the median errors of the laws that a grasp reads, on placements left out, percent.
 
     A grasp is one more placement, so every placement counts once: by its readings near the force,
@@ -28,12 +28,12 @@ def held_out_of_placements(placements: PlacedReadings) -> dict[str, dict[str, fl
     gain, about the same at every force; the few placements that reach the highest show too little
     of it.
 
-    Keys are "settled" and "early" (soon after a movement), values as of `held_out_of_pairs`.
+    Keys are "settled" and "early" (soon after a movement), values as of `score_left_out_loads`.
     """
     if np.unique(placements.run).size < _FEWEST_PLACEMENTS:
         nothing = {f"{at_n:g}_n": None for at_n in _AT_N}
         return {"settled": dict(nothing), "early": dict(nothing)}
-    read_n, force, early = left_out(placements)
+    read_n, force, early = read_left_out(placements)
     # Read placement by placement.
     run = np.sort(placements.run)
     log_force, error = np.log(np.maximum(force, 1e-3)), np.abs(read_n / np.maximum(force, 1e-3) - 1)
@@ -66,7 +66,7 @@ def _error_near(log_force: FloatArray, error: FloatArray) -> dict[str, float | N
     return found
 
 
-def held_out_of_pairs(excess: ArrayLike, *, force_n: ArrayLike) -> dict[str, float | None]:
+def score_left_out_loads(excess: ArrayLike, *, force_n: ArrayLike) -> dict[str, float | None]:
     """Return the median error near 1, 5 and 10 N of loads left out of the fit, percent.
 
     All readings of one load are left out together; None where no load is near.
@@ -83,7 +83,7 @@ def held_out_of_pairs(excess: ArrayLike, *, force_n: ArrayLike) -> dict[str, flo
     return _error_near(np.log(y[known]), error[known])
 
 
-def line_held_out(pairs: ForcePairs, *, horizon_s: float) -> dict[str, float | None]:
+def score_line_on_left_out(pairs: ForcePairs, *, horizon_s: float) -> dict[str, float | None]:
     """Return the median error of the paper's line near 1, 5 and 10 N, percent, as above.
 
     Every placement is left out once; of one placement, every load.

@@ -43,7 +43,7 @@ def layer_svg(pattern: Pattern, layer: Layer) -> str:
     )
 
 
-def combined_svg(pattern: Pattern) -> str:
+def draw_combined_svg(pattern: Pattern) -> str:
     """Return all layers as Inkscape layers, seen from the cover, with names of the pads."""
     parts = [
         _opening(pattern),

@@ -21,7 +21,7 @@ from palpate.fabrication.shapes import (
     Stroke,
     circle,
     round_corners,
-    rounded_rect,
+    round_rect,
 )
 
 MARK_MM = 3.0
@@ -88,7 +88,7 @@ class Pattern:
     def layers(self) -> tuple[Layer, ...]:
         """Return the five layers from the base up."""
         corner = self.design.corner_mm
-        pixels = tuple(rounded_rect(pixel.body, radius=corner) for pixel in self.pixels)
+        pixels = tuple(round_rect(pixel.body, radius=corner) for pixel in self.pixels)
         rows, cols = (tuple(net.outline() for net in nets) for nets in (self.rows, self.cols))
         up = "cut with its liner down, "
         return (

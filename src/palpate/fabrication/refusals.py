@@ -165,7 +165,7 @@ def _across_layers(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
         spare_mm = min(
             a.distance(b)
             if (crossing := a.common(b)) is None
-            else _covered_mm(crossing, pixel=pixel.body, corner_mm=pattern.design.corner_mm)
+            else _coverage_mm(crossing, pixel=pixel.body, corner_mm=pattern.design.corner_mm)
             for a, b in legs
         )
         if cutter.alignment_mm - spare_mm > _TINY_MM:
@@ -177,7 +177,7 @@ def _across_layers(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
             )
 
 
-def _covered_mm(crossing: Rect, *, pixel: Rect, corner_mm: float) -> float:
+def _coverage_mm(crossing: Rect, *, pixel: Rect, corner_mm: float) -> float:
     """Return how far a pixel stands out round a rectangle, mm; negative where it doesn't cover it.
 
     The edge of a rounded rectangle is `corner_mm` from an inner rectangle, whose distance to each

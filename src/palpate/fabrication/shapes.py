@@ -153,7 +153,7 @@ def round_corners(points: Sequence[PointMm], *, radius: float) -> Outline:
     return Outline(vertices=tuple(a for a, b in edges if math.hypot(b.x - a.x, b.y - a.y) > 1e-9))
 
 
-def rounded_rect(rect: Rect, *, radius: float) -> Outline:
+def round_rect(rect: Rect, *, radius: float) -> Outline:
     """Return a rectangle with rounded corners, or a circle where the radius reaches its middle."""
     left, top, right, bottom = rect.left, rect.top, rect.right, rect.bottom
     return round_corners(
@@ -163,7 +163,7 @@ def rounded_rect(rect: Rect, *, radius: float) -> Outline:
 
 def circle(centre: PointMm, *, diameter: float) -> Outline:
     """Return a circle."""
-    return rounded_rect(Rect.around(centre, width=diameter, height=diameter), radius=diameter / 2)
+    return round_rect(Rect.around(centre, width=diameter, height=diameter), radius=diameter / 2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -72,7 +72,7 @@ def forecast(estimate: ContactEstimate, *, plan: Plan) -> Settled:
     )
     reading = _kept(reading, now=estimate.now.reading)
     if plan.creep is not None:
-        reading = plan.creep.joined(reading, now=estimate.now.reading, since_s=float(time_s[-1]))
+        reading = plan.creep.join(reading, now=estimate.now.reading, since_s=float(time_s[-1]))
         relative = _relative_by(reading, relative, now=estimate.now)
     return Settled(relative_percent=relative, reading=reading)
 
@@ -159,7 +159,7 @@ def settled_force(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -
     """
     reading = settled.reading
     more_sd = float(np.hypot(SETTLE.since_sd, SETTLE.relaxed_sd))
-    law = Gain.unknown(law_sd=plan.settled_law.residual_sd, more_sd=more_sd).applied(
+    law = Gain.from_calibration(law_sd=plan.settled_law.residual_sd, more_sd=more_sd).apply_to(
         plan.settled_law.force_n([reading.middle, reading.low, reading.high], level=plan.level)
     )
     value = float(law.value[0])
@@ -177,7 +177,9 @@ def settled_force(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -
             force_n=SETTLE.relaxed * felt.force_n,
             log_sd=float(np.hypot(felt.log_sd, SETTLE.relaxed_sd)),
         )
-        gain = Gain.unknown(law_sd=0.5 * (down + up) / reach).updated(relaxed, sheet_n=value)
+        gain = Gain.from_calibration(law_sd=0.5 * (down + up) / reach).update(
+            relaxed, sheet_n=value
+        )
         value, down, up = value * float(np.exp(gain.log_mean)), *(reach * gain.log_sd,) * 2
     return Measurement(
         value=value,
@@ -295,7 +297,7 @@ def _read(
     return (
         np.array([_opening(plan, step.closure) for step in steps]),
         np.array([step.touch.shared_percent < READING.felt_percent for step in steps]),
-        estimate.gain.applied(plan.early_law.force_n(reading, level=plan.level)),
+        estimate.gain.apply_to(plan.early_law.force_n(reading, level=plan.level)),
     )
 
 

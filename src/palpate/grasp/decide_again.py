@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from palpate.clock import Clock
 from palpate.errors import RecordingError
-from palpate.estimate.damage_file import recorded_model
+from palpate.estimate.damage_file import read_recorded_model
 from palpate.grasp.controller import PAPER_HANDLERS
 from palpate.grasp.estimator import Observation
 from palpate.grasp.paper import Paper
@@ -65,7 +65,7 @@ def recorded_plan(
         gripper=gripper,
         target_force_n=info.target_force_n,
         expect_size_mm=info.expect_size_mm,
-        damage=recorded_model(info.damage),
+        damage=read_recorded_model(info.damage),
         kind=info.kind,
         hold_s=hold_s,
         longest_s=longest_s,

@@ -183,7 +183,7 @@ class ContactEstimate(HandMotion):
     force_high_n: float = 0.0
     damage_low_n: float = math.inf
     pulls: tuple[Pull, ...] = ()
-    gain: Gain = field(default_factory=lambda: Gain.unknown(law_sd=0.0))
+    gain: Gain = field(default_factory=lambda: Gain.from_calibration(law_sd=0.0))
 
     def renew(self) -> ContactEstimate:
         """Return the estimate of the next attempt, which begins now with the hand open."""

@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.errors import CalibrationError, InputError
-from palpate.estimate.line_law import settled_line
+from palpate.estimate.line_law import fit_settled_line
 from palpate.estimate.measurement import Measurement
-from palpate.estimate.weights_check import line_held_out
+from palpate.estimate.weights_check import score_line_on_left_out
 from palpate.grasp.approach import abort_insensitive, end_attempt, wait
 from palpate.grasp.paper import Paper
 from palpate.grasp.phases import Activity, Phase
@@ -49,7 +49,7 @@ def by_paper(plan: Plan, paper: Paper, *, calibration: Calibration) -> Plan:
     if pressure and (paper.step_mm, paper.extra_mm) != (Paper().step_mm, Paper().extra_mm):
         raise InputError("this gripper is driven by pressure: leave --step-mm and --extra-mm out")
     try:
-        line = settled_line(calibration.force, horizon_s=HORIZON_S)
+        line = fit_settled_line(calibration.force, horizon_s=HORIZON_S)
     except CalibrationError:
         line = None
     return replace(
@@ -65,8 +65,8 @@ def with_line_law(recorded: Calibration) -> Calibration:
 
     Raises `CalibrationError` if its pairs can't carry a line.
     """
-    line = settled_line(recorded.force, horizon_s=HORIZON_S)
-    errors = line_held_out(recorded.force, horizon_s=HORIZON_S)
+    line = fit_settled_line(recorded.force, horizon_s=HORIZON_S)
+    errors = score_line_on_left_out(recorded.force, horizon_s=HORIZON_S)
     held_out = {"of": "settled force by the line", "error_percent": errors}
     return replace(recorded, force_law=line.as_dict(), held_out=held_out)
 

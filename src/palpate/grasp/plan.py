@@ -136,7 +136,7 @@ class Plan:
     steepest_n: float
     gripper: GripperLimits
     settling: SettlingMethod
-    reading: PixelReading = field(default_factory=PixelReading.summed)
+    reading: PixelReading = field(default_factory=PixelReading.sum_pixels)
     creep: OwnCreep | None = None
     bend: SoftFingerCompliance | None = None
     current: CurrentLaw | None = None

@@ -19,7 +19,7 @@ from palpate.estimate.force_now import ForceNow
 from palpate.estimate.pixel_law import PixelReading, PlacedReadings, fit_laws
 from palpate.estimate.servo_force import CurrentLaw
 from palpate.estimate.sheet_creep import OwnCreep
-from palpate.estimate.weights_check import held_out_of_pairs, held_out_of_placements
+from palpate.estimate.weights_check import score_left_out_loads, score_left_out_placements
 from palpate.grasp.plan import HOLD_S, LONGEST_S, Plan
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.gripper.interface import Gripper
@@ -157,7 +157,7 @@ def laws_of(pairs: ForcePairs) -> tuple[PixelReading, StaticLaw, StaticLaw]:
     read_at = {since: pairs_at(pairs, since_move_s=since) for since in (DWELL_S, HORIZON_S)}
     if not pairs.pixel_excess:
         early, settled = (PowerForceLaw.fit(x, force_n=f) for x, f in read_at.values())
-        return PixelReading.summed(), early, settled
+        return PixelReading.sum_pixels(), early, settled
     return fit_laws(placements_of(pairs))
 
 
@@ -211,9 +211,9 @@ def with_force_law(recorded: Calibration) -> Calibration:
     held_out: dict[str, Any] = {"of": "settled force"}
     if by_weights(pairs):
         known = ForceLaw.fit(list(excess), force_n=force_n)
-        held_out["error_percent"] = held_out_of_pairs(excess, force_n=force_n)
+        held_out["error_percent"] = score_left_out_loads(excess, force_n=force_n)
         return replace(recorded, force_law=known.as_dict(), held_out=held_out)
-    errors = held_out_of_placements(placements_of(pairs))
+    errors = score_left_out_placements(placements_of(pairs))
     held_out |= {"error_percent": errors["settled"], "early_error_percent": errors["early"]}
     law = PowerForceLaw.fit(excess, force_n=force_n)
     return replace(recorded, force_law=law.as_dict(), held_out=held_out)

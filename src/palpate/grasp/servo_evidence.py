@@ -48,7 +48,7 @@ def felt_by_gripper(estimate: ContactEstimate, plan: Plan) -> MeasuredForce | No
     sheet_n = _between(at, closure, force_n)
     if not sheet_n[0] > SETTLE.left_fraction * sheet_n.max():
         return None
-    return plan.current.measured(
+    return plan.current.measure(
         [pull.current_ma for pull in estimate.pulls],
         share=sheet_n[1:] / sheet_n[0],
         width_mm=[plan.gripper.target(pull.closure) for pull in estimate.pulls],
@@ -116,9 +116,9 @@ def _between(at: FloatArray, closure: FloatArray, force_n: FloatArray) -> FloatA
 
 def early_gain(estimate: ContactEstimate, plan: Plan) -> Gain:
     """Return how this contact reads, soon after a step, against the sheet's early law."""
-    gain = Gain.unknown(law_sd=plan.early_law.residual_sd, more_sd=SETTLE.haste_sd)
+    gain = Gain.from_calibration(law_sd=plan.early_law.residual_sd, more_sd=SETTLE.haste_sd)
     felt = felt_by_gripper(estimate, plan) if estimate.steps else None
     if felt is None:
         return gain
     sheet_n = float(plan.early_law.force_n(estimate.steps[-1].touch.reading).value)
-    return gain.updated(felt, sheet_n=sheet_n)
+    return gain.update(felt, sheet_n=sheet_n)

@@ -227,7 +227,7 @@ def come_back(state: GraspState, plan: Plan) -> GripperCommand | None:
     if travel < plan.smallest_step or not estimate.touches:
         return None
     law = plan.early_law.force_n(estimate.now.reading, level=plan.level)
-    read = estimate.gain.applied(law)
+    read = estimate.gain.apply_to(law)
     estimate.set_force(float(read.value), float(read.high))
     return GripperCommand(target=quantize_target(closure, plan), rate=travel / SETTLE.correction_s)
 

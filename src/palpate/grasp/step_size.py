@@ -47,7 +47,7 @@ def read_step(estimate: ContactEstimate, plan: Plan) -> None:
         return
     estimate.steps = (*estimate.steps, ClosingStep(closure=estimate.closure, touch=touch))
     estimate.gain = early_gain(estimate, plan)
-    force = estimate.gain.applied(plan.early_law.force_n(touch.reading, level=plan.level))
+    force = estimate.gain.apply_to(plan.early_law.force_n(touch.reading, level=plan.level))
     estimate.set_force(float(force.value), float(force.high))
     estimate.damage_low_n = _damage_low_n(estimate, plan)
 

@@ -12,7 +12,7 @@ from palpate.line.results import (
     OUTCOME_NUMBERS,
     bin_of,
     item_of,
-    measured_values,
+    list_measurements,
 )
 
 with needing("--modbus", extra="line"):
@@ -127,7 +127,7 @@ class ModbusStation:
         found[STOPS : STOPS + 2] = _words(int(state["stops"]))
         found[RESULTS : RESULTS + 2] = _words(number)
         found[OUTCOME] = 0 if result is None else OUTCOME_NUMBERS[str(result["outcome"])]
-        values = measured_values(result)
+        values = list_measurements(result)
         packed = struct.unpack(f">{2 * len(values)}H", struct.pack(f">{len(values)}f", *values))
         found[VALUES : VALUES + len(packed)] = packed
         for place, text in ((ITEM, item_of(result)), (BIN, bin_of(result))):

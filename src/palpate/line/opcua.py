@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 from palpate.errors import InputError, needing
 from palpate.line.machine import CommandRefusedError, Machine, line_state
-from palpate.line.results import MEASUREMENTS, PARTS, bin_of, item_of, measured_values
+from palpate.line.results import MEASUREMENTS, PARTS, bin_of, item_of, list_measurements
 
 with needing("--opcua", extra="line"):
     from asyncua import ua
@@ -132,7 +132,7 @@ class OpcUaStation:
         if number == self._results:
             return
         self._results = number
-        for name, value in zip(_measured_names(), measured_values(result), strict=True):
+        for name, value in zip(_measurement_names(), list_measurements(result), strict=True):
             await self._write(name, value)
         for name, (_, value_of) in _RESULT.items():
             await self._write(name, value_of(result))
@@ -165,7 +165,7 @@ class OpcUaStation:
         text, number = ua.VariantType.String, ua.VariantType.Double
         of_state = {name: kind for name, (kind, _) in _STATE.items()} | {"Refusal": text}
         of_result = {name: kind for name, (kind, _) in _RESULT.items()}
-        of_result |= {"Number": ua.VariantType.Int64} | dict.fromkeys(_measured_names(), number)
+        of_result |= {"Number": ua.VariantType.Int64} | dict.fromkeys(_measurement_names(), number)
         for parent, kinds in ((station, of_state), (result, of_result)):
             for name, kind in kinds.items():
                 node = await parent.add_variable(space, name, _EMPTY[kind], varianttype=kind)
@@ -250,7 +250,7 @@ class OpcUaStation:
         return await self._obey(self._machine.leave(DRIVER))
 
 
-def _measured_names() -> list[str]:
+def _measurement_names() -> list[str]:
     """Return the variables of the measurements: `SizeMm`, `SizeMmLow`, `SizeMmHigh` and so on."""
     names = []
     for measurement in MEASUREMENTS:

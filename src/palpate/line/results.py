@@ -16,10 +16,10 @@ PARTS = ("value", "low", "high")
 OUTCOME_NUMBERS = {outcome.value: number for number, outcome in enumerate(Outcome, start=1)}
 
 
-def measured_values(document: Mapping[str, Any] | None) -> list[float]:
+def list_measurements(document: Mapping[str, Any] | None) -> list[float]:
     """Return value, low and high of each measurement; NaN for what is not known.
 
-    >>> values = measured_values({"size_mm": {"value": 40.0, "low": 39.0, "high": None}})
+    >>> values = list_measurements({"size_mm": {"value": 40.0, "low": 39.0, "high": None}})
     >>> values[:3], len(values)
     ([40.0, 39.0, nan], 15)
     """

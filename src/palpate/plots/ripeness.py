@@ -40,10 +40,10 @@ def item_figure(
         end = float(at.max()) + (_AHEAD_DAYS if rule is not None else 0.5)
         if rule is not None:
             _draw_courses(axis, history, rule=rule, end=end, width=width)
-        axis.plot(at, _shown(history.firmness, width), ".", color=GREY, label="grasps")
+        axis.plot(at, _select_shown(history.firmness, width), ".", color=GREY, label="grasps")
         days = [day.day for day in history.days]
         means = [day.firmness for day in history.days]
-        axis.plot(days, _shown(means, width), "o", color=BLUE, label="mean of the day")
+        axis.plot(days, _select_shown(means, width), "o", color=BLUE, label="mean of the day")
         log_axis(axis.yaxis)
         axis.set(
             xlabel="days since the first grasp", xlim=(-0.2, end), title=_title(history, ripeness)
@@ -67,15 +67,15 @@ def _draw_courses(
     ).T
     axis.fill_between(
         day,
-        _shown(low, width),
-        _shown(high, width),
+        _select_shown(low, width),
+        _select_shown(high, width),
         color=BLUE,
         alpha=0.15,
         label="90 % of courses",
     )
-    axis.plot(day, _shown(middle, width), color=BLUE, lw=1)
+    axis.plot(day, _select_shown(middle, width), color=BLUE, lw=1)
     for stage in rule.stages[1:]:
-        level = float(_shown([rule.begins(stage)], width)[0])
+        level = float(_select_shown([rule.begins(stage)], width)[0])
         axis.axhline(level, color=ORANGE, lw=0.8, ls="--")
         axis.annotate(
             f"{stage} below" if width else f"{stage} above",
@@ -89,7 +89,7 @@ def _draw_courses(
         )
 
 
-def _shown(firmness: ArrayLike, width: bool) -> NDArray[np.float64]:
+def _select_shown(firmness: ArrayLike, width: bool) -> NDArray[np.float64]:
     """Return stiffness in N/mm, or the number of pixels that share the load."""
     values = np.asarray(firmness, dtype=float)
     return np.asarray(np.exp(values if width else -values))

@@ -18,17 +18,17 @@ from palpate.signal.relative import relative_change_percent
 MEAN_S = 0.4
 
 
-def answered_s(result: GraspResult) -> float | None:
+def answer_time_s(result: GraspResult) -> float | None:
     """Return when a grasp gave its last answer; None if it gave none."""
     times_s = [moment.time_s for moment in result.moments if moment.name == "answer"]
     return times_s[-1] if times_s else None
 
 
-def felt_pixels(
+def pixels_of_grasp(
     observations: Sequence[Observation], *, result: GraspResult, layout: ArrayLayout
 ) -> PixelPercent | None:
     """Return each pixel's relative change when the answer was given; None if there was none."""
-    until_s = answered_s(result)
+    until_s = answer_time_s(result)
     if until_s is None or not observations:
         return None
     percent = percent_until(until_s, observations=observations, layout=layout)

@@ -12,9 +12,9 @@ import numpy as np
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult
-from palpate.produce.felt_pixels import MEAN_S, answered_s, felt_pixels
+from palpate.produce.felt_pixels import MEAN_S, answer_time_s, pixels_of_grasp
 from palpate.produce.records import MEASURED, Drive, Grasp
-from palpate.produce.ripeness.shared_load import shared_pixels
+from palpate.produce.ripeness.shared_load import fraction_of_pixels
 from palpate.produce.store.writing import calibration_id_of
 from palpate.recording import Origin
 from palpate.sensor.array import ArrayLayout
@@ -51,7 +51,7 @@ def make_grasp_record(
     answers = ((name, getattr(result, name)) for name in _ANSWERED)
     # The store keeps numbers; a bound is not a number.
     measured = {name: value for name, value in answers if value is not None and value.number}
-    measured |= {**held_at(seen, result=result, drive=drive), **closing}
+    measured |= {**hold_measurements(seen, result=result, drive=drive), **closing}
     return Grasp(
         item_id=item_id,
         taken_at=datetime.now(UTC),
@@ -60,8 +60,8 @@ def make_grasp_record(
         origin=origin,
         outcome=result.outcome,
         measurements=measured
-        | shared_pixels(seen, result=result, layout=layout, measured=measured),
-        pixel_settled_percent=felt_pixels(seen, result=result, layout=layout),
+        | fraction_of_pixels(seen, result=result, layout=layout, measured=measured),
+        pixel_settled_percent=pixels_of_grasp(seen, result=result, layout=layout),
         decision_time_s=result.decision_time_s,
         peak_force_n=result.peak_force_n,
         angle_deg=angle_deg,
@@ -70,7 +70,7 @@ def make_grasp_record(
     )
 
 
-def held_at(
+def hold_measurements(
     observations: Sequence[Observation], *, result: GraspResult, drive: Drive
 ) -> dict[str, Measurement]:
     """Return width (mm) or pressure (kPa) at the answer, by its name; nothing if there was none.
@@ -81,7 +81,7 @@ def held_at(
 
     `drive` ("width" or "pressure"): what the gripper is driven by.
     """
-    name, until_s = HELD_AT[drive], answered_s(result)
+    name, until_s = HELD_AT[drive], answer_time_s(result)
     if until_s is None:
         return {}
     reported = [

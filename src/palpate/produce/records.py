@@ -164,7 +164,7 @@ class Grasp:
                     f"{name} {getattr(self, name)!r}: must be one of {', '.join(allowed)}"
                 )
         for name, measurement in self.measurements.items():
-            known_measurement(name, measurement, units=MEASURED)
+            check_measurement(name, measurement, units=MEASURED)
         for name in _NUMBERS:
             if (value := getattr(self, name)) is not None:
                 refuse_infinite(value, what=name)
@@ -273,7 +273,7 @@ def refuse_infinite(value: float, *, what: str) -> None:
         raise InputError(f"{what} is {value}: must be finite; leave it out if it is not known")
 
 
-def known_measurement(name: str, measurement: Measurement, *, units: Mapping[str, str]) -> None:
+def check_measurement(name: str, measurement: Measurement, *, units: Mapping[str, str]) -> None:
     """Refuse a measurement of another name, in another unit, or that is not finite."""
     if name not in units:
         raise InputError(f"measurement {name!r}: must be one of {', '.join(units)}")

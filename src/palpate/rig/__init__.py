@@ -152,7 +152,7 @@ class Rig:
             raise InputError(f"kind {kind!r}: give damage=FILE too, which knows kinds")
         file = None if damage is None else DamageFile.load(Path(damage))
         where = f"damage {damage}"
-        known = "" if file is None or kind is None else file.known_kind(kind, where=where)
+        known = "" if file is None or kind is None else file.check_kind(kind, where=where)
         plan = plan_grasp(
             self.calibration,
             gripper=self.gripper,

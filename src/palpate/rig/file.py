@@ -66,7 +66,7 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
     names it; `CalibrationError` if the calibration can't be read, or was made with another layout,
     divider or wiring; `DeviceError` if equipment isn't there.
     """
-    stated = stated_in(path)
+    stated = read_stated(path)
     if "use" in stated:
         if not stated.keys() <= {"use", "calibration"}:
             raise InputError(
@@ -129,7 +129,7 @@ def used_in(path: Path, stated: Mapping[str, Any]) -> str:
     other.
     """
     used = str(stated["use"])
-    if used.endswith(".toml") and Path(used).is_file() and "use" in stated_in(Path(used)):
+    if used.endswith(".toml") and Path(used).is_file() and "use" in read_stated(Path(used)):
         raise InputError(
             f"rig file {path}: `use` names {used}, which itself says `use`; name a rig"
         )
@@ -142,7 +142,7 @@ def read_rig_file(path: Path) -> RigFile:
     Raises `InputError` if the file can't be read, or lacks or misnames something; one line that
     names it.
     """
-    stated = stated_in(path)
+    stated = read_stated(path)
     for name, what in _PARTS.items():
         if name not in stated:
             found = ", ".join(sorted(stated)) or "nothing"
@@ -168,7 +168,7 @@ def load_cells_stated(path: Path) -> tuple[float, ...] | None:
 
     Raises `InputError` if the file can't be read, or its table ``[load_cells]`` is at fault.
     """
-    return _newtons_per_count(path, stated_in(path))
+    return _newtons_per_count(path, read_stated(path))
 
 
 def _newtons_per_count(path: Path, stated: Mapping[str, Any]) -> tuple[float, ...] | None:
@@ -211,7 +211,7 @@ def open_devices(rig_file: RigFile) -> tuple[PressureArray, Gripper]:
     return array, gripper
 
 
-def stated_in(path: Path) -> dict[str, Any]:
+def read_stated(path: Path) -> dict[str, Any]:
     """Return what a rig file states, unchecked.
 
     Raises `InputError` if it can't be read.
@@ -233,7 +233,7 @@ def open_stated(path: Path, part: str, table: Any, **shared: Any) -> Any:
     it holds.
     """
     if table is None:
-        found = ", ".join(sorted(stated_in(path))) or "nothing"
+        found = ", ".join(sorted(read_stated(path))) or "nothing"
         raise InputError(f"rig file {path}: no table [{part}]; found {found}. {_MAKE}")
     where = table.get("open") if isinstance(table, dict) else None
     if not isinstance(where, str) or ":" not in where:

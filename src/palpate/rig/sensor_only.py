@@ -9,7 +9,7 @@ from pathlib import Path
 from palpate.clock import Clock, RealClock
 from palpate.errors import CalibrationError
 from palpate.recording.contents import Origin
-from palpate.rig.file import check_layout, open_stated, stated_in
+from palpate.rig.file import check_layout, open_stated, read_stated
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import Calibration
 
@@ -44,7 +44,7 @@ def names_no_gripper(path: Path) -> bool:
 
     Raises `InputError` if it can't be read.
     """
-    stated = stated_in(path)
+    stated = read_stated(path)
     return "use" not in stated and "gripper" not in stated
 
 
@@ -54,7 +54,7 @@ def open_sensor(path: Path) -> SensorRig:
     Raises `InputError` if the file lacks or misnames something; `CalibrationError` if the
     calibration can't be read, or is of another sensor; `DeviceError` if the sensor isn't there.
     """
-    stated = stated_in(path)
+    stated = read_stated(path)
     array: PressureArray = open_stated(path, "array", stated.get("array"))
     file, calibration = path.parent / str(stated.get("calibration", "")), None
     try:

@@ -17,7 +17,7 @@ from palpate.grasp.calibrating_current import measure_current, measure_gears
 from palpate.grasp.planning import DWELL_S, HORIZON_S, pairs_at
 from palpate.rig import Rig
 from palpate.sensor.array import PressureArray
-from palpate.sensor.calibration import BlockPairs, Calibration, CurrentPairs, joined_currents
+from palpate.sensor.calibration import BlockPairs, Calibration, CurrentPairs, join_currents
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.firmware import open_firmware_array
 from palpate.twin.objects import OBJECTS, TwinObject, draw_object
@@ -83,7 +83,7 @@ def open_simulated(name: str, *, object_name: str | None, seed: int) -> Rig:
         array=read_through_firmware(world) if by_firmware else TwinArray(world),
         gripper=TwinGripper(world),
         clock=world.clock,
-        calibration=calibrated(seed=seed, level=_LEVEL, apart_from=obj.name, kind=kind),
+        calibration=calibrate_twin(seed=seed, level=_LEVEL, apart_from=obj.name, kind=kind),
         origin="firmware-simulated" if by_firmware else "twin",
         subject=obj.name,
         truth=lambda: world.truth().to_dict(),
@@ -91,7 +91,7 @@ def open_simulated(name: str, *, object_name: str | None, seed: int) -> Rig:
     )
 
 
-def calibrated(
+def calibrate_twin(
     *,
     seed: int,
     level: str,
@@ -113,11 +113,11 @@ def calibrated(
         gripper=kind,
         remade=remade,
     )
-    return calibrated_on(world, seed=seed, apart_from=apart_from, sensor_id=f"twin-{seed}")
+    return calibrate_world(world, seed=seed, apart_from=apart_from, sensor_id=f"twin-{seed}")
 
 
-def calibrated_on(world: Workplace, *, seed: int, apart_from: str, sensor_id: str) -> Calibration:
-    """Calibrate the sensor and gripper of a world by a user's steps (`calibrated`).
+def calibrate_world(world: Workplace, *, seed: int, apart_from: str, sensor_id: str) -> Calibration:
+    """Calibrate the sensor and gripper of a world by a user's steps (`calibrate_twin`).
 
     `world`: where, with nothing between the fingers.
     `seed`: of the faces that the load cell gets.
@@ -175,7 +175,7 @@ def _current(bench: Bench, world: Workplace) -> CurrentPairs | None:
     on_block = measure_current(bench, up_to_n=_BLOCK_N, repeats=_BLOCK_REPEATS)
     world.place(None)
     empty = measure_gears(bench)
-    return None if on_block is None or empty is None else joined_currents(on_block, empty)
+    return None if on_block is None or empty is None else join_currents(on_block, empty)
 
 
 def read_through_firmware(world: World) -> PressureArray:

@@ -80,13 +80,13 @@ class ScoreTable:
                 "channel": row.channel,
                 "method": row.method,
                 "cutoff_s": row.cutoff_s,
-                "predicted": _known(row.predicted),
-                "low": _known(row.low),
-                "high": _known(row.high),
-                "settled": _known(row.settled),
-                "error_percent": _known(row.error_percent),
+                "predicted": _finite_or_none(row.predicted),
+                "low": _finite_or_none(row.low),
+                "high": _finite_or_none(row.high),
+                "settled": _finite_or_none(row.settled),
+                "error_percent": _finite_or_none(row.error_percent),
                 "status": str(row.status),
-                "error_of_remaining_percent": _known(row.of_remaining_percent),
+                "error_of_remaining_percent": _finite_or_none(row.of_remaining_percent),
                 "file": row.source,
                 "unit": row.unit,
             }
@@ -99,7 +99,7 @@ class ScoreTable:
         found = []
         for (method, cutoff_s), rows in self.groups().items():
             entry: dict[str, Any] = {"method": method, "cutoff_s": cutoff_s, "holds": len(rows)}
-            entry |= {name: _known(figure) for name, figure in summarise(rows).items()}
+            entry |= {name: _finite_or_none(figure) for name, figure in summarise(rows).items()}
             entry["holds_with_settled_value"] = sum(bool(np.isfinite(r.settled)) for r in rows)
             if cutoff_s is None:
                 times_s = np.array([row.cutoff_s for row in rows if row.decided])
@@ -162,7 +162,7 @@ def score(
     return ScoreTable(predictions=list(found), horizon_s=horizon_s, level=level)
 
 
-def _known(figure: float) -> float | None:
+def _finite_or_none(figure: float) -> float | None:
     return float(figure) if np.isfinite(figure) else None
 
 

@@ -91,9 +91,9 @@ class BoardLink:
                 if not self._todo:
                     frames.append(message)
             elif isinstance(message, BoardIdentity):
-                self._identified(message)
+                self._identify(message)
             else:
-                self._answered(message)
+                self._has_answer(message)
         if self._todo:
             self._send_if_due()
         return frames
@@ -127,7 +127,7 @@ class BoardLink:
             self._sent_s = now_s
             self.stream.write(encode_command(self._todo[0], tag=self._tag))
 
-    def _identified(self, identity: BoardIdentity) -> None:
+    def _identify(self, identity: BoardIdentity) -> None:
         self.identity = identity
         if identity.tag == 0 and self._todo:
             self._todo = list(self._commands)  # the board has forgotten its earlier settings
@@ -135,9 +135,9 @@ class BoardLink:
         elif identity.tag == 0:
             self.was_reset = True
         elif identity.tag == self._tag and self._todo and isinstance(self._todo[0], Identify):
-            self._done()
+            self._is_done()
 
-    def _answered(self, ack: Ack) -> None:
+    def _has_answer(self, ack: Ack) -> None:
         if not self._todo or ack.tag != self._tag:
             return
         if ack.result == Result.TOO_FAST:
@@ -150,9 +150,9 @@ class BoardLink:
         if ack.result != Result.OK:
             refusal = ack.result.name.lower().replace("_", " ")
             raise WireError(f"{self.stream.name}: the board refused {self._todo[0]}: {refusal}")
-        self._done()
+        self._is_done()
 
-    def _done(self) -> None:
+    def _is_done(self) -> None:
         del self._todo[0]
         self._next_command()
 

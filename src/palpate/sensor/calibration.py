@@ -317,11 +317,11 @@ class CurrentPairs:
             raise CalibrationError("current: every entry must be a finite number")
 
 
-def joined_currents(*parts: CurrentPairs) -> CurrentPairs:
+def join_currents(*parts: CurrentPairs) -> CurrentPairs:
     """Return the readings of several runs as one, their movements numbered through.
 
     >>> one = CurrentPairs(force_n=(0.0,), current_ma=(40.0,), width_mm=(30.0,), movement=(0,))
-    >>> joined_currents(one, one).movement
+    >>> join_currents(one, one).movement
     (0, 1)
     """
     numbers, first = list[int](), 0

@@ -52,10 +52,10 @@ def read_loads(path: Path) -> list[float]:
     in newtons.
     """
     loads = read_table(path, columns={"load_n": "number"})["load_n"]
-    return checked_loads(loads.tolist(), where=str(path))
+    return check_loads(loads.tolist(), where=str(path))
 
 
-def checked_loads(loads_n: Sequence[float], *, where: str) -> list[float]:
+def check_loads(loads_n: Sequence[float], *, where: str) -> list[float]:
     """Return loads that can carry a calibration.
 
     Raises `InputError` if there are too few, one only, or they can't be newtons.
@@ -102,7 +102,7 @@ def weigh(
     for load_n in loads_n:
         place(load_n)
         _drop_until(array, clock.now_s())
-        reading = _settled(array, rest_ohm, load_n)
+        reading = _settle(array, rest_ohm, load_n)
         if reading is None:
             refused.append(load_n)
         elif load_n > 0:
@@ -130,7 +130,7 @@ def hysteresis_seen(force_n: Sequence[float]) -> bool:
     return bool((np.diff(np.asarray(force_n, dtype=float)) < 0).any())
 
 
-def _settled(
+def _settle(
     array: PressureArray, rest_ohm: np.ndarray, load_n: float
 ) -> tuple[float, float] | None:
     _ohm(array, SETTLED_S - 2 * _STRETCH_S)

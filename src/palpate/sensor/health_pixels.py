@@ -97,11 +97,11 @@ def pixel_findings(
     sound = np.ones((layout.rows, layout.cols), dtype=np.bool_)
     findings: list[Finding] = []
     for code, mask, text, values in _verdicts(mean_counts, steps_per_count, readings, layout):
-        findings += _named(code, mask & sound, text, values)
+        findings += _name(code, mask & sound, text, values)
         sound &= ~mask
     if known_ohm is not None:
-        mask, text, own = _changed(readings, known_ohm)
-        findings += _named("changed", mask & sound, text, own)
+        mask, text, own = _find_changed(readings, known_ohm)
+        findings += _name("changed", mask & sound, text, own)
         sound &= ~mask
     return findings, sound
 
@@ -125,7 +125,7 @@ def _verdicts(
     yield "loose", loose, "drops out or jumps {} times in the stretch", drops + jumps
     loud &= noise >= _COUNT * readings.count_percent
     yield "noisy", loud, "noise of one frame is {} %", noise
-    stuck = _stuck(mean_counts, steps_per_count, sound=alive & ~loose, layout=layout)
+    stuck = _find_stuck(mean_counts, steps_per_count, sound=alive & ~loose, layout=layout)
     yield "stuck", stuck, "never moves, though the other pixels' noise should move it", nothing
     shared = _typical(readings.drift_percent)
     own = readings.drift_percent - shared
@@ -139,7 +139,9 @@ def _verdicts(
     )
 
 
-def _changed(readings: PixelReadings, known_ohm: FloatArray) -> tuple[BoolArray, str, FloatArray]:
+def _find_changed(
+    readings: PixelReadings, known_ohm: FloatArray
+) -> tuple[BoolArray, str, FloatArray]:
     """Compare with the calibration; what all pixels share is climate or load."""
     change = relative_change_percent(readings.rest_ohm, rest_ohm=known_ohm)
     own = 100.0 * ((100.0 + change) / (100.0 + _typical(change)) - 1.0)
@@ -147,16 +149,16 @@ def _changed(readings: PixelReadings, known_ohm: FloatArray) -> tuple[BoolArray,
     return np.abs(own) > _CHANGED_PERCENT, text, own
 
 
-def _named(code: str, mask: BoolArray, text: str, values: FloatArray) -> Iterator[Finding]:
-    for where, pixels in grouped(mask):
+def _name(code: str, mask: BoolArray, text: str, values: FloatArray) -> Iterator[Finding]:
+    for where, pixels in group_pixels(mask):
         yield Finding(code, text.format(f"{float(np.median(values[pixels])):.3g}"), where)
 
 
-def grouped(mask: BoolArray) -> Iterator[tuple[str, BoolArray]]:
+def group_pixels(mask: BoolArray) -> Iterator[tuple[str, BoolArray]]:
     """Yield the pixels of a mask by name: all of them, whole rows, whole columns, single ones.
 
     >>> mask = np.array([[True, True], [False, False], [True, False]])
-    >>> [where for where, _ in grouped(mask)]
+    >>> [where for where, _ in group_pixels(mask)]
     ['row R0', 'R2 C0']
     """
     left = mask.copy()
@@ -209,7 +211,7 @@ def _interruptions(
     return drops, jumps
 
 
-def _stuck(
+def _find_stuck(
     mean_counts: FloatArray, steps_per_count: int, *, sound: BoolArray, layout: ArrayLayout
 ) -> BoolArray:
     """Find pixels that stand still although their neighbours' noise should move them.

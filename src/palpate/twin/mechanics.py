@@ -211,7 +211,7 @@ class RelaxingForce:
         """Return the squeeze of an object that nothing has touched yet."""
         return cls(relaxing_n=() if obj is None else (0.0,) * len(obj.relaxing_share))
 
-    def closed(
+    def close_to(
         self,
         obj: TwinObject,
         closure_mm: float,
@@ -223,7 +223,7 @@ class RelaxingForce:
         """Return the squeeze after a step that ends at a closure; 0 and below is no contact."""
         parts = _fading(obj, step_s)
         if closure_mm <= 0:
-            return self._changed(obj, parts, elastic_n=0.0, touching=False)
+            return self._change(obj, parts, elastic_n=0.0, touching=False)
         fresh = sum([share * mean for share, _, mean in parts])
         carried_n = sum([n * part[1] for n, part in zip(self.relaxing_n, parts, strict=True)])
         elastic_n = series_force_n(
@@ -234,15 +234,15 @@ class RelaxingForce:
             kept=1.0 - sum(obj.relaxing_share) + fresh,
             carried_n=carried_n - self.elastic_n * fresh,
         )
-        return self._changed(obj, parts, elastic_n=elastic_n, touching=True)
+        return self._change(obj, parts, elastic_n=elastic_n, touching=True)
 
-    def changed(
+    def change_to(
         self, obj: TwinObject, *, elastic_n: float, step_s: float, touching: bool = True
     ) -> RelaxingForce:
         """Return the squeeze after a step over which the elastic force went in a line."""
-        return self._changed(obj, _fading(obj, step_s), elastic_n=elastic_n, touching=touching)
+        return self._change(obj, _fading(obj, step_s), elastic_n=elastic_n, touching=touching)
 
-    def _changed(
+    def _change(
         self,
         obj: TwinObject,
         parts: list[tuple[float, float, float]],

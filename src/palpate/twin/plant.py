@@ -99,7 +99,7 @@ class Plant:
         """Return the state of an open gripper that has been still for long."""
         motion = Motion(start_s=time_s, from_mm=width_mm, to_mm=width_mm, rate_mm_per_s=1.0)
         creep = self.placement(0, 0).creep
-        pixels = SheetState.unloaded(self.sheet.rest_ohm.size, creep=creep)
+        pixels = SheetState.at_rest(self.sheet.rest_ohm.size, creep=creep)
         return PlantState(
             time_s=time_s,
             motion=motion,
@@ -273,7 +273,7 @@ class Plant:
     def _close_squeeze(self, state: PlantState, closure_mm: float, step_s: float) -> RelaxingForce:
         if state.obj is None:
             return RelaxingForce()
-        return state.squeeze.closed(
+        return state.squeeze.close_to(
             state.obj,
             closure_mm,
             step_s=step_s,
@@ -287,7 +287,7 @@ class Plant:
         if state.obj is None:
             return RelaxingForce()
         before_n, after_n = state.squeeze.elastic_n, following.squeeze.elastic_n
-        return state.squeeze.changed(
+        return state.squeeze.change_to(
             state.obj,
             elastic_n=before_n + share * (after_n - before_n),
             step_s=share * (following.time_s - state.time_s),

@@ -24,7 +24,7 @@ class SheetState:
     >>> rng = np.random.default_rng(1)
     >>> sheet = draw_sheet(rng, layout=RIGID_LAYOUT, level="lab")
     >>> creep = two_mode_creep(rng, 1.0)
-    >>> rest = SheetState.unloaded(8, creep=creep)
+    >>> rest = SheetState.at_rest(8, creep=creep)
     >>> load_n = np.full(8, 2.0)
     >>> pressed = rest.after(0.1, load_n, travel_mm=0.0, sheet=sheet, gain=sheet.gain, creep=creep)
     >>> later = pressed.after(5.0, load_n, travel_mm=0.0, sheet=sheet, gain=sheet.gain, creep=creep)
@@ -43,7 +43,7 @@ class SheetState:
     spike: FloatArray
 
     @classmethod
-    def unloaded(cls, pixels: int, *, creep: Creep) -> Self:
+    def at_rest(cls, pixels: int, *, creep: Creep) -> Self:
         """Return a sheet that nothing has pressed for long."""
         nothing = np.zeros(pixels)
         return cls(nothing, nothing, np.zeros((creep.tau_s.size, pixels)), nothing)

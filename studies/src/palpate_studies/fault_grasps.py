@@ -15,7 +15,7 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.requests import Requests
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import GripperKind, World
@@ -110,7 +110,7 @@ def sampled(count: int, *, seed: int) -> list[Cell]:
 
 @cache
 def _plan(kind: GripperKind) -> Plan:
-    calibration = calibrated(seed=SHEET, level="lab", apart_from="", kind=kind)
+    calibration = calibrate_twin(seed=SHEET, level="lab", apart_from="", kind=kind)
     gripper = TwinGripper(World(None, seed=SHEET, gripper=kind))
     return plan_grasp(
         calibration, gripper=gripper, target_force_n=_TARGET_N, longest_s=_LONGEST_S, hold_s=1.5

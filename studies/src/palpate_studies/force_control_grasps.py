@@ -13,7 +13,7 @@ from palpate.grasp.planning import HORIZON_S, plan_grasp
 from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.calibration import Calibration
 from palpate.signal.relative import excess_conductance
 from palpate.twin.devices import TwinArray, TwinGripper
@@ -168,4 +168,4 @@ def _calibration(task: Task) -> Calibration:
 @lru_cache(maxsize=2)
 def calibration_of(sheet: int, level: str, kind: GripperKind) -> Calibration:
     """Calibrate a sensor and gripper by a user's steps; the grasps of one sheet share it."""
-    return calibrated(seed=sheet, level=level, apart_from="", kind=kind)
+    return calibrate_twin(seed=sheet, level=level, apart_from="", kind=kind)

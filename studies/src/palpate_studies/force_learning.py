@@ -15,7 +15,7 @@ from palpate.estimate.force_law import (
     MOST_SAMPLES,
     Population,
     noise_inputs,
-    standardised,
+    standardise,
     with_curve,
     with_memory,
 )
@@ -119,7 +119,7 @@ def _start(contacts: Sequence[KnownContact]) -> _Learned:
     scale[scale < 1e-9] = 1.0
     design = []
     for one in contacts:
-        z = standardised(one.inputs, centre=centre, scale=scale)
+        z = standardise(one.inputs, centre=centre, scale=scale)
         later = np.arange(len(z)) > (len(z) if one.given is None else one.given)
         design.append(np.column_stack([np.ones(len(z)), z, later]))
     size = design[0].shape[1]

@@ -11,7 +11,7 @@ from typing import Annotated, TypeVar
 import numpy as np
 import typer
 
-from palpate.estimate.force_law import Population, shipped_population
+from palpate.estimate.force_law import Population, load_population
 from palpate.files import atomic_path, check_place
 from palpate_studies import ladder_models, press_models, stroke_models
 from palpate_studies.force_ladders import read_ladders
@@ -92,7 +92,7 @@ def _text(population: Population) -> str:
 
 
 def _report(population: Population, parts: Mapping[str, Sequence[KnownContact]]) -> StudyReport:
-    shipped = shipped_population()
+    shipped = load_population()
     rows = [
         {
             "weight": place,

@@ -16,7 +16,7 @@ from palpate.grasp.planning import plan_grasp
 from palpate.produce.learning import UNKNOWN
 from palpate.produce.records import MEASURED, Grasp
 from palpate.produce.sorting.hand import SortingHand, TimedGrasp
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.settling.result import Status
 from palpate.twin.crate import CRATE_STRANGERS, CRATE_TAUGHT, CrateItem, CrateTable, draw_crate
 from palpate_studies.second.crates import other_item
@@ -92,7 +92,7 @@ def measured_crates(
     A stranger of each kind comes with every second sorted item of a taught kind (rounded up), so
     that a quarter of the crate is strange. `second`: all items are of the second generator.
     """
-    calibration = calibrated(seed=sensor, level=level, apart_from="")
+    calibration = calibrate_twin(seed=sensor, level=level, apart_from="")
     table = CrateTable(sensor=sensor, seed=sensor + 500_009, level=level)
     hand = SortingHand(
         array=table.array,

@@ -14,7 +14,7 @@ from scipy.stats import t as student_t
 from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.estimate.force import ForceEstimate
-from palpate.estimate.force_law import settled_inputs
+from palpate.estimate.force_law import inputs_when_settled
 from palpate_studies.force_learning import KnownContact, learn_population
 
 Predicted: TypeAlias = ForceEstimate
@@ -54,7 +54,7 @@ class Ladder:
     @property
     def inputs(self) -> FloatArray:
         """Settled readings as `palpate.ForceLaw` takes them, shape (n_steps, INPUTS)."""
-        return settled_inputs(self.excess_s * self.rest_ohm)
+        return inputs_when_settled(self.excess_s * self.rest_ohm)
 
     @property
     def relative_percent(self) -> FloatArray:

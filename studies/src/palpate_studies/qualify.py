@@ -24,7 +24,7 @@ from palpate.produce.qualify.agreement import (
 )
 from palpate.produce.qualify.readings import PairedReadings
 from palpate.produce.qualify.scatter import Scatter
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
@@ -140,7 +140,7 @@ def side_pairs(path: Path) -> PairedReadings:
 
 def grasp_pool(items: int, *, level: str) -> Pool:
     """Grasp twin fruit, each twice; fruit without a stiffness at every grasp are left out."""
-    calibration = calibrated(seed=SENSOR, level=level, apart_from="")
+    calibration = calibrate_twin(seed=SENSOR, level=level, apart_from="")
     truth, measured = [], []
     for number in range(items):
         random = np.random.default_rng([SENSOR, number])

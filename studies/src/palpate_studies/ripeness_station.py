@@ -22,14 +22,14 @@ from palpate.grasp.estimator import Observation
 from palpate.grasp.planning import HORIZON_S, plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand
-from palpate.produce.felt_pixels import felt_pixels
-from palpate.produce.grasp_record import held_at
+from palpate.produce.felt_pixels import pixels_of_grasp
+from palpate.produce.grasp_record import hold_measurements
 from palpate.produce.records import Drive, Grasp
 from palpate.produce.ripeness.closing import ClosingWatch
 from palpate.produce.ripeness.firmness import RIPENESS_N
 from palpate.produce.ripeness.rule import RipenessRule
-from palpate.produce.ripeness.shared_load import shared_pixels
-from palpate.rig.simulated import calibrated, twin_bench
+from palpate.produce.ripeness.shared_load import fraction_of_pixels
+from palpate.rig.simulated import calibrate_twin, twin_bench
 from palpate.sensor.calibration import RestValues
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import mean_change, relative_change_percent
@@ -115,7 +115,9 @@ class _Bench:
 
     def __init__(self, sensor: int, *, level: str, gripper: GripperKind) -> None:
         self._sensor, self._level, self._gripper = sensor, level, gripper
-        self.calibration = calibrated(seed=sensor, level=level, apart_from=REFERENCE, kind=gripper)
+        self.calibration = calibrate_twin(
+            seed=sensor, level=level, apart_from=REFERENCE, kind=gripper
+        )
         self.grasps: list[Grasp] = []
         self.damaged = 0
         self.as_published: dict[tuple[str, int], float] = {}
@@ -242,8 +244,11 @@ class _Bench:
             if (value := getattr(result, name)) is not None
         }
         drive: Drive = "width" if self._gripper == "rigid" else "pressure"
-        measured |= held_at(observations, result=result, drive=drive) | closing.measured()
-        measured |= shared_pixels(
+        measured |= (
+            hold_measurements(observations, result=result, drive=drive)
+            | closing.list_measurements()
+        )
+        measured |= fraction_of_pixels(
             observations, result=result, layout=self._plan.layout, measured=measured
         )
         taken_at = _FIRST + timedelta(days=self._day, seconds=world.clock.now_s())
@@ -257,7 +262,7 @@ class _Bench:
                 origin="twin",
                 outcome=result.outcome,
                 measurements=measured,
-                pixel_settled_percent=felt_pixels(
+                pixel_settled_percent=pixels_of_grasp(
                     observations, result=result, layout=self._plan.layout
                 ),
                 decision_time_s=result.decision_time_s,

@@ -14,7 +14,7 @@ from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import DWELL_S, plan_grasp
 from palpate.grasp.runner import run_grasp
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.calibration import Calibration
 from palpate.signal.relative import CONTACT_PERCENT, mean_change, relative_change_percent
 from palpate.twin.devices import TwinArray
@@ -69,7 +69,7 @@ class Sized:
 def sized(level: str, *, sensors: Sequence[int], berries: int) -> Iterator[Sized]:
     """Size `berries` strawberries on each sensor of a level, each in both ways."""
     for sensor in sensors:
-        calibration = calibrated(seed=sensor, level=level, apart_from="strawberry")
+        calibration = calibrate_twin(seed=sensor, level=level, apart_from="strawberry")
         for berry in range(berries):
             obj = draw_object(np.random.default_rng([sensor, berry, 31]), "strawberry")
             yield _sized(obj, level=level, sensor=sensor, berry=berry, calibration=calibration)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from palpate.cli.options import TargetForceOption
 from palpate.estimate.measurement import Measurement
-from palpate.produce.identify.identifier import Identifier, as_labelled
+from palpate.produce.identify.identifier import Identifier, label_identity
 from palpate.produce.sorting.conditions import Evidence, OneOf, Within
 from palpate.produce.sorting.hand import TimedGrasp
 from palpate.produce.sorting.rules import Rule, RuleBook, decide
@@ -147,7 +147,7 @@ def _certain(measured: Mapping[str, Measurement], guess: Guess, *, book: RuleBoo
     size = measured.get("size_mm")
     if size is None or "stiffness_n_per_mm" not in measured:
         return book.default_bin
-    identity = as_labelled(guess(measured))
+    identity = label_identity(guess(measured))
     sharp = replace(size, low=size.middle, high=size.middle)
     return decide(book, Evidence(identity=identity, size_mm=sharp, grasps=book.most_grasps)).bin
 

@@ -16,7 +16,7 @@ from palpate.estimate.pixel_law import PixelReading
 from palpate.grasp.calibrating import Bench, measure_rest
 from palpate.grasp.planning import force_now, laws_of
 from palpate.gripper.interface import GripperCommand
-from palpate.rig.simulated import calibrated, twin_bench
+from palpate.rig.simulated import calibrate_twin, twin_bench
 from palpate.sensor.calibration import ForcePairs
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import excess_conductance
@@ -112,7 +112,7 @@ def _used(
     sensor: int, *, level: str, staircases: int, remade: Callable[[Sheet], Sheet] | None
 ) -> tuple[ForcePairs, list[list[FrameRead]]]:
     """Return a sheet's calibration and the frames of its staircases."""
-    pairs = calibrated(seed=sensor, level=level, apart_from="", remade=remade).force
+    pairs = calibrate_twin(seed=sensor, level=level, apart_from="", remade=remade).force
     rng = np.random.default_rng([sensor, 7])
     names = rng.choice(GRASPED, staircases, replace=False).tolist()
     world = World(None, seed=sensor + 2_000_006, sheet_seed=sensor, level=level, remade=remade)

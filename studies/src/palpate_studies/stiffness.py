@@ -15,7 +15,7 @@ import typer
 from palpate.estimate.compliance import STIFFEST_N_PER_MM
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.calibration import Calibration
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
@@ -126,7 +126,7 @@ def answers_of(
 ) -> list[Answer]:
     """Calibrate one sensor on one hand, and grasp one object with each squeeze."""
     obj = object_of(stiffness, seed=seed)
-    calibration = calibrated(seed=seed, level=level, apart_from="", kind=gripper)
+    calibration = calibrate_twin(seed=seed, level=level, apart_from="", kind=gripper)
     worlds = partial(World, obj, seed=seed, sheet_seed=seed, level=level, gripper=gripper)
     return [
         _answer(worlds(), calibration, force_n, obj=obj, nominal=stiffness)

@@ -23,7 +23,7 @@ from palpate.grasp.paper_method import by_paper
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.requests import Requests
 from palpate.grasp.runner import run_grasp
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.calibration import Calibration
 from palpate.twin.objects import OBJECTS, draw_object
 from palpate.twin.world import GripperKind, World
@@ -156,7 +156,7 @@ def _faulty() -> Iterator[Case]:
 @cache
 def calibration(kind: GripperKind, level: str, sheet: int) -> Calibration:
     """Return the calibration of a sensor."""
-    return calibrated(seed=sheet, level=level, apart_from="", kind=kind)
+    return calibrate_twin(seed=sheet, level=level, apart_from="", kind=kind)
 
 
 def run(case: Case) -> dict[str, Any]:

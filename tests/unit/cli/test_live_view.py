@@ -179,7 +179,7 @@ def test_force_is_shown_at_every_frame() -> None:
     )
     screen = Screen()
     source = SensorSource(name="bench", array=TwinArray(World(None, seed=1)), simulated=False)
-    force = ForceNow(PixelReading.summed(), early=law, settled=law, early_s=0.4, settled_s=20.0)
+    force = ForceNow(PixelReading.sum_pixels(), early=law, settled=law, early_s=0.4, settled_s=20.0)
     rest_ohm = resistance_ohm(REST_COUNTS, divider=RIGID_LAYOUT.divider)
     screen.view = LiveView(LiveReading(source, rest_ohm=rest_ohm, clock=screen.clock, force=force))
     screen.feed(REST_COUNTS)

@@ -19,9 +19,9 @@ from palpate.estimate.damage_learning import (
     at_half_load,
     copies,
     follow_closing,
-    held_out,
     learn_damage,
     read_closings,
+    score_left_out,
     split,
     unfit,
 )
@@ -60,7 +60,7 @@ def made_of(closings: list[FruitClosing]) -> DamageFile:
         learned_from={"curves.csv": "ab"},
         made_at="2026-05-04T08:00:00+00:00",
         left_out={"g99": "why"},
-        held_out=held_out(closings),
+        held_out=score_left_out(closings),
     )
 
 
@@ -159,17 +159,17 @@ def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
 
 
 def test_kinds_that_are_not_told_apart_are_named(made: DamageFile) -> None:
-    assert made.known_kind("plum", where="damage.json") == "plum"
+    assert made.check_kind("plum", where="damage.json") == "plum"
     with pytest.raises(InputError, match="no kind 'apple'; it tells apart: pear, plum; leave"):
-        made.known_kind("apple", where="damage.json")
+        made.check_kind("apple", where="damage.json")
     few = made_of(crate(plums=30, pears=5))
     assert few.kinds == ("plum",)
     with pytest.raises(InputError, match="only 25 closings of 'pear'; it tells apart: plum"):
-        few.known_kind("pear", where="damage.json")
+        few.check_kind("pear", where="damage.json")
 
 
 def test_the_kind_is_worth_something_on_closings_left_out() -> None:
-    found = held_out(crate(plums=30, pears=25))
+    found = score_left_out(crate(plums=30, pears=25))
     assert found["plum"].error_percent < found[""].error_percent < 40
     assert found["plum"].error_percent < found["plum"].median_error_percent
     assert found[""].above_low > 0.85
@@ -185,7 +185,7 @@ def test_nothing_is_said_of_a_closing_by_a_model_that_knows_it() -> None:
             limit = at_half_load(closing, model=model, kind="plum")
             assert limit is not None
             missed.append(100 * abs(limit.predicted_n / closing.rupture_force_n - 1))
-    assert held_out(closings)["plum"].error_percent == pytest.approx(np.mean(missed))
+    assert score_left_out(closings)["plum"].error_percent == pytest.approx(np.mean(missed))
 
 
 def test_copies_of_one_recording_are_found_and_stay_together() -> None:

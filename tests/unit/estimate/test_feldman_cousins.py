@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 from scipy.stats import t as student_t
 
-from palpate.estimate.feldman_cousins import bounded_interval, bounded_middle
+from palpate.estimate.feldman_cousins import interval_above_zero, middle_above_zero
 
 #: Feldman and Cousins (1998), Table X: measured, ends of the 90 % interval of a normal error.
 TABLE_X = [
@@ -22,12 +22,12 @@ TABLE_X = [
 
 @pytest.mark.parametrize(("measured", "low", "high"), TABLE_X)
 def test_ends_are_those_of_the_published_table(measured: float, low: float, high: float) -> None:
-    found = bounded_interval(measured, freedom=1e6, level=0.9)
+    found = interval_above_zero(measured, freedom=1e6, level=0.9)
     assert found == pytest.approx((low, high), abs=0.04)
 
 
 def test_far_from_the_bound_it_is_the_ordinary_interval() -> None:
-    low, high = bounded_interval(8.0, freedom=6, level=0.9)
+    low, high = interval_above_zero(8.0, freedom=6, level=0.9)
     reach = student_t.ppf(0.95, 6)
     assert (low, high) == pytest.approx((8.0 - reach, 8.0 + reach), abs=0.06)
 
@@ -35,16 +35,16 @@ def test_far_from_the_bound_it_is_the_ordinary_interval() -> None:
 @pytest.mark.parametrize("true", [0.0, 0.5, 1.5, 4.0])
 def test_it_covers_as_often_as_it_says_at_every_true_value(true: float) -> None:
     error = student_t.ppf((np.arange(100) + 0.5) / 100, 6)
-    ends = [bounded_interval(true + one, freedom=6, level=0.9) for one in error]
+    ends = [interval_above_zero(true + one, freedom=6, level=0.9) for one in error]
     assert np.mean([low <= true <= high for low, high in ends]) == pytest.approx(0.9, abs=0.03)
 
 
 @pytest.mark.parametrize("measured", np.linspace(-6.0, 6.0, 13))
 def test_the_middle_lies_inside(measured: float) -> None:
-    low, high = bounded_interval(measured, freedom=6, level=0.9)
-    assert low <= bounded_middle(measured, freedom=6) < high
+    low, high = interval_above_zero(measured, freedom=6, level=0.9)
+    assert low <= middle_above_zero(measured, freedom=6) < high
 
 
 def test_the_middle_halves_what_is_left() -> None:
-    middle = bounded_middle(0.5, freedom=1e6)
+    middle = middle_above_zero(0.5, freedom=1e6)
     assert norm.sf(middle - 0.5) == pytest.approx(0.5 * norm.cdf(0.5), rel=1e-4)

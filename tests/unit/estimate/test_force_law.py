@@ -12,8 +12,8 @@ from palpate.errors import CalibrationError, InputError
 from palpate.estimate.force_law import (
     INPUTS,
     ForceLaw,
-    settled_inputs,
-    shipped_population,
+    inputs_when_settled,
+    load_population,
 )
 from palpate.estimate.force_states import log_reading
 
@@ -119,7 +119,7 @@ def test_unusable_forces_and_readings_are_refused() -> None:
 
 
 def test_shipped_population_is_sound() -> None:
-    population = shipped_population()
+    population = load_population()
     for spread in (population.spread, population.contact_spread):
         np.testing.assert_allclose(spread, spread.T)
         assert np.linalg.eigvalsh(spread).min() > -1e-9
@@ -131,7 +131,7 @@ def test_shipped_population_is_sound() -> None:
 def test_each_weight_narrows_and_none_widens() -> None:
     weights_n = [1.5, 4.0, 9.0, 6.0]
     known = [8.0 * n**1.2 for n in weights_n]
-    inputs = settled_inputs([10.0, 40.0, 100.0])
+    inputs = inputs_when_settled([10.0, 40.0, 100.0])
     spread = [
         ForceLaw.fit(known[:count], force_n=weights_n[:count]).log_force(inputs)[1]
         for count in range(1, 5)

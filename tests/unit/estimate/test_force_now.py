@@ -21,7 +21,7 @@ def law(log_scale: float) -> PixelForceLaw:
 def follower() -> ForceNow:
     # Settled, the sheet reads a quarter more for the same force.
     return ForceNow(
-        PixelReading.summed(),
+        PixelReading.sum_pixels(),
         early=law(0.0),
         settled=law(-math.log(1.25)),
         early_s=0.4,

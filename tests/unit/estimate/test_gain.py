@@ -66,7 +66,7 @@ def test_stated_scatter_of_a_measured_force_is_the_real_one(movement_ma: float) 
     rng, share = np.random.default_rng(7), np.linspace(0.1, 1.0, 15)
     movement = np.repeat(np.arange(3), 5)
     found = [
-        law.measured(
+        law.measure(
             40.0
             + 16.0 * 3.0 * share
             + 6.0 * rng.standard_normal(15)
@@ -87,7 +87,7 @@ def test_a_sheet_of_unsure_exponent_leaves_the_force_less_sure() -> None:
     law, share = geared(movement_ma=0.0), np.linspace(0.3, 1.0, 8)
 
     def log_sd(tilt_sd: float) -> float:
-        found = law.measured(
+        found = law.measure(
             40.0 + 48.0 * share,
             share=share,
             width_mm=np.full(8, 30.0),
@@ -103,8 +103,8 @@ def test_a_sheet_of_unsure_exponent_leaves_the_force_less_sure() -> None:
 
 def test_no_reading_of_a_grip_measures_nothing() -> None:
     law = CurrentLaw.fit(pairs())
-    assert law.measured([], share=[], width_mm=[], movement=[]) is None
-    assert law.measured([45.0], share=[0.0], width_mm=[30.0], movement=[0]) is None
+    assert law.measure([], share=[], width_mm=[], movement=[]) is None
+    assert law.measure([45.0], share=[0.0], width_mm=[30.0], movement=[0]) is None
 
 
 def closed_empty(*, movement_sd: float, seed: int = 3) -> CurrentPairs:
@@ -155,10 +155,10 @@ def test_slope_is_not_tilted_by_movements_that_differ() -> None:
 
 def test_a_sure_measurement_outweighs_an_unsure_sheet_and_the_other_way_round() -> None:
     measured = MeasuredForce(force_n=4.0, sd_n=0.05, log_sd=0.0)
-    from_sheet = Gain.unknown(law_sd=0.5).updated(measured, sheet_n=2.0)
+    from_sheet = Gain.from_calibration(law_sd=0.5).update(measured, sheet_n=2.0)
     assert np.exp(from_sheet.log_mean) == pytest.approx(2.0, rel=0.03)
     assert from_sheet.log_sd < 0.05
-    sure = Gain.unknown(law_sd=0.02).updated(
+    sure = Gain.from_calibration(law_sd=0.02).update(
         MeasuredForce(force_n=4.0, sd_n=3.0, log_sd=0.0), sheet_n=2.0
     )
     assert abs(sure.log_mean) < 0.01
@@ -167,20 +167,20 @@ def test_a_sure_measurement_outweighs_an_unsure_sheet_and_the_other_way_round() 
 
 def test_an_outlier_moves_the_gain_less_than_what_is_near() -> None:
     """A movement of the gears may take three times what others do; six sheets' errors it is not."""
-    sheet = Gain.unknown(law_sd=0.1)
+    sheet = Gain.from_calibration(law_sd=0.1)
 
     def mean(force_n: float) -> float:
         measured = MeasuredForce(force_n=force_n, sd_n=0.2, log_sd=0.0)
-        return sheet.updated(measured, sheet_n=2.0).log_mean
+        return sheet.update(measured, sheet_n=2.0).log_mean
 
     assert 0.0 < mean(2.2) < mean(2.4)
     assert mean(2.2) / 0.2 > 3 * mean(4.0) / 2.0
 
 
 def test_nothing_read_leaves_the_gain_as_it_was() -> None:
-    gain = Gain.unknown(law_sd=0.1)
+    gain = Gain.from_calibration(law_sd=0.1)
     measured = MeasuredForce(force_n=4.0, sd_n=0.1, log_sd=0.0)
-    assert gain.updated(measured, sheet_n=0.0) == gain
+    assert gain.update(measured, sheet_n=0.0) == gain
 
 
 def test_unknown_gain_leaves_what_the_law_says_and_more_doubt_widens_it() -> None:
@@ -191,11 +191,11 @@ def test_unknown_gain_leaves_what_the_law_says_and_more_doubt_widens_it() -> Non
         in_range=np.array([False, True]),
         level=0.9,
     )
-    same = Gain.unknown(law_sd=0.05).applied(said)
+    same = Gain.from_calibration(law_sd=0.05).apply_to(said)
     assert same.value.tolist() == said.value.tolist()
     assert same.high == pytest.approx(said.high)
     assert same.low == pytest.approx(said.low)
-    wide = Gain.unknown(law_sd=0.05, more_sd=0.2).applied(said)
+    wide = Gain.from_calibration(law_sd=0.05, more_sd=0.2).apply_to(said)
     assert wide.high[1] > 2.7
     assert wide.low[1] < 1.5
     assert wide.high[0] == 0.3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.estimate.pixel_law import PlacedReadings
-from palpate.estimate.weights_check import held_out_of_placements
+from palpate.estimate.weights_check import score_left_out_placements
 
 
 def placements(count: int, *, reach_n: float = 12.0) -> PlacedReadings:
@@ -28,7 +28,7 @@ def placements(count: int, *, reach_n: float = 12.0) -> PlacedReadings:
 
 
 def test_errors_are_those_of_the_scatter_over_placements() -> None:
-    found = held_out_of_placements(placements(6))
+    found = score_left_out_placements(placements(6))
     for kind in ("early", "settled"):
         error = found[kind]["5_n"]
         assert error is not None
@@ -36,13 +36,13 @@ def test_errors_are_those_of_the_scatter_over_placements() -> None:
 
 
 def test_a_force_that_was_not_reached_has_no_error() -> None:
-    found = held_out_of_placements(placements(6, reach_n=4.0))
+    found = score_left_out_placements(placements(6, reach_n=4.0))
     assert found["settled"]["10_n"] is None
     assert found["settled"]["1_n"] is not None
 
 
 def test_two_placements_show_no_error() -> None:
-    assert set(held_out_of_placements(placements(2))["early"].values()) == {None}
+    assert set(score_left_out_placements(placements(2))["early"].values()) == {None}
 
 
 def test_the_few_placements_that_reach_a_force_do_not_stand_for_all() -> None:
@@ -54,7 +54,7 @@ def test_the_few_placements_that_reach_a_force_do_not_stand_for_all() -> None:
         for early in (True, False)
     ]
     run, early, force_n, pixel_excess = zip(*rows, strict=True)
-    found = held_out_of_placements(
+    found = score_left_out_placements(
         PlacedReadings(
             run=np.array(run, dtype=float),
             pixel_excess=np.array(pixel_excess),

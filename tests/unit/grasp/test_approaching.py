@@ -15,7 +15,7 @@ from palpate.grasp.result import Outcome
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
 from palpate.grasp.sweep import blind_s
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
@@ -52,7 +52,7 @@ def test_what_a_sheet_remembers_is_no_touch(plan: Plan, bench: Any) -> None:
 @pytest.mark.parametrize("level", ["lab", "field"])
 def test_slowing_down_before_an_expected_size_is_no_touch(level: str) -> None:
     """Resistances rise with the speed of the fingers, and fall as they slow down or by noise."""
-    calibration = calibrated(seed=5, level=level, apart_from="strawberry")
+    calibration = calibrate_twin(seed=5, level=level, apart_from="strawberry")
     # So light that a finger which pushes it to the middle feels nothing.
     berry = replace(draw_object(np.random.default_rng(11), "strawberry"), mass_g=0.1)
     felt_s = dict[bool, list[float]]()
@@ -79,7 +79,7 @@ def test_slowing_down_before_an_expected_size_is_no_touch(level: str) -> None:
 def test_a_hand_that_expects_a_size_feels_again_before_the_object_can_be_there(
     rate_hz: float,
 ) -> None:
-    calibration = calibrated(seed=5, level="lab", apart_from="strawberry")
+    calibration = calibrate_twin(seed=5, level="lab", apart_from="strawberry")
     berry = draw_object(np.random.default_rng(11), "strawberry")
     world = World(berry, seed=11, sheet_seed=5, level="lab", frame_rate_hz=rate_hz)
     gripper = TwinGripper(world)

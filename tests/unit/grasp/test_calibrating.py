@@ -11,7 +11,7 @@ import pytest
 from palpate.errors import CalibrationError, DeviceError, DeviceTimeoutError
 from palpate.grasp.calibrating import Bench, measure_block, measure_force, measure_rest
 from palpate.grasp.planning import plan_grasp
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.calibration import BlockPairs
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import draw_object
@@ -94,7 +94,7 @@ def test_block_pairs_are_of_the_drive(kind: Any) -> None:
 
 
 def test_a_calibration_fits_its_own_kind_of_hand() -> None:
-    rigid = calibrated(seed=3, level="lab", apart_from="apple")
+    rigid = calibrate_twin(seed=3, level="lab", apart_from="apple")
     with pytest.raises(CalibrationError, match="driven by pressure: its calibration needs 4"):
         plan_grasp(rigid, gripper=TwinGripper(World(None, seed=3, gripper="soft")))
     block = BlockPairs(

@@ -14,7 +14,7 @@ from palpate.estimate.servo_force import CurrentLaw
 from palpate.grasp.calibrating import Bench
 from palpate.grasp.calibrating_current import measure_current, measure_gears
 from palpate.grasp.planning import plan_grasp
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.calibration import Calibration
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import draw_object
@@ -33,7 +33,7 @@ def bench_of(world: World) -> Bench:
 
 @pytest.fixture(scope="module")
 def rigid() -> Calibration:
-    return calibrated(seed=4, level="lab", apart_from="")
+    return calibrate_twin(seed=4, level="lab", apart_from="")
 
 
 def test_current_while_closing_is_a_line_in_force(rigid: Calibration) -> None:
@@ -78,7 +78,7 @@ def test_plan_listens_to_the_current_where_it_was_calibrated(rigid: Calibration)
 
 
 def test_two_blocks_tell_how_soft_fingers_close() -> None:
-    made = calibrated(seed=7, level="field", apart_from="", kind="soft")
+    made = calibrate_twin(seed=7, level="field", apart_from="", kind="soft")
     assert made.current is None
     plan = plan_grasp(made, gripper=TwinGripper(World(None, seed=7, gripper="soft")))
     assert plan.bend is not None

@@ -13,7 +13,7 @@ from palpate.grasp.estimator import ContactEstimate, Touch
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.settling.result import Status
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
@@ -59,7 +59,7 @@ def test_the_sheets_own_creep_takes_its_place(plan: Plan) -> None:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_forecast_of_the_change_follows_the_creep_that_the_calibration_knows(seed: int) -> None:
     """Simulated soft fingers, gently; the forecast by shapes alone was 15 to 30 % too deep."""
-    calibration = calibrated(seed=seed, level="lab", apart_from="tomato", kind="soft")
+    calibration = calibrate_twin(seed=seed, level="lab", apart_from="tomato", kind="soft")
     obj = draw_object(np.random.default_rng([seed, 10]), "tomato")
     world = World(obj, seed=seed, sheet_seed=seed, level="lab", gripper="soft")
     gripper = TwinGripper(world)

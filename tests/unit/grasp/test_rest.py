@@ -14,7 +14,7 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.velostat import Environment
@@ -94,7 +94,7 @@ def test_a_sheet_that_never_rests_is_read_by_the_old_values(plan: Plan, bench: A
 
 def test_field_sheet_in_other_weather_tells_the_size() -> None:
     """A hot day: the sheet reads a third less at rest than when it was calibrated."""
-    calibration = calibrated(seed=172, level="field", apart_from="strawberry")
+    calibration = calibrate_twin(seed=172, level="field", apart_from="strawberry")
     thing = draw_object(np.random.default_rng(5), "strawberry")
     world = World(thing, seed=9171, sheet_seed=172, level="field")
     world.surround(Environment(temperature_c=47.0))

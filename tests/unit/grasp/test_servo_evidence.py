@@ -17,7 +17,7 @@ from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import GripperCommand, GripperState
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
@@ -167,7 +167,7 @@ def test_soft_fingers_on_a_sheet_that_reads_too_little_press_as_their_pressure_s
     """A sensor of level field whose sheet alone read 2 N where there were 10."""
     seed = 710_148
     fruit = draw_object(np.random.default_rng([seed, 10]), "avocado-day-3")
-    calibration = calibrated(seed=seed, level="field", apart_from=fruit.name, kind="soft")
+    calibration = calibrate_twin(seed=seed, level="field", apart_from=fruit.name, kind="soft")
     world = World(fruit, seed=seed, sheet_seed=seed, level="field", gripper="soft")
     gripper = TwinGripper(world)
     result = run_grasp(
@@ -184,7 +184,7 @@ def test_soft_fingers_on_a_sheet_that_reads_too_little_press_as_their_pressure_s
 
 def test_soft_fingers_whose_calibration_shows_no_compliance_measure_no_force() -> None:
     """Blocks that were read at nearly the same pressure at every force."""
-    calibration = calibrated(seed=7, level="lab", apart_from="tomato", kind="soft")
+    calibration = calibrate_twin(seed=7, level="lab", apart_from="tomato", kind="soft")
     world = World(draw_object(np.random.default_rng(7), "tomato"), seed=7, gripper="soft")
     gripper = TwinGripper(world)
     plan = plan_grasp(calibration, gripper=gripper, target_force_n=2.0)

@@ -12,7 +12,7 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.step_size import close_by, slope_n, squeeze_depth, squeeze_step
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import GripperKind, World
@@ -104,7 +104,7 @@ def test_run_grasp_where_noise_looks_like_a_slope_stays_near_the_target(
 ) -> None:
     """Simulated grasps that pressed with two to five times the target."""
     obj = draw_object(np.random.default_rng([seed, 10]), name)
-    calibration = calibrated(seed=seed, level="field", apart_from=name, kind=kind)
+    calibration = calibrate_twin(seed=seed, level="field", apart_from=name, kind=kind)
     world = World(
         obj, seed=seed, sheet_seed=seed, level="field", gripper=kind, frame_rate_hz=rate_hz
     )

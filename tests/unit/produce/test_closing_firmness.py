@@ -15,14 +15,14 @@ from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperState
-from palpate.produce.grasp_record import held_at
+from palpate.produce.grasp_record import hold_measurements
 from palpate.produce.ripeness.closing import (
     ClosingWatch,
     closing_firmness,
     round_softness,
     sheet_gain,
 )
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
@@ -64,7 +64,7 @@ def test_its_doubt_is_what_scatter_of_the_steps_makes() -> None:
 
 @pytest.fixture(scope="module")
 def watched() -> tuple[ClosingWatch, GraspResult, list[Observation], list[GraspState]]:
-    calibration = calibrated(seed=5, level="lab", apart_from="ball-44lbs")
+    calibration = calibrate_twin(seed=5, level="lab", apart_from="ball-44lbs")
     world = World(
         draw_object(np.random.default_rng(5), "ball-44lbs"), seed=5, sheet_seed=5, level="lab"
     )
@@ -79,7 +79,7 @@ def watched() -> tuple[ClosingWatch, GraspResult, list[Observation], list[GraspS
         subscribers=[seen.append],
         watchers=[watch.see, beliefs.append],
     )
-    assert watch.measured()["firmness_n_per_mm"] == closing_firmness(
+    assert watch.list_measurements()["firmness_n_per_mm"] == closing_firmness(
         next(one for one in reversed(beliefs) if one.phase == "hold"), plan=plan
     )
     return watch, result, seen, beliefs
@@ -89,10 +89,10 @@ def test_a_grasp_that_was_watched_tells_firmness_and_width(
     watched: tuple[ClosingWatch, GraspResult, list[Observation], list[GraspState]],
 ) -> None:
     watch, result, seen, _ = watched
-    firmness = watch.measured()["firmness_n_per_mm"]
+    firmness = watch.list_measurements()["firmness_n_per_mm"]
     assert result.stiffness_n_per_mm is not None
     assert firmness.low < result.stiffness_n_per_mm.value < firmness.high
-    width = held_at(seen, result=result, drive="width")["width_mm"]
+    width = hold_measurements(seen, result=result, drive="width")["width_mm"]
     assert 40.0 < width.low <= width.value <= width.high < 49.0
 
 
@@ -101,13 +101,13 @@ def test_a_grasp_without_answer_tells_neither(
 ) -> None:
     watch, result, seen, beliefs = watched
     lost = replace(result, moments=())
-    assert held_at(seen, result=lost, drive="width") == {}
-    assert held_at((), result=result, drive="width") == {}
+    assert hold_measurements(seen, result=lost, drive="width") == {}
+    assert hold_measurements((), result=result, drive="width") == {}
     blind = [replace(one, gripper=GripperState(time_s=0.0, pressure_kpa=5.0)) for one in seen]
-    assert held_at(blind, result=result, drive="width") == {}
+    assert hold_measurements(blind, result=result, drive="width") == {}
     nothing = ClosingWatch(watch.plan)
     nothing.see(beliefs[0])
-    assert nothing.measured() == {}
+    assert nothing.list_measurements() == {}
     assert closing_firmness(beliefs[0], plan=watch.plan) is None
 
 
@@ -149,10 +149,10 @@ def test_what_other_witnesses_made_of_the_contact_is_kept(
 ) -> None:
     watch, _, _, beliefs = watched
     held = next(one for one in reversed(beliefs) if one.phase == "hold")
-    kept = watch.measured()["sheet_gain"]
+    kept = watch.list_measurements()["sheet_gain"]
     assert kept.value == pytest.approx(np.exp(held.estimate.gain.log_mean))
     assert kept.value != 1.0
     assert kept.high / kept.value == pytest.approx(kept.value / kept.low)
-    unknown = Gain.unknown(law_sd=held.estimate.gain.law_sd)
+    unknown = Gain.from_calibration(law_sd=held.estimate.gain.law_sd)
     alone = replace(held, estimate=replace(held.estimate, gain=unknown))
     assert sheet_gain(alone, plan=watch.plan).value == 1.0

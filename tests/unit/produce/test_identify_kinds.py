@@ -10,7 +10,7 @@ import pytest
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
-from palpate.produce.identify.identifier import Identifier, as_labelled, put_together, touch_of
+from palpate.produce.identify.identifier import Identifier, combine, label_identity, touch_of
 from palpate.produce.learning import METHODS, UNKNOWN, LabelLearner
 
 #: ln of size and stiffness of two kinds that differ in size, and one that differs in stiffness.
@@ -87,8 +87,8 @@ def test_identify_item_without_grasp_raises(rng: np.random.Generator) -> None:
 
 
 def test_as_labelled_is_certain() -> None:
-    assert as_labelled("kiwi").probability == {"kiwi": 1.0}
-    assert as_labelled(UNKNOWN).rejected
+    assert label_identity("kiwi").probability == {"kiwi": 1.0}
+    assert label_identity(UNKNOWN).rejected
 
 
 def test_touch_of_needs_every_feature() -> None:
@@ -100,7 +100,7 @@ def test_touch_of_needs_every_feature() -> None:
 
 def test_put_together_keeps_common_error() -> None:
     one = Measurement(value=40.0, low=39.0, high=41.0, unit="mm")
-    assert put_together([one] * 100).high == pytest.approx(40.0 + np.sqrt(0.505))
+    assert combine([one] * 100).high == pytest.approx(40.0 + np.sqrt(0.505))
 
 
 @pytest.mark.parametrize("method", METHODS)

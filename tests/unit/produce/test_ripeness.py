@@ -287,7 +287,7 @@ def test_the_reference_object_takes_drift_out_of_fruit(fruit: float) -> None:
     worn = drifted("fruit", fruit, ratio=0.85, day=6.0)
     felt = firmness_of(worn)
     assert felt is not None
-    error, mended = (abs(one - math.log(fruit)) for one in (felt, drift.freed(felt, grasp=worn)))
+    error, mended = (abs(one - math.log(fruit)) for one in (felt, drift.correct(felt, grasp=worn)))
     assert error > 0.1
     assert mended < 0.25 * error
 
@@ -354,7 +354,7 @@ def test_a_current_that_errs_is_left_out_of_ball_and_fruit() -> None:
     assert np.max(np.abs(drift.moved)) < 0.02
     # One fruit, on two mornings; without its gains it would seem to harden by a tenth.
     first, later = (
-        drift.freed(
+        drift.correct(
             math.log(3.0) + 2.0 / 3.0 * 0.5 * MORNINGS[day],
             grasp=with_gain(grasp("fruit", 3.0, day=float(day)), 0.5 * MORNINGS[day]),
         )
@@ -392,7 +392,7 @@ def test_a_servo_that_warms_up_does_not_soften_the_fruit_of_later_hours() -> Non
     drift = Drift.learn(ball, drive="width")
     assert np.max(np.abs(drift.moved)) < 0.02
     early, late, night = (
-        drift.freed(math.log(3.0), grasp=grasp("fruit", 3.0, day=1 + hour / 24))
+        drift.correct(math.log(3.0), grasp=grasp("fruit", 3.0, day=1 + hour / 24))
         for hour in (0.0, 1.0, 12.0)
     )
     # A force read a tenth too small makes fruit as much too soft, to the 2/3rd power.
@@ -409,7 +409,7 @@ def test_grasps_at_one_time_say_nothing_of_warming() -> None:
     ]
     force = Drift.learn(ball, drive="width").force
     assert force is not None
-    assert abs(force.warmed(1.0)) < 0.001
+    assert abs(force.warming(1.0)) < 0.001
 
 
 def test_a_worn_sensor_is_advised_about() -> None:

@@ -17,11 +17,11 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
-from palpate.produce.felt_pixels import MEAN_S, felt_pixels
+from palpate.produce.felt_pixels import MEAN_S, pixels_of_grasp
 from palpate.produce.ripeness.closing import ClosingWatch, contact_width, width_at_contact
 from palpate.produce.ripeness.firmness import RIPENESS_N, minus_log_sharing
-from palpate.produce.ripeness.shared_load import shared_pixels
-from palpate.rig.simulated import calibrated
+from palpate.produce.ripeness.shared_load import fraction_of_pixels
+from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.world import World
 from palpate_studies.twin_avocado import draw_avocado
@@ -49,14 +49,14 @@ class Felt:
 
     @property
     def read(self) -> float:
-        pixels = felt_pixels(self.seen, result=self.result, layout=self.plan.layout)
+        pixels = pixels_of_grasp(self.seen, result=self.result, layout=self.plan.layout)
         found = minus_log_sharing(np.array(pixels, dtype=float))
         assert found is not None
         return found
 
     def freed(self, **other: Measurement) -> dict[str, Measurement]:
         measured = self.measured | other
-        return shared_pixels(
+        return fraction_of_pixels(
             self.seen, result=self.result, layout=self.plan.layout, measured=measured
         )
 
@@ -72,14 +72,14 @@ def grasped(world: World, plan: Plan) -> Felt:
         watchers=[watch.see, beliefs.append],
     )
     assert result.force_n is not None
-    measured = {"force_n": result.force_n} | watch.measured()
+    measured = {"force_n": result.force_n} | watch.list_measurements()
     return Felt(plan=plan, result=result, seen=seen, beliefs=beliefs, measured=measured)
 
 
 @cache
 def on_sensor(seed: int) -> dict[float, Felt]:
     """Return one grasp each of a small and a large fruit that are alike in all else."""
-    calibration = calibrated(seed=seed, level="lab", apart_from="avocado", kind="soft")
+    calibration = calibrate_twin(seed=seed, level="lab", apart_from="avocado", kind="soft")
     fruit = draw_avocado(np.random.default_rng(3)).spot(0.0, rng=np.random.default_rng(4))
     found = {}
     for size_mm in SIZES_MM:
@@ -137,9 +137,9 @@ def test_sharing_is_freed_of_force(by_size: dict[float, Felt]) -> None:
 def test_without_width_or_answer_nothing_is_said(by_size: dict[float, Felt]) -> None:
     felt = by_size[SIZES_MM[0]]
     layout, force = felt.plan.layout, {"force_n": felt.measured["force_n"]}
-    assert shared_pixels(felt.seen, result=felt.result, layout=layout, measured=force) == {}
+    assert fraction_of_pixels(felt.seen, result=felt.result, layout=layout, measured=force) == {}
     lost = replace(felt.result, moments=())
-    assert shared_pixels(felt.seen, result=lost, layout=layout, measured=felt.measured) == {}
+    assert fraction_of_pixels(felt.seen, result=lost, layout=layout, measured=felt.measured) == {}
     held = felt.beliefs[-1]
     assert contact_width(held, plan=replace(felt.plan, bend=None)) is None
     assert (

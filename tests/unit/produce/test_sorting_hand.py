@@ -13,7 +13,7 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import Outcome
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.produce.sorting.hand import SortingHand
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.twin.crate import CrateTable, draw_crate
 
 NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
@@ -53,7 +53,7 @@ def table() -> CrateTable:
 
 @pytest.fixture(scope="module")
 def hand(table: CrateTable) -> SortingHand:
-    calibration = calibrated(seed=7, level="lab", apart_from="")
+    calibration = calibrate_twin(seed=7, level="lab", apart_from="")
     return SortingHand(
         array=table.array,
         gripper=table.gripper,

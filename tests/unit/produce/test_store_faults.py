@@ -30,7 +30,7 @@ from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Verdict
 from palpate.produce.store import Store
 from palpate.produce.store import engine as store_engine
-from palpate.produce.store.engine import make_engine, shown, store_url
+from palpate.produce.store.engine import make_engine, show_url, store_url
 from palpate.produce.store.export import require_parquet
 from palpate.produce.store.item_history import item_pages
 
@@ -242,7 +242,7 @@ def test_the_default_is_the_variable_then_a_file_here(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("PALPATE_STORE", "postgresql://packer:secret@hall3/items")
-    assert shown(store_url(None)) == "store postgresql://packer:***@hall3/items"
+    assert show_url(store_url(None)) == "store postgresql://packer:***@hall3/items"
     monkeypatch.delenv("PALPATE_STORE")
     monkeypatch.chdir(tmp_path)
     Store.open().close()

@@ -11,7 +11,7 @@ from palpate.clock import ManualClock
 from palpate.errors import CalibrationError, InputError
 from palpate.gripper.interface import GripperCommand
 from palpate.sensor.array import RIGID_LAYOUT, Frame
-from palpate.sensor.dead_weights import checked_loads, hysteresis_seen, read_loads, weigh
+from palpate.sensor.dead_weights import check_loads, hysteresis_seen, read_loads, weigh
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
@@ -93,7 +93,7 @@ def test_loads_that_never_settle_are_refused() -> None:
 
 def test_grams_and_newtons() -> None:
     with pytest.raises(InputError, match="Newtons are grams"):
-        checked_loads([50, 100, 200, 500], where="--loads")
+        check_loads([50, 100, 200, 500], where="--loads")
 
 
 class Pressed:

@@ -12,7 +12,7 @@ from palpate.errors import InputError
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, LinkCounters
 from palpate.sensor.findings import Severity
 from palpate.sensor.health import FrameColumns, Health, examine
-from palpate.sensor.health_pixels import grouped
+from palpate.sensor.health_pixels import group_pixels
 from palpate.sensor.reference_resistor import fit_reference, nearest_e12
 from palpate.signal.circuit import Divider, ohm_to_volts, volts_to_counts
 from palpate.signal.crosstalk import floating_readings_ohm
@@ -282,7 +282,7 @@ def test_too_few_frames_and_wrong_shape_are_refused() -> None:
 def test_groups_cover_a_mask_once() -> None:
     mask = np.zeros((4, 3), dtype=np.bool_)
     mask[1] = mask[:, 2] = mask[3, 0] = True
-    total = sum(part.astype(int) for _, part in grouped(mask))
+    total = sum(part.astype(int) for _, part in group_pixels(mask))
     assert np.array_equal(total, mask.astype(int))
 
 

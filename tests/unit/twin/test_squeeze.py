@@ -35,10 +35,10 @@ def held(
     obj: TwinObject, closure_mm: float, *, compliance: HandCompliance, until_s: float
 ) -> RelaxingForce:
     """Close at once, and hold in small steps."""
-    squeeze = RelaxingForce.none(obj).closed(obj, closure_mm, step_s=1e-9, compliance=compliance)
+    squeeze = RelaxingForce.none(obj).close_to(obj, closure_mm, step_s=1e-9, compliance=compliance)
     for start, end in pairwise(np.linspace(0.0, until_s, 400)):
         step_s = float(end - start)
-        squeeze = squeeze.closed(obj, closure_mm, step_s=step_s, compliance=compliance)
+        squeeze = squeeze.close_to(obj, closure_mm, step_s=step_s, compliance=compliance)
     return squeeze
 
 
@@ -75,9 +75,9 @@ def test_the_longer_it_is_held_the_less_force_is_left(
 def test_opened_too_far_it_presses_no_more_and_never_pulls() -> None:
     obj = fruit(0.5)
     squeeze = held(obj, 3.0, compliance=STIFF, until_s=10.0)
-    less = squeeze.closed(obj, 0.2, step_s=0.01, compliance=STIFF)
+    less = squeeze.close_to(obj, 0.2, step_s=0.01, compliance=STIFF)
     assert less.force_n == 0.0
-    assert squeeze.closed(obj, -1.0, step_s=0.01, compliance=STIFF).force_n == 0.0
+    assert squeeze.close_to(obj, -1.0, step_s=0.01, compliance=STIFF).force_n == 0.0
 
 
 def test_soft_fingers_lose_little_force_to_a_fruit_that_rigid_ones_lose_much_to() -> None:

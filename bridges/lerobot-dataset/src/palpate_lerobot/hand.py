@@ -44,7 +44,7 @@ def learned_limit_n(path: Path, *, kind: str = "") -> float:
         If the file can't be read, or does not know the kind.
     """
     file = DamageFile.load(path)
-    known = file.known_kind(kind, where=str(path)) if kind else ""
+    known = file.check_kind(kind, where=str(path)) if kind else ""
     return min(file.model.bound_n(_ANY, kind=known, rate=DAMAGE_RATE), FORCE_CEILING_N)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.rig import Rig
-from palpate.rig.simulated import ANOTHER_SESSION, calibrated_on
+from palpate.rig.simulated import ANOTHER_SESSION, calibrate_world
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import OBJECTS, draw_object
 from palpate_mujoco.hand import SO101, WIDOWX, Hand
@@ -48,7 +48,7 @@ def _opened(name: str, hand: Hand, *, object_name: str | None, seed: int, level:
         array=TwinArray(world),
         gripper=TwinGripper(world),
         clock=world.clock,
-        calibration=calibrated_on(
+        calibration=calibrate_world(
             bench, seed=seed, apart_from=obj.name, sensor_id=f"{name}-{seed}"
         ),
         origin="twin",

@@ -124,7 +124,7 @@ class PadSensor:
             start_s=self.clock.now_s(),
         )
         self.attach(model, data)
-        self._state = SheetState.unloaded(layout.pixels, creep=self.placement.creep)
+        self._state = SheetState.at_rest(layout.pixels, creep=self.placement.creep)
         self._free_s = np.inf
 
     @property

@@ -143,7 +143,7 @@ class Thing:
         elastic_n, _ = object_force_n(self.obj, deep_mm, ruptured=self.ruptured)
         self.ruptured = self.ruptured or elastic_n >= self.obj.rupture_n
         step_s, self._now_s = self._data.time - self._now_s, self._data.time
-        self._squeeze = self._squeeze.changed(self.obj, elastic_n=elastic_n, step_s=step_s)
+        self._squeeze = self._squeeze.change_to(self.obj, elastic_n=elastic_n, step_s=step_s)
         slope = object_force_n(self.obj, max(deep_mm, _LEAST_MM), ruptured=self.ruptured)[1]
         self._data.ctrl[self._push] = slope * deep_mm - self._squeeze.force_n
         self._data.ctrl[self._spring] = -_MM_PER_M * slope

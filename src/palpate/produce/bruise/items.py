@@ -117,7 +117,7 @@ def examine_item(
         )
     sound = sound_grasps(store, kind=item.kind, without=item_id)
     visits = in_visits(grasps)
-    felt = [_felt(grasp, visits=visits, sound=sound) for grasp in visits[-1]]
+    felt = [_features(grasp, visits=visits, sound=sound) for grasp in visits[-1]]
     if not any(one.against for one in felt):
         raise InputError(
             f"item {item_id!r}: nothing to compare it with. Grasp another side of it "
@@ -171,7 +171,7 @@ def examples_of(store: Store, *, kind: str) -> list[tuple[str, Example]]:
             chosen = list(grasps)
         for grasp in chosen:
             known = [visit for visit in visits if visit[0].taken_at <= grasp.taken_at]
-            felt = _felt(grasp, visits=known, sound=sound)
+            felt = _features(grasp, visits=known, sound=sound)
             bruised = label.text == BRUISED
             examples.append(
                 (item_id, Example(shape=felt.shape, against=felt.against, bruised=bruised))
@@ -234,7 +234,9 @@ def _shape(grasp: Grasp) -> LoadShape:
     return shape_of(pixels_of(grasp), width_mm=None if size is None else size.value)
 
 
-def _felt(grasp: Grasp, *, visits: Sequence[Sequence[Grasp]], sound: Sequence[Grasp]) -> FeltSide:
+def _features(
+    grasp: Grasp, *, visits: Sequence[Sequence[Grasp]], sound: Sequence[Grasp]
+) -> FeltSide:
     """Return a grasp of the last visit with everything that it can be compared with."""
     angle_deg = grasp.angle_deg or 0.0
     rows = len(grasp.pixel_settled_percent or ())

@@ -40,11 +40,11 @@ def touch_of(measured: Mapping[str, Measurement]) -> FloatArray | None:
     return np.log(values) if len(values) == len(FEATURES) else None
 
 
-def put_together(measured: Sequence[Measurement]) -> Measurement:
+def combine(measured: Sequence[Measurement]) -> Measurement:
     """Average one quantity of one item over grasps; half of the variance shrinks with them.
 
     >>> sizes = [Measurement(value=v, low=v - 1, high=v + 1, unit="mm") for v in (39.0, 41.0)]
-    >>> both = put_together(sizes)
+    >>> both = combine(sizes)
     >>> both.value, round(both.high - both.value, 3)
     (40.0, 0.866)
     """
@@ -138,10 +138,10 @@ class Identity:
         return max(kinds, key=self.probability.__getitem__)
 
 
-def as_labelled(kind: str) -> Identity:
+def label_identity(kind: str) -> Identity:
     """Return the identity of an item that a person labelled.
 
-    >>> as_labelled("kiwi").confidence
+    >>> label_identity("kiwi").confidence
     1.0
     """
     is_known = kind != UNKNOWN

@@ -76,7 +76,7 @@ def identity_verdict(item_id: str, identity: Identity, *, given_at: datetime) ->
         text=identity.kind,
         given_at=given_at,
         probability=identity.confidence,
-        explanation=explained(identity),
+        explanation=explain_identity(identity),
         details={
             "probabilities": {kind: round(p, 6) for kind, p in identity.probability.items()},
             "usual": identity.usual,
@@ -86,12 +86,12 @@ def identity_verdict(item_id: str, identity: Identity, *, given_at: datetime) ->
     )
 
 
-def explained(identity: Identity) -> str:
+def explain_identity(identity: Identity) -> str:
     """Return a sentence that states what an item is and how sure that is.
 
     >>> probability = {"kiwi": 0.9, "tomato": 0.1}
     >>> one = Identity(kind="kiwi", probability=probability, usual=0.4, rejected=False, grasps=1)
-    >>> explained(one)
+    >>> explain_identity(one)
     'kiwi with 90 %, tomato with 10 %, from 1 grasp; 40 % of the taught items are as unusual.'
     """
     count = f"{identity.grasps} grasp{'s' if identity.grasps != 1 else ''}"

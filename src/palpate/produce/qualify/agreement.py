@@ -124,7 +124,7 @@ def agreement_of(readings: PairedReadings, demand: Demand) -> Agreement:
     random = np.random.default_rng(_SEED)
     draws = []
     for _ in range(_DRAWS):
-        drawn = readings.drawn(random.integers(readings.items, size=readings.items))
+        drawn = readings.select(random.integers(readings.items, size=readings.items))
         if np.unique(drawn.item[drawn.paired]).size >= FEWEST_ITEMS // 2:
             draws.append(measure(drawn, demand).figures)
     tail = (1.0 - demand.level) / 2.0

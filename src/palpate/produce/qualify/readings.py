@@ -42,7 +42,7 @@ class PairedReadings:
         """Rows that both instruments read, shape (n_rows,)."""
         return np.isfinite(self.reference) & np.isfinite(self.grasp)
 
-    def drawn(self, chosen: NDArray[np.intp]) -> PairedReadings:
+    def select(self, chosen: NDArray[np.intp]) -> PairedReadings:
         """Return the readings of these items, in this order; one may come more than once."""
         order = np.argsort(self.item, kind="stable")
         starts = np.searchsorted(self.item[order], np.arange(self.items + 1))

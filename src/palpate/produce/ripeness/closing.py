@@ -72,7 +72,7 @@ class ClosingWatch:
         if grasp_state.phase is Phase.HOLD:
             self._held = grasp_state
 
-    def measured(self) -> dict[str, Measurement]:
+    def list_measurements(self) -> dict[str, Measurement]:
         """Return what was measured, by its name; nothing where the item was not held."""
         if self._held is None:
             return {}
@@ -178,7 +178,7 @@ def contact_width(grasp_state: GraspState, *, plan: Plan) -> Measurement | None:
     if plan.bend is None or not grasp_state.estimate.steps:
         return None
     readings = [step.touch.reading for step in grasp_state.estimate.steps]
-    read = grasp_state.estimate.gain.applied(plan.early_law.force_n(readings, level=plan.level))
+    read = grasp_state.estimate.gain.apply_to(plan.early_law.force_n(readings, level=plan.level))
     if read.value.max() < CONTACT_N:
         return None
     pressure_kpa = np.array(

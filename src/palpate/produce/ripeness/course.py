@@ -109,7 +109,7 @@ class Course:
         at = np.array([day.day for day in days])
         felt = np.array([day.firmness for day in days])
         noise_sd = np.hypot(self.noise_sd, [self.mean_sd(day) for day in days])
-        left = _left(at, halfway, pace)
+        left = _time_left(at, halfway, pace)
         off = felt - self.soft - (self.hard - self.soft) * left
         start = np.zeros(halfway.size)
         variance = np.full(halfway.size, self.start_sd**2)
@@ -158,7 +158,7 @@ class Courses:
 
     def firmness(self, day: ArrayLike) -> FloatArray:
         """Return the firmness of every course on days, shape (courses, days)."""
-        left = _left(np.atleast_1d(day), self.halfway_day, self.pace_days)
+        left = _time_left(np.atleast_1d(day), self.halfway_day, self.pace_days)
         return np.asarray(self.soft + (self.hard[:, None] - self.soft) * left)
 
     def mean_firmness(self, day: float) -> float:
@@ -183,7 +183,7 @@ class Courses:
         return np.asarray(values[order][np.minimum(index, values.size - 1)])
 
 
-def _left(day: FloatArray, halfway_day: FloatArray, pace_days: FloatArray) -> FloatArray:
+def _time_left(day: FloatArray, halfway_day: FloatArray, pace_days: FloatArray) -> FloatArray:
     """Return what is left of the fall on each day of each course, shape (courses, days)."""
     since = np.asarray(day, dtype=float) - halfway_day[:, None]
     return np.asarray(0.5 * (1.0 - np.tanh(0.5 * since / pace_days[:, None])))

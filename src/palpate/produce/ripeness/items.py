@@ -59,7 +59,9 @@ def history_of(
     for grasp in grasps:
         firmness = firmness_of(grasp) if grasp.drive == drive else None
         if firmness is not None:
-            felt.append((grasp, firmness if drift is None else drift.freed(firmness, grasp=grasp)))
+            felt.append(
+                (grasp, firmness if drift is None else drift.correct(firmness, grasp=grasp))
+            )
     return FirmnessHistory(
         item_id=item_id,
         drive=drive,
@@ -156,7 +158,7 @@ def verdict_of(ripeness: Ripeness, history: FirmnessHistory) -> Verdict:
     )
 
 
-def assumed(ripeness: Ripeness, history: FirmnessHistory) -> bool:
+def is_assumed(ripeness: Ripeness, history: FirmnessHistory) -> bool:
     """Whether a judgement is no finding: without labels the first day is hard by assumption."""
     return ripeness.basis == "first day" and len(history.days) == 1
 
@@ -165,7 +167,7 @@ def explanation(ripeness: Ripeness, history: FirmnessHistory) -> str:
     """Return why, in a sentence that a person can check."""
     count, days = len(history.grasps), len(history.days)
     felt = f"felt {count} time{'s' * (count > 1)} on {days} day{'s' * (days > 1)}"
-    if assumed(ripeness, history):
+    if is_assumed(ripeness, history):
         return f"{felt}: its first day is taken as hard, there is nothing yet to compare it with"
     chance = f"{100 * ripeness.probabilities[ripeness.stage]:.0f} % {ripeness.stage}"
     basis = {

@@ -108,7 +108,7 @@ class Drift:
         freedom = sum(count - 1 for _, count in known)
         pooled = sum((count - 1) * spread**2 for spread, count in known) / freedom if known else 0.0
         first = days[0]
-        moved = _smoothed(
+        moved = _smooth(
             np.array([day.day - first.day for day in days]),
             np.array([day.firmness - first.firmness for day in days]),
             variance=np.array([pooled / day.grasps for day in days]),
@@ -130,9 +130,9 @@ class Drift:
         day = (when - self.first_at).total_seconds() / DAY_S
         moved = float(np.interp(day, self.days, self.moved))
         since_h = 24.0 * min((day - one for one in self.days), key=abs)
-        return moved if self.force is None else moved + self.force.warmed(since_h)
+        return moved if self.force is None else moved + self.force.warming(since_h)
 
-    def freed(self, firmness: float, *, grasp: Grasp) -> float:
+    def correct(self, firmness: float, *, grasp: Grasp) -> float:
         """Return the firmness of a grasp as the sensor would have read it on the first day.
 
         Compliances add: of what a hand closes at 5 N read, its own give is taken out as of 5 N.
@@ -169,7 +169,7 @@ def _firmness(grasps: Sequence[Grasp]) -> list[tuple[datetime, float]]:
     ]
 
 
-def _smoothed(day: FloatArray, moved: FloatArray, *, variance: FloatArray) -> FloatArray:
+def _smooth(day: FloatArray, moved: FloatArray, *, variance: FloatArray) -> FloatArray:
     """Return the expected drift of each day, given what was read on all of them.
 
     The first day's scatter is in the change of every later one. How much of what is read is drift
@@ -230,7 +230,7 @@ class ForceRead:
         gain = np.array([log_gain(grasp) or 0.0 for grasp, *_ in felt])
         at = [grasp.taken_at for grasp, *_ in felt]
         hours = np.array([(one - at[0]).total_seconds() / _HOUR_S for one in at])
-        left_out, usual_gain = _left_out(off, gain=gain, hours=hours), float(gain.mean())
+        left_out, usual_gain = _leave_out(off, gain=gain, hours=hours), float(gain.mean())
         off = off - left_out * (gain - usual_gain)
         since_h = _since_middle(hours)
         warming_per_h = _warming(off, since_h=since_h, hours=hours)
@@ -243,7 +243,7 @@ class ForceRead:
             reach_h=float(np.sqrt(np.mean(since_h**2))),
         )
 
-    def warmed(self, since_h: float) -> float:
+    def warming(self, since_h: float) -> float:
         """Return the change of ln force read, this many hours after the middle of a morning."""
         if abs(since_h) > _MORNING_H:
             return 0.0
@@ -261,7 +261,7 @@ def _off(width: Measurement, force: Measurement, way_mm_per_n: float) -> float:
     return at_usual_mm / (way_mm_per_n * RIPENESS_N)
 
 
-def _left_out(off: FloatArray, *, gain: FloatArray, hours: FloatArray) -> float:
+def _leave_out(off: FloatArray, *, gain: FloatArray, hours: FloatArray) -> float:
     """Return the share of the gains without which grasps of one morning repeat best.
 
     Least squares of how the forces of neighbours differ over how their gains do.

@@ -21,7 +21,7 @@ from palpate.arrays import FloatArray
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.estimator import Observation
 from palpate.grasp.result import GraspResult
-from palpate.produce.felt_pixels import MEAN_S, answered_s, percent_until
+from palpate.produce.felt_pixels import MEAN_S, answer_time_s, percent_until
 from palpate.produce.records import MEASURED
 from palpate.produce.ripeness.closing import CONTACT_WIDTH
 from palpate.produce.ripeness.firmness import RIPENESS_N, minus_log_sharing
@@ -43,7 +43,7 @@ _EARLIER = 0.5
 _LEAST_LEFT_PERCENT = 0.1
 
 
-def shared_pixels(
+def fraction_of_pixels(
     observations: Sequence[Observation],
     *,
     result: GraspResult,
@@ -56,7 +56,7 @@ def shared_pixels(
 
     `measured`: what was measured: `force_n` and `contact_mm` are used.
     """
-    until_s = answered_s(result)
+    until_s = answer_time_s(result)
     width, force = measured.get(CONTACT_WIDTH), measured.get("force_n")
     if until_s is None or width is None or force is None or min(width.middle, force.middle) <= 0:
         return {}

@@ -81,7 +81,7 @@ class SortingHand:
             drive=self.plan.gripper.drive,
             origin=self.origin,
             outcome=result.outcome,
-            measurements=_measured(result),
+            measurements=_measurements(result),
             decision_time_s=result.decision_time_s,
             peak_force_n=result.peak_force_n,
             calibration_id=self.calibration_id,
@@ -113,7 +113,7 @@ class SortingHand:
         return np.asarray(np.mean(found, axis=0))
 
 
-def _measured(result: GraspResult) -> dict[str, Measurement]:
+def _measurements(result: GraspResult) -> dict[str, Measurement]:
     found = {
         "settled_percent": result.settled_percent,
         "size_mm": result.size_mm,

@@ -114,7 +114,7 @@ class _Reader:
     def book(self, stated: Mapping[str, Any]) -> RuleBook:
         """Return the rules, checked."""
         end = self._headers[0] - 1 if self._headers else len(self._lines)
-        self._known_keys(stated, _TOP_KEYS, start=1, end=end)
+        self._check_keys(stated, _TOP_KEYS, start=1, end=end)
         tables = stated.get("rule")
         is_list = isinstance(tables, list) and all(isinstance(table, dict) for table in tables)
         if not is_list or not tables:
@@ -135,7 +135,7 @@ class _Reader:
     def _rule(self, index: int, table: Mapping[str, Any], confidence: float) -> Rule:
         start, end = self._lines_of(index)
         where = {"start": start, "end": end}
-        self._known_keys(table, _RULE_KEYS, **where)
+        self._check_keys(table, _RULE_KEYS, **where)
         if "bin" not in table:
             raise self._fault(start, "this rule has no bin; state where its items go")
         if not any(key in table for key in CONDITIONS):
@@ -151,7 +151,7 @@ class _Reader:
             line=start,
         )
 
-    def _known_keys(
+    def _check_keys(
         self, table: Mapping[str, Any], known: tuple[str, ...], *, start: int, end: int
     ) -> None:
         for key in table:

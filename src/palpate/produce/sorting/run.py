@@ -8,7 +8,7 @@ from datetime import datetime
 
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
-from palpate.produce.identify.identifier import Identifier, Identity, as_labelled, put_together
+from palpate.produce.identify.identifier import Identifier, Identity, combine, label_identity
 from palpate.produce.identify.items import touches_of
 from palpate.produce.records import About, Grasp, Verdict
 from palpate.produce.sorting.conditions import Evidence
@@ -78,7 +78,7 @@ def evidence_of(
     """Put together what grasps and verdicts show of an item."""
     held = [one for one in grasps if one.outcome is Outcome.HELD]
     touches = touches_of(held)
-    identity = None if kind is None else as_labelled(kind)
+    identity = None if kind is None else label_identity(kind)
     if identity is None and identifier is not None and touches:
         identity = identifier.identify(touches)
     last = {one.about: one for one in sorted(verdicts, key=lambda one: one.given_at)}
@@ -87,14 +87,14 @@ def evidence_of(
         size_mm=_average(held, "size_mm"),
         firmness=_average(held, "firmness"),
         ripeness=_stages(last[About.RIPENESS]) if About.RIPENESS in last else {},
-        bruised=_bruised(last[About.BRUISE]) if About.BRUISE in last else None,
+        bruised=_is_bruised(last[About.BRUISE]) if About.BRUISE in last else None,
         grasps=len(grasps),
     )
 
 
 def _average(grasps: Sequence[Grasp], name: str) -> Measurement | None:
     found = [one.measurements[name] for one in grasps if name in one.measurements]
-    return put_together(found) if found else None
+    return combine(found) if found else None
 
 
 def _stages(verdict: Verdict) -> dict[str, float]:
@@ -105,7 +105,7 @@ def _stages(verdict: Verdict) -> dict[str, float]:
     return {verdict.text: 1.0 if verdict.probability is None else verdict.probability}
 
 
-def _bruised(verdict: Verdict) -> float:
+def _is_bruised(verdict: Verdict) -> float:
     """Return the probability of a bruise, for either text of the verdict."""
     sure = 1.0 if verdict.probability is None else verdict.probability
     return sure if verdict.text == "bruised" else 1.0 - sure

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from palpate.estimate.measurement import Measurement
-from palpate.produce.identify.identifier import as_labelled
+from palpate.produce.identify.identifier import label_identity
 from palpate.produce.learning import UNKNOWN
 from palpate.produce.sorting.conditions import Evidence
 from palpate.produce.sorting.rules import RuleBook, decide
@@ -91,7 +91,7 @@ def where_it_belongs(book: RuleBook, *, kind: str, taught: bool, size_mm: float)
     >>> where_it_belongs(book, kind="egg", taught=True, size_mm=44.0)
     'a'
     """
-    identity = as_labelled(kind if taught else UNKNOWN)
+    identity = label_identity(kind if taught else UNKNOWN)
     size = Measurement(value=size_mm, low=size_mm, high=size_mm, unit="mm")
     known = Evidence(identity=identity, size_mm=size, grasps=book.most_grasps)
     return decide(book, known).bin

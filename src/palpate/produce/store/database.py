@@ -20,7 +20,7 @@ from palpate.produce.store.engine import (
     lasting_name,
     make_engine,
     sa,
-    shown,
+    show_url,
     store_url,
     url_to_read,
 )
@@ -73,7 +73,7 @@ class Store(StoreReader):
         self._writing = engine.execution_options(writes=True)
         self._shared_url, self._server = shared, None
         if shared is not None:
-            self.name = shown(shared)
+            self.name = show_url(shared)
         #: What became of records that an earlier version left waiting; empty if there were none.
         self.note = ""
 
@@ -104,7 +104,7 @@ class Store(StoreReader):
                     "$XDG_STATE_HOME"
                 ) from error
             url = store_url(folder / file_of(lasting, prefix="items", suffix=".sqlite"))
-        name = shown(url)
+        name = show_url(url)
         if url.database and "uri" not in url.query:
             _check_file(Path(url.database), name=name, create=create)
             if not create:
@@ -227,7 +227,7 @@ class Store(StoreReader):
     def _open_server(self) -> Store:
         if self._server is None:
             assert self._shared_url is not None
-            server = Store(make_engine(self._shared_url), name=shown(self._shared_url))
+            server = Store(make_engine(self._shared_url), name=show_url(self._shared_url))
             try:
                 server._bring_up_to_date(create=True)
             except BaseException:

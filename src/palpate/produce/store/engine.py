@@ -92,7 +92,7 @@ def url_to_read(url: sa.URL) -> sa.URL:
     return url.set(database=f"file:{quote(str(path))}", query=unchanging)
 
 
-def shown(url: sa.URL) -> str:
+def show_url(url: sa.URL) -> str:
     """Return what to call a store in messages: its file, or its URL without the password."""
     if url.get_backend_name() == "sqlite":
         return f"store {url.database or 'in memory'}"
@@ -106,8 +106,8 @@ def lasting_name(url: sa.URL) -> str:
     'store /data/monday.sqlite'
     """
     if url.get_backend_name() == "sqlite" and url.database:
-        return shown(url.set(database=str(Path(url.database).resolve())))
-    return shown(url)
+        return show_url(url.set(database=str(Path(url.database).resolve())))
+    return show_url(url)
 
 
 def make_engine(url: sa.URL) -> sa.Engine:
@@ -153,19 +153,19 @@ def faults_of(where: str) -> Iterator[None]:
             "add that one first"
         ) from error
     except sa.exc.DBAPIError as error:
-        raise _explained(error, where=where) from error
+        raise _explain(error, where=where) from error
     except sa.exc.TimeoutError as error:
         raise StoreAwayError(f"{where}: all its connections are in use; try again") from error
     except UnicodeDecodeError as error:  # of the driver, which quotes a damaged schema
-        raise damaged(where) from error
+        raise damage_error(where) from error
 
 
-def damaged(where: str) -> StoreError:
+def damage_error(where: str) -> StoreError:
     """Return the error for a store with content that palpate never wrote."""
     return StoreError(f"{where}: {_SQLITE_FAULTS['SQLITE_CORRUPT'][1]}")
 
 
-def _explained(error: sa.exc.DBAPIError, *, where: str) -> StoreError:
+def _explain(error: sa.exc.DBAPIError, *, where: str) -> StoreError:
     origin = error.orig
     if isinstance(origin, sqlite3.Error):
         code, known = getattr(origin, "sqlite_errorname", None), _SQLITE_FAULTS
@@ -178,11 +178,11 @@ def _explained(error: sa.exc.DBAPIError, *, where: str) -> StoreError:
     message = " ".join(str(origin).split())
     # A driver that never reached the server has no state to report.
     if code is None and isinstance(error, sa.exc.OperationalError):
-        return _unreached(message, where=where)
+        return _unreachable(message, where=where)
     return StoreError(f"{where}: {message}")
 
 
-def _unreached(message: str, *, where: str) -> StoreError:
+def _unreachable(message: str, *, where: str) -> StoreError:
     """Distinguish a server that is away from one that answered and refused."""
     for words, state in (
         ("authentication failed", "28"),

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from palpate.errors import InputError, PalpateError, StoreAwayError
 from palpate.estimate.measurement import Measurement
 from palpate.produce.records import MEASURED, About, Grasp, Item, Source, Verdict
-from palpate.produce.store.engine import damaged, faults_of, sa
+from palpate.produce.store.engine import damage_error, faults_of, sa
 from palpate.produce.store.schema import CALIBRATIONS, GRASPS, ITEMS, MEASUREMENTS, VERDICTS
 from palpate.settling.result import Status
 
@@ -47,7 +47,7 @@ def read_verdicts(connection: sa.Connection, query: sa.Select[Any]) -> tuple[Ver
     return tuple(Verdict(**row) for row in connection.execute(query).mappings())
 
 
-def narrowed(
+def narrow(
     query: sa.Select[Any], *, kind: str | None = None, batch: str | None = None
 ) -> sa.Select[Any]:
     """Keep the rows of items of one kind, of one batch."""
@@ -138,7 +138,7 @@ class StoreReader:
         limit: int | None = None,
     ) -> tuple[Item, ...]:
         """Return at most `limit` items of this kind and batch, the last met first."""
-        query = narrowed(sa.select(ITEMS), kind=kind, batch=batch)
+        query = narrow(sa.select(ITEMS), kind=kind, batch=batch)
         query = query.order_by(ITEMS.c.first_seen.desc(), ITEMS.c.item_id).limit(limit)
         return self._fetch(lambda connection: read_items(connection, query))
 
@@ -195,7 +195,7 @@ class StoreReader:
         if until is not None:
             query = query.where(GRASPS.c.taken_at < until)
         if kind is not None or batch is not None:
-            query = narrowed(query.join(ITEMS), kind=kind, batch=batch)
+            query = narrow(query.join(ITEMS), kind=kind, batch=batch)
         query = query.order_by(GRASPS.c.number).limit(_BATCH)
 
         def read(connection: sa.Connection, after: int) -> tuple[tuple[Grasp, ...], int]:
@@ -229,7 +229,7 @@ class StoreReader:
         """Return the verdicts on all items, or on those of a kind: labels to learn from."""
         query = verdict_query().where(VERDICTS.c.about == str(about))
         if kind is not None:
-            query = narrowed(query.join(ITEMS), kind=kind)
+            query = narrow(query.join(ITEMS), kind=kind)
         return self._verdicts(query, source)
 
     def of_batch(self, batch: str) -> tuple[Item, ...]:
@@ -251,7 +251,7 @@ class StoreReader:
                 raise
             # A record is made from the content of the rows.
             except (ValueError, TypeError, KeyError, AttributeError) as error:
-                raise damaged(self.local_name) from error
+                raise damage_error(self.local_name) from error
 
 
 def _read_both(

@@ -15,7 +15,7 @@ from typing import TypeAlias
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.estimate.line_law import LineForceLaw, settled_line
+from palpate.estimate.line_law import LineForceLaw, fit_settled_line
 from palpate.grasp.planning import HORIZON_S
 from palpate.settling.exponential import Exponential
 from palpate.signal.relative import mean_change, relative_change_percent
@@ -119,4 +119,4 @@ def _read(array: TwinArray, rest_ohm: FloatArray, law: LineForceLaw) -> float:
 @lru_cache(maxsize=4)
 def _line(sheet: int, level: str, kind: GripperKind) -> LineForceLaw:
     """Fit the line to the settled pairs of the same calibration that ours uses."""
-    return settled_line(calibration_of(sheet, level, kind).force, horizon_s=HORIZON_S)
+    return fit_settled_line(calibration_of(sheet, level, kind).force, horizon_s=HORIZON_S)
