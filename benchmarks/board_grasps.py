@@ -27,7 +27,7 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.hobby_servo import HobbyServoGripper, ServoTravel
 from palpate.rig import Rig, open_rig
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import Contents
 from palpate.twin.firmware import FirmwareBoard, FirmwareStream
@@ -44,7 +44,7 @@ def open_board_rig(board: str, *, seed: int) -> Rig:
     """Return the rig of `sim-rigid` with this seed, read and driven by a board's firmware."""
     obj = draw_object(np.random.default_rng([seed, 10]), None)
     world = World(obj, seed=seed, sheet_seed=seed, level=_LEVEL)
-    calibration = calibrated(seed=seed, level=_LEVEL, apart_from=obj.name)
+    calibration = calibrate_twin(seed=seed, level=_LEVEL, apart_from=obj.name)
     machine = FirmwareBoard(board, seed=seed)
     divider = world.layout.divider
     count_mv = 1e3 * divider.supply_v / divider.full_scale

@@ -20,7 +20,7 @@ import numpy as np
 
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
-from palpate.rig.simulated import calibrated
+from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import OBJECTS, draw_object
 from palpate.twin.world import GripperKind, World
@@ -58,7 +58,7 @@ def grasp(job: tuple[int, float], *, seed: int) -> Grasp:
     kind, rate_hz = HANDS[turn // 2 % len(HANDS)]
     drawn = seed + number
     obj = draw_object(np.random.default_rng([drawn, 10]), name)
-    calibration = calibrated(seed=drawn, level=level, apart_from=name, kind=kind)
+    calibration = calibrate_twin(seed=drawn, level=level, apart_from=name, kind=kind)
     world = World(
         obj, seed=drawn, sheet_seed=drawn, level=level, gripper=kind, frame_rate_hz=rate_hz
     )

@@ -207,7 +207,7 @@ class _Avocado:
 
 
 class _Hand:
-    """One sensor on one gripper, calibrate_twin once; every morning its rest values are taken."""
+    """One sensor on one gripper, calibrated once; every morning its rest values are taken."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._calibrated = calibrate_twin(seed=_SEED, level="lab", apart_from="ball-44lbs")
@@ -263,7 +263,7 @@ class _Hand:
             calibration=self.calibration,
             recording=None,
             angle_deg=angle_deg,
-            closing=closing.measured(),
+            closing=closing.list_measurements(),
         )
         return replace(
             grasp,
