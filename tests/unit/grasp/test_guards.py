@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import DeviceTimeoutError
-from palpate.grasp.controller import GraspController, closes_too_far
+from palpate.grasp.controller import GraspController, closes_too_far, finish_release
 from palpate.grasp.estimator import ContactEstimate, Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
@@ -19,9 +19,9 @@ from palpate.grasp.requests import Requests
 from palpate.grasp.rest import strange_rest
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
-from palpate.grasp.safety import FORCE_CEILING_N, SafetyLimits
+from palpate.grasp.safety import FORCE_CEILING_N, Alarm, Danger, SafetyLimits
 from palpate.grasp.state import GraspState
-from palpate.gripper.interface import GripperState
+from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.sensor.array import Frame
 
 PERIOD_S = 1 / 15
@@ -399,3 +399,41 @@ def test_a_closing_hand_that_presses_beyond_its_target_is_stopped_where_it_is(
     )
     state = GraspState(phase=Phase.SQUEEZE, estimate=estimate)
     assert closes_too_far(state, replace(plan, target_force_n=target_n)) is ends
+
+
+def test_a_stop_of_soft_fingers_that_hold_vents_them(plan: Plan) -> None:
+    soft = GripperLimits(drive="pressure", lowest=0.0, highest=50.0, fastest=40.0)
+    state = GraspState(phase=Phase.HOLD, estimate=ContactEstimate(closure=20.0, sent=20.0))
+    command = GraspController(replace(plan, gripper=soft), state).stop(Alarm(danger=Danger.STOPPED))
+    assert command is not None
+    assert command.target == 0.0
+
+
+@pytest.mark.parametrize(("opened_s", "done"), [(9.9, False), (10.1, True)])
+def test_an_opening_that_never_arrives_ends_after_ten_seconds(
+    plan: Plan, opened_s: float, done: bool
+) -> None:
+    estimate = ContactEstimate(closure=20.0, sent=0.0, now_s=opened_s)
+    state = GraspState(phase=Phase.RELEASE, estimate=estimate)
+    finish_release(state, plan)
+    assert state.ended is done
+
+
+def test_what_the_gripper_says_that_it_was_sent_counts(plan: Plan, bench: Any) -> None:
+    """A gripper clamps commands and rounds them to its own steps."""
+    plain, answers, sent = bench.command, list[float](), list[float]()
+
+    def command(wanted: GripperCommand) -> GripperCommand:
+        rounded: GripperCommand = plain(replace(wanted, target=wanted.target + 0.03))
+        answers.append(plan.gripper.highest - rounded.target)
+        return rounded
+
+    bench.command = command
+    run_grasp(
+        plan,
+        array=bench,
+        gripper=bench,
+        clock=bench.clock,
+        watchers=[lambda state: sent.append(state.estimate.sent)],
+    )
+    assert set(answers[:5]) <= set(sent)
