@@ -5,12 +5,12 @@ BIN := $(VENV)/bin
 
 .PHONY: demo test test-ros test-lerobot check-lerobot lint docs wheel wheel-test dist-check clean
 
-# The base environment has every extra, the archive and the LeRobot export, so that the README's
-# paths work in it; the development one adds the tests' tools, among them a reader of EPCIS from npm.
-$(VENV)/.base: pyproject.toml archive/pyproject.toml bridges/lerobot-dataset/pyproject.toml
+# The base environment has every extra, the studies, the archive and the LeRobot export, so that the
+# README's lines work in it; the development one adds the tests' tools, among them a reader of EPCIS from npm.
+$(VENV)/.base: pyproject.toml studies/pyproject.toml archive/pyproject.toml bridges/lerobot-dataset/pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo 'Installing palpate and its libraries in $(VENV) (some minutes)'
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all]' --editable ./archive --editable ./bridges/lerobot-dataset
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all]' --editable ./studies --editable ./archive --editable ./bridges/lerobot-dataset
 	touch $@
 
 $(VENV)/.dev: $(wildcard pyproject.toml */pyproject.toml bridges/*/pyproject.toml)
@@ -22,7 +22,9 @@ $(VENV)/.dev: $(wildcard pyproject.toml */pyproject.toml bridges/*/pyproject.tom
 	touch $@ $(VENV)/.base
 
 demo: $(VENV)/.base
-	$(BIN)/palpate grasp --rig sim-rigid --seed 1
+	mkdir -p out && rm -f out/demo.mcap
+	$(BIN)/palpate grasp --rig sim-rigid --object avocado-day-4 --seed 1 --target-force-n 5 --record out/demo.mcap
+	$(BIN)/palpate inspect out/demo.mcap --plot out/demo.png
 
 # One thread of linear algebra for each that works: more of them only get in each other's way.
 test: export OMP_NUM_THREADS = 1

@@ -44,6 +44,21 @@ def test_each_path_works_as_typed_in_an_empty_folder(
     assert "Traceback" not in capsys.readouterr().err
 
 
+def test_make_demo_ends_with_numbers_and_a_picture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "out").mkdir()
+    recipe = (ROOT / "Makefile").read_text().split("\ndemo: ")[1].split("\n\n")[0]
+    for line in re.findall(r"\t\$\(BIN\)/palpate (.*)", recipe):
+        assert run(build_app(), shlex.split(line), name="palpate") == 0
+    shown = capsys.readouterr().out
+    for quantity in ("Size, mm", "Grip force, N", "Firmness, 0 to 100", "Stiffness, N/mm"):
+        assert re.search(rf"{quantity} +[\d.]+  +[\d.]+ … [\d.]+", shown), quantity
+    assert shown.splitlines()[-1] == "Written: out/demo.png"
+    assert (tmp_path / "out" / "demo.png").stat().st_size > 10_000
+
+
 def test_it_is_read_in_two_minutes() -> None:
     assert len(README.split()) <= 600
 

@@ -71,6 +71,8 @@ def inspect(
         print_json(document)
     else:
         print(_text(document))
+        if plot is not None:
+            print(f"Written: {plot}")
 
 
 def _recover(file: Path, out: Path) -> None:

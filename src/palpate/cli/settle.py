@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import isnan
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Literal
 
 import numpy as np
 import typer
@@ -16,25 +16,28 @@ from palpate.cli import settle_report as report
 from palpate.cli.calibrate_settling import place_of_holds
 from palpate.cli.options import DpiOption, HorizonOption, JsonOption, QuietOption
 from palpate.cli.progress import progress
-from palpate.cli.settle_source import HoldSource, ReadingOptions
+from palpate.cli.settle_source import (
+    HoldSource,
+    Leg,
+    ReadingOptions,
+    cut_at,
+    divider_of,
+    rest_stretch,
+)
 from palpate.errors import InputError
 from palpate.holds import Hold, settled_value
-from palpate.holds.cutting import CutAt
 from palpate.plots.style import check_plot
 from palpate.scoring.predictions import Prediction, decide_holds, predict_holds
 from palpate.scoring.table import ScoreTable
 from palpate.settling.calibrated import Calibrated
 from palpate.settling.predict import method_named
 from palpate.settling.result import SettlingMethod
-from palpate.signal.circuit import Divider
 
 DEFAULT_CUTOFF_S = 2.5
 #: A 90 % interval from residuals alone takes nine of them; twice that to be worth its name.
 FEW_CALIBRATION_HOLDS = 20
 #: No hold of 20 s is sampled that slowly.
 SLOWEST_S = 4.0
-#: Place of the sensor in its divider.
-Leg: TypeAlias = Literal["upper", "lower"]
 
 
 def settle(
@@ -172,9 +175,9 @@ def settle(
             time_unit=time_unit,
             value_columns=tuple(value_column or ()),
             unit=unit,
-            divider=_divider(adc_bits, reference_ohm, sensor_leg, unit=unit),
-            cut=_cut_at(cut),
-            rest_s=_rest(rest, mean=mean, unit=unit),
+            divider=divider_of(adc_bits, reference_ohm, sensor_leg, unit=unit),
+            cut=cut_at(cut),
+            rest_s=rest_stretch(rest, mean=mean, unit=unit),
             mean=mean,
         ),
     )
@@ -238,59 +241,6 @@ def _check_numbers(
         raise InputError(f"--level {level:g}: give a probability between 0 and 1, such as 0.9")
     if until is not None and not 0 < until < float("inf"):
         raise InputError(f"--until-half-width {until:g}: give a positive percentage, such as 2.5")
-
-
-def _divider(
-    adc_bits: int | None, reference_ohm: float | None, leg: Leg | None, *, unit: str | None
-) -> Divider | None:
-    """Return the circuit that counts were read through, where the user describes it."""
-    if adc_bits is None and reference_ohm is None and leg is None:
-        return None
-    if adc_bits is None or reference_ohm is None or leg is None:
-        raise InputError(
-            "--adc-bits, --reference-ohm and --sensor-leg make ohm of counts together; give all "
-            "three"
-        )
-    if not 1 <= adc_bits <= 32 or not 0 < reference_ohm < float("inf"):
-        raise InputError(
-            f"--adc-bits {adc_bits}, --reference-ohm {reference_ohm:g}: give bits from 1 to 32 and "
-            "a positive resistance"
-        )
-    if unit not in (None, "counts"):
-        raise InputError(f"--unit {unit}: --adc-bits is for counts; leave one of them out")
-    return Divider(adc_bits=adc_bits, reference_ohm=reference_ohm, taxel_leg=leg)
-
-
-def _cut_at(text: str) -> CutAt:
-    """Return what --cut asks for."""
-    if text == "auto":
-        return "auto"
-    if text == "none":
-        return "none"
-    try:
-        begin_s = float(text.replace(",", "."))
-    except ValueError:
-        begin_s = float("nan")
-    if begin_s != begin_s or abs(begin_s) == float("inf"):
-        raise InputError(f"--cut {text}: give auto, none or a time in seconds")
-    return begin_s
-
-
-def _rest(text: str | None, *, mean: bool, unit: str | None) -> tuple[float, float] | None:
-    """Return the stretch that --rest asks for."""
-    if text is None:
-        if mean:
-            raise InputError("--mean: give --rest START:END too, a stretch without load")
-        return None
-    if unit in ("percent", "volt"):
-        raise InputError(f"--rest makes relative changes of ohm, and --unit is {unit}")
-    try:
-        begin_s, end_s = (float(part.replace(",", ".")) for part in text.split(":"))
-    except ValueError:
-        begin_s, end_s = 0.0, 0.0
-    if not begin_s < end_s < float("inf"):
-        raise InputError(f"--rest {text}: give START:END in seconds, such as 0:1.5")
-    return begin_s, end_s
 
 
 def _warn_without_interval(methods: Iterable[str]) -> None:

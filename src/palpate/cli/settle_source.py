@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -23,6 +23,10 @@ from palpate.signal.circuit import Divider
 
 #: Endings that a recording in a folder may have; other files of it are skipped.
 RECORDING_ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".log", ".gz", ".xlsx", ".parquet", ".mcap")
+
+
+#: Place of the sensor in its divider.
+Leg: TypeAlias = Literal["upper", "lower"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -212,3 +216,56 @@ def _from_mcap(file: Path, reading: ReadingOptions) -> CutColumn:
         raise InputError(f"{file}: {error}") from error
     none = np.zeros(0)
     return CutColumn(column="", time_s=none, values=none, unit=unit, spans=[], holds=holds)
+
+
+def divider_of(
+    adc_bits: int | None, reference_ohm: float | None, leg: Leg | None, *, unit: str | None
+) -> Divider | None:
+    """Return the circuit that counts were read through, where the user describes it."""
+    if adc_bits is None and reference_ohm is None and leg is None:
+        return None
+    if adc_bits is None or reference_ohm is None or leg is None:
+        raise InputError(
+            "--adc-bits, --reference-ohm and --sensor-leg make ohm of counts together; give all "
+            "three"
+        )
+    if not 1 <= adc_bits <= 32 or not 0 < reference_ohm < float("inf"):
+        raise InputError(
+            f"--adc-bits {adc_bits}, --reference-ohm {reference_ohm:g}: give bits from 1 to 32 and "
+            "a positive resistance"
+        )
+    if unit not in (None, "counts"):
+        raise InputError(f"--unit {unit}: --adc-bits is for counts; leave one of them out")
+    return Divider(adc_bits=adc_bits, reference_ohm=reference_ohm, taxel_leg=leg)
+
+
+def cut_at(text: str) -> CutAt:
+    """Return what --cut asks for."""
+    if text == "auto":
+        return "auto"
+    if text == "none":
+        return "none"
+    try:
+        begin_s = float(text.replace(",", "."))
+    except ValueError:
+        begin_s = float("nan")
+    if begin_s != begin_s or abs(begin_s) == float("inf"):
+        raise InputError(f"--cut {text}: give auto, none or a time in seconds")
+    return begin_s
+
+
+def rest_stretch(text: str | None, *, mean: bool, unit: str | None) -> tuple[float, float] | None:
+    """Return the stretch that --rest asks for."""
+    if text is None:
+        if mean:
+            raise InputError("--mean: give --rest START:END too, a stretch without load")
+        return None
+    if unit in ("percent", "volt"):
+        raise InputError(f"--rest makes relative changes of ohm, and --unit is {unit}")
+    try:
+        begin_s, end_s = (float(part.replace(",", ".")) for part in text.split(":"))
+    except ValueError:
+        begin_s, end_s = 0.0, 0.0
+    if not begin_s < end_s < float("inf"):
+        raise InputError(f"--rest {text}: give START:END in seconds, such as 0:1.5")
+    return begin_s, end_s
