@@ -29,15 +29,19 @@ constexpr uint32_t kSilentUs = 500000;         // five readings of an HX711 at i
 
 constexpr uint16_t kDivisor = static_cast<uint16_t>((F_CPU + BAUD * 4) / (BAUD * 8) - 1);
 
-// Survives resets: the number of the last stream, whether the watchdog ever bit, and a trip of the
-// ceiling.
+// Survives resets: the number of the last stream, whether the watchdog ever bit, a trip of the
+// ceiling, and for how long the watchdog had not been reset: boot loaders clear the reset's cause.
 struct Kept {
   uint16_t magic;
+  volatile uint8_t unfed_ticks;  // of 1.024 ms
   uint8_t stream_seed;
   bool watchdog;
   bool tripped;
 };
-constexpr uint16_t kMagic = 0x9A17;
+constexpr uint16_t kMagic = 0x9A18;
+// The watchdog bites after 250 ms, on an oscillator of its own that may be some 10 % fast; the main
+// loop never takes 20 ms.
+constexpr uint8_t kHungTicks = 190;
 Kept kept __attribute__((section(".noinit")));
 uint8_t reset_cause __attribute__((section(".noinit")));
 
@@ -329,8 +333,9 @@ void set_up_serial() {
 }
 
 void remember_reset() {
-  if (kept.magic != kMagic || (reset_cause & _BV(PORF))) kept = {kMagic, 0, false, false};
-  if (reset_cause & _BV(WDRF)) kept.watchdog = true;
+  if (kept.magic != kMagic || (reset_cause & _BV(PORF))) kept = {kMagic, 0, 0, false, false};
+  if ((reset_cause & _BV(WDRF)) || kept.unfed_ticks > kHungTicks) kept.watchdog = true;
+  kept.unfed_ticks = 0;
 }
 
 }  // namespace
@@ -345,7 +350,10 @@ void first_thing() {
 
 ISR(CLOCK_OVERFLOW_vect) { ++overflows; }
 
-ISR(TIMER0_OVF_vect) { ticked = true; }
+ISR(TIMER0_OVF_vect) {
+  ticked = true;
+  if (kept.unfed_ticks != 0xFF) ++kept.unfed_ticks;
+}
 
 ISR(TIMER1_COMPA_vect) {
   const bool due = scanner.ticks_left == 0;
@@ -461,6 +469,7 @@ int main() {
   device.begin(reset_cause, kept.stream_seed, kept.watchdog, kept.tripped);
   for (;;) {
     wdt_reset();
+    kept.unfed_ticks = 0;
     if (byte_waits()) take_byte();
     if (scan_waits()) take_scan();
     poll_load_cells();

@@ -17,7 +17,7 @@ from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.ports import ask_identity
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire import Decoder, encode_command
-from palpate.sensor.wire_messages import BoardMessage, Contents, Identify, Ping
+from palpate.sensor.wire_messages import BoardMessage, BoardStatus, Contents, Identify, Ping
 from palpate.twin.firmware import FirmwareBoard, FirmwareStream
 from palpate.twin.world import World
 
@@ -103,3 +103,6 @@ def test_a_board_that_restarts_through_its_boot_loader_goes_on(how: str, longest
                 after_s = found_s if array.counters.restarts else math.nan
         assert 0.5 < after_s - before_s < longest_s
         assert array.counters.restarts == 1
+        newest = array.newest()
+        assert newest is not None
+        assert bool(newest.status & BoardStatus.WATCHDOG_RESET) == (how == "hang")
