@@ -12,7 +12,6 @@ from palpate.dashboard.live import Live
 from palpate.dashboard.messages import Grasped
 from palpate.dashboard.orders import Activity
 from palpate.dashboard.session import Session
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import UNKNOWN_FIRMNESS, outcome_text, verdict
 
@@ -93,7 +92,7 @@ def _sizes(result: GraspResult) -> list[str]:
     """Return size and stiffness in words, where they are known."""
     rows = ((result.size_mm, "mm", 0), (result.stiffness_n_per_mm, "N/mm", 1))
     return [
-        f"{one.middle:.{digits}f} {unit}" if one.number else f"{bound_text(one)} {unit}"
+        f"{one.text(digits=digits if one.number else 2)} {unit}"
         for one, unit, digits in rows
         if one is not None and (one.number or any(one.known_ends))
     ]
@@ -163,14 +162,6 @@ PHASE_TEXTS = {
     "hold": "holding",
     "release": "releasing",
 }
-
-
-def bound_text(measured: Measurement) -> str:
-    """Return a measurement of which only a bound is known, in words."""
-    low, high = measured.known_ends
-    if low is not None:
-        return f"at least {low:.2f}"
-    return "not measured" if high is None else f"at most {high:.2f}"
 
 
 #: The word of each phase.

@@ -201,7 +201,7 @@ ACTIVITIES: dict[type[Order], Activity] = {
     Examine: Activity.EXAMINING,
     Play: Activity.REPLAYING,
 }
-ACTIONS: dict[type[Order], Action] = {
+ACTIONS: dict[type[Order | Request], Action] = {
     OpenRig: Action.OPEN,
     GraspOrder: Action.GRASP,
     OpenHand: Action.RELEASE,
@@ -210,4 +210,9 @@ ACTIONS: dict[type[Order], Action] = {
     Examine: Action.EXAMINE,
     Play: Action.PLAY,
     Record: Action.RECORD,
+    ReleaseNow: Action.RELEASE,
+    Confirm: Action.CONFIRM,
+    SetSpeed: Action.SPEED,
+    Seek: Action.STEER,
+    Pause: Action.STEER,
 }

@@ -10,7 +10,7 @@ from nicegui import Client, ui
 from nicegui.events import GenericEventArguments
 
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.orders import Action
+from palpate.dashboard.orders import Action, Confirm, Pause, Seek, SetSpeed
 from palpate.dashboard.panel_grasp import grasp_buttons, item_field, set_up_panel
 from palpate.dashboard.panel_history import items_panel, run_panel
 from palpate.dashboard.panel_recordings import recordings_panel
@@ -59,10 +59,10 @@ def build_page(
     """Fill the page of one viewer, with a tab of `TABS` open, and an item or a recording on it."""
     viewer = _begin(app_state, client, script="live.js")
     _header(app_state, viewer, other=("/operate", "Operate"))
-    ui.on("seek", lambda event: viewer.seek(event.args))
-    ui.on("pause", lambda event: viewer.pause(bool(event.args)))
-    ui.on("back", lambda: viewer.confirm())
-    ui.on("speed", lambda event: viewer.set_speed(event.args))
+    ui.on("seek", lambda event: viewer.request(Seek(event.args)))
+    ui.on("pause", lambda event: viewer.request(Pause(bool(event.args))))
+    ui.on("back", lambda: viewer.request(Confirm()))
+    ui.on("speed", lambda event: viewer.request(SetSpeed(event.args)))
     with ui.element("div").classes("page"):
         with ui.element("div").classes("stage"):
             _alerts(app_state, viewer)
@@ -168,7 +168,7 @@ def _alerts(app_state: AppState, viewer: Viewer) -> None:
         text = ui.label()
         bar = ui.linear_progress(value=0.0, show_value=False)
         bar.props["aria-label"] = "Progress"
-        done = ui.button("Done, go on", on_click=viewer.confirm, color=None)
+        done = ui.button("Done, go on", on_click=lambda: viewer.request(Confirm()), color=None)
         done.classes("btn main small").props("flat no-caps id=confirm")
 
     def guides() -> None:

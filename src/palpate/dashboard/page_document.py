@@ -8,7 +8,7 @@ from dataclasses import asdict
 from typing import Any
 
 from palpate.dashboard.grasp_progress import GraspProgress
-from palpate.dashboard.headline import PHASE_TEXTS, TEXTS, bound_text, headline_of, operator_view
+from palpate.dashboard.headline import PHASE_TEXTS, TEXTS, headline_of, operator_view
 from palpate.dashboard.live import Live, finite
 from palpate.dashboard.orders import Activity
 from palpate.dashboard.session import Session
@@ -94,6 +94,7 @@ def document(
         "operator": operator_view(session, headline=headline),
         "nothing_there": headline["text"] == outcome_text(Outcome.NOTHING_THERE),
         "item": session.devices.item_id,
+        "kind": session.form.kind,
         "measured": _measured(session),
         "recording": None if session.devices.recording is None else session.devices.recording.name,
     }
@@ -255,6 +256,6 @@ def _one(measured: Measurement | None, true: object) -> dict[str, Any] | None:
         return None
     known = {"status": str(measured.status), "truth": true}
     if not measured.number:
-        return known | {"value": None, "low": None, "high": None, "text": bound_text(measured)}
+        return known | {"value": None, "low": None, "high": None, "text": measured.text(digits=2)}
     value, low, high = finite([measured.middle, measured.low, measured.high])
     return known | {"value": value, "low": low, "high": high}

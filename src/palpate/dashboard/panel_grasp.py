@@ -5,7 +5,7 @@ from __future__ import annotations
 from nicegui import ui
 
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.orders import Action, OpenRig, Record
+from palpate.dashboard.orders import Action, OpenRig, Record, SetSpeed
 from palpate.dashboard.session import GraspForm
 from palpate.dashboard.viewer import Viewer
 from palpate.errors import InputError
@@ -157,7 +157,7 @@ def _rig(app_state: AppState, viewer: Viewer) -> None:
             speed = ui.toggle(
                 SPEEDS,
                 value=asked.speed if asked and asked.speed in SPEEDS else 1.0,
-                on_change=lambda event: viewer.set_speed(event.value),
+                on_change=lambda event: viewer.request(SetSpeed(event.value)),
             ).props("unelevated no-caps")
             speed.props["aria-label"] = "Speed of simulated time"
             speed.tooltip("Seconds of simulated time in a second")

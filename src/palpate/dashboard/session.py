@@ -16,15 +16,12 @@ from palpate.dashboard.orders import (
     ACTIONS,
     Action,
     Activity,
-    Confirm,
     GraspOrder,
     OpenHand,
     OpenRig,
     Order,
-    Pause,
     ReleaseNow,
     Request,
-    Seek,
     SetSpeed,
     StopNow,
     check_numbers,
@@ -210,27 +207,9 @@ class Session:
     def release(self, viewer: str) -> None:
         """Give the object back, or open the hand."""
         if self.devices.activity is Activity.GRASPING:
-            self._request(viewer, Action.RELEASE, ReleaseNow())
+            self.request(viewer, ReleaseNow())
         else:
             self.order(viewer, OpenHand())
-
-    def confirm(self, viewer: str) -> None:
-        """Report that the step that was asked for is done."""
-        self._request(viewer, Action.CONFIRM, Confirm())
-
-    def set_speed(self, viewer: str, speed: float) -> None:
-        """Set the seconds of simulated time, or of the replay, in a second."""
-        self._request(viewer, Action.SPEED, SetSpeed(speed))
-        if self.rig is not None and self.devices.activity is not Activity.REPLAYING:
-            self.rig = replace(self.rig, speed=speed)
-
-    def seek(self, viewer: str, time_s: float) -> None:
-        """Show the replay from this time of the recording on."""
-        self._request(viewer, Action.STEER, Seek(time_s))
-
-    def pause(self, viewer: str, *, paused: bool) -> None:
-        """Pause the replay, or go on."""
-        self._request(viewer, Action.STEER, Pause(paused))
 
     def stop(self) -> int:
         """Stop what runs, at once, whoever asks; return the number by which it is confirmed."""
@@ -239,10 +218,13 @@ class Session:
             self._send(StopNow(self.stops))
             return self.stops
 
-    def _request(self, viewer: str, action: Action, request: Request) -> None:
-        self._check(action, viewer)
+    def request(self, viewer: str, request: Request) -> None:
+        """Change what runs: confirm a step, set the speed, move or pause the replay."""
+        self._check(ACTIONS[type(request)], viewer)
         check_numbers(request)
         self._send(request)
+        if isinstance(request, SetSpeed) and self.devices.activity is not Activity.REPLAYING:
+            self.rig = self.rig and replace(self.rig, speed=request.speed)
 
     def _check(self, action: Action, viewer: str) -> None:
         why = self.refusal(action, viewer=viewer)

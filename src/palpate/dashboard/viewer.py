@@ -12,7 +12,7 @@ from datetime import datetime
 from nicegui import ui
 from nicegui.elements.mixins.disableable_element import DisableableElement
 
-from palpate.dashboard.orders import Action, Order
+from palpate.dashboard.orders import Action, Order, Request
 from palpate.dashboard.session import Session
 from palpate.errors import InputError
 
@@ -70,21 +70,9 @@ class Viewer:
         """Give the object back."""
         self._try(lambda: self._session.release(self._id), moves=True)
 
-    def confirm(self) -> None:
-        """Report that the step that was asked for is done."""
-        self._try(lambda: self._session.confirm(self._id))
-
-    def set_speed(self, speed: float) -> None:
-        """Set the speed of simulated time, or of the replay."""
-        self._try(lambda: self._session.set_speed(self._id, speed))
-
-    def seek(self, time_s: float) -> None:
-        """Show the replay from this time of the recording on."""
-        self._try(lambda: self._session.seek(self._id, time_s))
-
-    def pause(self, paused: bool) -> None:
-        """Pause the replay, or go on."""
-        self._try(lambda: self._session.pause(self._id, paused=paused))
+    def request(self, request: Request) -> None:
+        """Change what runs, as `Session.request` does."""
+        self._try(lambda: self._session.request(self._id, request))
 
     def take_over(self) -> None:
         """Drive from now on."""

@@ -35,6 +35,7 @@ from palpate.dashboard.orders import (
     Record,
     ReleaseNow,
     Seek,
+    SetSpeed,
     StopNow,
 )
 from palpate.dashboard.page_document import document
@@ -152,7 +153,7 @@ SPEEDS: tuple[Any, ...] = (0, 0.0, -1.0, 1e-300, 1e300, math.nan, math.inf, None
 def test_session_refuses_speeds_that_end_the_devices(rehearsal: Rehearsal, speed: Any) -> None:
     session = rehearsal.session
     for press in (
-        lambda: session.set_speed("a", speed),
+        lambda: session.request("a", SetSpeed(speed)),
         lambda: session.order("a", Play(file=Path("old.mcap"), speed=speed)),
         lambda: session.order("a", OpenRig(name="sim-rigid", speed=speed)),
     ):
@@ -175,9 +176,9 @@ def test_session_refuses_moments_that_no_recording_has(rehearsal: Rehearsal, tim
     rehearsal.session.order("a", Play(file=Path("old.mcap")))
     rehearsal.sent.clear()
     with pytest.raises(InputError, match="no such moment"):
-        rehearsal.session.seek("a", time_s)
+        rehearsal.session.request("a", Seek(time_s))
     assert rehearsal.sent == []
-    rehearsal.session.seek("a", 1e9)
+    rehearsal.session.request("a", Seek(1e9))
     assert rehearsal.sent == [Seek(1e9)]
 
 
@@ -258,11 +259,11 @@ def test_a_grasp_is_kept_with_its_name_and_a_replay_is_not(rehearsal: Rehearsal)
 
 def test_only_what_is_asked_can_be_confirmed(rehearsal: Rehearsal) -> None:
     with pytest.raises(InputError, match="nothing is asked"):
-        rehearsal.session.confirm("a")
+        rehearsal.session.request("a", Confirm())
     rehearsal.tell(Guide(text="Lay 2 N on the pad", asks=True))
     with pytest.raises(InputError, match="take over"):
-        rehearsal.session.confirm("b")
-    rehearsal.session.confirm("a")
+        rehearsal.session.request("b", Confirm())
+    rehearsal.session.request("a", Confirm())
     assert rehearsal.sent == [Confirm()]
 
 

@@ -54,7 +54,7 @@ function look() {
   const isOver = !replay && doc.activity === "watching" && touched && moments.length;
   const phases = from((replay ? doc.replay : grasp)?.phases ?? []), end = last(moments)?.[0] ?? newest;
   if (isOver && known(doc.measured.damaged_s)) moments.push([doc.measured.damaged_s - zero, "damaged", null]);
-  view = { zero, touched, replay, first, newest, moments, phases, now: replay ? doc.replay.time_s - zero : newest, ended: isOver ? Math.min(end + AFTER_S, Math.max(newest, end)) : null, phasesEnd: isOver || replay ? end : newest, kept: from(keptAt(zero, touched)), bounds: grasp?.bounds ?? {}, moves: doc.moves.map(([a, b]) => [a - zero, b === null ? newest : b - zero]), band: from(seen.band), hand: handState(doc) };
+  view = { envelope: view?.envelope ?? [], zero, touched, replay, first, newest, moments, phases, now: replay ? doc.replay.time_s - zero : newest, ended: isOver ? Math.min(end + AFTER_S, Math.max(newest, end)) : null, phasesEnd: isOver || replay ? end : newest, kept: from(keptAt(zero, touched)), bounds: grasp?.bounds ?? {}, moves: doc.moves.map(([a, b]) => [a - zero, b === null ? newest : b - zero]), band: from(seen.band), hand: handState(doc) };
   [view.start, view.end] = zoomed ?? span();
   if (!(view.end > view.start)) view.end = view.start + 1;
   const inside = seen.curve.filter(([time]) => time - zero >= view.start && time - zero <= view.end), every = Math.max(1, Math.ceil(inside.length / POINTS));
@@ -115,6 +115,14 @@ const under = (low, value, high) => (u) => clipped(u, (ctx, at, box, unit) => {
   ctx.globalAlpha = 0.22;
   for (const [from, to] of view.moves) ctx.fillRect(at(from, "x"), box.top, Math.max(1.5, at(to, "x") - at(from, "x")), box.height);
   ctx.globalAlpha = 1;
+  if (value !== 2 && view.touched && view.envelope.length) {
+    Object.assign(ctx, { fillStyle: ink.muted, globalAlpha: 0.18 });
+    ctx.beginPath();
+    for (const [time, , most] of view.envelope) ctx.lineTo(at(time, "x"), at(most, "y"));
+    for (const [time, least] of [...view.envelope].reverse()) ctx.lineTo(at(time, "x"), at(least, "y"));
+    ctx.fill();
+    ctx.globalAlpha = 1;
+  }
   Object.assign(ctx, { strokeStyle: ink.kept, lineWidth: 2 * unit });
   ctx.setLineDash([5 * unit, 3 * unit]);
   trace(ctx, at, view.kept, value === 2 ? 1 : 3);
@@ -193,6 +201,41 @@ function happened(u, at, box, unit) {
     free = from + width + 6 * unit;
   }
   ctx.restore();
+}
+
+// -- the last grasps of this kind on this rig, kept by the browser ---------------------------------------
+const GHOSTS = 20, FEWEST_GHOSTS = 3, GHOST_STEP_S = 0.1, GHOST_S = 30;
+let ghostOf = null, ghosts = [], keptGeneration = null;
+
+function recallGhosts() {
+  const name = `palpate-ghosts/${doc.source?.name}/${doc.kind}`;
+  if (name === ghostOf) return;
+  ghostOf = name;
+  ghosts = JSON.parse(localStorage.getItem(name) ?? "[]");
+}
+
+// Once a grasp has ended its force is kept, by tenths of a second from the contact.
+function keepGhost() {
+  // A page that only came to see a grasp that had ended before does not keep it a second time.
+  keptGeneration ??= view.ended === null ? -1 : doc.generation;
+  if (view.ended === null || view.newest < view.ended || keptGeneration === doc.generation) return;
+  keptGeneration = doc.generation;
+  const curve = [];
+  for (const p of seen.curve) if (known(p[3]) && p[0] >= view.zero && p[0] < view.zero + GHOST_S) curve[Math.floor((p[0] - view.zero) / GHOST_STEP_S)] = +p[3].toFixed(2);
+  const stored = localStorage.getItem(ghostOf) ?? "[]", own = JSON.stringify(Array.from(curve, (n) => n ?? null));
+  // Another page of this browser may have kept it.
+  ghosts = [...JSON.parse(stored), ...(stored.includes(own) ? [] : [JSON.parse(own)])].slice(-GHOSTS);
+  localStorage.setItem(ghostOf, JSON.stringify(ghosts));
+}
+
+// The middle 90 % of them at each time, as long as three of them last.
+function envelope() {
+  const found = [], others = view.ended !== null && keptGeneration === doc.generation ? ghosts.slice(0, -1) : ghosts;
+  for (let i = 0; i < GHOST_S / GHOST_STEP_S; i += 1) {
+    const values = others.map((one) => one[i]).filter(known).sort((a, b) => a - b), edge = Math.floor(0.05 * values.length);
+    if (values.length >= FEWEST_GHOSTS) found.push([i * GHOST_STEP_S, values[edge], values[values.length - 1 - edge]]);
+  }
+  return found;
 }
 
 // -- readings at the cursor ---------------------------------------------------------------------------
@@ -362,6 +405,65 @@ function drawPixels() {
   Object.assign(canvas.dataset, { cols, perLine, count });
 }
 
+// Force over how far the hand closed after contact. The measured points hold pads and fingers too; the
+// slope and its band are of the object alone.
+function drawPress() {
+  const size = doc.measured.values.size_mm, slope = doc.measured.values.stiffness_n_per_mm, box = $("press-box");
+  const points = [];
+  let at = 0;
+  if (doc.hand?.drive === "width" && size?.value > 0 && doc.source.newtons && view.touched) {
+    for (const one of seen.pixels) {
+      if (one.time_s < view.zero || one.hand?.value == null || one.hand.open || one.hand.opening) continue;
+      while (at < seen.curve.length - 1 && seen.curve[at][0] < one.time_s) at += 1;
+      if (known(seen.curve[at]?.[3])) points.push([size.value - one.hand.value, seen.curve[at][3]]);
+    }
+  }
+  box.classList.toggle("hidden", points.length < 2);
+  if (points.length < 2) return;
+  const ends = slope ? [slope.low, slope.value, slope.high] : [], words = !slope ? "" : known(slope.value) ? `object: ${fixed(slope.value, 2)} N/mm ${range(slope.low, slope.high, 2)}` : slope.text ? `object: ${slope.text} N/mm` : "";
+  $("press-slope").textContent = words;
+  $("press").ariaLabel = `Force over closing: up to ${fixed(points.reduce((a, p) => Math.max(a, p[1]), 0), 1)} N at ${fixed(last(points)[0], 1)} mm. ${words}`;
+  const [ctx, width, height] = surface($("press")), left = 26 * scale(), foot = height - 16 * scale();
+  const widest = Math.max(0.5, 1.1 * points.reduce((a, p) => Math.max(a, p[0]), 0)), highest = Math.max(0.5, 1.15 * points.reduce((a, p) => Math.max(a, p[1]), 0));
+  const x = (mm) => left + (Math.max(0, mm) / widest) * (width - left - 4), y = (n) => foot - (n / highest) * (foot - 4);
+  Object.assign(ctx, { font: font(11), fillStyle: ink.muted, strokeStyle: ink.line, lineWidth: 1 });
+  ctx.strokeRect(left, 4, width - left - 4, foot - 4);
+  ctx.fillText(fixed(highest, 1), 0, 10);
+  ctx.fillText("0", left - 10, foot - 4);
+  ctx.fillText(`${fixed(widest, 1)} mm`, width - 42 * scale(), height - 6);
+  ctx.save();
+  ctx.beginPath();
+  ctx.rect(left, 4, width - left - 4, foot - 4);
+  ctx.clip();
+  // A bound has no upper end: its band is open to the side of the unknown.
+  const [low, value, high] = ends, ray = (k) => [x(widest), y(k === Infinity ? highest * 100 : k * widest)];
+  const bound = slope?.text?.startsWith("at least") ? [parseFloat(slope.text.slice(9)), null, Infinity] : [low, value, high];
+  if (known(bound[0]) && known(bound[2])) {
+    Object.assign(ctx, { fillStyle: ink.band, globalAlpha: 0.25 });
+    ctx.beginPath();
+    ctx.moveTo(x(0), y(0));
+    ctx.lineTo(...ray(bound[0]));
+    ctx.lineTo(...(bound[2] === Infinity ? [x(widest), y(highest)] : ray(bound[2])));
+    if (bound[2] === Infinity) ctx.lineTo(x(0), y(highest));
+    ctx.fill();
+    ctx.globalAlpha = 1;
+  }
+  if (known(bound[1])) {
+    Object.assign(ctx, { strokeStyle: ink.band, lineWidth: 2 });
+    ctx.setLineDash([7, 5]);
+    ctx.beginPath();
+    ctx.moveTo(x(0), y(0));
+    ctx.lineTo(...ray(bound[1]));
+    ctx.stroke();
+    ctx.setLineDash([]);
+  }
+  Object.assign(ctx, { strokeStyle: ink.curve, lineWidth: 2 });
+  ctx.beginPath();
+  for (const [mm, n] of points) ctx.lineTo(x(mm), y(n));
+  ctx.stroke();
+  ctx.restore();
+}
+
 // -- wheel, pinch, drag, double click, keys ---------------------------------------------------------------
 function zoom(wanted) {
   const [first, newest] = whole();
@@ -433,17 +535,24 @@ export function drawChart(now) {
   doc = now;
   look();
   readColours();
+  recallGhosts();
+  if (!view.replay) keepGhost();
   const newtons = shownPlots().length === 2, picked = chosenPixel();
   $("force-card").classList.toggle("hidden", !newtons);
   for (const button of document.querySelectorAll("[data-view]")) button.ariaPressed = button.dataset.view === chosen && !zoomed;
   $("unzoom").classList.toggle("hidden", !zoomed);
   // What stays as it is, as a grasp that ended, is not drawn again.
-  const key = [doc.generation, view.start, view.end, last(view.curve)?.[0], view.now < view.end && view.replay ? view.now : "", view.kept.length, view.moments.length, view.phases.length, seen.band.length, JSON.stringify(view.bounds), pointed, picked?.row, picked?.col, inkOf, newtons, view.touched, view.ended === null ? last(view.moves)?.[1] : ""].join("/");
+  const key = [doc.generation, view.start, view.end, last(view.curve)?.[0], view.now < view.end && view.replay ? view.now : "", view.kept.length, view.moments.length, view.phases.length, seen.band.length, JSON.stringify(view.bounds), doc.measured.values.stiffness_n_per_mm?.text, doc.measured.decided, pointed, picked?.row, picked?.col, inkOf, newtons, view.touched, view.ended === null ? last(view.moves)?.[1] : ""].join("/");
   if (key !== drawn) {
+    view.envelope = newtons ? envelope() : [];
+    const ghost = document.querySelector(".ghost-key");
+    ghost.classList.toggle("hidden", !view.envelope.length || !view.touched);
+    ghost.lastElementChild.textContent = `last ${ghosts.length} grasps, 90 %`;
     for (const name of shownPlots()) plot(name);
     nameLevels();
     drawLane();
     drawPixels();
+    drawPress();
     list();
     drawn = key;
   }
