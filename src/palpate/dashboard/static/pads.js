@@ -68,7 +68,7 @@ function view(svg, left, top, width, height) {
 // Finger pads at their places; returns how far apart they are drawn.
 function place(svg, doc) {
   const hand = doc.hand, between = hand !== null && pads.length === 2;
-  const small = isSmall(svg), width = small ? 430 : 700, middle = width / 2;
+  const small = isSmall(svg), width = small ? 500 : 700, middle = width / 2;
 
   svg.querySelectorAll(".metal").forEach((part) => part.classList.toggle("hidden", !between));
   if (!between) {
