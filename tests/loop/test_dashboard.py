@@ -191,6 +191,13 @@ def test_grasp_that_ended_stays_frozen_and_can_be_zoomed_and_pointed_at(
     release(driver)
     chart, force = driver.locator("#chart"), driver.locator("#force .u-over")
     expect(chart).to_have_attribute("data-frozen", "true")
+    expect(driver.locator("#press")).to_have_attribute("aria-label", re.compile("object: .*N/mm"))
+    # The force is kept for the envelope of the next grasps, up to the release.
+    driver.wait_for_function("Object.keys(localStorage).some((key) => key.includes('ghosts'))")
+    (kept,) = driver.evaluate(
+        "JSON.parse(Object.entries(localStorage).find(([key]) => key.includes('ghosts'))[1])"
+    )
+    assert len(kept) == pytest.approx(10 * min(released_s(driver), 30.0), abs=1.5)
     released = driver.locator("#moments [data-name=held]").get_attribute("data-at")
     frozen = [-2.0, pytest.approx(float(released or "nan") + 3.0, abs=0.02)]
     driver.wait_for_function(f"() => ({STRETCH})()[1] > {released} + 2.97")

@@ -220,9 +220,9 @@ function keepGhost() {
   keptGeneration ??= view.ended === null ? -1 : doc.generation;
   if (view.ended === null || view.newest < view.ended || keptGeneration === doc.generation) return;
   keptGeneration = doc.generation;
-  const curve = [];
-  for (const p of seen.curve) if (known(p[3]) && p[0] >= view.zero && p[0] < view.zero + GHOST_S) curve[Math.floor((p[0] - view.zero) / GHOST_STEP_S)] = +p[3].toFixed(2);
-  const stored = localStorage.getItem(ghostOf) ?? "[]", own = JSON.stringify(Array.from(curve, (n) => n ?? null));
+  const curve = [], released = view.moments.find(([, name]) => name === "held")?.[0] ?? GHOST_S, until = view.zero + Math.min(GHOST_S, released);
+  for (const p of seen.curve) if (known(p[3]) && p[0] >= view.zero && p[0] < until) curve[Math.floor((p[0] - view.zero) / GHOST_STEP_S)] = +p[3].toFixed(2);
+  const stored = localStorage.getItem(ghostOf) ?? "[]", own = JSON.stringify(Array.from(curve, (n, i) => n ?? (curve[i] = curve[i - 1] ?? null)));
   // Another page of this browser may have kept it.
   ghosts = [...JSON.parse(stored), ...(stored.includes(own) ? [] : [JSON.parse(own)])].slice(-GHOSTS);
   localStorage.setItem(ghostOf, JSON.stringify(ghosts));
