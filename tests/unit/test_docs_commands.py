@@ -35,6 +35,7 @@ EXECUTED = (
     "sort",
     "grasp-produce",
     "foxglove",
+    "force",
 )
 #: A comment before a block says that its commands exit otherwise than with 0.
 BLOCK = re.compile(

@@ -54,6 +54,23 @@ def test_force_file_holds_everything(made: Path) -> None:
     assert found.force_law["residual_sd"] > 0
 
 
+def test_force_names_its_plot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plot = tmp_path / "pad.png"
+    assert call("force", "--out", str(tmp_path / "pad.json"), "--plot", str(plot)) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f"Written: {plot}"
+    assert plot.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("loads", [[], ["--loads", "loads.csv"]])
+def test_force_advises_to_leave_out_only_loads_that_were_given(
+    loads: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("force", "--rig", "sim-soft", *loads) == 2
+    said = capsys.readouterr().err
+    assert "no weights can be laid on it" in said
+    assert ("leave --loads out" in said) == bool(loads)
+
+
 def test_compliance_goes_into_the_same_file(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = Calibration.load(made)
     assert call("compliance", "--seed", "3", "--out", str(made), "--json") == 0
