@@ -152,7 +152,7 @@ class StsBus:
     def _go(self) -> None:
         if not self._get(sts.TORQUE_ENABLE):
             return
-        goal = sts.signed(self._get(sts.GOAL_POSITION), sign_bit=sts.POSITION_SIGN)
+        goal = sts.decode_signed(self._get(sts.GOAL_POSITION), sign_bit=sts.POSITION_SIGN)
         target_mm = self._jaw.width_mm((goal - self._closed) * sts.RAD_PER_TICK)
         now_mm = self._world.drive_value(self._world.clock.now_s())
         turn = abs(goal - self._closed - self._jaw.angle_rad(now_mm) / sts.RAD_PER_TICK)

@@ -150,14 +150,14 @@ def _document(made: Calibration, *, path: Path) -> dict[str, Any]:
         "simulated": made.origin == "simulated",
         "pairs": len(made.force.force_n),
         "force_law": made.force_law,
-        "hysteresis_seen": _hysteresis_seen(made),
+        "hysteresis_seen": _find_hysteresis(made),
         "expected_error_percent": made.held_out.get("error_percent", {}),
         "expected_early_error_percent": made.held_out.get("early_error_percent", {}),
         "expected_error_of": made.held_out.get("of"),
     }
 
 
-def _hysteresis_seen(made: Calibration) -> bool:
+def _find_hysteresis(made: Calibration) -> bool:
     return bool(made.held_out.get("unloading_seen", False))
 
 
@@ -165,7 +165,7 @@ def _print(made: Calibration, *, path: Path) -> None:
     simulated = " (simulated)" if made.origin == "simulated" else ""
     law = made.force_law["law"]
     print(f"{path}{simulated}: force law {law}, {len(made.force.force_n)} pairs")
-    seen = "seen and learned" if _hysteresis_seen(made) else "not seen: left out"
+    seen = "seen and learned" if _find_hysteresis(made) else "not seen: left out"
     print(f"hysteresis: {seen}")
     print(f"expected error of {made.held_out['of']}, on placements or loads left out of the fit:")
     early = made.held_out.get("early_error_percent", {})

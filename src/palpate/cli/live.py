@@ -106,7 +106,7 @@ def live(
 
 def _follow_force(source: SensorSource) -> FollowsForce:
     """Return what follows the force by the source's calibration."""
-    calibration = source.known_calibration()
+    calibration = source.find_calibration()
     if calibration is None:
         raise InputError(
             f"--force: {source.name} names no calibration; run `palpate calibrate force` and name "

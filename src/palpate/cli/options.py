@@ -14,7 +14,7 @@ from palpate.errors import InputError
 _FILE, _VARIABLE = Path("rig.toml"), "PALPATE_RIG"
 
 
-def stated_rig() -> str | None:
+def rig_of_environment() -> str | None:
     """Return the rig of this folder (`rig.toml`) or of the environment (`$PALPATE_RIG`)."""
     if _FILE.is_file():
         return str(_FILE)
@@ -29,7 +29,7 @@ def board_options(rig: str | None, **options: Any) -> tuple[str | None, dict[str
     """
     given = {name: value for name, value in options.items() if value is not None}
     if rig is None and not given:
-        rig = stated_rig()
+        rig = rig_of_environment()
     elif rig is not None and given:
         option = next(iter(given)).replace("_", "-")
         raise InputError(f"--{option}: a rig states that itself; leave it out with --rig")
@@ -40,7 +40,7 @@ def _choose_rig(rig: str) -> str:
     """Return the rig asked for, the stated one, or the twin, whose output always says so."""
     from palpate.rig import DEFAULT_RIG
 
-    return rig or stated_rig() or DEFAULT_RIG
+    return rig or rig_of_environment() or DEFAULT_RIG
 
 
 #: Give it the default "": ./rig.toml, then $PALPATE_RIG, then the simulated rig.

@@ -156,7 +156,7 @@ def _item_tiles(page: ItemHistory) -> dict[str, tuple[str, str, str]]:
     for name, caption, unit, digits in _QUANTITIES[:4]:
         measured = page.latest(name)
         if measured is not None:
-            ends = f"{_fixed(measured.low, digits)} to {_fixed(measured.high, digits)}"
+            ends = f"{_fix(measured.low, digits)} to {_fix(measured.high, digits)}"
             tiles[caption] = (_number(measured, digits), unit, ends)
     for about in About:
         verdict = page.latest_verdict(about)
@@ -195,13 +195,13 @@ def _number(measured: Measurement | None, digits: int) -> str:
     """Return a value, marked where its interval does not keep its full promise."""
     if measured is None:
         return "-"
-    return f"{_fixed(measured.middle, digits)}{'' if measured.status is Status.OK else ' *'}"
+    return f"{_fix(measured.middle, digits)}{'' if measured.status is Status.OK else ' *'}"
 
 
-def _fixed(value: float, digits: int) -> str:
+def _fix(value: float, digits: int) -> str:
     """Return a number with a minus that is no hyphen.
 
-    >>> _fixed(-45.04, 1)
+    >>> _fix(-45.04, 1)
     '\N{MINUS SIGN}45.0'
     """
     return f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")

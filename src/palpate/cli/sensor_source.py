@@ -50,12 +50,12 @@ class SensorSource:
     def rest_ohm(self) -> NDArray[np.float64] | None:
         """Return the calibrated rest values, shape (rows, cols); None where there are none.
 
-        Raises `CalibrationError` as `known_calibration` does.
+        Raises `CalibrationError` as `find_calibration` does.
         """
-        calibration = self.known_calibration()
+        calibration = self.find_calibration()
         return None if calibration is None else calibration.rest_ohm
 
-    def known_calibration(self) -> Calibration | None:
+    def find_calibration(self) -> Calibration | None:
         """Return the calibration that belongs to the sensor; None before the first one.
 
         Raises `CalibrationError` if the calibration file can't be read or is of another layout.

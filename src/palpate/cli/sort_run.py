@@ -132,7 +132,7 @@ def _teach(supply: SimulatedCrate, kept: Store | None) -> Identifier:
     count = len(supply.teaching)
     print(f"teaching with {count} labelled items (simulated) ...", file=sys.stderr)
     found = []
-    for item in supply.labelled():
+    for item in supply.iterate_labelled():
         timed: list[TimedGrasp] = []
         for turn in range(_TAUGHT_GRASPS):
             size = timed[-1].grasp.measurements.get("size_mm") if timed else None

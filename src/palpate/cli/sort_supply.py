@@ -73,7 +73,7 @@ class SimulatedCrate:
         """Yield the items of the crate."""
         yield from self.crate
 
-    def labelled(self) -> Iterator[Item]:
+    def iterate_labelled(self) -> Iterator[Item]:
         """Yield what teaches, as a person would label it."""
         for item in self.teaching.values():
             yield Item(item_id=item.item_id, kind=item.kind, batch="taught")

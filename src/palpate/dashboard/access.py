@@ -118,7 +118,7 @@ class AccessControl:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
-        send = _guarded(send)
+        send = _guard(send)
         headers = Headers(scope=scope)
         answer: Response | None = None
         if not self._ours(headers):
@@ -210,13 +210,13 @@ class WrongTries:
 
     def too_many(self, visitor: str) -> bool:
         """Return whether this visitor sent too many."""
-        return len(self._tries.get(self._counted_as(visitor), ())) >= MOST_WRONG
+        return len(self._tries.get(self._count_key(visitor), ())) >= MOST_WRONG
 
     def wait_s(self, visitor: str) -> float:
         """Return how long a token must wait until it may be looked at, and take that turn."""
         if not self.too_many(visitor):
             return 0.0
-        now_s, name = self._now_s(), self._counted_as(visitor)
+        now_s, name = self._now_s(), self._count_key(visitor)
         turn_s = max(self._turns_s.get(name, now_s), now_s)
         if turn_s - now_s <= _LONGEST_WAIT_S:
             self._turns_s[name] = turn_s + TURN_S
@@ -224,16 +224,16 @@ class WrongTries:
 
     def return_turn(self, visitor: str) -> None:
         """Let the next token be looked at sooner: this one was right."""
-        name = self._counted_as(visitor)
+        name = self._count_key(visitor)
         if name in self._turns_s:
             self._turns_s[name] -= TURN_S
 
     def add(self, visitor: str) -> None:
         """Count a wrong token."""
-        tries = self._tries.setdefault(self._counted_as(visitor), deque(maxlen=MOST_WRONG))
+        tries = self._tries.setdefault(self._count_key(visitor), deque(maxlen=MOST_WRONG))
         tries.append(self._now_s())
 
-    def _counted_as(self, visitor: str) -> str:
+    def _count_key(self, visitor: str) -> str:
         """Forget what no longer matters; return the name under which a visitor is counted."""
         now_s = self._now_s()
         for one, tries in list(self._tries.items()):
@@ -283,7 +283,7 @@ def _fields(form: bytes) -> dict[str, list[str]]:
         return {}
 
 
-def _guarded(send: Send) -> Send:
+def _guard(send: Send) -> Send:
     """Return what sends an answer that no other page may frame, or take for another type."""
 
     async def send_guarded(message: ASGIMessage) -> None:

@@ -77,7 +77,7 @@ def build_api(app_state: AppState, station: Station, *, token: bool) -> FastAPI:
         redoc_url=None,
         responses=_refusals(401, 403, 429) if token else {},
     )
-    api.openapi = cache(lambda: _described(api, token=token))  # type: ignore[method-assign]
+    api.openapi = cache(lambda: _describe(api, token=token))  # type: ignore[method-assign]
     _refuse_in_one_line(api)
     _look(api, app_state)
     _act(api, station)
@@ -135,7 +135,7 @@ def _act(api: FastAPI, station: Station) -> None:
     async def grasp(wanted: GraspRequest) -> GraspBegun:
         """Begin a grasp; the object is held until it is released, for a minute at most."""
         try:
-            with _allowed():
+            with _check_allowed():
                 return GraspBegun(recording=station.grasp(DRIVER, **wanted.model_dump()))
         except InputError as error:
             raise HTTPException(422, str(error)) from error
@@ -143,7 +143,7 @@ def _act(api: FastAPI, station: Station) -> None:
     @api.post("/release", status_code=202, responses=_refusals(409))
     async def release() -> None:
         """Give the object back, or open the hand."""
-        with _allowed():
+        with _check_allowed():
             station.release(DRIVER)
 
     @api.put("/driver", status_code=204)
@@ -164,7 +164,7 @@ def _act(api: FastAPI, station: Station) -> None:
 
 
 @contextmanager
-def _allowed() -> Iterator[None]:
+def _check_allowed() -> Iterator[None]:
     try:
         yield
     except CommandRefusedError as error:
@@ -203,7 +203,7 @@ def _refusals(*statuses: int) -> dict[int | str, dict[str, Any]]:
     return {status: {"model": Refusal} for status in statuses}
 
 
-def _described(api: FastAPI, *, token: bool) -> dict[str, Any]:
+def _describe(api: FastAPI, *, token: bool) -> dict[str, Any]:
     """Return the OpenAPI document, with the published schemas as they are."""
     about = "Start a grasp, stop it, and read what it found. STOP is for everyone; one drives."
     found = get_openapi(
@@ -214,7 +214,7 @@ def _described(api: FastAPI, *, token: bool) -> dict[str, Any]:
         servers=[{"url": "/api"}],
     )
     components = found["components"]
-    components["schemas"] |= {name: _published(name) for name in _KNOWN}
+    components["schemas"] |= {name: _publish(name) for name in _KNOWN}
     for operation in (one for path in found["paths"].values() for one in path.values()):
         if 422 in map(int, operation["responses"]):
             refused = operation["responses"]["422"]["content"]["application/json"]
@@ -227,7 +227,7 @@ def _described(api: FastAPI, *, token: bool) -> dict[str, Any]:
     return found
 
 
-def _published(name: str) -> dict[str, Any]:
+def _publish(name: str) -> dict[str, Any]:
     """Return a published schema, for its place among the components."""
     text = (_SCHEMAS / f"{name}.json").read_text(encoding="utf-8")
     for known in _KNOWN:

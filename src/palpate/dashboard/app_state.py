@@ -270,7 +270,7 @@ class AppState:
                 placed = await asyncio.get_running_loop().run_in_executor(None, place)
         except TimeoutError:
             why = f"the store has not answered for {_STORE_S:g} s"
-            placed = self.item_store.unplaced(entry.item_id, why=why)
+            placed = self.item_store.describe_unplaced(entry.item_id, why=why)
         if devices.grasped is grasped:
             devices.placed = placed
         self._publish(entry, document, placed)

@@ -211,7 +211,7 @@ class DeviceProcess:
         trouble, stopped = "", False
         self._grasping = isinstance(order, GraspOrder)
         try:
-            found = self._done(order)
+            found = self._finish(order)
         except (PalpateError, OSError) as error:
             # What fails while a stop is on its way has still failed, and is reported as that.
             trouble, stopped = str(error), isinstance(error, StoppedByUserError)
@@ -232,7 +232,7 @@ class DeviceProcess:
         )
         self._telemetry.set_plan(None)
 
-    def _done(self, order: Order) -> Grasped | Calibrated | Health | None:
+    def _finish(self, order: Order) -> Grasped | Calibrated | Health | None:
         if isinstance(order, OpenRig):
             self._open(order)
             return None
@@ -282,7 +282,7 @@ class DeviceProcess:
 
     def _open(self, order: OpenRig) -> None:
         self._let_go()
-        rig = _opened(order)
+        rig = _open_rig(order)
         paced = isinstance(rig.clock, ManualClock)
         self._context = context = JobContext(
             rig=rig,
@@ -371,7 +371,7 @@ def _steer(playback: PlaybackClock, message: Seek | Pause | SetSpeed) -> None:
             playback.set_speed(message.speed)
 
 
-def _opened(order: OpenRig) -> Rig | SensorRig:
+def _open_rig(order: OpenRig) -> Rig | SensorRig:
     if order.name.endswith(".toml") and names_no_gripper(Path(order.name)):
         return open_sensor(Path(order.name))
     return open_rig(order.name, object_name=order.object_name, seed=order.seed)

@@ -13,7 +13,7 @@ from functools import lru_cache
 from pathlib import Path
 from threading import Lock
 
-from palpate.dashboard.history import checked_name
+from palpate.dashboard.history import check_name
 from palpate.errors import InputError, PalpateError
 from palpate.recording import RecordingReader
 
@@ -126,7 +126,7 @@ def rename_recording(folder: Path, name: str, stem: str) -> Path:
     InputError
         If there is no such recording, the new name is no plain one, or it is taken.
     """
-    file, renamed = recording_named(folder, name), folder / checked_name(stem)
+    file, renamed = recording_named(folder, name), folder / check_name(stem)
     try:
         # Unlike a renaming it never takes the place of another file.
         os.link(file, renamed)

@@ -53,7 +53,7 @@ class ContactGains:
     settled: Gain | None = None
 
 
-def settled_gain(force: Measurement, *, law_n: float, law: StaticLaw) -> Gain | None:
+def gain_when_settled(force: Measurement, *, law_n: float, law: StaticLaw) -> Gain | None:
     """Return the gain that turns what the settled law reads into a settled force.
 
     Parameters
@@ -71,7 +71,7 @@ def settled_gain(force: Measurement, *, law_n: float, law: StaticLaw) -> Gain | 
     >>> law = PixelForceLaw(log_scale=0.0, exponent=1.0, residual_sd=0.2, floor_n=0.01,
     ...     range=(0.1, 10.0))
     >>> force = Measurement(value=3.0, low=2.7, high=3.3, unit="n")
-    >>> gain = settled_gain(force, law_n=2.0, law=law)
+    >>> gain = gain_when_settled(force, law_n=2.0, law=law)
     >>> round(math.exp(gain.log_mean), 2), gain.log_sd < gain.law_sd
     (1.5, True)
     """
@@ -229,7 +229,7 @@ def grasp_progress_of(
         thinned.take_answer(foreseen, plan=plan)
         would_answer = thinned.result
         settled, settled_n = foreseen.relative_percent, would_answer.force_n
-        of_settled = _settled_gain(settled_n, foreseen, plan)
+        of_settled = _gain_when_settled(settled_n, foreseen, plan)
         answer = grasp_state.result if decided else would_answer
         if not (decided and before is not None and before.decided):
             moved_s = grasp_state.estimate.moved_s
@@ -245,7 +245,7 @@ def grasp_progress_of(
         decided=decided,
         settled_n=settled_n,
         gains=ContactGains(early=_early_gain(grasp_state), settled=of_settled),
-        touched_s=_touched_s(grasp_state),
+        touched_s=_touch_time_s(grasp_state),
         settles_s=settles_s,
         data_s=data_s,
         moments=grasp_state.result.moments,
@@ -258,14 +258,14 @@ def _early_gain(grasp_state: GraspState) -> Gain | None:
     return grasp_state.estimate.gain if grasp_state.estimate.gain.log_sd > 0 else None
 
 
-def _settled_gain(force: Measurement | None, foreseen: Settled, plan: Plan) -> Gain | None:
+def _gain_when_settled(force: Measurement | None, foreseen: Settled, plan: Plan) -> Gain | None:
     if force is None:
         return None
     law_n = float(plan.settled_law.force_n(foreseen.reading.middle).value)
-    return settled_gain(force, law_n=law_n, law=plan.settled_law)
+    return gain_when_settled(force, law_n=law_n, law=plan.settled_law)
 
 
-def _touched_s(grasp_state: GraspState) -> float | None:
+def _touch_time_s(grasp_state: GraspState) -> float | None:
     """Return the time from which the answer's time is counted, once there is contact."""
     if not any(moment.name == "contact" for moment in grasp_state.result.moments):
         return None

@@ -27,7 +27,7 @@ def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
         return {**_WORDLESS, "text": text, "why": why, "kind": "bad"}
     failure = session.devices.calibration_failure
     if session.devices.activity is Activity.WATCHING and failure is not None:
-        return {**_WORDLESS, **_uncalibrated(failure, session.devices.live)}
+        return {**_WORDLESS, **_headline_without_calibration(failure, session.devices.live)}
     if session.devices.activity is Activity.WATCHING and _is_stopped(session):
         if session.devices.live.open_hand:
             return {**_WORDLESS, "text": STOPPED_OPEN, "kind": "idle"}
@@ -43,10 +43,10 @@ def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
         if (grasped.truth or {}).get("damaged"):
             damaged = "the object was damaged"
             headline |= {"text": damaged, "why": headline["text"], "firmness": None}
-        elif _limit_passed(grasped, damage_low_n=low_n):
+        elif _describe_passed_limit(grasped, damage_low_n=low_n):
             headline["why"] = "the force passed the damage limit before it was known"
         kind = kind_of(grasped, target_force_n=session.shown_target_n, damage_low_n=low_n)
-        return _placed({**headline, "kind": kind}, grasped.result, session.devices.placed)
+        return _with_place({**headline, "kind": kind}, grasped.result, session.devices.placed)
     if progress is None:
         text = session.devices.activity.value
         if session.devices.activity is Activity.WATCHING and not session.devices.sensor_alone:
@@ -62,10 +62,10 @@ def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
     headline |= {"text": text, "kind": kind}
     if progress.phase != "hold":
         return headline
-    return _placed(headline, progress.answer, session.devices.placed)
+    return _with_place(headline, progress.answer, session.devices.placed)
 
 
-def _placed(
+def _with_place(
     headline: dict[str, Any], result: GraspResult, placed: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Let the bin be the headline, with what was measured below; amber for the default one."""
@@ -117,17 +117,17 @@ def kind_of(grasped: Grasped, *, target_force_n: float | None, damage_low_n: flo
     on_target = verdict(result, target_force_n=target_force_n)["on_target"]
     if result.outcome is not Outcome.HELD or truth.get("damaged"):
         return "bad"
-    passed = _limit_passed(grasped, damage_low_n=damage_low_n)
+    passed = _describe_passed_limit(grasped, damage_low_n=damage_low_n)
     return "warn" if on_target is False or result.faults or passed else "good"
 
 
-def _limit_passed(grasped: Grasped, *, damage_low_n: float | None) -> bool:
+def _describe_passed_limit(grasped: Grasped, *, damage_low_n: float | None) -> bool:
     """Whether the object bore more than its learned limit: the sheet showed that too late."""
     peak_n = grasped.result.peak_force_n
     return damage_low_n is not None and peak_n is not None and peak_n > damage_low_n
 
 
-def _uncalibrated(failure: CalibrationFailure, live: Live) -> dict[str, str]:
+def _headline_without_calibration(failure: CalibrationFailure, live: Live) -> dict[str, str]:
     """Return the headline of a calibration that was stopped or failed."""
     kept = live.source is not None and live.source.rest_ohm is not None
     text = "calibration stopped" if failure.stopped else "calibration failed"
@@ -239,7 +239,7 @@ def _word(session: Session, headline: Mapping[str, object]) -> str:
     grasped, progress = session.devices.grasped, session.devices.live.progress
     if headline["text"] == STOPPED_OPEN:
         return STOPPED_OPEN
-    if _stopped(headline):
+    if _headline_of_stop(headline):
         return OUTCOMES[Outcome.STOPPED][0]
     if session.devices.activity is Activity.GONE or (headline["kind"] == "bad" and grasped is None):
         return str(headline["text"])
@@ -251,7 +251,7 @@ def _word(session: Session, headline: Mapping[str, object]) -> str:
         return str(headline["bin"])
     firmness = headline["firmness"] if headline["firmness"] != UNKNOWN_FIRMNESS else None
     if grasped is not None:
-        if _damaged(grasped):
+        if _headline_of_damage(grasped):
             return "Damaged"
         if grasped.result.outcome is not Outcome.HELD:
             return OUTCOMES[grasped.result.outcome][0]
@@ -284,29 +284,29 @@ def _next(session: Session, headline: Mapping[str, object]) -> str:
         return "Wait"
     if session.devices.calibration_failure is not None:
         return "Repeat it on the page Calibrate, or go on without"
-    if headline["kind"] == "bad" and grasped is None and not _stopped(headline):
+    if headline["kind"] == "bad" and grasped is None and not _headline_of_stop(headline):
         return str(headline.get("why", ""))
     if session.devices.sensor_alone:
         return "No gripper: press the pads"
     if session.devices.live.open_hand is False:
         return "Press Release: the hand opens"
-    if _stopped(headline):
+    if _headline_of_stop(headline):
         return OUTCOMES[Outcome.STOPPED][1]
     if grasped is None or headline["text"] == STOPPED_OPEN:
         return OUTCOMES[Outcome.HELD][1]
-    if _damaged(grasped):
+    if _headline_of_damage(grasped):
         return "Set this item aside"
     if headline.get("again"):
         return "Turn the item, then press Grasp again: the bin is only for now"
     return OUTCOMES[grasped.result.outcome][1]
 
 
-def _stopped(headline: Mapping[str, object]) -> bool:
+def _headline_of_stop(headline: Mapping[str, object]) -> bool:
     """Whether a grasp was stopped, be it before it began."""
     return headline["text"] == outcome_text(Outcome.STOPPED)
 
 
-def _damaged(grasped: Grasped) -> bool:
+def _headline_of_damage(grasped: Grasped) -> bool:
     return bool((grasped.truth or {}).get("damaged"))
 
 

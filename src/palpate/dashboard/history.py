@@ -99,7 +99,7 @@ class History:
         self._recent = deque[Entry](maxlen=LISTED)
         #: How the grasps of the last day with any ended.
         self._day, self._of_day = date.min, Counter[str]()
-        for stated in self._stated():
+        for stated in self._state_entry():
             if "renamed" in stated:
                 self._follow(str(stated["recording"]), str(stated["renamed"]))
             elif (entry := _entry(stated)) is not None:
@@ -177,7 +177,7 @@ class History:
         columns += [name + end for name in _MEASURED for end in ("", "_low", "_high")]
         columns += ["decision_time_s", "recording", "simulated"]
         yield _csv_text(columns, [dict(zip(columns, columns, strict=True))])
-        entries = (entry for stated in self._stated() if (entry := _entry(stated)) is not None)
+        entries = (entry for stated in self._state_entry() if (entry := _entry(stated)) is not None)
         while part := list(islice(entries, _ROWS)):
             rows = [self._row(entry) for entry in part]
             yield _csv_text(columns, rows)
@@ -223,7 +223,7 @@ class History:
                 lines.truncate(end)
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._file))
 
-    def _stated(self) -> Iterator[dict[str, Any]]:
+    def _state_entry(self) -> Iterator[dict[str, Any]]:
         """Yield what each line states, oldest first; a line that was cut off states nothing."""
         with suppress(OSError), self._file.open(encoding="utf-8", errors="replace") as lines:
             for line in lines:
@@ -296,7 +296,7 @@ def _small(curve: Sequence[Point]) -> tuple[float, ...]:
     return tuple(round(float(value), 2) for value in np.interp(at_s, time_s, values))
 
 
-def checked_name(stem: str) -> str:
+def check_name(stem: str) -> str:
     """Return the name of a recording as a file may have it.
 
     Raises
@@ -306,9 +306,9 @@ def checked_name(stem: str) -> str:
 
     Examples
     --------
-    >>> checked_name("monday 3")
+    >>> check_name("monday 3")
     'monday 3.mcap'
-    >>> checked_name("../monday")
+    >>> check_name("../monday")
     Traceback (most recent call last):
     palpate.errors.InputError: '../monday': letters, digits, spaces, - and _ make a name
     """

@@ -64,7 +64,7 @@ class ItemStore:
         Returns `bin` and `item` of the grasp's document, by all grasps of the item.
         """
         if self.trouble == MISSING:
-            return self.unplaced(item_id, why=MISSING)
+            return self.describe_unplaced(item_id, why=MISSING)
         from palpate.produce.store import Store
         from palpate.produce.store.sender import Sender
 
@@ -76,7 +76,7 @@ class ItemStore:
                 store.add_grasp(grasp, calibration=calibration)
         except (PalpateError, OSError) as error:
             self.trouble = str(error)
-            return self.unplaced(item_id, why=self.trouble)
+            return self.describe_unplaced(item_id, why=self.trouble)
         self.trouble = ""
         placed = self._place(grasp, item_id=item_id, is_stored=True)
         if self._sender is None:
@@ -89,7 +89,7 @@ class ItemStore:
         if self._rules is None and not item_id:
             return {}
         if self.trouble == MISSING:
-            return self.unplaced(item_id, why=MISSING)
+            return self.describe_unplaced(item_id, why=MISSING)
         from palpate.produce.grasp_record import make_grasp_record
 
         grasp = make_grasp_record(
@@ -121,7 +121,7 @@ class ItemStore:
             if is_stored:
                 self._store_bin(done)
         except PalpateError as error:
-            return self.unplaced(item_id, why=str(error))
+            return self.describe_unplaced(item_id, why=str(error))
         decision = done.decision
         return placed | {
             "bin": {
@@ -133,7 +133,7 @@ class ItemStore:
             }
         }
 
-    def unplaced(self, item_id: str, *, why: str) -> dict[str, Any]:
+    def describe_unplaced(self, item_id: str, *, why: str) -> dict[str, Any]:
         """Return `bin` and `item` where the store can't be used, and why."""
         item = {"id": item_id, "kind": None, "stage": None, "bruised": None}
         placed: dict[str, Any] = {} if self._rules is None else {"bin": None}

@@ -106,7 +106,7 @@ class JobContext:
         """Return what the link has counted, where there is one."""
         return link_counters(self.rig.array) or LinkCounters()
 
-    def watched(self, array: PressureArray | None = None) -> WatchedArray:
+    def watch_array(self, array: PressureArray | None = None) -> WatchedArray:
         """Return the array with every frame shown; a stop request ends its reading."""
         return WatchedArray(array or self.array, gripper=self.rig.gripper, context=self)
 
@@ -134,7 +134,7 @@ class JobContext:
 
     def catch_up(self) -> None:
         """Read what waited while nobody did: nothing is decided on old frames."""
-        array, clock = self.watched(), self.rig.clock
+        array, clock = self.watch_array(), self.rig.clock
         until_s = clock.now_s() + _CAUGHT_UP_S
         while clock.now_s() - array.read(timeout_s=FRAME_TIMEOUT_S).time_s > _OLD_S:
             if clock.now_s() > until_s:

@@ -95,7 +95,7 @@ def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
 
 def open_hand(order: OpenHand, *, context: JobContext) -> None:
     """Open the hand and watch it arrive; a stop request stops it where it is."""
-    gripper, clock, array = context.whole.gripper, context.rig.clock, context.watched()
+    gripper, clock, array = context.whole.gripper, context.rig.clock, context.watch_array()
     gripper.release()
     until_s = clock.now_s() + _OPENING_S
     try:
@@ -131,17 +131,17 @@ def calibrate_rest(order: CalibrateRest, *, context: JobContext) -> Calibrated:
     rest = _rest_alone(context) if isinstance(rig, SensorRig) else _rest_open(rig, context)
     before = rig.calibration
     if before is None:
-        return _renewed(_begun(rig.array.layout, rest), file=order.file, context=context)
+        return _renew(_begin(rig.array.layout, rest), file=order.file, context=context)
     # The date is what its age is judged by: that of the force readings, where there are any.
     made_at = before.made_at if before.force.force_n else _now()
     made = replace(before, rest=rest, made_at=made_at)
-    return _renewed(made, file=order.file, context=context)
+    return _renew(made, file=order.file, context=context)
 
 
 def _rest_open(rig: Rig, context: JobContext) -> RestValues:
     context.guide("The hand opens. Leave the sensor alone")
     bench = Bench(
-        array=context.watched(),
+        array=context.watch_array(),
         gripper=rig.gripper,
         cell=_NoCell(),
         clock=rig.clock,
@@ -153,7 +153,7 @@ def _rest_open(rig: Rig, context: JobContext) -> RestValues:
 def _rest_alone(context: JobContext) -> RestValues:
     """Take the rest values of a sensor that no hand holds."""
     context.guide("Leave the sensor alone")
-    array, taken = context.watched(), list[Frame]()
+    array, taken = context.watch_array(), list[Frame]()
     context.catch_up()
     while not taken or taken[-1].time_s - taken[0].time_s < _REST_S:
         taken.append(array.read(timeout_s=FRAME_TIMEOUT_S))
@@ -172,7 +172,7 @@ def _rest_alone(context: JobContext) -> RestValues:
     )
 
 
-def _begun(layout: ArrayLayout, rest: RestValues) -> Calibration:
+def _begin(layout: ArrayLayout, rest: RestValues) -> Calibration:
     return Calibration(
         sensor_id=layout.name,
         origin="hardware",
@@ -200,19 +200,19 @@ def calibrate_force(order: CalibrateForce, *, context: JobContext) -> Calibrated
     if before is None:
         raise DeviceError("the rest was not calibrated: take the rest values first")
     if order.loads_n:
-        pairs = _weighed(check_loads(order.loads_n, where="the loads"), context)
+        pairs = _weigh(check_loads(order.loads_n, where="the loads"), context)
     elif context.open_bench is not None:
         pairs = _by_cell(context.open_bench(context.rig.name, context.seed), context)
     else:
         raise DeviceError("this rig has no load cell that palpate can read: give dead weights")
     made = with_force_law(replace(before, force=pairs))
     made = replace(made, made_at=_now())
-    return _renewed(made, file=order.file, context=context)
+    return _renew(made, file=order.file, context=context)
 
 
 def _by_cell(on: CellBench, context: JobContext) -> ForcePairs:
     """Close on a load cell, placement after placement; simulated, so as fast as it goes."""
-    bench = replace(on.bench, array=context.watched(on.bench.array))
+    bench = replace(on.bench, array=context.watch_array(on.bench.array))
 
     def reseat(run: int) -> None:
         """Show which placement it is, and put the load cell between the fingers again."""
@@ -226,9 +226,9 @@ def _by_cell(on: CellBench, context: JobContext) -> ForcePairs:
     )
 
 
-def _weighed(loads_n: list[float], context: JobContext) -> ForcePairs:
+def _weigh(loads_n: list[float], context: JobContext) -> ForcePairs:
     """Ask for one weight after the other; each is read once the user confirms it."""
-    array, done = context.watched(), iter(range(len(loads_n)))
+    array, done = context.watch_array(), iter(range(len(loads_n)))
 
     def place(load_n: float) -> None:
         """Ask for a weight, and wait for the user to confirm that it lies there."""
@@ -247,7 +247,7 @@ def _weighed(loads_n: list[float], context: JobContext) -> ForcePairs:
     return weigh(array, loads_n=loads_n, place=place, clock=context.rig.clock).pairs
 
 
-def _renewed(made: Calibration, *, file: Path, context: JobContext) -> Calibrated:
+def _renew(made: Calibration, *, file: Path, context: JobContext) -> Calibrated:
     """Keep the calibration in its file, and work with it from now on."""
     before = context.rig.calibration
     before_ohm = made.rest_ohm if before is None else before.rest_ohm
@@ -274,7 +274,7 @@ def look_at(order: Examine, *, context: JobContext) -> Health:
     DeviceError
         If the sensor is silent.
     """
-    array, layout = context.watched(), context.rig.array.layout
+    array, layout = context.watch_array(), context.rig.array.layout
     context.catch_up()
     before = context.link_events()
     taken = [array.read(timeout_s=FRAME_TIMEOUT_S)]

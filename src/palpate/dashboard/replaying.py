@@ -26,7 +26,7 @@ from palpate.dashboard.orders import Play
 from palpate.dashboard.telemetry import Telemetry, columns
 from palpate.errors import RecordingError
 from palpate.grasp.controller import GraspController
-from palpate.grasp.decide_again import recorded_plan
+from palpate.grasp.decide_again import plan_of_recording
 from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
@@ -154,7 +154,7 @@ def play(
     plan, source = _plan_and_source(order.file)
     telemetry.begin(source)
     telemetry.set_plan(None)
-    whole = _decided_again(seen, plan=plan, source=source, telemetry=telemetry, requests=requests)
+    whole = _decide_again(seen, plan=plan, source=source, telemetry=telemetry, requests=requests)
     if whole is None:
         return
     telemetry.note(whole.timeline)
@@ -198,7 +198,7 @@ def _show(
     telemetry.note(Playing(time_s=at_s, paused=paused or at_end, speed=speed, grasped=grasped))
 
 
-def _decided_again(
+def _decide_again(
     seen: list[Seen],
     *,
     plan: Plan | None,
@@ -282,7 +282,7 @@ def _plan_and_source(file: Path) -> tuple[Plan | None, FrameSource]:
         plan = None
         if calibration is not None and info.gripper is not None:
             # It holds for as long as the recording does.
-            plan = recorded_plan(
+            plan = plan_of_recording(
                 info, gripper=ReplayGripper(replay), hold_s=math.inf, longest_s=math.inf
             )
     finally:

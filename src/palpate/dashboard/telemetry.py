@@ -219,7 +219,8 @@ def columns(frames: list[tuple[Frame, GripperState | None]], source: FrameSource
     states = [state for _, state in frames]
     limits = source.gripper
     reported = [
-        math.nan if state is None or limits is None else limits.reported(state) for state in states
+        math.nan if state is None or limits is None else limits.reading_of(state)
+        for state in states
     ]
     return Frames(
         time_s=np.array([frame.time_s for frame, _ in frames]),

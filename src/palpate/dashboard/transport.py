@@ -49,7 +49,7 @@ class BoundedConnection(HttpToolsProtocol):
 
     def on_message_complete(self) -> None:
         """Stop the clock: the request is here."""
-        self._done()
+        self._finish()
         super().on_message_complete()
 
     def handle_websocket_upgrade(self) -> None:
@@ -75,10 +75,10 @@ class BoundedConnection(HttpToolsProtocol):
             self._late = self.loop.call_later(REQUEST_S, self.drop)
 
     def _forget(self) -> None:
-        self._done()
+        self._finish()
         self._open.pop(self, None)
 
-    def _done(self) -> None:
+    def _finish(self) -> None:
         if self._late is not None:
             self._late.cancel()
             self._late = None

@@ -65,12 +65,12 @@ def forecast(estimate: ContactEstimate, *, plan: Plan) -> Settled:
     found = plan.settling.predict(time_s, values, horizon_s=plan.horizon_s, level=plan.level)
     seen = (estimate.now.relative_percent, estimate.now.reading)
     relative, reading = (
-        _widened(one, by=float(one.value) - now, unit=unit)
+        _widen(one, by=float(one.value) - now, unit=unit)
         for one, now, unit in zip(
             (as_percent(found.hold(0)), found.hold(1)), seen, ("percent", "reading"), strict=True
         )
     )
-    reading = _kept(reading, now=estimate.now.reading)
+    reading = _keep_plausible(reading, now=estimate.now.reading)
     if plan.creep is not None:
         reading = plan.creep.join(reading, now=estimate.now.reading, since_s=float(time_s[-1]))
         relative = _relative_by(reading, relative, now=estimate.now)
@@ -92,7 +92,7 @@ def _relative_by(reading: Measurement, relative: Measurement, *, now: Touch) -> 
     return replace(relative, value=value, low=low, high=high)
 
 
-def _widened(one: SettledEstimate, *, by: float, unit: str) -> Measurement:
+def _widen(one: SettledEstimate, *, by: float, unit: str) -> Measurement:
     value = float(one.value)
     # A predictor without an interval of its own leaves only what it added to what was seen.
     down, up = np.nan_to_num([value - one.low, one.high - value])
@@ -106,7 +106,7 @@ def _widened(one: SettledEstimate, *, by: float, unit: str) -> Measurement:
     )
 
 
-def _kept(reading: Measurement, *, now: float) -> Measurement:
+def _keep_plausible(reading: Measurement, *, now: float) -> Measurement:
     """Return the forecast, or the present reading in its place if nothing held could read that."""
     least, most = now / SETTLE.kept_factor, now * SETTLE.kept_factor
     if now <= 0 or least <= reading.middle <= most:
@@ -139,7 +139,7 @@ def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan)
         if point is None:
             return {}
     found: dict[str, Any] = {"stiffness_n_per_mm": None, "firmness": None}
-    stiffness = measured_stiffness(estimate, force, plan=plan)
+    stiffness = measure_stiffness(estimate, force, plan=plan)
     if stiffness is not None:
         found["firmness"] = firmness_index(stiffness)
         # A bound where it may be anything.
@@ -151,7 +151,7 @@ def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan)
     return found
 
 
-def settled_force(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -> Measurement:
+def force_when_settled(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -> Measurement:
     """Convert the settled reading to newtons, and weigh in what the gripper itself felt.
 
     Doubts add in ln force: the law's own scatter, use of the sheet since, and what the forecast
@@ -247,7 +247,7 @@ def _size(size: ContactPoint, plan: Plan, give: Compliance) -> Measurement:
     )
 
 
-def measured_stiffness(
+def measure_stiffness(
     estimate: ContactEstimate, force: Measurement, *, plan: Plan
 ) -> Measurement | None:
     """Return the object's secant stiffness at a force, if the hand can and felt enough."""

@@ -100,7 +100,7 @@ def measure_rest(bench: Bench, *, duration_s: float = 2.0) -> RestValues:
 
     Raises `CalibrationError` if the sensor is loaded or moving.
     """
-    with _opened_after(bench):
+    with _opening_after(bench):
         _open(bench)
         rest = _rest(bench, duration_s=duration_s)
     return RestValues(
@@ -131,13 +131,13 @@ def measure_force(
     Raises `CalibrationError` if the load cell never feels the hand.
     """
     rows: list[tuple[int, Reading]] = []
-    with _opened_after(bench):
+    with _opening_after(bench):
         for run, levels in enumerate(holds_n):
             _open(bench)
             reseat(run)
             rest = _rest(bench, duration_s=1.0)
             for level_n in levels:
-                found, room = _climbed(bench, rest, level_n, dwell_s=dwell_s, horizon_s=horizon_s)
+                found, room = _climb(bench, rest, level_n, dwell_s=dwell_s, horizon_s=horizon_s)
                 rows += [(run, reading) for reading in found]
                 if not room:
                     break
@@ -164,14 +164,14 @@ def measure_block(
     limits = bench.gripper.limits
     reported: list[float] = []
     force_n: list[float] = []
-    with _opened_after(bench):
+    with _opening_after(bench):
         for _ in range(repeats):
             _open(bench)
             while bench.cell.read_n() < up_to_n and _close_once(bench):
                 _wait(bench, bench.clock.now_s() + dwell_s)
                 force = bench.cell.read_n()
                 if force > _TOUCH_N:
-                    reported.append(limits.reported(bench.gripper.state()))
+                    reported.append(limits.reading_of(bench.gripper.state()))
                     force_n.append(force)
     by_width = limits.drive == "width"
     return BlockPairs(
@@ -183,7 +183,7 @@ def measure_block(
 
 
 @contextmanager
-def _opened_after(bench: Bench) -> Iterator[None]:
+def _opening_after(bench: Bench) -> Iterator[None]:
     """Open the hand at the end, whatever ends it: nothing stays pressed while nobody looks."""
     try:
         yield
@@ -197,7 +197,7 @@ def _release(bench: Bench) -> None:
         bench.clock.sleep_s(0.05)
 
 
-def _climbed(
+def _climb(
     bench: Bench, rest: RestBaseline, level_n: float, *, dwell_s: float, horizon_s: float
 ) -> tuple[list[Reading], bool]:
     """Close step by step to a force and settle there; return the readings, and whether it did."""

@@ -49,7 +49,7 @@ class GraspController:
         wish = self._select_command(observation)
         command = filter_command(wish, self.state.estimate, self.plan)
         if command is not None:
-            self.state.estimate.sent_to(command, plan=self.plan)
+            self.state.estimate.record_command(command, plan=self.plan)
         return command
 
     def _select_command(self, observation: Observation) -> GripperCommand | None:

@@ -44,7 +44,7 @@ class CurrentMonitor:
         """Take the gripper's next report; return an unexplained rise of the current."""
         if math.isnan(state.current_ma):
             return None
-        reading = (state.current_ma, self._plan.gripper.reported(state))
+        reading = (state.current_ma, self._plan.gripper.reading_of(state))
         closure, before = self._plan.gripper.closure(state), self._closure
         self._closure = closure
         if self._stand and (state.moving or estimate.moved_s != self._moved_s):
@@ -69,9 +69,9 @@ class CurrentMonitor:
         self._judged = False
         return (
             self._too_much(self._pull)
-            or self._stuck()
-            or self._reversed()
-            or self._risen(estimate, time_s=state.time_s)
+            or self._is_stuck()
+            or self._is_reversed()
+            or self._has_risen(estimate, time_s=state.time_s)
         )
 
     def _least_n(self, readings: deque[tuple[float, float]], *, deviations: float) -> float:
@@ -102,7 +102,7 @@ class CurrentMonitor:
         )
         return Alarm(danger=Danger.FORCE_LIMIT, words=words)
 
-    def _stuck(self) -> Alarm | None:
+    def _is_stuck(self) -> Alarm | None:
         if len(self._turning) < CURRENT.equal_readings or len(set(self._turning)) > 1:
             return None
         words = (
@@ -111,7 +111,7 @@ class CurrentMonitor:
         )
         return Alarm(danger=Danger.GRIPPER_FAULT, words=words)
 
-    def _reversed(self) -> Alarm | None:
+    def _is_reversed(self) -> Alarm | None:
         """Refuse a current with the other sign: it bounds no force."""
         law = self._plan.current
         usual = law is None or law.gears.mean_ma > 0
@@ -124,7 +124,7 @@ class CurrentMonitor:
         )
         return Alarm(danger=Danger.GRIPPER_FAULT, words=words)
 
-    def _risen(self, estimate: ContactEstimate, *, time_s: float) -> Alarm | None:
+    def _has_risen(self, estimate: ContactEstimate, *, time_s: float) -> Alarm | None:
         """Compare the current within a long movement, where nothing is known of newtons."""
         if self._plan.current is not None or len(self._pull) < CURRENT.moving_readings:
             return None
@@ -142,13 +142,13 @@ class CurrentMonitor:
         answered = estimate.now_s > self._risen_s + READING.lag_s
         if not answered or estimate.watched_n > self._plan.no_push_n:
             return None
-        return self._unexplained(pull_ma)
+        return self._is_unexplained(pull_ma)
 
     @property
     def _most_empty_ma(self) -> float:
         return CURRENT.sheet_factor * max(*self._empty_ma, 0.0) + CURRENT.more_ma
 
-    def _unexplained(self, pull_ma: float) -> Alarm:
+    def _is_unexplained(self, pull_ma: float) -> Alarm:
         words = (
             f"the servo's current rose to {pull_ma:.0f} mA, {max(self._empty_ma):.0f} mA moved the "
             "empty hand, and the sheet shows nothing; run `palpate doctor`"
@@ -160,7 +160,7 @@ class CurrentMonitor:
         if estimate.still_s < CURRENT.answered_s or not estimate.touches:
             return None
         if self._plan.current is None:
-            return self._unlearned(estimate)
+            return self._without_calibration(estimate)
         force = self._plan.early_law.force_n(estimate.now.reading, level=self._plan.level)
         shown_n = float(np.nan_to_num(force.high))
         bound_n = CURRENT.sheet_factor * shown_n
@@ -180,7 +180,7 @@ class CurrentMonitor:
         )
         return Alarm(danger=Danger.UNSEEN_FORCE, words=words)
 
-    def _unlearned(self, estimate: ContactEstimate) -> Alarm | None:
+    def _without_calibration(self, estimate: ContactEstimate) -> Alarm | None:
         felt = estimate.now.deepest_percent <= self._plan.hint_percent
         if self._judged or felt or not self._pull:
             return None
@@ -189,4 +189,4 @@ class CurrentMonitor:
         if len(self._empty_ma) < CURRENT.moving_readings:
             self._empty_ma.append(pull_ma)
             return None
-        return None if pull_ma <= self._most_empty_ma else self._unexplained(pull_ma)
+        return None if pull_ma <= self._most_empty_ma else self._is_unexplained(pull_ma)

@@ -41,7 +41,7 @@ def decide_again(
     """
     gripper = gripper or ReplayGripper(source)
     return run_grasp(
-        recorded_plan(source.info, gripper=gripper),
+        plan_of_recording(source.info, gripper=gripper),
         array=source,
         gripper=gripper,
         clock=clock,
@@ -50,7 +50,7 @@ def decide_again(
     )
 
 
-def recorded_plan(
+def plan_of_recording(
     info: RecordingInfo, *, gripper: Gripper, hold_s: float = HOLD_S, longest_s: float = LONGEST_S
 ) -> Plan:
     """Return the plan of a recorded grasp.
@@ -84,7 +84,7 @@ def read_by_paper(source: Replay, paper: Paper) -> GraspResult:
     Raises `RecordingError` or `CalibrationError` as `decide_again`.
     """
     gripper = ReplayGripper(source)
-    plan = recorded_plan(replace(source.info, paper=paper.as_text()), gripper=gripper)
+    plan = plan_of_recording(replace(source.info, paper=paper.as_text()), gripper=gripper)
     state, closure, stops = GraspState(), math.nan, [0.0]
     while not source.ended and state.phase not in (Phase.HOLD, Phase.RELEASE):
         frame = source.read(timeout_s=math.inf)

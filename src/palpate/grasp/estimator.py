@@ -251,7 +251,7 @@ class ContactEstimate(HandMotion):
             self.rest_frames = (*self.rest_frames, ohm)
             return
         if self.sweep is not None:
-            self.sweep = self._swept(self.sweep, self.rest_ohm, ohm, gripper, plan)
+            self.sweep = self._update_sweep(self.sweep, self.rest_ohm, ohm, gripper, plan)
         touch = self._touch(frame.time_s, self.rest_ohm, ohm, plan)
         frames_n = (*self.frames_n, (frame.time_s, self._frame_n(touch, plan)))
         recent = sum(time_s >= frame.time_s - READING.now_s for time_s, _ in frames_n)
@@ -266,7 +266,7 @@ class ContactEstimate(HandMotion):
         before = self.strongest if self.touches else touch.reading
         self.strongest, self.touches = max(before, touch.reading), (*self.touches, touch)
 
-    def sent_to(self, command: GripperCommand, *, plan: Plan) -> None:
+    def record_command(self, command: GripperCommand, *, plan: Plan) -> None:
         """Take in a command: the hand is on its way."""
         self.still_since_s, self.touches, self.moved_s = None, (), self.now_s
         self.sent = closure_of(command.target, plan)
@@ -304,7 +304,7 @@ class ContactEstimate(HandMotion):
         laws_n = [law.force_n(touch.reading).value for law in (plan.early_law, plan.settled_law)]
         return math.exp(self.gain.log_mean) * float(min(laws_n))
 
-    def _swept(
+    def _update_sweep(
         self,
         sweep: Sweep,
         rest_ohm: FloatArray,

@@ -110,9 +110,9 @@ class PixelMonitor:
         # What stays at the end under a load does not sleep.
         self._shaken |= self._pressed
         self._counts = counts
-        return self._found()
+        return self._describe_fault()
 
-    def _found(self) -> Alarm | None:
+    def _describe_fault(self) -> Alarm | None:
         unchanged = self._known & (self._unchanged >= PIXELS.all_moves)
         if self._known.any() and ((unchanged == self._known).all() or self._repeating):
             since = f"{self._alike} frames"
@@ -127,7 +127,7 @@ class PixelMonitor:
         failed = {
             "open": self._opened >= PIXELS.frames,
             "short": ended & self._shorted,
-            "stuck": self._stuck(),
+            "stuck": self._find_stuck(),
         }
         for how, mask in failed.items():
             if (mask & self._known).any():
@@ -169,7 +169,7 @@ class PixelMonitor:
             self._shaken = np.zeros_like(self._shaken)
             self._counted_at = closure
 
-    def _stuck(self) -> NDArray[np.bool_]:
+    def _find_stuck(self) -> NDArray[np.bool_]:
         long = self._now_s - self._changed_s > PIXELS.long_s
         return self._find_unchanged(PIXELS.moves, others=PIXELS.other_moves) | (
             self._find_unchanged(PIXELS.few_moves, others=1) & long

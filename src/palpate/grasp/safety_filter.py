@@ -29,7 +29,7 @@ def filter_command(
         return wish
     travel = min(closure_of(wish.target, plan), plan.gripper.span) - estimate.closure
     overrun = wish.rate * plan.safety.latency_s / travel if travel > 0 else 0.0
-    room = min(safe_step(estimate, plan) / (1.0 + overrun), _unknown_step(estimate, plan))
+    room = min(safe_step(estimate, plan) / (1.0 + overrun), _largest_blind_step(estimate, plan))
     target = plan.gripper.target(estimate.closure + travel)
     if travel > room + _EXACT:
         target = quantize_target(estimate.closure + room, plan, within=True)
@@ -51,7 +51,7 @@ def safe_step(estimate: ContactEstimate, plan: Plan) -> float:
     return safe - estimate.tracking_lag
 
 
-def _unknown_step(estimate: ContactEstimate, plan: Plan) -> float:
+def _largest_blind_step(estimate: ContactEstimate, plan: Plan) -> float:
     """Return how far closing may go on while nothing is known of the damage limit.
 
     Counted from the first force that can't be drift: below it no step teaches anything of a limit.

@@ -35,15 +35,15 @@ class Pull:
     moved_s: float
 
 
-def felt_by_gripper(estimate: ContactEstimate, plan: Plan) -> MeasuredForce | None:
+def force_by_gripper(estimate: ContactEstimate, plan: Plan) -> MeasuredForce | None:
     """Return the force at the present closure as the gripper itself measures it, if it can."""
     if plan.bend is not None:
-        return _measured_by_pressure(estimate, plan, plan.bend)
+        return _force_by_pressure(estimate, plan, plan.bend)
     if plan.current is None or not estimate.pulls or not estimate.steps:
         return None
     closure = np.array([stair.closure for stair in estimate.steps])
     reading = np.array([stair.touch.reading for stair in estimate.steps])
-    force_n = _caught_up(plan.early_law.force_n(reading).value, plan)
+    force_n = _has_caught_up(plan.early_law.force_n(reading).value, plan)
     at = np.array([estimate.closure, *(pull.closure for pull in estimate.pulls)])
     sheet_n = _between(at, closure, force_n)
     if not sheet_n[0] > SETTLE.left_fraction * sheet_n.max():
@@ -57,7 +57,7 @@ def felt_by_gripper(estimate: ContactEstimate, plan: Plan) -> MeasuredForce | No
     )
 
 
-def _measured_by_pressure(
+def _force_by_pressure(
     estimate: ContactEstimate, plan: Plan, bend: SoftFingerCompliance
 ) -> MeasuredForce | None:
     """Return the force of fingers driven by pressure, from how far it would have closed them.
@@ -97,7 +97,7 @@ def _measured_by_pressure(
     )
 
 
-def _caught_up(force_n: FloatArray, plan: Plan) -> FloatArray:
+def _has_caught_up(force_n: FloatArray, plan: Plan) -> FloatArray:
     """Return the sheet's forces of the steps of a closing with its lag taken out."""
     nothing = plan.early_law.force_n(0.0, level=plan.level)
     rising = unforgotten(force_n, faint_n=max(float(nothing.high), _FAINTEST_N))
@@ -117,7 +117,7 @@ def _between(at: FloatArray, closure: FloatArray, force_n: FloatArray) -> FloatA
 def early_gain(estimate: ContactEstimate, plan: Plan) -> Gain:
     """Return how this contact reads, soon after a step, against the sheet's early law."""
     gain = Gain.from_calibration(law_sd=plan.early_law.residual_sd, more_sd=SETTLE.haste_sd)
-    felt = felt_by_gripper(estimate, plan) if estimate.steps else None
+    felt = force_by_gripper(estimate, plan) if estimate.steps else None
     if felt is None:
         return gain
     sheet_n = float(plan.early_law.force_n(estimate.steps[-1].touch.reading).value)

@@ -7,7 +7,7 @@ from copy import copy
 from dataclasses import replace
 
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.answers import forecast, is_certain, measure_object, measured_stiffness
+from palpate.grasp.answers import forecast, is_certain, measure_object, measure_stiffness
 from palpate.grasp.config import SETTLE, SQUEEZE
 from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.phases import Activity, Phase
@@ -15,7 +15,7 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.result import Outcome
 from palpate.grasp.safety_filter import filter_command, quantize_target
 from palpate.grasp.state import GraspState
-from palpate.grasp.step_size import close_by, deformed_mm, force_now, read_step, slope_n
+from palpate.grasp.step_size import close_by, deformation_mm, force_now, read_step, slope_n
 from palpate.gripper.interface import GripperCommand
 
 
@@ -102,14 +102,14 @@ def gentle_goal(estimate: ContactEstimate, plan: Plan) -> tuple[float, str]:
     goal = goal_n(plan)
     if plan.lift_force_n is not None:
         return goal, "force_reached"
-    if deformed_mm(estimate, plan) >= plan.gentle_mm:
+    if deformation_mm(estimate, plan) >= plan.gentle_mm:
         return 0.0, "gave_way"
     if plan.gripper.drive == "pressure":
         # Soft fingers don't feel how far an object gives way: pressing on would teach nothing.
         return 0.5 * goal, "force_reached"
     if estimate.force_n < goal:
         return goal, "force_reached"
-    stiffness = measured_stiffness(estimate, force_now(estimate, plan), plan=plan)
+    stiffness = measure_stiffness(estimate, force_now(estimate, plan), plan=plan)
     if stiffness is None:
         return goal, "force_reached"
     near = (1.0 + plan.stiffness_share) / (1.0 - plan.stiffness_share)

@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass, field, replace
 
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.answers import Settled, settled_force
+from palpate.grasp.answers import Settled, force_when_settled
 from palpate.grasp.config import READING
 from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Moment, Outcome
-from palpate.grasp.servo_evidence import felt_by_gripper
+from palpate.grasp.servo_evidence import force_by_gripper
 from palpate.gripper.interface import GripperCommand
 from palpate.signal.events import ContactState, EventKind, watch_contact
 
@@ -183,8 +183,8 @@ class GraspState:
 
     def take_answer(self, settled: Settled, *, plan: Plan) -> Measurement:
         """Put the settled force into the result, and return it."""
-        felt = felt_by_gripper(self.estimate, plan)
-        force = settled_force(settled, felt=felt, plan=plan)
+        felt = force_by_gripper(self.estimate, plan)
+        force = force_when_settled(settled, felt=felt, plan=plan)
         self.estimate.peak_force_n = max(self.estimate.peak_force_n, force.middle)
         self.result = replace(
             self.result,

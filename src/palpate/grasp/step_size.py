@@ -10,7 +10,7 @@ from scipy.special import ndtri
 
 from palpate.estimate.closing_stiffness import FELT
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.answers import floor_n, measured_stiffness, mm_per_unit, sheet_forces_n
+from palpate.grasp.answers import floor_n, measure_stiffness, mm_per_unit, sheet_forces_n
 from palpate.grasp.config import READING, SQUEEZE
 from palpate.grasp.estimator import ClosingStep, ContactEstimate
 from palpate.grasp.plan import Plan
@@ -63,7 +63,7 @@ def _damage_low_n(estimate: ContactEstimate, plan: Plan) -> float:
     """
     if plan.damage is None or not estimate.force_n > 0:
         return math.inf
-    stiffness = measured_stiffness(estimate, force_now(estimate, plan), plan=plan)
+    stiffness = measure_stiffness(estimate, force_now(estimate, plan), plan=plan)
     if stiffness is None:
         return math.inf
     reach = float(ndtri(0.5 + plan.level / 2)) * estimate.gain.log_sd
@@ -120,7 +120,7 @@ def squeeze_step(estimate: ContactEstimate, plan: Plan, *, goal_n: float) -> flo
         rise_n *= SQUEEZE.beyond_fraction
     longest = SQUEEZE.further * squeeze_depth(estimate, plan) + plan.fine_step
     if plan.target_force_n is None and plan.lift_force_n is None:
-        left_mm = plan.gentle_mm - deformed_mm(estimate, plan)
+        left_mm = plan.gentle_mm - deformation_mm(estimate, plan)
         longest = min(longest, max(left_mm / mm_per_unit(plan), plan.fine_step))
     if estimate.fast_contact is not None:
         # It has borne more already.
@@ -155,7 +155,7 @@ def squeeze_depth(estimate: ContactEstimate, plan: Plan) -> float:
     return float(travel + max(force_n[first], 0.0) / slope_n(estimate, plan))
 
 
-def deformed_mm(estimate: ContactEstimate, plan: Plan) -> float:
+def deformation_mm(estimate: ContactEstimate, plan: Plan) -> float:
     """Return how far the object has given way: the squeeze without the hand's own compliance."""
     depth_mm = squeeze_depth(estimate, plan) * mm_per_unit(plan)
     give = plan.give if plan.bend is None else plan.bend.give

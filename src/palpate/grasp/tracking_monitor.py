@@ -26,7 +26,7 @@ def unbelievable(
     >>> unbelievable(GripperState(time_s=0.0, width_mm=float("nan")), limits=limits)
     'the gripper reports nan mm, and its range is 5 to 74 mm; check its cable and its driver'
     """
-    reported, unit, far = limits.reported(state), _UNITS[limits.drive], _BEYOND[limits.drive]
+    reported, unit, far = limits.reading_of(state), _UNITS[limits.drive], _BEYOND[limits.drive]
     if not limits.lowest - far <= reported <= limits.highest + far:
         return (
             f"the gripper reports {reported:.4g} {unit}, and its range is {limits.lowest:g} to "
@@ -83,7 +83,7 @@ class Following:
         safety: SafetyLimits,
     ) -> Following:
         """Begin to follow a command that was sent at `now_s`, when the gripper was at `state`."""
-        begin = limits.reported(state)
+        begin = limits.reading_of(state)
         ends_s = now_s + abs(sent.target - begin) / sent.rate
         return cls(
             begin=begin,
@@ -120,14 +120,14 @@ class Following:
         expected = abs(way) - min(left, abs(way))
         if expected < _SHORTEST[limits.drive]:
             return None
-        made = math.copysign(1.0, way) * (limits.reported(state) - self.begin)
+        made = math.copysign(1.0, way) * (limits.reading_of(state) - self.begin)
         return made / expected < GUARDS.idle_fraction
 
     def complaint(
         self, state: GripperState, *, now_s: float, limits: GripperLimits, safety: SafetyLimits
     ) -> str | None:
         """Return what is wrong, if anything: closed beyond the target, or not there in time."""
-        reported, unit = limits.reported(state), _UNITS[limits.drive]
+        reported, unit = limits.reading_of(state), _UNITS[limits.drive]
         past, astray = safety.past_mm, safety.astray_mm
         if limits.drive == "pressure":
             past, astray = safety.past_kpa, safety.astray_kpa

@@ -96,7 +96,7 @@ class FeetechGripper:
         # Held back and standing in two states: something is in the way.
         moving = turning or (held_back and not self._stood)
         self._stood = not turning
-        current = sts.signed(
+        current = sts.decode_signed(
             value_at(run, sts.PRESENT_CURRENT, sts.STATE_BEGIN), sign_bit=sts.CURRENT_SIGN
         )
         return GripperState(
@@ -208,7 +208,7 @@ class FeetechGripper:
 
 def _position(run: bytes) -> int:
     value = value_at(run, sts.PRESENT_POSITION, sts.STATE_BEGIN)
-    return sts.signed(value, sign_bit=sts.POSITION_SIGN)
+    return sts.decode_signed(value, sign_bit=sts.POSITION_SIGN)
 
 
 def open_gripper(

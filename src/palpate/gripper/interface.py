@@ -31,7 +31,7 @@ class GripperLimits:
         """Closure of the closed hand: how far it can close, mm or kPa."""
         return self.highest - self.lowest
 
-    def reported(self, state: GripperState) -> float:
+    def reading_of(self, state: GripperState) -> float:
         """Return what the gripper reports of the quantity that commands set, mm or kPa."""
         return state.width_mm if self.drive == "width" else state.pressure_kpa
 
@@ -47,7 +47,7 @@ class GripperLimits:
         >>> rigid.closure(GripperState(time_s=0.0, width_mm=70.0)), rigid.target(4.0)
         (4.0, 70.0)
         """
-        reported = self.reported(state)
+        reported = self.reading_of(state)
         return self.highest - reported if self.drive == "width" else reported - self.lowest
 
     def target(self, closure: float) -> float:

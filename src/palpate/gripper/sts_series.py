@@ -50,10 +50,10 @@ class State(IntFlag):
     OVERLOAD = 0x20
 
 
-def signed(value: int, *, sign_bit: int) -> int:
+def decode_signed(value: int, *, sign_bit: int) -> int:
     """Return a magnitude with a sign bit as a number.
 
-    >>> signed(0x8005, sign_bit=15), signed(5, sign_bit=15)
+    >>> decode_signed(0x8005, sign_bit=15), decode_signed(5, sign_bit=15)
     (-5, 5)
     """
     magnitude = value & ~(1 << sign_bit)

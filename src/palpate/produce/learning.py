@@ -116,13 +116,13 @@ class LabelLearner:
         self._truth = np.array([self.labels.index(label) for label in labels])
         self._items = np.unique(of, return_inverse=True)[1]
         self._splits = self._split(max(2, min(_FOLDS, *counts.values())))
-        found = {name: self._left_out(name) for name in self._methods}
+        found = {name: self._leave_out(name) for name in self._methods}
         self.method = min(found, key=lambda name: _log_loss(found[name], self._truth))
         self._power = min(
-            _POWERS, key=lambda power: _log_loss(_tempered(found[self.method], power), self._truth)
+            _POWERS, key=lambda power: _log_loss(_temper(found[self.method], power), self._truth)
         )
-        self._held_out = _tempered(found[self.method], self._power)
-        self._model = self._fitted(self.method, np.arange(len(self._truth)))
+        self._held_out = _temper(found[self.method], self._power)
+        self._model = self._fit_model(self.method, np.arange(len(self._truth)))
         if self.strangers:
             self._normal = _Normal(self._table, self._truth)
             self._unlike = np.empty(len(self._truth))
@@ -143,7 +143,7 @@ class LabelLearner:
         `table`, shape (n, features).
         """
         rows = np.asarray(table, dtype=float)
-        of_labels = _tempered(self._predicted(self._model, rows), self._power)
+        of_labels = _temper(self._predict(self._model, rows), self._power)
         if not self.strangers:
             return of_labels
         unlike = self._normal.something_else(rows)[:, None]
@@ -186,11 +186,11 @@ class LabelLearner:
             from sklearn.model_selection import StratifiedGroupKFold
         parts = StratifiedGroupKFold(folds, shuffle=True, random_state=0)
         with warnings.catch_warnings():
-            # A label of one item is missing where that is left out; `_predicted` allows for it.
+            # A label of one item is missing where that is left out; `_predict` allows for it.
             warnings.simplefilter("ignore", UserWarning)
             return list(parts.split(self._table, self._truth, self._items))
 
-    def _fitted(self, name: str, rows: Any) -> Any:
+    def _fit_model(self, name: str, rows: Any) -> Any:
         """Return a pipeline fitted to some rows; None where they have one label, or are too few."""
         truth = self._truth[rows]
         if not 1 < len(np.unique(truth)) < len(truth):
@@ -200,7 +200,7 @@ class LabelLearner:
             warnings.filterwarnings("ignore", "Only one sample available", UserWarning)
             return make_pipeline(name).fit(self._table[rows], truth)
 
-    def _predicted(self, model: Any, table: FloatArray) -> FloatArray:
+    def _predict(self, model: Any, table: FloatArray) -> FloatArray:
         found = np.zeros((len(table), len(self.labels)))
         if model is None:
             found[:] = 1.0 / len(self.labels)
@@ -208,11 +208,11 @@ class LabelLearner:
             found[:, model.classes_] = model.predict_proba(table)
         return found
 
-    def _left_out(self, name: str) -> FloatArray:
+    def _leave_out(self, name: str) -> FloatArray:
         """Return the probabilities of each row by a pipeline that did not see its item."""
         found = np.empty((len(self._truth), len(self.labels)))
         for seen, rest in self._splits:
-            found[rest] = self._predicted(self._fitted(name, seen), self._table[rest])
+            found[rest] = self._predict(self._fit_model(name, seen), self._table[rest])
         return found
 
 
@@ -268,7 +268,7 @@ class _Normal:
         return np.asarray(softmax(np.atleast_2d(np.array(log).T), axis=1)[:, -1])
 
 
-def _tempered(probabilities: FloatArray, power: float) -> FloatArray:
+def _temper(probabilities: FloatArray, power: float) -> FloatArray:
     raised = np.maximum(probabilities, _LEAST) ** power
     return np.asarray(raised / raised.sum(axis=1, keepdims=True))
 

@@ -63,21 +63,21 @@ class SerialStream:
         try:
             return bytes(self._serial.read(_READ_BYTES))
         except (serial.SerialException, OSError) as error:
-            raise DeviceError(_lost_port(self.name)) from error
+            raise DeviceError(_port_error(self.name)) from error
 
     def write(self, data: bytes) -> None:
         """Send all of `data`."""
         try:
             self._serial.write(data)
         except (serial.SerialException, OSError) as error:
-            raise DeviceError(_lost_port(self.name)) from error
+            raise DeviceError(_port_error(self.name)) from error
 
     def close(self) -> None:
         """Let go of the port; calling it again does nothing."""
         self._serial.close()
 
 
-def _lost_port(port: str) -> str:
+def _port_error(port: str) -> str:
     return f"{port} is gone: the cable was pulled or the board lost power. Plug it in again."
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from palpate.cli import build_app, run
-from palpate.cli.options import stated_rig
+from palpate.cli.options import rig_of_environment
 
 
 @pytest.fixture(autouse=True)
@@ -40,4 +40,4 @@ def test_the_folder_comes_before_the_environment(
     status, _, err = grasp(capsys)
     assert status == 2
     assert "no rig 'sim-elsewhere'" in err
-    assert stated_rig() == "rig.toml"
+    assert rig_of_environment() == "rig.toml"

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from tests.full_disk import file_size_limit
 
-from palpate.dashboard.history import LISTED, Entry, History, checked_name, entry_of
+from palpate.dashboard.history import LISTED, Entry, History, check_name, entry_of
 from palpate.dashboard.live import Point
 from palpate.dashboard.messages import Grasped
 from palpate.dashboard.panel_history import counts_html, entry_html
@@ -169,7 +169,7 @@ def test_a_grasp_that_damaged_its_object_is_listed_as_such(tmp_path: Path) -> No
 @pytest.mark.parametrize("name", ["", "  ", "..", "a/b", "..\\a", ".hidden", "a\0b", "x" * 81, "~"])
 def test_names_that_lead_out_of_the_folder_are_refused(name: str) -> None:
     with pytest.raises(InputError):
-        checked_name(name)
+        check_name(name)
 
 
 def test_history_glance_gives_last_grasp_and_counts_of_today(tmp_path: Path) -> None:
