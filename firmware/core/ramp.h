@@ -10,7 +10,7 @@ class Ramp {
     target_ = target;
     rate_per_s_ = rate_per_s;
   }
-  // At once.
+  // Without a ramp.
   void jump(uint16_t value) {
     target_ = value_ = value;
     milli_ = value * 1000ul;

@@ -190,7 +190,7 @@ static avr_irq_t *irq_of(avr_t *avr, pin_t pin) {
   return avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ(pin.port), pin.bit);
 }
 
-/* Also tells the port what holds the pin: otherwise a write to it would bring its pull-up back. */
+/* Also sets what holds the pin from outside: otherwise a write to it would bring its pull-up back. */
 static void set_load_data(load_cell_t *cell, int level) {
   uint8_t mask = (uint8_t)(1 << cell->data.bit);
   avr_ioport_external_t held = {.name = cell->data.port, .mask = mask, .value = level ? mask : 0};

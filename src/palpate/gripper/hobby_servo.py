@@ -213,7 +213,7 @@ def open_gripper(
     closed_mm: float,
     fastest_mm_per_s: float = 60.0,
 ) -> HobbyServoGripper:
-    """Open fingers on a hobby servo of the board that reads their sensor. They open at once.
+    """Open fingers on a hobby servo of the board that reads their sensor. They open first.
 
     Parameters
     ----------
