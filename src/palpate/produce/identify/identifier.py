@@ -19,7 +19,7 @@ from palpate.produce.learning import FALSE_REJECT, UNKNOWN, LabelLearner
 #: Quantities that distinguish kinds; fingers driven by pressure measure neither.
 FEATURES = ("size_mm", "stiffness_n_per_mm")
 #: The candidate that learns kinds: on crates of the twin no other names more (study identify), and
-#: it learns within milliseconds.
+#: it learns within a tenth of a second.
 METHODS = ("discriminant",)
 #: Fraction of a size's stated variance that differs from grasp to grasp: a guess.
 _OWN_SHARE = 0.5
