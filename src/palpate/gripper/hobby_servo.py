@@ -128,6 +128,8 @@ class HobbyServoGripper:
                     f"the last servo pulse is {age_s:.2f} s old; check the board's cable. It holds "
                     "the fingers where they are 0.5 s after the last command"
                 )
+            if newest.status & BoardStatus.CEILING_TRIPPED:
+                self._target_us = self._travel.open_us
             if self._board.newest_s > self._commanded_s + _SHOWN_S:
                 self._check(newest.status, newest.servo_us)
             self._pulse_us = self._pulse_now(newest.servo_us or self._travel.open_us, now_s)
