@@ -39,11 +39,12 @@ class CurrentMonitor:
         self._twice = 0
         self._empty_ma = list[float]()
         self._grouped, self._risen_s = 0, math.nan
+        self._absent = 0
 
     def check(self, state: GripperState, *, estimate: ContactEstimate) -> Alarm | None:
         """Take the gripper's next report; return an unexplained rise of the current."""
         if math.isnan(state.current_ma):
-            return None
+            return self._is_absent(state)
         reading = (state.current_ma, self._plan.gripper.reading_of(state))
         closure, before = self._plan.gripper.closure(state), self._closure
         self._closure = closure
@@ -73,6 +74,20 @@ class CurrentMonitor:
             or self._is_reversed()
             or self._has_risen(estimate, time_s=state.time_s)
         )
+
+    def _is_absent(self, state: GripperState) -> Alarm | None:
+        """Refuse to close without the current that the calibration relies on."""
+        if self._plan.current is None or not state.moving or state.time_s == self._read_s:
+            return None
+        self._read_s = state.time_s
+        self._absent += 1
+        if self._absent < CURRENT.equal_readings:
+            return None
+        words = (
+            "the gripper reports no current while it moves, although its calibration has one: the "
+            "current shows no force; check the driver, or calibrate without a current"
+        )
+        return Alarm(danger=Danger.GRIPPER_FAULT, words=words)
 
     def _least_n(self, readings: deque[tuple[float, float]], *, deviations: float) -> float:
         """Return the force that is there for sure."""

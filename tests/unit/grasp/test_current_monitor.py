@@ -250,7 +250,21 @@ def test_a_current_of_the_sign_that_was_calibrated_is_not_refused(
     assert swept(CurrentMonitor(replace(plan, current=law)), lambda at: mean_ma)[1] is None
 
 
-def test_a_gripper_without_current_is_not_judged(calibrated: Plan) -> None:
+def test_a_calibrated_current_that_is_never_reported_is_a_fault(calibrated: Plan) -> None:
+    watch = CurrentMonitor(calibrated)
+    found = [alarm for closure in range(4) for alarm in moved(watch, np.nan, closure=closure)]
+    (alarm,) = set(found) - {None}
+    assert alarm is not None
+    assert alarm.danger is Danger.GRIPPER_FAULT
+    assert "reports no current" in alarm.words
+
+
+def test_an_uncalibrated_current_that_is_never_reported_is_no_fault(plan: Plan) -> None:
+    watch = CurrentMonitor(plan)
+    assert not any(alarm for at in range(9) for alarm in moved(watch, np.nan, closure=at))
+
+
+def test_a_standing_gripper_without_current_is_not_judged(calibrated: Plan) -> None:
     state = GripperState(time_s=0.0, width_mm=50.0)
     watch = CurrentMonitor(calibrated)
     assert watch.check(state, estimate=estimate_of(0.0, closure=24.0, still=True)) is None
