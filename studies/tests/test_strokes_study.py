@@ -16,14 +16,16 @@ from palpate_studies.stroke_models import MODELS, TOLD, others_of
 HEADER = "recording_id,time_s,resistance_ohm,force_n,touch,phase\n"
 
 
-def strokes_csv(path: Path, *, sensors: int = 2, places: int = 2, faint: bool = False) -> Path:
-    """Write invented touches: two pins, two attempts; creep, and a gain of the place."""
+def strokes_csv(
+    path: Path, *, sensors: int = 2, places: int = 2, attempts: int = 2, faint: bool = False
+) -> Path:
+    """Write invented touches: two pins, some attempts; creep, and a gain of the place."""
     rng = np.random.default_rng(5)
     lines = []
     for sensor in range(sensors):
         for pin in (3, 6):
             gains = np.exp(rng.normal(0, 0.4, places))
-            for attempt in range(2):
+            for attempt in range(attempts):
                 for place in range(places):
                     time_s = np.arange(0, 1.0, 0.01)
                     since = time_s - 0.5
@@ -146,3 +148,13 @@ def test_study_with_test_recordings_scores_them_alone(
     assert {row["recording_id"].split("-")[0] for row in rows} == {"new"}
     assert {row["touch"] for row in rows} == {0, 1, 2}
     assert {row["told"] for row in rows} == {*TOLD}
+
+
+def test_strokes_with_one_attempt_a_place_leaves_out_what_needs_two(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = strokes_csv(tmp_path / "s.csv", attempts=1)
+    arguments = ["study", "strokes", "--recordings", str(path), "--json"]
+    assert run(build_app(), arguments, name="palpate") == 0
+    told = {row["told"] for row in json.loads(capsys.readouterr().out)["summary"]}
+    assert told == set(TOLD) - {"place"}
