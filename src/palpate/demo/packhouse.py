@@ -39,7 +39,7 @@ _FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
 _DAYS = 3
 #: Fruits of a batch and grasps of each a day: eight that a person labels, six to judge, whose stage
 #: stays unsure with fewer grasps; and grasps of the ball.
-_BATCHES = (("labelled", "taught", 8, 1), ("Monday", "fruit", 6, 2))
+_BATCHES = (("labelled", "taught", 12, 1), ("Monday", "fruit", 6, 2))
 _BALL_GRASPS = 2
 #: Elastic force at 1 mm of a hard and of an overripe avocado (ends of the twin's ranges), and below
 #: which a person calls it by the next stage (middles between its four days), newtons.
