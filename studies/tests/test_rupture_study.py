@@ -100,7 +100,7 @@ def test_fruit_without_published_constants_is_judged_without_them(
     methods = {entry["method"] for entry in result["tradeoff"]}
     assert methods == {
         *("ours", "ours, fruit unknown"),
-        *("cap per fruit", "stiffness rule"),
+        *("cap per fruit", "stiffness rule", "ridge"),
     }
 
 

@@ -29,6 +29,7 @@ from palpate_studies.rupture_policies import (
     shipped_scores,
     stop_forces,
 )
+from palpate_studies.rupture_ridge import learn_ridge
 from palpate_studies.rupture_tradeoff import (
     RATES,
     Method,
@@ -72,7 +73,7 @@ def report(
         how = f"learned from {index}, tested on {test_index}"
     tested = [closing for _, test in splits for closing in test]
     methods = [shipped(splits, known=known) for known in (True, False)]
-    policies = [Policy("cap per fruit", _cap), RULE]
+    policies = [Policy("cap per fruit", _cap), RULE, Policy("ridge", learn_ridge)]
     if all(closing.fruit in PUBLISHED for closing in tested):
         policies.append(Policy("rule as published", lambda training: published_scores))
     methods += [applied(policy, splits) for policy in policies]
@@ -84,7 +85,8 @@ def report(
         "the rate that it then has on the tested fruit stands next to it.",
         "Stiffness rule: a line per fruit fitted to the training fruit, with our stiffness. Rule "
         "as published: with its authors' constants and window; they fitted them to fruit that may "
-        "be among these.",
+        "be among these. Ridge: force over rupture force from ten features of the curve so far; "
+        "one for each fruit.",
     )
     return grip_report(
         "rupture",
