@@ -28,6 +28,7 @@ from palpate_studies import (
     ripeness,
     size,
     slip,
+    speed,
     springs,
     stiffness,
     table1,
@@ -59,6 +60,7 @@ REPORTS: dict[str, Callable[[], StudyReport]] = {
     ),
     "detection-limit": lambda: detection_limit.report(sensors=1),
     "slip": lambda: slip.report(events=4, hours=0.1),
+    "speed": lambda: speed.report(sensors=1, repeats=1),
     "table5": lambda: table5.report(sensors=1, repeats=1),
     "stiffness": lambda: stiffness.report(grasps=4),
     "size": lambda: size.report(sensors=1, first_sensor=300, berries=2),
@@ -154,6 +156,15 @@ def test_median_removes_spikes_and_notch_removes_mains() -> None:
 def test_own_noise_sees_less_force_than_the_fixed_threshold() -> None:
     (fixed, own), *_ = payload("detection-limit")["weakest_n"]["lab, flat (springs)"]
     assert 0.0 < own < fixed < 5.0
+
+
+def test_slow_closing_needs_the_clock_at_its_end() -> None:
+    errors = {
+        (row["speed_mm_per_s"], row["clock"]): row["median_abs_error_percent"]
+        for row in payload("speed")["rows"]
+        if (row["level"], row["method"]) == ("lab", "recorded")
+    }
+    assert errors[3.0, "start of actuation"] > 3 * errors[3.0, "end of actuation"]
 
 
 def test_slip_is_seen_and_a_quiet_hold_raises_no_alarm() -> None:

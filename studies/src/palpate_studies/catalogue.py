@@ -26,6 +26,7 @@ _SHOWN = {
     "fatigue": "Figure 4, 2 500 cycles on the twin",
     "size": "Figure 14, size of strawberries in 1 mm steps, simulated",
     "slip": "Slip and removal: rates, false alarms, delays, simulated",
+    "speed": "Actuation speed against every predictor, on the twin",
     "springs": "Figure 10b, springs on the twin",
     "table1": "Table 1 and Figures 5 and 6, on simulated holds",
     "table2": "Table 2 and Figure 8b, silicone sheets on the twin",

@@ -1,0 +1,156 @@
+"""The effect of actuation speed (section 2.2 of the paper) on the spike and on every predictor."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from palpate.arrays import FloatArray
+from palpate.settling.baselines import Recorded
+from palpate.settling.exponential import Exponential
+from palpate.settling.percent import for_unit
+from palpate.settling.relaxation import Relaxation
+from palpate.settling.result import SettlingMethod, Status
+from palpate.signal.relative import mean_change
+from palpate_studies.equal_width import SEED
+from palpate_studies.protocol.paired import compare
+from palpate_studies.report import StudyReport, Table, as_command
+from palpate_studies.rows import LEVELS
+from palpate_studies.twin_session import GAP_MM, HOLD_S, Session, drawn, stack
+
+SPEEDS_MM_PER_S = (3.0, 6.0, 12.0, 25.0, 60.0)
+SENSORS, REPEATS, OBJECT, CLOSURE_MM, CUTOFF_S = 6, 2, "dragonskin-10", 3.0, 2.5
+OURS = "relaxation"
+METHODS: dict[str, SettlingMethod] = {
+    "recorded": Recorded(),
+    "exponential": Exponential(),
+    OURS: Relaxation(),
+}
+#: From what the 2.5 s are counted.
+CLOCKS = ("start of actuation", "end of actuation")
+
+
+def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
+    """Close at five speeds on the twin and predict the settled value at 2.5 s.
+
+    Example: palpate study speed --out reports
+    """
+    rows, compared, spikes = list[dict[str, Any]](), list[dict[str, Any]](), []
+    of = [str(sensor) for sensor in range(sensors) for _ in range(repeats)]
+    for level in LEVELS:
+        for speed in SPEEDS_MM_PER_S:
+            curves = [
+                mean_holds(sensor, level=level, speed=speed, repeats=repeats)
+                for sensor in range(sensors)
+            ]
+            values = np.concatenate(curves)
+            spikes.append(float(np.median(values.max(axis=1))))
+            for clock, offset_s in zip(CLOCKS, (0.0, _closing_s(speed)), strict=True):
+                key: dict[str, Any] = {"level": level, "speed_mm_per_s": speed, "clock": clock}
+                found = {name: _score(method, values, offset_s) for name, method in METHODS.items()}
+                rows += [{**key, "method": name, **one} for name, (one, _) in found.items()]
+                errors = {name: error for name, (_, error) in found.items()}
+                compared += compare(errors, of, ours=OURS, **key)
+    return StudyReport(
+        name="speed",
+        title="Actuation speed: spike, and error of the value predicted at 2.5 s",
+        provenance=[
+            f"Simulated: {sensors} sensors per level, {repeats} holds of {OBJECT} at each speed. "
+            "The paper expects an effect (section 2.2) and prints no numbers.",
+            "`ok`: share of holds for which ours reports that its interval can be believed; "
+            "covered: share of all holds whose interval holds the truth (0.9). Where contact "
+            "comes after the cut-off every figure is a guess, and `ok` should be 0.",
+            f"Closing goes {GAP_MM + CLOSURE_MM:g} mm: at 3 mm/s it takes 3 s, longer than the "
+            "paper's delay of 2.5 s from actuation, so nothing can be predicted then; counted from "
+            "the end of the movement the speed matters little.",
+        ],
+        tables=[_table(rows, spikes)],
+        payload={
+            "study": "speed",
+            "origin": "twin",
+            "rows": rows,
+            "compared": compared,
+        },
+    )
+
+
+command = as_command(report)
+
+
+def mean_holds(sensor: int, *, level: str, speed: float, repeats: int) -> FloatArray:
+    """Return mean changes from the start of actuation on, shape (repeats, times), at 15 Hz."""
+    session, obj = Session(sensor, level=level), drawn(OBJECT, seed=SEED)
+    session.place(obj)
+    width_mm, read_s = obj.size_mm - CLOSURE_MM, HOLD_S + _closing_s(speed) + 0.2
+    return stack(
+        [
+            mean_change(
+                session.hold(obj.size_mm, width_mm=width_mm, read_s=read_s, speed_mm_per_s=speed)
+            )
+            for _ in range(repeats)
+        ]
+    )
+
+
+def _closing_s(speed: float) -> float:
+    return (GAP_MM + CLOSURE_MM) / speed
+
+
+def _score(
+    method: SettlingMethod, values: FloatArray, offset_s: float
+) -> tuple[dict[str, Any], FloatArray]:
+    """Return the scores of a method on the holds of one speed, and each |error|, percent."""
+    after_s = np.arange(1, values.shape[1] + 1) / 15.0 - offset_s
+    settled = values[:, (after_s > HOLD_S - 0.5) & (after_s <= HOLD_S)].mean(axis=1)
+    seen = (after_s >= 0) & (after_s <= CUTOFF_S)
+    predicted = for_unit(method, "percent").predict(
+        after_s[seen], values[:, seen], horizon_s=HOLD_S, level=0.9
+    )
+    error = np.abs(100 * (np.asarray(predicted.value) / settled - 1))
+    low, high = (np.asarray(end, dtype=float) for end in (predicted.low, predicted.high))
+    known = bool(np.isfinite(low).all())
+    return {
+        "median_abs_error_percent": float(np.median(error)),
+        "ok": float(np.mean(np.asarray(predicted.status) == Status.OK)),
+        "coverage": float(np.mean((low <= settled) & (settled <= high))) if known else None,
+    }, error
+
+
+def _table(rows: list[dict[str, Any]], spikes: list[float]) -> Table:
+    """Return a line for each speed and clock; errors by level and method, ours and the spike."""
+    figures = dict(
+        zip(((level, speed) for level in LEVELS for speed in SPEEDS_MM_PER_S), spikes, strict=True)
+    )
+    by = {(row["level"], row["speed_mm_per_s"], row["clock"], row["method"]): row for row in rows}
+    lines = []
+    for speed in SPEEDS_MM_PER_S:
+        for clock in CLOCKS:
+            ours = [by[level, speed, clock, OURS] for level in LEVELS]
+            lines.append(
+                [
+                    f"{speed:g}",
+                    clock,
+                    *(
+                        f"{by[level, speed, clock, name]['median_abs_error_percent']:.1f}"
+                        for level in LEVELS
+                        for name in METHODS
+                    ),
+                    " / ".join(f"{100 * one['ok']:.0f}" for one in ours),
+                    " / ".join(f"{100 * one['coverage']:.0f}" for one in ours),
+                    " / ".join(f"{figures[level, speed]:+.0f}" for level in LEVELS),
+                ]
+            )
+    both = " / ".join(LEVELS)
+    return Table(
+        title="Median |error| of the settled change, percent; highest spike, points",
+        columns=(
+            "mm/s",
+            "2.5 s from",
+            *(f"{method}, {level}" for level in LEVELS for method in METHODS),
+            f"ours `ok`, %, {both}",
+            f"ours covered, %, {both}",
+            f"spike, {both}",
+        ),
+        rows=lines,
+    )
