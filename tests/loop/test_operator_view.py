@@ -248,7 +248,7 @@ def test_a_grasp_from_ready_to_the_next_item(browser: Browser, address: str, siz
         expect(page.locator("#next-text")).to_have_text("Keep your hands away")
         expect(page.locator("#verdict")).to_have_attribute("data-kind", "busy")
         expect(page.locator("#next-text")).to_have_text("Take the item, then press Release")
-        verdict(page, re.compile("^(Holding|Soft.*|Medium.*|Firm.*)$"))
+        verdict(page, re.compile("^(Holding|.*(soft|medium|firm).*)$", re.IGNORECASE))
         expect(page.locator("#shape")).to_have_attribute("href", "#shape-good")
         expect(page.locator("#force-now")).to_have_text(re.compile(r"^[1-4]\.\d$"))
         fits(page)

@@ -65,6 +65,7 @@ def read_labelled(path: str | os.PathLike[str]) -> LabelledTable:
     Raises `InputError` if the file can't be read, has no column of numbers, or a field is none.
 
     >>> import tempfile
+    >>> from pathlib import Path
     >>> path = Path(tempfile.mkdtemp()) / "grades.csv"
     >>> _ = path.write_text("item_id,label,firmness,size_mm\\nA1,soft,41,60\\nA2,,47,61\\n")
     >>> table = read_labelled(path)
