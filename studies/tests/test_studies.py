@@ -24,7 +24,6 @@ from palpate_studies import (
     figure16,
     harvest,
     noise,
-    realism,
     ripeness,
     size,
     slip,
@@ -65,7 +64,6 @@ REPORTS: dict[str, Callable[[], StudyReport]] = {
     "stiffness": lambda: stiffness.report(grasps=4),
     "size": lambda: size.report(sensors=1, first_sensor=300, berries=2),
     "ripeness": lambda: ripeness.report(sensors=1, fruits=4, second=True),
-    "realism": lambda: realism.report(sensors=3),
     "harvest": lambda: harvest.judge(harvest.pulls(harvest.FIRST_SEED - 4, level="lab")),
 }
 

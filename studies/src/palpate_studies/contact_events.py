@@ -1,4 +1,4 @@
-"""Contact, slip and removal in a whole recording, and the low pass that is compared with."""
+"""Contact, slip and removal in a whole recording."""
 
 from __future__ import annotations
 
@@ -8,30 +8,6 @@ from numpy.typing import ArrayLike
 from palpate.arrays import FloatArray
 from palpate.signal.events import ContactState, SignalEvent, watch_contact
 from palpate.signal.relative import CONTACT_PERCENT
-
-
-def lowpass(time_s: ArrayLike, values: ArrayLike, *, time_constant_s: float) -> FloatArray:
-    """Smooth with a first-order low pass, exact for uneven sampling; its delay is the constant.
-
-    Parameters
-    ----------
-    time_s : array_like, shape (n_times,)
-        Sampling times.
-    values : array_like, shape (n_times, ...)
-        Signal; the first sample is where the filter starts.
-    time_constant_s : float
-        Positive time constant.
-
-    Examples
-    --------
-    >>> lowpass([0.0, 1.0], [0.0, 1.0], time_constant_s=1.0).round(3).tolist()
-    [0.0, 0.632]
-    """
-    time, smooth = np.asarray(time_s, float), np.array(values, dtype=np.float64)
-    keep = np.exp(-np.diff(time) / time_constant_s)
-    for index, share in enumerate(keep, start=1):
-        smooth[index] = share * smooth[index - 1] + (1.0 - share) * smooth[index]
-    return smooth
 
 
 def running_median(values: ArrayLike, *, length: int) -> FloatArray:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
-from scipy.stats import beta
 
 from palpate_studies.baselines.learned_loop import LOOPS, Laws, learned_laws, learned_loop
 from palpate_studies.baselines.paper_loop import paper_loop
@@ -65,13 +64,12 @@ def gripped(tasks: Sequence[Task], *, damage: DamageModel, laws: Laws) -> Iterat
 
 def scores(found: Sequence[Gripped]) -> dict[str, Any]:
     """Return what counts, of the grasps of one method at one level."""
-    count, damaged = len(found), sum(one.damaged for one in found)
+    count = len(found)
     lifted = [one for one in found if one.lifted]
     # Where the damage limit kept the force below the target, missing it is the answer.
     aimed = [one for one in found if not one.limited and (one.said_n is not None or one.lifted)]
     near = [abs(one.off_target) <= NEAR for one in aimed]
     near_of_all = [abs(one.off_target) <= NEAR for one in found]
-    known = [abs(one.force_n / one.known_n - 1.0) <= NEAR for one in aimed if one.known_n]
     covered = [
         one.low_n <= one.force_n <= one.high_n
         for one in found
@@ -80,15 +78,10 @@ def scores(found: Sequence[Gripped]) -> dict[str, Any]:
     times_s = [one.on_target_s for one in found if one.on_target_s is not None]
     return {
         "grasps": count,
-        "damaged": damaged,
-        # Clopper-Pearson, one-sided 95 %.
-        "damaged_rate_at_most": _most(damaged, count),
+        "damaged": sum(one.damaged for one in found),
         "lifted": len(lifted),
         "dropped": sum(one.dropped for one in lifted),
         "not_lifted": count - len(lifted),
-        # What such grasps risk on average, and what of it before anything could be known.
-        "risk_per_1000": 1000 * float(np.mean([one.risk for one in found])),
-        "touch_risk_per_1000": 1000 * float(np.mean([one.touch_risk for one in found])),
         "limited": sum(one.limited for one in found),
         "limited_could_bear": sum(one.limited and one.could_bear for one in found),
         "could_bear": sum(one.could_bear for one in found),
@@ -96,8 +89,6 @@ def scores(found: Sequence[Gripped]) -> dict[str, Any]:
         # Of every thing that was to be gripped, and of those that the method aimed at the target.
         "within_10_percent_of_all": float(np.mean(near_of_all)),
         "within_10_percent": mean(near),
-        # Of grasps that were held: as near an answer that knew settling and wear would have come.
-        "within_10_percent_if_known": mean(known),
         "median_off_target_percent": median([100 * abs(one.off_target) for one in aimed]),
         "coverage": mean(covered),
         "median_on_target_s": median(times_s),
@@ -137,10 +128,6 @@ def compared(found: Sequence[Gripped], *, method: str = "ours") -> list[dict[str
     return rows
 
 
-def _most(bad: int, count: int) -> float:
-    return 1.0 if bad == count else float(beta.ppf(0.95, bad + 1, count - bad))
-
-
 def judge(found: Sequence[Gripped]) -> StudyReport:
     """Return the report of any number of grasps."""
     methods = list(dict.fromkeys(one.method for one in found))
@@ -169,13 +156,8 @@ def judge(found: Sequence[Gripped]) -> StudyReport:
             "the weight takes 20-60 % of the target at the least friction there is.",
             f"A sensor calibrated by a user's steps for every {GRASPS_PER_SHEET} grasps. Damage "
             f"limit learned from {PRESSED} other things pressed in a test stand; kind not known.",
-            "Risked: share of things as stiff as these, of any strength, that would have yielded "
-            "under the largest force of each grasp; by the touch alone: under the force at which "
-            "the touch was confirmed.",
             "Within 10 %: true settled force against the target, of grasps that the damage limit "
-            "did not keep below it. Were settling and wear known: the same of those of them that "
-            "were held, for an answer by the sheet alone that knew how it is going to settle and "
-            "how it wore since its calibration, and a hand that stopped exactly there.",
+            "did not keep below it.",
             "Lifted: only where the method reports that the grip will do; the baselines lift "
             "blindly.",
             "The paper's line: the one of its Table 4, fitted to the settled pairs of the same "
@@ -206,8 +188,6 @@ _TABLES = {
     "What came of it": {
         "grasps": "grasps",
         "damaged": "damaged",
-        "risked, of 1000": "risk_per_1000:.1f",
-        "by the touch alone": "touch_risk_per_1000:.1f",
         "lifted": "lifted",
         "dropped": "dropped",
         "kept below by the damage limit": "limited",
@@ -217,7 +197,6 @@ _TABLES = {
         "within 10 % of target, of all": "within_10_percent_of_all:.2f",
         "aimed": "aimed",
         "within 10 %, of those": "within_10_percent:.2f",
-        "were settling and wear known": "within_10_percent_if_known:.2f",
         "median miss, %": "median_off_target_percent:.0f",
         "coverage (0.9)": "coverage:.2f",
         "median s from contact to on target": "median_on_target_s:.1f",

@@ -18,7 +18,7 @@ from palpate.signal.relative import (
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.world import GripperKind, World
 from palpate_studies.force_control_grasps import LIFTED_S, Gripped, damaged
-from palpate_studies.force_control_world import Task, chance_of_damage
+from palpate_studies.force_control_world import Task
 
 _RATE: dict[GripperKind, float] = {"rigid": 20.0, "soft": 15.0}
 _DWELL_S = 0.42
@@ -105,5 +105,4 @@ def blindly_lifted(
         damaged=damaged(world, task),
         said_n=said_n,
         on_target_s=on_target_s,
-        risk=chance_of_damage(task.obj, truth.peak_force_n),
     )

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from copy import deepcopy
 from dataclasses import dataclass
 from functools import lru_cache
 
 from palpate.estimate.damage import DamageModel
-from palpate.grasp.phases import Activity, Phase
-from palpate.grasp.plan import Plan
-from palpate.grasp.planning import HORIZON_S, plan_grasp
+from palpate.grasp.phases import Phase
+from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
 from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.calibration import Calibration
-from palpate.signal.relative import excess_conductance
 from palpate.twin.devices import TwinArray, TwinGripper
-from palpate.twin.velostat import Environment
 from palpate.twin.world import GripperKind, World
-from palpate_studies.force_control_world import GRASPS_PER_SHEET, Task, chance_of_damage
+from palpate_studies.force_control_world import GRASPS_PER_SHEET, Task
 from palpate_studies.stoppable import uninterrupted
 
 #: Near enough to the target.
@@ -45,14 +41,8 @@ class Gripped:
     lifted, dropped, damaged, limited : bool
         Whether it was lifted, fell, was pressed beyond its yield, and whether the damage limit kept
         the force below the target.
-    known_n : float or None
-        The settled force by the sheet's law alone, if it were known how the sheet is going to
-        settle and how it wore since its calibration.
     on_target_s : float or None
         From contact until it was first reported on target after the last movement.
-    touch_risk, risk : float
-        Share of such things that yield under the force at which the touch was confirmed, and under
-        the largest force of the grasp (`force_control_world.chance_of_damage`).
     """
 
     task: Task
@@ -65,11 +55,8 @@ class Gripped:
     said_n: float | None = None
     low_n: float | None = None
     high_n: float | None = None
-    known_n: float | None = None
     limited: bool = False
     on_target_s: float | None = None
-    touch_risk: float = 0.0
-    risk: float = 0.0
 
     @property
     def could_bear(self) -> bool:
@@ -94,15 +81,11 @@ def unlimited(task: Task) -> Gripped:
 
 def _controlled(task: Task, *, method: str, damage: DamageModel | None) -> Gripped:
     world = task.world()
-    gripper, lifted, touched_n = TwinGripper(world), list[float](), list[float]()
-    known_n = list[float]()
+    gripper, lifted = TwinGripper(world), list[float]()
 
     def arm(grasp_state: GraspState) -> None:
-        if grasp_state.activity == Activity.CONFIRM and not touched_n:
-            touched_n.append(world.force_n(grasp_state.estimate.now_s))
         if grasp_state.phase is Phase.HOLD and not lifted:
             lifted.append(grasp_state.estimate.now_s)
-            known_n.append(_known_n(task, world, grasp_state, plan))
             world.lift()
 
     plan = plan_grasp(
@@ -128,25 +111,11 @@ def _controlled(task: Task, *, method: str, damage: DamageModel | None) -> Gripp
         said_n=None if force is None else force.value,
         low_n=None if force is None else force.low,
         high_n=None if force is None else force.high,
-        known_n=known_n[0] if known_n else None,
         limited=result.limited,
         on_target_s=_on_target_s(result),
         force_n=truth.force_n,
         damaged=damaged(world, task),
-        touch_risk=chance_of_damage(task.obj, sum(touched_n)),
-        risk=chance_of_damage(task.obj, truth.peak_force_n),
     )
-
-
-def _known_n(task: Task, world: World, grasp_state: GraspState, plan: Plan) -> float:
-    """Return the force by the sheet's law for the reading to come, with the wear taken out."""
-    later = deepcopy(world)
-    later.clock.sleep_s(max(grasp_state.estimate.moved_s + HORIZON_S - later.clock.now_s(), 0.0))
-    ohm = later.pixel_resistance_ohm(later.clock.now_s())
-    assert grasp_state.estimate.rest_ohm is not None
-    fresh = world.sheet.gain_factor(Environment()) / world.sheet.gain_factor(task.used)
-    excess = fresh * excess_conductance(ohm, rest_ohm=grasp_state.estimate.rest_ohm)
-    return float(plan.settled_law.force_n(plan.reading.reading(excess)).value)
 
 
 def damaged(world: World, task: Task) -> bool:

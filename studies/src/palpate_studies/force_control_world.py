@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
 
 from palpate.estimate.damage import DamageModel, fit_damage_model
 from palpate.estimate.strength import ClosingCurve, ClosingState
 from palpate.twin.friction import N_PER_G
-from palpate.twin.mechanics import object_force_n, unhurt_deformation_mm
+from palpate.twin.mechanics import object_force_n
 from palpate.twin.objects import FRICTION, TwinObject
 from palpate.twin.ranges import log_uniform, uniform
 from palpate.twin.velostat import Environment
@@ -105,18 +104,6 @@ def thing(
         mass_g=mass_g,
         friction=uniform(rng, FRICTION),
     )
-
-
-def chance_of_damage(obj: TwinObject, force_n: float) -> float:
-    """Return the share of things like this one that yield at or below a force.
-
-    Things are drawn to yield at a deformation that nothing else shows. So this is what a grasp
-    risked, whatever became of this one thing.
-    """
-    if force_n <= 0:
-        return 0.0
-    deformed_mm = unhurt_deformation_mm(obj, force_n)
-    return float(ndtr(np.log(deformed_mm / _YIELD_MM) / _YIELD_LOG_SD))
 
 
 def learned_damage(*, seed: int) -> DamageModel:

@@ -90,6 +90,11 @@ def report(
             "rows": rows,
             "summary": summary,
             "means": means,
+            "rest_ohm": {
+                "sensors": len(known),
+                "low": min(one.rest_ohm for one in known),
+                "high": max(one.rest_ohm for one in known),
+            },
             "level": LEVEL,
         },
     )

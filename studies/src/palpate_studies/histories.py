@@ -1,8 +1,8 @@
 """Force of a stretched conductive rubber from the history of its resistance.
 
 The resistance of the rubber peaks with strain and with its rate, in both directions, and recovers
-for minutes. The models see the logarithm of the resistance and its low-passed copies, or the
-displacement of the clip likewise, and answer in newtons: the force crosses zero.
+for minutes. The models see the logarithm of the resistance and its low-passed copies, and answer in
+newtons: the force crosses zero.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import typer
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError, needing
-from palpate_studies.history_data import INPUTS, History, read_histories
+from palpate_studies.history_data import History, read_histories
 from palpate_studies.protocol.paired import compare
 from palpate_studies.report import StudyReport, Table, as_command
 
@@ -60,14 +60,12 @@ def report(
         {
             "recording_id": one.recording_id,
             "kind": one.kind,
-            "inputs": name,
             "model": model,
-            **_scores(predict(one.inputs(name)), one.force_n),
+            **_scores(predict(one.inputs), one.force_n),
         }
         for inside, tested in splits
-        for name in INPUTS
         for model, learn in MODELS.items()
-        for predict in [learn(inside, name)]
+        for predict in [learn(inside)]
         for one in tested
     ]
     return StudyReport(
@@ -82,13 +80,9 @@ def report(
             )
             + " Causal; no force of the tested recording is known.",
             "`ours` is a kernel ridge of this study; no command uses it.",
-            "`displacement` is no sensor: the gripper's or clip's position. `zero known` takes the "
-            "mean error of each recording away: the load cell's zero was set again in each, in "
-            "another state of the rubber, and no reading shows where.",
         ),
         tables=[
             _table(rows, "rms_percent", title="RMS error, percent of the range of force"),
-            _table(rows, "rms_percent_zero_known", title="The same, zero known"),
             _table(rows, "coverage", title="Coverage of 90 % intervals"),
         ],
         payload={
@@ -117,7 +111,7 @@ def _by_recording(known: Histories) -> Iterator[tuple[Histories, Histories]]:
         yield [other for other in known if other is not one], [one]
 
 
-def _gathered(train: Histories, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _gathered(train: Histories) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return inputs, force and weight; every kind of motion counts the same."""
     kinds = [one.kind for one in train]
     weight = [
@@ -126,29 +120,29 @@ def _gathered(train: Histories, name: str) -> tuple[FloatArray, FloatArray, Floa
     ]
     pooled = np.concatenate(weight)
     return (
-        np.concatenate([one.inputs(name)[::_EVERY] for one in train]),
+        np.concatenate([one.inputs[::_EVERY] for one in train]),
         np.concatenate([one.force_n[::_EVERY] for one in train]),
         pooled / pooled.mean(),
     )
 
 
-def constant(train: Histories, name: str) -> Predictor:
+def constant(train: Histories) -> Predictor:
     """Learn the mean force."""
-    _, force_n, weight = _gathered(train, name)
+    _, force_n, weight = _gathered(train)
     mean_n = float(np.average(force_n, weights=weight))
     return lambda x: (np.full(len(x), mean_n), None)
 
 
-def static(train: Histories, name: str) -> Predictor:
+def static(train: Histories) -> Predictor:
     """Learn a cubic in the reading now."""
-    x, force_n, weight = _gathered(train, name)
+    x, force_n, weight = _gathered(train)
     cubic = np.polyfit(x[:, 0], force_n, 3, w=np.sqrt(weight))
     return lambda x: (np.asarray(np.polyval(cubic, x[:, 0])), None)
 
 
-def ridge(train: Histories, name: str) -> Predictor:
+def ridge(train: Histories) -> Predictor:
     """Learn a ridge on the same inputs."""
-    x, force_n, weight = _gathered(train, name)
+    x, force_n, weight = _gathered(train)
     share = weight / weight.sum()
     centre, mean_n = share @ x, float(share @ force_n)
     scale = np.sqrt(share @ (x - centre) ** 2)
@@ -158,37 +152,37 @@ def ridge(train: Histories, name: str) -> Predictor:
     return lambda x: (np.asarray(mean_n + (x - centre) / scale @ slope), None)
 
 
-def trees(train: Histories, name: str) -> Predictor:
+def trees(train: Histories) -> Predictor:
     """Learn boosted trees on the same inputs."""
     with needing("gradient boosting", extra="produce"):
         from sklearn.ensemble import HistGradientBoostingRegressor
-    x, force_n, weight = _gathered(train, name)
+    x, force_n, weight = _gathered(train)
     machine = HistGradientBoostingRegressor(max_iter=200, random_state=0)
     machine.fit(x, force_n, sample_weight=weight)
     return lambda x: (np.asarray(machine.predict(x)), None)
 
 
-def ours(train: Histories, name: str) -> Predictor:
+def ours(train: Histories) -> Predictor:
     """Learn a ridge on the inputs and smooth bumps; interval from kinds of motion held out."""
     split = _by_kind if len({one.kind for one in train}) > 1 else _by_recording
-    predict = _kernel_ridge(train, name)
+    predict = _kernel_ridge(train)
     left = [
-        np.abs(_kernel_ridge(inside, name)(one.inputs(name)) - one.force_n)
+        np.abs(_kernel_ridge(inside)(one.inputs) - one.force_n)
         for inside, tested in split(train)
         if inside
         for one in tested
-    ] or [np.abs(predict(one.inputs(name)) - one.force_n) for one in train]
+    ] or [np.abs(predict(one.inputs) - one.force_n) for one in train]
     half = float(np.quantile(np.concatenate(left), LEVEL))
     return lambda x: (predict(x), np.full(len(x), half))
 
 
-def _kernel_ridge(train: Histories, name: str) -> Callable[[FloatArray], FloatArray]:
+def _kernel_ridge(train: Histories) -> Callable[[FloatArray], FloatArray]:
     with needing("kernel ridge", extra="produce"):
         from sklearn.kernel_approximation import Nystroem
         from sklearn.linear_model import Ridge
         from sklearn.pipeline import make_pipeline, make_union
         from sklearn.preprocessing import FunctionTransformer, StandardScaler
-    x, force_n, weight = _gathered(train, name)
+    x, force_n, weight = _gathered(train)
     bumps = Nystroem(
         gamma=0.5 / (_WIDTH**2 * x.shape[1]), n_components=min(_BUMPS, len(x)), random_state=0
     )
@@ -199,7 +193,7 @@ def _kernel_ridge(train: Histories, name: str) -> Callable[[FloatArray], FloatAr
     return lambda x: np.asarray(machine.predict(x))
 
 
-MODELS: Mapping[str, Callable[[Histories, str], Predictor]] = {
+MODELS: Mapping[str, Callable[[Histories], Predictor]] = {
     "constant": constant,
     "static": static,
     "ridge": ridge,
@@ -216,7 +210,6 @@ def _scores(answer: tuple[FloatArray, FloatArray | None], force_n: FloatArray) -
     return {
         "samples": len(error),
         "rms_percent": percent * float(np.sqrt(np.mean(error**2))),
-        "rms_percent_zero_known": percent * float(np.std(error)),
         "coverage": None if half is None else float(np.mean(np.abs(error) <= half)),
     }
 
@@ -225,38 +218,27 @@ def _table(rows: Rows, key: str, *, title: str) -> Table:
     """Return a line for each model, a column for each recording."""
     known = [row for row in rows if row[key] is not None]
     form = f"{{{key}:.2f}}" if key == "coverage" else f"{{{key}:.1f}}"
-    lead = {"inputs": "{inputs}", "model": "{model}"}
+    lead = {"model": "{model}"}
     return Table.wide(title, known, lead, over="recording_id", form=form)
 
 
 def _compared(rows: Rows) -> Rows:
     """Return the error of ours less that of each other model, by kind of motion."""
-    found: Rows = []
-    for inputs in INPUTS:
-        lost: dict[str, dict[str, float]] = {model: {} for model in MODELS}
-        of: dict[str, str] = {}
-        for row in rows:
-            if row["inputs"] == inputs:
-                lost[row["model"]][row["recording_id"]] = row["rms_percent"]
-                of[row["recording_id"]] = row["kind"]
-        losses = {model: [each[name] for name in of] for model, each in lost.items()}
-        found += compare(losses, list(of.values()), statistic=np.mean, inputs=inputs)
-    return found
+    lost = {model: [row["rms_percent"] for row in mine] for model, mine in _by_model(rows)}
+    return compare(lost, [row["kind"] for row in rows if row["model"] == "ours"], statistic=np.mean)
 
 
 def _summary(rows: Rows) -> Rows:
     """Return the mean over recordings of each model."""
     return [
         {
-            "inputs": name,
             "model": model,
             "recordings": len(mine),
-            **{
-                key: float(np.mean([row[key] for row in mine]))
-                for key in ("rms_percent", "rms_percent_zero_known")
-            },
+            "rms_percent": float(np.mean([row["rms_percent"] for row in mine])),
         }
-        for name in INPUTS
-        for model in MODELS
-        for mine in [[row for row in rows if (row["inputs"], row["model"]) == (name, model)]]
+        for model, mine in _by_model(rows)
     ]
+
+
+def _by_model(rows: Rows) -> Iterator[tuple[str, Rows]]:
+    return ((name, [row for row in rows if row["model"] == name]) for name in MODELS)

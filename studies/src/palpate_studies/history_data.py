@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +13,11 @@ from palpate.errors import InputError
 from palpate.estimate.force_states import states_of
 from palpate.holds.strict import read_table
 
-#: Name -> what the models see.
-INPUTS: Mapping[str, str] = {"resistance": "log_ohm", "displacement": "displacement_mm"}
 #: From a few readings at 12 Hz to a slow cycle; longer ones learn the drift of single recordings.
 _TIME_CONSTANTS_S = (0.3, 1.0, 3.0, 10.0, 30.0)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class History:
     """One recording.
 
@@ -28,15 +25,14 @@ class History:
     ----------
     recording_id : str
         As in the file.
-    time_s, log_ohm, displacement_mm, force_n : ndarray, shape (n_times,)
+    time_s, log_ohm, force_n : ndarray, shape (n_times,)
         Logarithm of the four-wire resistance, of two neighbours: the current is reversed from one
-        sample to the next. Missing displacements are interpolated.
+        sample to the next.
     """
 
     recording_id: str
     time_s: FloatArray
     log_ohm: FloatArray
-    displacement_mm: FloatArray
     force_n: FloatArray
 
     @property
@@ -44,20 +40,14 @@ class History:
         """Kind of motion: the name up to its first hyphen."""
         return self.recording_id.split("-")[0]
 
-    def inputs(self, name: str) -> FloatArray:
-        """Return what the models see, shape (n_times, n_inputs)."""
-        return _inputs(self, name)
-
-
-@lru_cache(maxsize=64)
-def _inputs(history: History, name: str) -> FloatArray:
-    return states_of(
-        history.time_s, getattr(history, INPUTS[name]), time_constants_s=_TIME_CONSTANTS_S
-    )
+    @cached_property
+    def inputs(self) -> FloatArray:
+        """What the models see, shape (n_times, n_inputs)."""
+        return states_of(self.time_s, self.log_ohm, time_constants_s=_TIME_CONSTANTS_S)
 
 
 def read_histories(path: Path) -> list[History]:
-    """Read `recording_id,time_s,resistance_4wire_ohm,force_n,displacement_mm`.
+    """Read `recording_id,time_s,resistance_4wire_ohm,force_n`.
 
     Raises
     ------
@@ -71,7 +61,6 @@ def read_histories(path: Path) -> list[History]:
             "time_s": "number",
             "resistance_4wire_ohm": "number",
             "force_n": "number",
-            "displacement_mm": "number or empty",
         },
     )
     found = []
@@ -83,16 +72,11 @@ def read_histories(path: Path) -> list[History]:
                 f"{path}: recording {name!r}: time_s must not fall and resistance be above 0"
             )
         pairs = (ohm + np.r_[ohm[:1], ohm[:-1]]) / 2
-        at_mm = table["displacement_mm"][here]
-        known = np.isfinite(at_mm)
-        if not known.any():
-            raise InputError(f"{path}: recording {name!r} has no displacement_mm")
         found.append(
             History(
                 recording_id=str(name),
                 time_s=time_s,
                 log_ohm=np.log(pairs),
-                displacement_mm=np.interp(time_s, time_s[known], at_mm[known]),
                 force_n=table["force_n"][here],
             )
         )

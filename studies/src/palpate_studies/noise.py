@@ -12,7 +12,7 @@ from scipy.signal import iirnotch, lfilter, lfilter_zi
 from palpate.arrays import FloatArray
 from palpate.settling.relaxation import Relaxation
 from palpate.signal.relative import CONTACT_PERCENT
-from palpate_studies.contact_events import lowpass, running_median
+from palpate_studies.contact_events import running_median
 from palpate_studies.noise_signal import CleanHold, Disturbance, clean_hold, sample_percent
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
@@ -36,8 +36,8 @@ class Chain:
 
     rate_hz: float = FAST_HZ
     rc_s: float = 0.0
-    #: Times and signal -> filtered signal.
-    software: Callable[[FloatArray, FloatArray], FloatArray] = lambda time_s, x: x
+    #: Signal -> filtered signal.
+    software: Callable[[FloatArray], FloatArray] = lambda x: x
 
 
 def notch(values: FloatArray) -> FloatArray:
@@ -56,28 +56,18 @@ def notch(values: FloatArray) -> FloatArray:
     return values
 
 
-def _median_of_5(_: FloatArray, x: FloatArray) -> FloatArray:
+def _median_of_5(x: FloatArray) -> FloatArray:
     return running_median(x, length=5)
-
-
-def _lowpass_50_ms(time_s: FloatArray, x: FloatArray) -> FloatArray:
-    return lowpass(time_s, x, time_constant_s=0.05)
 
 
 CHAINS = {
     "250 Hz, no filter": Chain(),
     "250 Hz, RC 20 ms": Chain(rc_s=0.02),
-    "250 Hz, RC 100 ms": Chain(rc_s=0.1),
     "250 Hz, median of 5": Chain(software=_median_of_5),
-    "250 Hz, low pass 50 ms": Chain(software=_lowpass_50_ms),
-    "250 Hz, notch 50 and 60 Hz": Chain(software=lambda time_s, x: notch(x)),
-    "250 Hz, median of 5, notch": Chain(software=lambda time_s, x: notch(_median_of_5(time_s, x))),
-    "250 Hz, median of 5, low pass 50 ms": Chain(
-        software=lambda time_s, x: _lowpass_50_ms(time_s, _median_of_5(time_s, x))
-    ),
+    "250 Hz, notch 50 and 60 Hz": Chain(software=notch),
+    "250 Hz, median of 5, notch": Chain(software=lambda x: notch(_median_of_5(x))),
     "15 Hz, no filter": Chain(rate_hz=SLOW_HZ),
     "15 Hz, RC 100 ms": Chain(rate_hz=SLOW_HZ, rc_s=0.1),
-    "15 Hz, median of 5": Chain(rate_hz=SLOW_HZ, software=_median_of_5),
 }
 
 
@@ -147,7 +137,7 @@ def _run(
         rc_s=chain.rc_s,
         rng=np.random.default_rng(seed),
     )
-    return time_s, chain.software(time_s, percent)
+    return time_s, chain.software(percent)
 
 
 def _errors(holds: list[CleanHold], chain: Chain, disturbance: Disturbance) -> dict[str, float]:

@@ -36,11 +36,6 @@ class Followed:
         return np.asarray(trace.time_s[trace.told + 1 :] - trace.time_s[trace.told])
 
     @property
-    def told_n(self) -> float:
-        """Force that was given, newtons."""
-        return float(self.press.trace.force_n[self.press.trace.told])
-
-    @property
     def truth_n(self) -> FloatArray:
         """Force of the load cell, newtons."""
         return self.press.trace.force_n[self.press.trace.told + 1 :]

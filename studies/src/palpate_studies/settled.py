@@ -13,14 +13,13 @@ import typer
 from palpate import predict_settled
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.holds import Hold, settled_value
+from palpate.holds import Hold, read_holds, settled_value
 from palpate.settling.calibrated import Calibrated
 from palpate.settling.result import SettlingMethod, Status
 from palpate_studies import settled_rules as rules
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import mean, median
 from palpate_studies.settled_rules import HORIZON_S, Rule, Shown
-from palpate_studies.specimens import settled_holds
 
 CUTOFFS_S = (1.0, 2.5, 5.0)
 OURS = "ours"
@@ -75,7 +74,7 @@ def _read(files: Sequence[Path]) -> dict[str, list[Hold]]:
         name = file.name.split(".")[0].removeprefix("holds_")
         if name in found:
             raise InputError(f"{file}: a second file of the name {name}; rename one")
-        found[name] = settled_holds(file)
+        found[name] = _settled_holds(file)
         for hold in found[name]:
             if not (hold.values > 0).all():
                 raise InputError(
@@ -83,6 +82,24 @@ def _read(files: Sequence[Path]) -> dict[str, list[Hold]]:
                     "such a settled value mean nothing; give ohm, volt or newton"
                 )
     return found
+
+
+def _settled_holds(file: Path) -> list[Hold]:
+    """Return the holds of a file that reach the horizon.
+
+    Raises
+    ------
+    InputError
+        If none does.
+    """
+    known = [
+        hold
+        for hold in read_holds(file, until_s=HORIZON_S)
+        if np.isfinite(settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S))
+    ]
+    if not known:
+        raise InputError(f"{file}: no hold reaches {HORIZON_S:g} s, so none can be scored")
+    return known
 
 
 def judge(

@@ -79,15 +79,3 @@ def identity(tag: int, rate_hz: float) -> BoardIdentity:
         reset_cause=1, streaming=False, conversion_us=0, baud=1_000_000_000, rate_hz=rate_hz,
         highest_rate_hz=rate_hz, board="pty",
     )  # fmt: skip
-
-
-def lines_of_csv(master: int, *, rate_hz: float) -> None:
-    """Send the same counts as lines of CSV on the same raster, as sketches for Arduino do."""
-    os.set_blocking(master, False)
-    start_s, sent = time.monotonic(), 0
-    while True:
-        if time.monotonic() >= start_s + sent / rate_hz:
-            with suppress(BlockingIOError):
-                os.write(master, b",".join([b"%d" % (300 + sent % 10)] * 8) + b"\r\n")
-            sent += 1
-        time.sleep(2e-4)

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.estimate.damage_learning import FruitClosing
 from palpate.twin.objects import TwinObject
 
 #: A skin this thick, mm, and this many times as stiff as the flesh under it; a core from here on.
@@ -18,10 +17,6 @@ _FOAM_EXPONENT = 2.5
 _DOUGH_SHARES, _DOUGH_TIMES_S = (0.25, 0.15, 0.10), (0.08, 0.6, 20.0)
 #: Points of a curve, and how far a drawn one goes, mm.
 _POINTS, _UP_TO_MM = 60, 15.0
-#: Forces between two points of a recorded curve, and the least way between them.
-_EVERY_N, _LEAST_MM = 0.25, 1e-3
-#: The slope before a recording began is that of this many of its first points.
-_FIRST = 4
 
 
 def other_thing(thing: TwinObject, *, number: int) -> TwinObject:
@@ -51,40 +46,6 @@ def dough(thing: TwinObject) -> TwinObject:
     return replace(
         thing, name="dough", relaxing_share=_DOUGH_SHARES, relaxing_time_s=_DOUGH_TIMES_S
     )
-
-
-def recorded(thing: TwinObject, closing: FruitClosing) -> TwinObject:
-    """Return a thing with the recorded curve of a real fruit, up to where that one ruptured.
-
-    The recording began under some force; the way before it is taken as straight. The hand that
-    recorded gave way too, so the fruit itself was stiffer than this.
-    """
-    return replace(
-        thing,
-        name=closing.fruit,
-        curve=curve_of(closing),
-        flat=False,
-        yield_n=closing.rupture_force_n,
-        rupture_n=closing.rupture_force_n,
-    )
-
-
-def curve_of(closing: FruitClosing) -> tuple[tuple[float, float], ...]:
-    """Return deformation (mm) and force (N) of a recorded closing, both rising from zero."""
-    closure_mm, force_n = np.maximum.accumulate(closing.samples, axis=0).T
-    force_n = np.maximum(force_n, 0.0)
-    at_n = np.arange(max(float(force_n[0]), _EVERY_N), float(force_n[-1]), _EVERY_N)
-    first = np.searchsorted(force_n, at_n)
-    at_mm = np.maximum.accumulate(closure_mm[first] + _LEAST_MM * np.arange(at_n.size))
-    slope = (at_n[_FIRST] - at_n[0]) / (at_mm[_FIRST] - at_mm[0])
-    at_mm = at_mm - at_mm[0] + at_n[0] / slope
-    return ((0.0, 0.0), *zip(at_mm.tolist(), at_n.tolist(), strict=True))
-
-
-def long_enough(closings: Sequence[FruitClosing]) -> list[FruitClosing]:
-    """Return the closings with a curve: some points above where the recording began."""
-    least_n = 2 * _FIRST * _EVERY_N
-    return [closing for closing in closings if float(np.ptp(closing.samples[:, 1])) > least_n]
 
 
 def _formed(thing: TwinObject, points: Sequence[tuple[float, float]], *, name: str) -> TwinObject:
