@@ -89,7 +89,7 @@ def test_a_grasp_from_its_order_to_its_result_and_its_item(machine: Machine) -> 
     state = machine.until(lambda at: at["phase"] == "hold" and at["answered"])
     assert faults("state", state) == []
     assert state["simulated"]
-    assert machine.ask("POST", "/release")[0] == 202
+    assert machine.ask("POST", "/release") == (202, {"accepted": True})
     machine.until(lambda at: at["activity"] == "watching")
     status, result = machine.ask("GET", "/result")
     assert (status, result["outcome"], result["item_id"]) == (200, "held", "berry-1")
@@ -168,7 +168,7 @@ def test_a_person_who_drives_is_not_pushed_aside(
         (b'{"target_force_n": NaN}', "body.target_force_n: Input should be "),
         ({"force": 2}, "body.force: Extra inputs are not permitted"),
         ({"item_id": "\n"}, "item"),
-        ({"kind": "kiwi"}, "kind kiwi: palpate serve was started without --damage"),
+        ({"kind": "kiwi"}, "kind kiwi: no damage model, so no kind is known"),
         (b"{", "body.1: JSON decode error"),
     ],
 )

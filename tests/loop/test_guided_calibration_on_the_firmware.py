@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,11 +13,12 @@ import numpy as np
 import pytest
 import typer
 
-from palpate.cli import calibrate_force
+from palpate.cli import calibrate_force, calibrate_rest
 from palpate.cli.outcome import run
 from palpate.clock import ManualClock
 from palpate.estimate.pixel_law import fit_laws
 from palpate.grasp.planning import HORIZON_S, placements_of
+from palpate.gripper.interface import GripperCommand
 from palpate.rig.simulated import FACES
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import Calibration
@@ -23,7 +26,7 @@ from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import Contents
 from palpate.twin.devices import TwinGripper
 from palpate.twin.firmware import FirmwareBoard, FirmwareStream
-from palpate.twin.objects import draw_object
+from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.world import World
 
 pytestmark = pytest.mark.usefixtures("firmware_built")
@@ -47,12 +50,22 @@ class Bench:
     def __init__(self) -> None:
         self.clock = ManualClock(50.0)
         self.world = World(None, seed=4, clock=self.clock, layout=RIGID_LAYOUT)
-        self.board = FirmwareBoard(seed=1)
-        self.stream = FirmwareStream(self.world, board=self.board)
-        self.world.watchers.append(self._weigh)
+        self._plug_in()
         self.asked: list[str] = []
         self._faces = np.random.default_rng(7)
         self._weighing = False
+        self._pressed: TwinObject | None = None
+        self._width_mm = 74.0
+
+    def _plug_in(self) -> None:
+        self.board = FirmwareBoard(seed=1)
+        self.stream = FirmwareStream(self.world, board=self.board)
+        self.world.watchers.append(self._weigh)
+
+    def plug_in_again(self) -> None:
+        """Connect anew: the command before has closed the port, and with it the simulated board."""
+        self.world.watchers.clear()
+        self._plug_in()
 
     def array(self) -> SerialArray:
         return SerialArray(
@@ -69,10 +82,28 @@ class Bench:
 
     def prompt(self, what: str, **_: object) -> str:
         self.asked.append(what)
+        if laid := re.match(r"lay (\S+) N on the pad", what):
+            self._press(float(laid[1]))
+            return ""
         name = FACES[len(self.asked) % len(FACES)]
         self.world.place(draw_object(self._faces, name))
         self.clock.sleep_s(3.0)
         return ""
+
+    def _press(self, load_n: float) -> None:
+        """Close until the pad carries a load, as a weight would; what it relaxes by is made up."""
+        gripper, clock = self.gripper(), self.clock
+        if self._pressed is None:
+            self._pressed = draw_object(np.random.default_rng(1), "ecoflex-10")
+            self.world.place(self._pressed)
+            self._width_mm = self._pressed.size_mm + 1.0
+            gripper.command(GripperCommand(target=self._width_mm, rate=40.0))
+            clock.sleep_s(3.0)
+        while abs(self.world.force_n(clock.now_s()) - load_n) > 0.05 * load_n:
+            less = self.world.force_n(clock.now_s()) > load_n
+            self._width_mm += 0.03 if less else -0.03
+            gripper.command(GripperCommand(target=self._width_mm, rate=20.0))
+            clock.sleep_s(0.05)
 
     def _weigh(self, time_s: float) -> None:
         # Asking the world for its force calls its watchers, and so this again.
@@ -90,18 +121,19 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     bench = Bench()
     opened = SimpleNamespace(array=bench.array, gripper=bench.gripper)
     monkeypatch.setitem(sys.modules, "bench_of_the_test", opened)
-    monkeypatch.setattr("palpate.rig.bench.RealClock", lambda: bench.clock)
+    for module in ("rig.bench", "cli.calibrate_weights"):
+        monkeypatch.setattr(f"palpate.{module}.RealClock", lambda: bench.clock)
     monkeypatch.setattr("typer.prompt", bench.prompt)
     (tmp_path / "rig.toml").write_text(RIG)
     yield bench
     bench.stream.close()
 
 
-def calibrate(folder: Path) -> int:
+def calibrate(folder: Path, *more: str, step: Callable[..., None] = calibrate_force.force) -> int:
     app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
-    app.command()(calibrate_force.force)
-    arguments = ("--rig", str(folder / "rig.toml"), "--out", str(folder / "pad.json"))
-    return run(app, arguments, name="palpate calibrate force")
+    app.command()(step)
+    arguments = ("--rig", str(folder / "rig.toml"), "--out", str(folder / "pad.json"), *more)
+    return run(app, arguments, name="palpate calibrate")
 
 
 def test_from_the_first_prompt_to_the_file(
@@ -146,3 +178,32 @@ def test_fingers_driven_by_pressure_are_refused_before_anything_moves(
     assert "--loads" in said
     assert said.count("\n") == 1
     assert bench.asked == []
+
+
+def test_three_weights_narrow_the_interval_and_a_load_cell_renews_the_file(
+    bench: Bench,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert calibrate(tmp_path, step=calibrate_rest.rest) == 0
+    bench.plug_in_again()
+    loads = tmp_path / "loads.csv"
+    loads.write_text("load_n\n1.5\n4\n9\n")
+    capsys.readouterr()
+    assert calibrate(tmp_path, "--loads", str(loads), "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    halves = document["half_interval_percent"]
+    assert len(halves) == 3
+    assert all(each["after"] < 0.1 * each["before"] for each in halves.values())
+    assert document["pairs"] == 3
+    bench.plug_in_again()
+    by_weights = Calibration.load(tmp_path / "pad.json")
+    assert by_weights.force.force_n == (1.5, 4.0, 9.0)
+
+    monkeypatch.setattr(calibrate_force, "HOLDS_N", ((0.8, 3.0), (1.5, 9.0)))
+    assert calibrate(tmp_path, "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["pairs"] > 3
+    assert "half_interval_percent" not in document
+    bench.world.watchers.remove(bench._weigh)

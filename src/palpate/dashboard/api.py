@@ -62,6 +62,12 @@ class Stopped(BaseModel):
     )
 
 
+class Released(BaseModel):
+    """The hand has been ordered to open."""
+
+    accepted: bool
+
+
 class Refusal(BaseModel):
     """Why not."""
 
@@ -141,10 +147,11 @@ def _act(api: FastAPI, station: Station) -> None:
             raise HTTPException(422, str(error)) from error
 
     @api.post("/release", status_code=202, responses=_refusals(409))
-    async def release() -> None:
-        """Give the object back, or open the hand."""
+    async def release() -> Released:
+        """Give the object back, or open the hand; later states show when it is open."""
         with _check_allowed():
             station.release(DRIVER)
+        return Released(accepted=True)
 
     @api.put("/driver", status_code=204)
     async def take_over() -> None:

@@ -154,7 +154,7 @@ class AppState:
             item_id = Item(item_id=read_label(item_id)).item_id
         damage = self.settings.damage
         if kind and damage is None:
-            raise InputError(f"kind {kind}: palpate serve was started without --damage")
+            raise InputError(f"kind {kind}: no damage model, so no kind is known; leave it out")
         if kind and damage is not None:
             damage.check_kind(kind, where="the damage file")
         return GraspOrder(

@@ -17,6 +17,10 @@ _ENDS = {
 }
 
 
+#: How people write the units of documents.
+_SYMBOLS = {"n": "N", "n_per_mm": "N/mm", "kpa": "kPa", "percent": "%", "ohm": "Ω"}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measurement:
     """One measured quantity.
@@ -52,9 +56,8 @@ class Measurement:
 
     def __repr__(self) -> str:
         value = "None" if self.value is None else f"{self.value:.4g}"
-        return (
-            f"Measurement({value}, {self.low:.4g} to {self.high:.4g}, {self.unit!r}, {self.status})"
-        )
+        unit = _SYMBOLS.get(self.unit, self.unit)
+        return f"Measurement({value} {unit}, {self.low:.4g} to {self.high:.4g}, {self.status})"
 
     @property
     def number(self) -> bool:
@@ -93,7 +96,7 @@ class Measurement:
         >>> bound.number, str(bound.status), bound.known_ends
         (False, 'at_least', (3.0, None))
         >>> bound
-        Measurement(None, 3 to 40, 'n_per_mm', at_least)
+        Measurement(None N/mm, 3 to 40, at_least)
         """
         if self.low > 0 and self.high <= MOST_RATIO * self.low:
             return self
