@@ -25,10 +25,10 @@ _GRIPPERS = {
 }
 #: Frames must carry what the board itself drives.
 _SHARED = {"pneumatic": "pressure", "servo": "servo"}
-#: A rack and pinion of 27 mm pitch diameter, nominal; to be measured and replaced.
+#: Of `palpate pattern --gripper`, pitch diameter 28 mm, nominal; to be measured and replaced.
 _SERVO: dict[str, str | float] = {
-    "open_us": 690,
-    "closed_us": 2310,
+    "open_us": 715,
+    "closed_us": 2285,
     "open_mm": 74.0,
     "closed_mm": 5.0,
 }

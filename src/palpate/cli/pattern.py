@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
@@ -15,7 +16,8 @@ from palpate.cli.options import JsonOption
 from palpate.cli.output import print_json
 from palpate.errors import InputError, MissingExtraError
 from palpate.fabrication.design import PRESETS, Cutter, SensorDesign
-from palpate.fabrication.drawing import draw_combined_svg, layer_svg, require_dxf, write_dxf
+from palpate.fabrication.drawing import CutFile, draw_combined_svg, require_dxf
+from palpate.fabrication.gripper import CLOSED, OPEN, list_parts, nest
 from palpate.fabrication.pattern import Pattern, lay_out
 from palpate.fabrication.refusals import check_design, check_pattern
 from palpate.fabrication.rest_resistance import RestExpectation, from_measurement, from_sheet
@@ -71,16 +73,24 @@ def pattern(
         Size, _number("Its copper contact area; this design's by default.", _SHEET, "MM2")
     ] = None,
     resistivity: Annotated[float, _number("Of the sheet, ohm cm.", _SHEET, "NUMBER")] = 500.0,
-    thickness: Annotated[float, _number("Of the sheet.", _SHEET)] = 0.1,
+    thickness: Annotated[Size, _number("Of the sheet; 0.1, of a gripper 3.", _SHEET)] = None,
+    gripper: Annotated[
+        bool,
+        typer.Option(
+            "--gripper", help="Draw a two-finger gripper for a hobby servo instead of a sensor."
+        ),
+    ] = False,
     dxf: Annotated[bool, typer.Option("--dxf", help="Write DXF files as well.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Draw the cut files of a sensor: base, copper, Velostat, copper, cover.
+    """Draw the cut files of a sensor: base, copper, Velostat, copper, cover; or of a gripper.
 
     Lengths are in mm.
 
     Example: palpate pattern --preset paper-3x2 --out sensor
     """
+    if name is not None and not re.fullmatch(r"[\w.-]+", name):
+        raise InputError(f"--name {name!r}: use letters, digits, '-', '_' and '.'")
     changes: dict[str, Any] = {
         "name": name,
         "rows": rows,
@@ -99,12 +109,23 @@ def pattern(
         changes["pad_width_mm"], changes["pad_length_mm"] = _size(pad, option="--pad")
     if preset not in PRESETS:
         raise InputError(f"--preset {preset}: there are {', '.join(PRESETS)}")
-    if name is not None and not re.fullmatch(r"[\w.-]+", name):
-        raise InputError(f"--name {name!r}: use letters, digits, '-', '_' and '.'")
     given = {key: value for key, value in changes.items() if value is not None}
+    width_mm, height_mm = _size(sheet, option="--sheet")
+    if gripper:
+        if unused := [key for key in (*given, "pixel" if pixel else "") if key not in ("name", "")]:
+            option = unused[0].removesuffix("_mm").replace("_", "-")
+            raise InputError(f"--{option}: is of a sensor; leave it out with --gripper")
+        _draw_gripper(
+            out,
+            name=name or "gripper",
+            thickness_mm=3.0 if thickness is None else thickness,
+            sheet_mm=(width_mm, height_mm),
+            dxf=dxf,
+            as_json=as_json,
+        )
+        return
     design = replace(PRESETS[preset], **given)
     design = replace(design, corner_mm=_corner_mm(design, shape=shape, corner_mm=corner))
-    width_mm, height_mm = _size(sheet, option="--sheet")
     cutter = Cutter(width_mm=width_mm, height_mm=height_mm, feature_mm=min_feature, gap_mm=min_gap)
     check_design(design, cutter=cutter)
     drawn = lay_out(design)
@@ -112,7 +133,9 @@ def pattern(
     if measured_ohm is None:
         if measured_mm2 is not None:
             raise InputError("--measured-mm2 needs --measured-ohm too")
-        expected = from_sheet(volume_ohm_cm=resistivity, thickness_mm=thickness)
+        expected = from_sheet(
+            volume_ohm_cm=resistivity, thickness_mm=0.1 if thickness is None else thickness
+        )
     else:
         contact = drawn.pixels[0].contact
         area_mm2 = contact.width * contact.height if measured_mm2 is None else measured_mm2
@@ -122,6 +145,73 @@ def pattern(
         print_json(_document(drawn, expected, files))
     else:
         _print(drawn, expected, files)
+
+
+def _draw_gripper(
+    folder: Path,
+    *,
+    name: str,
+    thickness_mm: float,
+    sheet_mm: tuple[float, float],
+    dxf: bool,
+    as_json: bool,
+) -> None:
+    """Write one sheet with all parts of the gripper, and a drawing of it open and closed."""
+    parts = list_parts(thickness_mm=thickness_mm)
+    pieces, used = nest(parts, width_mm=sheet_mm[0])
+    if used.height > sheet_mm[1] or max(piece.box.right for piece in pieces) > sheet_mm[0]:
+        raise InputError(
+            f"--sheet {sheet_mm[0]:g}x{sheet_mm[1]:g}: the parts need {used.width:.0f} x "
+            f"{used.height:.0f} mm"
+        )
+    sheet = CutFile(
+        title=f"palpate {name}",
+        description=f"{thickness_mm:g} mm acrylic or plywood, any side up",
+        width=used.width,
+        height=used.height,
+        outlines=tuple(line for piece in pieces for line in (*piece.holes, piece.edge)),
+    )
+    files = _write_cut_files({name: sheet}, folder, dxf=dxf)
+    _preview(lambda path: _import_plots().draw_gripper(parts, path), folder / f"{name}.png", files)
+    if as_json:
+        print_json(
+            {
+                "name": name,
+                "thickness_mm": thickness_mm,
+                "open_mm": OPEN,
+                "closed_mm": CLOSED,
+                "sheet_mm": {"width": round(used.width, 4), "height": round(used.height, 4)},
+                "parts": [{"name": part.name, "count": part.count} for part in parts],
+                "files": [str(file) for file in files],
+            }
+        )
+        return
+    rows = [
+        (part.name, str(part.count), f"{part.box.width:.1f} x {part.box.height:.1f}")
+        for part in parts
+    ]
+    console = Console(highlight=False)
+    print_table(("part", ">pieces", ">mm"), rows, console=console)
+    console.print(
+        f"Opens from {CLOSED:g} to {OPEN:g} mm, 141 degrees of the servo. Sheet {used.width:.0f} x "
+        f"{used.height:.0f} mm, {thickness_mm:g} mm thick.\nWritten: {len(files)} files in {folder}"
+    )
+
+
+def _import_plots() -> Any:
+    from palpate.plots import pattern
+
+    return pattern
+
+
+def _preview(draw: Callable[[Path], None], path: Path, files: list[Path]) -> None:
+    """Draw a picture, and list it; the cut files were asked for, so it may be missing."""
+    try:
+        draw(path)
+    except MissingExtraError as error:
+        print(f"palpate pattern: no preview: {error}", file=sys.stderr)
+    else:
+        files.append(path)
 
 
 def _corner_mm(design: SensorDesign, *, shape: Shape, corner_mm: float) -> float:
@@ -156,29 +246,30 @@ def _size(text: str, *, option: str) -> tuple[float, float]:
 
 def _write_files(drawn: Pattern, folder: Path, *, dxf: bool) -> list[Path]:
     """Write every file whole or not at all; return them in order."""
-    from palpate.plots.pattern import draw_pattern
-
-    if dxf:
-        require_dxf()
-    folder.mkdir(parents=True, exist_ok=True)
-    stem, files = drawn.design.name, []
-    for layer in drawn.layers():
-        files.append(folder / f"{stem}-{layer.name}.svg")
-        with atomic_path(files[-1]) as partial:
-            partial.write_text(layer_svg(drawn, layer), encoding="utf-8")
-        if dxf:
-            files.append(folder / f"{stem}-{layer.name}.dxf")
-            with atomic_path(files[-1]) as partial:
-                write_dxf(drawn, layer, partial)
+    stem = drawn.design.name
+    sheets = {f"{stem}-{layer.name}": CutFile.of_layer(drawn, layer) for layer in drawn.layers()}
+    files = _write_cut_files(sheets, folder, dxf=dxf)
     files.append(folder / f"{stem}.svg")
     with atomic_path(files[-1]) as partial:
         partial.write_text(draw_combined_svg(drawn), encoding="utf-8")
-    try:
-        draw_pattern(drawn, folder / f"{stem}.png")
-        files.append(folder / f"{stem}.png")
-    except MissingExtraError as error:
-        # The cut files are what was asked for; the picture is an extra.
-        print(f"palpate pattern: no preview: {error}", file=sys.stderr)
+    _preview(lambda path: _import_plots().draw_pattern(drawn, path), folder / f"{stem}.png", files)
+    return files
+
+
+def _write_cut_files(sheets: dict[str, CutFile], folder: Path, *, dxf: bool) -> list[Path]:
+    """Write sheets by the stems of their files, as SVG and where wanted as DXF."""
+    if dxf:
+        require_dxf()
+    folder.mkdir(parents=True, exist_ok=True)
+    files = []
+    for stem, sheet in sheets.items():
+        files.append(folder / f"{stem}.svg")
+        with atomic_path(files[-1]) as partial:
+            partial.write_text(sheet.as_svg(), encoding="utf-8")
+        if dxf:
+            files.append(folder / f"{stem}.dxf")
+            with atomic_path(files[-1]) as partial:
+                sheet.write_dxf(partial)
     return files
 
 

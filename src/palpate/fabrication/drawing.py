@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
@@ -24,29 +25,74 @@ LOOKS: dict[str, tuple[str, float, str]] = {
 }
 
 
-def layer_svg(pattern: Pattern, layer: Layer) -> str:
-    """Return the cut file of a layer: hairlines in millimetres, mirrored where it must be."""
-    outlines = [*layer.parts, *pattern.mark_outlines]
-    if layer.mirrored:
-        outlines = [outline.mirror(pattern.width) for outline in outlines]
-    side = "mirrored" if layer.mirrored else "not mirrored"
-    return "\n".join(
-        [
-            _opening(pattern),
-            f"<title>{escape(pattern.design.name)} {layer.name}</title>",
-            f"<desc>{escape(layer.material)}, {side}: {escape(layer.why)}. Millimetres.</desc>",
-            '<g fill="none" stroke="#d00000" stroke-width="0.1">',
-            *_paths(outlines),
-            "</g>",
-            "</svg>\n",
-        ]
-    )
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CutFile:
+    """Lines to cut from one sheet, as the cutter sees it, mm."""
+
+    title: str
+    #: What it is cut from, and which side is up.
+    description: str
+    width: float
+    height: float
+    outlines: tuple[Outline, ...]
+
+    @classmethod
+    def of_layer(cls, pattern: Pattern, layer: Layer) -> CutFile:
+        """Return the cut file of a layer of a sensor, mirrored where it must be."""
+        outlines = (*layer.parts, *pattern.mark_outlines)
+        side = "mirrored" if layer.mirrored else "not mirrored"
+        return cls(
+            title=f"{pattern.design.name} {layer.name}",
+            description=f"{layer.material}, {side}: {layer.why}",
+            width=pattern.width,
+            height=pattern.height,
+            outlines=tuple(o.mirror(pattern.width) for o in outlines)
+            if layer.mirrored
+            else outlines,
+        )
+
+    def as_svg(self) -> str:
+        """Return hairlines in millimetres."""
+        return "\n".join(
+            [
+                _opening(self.width, self.height),
+                f"<title>{escape(self.title)}</title>",
+                f"<desc>{escape(self.description)}. Millimetres.</desc>",
+                '<g fill="none" stroke="#d00000" stroke-width="0.1">',
+                *_paths(self.outlines),
+                "</g>",
+                "</svg>\n",
+            ]
+        )
+
+    def write_dxf(self, path: Path) -> None:
+        """Write the same lines as the SVG has, y up as DXF has it.
+
+        Arcs stay arcs (polylines with bulges), the unit is stated as millimetres.
+        """
+        require_dxf()
+        from ezdxf import units
+        from ezdxf.document import Drawing
+
+        document = Drawing.new("R2010")
+        document.units = units.MM
+        name = self.title.rpartition(" ")[2]
+        document.layers.add(name, color=1)
+        space = document.modelspace()
+        for outline in self.outlines:
+            space.add_lwpolyline(
+                [(v.x, self.height - v.y, -v.bulge) for v in outline.vertices],
+                format="xyb",
+                close=True,
+                dxfattribs={"layer": name},
+            )
+        document.saveas(path)
 
 
 def draw_combined_svg(pattern: Pattern) -> str:
     """Return all layers as Inkscape layers, seen from the cover, with names of the pads."""
     parts = [
-        _opening(pattern),
+        _opening(pattern.width, pattern.height),
         f"<title>{escape(pattern.design.name)}, seen from the cover</title>",
         f'<rect width="{_mm(pattern.width)}" height="{_mm(pattern.height)}" fill="#ffffff"/>',
     ]
@@ -71,8 +117,8 @@ def draw_combined_svg(pattern: Pattern) -> str:
     return "\n".join(parts)
 
 
-def _opening(pattern: Pattern) -> str:
-    width, height = _mm(pattern.width), _mm(pattern.height)
+def _opening(width_mm: float, height_mm: float) -> str:
+    width, height = _mm(width_mm), _mm(height_mm)
     return f'{_HEAD} width="{width}mm" height="{height}mm" viewBox="0 0 {width} {height}">'
 
 
@@ -132,27 +178,3 @@ def require_dxf() -> None:
     with needing("DXF", extra="fabrication"):
         import ezdxf
     del ezdxf
-
-
-def write_dxf(pattern: Pattern, layer: Layer, path: Path) -> None:
-    """Write the cut file of a layer: the same lines as its SVG, y up as DXF has it.
-
-    Arcs stay arcs (polylines with bulges), the unit is stated as millimetres.
-    """
-    require_dxf()
-    from ezdxf import units
-    from ezdxf.document import Drawing
-
-    document = Drawing.new("R2010")
-    document.units = units.MM
-    document.layers.add(layer.name, color=1)
-    space = document.modelspace()
-    for outline in (*layer.parts, *pattern.mark_outlines):
-        seen = outline.mirror(pattern.width) if layer.mirrored else outline
-        space.add_lwpolyline(
-            [(v.x, pattern.height - v.y, -v.bulge) for v in seen.vertices],
-            format="xyb",
-            close=True,
-            dxfattribs={"layer": layer.name},
-        )
-    document.saveas(path)

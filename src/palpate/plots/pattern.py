@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.fabrication.drawing import LOOKS
+from palpate.fabrication.gripper import CLOSED, OPEN, Part, draw_pinion, draw_rack, turn
 from palpate.fabrication.pattern import Pattern
 from palpate.fabrication.shapes import Outline, Vertex, arc_radius
 from palpate.plots.style import GREY, INK, ORANGE, new_figure, save_figure
@@ -54,6 +56,49 @@ def draw_pattern(pattern: Pattern, path: Path) -> None:
         figure.suptitle(
             f"{pattern.design.name}: {pattern.design.rows} x {pattern.design.cols} pixels, "
             f"sheet {pattern.width:.1f} x {pattern.height:.1f} mm",
+            color=INK,
+        )
+        save_figure(figure, path)
+
+
+def draw_gripper(parts: Sequence[Part], path: Path) -> None:
+    """Draw a cut gripper closed and open, its lid taken off, with dimensions, into a file.
+
+    Raises
+    ------
+    MissingExtraError
+        If matplotlib is not installed.
+    """
+    by_name = {part.name: part for part in parts}
+    with new_figure(rows=1, columns=2, width_in=9.0, height_in=5.2) as (figure, axes):
+        for panel, opening_mm in zip(np.ravel(axes), (CLOSED, OPEN), strict=True):
+            panel.set_title(f"{opening_mm:g} mm between the pads")
+            panel.set_aspect("equal")
+            panel.set_xlim(-66, 66)
+            panel.set_ylim(48, -104)
+            panel.set_axis_off()
+            by = (opening_mm - CLOSED) / 2
+            pinion = Part(name="pinion", edge=draw_pinion())
+            shown = [(by_name["deck"], "#e8e8e8"), (pinion, "#d3b27a")]
+            rack = Part(name="rack", edge=draw_rack(opening_mm))
+            shown += [(each, "#e3c79a") for each in (rack, turn(rack))]
+            shown += [(each, "#c9d7df") for each in (by_name["rail"], turn(by_name["rail"]))]
+            finger = by_name["finger"].move(by, 0.0)
+            for part, fill in [*shown, (finger, "#9ec1d4"), (turn(finger), "#9ec1d4")]:
+                _fill(panel, (part.edge,), fill=fill, opacity=0.75, line=INK)
+                for hole in part.holes:
+                    panel.plot(*points_of(hole).T, color=GREY, linewidth=0.5)
+            y = -99.0
+            panel.annotate(
+                "",
+                (-opening_mm / 2, y),
+                (opening_mm / 2, y),
+                arrowprops={"arrowstyle": "<->", "color": ORANGE, "shrinkA": 0, "shrinkB": 0},
+            )
+        deck = by_name["deck"].box
+        figure.suptitle(
+            f"Gripper for a hobby servo, seen from above without its lid; plate {deck.width:.0f} x "
+            f"{deck.height:.0f} mm",
             color=INK,
         )
         save_figure(figure, path)
