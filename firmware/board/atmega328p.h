@@ -58,4 +58,6 @@ inline void set_up_timers() {
 
 inline void set_pressure_output(uint16_t) {}
 
+inline void clear_timer_flags() {}
+
 }  // namespace board

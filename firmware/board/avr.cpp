@@ -42,6 +42,8 @@ constexpr uint16_t kMagic = 0x9A18;
 // The watchdog bites after 250 ms, on an oscillator of its own that may be some 10 % fast; the main
 // loop never takes 20 ms.
 constexpr uint8_t kHungTicks = 190;
+// Data addresses of the registers, and of those among them that a start sets itself.
+constexpr uint16_t kFirstRegister = 0x20, kStackLow = 0x5D, kStackHigh = 0x5E, kStatus = 0x5F;
 Kept kept __attribute__((section(".noinit")));
 uint8_t reset_cause __attribute__((section(".noinit")));
 
@@ -334,7 +336,8 @@ void set_up_serial() {
 
 void remember_reset() {
   if (kept.magic != kMagic || (reset_cause & _BV(PORF))) kept = {kMagic, 0, 0, false, false};
-  if ((reset_cause & _BV(WDRF)) || kept.unfed_ticks > kHungTicks) kept.watchdog = true;
+  if (kept.unfed_ticks > kHungTicks) reset_cause |= _BV(WDRF);
+  if (reset_cause & _BV(WDRF)) kept.watchdog = true;
   kept.unfed_ticks = 0;
 }
 
@@ -346,6 +349,23 @@ void first_thing() {
   reset_cause = MCUSR;
   MCUSR = 0;
   wdt_disable();
+}
+
+// The watchdog's first time-out comes here, and the program starts again without its boot loader:
+// an old one does not switch the watchdog off, and resets for ever. Where interrupts are off, the
+// second time-out resets the processor. Every register of the peripherals gets the value that a
+// reset gives, and their pending flags, which a one clears, are cleared.
+ISR(WDT_vect, ISR_NAKED) {
+  cli();
+  for (uint16_t address = kFirstRegister; address <= RAMSTART - 1; ++address) {
+    if (address == kStackLow || address == kStackHigh || address == kStatus) continue;
+    *reinterpret_cast<volatile uint8_t*>(address) = 0;
+  }
+  TIFR0 = TIFR1 = TIFR2 = 0xFF;
+  board::clear_timer_flags();
+  ADCSRA = _BV(ADIF);
+  ADCSRA = 0;
+  asm volatile("jmp 0");
 }
 
 ISR(CLOCK_OVERFLOW_vect) { ++overflows; }
@@ -465,6 +485,7 @@ int main() {
   arduino.stop_scanning();
   set_sleep_mode(SLEEP_MODE_IDLE);
   wdt_enable(WDTO_250MS);
+  WDTCSR |= _BV(WDIE);
   sei();
   device.begin(reset_cause, kept.stream_seed, kept.watchdog, kept.tripped);
   for (;;) {

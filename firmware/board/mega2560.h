@@ -84,4 +84,6 @@ inline void set_pressure_output(uint16_t pa) {
   }
 }
 
+inline void clear_timer_flags() { TIFR3 = TIFR4 = TIFR5 = 0xFF; }
+
 }  // namespace board

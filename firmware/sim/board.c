@@ -37,6 +37,10 @@ typedef struct pin {
 } pin_t;
 
 /* A field of a port's bits. */
+/* Registers of both chips, as data addresses; time-out flag and reset enable; 250 ms at 16 MHz. */
+enum { WDTCSR_ = 0x60, WDTCSR_BOTH = 0x88, MCUSR_ = 0x54, MCUSR_WATCHDOG = 8 };
+#define WATCHDOG_CYCLES 4000000
+
 typedef struct field {
   uint16_t address;
   uint8_t first, mask;
@@ -84,6 +88,7 @@ typedef struct board {
   uint32_t byte_cycles;
   uint32_t safe_edges;
   int safe_level;
+  uint64_t timeout_cycle;
   uint64_t rise_cycle, pulse_cycle[PULSES];
   uint32_t pulse_cycles[PULSES], pulses;
 } board_t;
@@ -408,10 +413,26 @@ uint32_t board_take_pulses(board_t *board, uint64_t *began, uint32_t *cycles) {
 }
 
 /* Runs up to a cycle; returns 0, or -1 if the program has crashed. */
+/* Data sheet, "Interrupt and System Reset Mode": a first time-out that is not served by the next one
+ * resets the processor; simavr only raises the interrupt again. */
+static void watch_second_timeout(board_t *board) {
+  avr_t *avr = board->avr;
+  if ((avr->data[WDTCSR_] & WDTCSR_BOTH) != WDTCSR_BOTH) {
+    board->timeout_cycle = 0;
+  } else if (!board->timeout_cycle) {
+    board->timeout_cycle = avr->cycle;
+  } else if (avr->cycle - board->timeout_cycle > WATCHDOG_CYCLES) {
+    board->timeout_cycle = 0;
+    avr_reset(avr);
+    avr->data[MCUSR_] |= MCUSR_WATCHDOG;
+  }
+}
+
 int board_run(board_t *board, uint64_t until) {
   while (board->avr->cycle < until) {
     int state = avr_run(board->avr);
     if (state == cpu_Done || state == cpu_Crashed) return -1;
+    watch_second_timeout(board);
   }
   return 0;
 }

@@ -11,6 +11,7 @@ import os
 import select
 import tty
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -116,13 +117,24 @@ class FirmwareBoard:
         if not self._board:
             raise DeviceNotFoundError(f"{path} is not an image that the simulator can run")
         if boot_loader is not None:
-            name = str(boot_loader).encode()
-            if not boot_loader.is_file() or self._library.board_load_boot(self._board, name):
-                raise DeviceNotFoundError(f"{boot_loader} is no boot loader in Intel hex")
+            self._load_boot(boot_loader)
         self._bytes = np.empty(_OUT_BYTES, dtype=np.uint8)
         self._cycles = np.empty(_OUT_BYTES, dtype=np.uint64)
         self._pulse_cycles = np.empty(_PULSES, dtype=np.uint64)
         self._pulse_lengths = np.empty(_PULSES, dtype=np.uint32)
+
+    def _load_boot(self, boot_loader: Path) -> None:
+        try:
+            lines = boot_loader.read_text(encoding="ascii").splitlines(keepends=True)
+        except (OSError, UnicodeDecodeError) as error:
+            raise DeviceNotFoundError(f"{boot_loader}: {error}") from error
+        # Where another processor would start (types 3 and 5) the simulator's reader refuses.
+        kept = [line for line in lines if line[7:9] not in ("03", "05")]
+        with NamedTemporaryFile("w", suffix=".hex") as file:
+            file.writelines(kept)
+            file.flush()
+            if self._library.board_load_boot(self._board, file.name.encode()):
+                raise DeviceNotFoundError(f"{boot_loader} is no boot loader in Intel hex")
 
     def now_s(self) -> float:
         """Return the simulated time since power-up, seconds."""
