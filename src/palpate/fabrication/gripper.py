@@ -16,6 +16,7 @@ from palpate.fabrication.shapes import (
     Outline,
     PointMm,
     Rect,
+    Vertex,
     circle,
     polygon,
     round_rect,
@@ -240,9 +241,9 @@ def _draw_finger(thickness: float) -> Iterator[Part]:
     # Pad and gusset lie beside the finger; here z of the finished gripper points upwards.
     left, low = right + _GAP, tip
     tabs = [(left + 2.0 + PAD[0] / 2 + side * 8.0) - 2.0 for side in (-1, 1)]
-    bottom: list[PointMm] = []
+    tabbed: list[PointMm] = []
     for tab in reversed(tabs):
-        bottom += [
+        tabbed += [
             (tab + _NOTCH / 2, low + PAD[1]),
             (tab + _NOTCH / 2, low + PAD[1] + thickness),
             (tab - _NOTCH / 2, low + PAD[1] + thickness),
@@ -255,7 +256,7 @@ def _draw_finger(thickness: float) -> Iterator[Part]:
                 (left, low),
                 (left + PAD[0], low),
                 (left + PAD[0], low + PAD[1]),
-                *bottom,
+                *tabbed,
                 (left, low + PAD[1]),
             ]
         ),
@@ -315,7 +316,7 @@ def turn(part: Part) -> Part:
     edge, *holes = (
         Outline(
             vertices=tuple(
-                type(v)(x=-v.x, y=flip * v.y, bulge=-flip * v.bulge) for v in outline.vertices
+                Vertex(x=-v.x, y=flip * v.y, bulge=-flip * v.bulge) for v in outline.vertices
             )
         )
         for outline in (part.edge, *part.holes)
@@ -325,5 +326,5 @@ def turn(part: Part) -> Part:
 
 def _move(outline: Outline, dx: float, dy: float) -> Outline:
     return Outline(
-        vertices=tuple(type(v)(x=v.x + dx, y=v.y + dy, bulge=v.bulge) for v in outline.vertices)
+        vertices=tuple(Vertex(x=v.x + dx, y=v.y + dy, bulge=v.bulge) for v in outline.vertices)
     )
