@@ -83,9 +83,9 @@ def pattern(
     dxf: Annotated[bool, typer.Option("--dxf", help="Write DXF files as well.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Draw the cut files of a sensor: base, copper, Velostat, copper, cover; or of a gripper.
+    """Draw the cut files of a sensor, or of a gripper for a hobby servo.
 
-    Lengths are in mm.
+    A sensor is cut as base, copper, Velostat, copper and cover. Lengths are in mm.
 
     Example: palpate pattern --preset paper-3x2 --out sensor
     """

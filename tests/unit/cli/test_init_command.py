@@ -51,7 +51,7 @@ def test_a_hobby_servo_gets_its_travel_and_its_pulses_in_the_frames(tmp_path: Pa
     assert stated["array"]["servo"] is True
     table = stated["gripper"]
     assert table.pop("open") == f"{open_gripper.__module__}:{open_gripper.__name__}"
-    assert ServoTravel(**table).mm_per_us == pytest.approx(69.0 / 1620.0)
+    assert ServoTravel(**table).mm_per_us == pytest.approx(69.0 / 1570.0)
 
 
 def test_a_matrix_of_your_own_on_two_fingers(tmp_path: Path) -> None:
