@@ -272,7 +272,8 @@ def test_a_stop_says_what_to_do(browser: Browser, address: str) -> None:
         # It still grips, and the headline is not repeated below it.
         expect(page.locator("#force-now")).to_have_text(re.compile(r"^\d\.\d$"))
         # The answer may have come before the press, by the clock of the page.
-        expect(page.locator("#verdict-why")).to_have_text(re.compile(r"^(answer .* after contact)?\s*$"))
+        why = re.compile(r"^(answer .* after contact)?\s*$")
+        expect(page.locator("#verdict-why")).to_have_text(why)
         fits(page)
         release(page)
         expect(page.locator("#force-now")).to_have_text("hand open")
