@@ -2,7 +2,7 @@
 
 `lab` scatters as the paper's Tables 2 to 6 do, and misses entries of Tables 1, 4 and 5 all the same
 (the studies count them). `field` scatters as real Velostat does outside one
-laboratory's careful setup: force exponents of the spread that three
+laboratory's careful setup (`palpate study realism`): force exponents of the spread that three
 sensors had under dead weights (0.8 to 1.6, a standard deviation of 0.4), conductances that reach
 150-260 times the rest value, gain from place to place with a log standard deviation of 0.6 (robot
 presses against a load cell), resistances still 10-20 % from settled 2.5 s after the fingers stop

@@ -19,6 +19,7 @@ _SHOWN = {
     "strokes": "Force of real Velostat touched by pins, sensors left out",
     "ripeness": "Stages and days to ripe of avocados on the twin",
     "rupture": "When to stop closing on real fruit, before it ruptures",
+    "realism": "The twin's scatter compared with real recordings",
     "bruise": "Bruised and sound apples, and Figure 17, simulated",
     "detection-limit": "Weakest force seen and linearity, on the twin",
     "environment": "Figures 1b and 3, climate and suction on the twin",
