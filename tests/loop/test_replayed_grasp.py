@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
+from tests.loop.test_dashboard import SIMULATED, served
+from tests.loop.test_dashboard_api import EVERY_S, Machine
 
 from palpate.cli import build_app, run
 from palpate.clock import ManualClock
 from palpate.errors import RecordingError
+from palpate.grasp.decide_again import decide_again
 from palpate.grasp.estimator import Observation
+from palpate.grasp.phases import Phase
+from palpate.grasp.plan import HOLD_S
 from palpate.grasp.planning import plan_grasp
+from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
+from palpate.grasp.state import GraspState
 from palpate.recording import (
     RecordingInfo,
     RecordingWriter,
@@ -24,6 +33,14 @@ from palpate.recording import (
 )
 from palpate.recording.exporting import cut_recorded_holds
 from palpate.rig import open_rig
+from palpate.rig.recorded import record_grasp
+
+
+def palpate(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    """Return the JSON that a verb prints."""
+    assert run(build_app(), list(arguments), name="palpate") == 0
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +82,81 @@ def test_the_replay_decides_as_the_live_run_did(
     assert replayed.pop("simulated") is True
     assert replayed.pop("recording") == str(path)
     assert replayed == json.loads(json.dumps(result.to_dict()))
+
+
+def test_replay_of_a_served_grasp_gives_the_answer_that_was_stored(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rules = tmp_path / "rules.toml"
+    rules.write_text('default = "by hand"\n[[rule]]\nbin = "large"\nsize_mm = [36, 200]\n')
+    with served(tmp_path, *SIMULATED, "--rules", str(rules)) as address:
+        machine = Machine(address)
+        machine.ask("PUT", "/driver")
+        machine.ready()
+        machine.ask("POST", "/grasp", {"target_force_n": 2, "item_id": "berry-1"})
+        machine.until(lambda at: at["phase"] == "hold" and at["answered"])
+        # At ten times the speed, it is held for longer than `palpate grasp` would.
+        looks = itertools.count()
+        machine.until(lambda _: EVERY_S * next(looks) > HOLD_S)
+        machine.ask("POST", "/release")
+        machine.until(lambda at: machine.ask("GET", "/result")[0] == 200)
+        served_grasp = machine.ask("GET", "/result")[1]
+    (file,) = (tmp_path / "data").glob("*.mcap")
+    replayed = palpate(capsys, "replay", str(file), "--json")
+    assert replayed.pop("recording") == str(file)
+    assert replayed.pop("simulated") is True
+    assert replayed == {name: served_grasp[name] for name in replayed}
+    assert served_grasp["outcome"] == "held"
+    store = str(tmp_path / "items.sqlite")
+    (grasp,) = palpate(capsys, "items", "berry-1", "--store", store, "--json")["grasps"]
+    for name in ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent", "firmness"):
+        # The store keeps numbers; a bound is none.
+        is_number = replayed[name] is not None and replayed[name]["value"] is not None
+        assert grasp["measurements"].get(name) == (replayed[name] if is_number else None)
+    sort = ("sort", "--store", store, "--rules", str(rules), "--json")
+    (item,) = palpate(capsys, *sort)["rows"]
+    assert item["bin"] == served_grasp["bin"]["name"] == "large"
+
+
+@pytest.mark.parametrize(
+    ("request_in", "name", "outcome"),
+    [
+        (Phase.HOLD, "release", "held"),
+        (Phase.SQUEEZE, "release", "stopped"),
+        (Phase.HOLD, "stop", "stopped"),
+        (Phase.SQUEEZE, "stop", "stopped"),
+    ],
+)
+def test_replay_of_a_grasp_that_a_user_ended_ends_at_the_same_frame(
+    tmp_path: Path, request_in: Phase, name: str, outcome: str
+) -> None:
+    file, requests = tmp_path / "run.mcap", Requests()
+    rig = open_rig("sim-rigid", seed=3)
+    plan = plan_grasp(rig.calibration, gripper=rig.gripper, target_force_n=2.0, hold_s=60.0)
+    seen_in: list[float] = []
+
+    def ask(state: GraspState) -> None:
+        if state.phase is request_in:
+            seen_in.append(state.estimate.now_s)
+        if seen_in and state.estimate.now_s > seen_in[0] + 2.0 * (request_in is Phase.HOLD):
+            getattr(requests, name).set()
+
+    with record_grasp(file, rig=rig, plan=plan, damage=None) as recorder:
+        result = run_grasp(
+            plan,
+            array=rig.array,
+            gripper=rig.gripper,
+            clock=rig.clock,
+            subscribers=[recorder],
+            watchers=[ask],
+            requests=requests,
+        )
+        recorder.end(result, requests)
+    assert result.outcome == outcome
+    clock = ManualClock(load_recording(file).time_s[0])
+    source = Replay(file, clock=clock)
+    assert decide_again(source, clock=clock) == result
+    source.close()
 
 
 def test_the_text_says_that_it_is_simulated(

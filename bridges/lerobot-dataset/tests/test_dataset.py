@@ -19,12 +19,13 @@ from palpate.errors import RecordingError
 from palpate.grasp.phases import Phase
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.requests import Requests
+from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import Gripper, GripperCommand, GripperLimits, GripperState
 from palpate.recording import RecordingWriter, load_recording
 from palpate.rig import open_rig
-from palpate.rig.recorded import open_grasp_recording
+from palpate.rig.recorded import open_grasp_recording, record_grasp
 from palpate_lerobot.episode import read_grasp
 
 TARGET_N = 2.0
@@ -115,27 +116,55 @@ def test_the_commands_decided_again_are_those_that_were_sent(tmp_path: Path) -> 
     assert track.action[still, 0] == pytest.approx(track.state[still, 0])
 
 
-def test_a_hand_that_was_driven_otherwise_is_refused(tmp_path: Path) -> None:
-    """The commands of a user who gives the object back are in no recording."""
-    file, requests = tmp_path / "given_back.mcap", Requests()
+def grasp_until(
+    file: Path, *, phase: Phase, recorded_end: bool = True, stop: bool = False
+) -> GraspResult:
+    """Grasp, and release or stop in a phase, as a user would."""
+    requests = Requests()
     rig = open_rig("sim-rigid", seed=3)
+    plan = plan_grasp(rig.calibration, gripper=rig.gripper, target_force_n=TARGET_N, hold_s=60.0)
 
     def give_back(grasp_state: GraspState) -> None:
-        if grasp_state.phase is Phase.HOLD:
-            requests.release.set()
+        if grasp_state.phase is phase and grasp_state.in_this_s > (
+            1.0 if phase is Phase.HOLD else 0.2
+        ):
+            (requests.stop if stop else requests.release).set()
 
-    with open_grasp_recording(file, rig=rig, seed=3, target_force_n=TARGET_N) as writer:
-        run_grasp(
-            plan_grasp(rig.calibration, gripper=rig.gripper, target_force_n=TARGET_N),
+    with record_grasp(file, rig=rig, plan=plan, damage=None) as recorder:
+        result = run_grasp(
+            plan,
             array=rig.array,
             gripper=rig.gripper,
             clock=rig.clock,
-            subscribers=[lambda seen: writer.add_observation(seen.frame, gripper=seen.gripper)],
+            subscribers=[recorder],
             watchers=[give_back],
             requests=requests,
         )
-    with pytest.raises(RecordingError, match=r"given_back\.mcap: .*gripper_fault"):
-        read_grasp(file)
+        if recorded_end:
+            recorder.end(result, requests)
+    return result
+
+
+def test_grasp_that_a_user_released_is_an_episode(tmp_path: Path) -> None:
+    result = grasp_until(tmp_path / "released.mcap", phase=Phase.HOLD)
+    track = read_grasp(tmp_path / "released.mcap")
+    assert (track.outcome, len(track.time_s)) == ("held", result.frames)
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ({"phase": Phase.HOLD, "recorded_end": False}, "gripper_fault"),
+        ({"phase": Phase.HOLD, "stop": True}, "its user stopped it"),
+        ({"phase": Phase.SQUEEZE}, "its user stopped it"),
+    ],
+)
+def test_grasp_without_its_end_is_refused(
+    tmp_path: Path, options: dict[str, Any], why: str
+) -> None:
+    grasp_until(tmp_path / "cut.mcap", **options)
+    with pytest.raises(RecordingError, match=rf"cut\.mcap: .*{why}"):
+        read_grasp(tmp_path / "cut.mcap")
 
 
 def test_states_are_what_was_recorded(recorded: Path, dataset: Path) -> None:

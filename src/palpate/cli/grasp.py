@@ -156,10 +156,13 @@ def grasp(
         if entry is not None:
             subscribers.append(entry.see)
             watchers.append(entry.watch(plan))
+        recorder = None
         if record is not None:
             text = None if limit is None else limit.text
-            recorder = record_grasp(record, rig=devices, plan=plan, damage=text)
-            subscribers.append(stack.enter_context(recorder))
+            recorder = stack.enter_context(
+                record_grasp(record, rig=devices, plan=plan, damage=text)
+            )
+            subscribers.append(recorder)
         result = run_grasp(
             plan,
             array=devices.array,
@@ -168,6 +171,8 @@ def grasp(
             subscribers=subscribers,
             watchers=watchers,
         )
+        if recorder is not None:
+            recorder.end(result)
         truth = None if devices.truth is None else dict(devices.truth())
         limited = None if limit is None else limit.to_dict(result)
         kept = {} if entry is None else entry.take(result, rig=devices, recording=record)

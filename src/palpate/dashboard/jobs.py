@@ -15,14 +15,13 @@ from palpate.dashboard.orders import CalibrateForce, CalibrateRest, Examine, Gra
 from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.estimate.damage_file import read_recorded_model
 from palpate.grasp.calibrating import HOLDS_N, Bench, measure_force, measure_rest
-from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.planning import DWELL_S, HORIZON_S, plan_grasp, with_force_law
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
 from palpate.produce.ripeness.closing import ClosingWatch
 from palpate.rig import Rig
-from palpate.rig.recorded import open_grasp_recording
+from palpate.rig.recorded import record_grasp
 from palpate.rig.sensor_only import SensorRig
 from palpate.sensor.array import FRAME_TIMEOUT_S, ArrayLayout, Frame
 from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
@@ -33,8 +32,8 @@ from palpate.sensor.serial_array import SerialArray
 from palpate.signal.relative import rest_baseline
 
 #: The object is held until its release is asked for, but not for longer than this: sheet, object
-#: and servo suffer. Approach and squeeze have their own time.
-HOLD_S, LONGEST_S = 60.0, 240.0
+#: and servo suffer.
+HOLD_S = 60.0
 #: An opening hand is watched for at most this time.
 _OPENING_S = 10.0
 
@@ -49,22 +48,10 @@ def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
         damage=read_recorded_model(order.damage),
         kind=order.kind,
         hold_s=HOLD_S,
-        longest_s=LONGEST_S,
     )
     context.catch_up()
     order.recording.parent.mkdir(parents=True, exist_ok=True)
-    with open_grasp_recording(
-        order.recording,
-        rig=rig,
-        seed=context.seed,
-        target_force_n=order.target_force_n,
-        damage=order.damage,
-        kind=order.kind,
-    ) as writer:
-
-        def recorder(observation: Observation) -> None:
-            """Write each frame with the gripper's state next to it."""
-            writer.add_observation(observation.frame, gripper=observation.gripper)
+    with record_grasp(order.recording, rig=rig, plan=plan, damage=order.damage) as recorder:
 
         def react(grasp_state: GraspState) -> None:
             # A hand that vents, or was opening already, is stopped only when it is open.
@@ -87,6 +74,7 @@ def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
         if context.requests.stop.is_set():
             with suppress(DeviceError):
                 context.stop_hand()
+        recorder.end(result, context.requests)
     truth = None if rig.truth is None else dict(rig.truth())
     return Grasped(
         result=result, truth=truth, recording=order.recording, closing=closing.list_measurements()

@@ -151,10 +151,10 @@ def play(
     if not seen:
         raise RecordingError(f"{order.file}: no frames to show")
     confirmed.clear()
-    plan, source = _plan_and_source(order.file)
+    again, source = _again_and_source(order.file)
     telemetry.begin(source)
     telemetry.set_plan(None)
-    whole = _decide_again(seen, plan=plan, source=source, telemetry=telemetry, requests=requests)
+    whole = _decide_again(seen, again=again, source=source, telemetry=telemetry, requests=requests)
     if whole is None:
         return
     telemetry.note(whole.timeline)
@@ -201,7 +201,7 @@ def _show(
 def _decide_again(
     seen: list[Seen],
     *,
-    plan: Plan | None,
+    again: _Again | None,
     source: FrameSource,
     telemetry: Telemetry,
     requests: Requests,
@@ -209,7 +209,6 @@ def _decide_again(
     """Go through the recording as fast as it goes, and send its curve; None if that was stopped."""
     time_s = [frame.time_s for frame, _ in seen]
     length_s = time_s[-1] - time_s[0]
-    again = None if plan is None else _Again(plan)
     every = math.ceil(len(seen) / min(_MOST_POINTS, max(length_s * POINTS_PER_S, 1.0)))
     progresses: list[GraspProgress] = []
     phases: list[tuple[float, str]] = []
@@ -253,17 +252,14 @@ def _stretches(seen: list[Seen], *, lasting_s: float) -> Iterator[list[Seen]]:
 class _Again:
     """The controller on recorded frames: nothing is commanded, everything is decided again."""
 
-    def __init__(self, plan: Plan) -> None:
-        self._controller = GraspController(plan)
+    def __init__(self, plan: Plan, *, end_s: float) -> None:
+        self._controller, self._end_s = GraspController(plan), end_s
         self.grasp_state = self._controller.state
 
     def see(self, frame: Frame, report: GripperState) -> None:
-        held_at = self.grasp_state.estimate.closure
         if not self.grasp_state.ended:
             self._controller.step(Observation(frame=frame, gripper=report))
-        # The plan holds on; when the recorded hand opened, its user wanted the object back.
-        opens = report.moving and self.grasp_state.estimate.closure < held_at
-        if self.grasp_state.phase is Phase.HOLD and opens:
+        if self.grasp_state.phase is Phase.HOLD and frame.time_s >= self._end_s:
             self._controller.release()
 
     def progress(self, before: GraspProgress | None) -> GraspProgress:
@@ -271,20 +267,21 @@ class _Again:
         return grasp_progress_of(self.grasp_state, plan=plan, before=before, forecasts=True)
 
 
-def _plan_and_source(file: Path) -> tuple[Plan | None, FrameSource]:
-    """Return how the grasp was planned, and what the page is to know of the recording."""
+def _again_and_source(file: Path) -> tuple[_Again | None, FrameSource]:
+    """Return the controller of the recorded grasp, and the description of its frames."""
     replay = Replay(file, clock=ManualClock())
     try:
         info = replay.info
         calibration = None
         if info.calibration is not None:
             calibration = Calibration.from_text(info.calibration, where="the recording")
-        plan = None
+        again = None
         if calibration is not None and info.gripper is not None:
-            # It holds for as long as the recording does.
-            plan = plan_of_recording(
-                info, gripper=ReplayGripper(replay), hold_s=math.inf, longest_s=math.inf
-            )
+            # It holds until the recorded release.
+            gripper = ReplayGripper(replay)
+            plan = plan_of_recording(info, gripper=gripper, hold_s=math.inf)
+            end = replay.end
+            again = _Again(plan, end_s=math.inf if end is None else end.time_s)
     finally:
         replay.close()
     source = FrameSource(
@@ -296,4 +293,4 @@ def _plan_and_source(file: Path) -> tuple[Plan | None, FrameSource]:
         replayed=True,
         laws=ForceLaws.of(calibration),
     )
-    return plan, source
+    return again, source

@@ -14,8 +14,9 @@ from palpate.grasp.estimator import Observation
 from palpate.grasp.paper import Paper
 from palpate.grasp.paper_method import by_paper, note_size
 from palpate.grasp.phases import Phase
-from palpate.grasp.plan import HOLD_S, LONGEST_S, Plan
+from palpate.grasp.plan import HOLD_S, Plan
 from palpate.grasp.planning import plan_grasp
+from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import Subscriber, Watcher, run_grasp
 from palpate.grasp.state import GraspState
@@ -40,19 +41,25 @@ def decide_again(
     `CalibrationError` if its calibration can't be read.
     """
     gripper = gripper or ReplayGripper(source)
+    end, requests = source.end, Requests()
+
+    def ask(state: GraspState) -> None:
+        if end is not None and state.estimate.now_s >= end.time_s:
+            (requests.stop if end.name == "stop" else requests.release).set()
+
+    hold_s = HOLD_S if end is None else math.inf
     return run_grasp(
-        plan_of_recording(source.info, gripper=gripper),
+        plan_of_recording(source.info, gripper=gripper, hold_s=hold_s),
         array=source,
         gripper=gripper,
         clock=clock,
         subscribers=subscribers,
-        watchers=watchers,
+        watchers=[*watchers, ask],
+        requests=requests,
     )
 
 
-def plan_of_recording(
-    info: RecordingInfo, *, gripper: Gripper, hold_s: float = HOLD_S, longest_s: float = LONGEST_S
-) -> Plan:
+def plan_of_recording(info: RecordingInfo, *, gripper: Gripper, hold_s: float = HOLD_S) -> Plan:
     """Return the plan of a recorded grasp.
 
     Raises `RecordingError` if it names no calibration, `CalibrationError` if that can't be read.
@@ -68,7 +75,6 @@ def plan_of_recording(
         damage=read_recorded_model(info.damage),
         kind=info.kind,
         hold_s=hold_s,
-        longest_s=longest_s,
     )
     if info.paper is None:
         return plan

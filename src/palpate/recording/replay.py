@@ -9,9 +9,12 @@ from collections.abc import Iterator
 from palpate.clock import Clock
 from palpate.errors import DeviceError, DeviceTimeoutError, RecordingError
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
-from palpate.recording.contents import RecordingInfo
+from palpate.recording.contents import Event, RecordingInfo
 from palpate.recording.reader import RecordingReader
 from palpate.sensor.array import ArrayLayout, Frame
+
+#: Names of the events with which the recording of a grasp ends.
+_ENDS = ("release", "stop")
 
 
 class PacedClock:
@@ -68,6 +71,13 @@ class Replay:
     def layout(self) -> ArrayLayout:
         """Layout of the recorded frames."""
         return self._reader.info.layout
+
+    @property
+    def end(self) -> Event | None:
+        """The event ``release`` or ``stop`` of a recorded grasp; None where it was not recorded."""
+        with RecordingReader(self._reader.path) as reader:
+            ends = (m for m in reader.messages() if isinstance(m, Event) and m.name in _ENDS)
+            return next(ends, None)
 
     @property
     def ended(self) -> bool:

@@ -24,7 +24,6 @@ from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import Calibration
 
 if TYPE_CHECKING:
-    from palpate.grasp.runner import Subscriber
     from palpate.rig.grip import Grip
     from palpate.rig.reading import Reader, Reading
 
@@ -144,7 +143,7 @@ class Rig:
         from palpate.estimate.damage_file import DamageFile
         from palpate.grasp.planning import plan_grasp
         from palpate.rig.grip import Grip
-        from palpate.rig.recorded import record_grasp
+        from palpate.rig.recorded import GraspRecorder, record_grasp
 
         if self._grip is not None and self._grip.is_holding:
             raise InputError("an object is held already; release it first (`Grip.release`)")
@@ -162,7 +161,7 @@ class Rig:
             kind=known,
             hold_s=math.inf,
         )
-        recorder: AbstractContextManager[Subscriber | None] = nullcontext()
+        recorder: AbstractContextManager[GraspRecorder | None] = nullcontext()
         if record is not None:
             text = None if file is None else file.as_text()
             recorder = record_grasp(Path(record), rig=self, plan=plan, damage=text)

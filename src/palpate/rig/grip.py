@@ -14,10 +14,11 @@ from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult, Outcome
-from palpate.grasp.runner import Subscriber, run_grasp
+from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
 from palpate.rig import Rig
 from palpate.rig.reading import Reader, Reading
+from palpate.rig.recorded import GraspRecorder
 from palpate.twin.paced_array import PacedArray
 
 #: A reading is missing once the loop has had none for this time; the loop itself reports it sooner.
@@ -37,7 +38,7 @@ class Grip:
         plan: Plan,
         *,
         reader: Reader,
-        recorder: AbstractContextManager[Subscriber | None],
+        recorder: AbstractContextManager[GraspRecorder | None],
     ) -> None:
         self._rig, self._plan, self._reader, self._recorder = rig, plan, reader, recorder
         self._requests, self._known = Requests(), threading.Event()
@@ -186,6 +187,8 @@ class Grip:
                     watchers=[self._watch],
                     requests=self._requests,
                 )
+                if record is not None:
+                    record.end(self._result, self._requests)
         except BaseException as error:
             self._failure = error
         finally:

@@ -12,8 +12,9 @@ from palpate.errors import DeviceError
 from palpate.grasp.estimator import Observation
 from palpate.grasp.paper import Paper
 from palpate.grasp.plan import Plan
-from palpate.grasp.runner import Subscriber
-from palpate.recording import RecordingInfo, RecordingWriter
+from palpate.grasp.requests import Requests
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.recording import Event, RecordingInfo, RecordingWriter
 from palpate.rig import Rig
 from palpate.rig.sensor_only import SensorRig
 from palpate.sensor.array import PressureArray
@@ -52,9 +53,35 @@ def open_grasp_recording(
     return RecordingWriter(path, info=info)
 
 
+class GraspRecorder:
+    """A subscriber of `run_grasp` that writes every observation to a recording."""
+
+    def __init__(self, writer: RecordingWriter) -> None:
+        self._writer = writer
+
+    def __call__(self, observation: Observation) -> None:
+        """Write a frame with the gripper's state."""
+        self._writer.add_observation(observation.frame, gripper=observation.gripper)
+
+    def end(self, result: GraspResult, requests: Requests | None = None) -> None:
+        """Write when the release or the stop was decided, so that a replay decides it then.
+
+        `requests`: those of the grasp; without them nobody asked for a release.
+        """
+        released = requests is not None and not requests.stop.is_set()
+        names = {Outcome.HELD: "release", Outcome.STOPPED: "release" if released else "stop"}
+        name = names.get(result.outcome)
+        at_s = [one.time_s for one in result.moments if one.name == result.outcome.value]
+        # A grasp that was stopped before its first frame has no time.
+        if name is not None and result.frames and at_s:
+            self._writer.add(Event(time_s=at_s[-1], name=name))
+
+
 @contextmanager
-def record_grasp(path: Path, *, rig: Rig, plan: Plan, damage: str | None) -> Iterator[Subscriber]:
-    """Yield a subscriber that writes every observation of a grasp to a new recording.
+def record_grasp(
+    path: Path, *, rig: Rig, plan: Plan, damage: str | None
+) -> Iterator[GraspRecorder]:
+    """Yield the recorder of one grasp, to a new recording.
 
     `damage`: text of the damage file that the plan uses.
 
@@ -70,11 +97,7 @@ def record_grasp(path: Path, *, rig: Rig, plan: Plan, damage: str | None) -> Ite
         kind=plan.kind,
         paper=plan.paper,
     ) as writer:
-
-        def recorder(observation: Observation) -> None:
-            writer.add_observation(observation.frame, gripper=observation.gripper)
-
-        yield recorder
+        yield GraspRecorder(writer)
 
 
 def recording_info(rig: Rig | SensorRig, *, seed: int) -> RecordingInfo:

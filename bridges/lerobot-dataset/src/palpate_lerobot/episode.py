@@ -158,7 +158,9 @@ def read_grasp(path: Path) -> GraspTrack:
 
 def _track(path: Path, info: RecordingInfo, result: GraspResult, scribe: _Scribe) -> GraspTrack:
     if result.outcome is Outcome.STOPPED:
-        # Not the recorded grasp: that one ends with its frames.
+        if scribe.steps and scribe.steps[-1][0].frame.time_s >= scribe.end_s:
+            raise RecordingError("its user stopped it; leave it out")
+        # Not the recorded grasp, but this reading of it.
         raise KeyboardInterrupt
     if result.outcome in _BROKEN:
         why = " ".join(result.faults)
@@ -197,12 +199,15 @@ class _Scribe:
     ----------
     rest_ohm : ndarray or None, shape (rows, cols)
         The rest that the grasp itself took.
+    end_s : float
+        When its user released the object or stopped; infinite where that was not recorded.
     steps : list of (Observation, GripperCommand)
         Each observation with the command that held from then on.
     """
 
     def __init__(self, source: Replay) -> None:
         self._recorded = ReplayGripper(source)
+        self.end_s = math.inf if source.end is None else source.end.time_s
         self.limits = self._recorded.limits
         self.rest_ohm: FloatArray | None = None
         self.steps: list[tuple[Observation, GripperCommand]] = []
