@@ -107,19 +107,49 @@ def watch_flexitac(*, rate_hz: float, seconds: float) -> None:
         with serving(Path(folder), rig) as (address, pid):
             page = look(browser, address)
             processes = {"server": pid, "devices": devices_of(pid)}
-            before, drawn = link(address), int(page.evaluate("document.body.dataset.drawn"))
-            cpu = {name: cpu_s(one) for name, one in processes.items()}
-            began_s = time.monotonic()
+            page.evaluate(_NOTE_PICTURES)
+            before, cpu = link(address), [cpu_s(one) for one in processes.values()]
+            shown_s, began_s = browser_cpu_s(), time.monotonic()
             time.sleep(seconds)
-            drawn = int(page.evaluate("document.body.dataset.drawn")) - drawn
+            ages_ms, made = page.evaluate("[window.ages, window.made]")
             now, took_s = link(address), time.monotonic() - began_s
-            busy = [100 * (cpu_s(one) - cpu[name]) / took_s for name, one in processes.items()]
+            spent = [cpu_s(one) for one in processes.values()]
+            busy = [100 * (end - begin) / took_s for begin, end in zip(cpu, spent, strict=True)]
+            busy.append(100 * (browser_cpu_s() - shown_s) / took_s)
+            p50, p99 = np.quantile(ages_ms, [0.5, 0.99])
             print(
-                f"12 x 32 pixels at {rate_hz:g} frames/s, one viewer: {drawn / took_s:.1f} "
-                f"pictures a second; {now['frames'] - before['frames']:.0f} frames in "
-                f"{took_s:.0f} s, {now['lost'] - before['lost']:.0f} lost; processor: server "
-                f"{busy[0]:.1f} %, devices {busy[1]:.1f} %; load {os.getloadavg()[0]:.1f}"
+                f"12 x 32 pixels at {rate_hz:g} frames/s, one viewer: "
+                f"{len(ages_ms) / took_s:.1f} pictures a second, {made / len(ages_ms):.1f} nodes "
+                f"made for each; age of the frame when drawn p50 {p50:.0f} ms, p99 {p99:.0f} ms; "
+                f"{now['frames'] - before['frames']:.0f} frames in {took_s:.0f} s, "
+                f"{now['lost'] - before['lost']:.0f} lost; processor: server {busy[0]:.1f} %, "
+                f"devices {busy[1]:.1f} %, browser {busy[2]:.0f} %; load {os.getloadavg()[0]:.1f}"
             )
+
+
+#: Notes the age of the frame (ms, as the page states it) and the nodes made at each picture.
+_NOTE_PICTURES = """() => {
+  [window.ages, window.made] = [[], 0];
+  const age = document.getElementById("link-age");
+  new MutationObserver(() => {
+    const [, number, unit] = age.textContent.match(/([\\d.]+) (ms|s) ago/) ?? [];
+    if (number) window.ages.push(+number * (unit === "s" ? 1000 : 1));
+  }).observe(document.body, { attributes: true, attributeFilter: ["data-drawn"] });
+  new MutationObserver((list) => {
+    for (const one of list) window.made += one.addedNodes.length;
+  }).observe(document.getElementById("fingers"), { childList: true, subtree: true });
+}"""
+
+
+def browser_cpu_s() -> float:
+    """Return the processor time of the browser that this process started."""
+    found, left = 0.0, children_of(os.getpid())
+    while left:
+        pid = left.pop()
+        left += children_of(pid)
+        if b"chromium" in Path(f"/proc/{pid}/cmdline").read_bytes():
+            found += cpu_s(pid)
+    return found
 
 
 def cpu_s(pid: int) -> float:

@@ -1,5 +1,5 @@
 // The pads: each pixel at its place, between the fingers of a hand or side by side without one.
-import { $, esc, seen } from "/static/poll.js";
+import { $, esc, say, seen } from "/static/poll.js";
 import { fixed, t, whole as wholeNumber } from "/static/words.js";
 import { color } from "/static/colors.js";
 
@@ -50,8 +50,9 @@ function drawCells(svg, doc) {
     cell.classList.toggle("ill", one !== undefined);
     text.style.fill = ink;
     const small = +text.getAttribute("font-size") < 6;
-    text.textContent = small ? "" : value === null ? (ohm === null ? "open" : "dead") : fixed(value, 0);
-    title.textContent = `R${row} C${col}: ${ohm === null ? "open" : t("{n} ohm", { n: wholeNumber(ohm) })}${one ? `; ${one.text}` : ""}`;
+    say(text, small ? "" : value === null ? (ohm === null ? "open" : "dead") : fixed(value, 0));
+    // Only what the pointer shows: new text for each of 384 pixels takes a sixth of the browser's time.
+    if (cell.matches(":hover")) title.textContent = `R${row} C${col}: ${ohm === null ? "open" : t("{n} ohm", { n: wholeNumber(ohm) })}${one ? `; ${one.text}` : ""}`;
   }
 }
 
