@@ -1,11 +1,10 @@
-"""An archive estimated again: memory, and one worker against two.
+"""An archive estimated again: memory, and one process against two.
 
     python benchmarks/archive.py --samples 100000000 --folder /big/disk
 
 Holds of 2000 samples at 100 Hz that creep with the logarithm of time, drawn (no sensor, no twin),
-in files of a million rows. `palpate archive settle` then runs on them: on one process and on two,
-on Dask with one worker and with two, each in a process of its own. The peak is the largest of any
-one process. The results must be the same bytes.
+in files of a million rows. `palpate archive settle` then runs on them, on one process and on two.
+The peak is the largest of any one process. The results must be the same bytes.
 """
 
 from __future__ import annotations
@@ -24,9 +23,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from palpate_archive.jobs import Settle
+from palpate_archive.evaluating import perform, plan_tasks, settle_job
 from palpate_archive.layout import Archive, Part
-from palpate_archive.running import run_here, tasks_of
 
 PER_HOLD, HOLDS_PER_FILE = 2000, 500
 
@@ -53,32 +51,17 @@ def draw(root: Path, *, samples: int) -> None:
         archive.write(part, [pa.table(columns)], sources=[f"s{number}"])
 
 
-def settle(root: Path, results: Path, *, engine: str, workers: int) -> dict[str, float]:
+def settle(root: Path, results: Path, *, workers: int) -> dict[str, float]:
     """Estimate all of it; return seconds and the peak of memory, GB."""
-    tasks = tasks_of(Settle(horizon_s=19.0), Archive(root), to=results)
-    if engine == "local":
-        started_s = time.perf_counter()
-        run_here(tasks, show=lambda _: None, workers=workers)
-        taken_s = time.perf_counter() - started_s
-    else:
-        taken_s = on_dask(tasks, workers=workers)
+    tasks = plan_tasks(settle_job(method="relaxation", horizon_s=19.0), Archive(root), to=results)
+    started_s = time.perf_counter()
+    perform(tasks, show=lambda _: None, workers=workers)
+    taken_s = time.perf_counter() - started_s
     peaks = [
         resource.getrusage(who).ru_maxrss
         for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
     ]
     return {"seconds": taken_s, "peak_gb": max(peaks) / 1e6}
-
-
-def on_dask(tasks: list, *, workers: int) -> float:
-    """Run tasks on a cluster of so many processes that stands already; return the seconds."""
-    from distributed import LocalCluster
-
-    from palpate_archive.running import run_on_dask
-
-    with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster:
-        started_s = time.perf_counter()
-        run_on_dask(tasks, scheduler=cluster.scheduler_address, show=lambda _: None)
-        return time.perf_counter() - started_s
 
 
 def fingerprint(results: Path) -> str:
@@ -92,27 +75,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--samples", type=int, default=10_000_000)
     parser.add_argument("--folder", type=Path, help="where there is room; deleted afterwards")
-    parser.add_argument("--one", nargs=4, help=argparse.SUPPRESS)
+    parser.add_argument("--one", nargs=3, help=argparse.SUPPRESS)
     told = parser.parse_args()
     if told.one:
-        root, results, engine, workers = told.one
-        print(json.dumps(settle(Path(root), Path(results), engine=engine, workers=int(workers))))
+        root, results, workers = told.one
+        print(json.dumps(settle(Path(root), Path(results), workers=int(workers))))
         return
     folder = Path(tempfile.mkdtemp(dir=told.folder))
     try:
         draw(folder / "archive", samples=told.samples)
         prints = set()
-        for engine, workers in (("local", 1), ("local", 2), ("dask", 1), ("dask", 2)):
-            results = folder / f"{engine}-{workers}"
+        for workers in (1, 2):
+            results = folder / f"results-{workers}"
             command = [sys.executable, __file__, "--one", str(folder / "archive"), str(results)]
             ended = subprocess.run(
-                [*command, engine, str(workers)], capture_output=True, text=True, check=True
+                [*command, str(workers)], capture_output=True, text=True, check=True
             )
             found = json.loads(ended.stdout)
             prints.add(fingerprint(results))
             rate = told.samples / found["seconds"] / 1e6
             print(
-                f"{engine}, {workers} process(es): {found['seconds']:.1f} s, {rate:.2f} million "
+                f"{workers} process(es): {found['seconds']:.1f} s, {rate:.2f} million "
                 f"samples/s, peak of one process {found['peak_gb']:.2f} GB",
                 flush=True,
             )

@@ -1,11 +1,11 @@
-"""Jobs that lose their worker, or its scheduler: what a power cut does, at a known moment."""
+"""Jobs of the archive's tests, in a module that other processes can import."""
 
 from __future__ import annotations
 
 import os
 import signal
 from collections.abc import Iterator
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,52 +14,26 @@ import pyarrow as pa
 import pyarrow.parquet
 from threadpoolctl import threadpool_info
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Killing:
-    """Copies the times of holds; at the first part it kills a process, so often."""
-
-    folder: Path
-    times: int
-    #: Process to kill; the worker itself where there is none.
-    pid: int | None = None
-
-    @property
-    def name(self) -> str:
-        return "killing"
-
-    @property
-    def reads(self) -> str:
-        return "holds"
-
-    @property
-    def settings(self) -> str:
-        return "always the same"
-
-    def tables(self, path: Path) -> Iterator[Any]:
-        killed = len(list(self.folder.glob("killed-*")))
-        if killed < self.times:
-            (self.folder / f"killed-{killed}").touch()
-            os.kill(self.pid or os.getpid(), signal.SIGKILL)
-        yield pa.parquet.read_table(path, columns=["time_s"], partitioning=None)
+from palpate_archive.evaluating import Job
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Threads:
-    """Tells on how many threads linear algebra runs."""
+def killing_job(folder: Path) -> Job:
+    """Copy the times of holds; at the first part of all it kills its process."""
+    tables = partial(_copy_or_die, killed=folder / "killed")
+    return Job(name="killing", reads="holds", settings="", tables=tables)
 
-    @property
-    def name(self) -> str:
-        return "threads"
 
-    @property
-    def reads(self) -> str:
-        return "holds"
+def threads_job() -> Job:
+    """Write on how many threads linear algebra runs."""
+    return Job(name="threads", reads="holds", settings="", tables=_count_threads)
 
-    @property
-    def settings(self) -> str:
-        return ""
 
-    def tables(self, path: Path) -> Iterator[Any]:
-        found = [pool["num_threads"] for pool in threadpool_info()]
-        yield pa.table({"threads": found})
+def _copy_or_die(path: Path, *, killed: Path) -> Iterator[Any]:
+    if not killed.exists():
+        killed.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    yield pa.parquet.read_table(path, columns=["time_s"], partitioning=None)
+
+
+def _count_threads(path: Path) -> Iterator[Any]:
+    yield pa.table({"threads": [pool["num_threads"] for pool in threadpool_info()]})

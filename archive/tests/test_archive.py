@@ -11,21 +11,26 @@ import pandas as pd
 import polars as pl
 import pyarrow.parquet as pq
 import pytest
-from archive.tests.archive_jobs import Killing, Threads
+from archive.tests.archive_jobs import killing_job, threads_job
 from threadpoolctl import threadpool_limits
 
 from palpate.cli import build_app
 from palpate.cli.outcome import run as run_command
-from palpate.errors import InputError
+from palpate.errors import InputError, PalpateError
 from palpate.holds import read_holds
 from palpate.produce.store.database import Store
 from palpate.recording import load_recording
 from palpate.recording.exporting import solve_resistance_ohm
 from palpate_archive.adding import add_recordings, add_store
 from palpate_archive.compacting import join_files
-from palpate_archive.jobs import Judge, Recalibrate, Settle
+from palpate_archive.evaluating import (
+    delete_others,
+    perform,
+    plan_tasks,
+    recalibrate_job,
+    settle_job,
+)
 from palpate_archive.layout import KINDS, Archive, Part
-from palpate_archive.running import ClusterError, forget_others, perform, run_here, tasks_of
 
 
 def palpate(*arguments: str) -> int:
@@ -156,65 +161,64 @@ def test_a_part_of_holds_is_a_holds_file(archive: Archive) -> None:
     assert "mean" in {hold.channel for hold in holds}
 
 
-def test_work_is_done_once_and_the_same_on_any_cores(archive: Archive, tmp_path: Path) -> None:
-    job = Settle(horizon_s=5.0, cutoffs_s=(1.0, 2.0))
-    one, two = (tasks_of(job, archive, to=tmp_path / name) for name in ("one", "two"))
-    assert run_here(one, show=shown, workers=2) == sum(map(perform, two)) > 0
+def test_settle_gives_the_same_bytes_on_any_cores_and_is_done_once(
+    archive: Archive, tmp_path: Path
+) -> None:
+    job = settle_job(method="relaxation", horizon_s=5.0)
+    one, two = (plan_tasks(job, archive, to=tmp_path / name) for name in ("one", "two"))
+    assert perform(one, show=shown, workers=2) == sum(task.perform() for task in two) > 0
     assert all(task.done for task in one)
     for mine, other in zip(one, two, strict=True):
         assert mine.target.read_bytes() == other.target.read_bytes()
     [table, _] = contents(tmp_path / "one").values()
     known = {"ok", "unproven", "too_short", "misfit", "not_settling", "fell_back"}
     assert set(table["status"]) <= known
-    assert not any(task.done for task in tasks_of(Settle(), archive, to=tmp_path / "one"))
+    other_job = settle_job(method="relaxation", horizon_s=6.0)
+    assert not any(task.done for task in plan_tasks(other_job, archive, to=tmp_path / "one"))
 
 
-def test_sums_do_not_depend_on_how_many_cores_a_machine_has(
-    archive: Archive, tmp_path: Path
-) -> None:
-    [task, _] = tasks_of(Threads(), archive, to=tmp_path / "out")
+def test_perform_takes_one_thread_on_any_machine(archive: Archive, tmp_path: Path) -> None:
+    [task, _] = plan_tasks(threads_job(), archive, to=tmp_path / "out")
     with threadpool_limits(limits=2):
-        perform(task)
+        task.perform()
     assert set(pq.read_table(task.target, partitioning=None)["threads"].to_pylist()) == {1}
 
 
-def test_a_worker_that_dies_is_replaced(archive: Archive, tmp_path: Path) -> None:
-    (tmp_path / "killed").mkdir()
-    job = Killing(folder=tmp_path / "killed", times=2)
-    tasks = tasks_of(job, archive, to=tmp_path / "out")
-    assert run_here(tasks, show=shown, workers=1) == sum(
+def test_process_that_dies_is_one_line_and_a_second_run_completes(
+    archive: Archive, tmp_path: Path
+) -> None:
+    tasks = plan_tasks(killing_job(tmp_path), archive, to=tmp_path / "out")
+    with pytest.raises(PalpateError, match=r"died.*run it again"):
+        perform(tasks, show=shown, workers=1)
+    assert not list((tmp_path / "out").rglob("*.parquet"))
+    assert perform(tasks, show=shown, workers=1) == sum(
         len(table) for table in contents(archive.root / "holds").values()
     )
     assert all(task.done for task in tasks)
 
 
-def test_a_part_that_kills_every_worker_is_said(archive: Archive, tmp_path: Path) -> None:
-    (tmp_path / "killed").mkdir()
-    job = Killing(folder=tmp_path / "killed", times=99)
-    with pytest.raises(ClusterError, match=r"died 3 times.*run it again"):
-        run_here(tasks_of(job, archive, to=tmp_path / "out"), show=shown, workers=1)
-    assert not list((tmp_path / "out").rglob("*.parquet"))
-
-
-def test_results_of_parts_that_were_joined_go(archive: Archive, tmp_path: Path) -> None:
-    job = Settle(horizon_s=5.0)
-    before = tasks_of(job, archive, to=tmp_path / "out")
-    list(map(perform, before))
+def test_delete_others_removes_results_of_parts_that_were_joined(
+    archive: Archive, tmp_path: Path
+) -> None:
+    job = settle_job(method="relaxation", horizon_s=5.0)
+    for task in plan_tasks(job, archive, to=tmp_path / "out"):
+        task.perform()
     join_files(archive, "holds")
-    after = tasks_of(job, archive, to=tmp_path / "out")
-    list(map(perform, after))
-    forget_others(tmp_path / "out" / job.name, after)
+    after = plan_tasks(job, archive, to=tmp_path / "out")
+    for task in after:
+        task.perform()
+    delete_others(tmp_path / "out" / job.name, after)
     assert [task.target for task in after] == list((tmp_path / "out").rglob("*.parquet"))
 
 
-def test_force_is_read_again_by_the_recordings_own_calibration(
+def test_recalibrate_by_the_recordings_own_calibration_gives_its_force(
     archive: Archive, recorded: Path, tmp_path: Path
 ) -> None:
     recording = load_recording(recorded / "g1.mcap")
     assert recording.info.calibration is not None
-    job = Recalibrate(calibration=recording.info.calibration)
-    tasks = tasks_of(job, archive, to=tmp_path / "out")
-    list(map(perform, tasks))
+    tasks = plan_tasks(recalibrate_job(recording.info.calibration), archive, to=tmp_path / "out")
+    for task in tasks:
+        task.perform()
     table = contents(tmp_path / "out")
     [first] = [found for name, found in table.items() if "/g1-" in name]
     assert first["time_s"].tolist() == recording.time_s.tolist()
@@ -222,18 +226,6 @@ def test_force_is_read_again_by_the_recordings_own_calibration(
     # A gentle squeeze: some newtons at its strongest, and nothing at the beginning.
     assert 1.0 < first["force_n"].max() < 6.0
     assert first["force_n"][:10].max() < 0.3
-
-
-def test_grasps_are_judged_again(archive: Archive, recorded: Path, tmp_path: Path) -> None:
-    with Store.open(str(recorded / "items.sqlite")) as store:
-        add_store(archive, store, station="north")
-    rules = tmp_path / "rules.toml"
-    rules.write_text('default = "by hand"\n[[rule]]\nbin = "small"\nsize_mm = [0, 60]\n')
-    job = Judge(rules=rules, text=rules.read_text())
-    [task] = tasks_of(job, archive, to=tmp_path / "out")
-    assert perform(task) == 2
-    [table] = contents(tmp_path / "out").values()
-    assert set(table["bin"]) == {"small"}
 
 
 @pytest.mark.parametrize(
@@ -245,8 +237,7 @@ def test_grasps_are_judged_again(archive: Archive, recorded: Path, tmp_path: Pat
         (["add", "{tmp}/none.mcap", "--to", "{tmp}/new"], "none.mcap: no such file or folder"),
         (["settle", "{archive}", "--horizon", "2"], "--horizon 2: give seconds from 5 on"),
         (["settle", "{archive}", "--method", "magic"], "magic"),
-        (["settle", "{archive}", "--scheduler", "tcp://x:1"], "goes with --engine dask"),
-        (["judge", "{archive}", "--rules", "{tmp}/none.toml"], "none.toml"),
+        (["recalibrate", "{archive}", "--calibration", "{tmp}/none.json"], "none.json"),
         (["add", "{recorded}/g1.mcap", "--to", "{tmp}/new", "--station", "a/b"], "--station 'a/b'"),
     ],
 )

@@ -2,13 +2,172 @@
 
 from __future__ import annotations
 
-_ADD, _WORK = "palpate_archive.add_command", "palpate_archive.work_commands"
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeAlias
+
+import typer
+
+from palpate.cli import completion
+from palpate.cli.options import HorizonOption, QuietOption
+from palpate.cli.progress import progress
+from palpate.errors import InputError
+
+if TYPE_CHECKING:
+    from palpate_archive.evaluating import Job
 
 #: Step -> (where it is, what it does).
 STEPS = {
-    "add": (f"{_ADD}:add", "Put recordings and a store into it; what is there stays"),
-    "compact": (f"{_ADD}:compact", "Join a day's small files into few"),
-    "settle": (f"{_WORK}:settle", "Predict the settled value of every hold again"),
-    "recalibrate": (f"{_WORK}:recalibrate", "Read the force of every frame again"),
-    "judge": (f"{_WORK}:judge", "Decide again which bin each grasp alone would have chosen"),
+    "add": (f"{__name__}:add", "Put recordings and a store into it; what is there stays"),
+    "compact": (f"{__name__}:compact", "Join a day's small files into few"),
+    "settle": (f"{__name__}:settle", "Predict the settled value of every hold again"),
+    "recalibrate": (f"{__name__}:recalibrate", "Read the force of every frame again"),
 }
+ArchiveArgument: TypeAlias = Annotated[Path, typer.Argument(help="The archive.", metavar="DIR")]
+ToOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--to", help="Folder of the results. [default: results, in the archive]", metavar="DIR"
+    ),
+]
+
+
+def add(
+    files: Annotated[
+        list[Path] | None, typer.Argument(help="Recordings, or folders of them.")
+    ] = None,
+    to: Annotated[
+        Path, typer.Option(help="The archive; created if it does not exist.", metavar="DIR")
+    ] = Path("archive"),
+    station: Annotated[
+        str | None,
+        typer.Option(help="Where it was recorded. By default the rig's name; a store needs it."),
+    ] = None,
+    store: Annotated[
+        str | None,
+        typer.Option(help="Add the grasps of this store too.", metavar="FILE_OR_URL"),
+    ] = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Add recordings and the grasps of a store. What the archive holds already is skipped.
+
+    Example: palpate archive add recordings --to archive --station north
+    """
+    from palpate.produce.store.database import Store
+    from palpate_archive.adding import add_recordings, add_store, found_recordings
+    from palpate_archive.layout import Archive, check_name
+
+    for path in files or []:
+        if not path.exists():
+            raise InputError(f"{path}: no such file or folder")
+    recordings = list(found_recordings(files or []))
+    if not recordings and store is None:
+        raise InputError("nothing to add: name recordings, a folder that holds some, or --store")
+    if store is not None and station is None:
+        raise InputError("--store: state with --station whose grasps these are")
+    if station is not None:
+        check_name("--station", station)
+    archive = Archive(to, create=True)
+    rows, fresh = Counter[str](), 0
+    with progress("adding", total=len(recordings), quiet=quiet) as show:
+        each = add_recordings(archive, recordings, station=station)
+        for number, added in enumerate(each, start=1):
+            rows.update(added)
+            fresh += bool(added)
+            show(number)
+    if store is not None and station is not None:
+        with Store.open(store) as opened:
+            rows.update(add_store(archive, opened, station=station))
+    counted = ", ".join(f"{count} rows of {kind}" for kind, count in sorted(rows.items()))
+    print(
+        f"{to}: {fresh} of {len(recordings)} recordings are new; added {counted or 'nothing'}",
+        file=sys.stderr,
+    )
+
+
+def compact(archive: ArchiveArgument) -> None:
+    """Join the files of each station and day, up to a million rows a file.
+
+    While it runs, a query may see some rows twice: run it when nobody reads.
+
+    Example: palpate archive compact archive
+    """
+    from palpate_archive.compacting import join_files
+    from palpate_archive.layout import KINDS, Archive
+
+    opened = Archive(archive)
+    for kind in KINDS:
+        before, after = join_files(opened, kind)
+        print(f"{archive}: {kind}: {before} files became {after}", file=sys.stderr)
+
+
+def settle(
+    archive: ArchiveArgument,
+    method: Annotated[
+        str,
+        typer.Option(
+            help="recorded, exponential, log_law, log_law_early or relaxation.",
+            metavar="NAME",
+            autocompletion=completion.methods,
+        ),
+    ] = "relaxation",
+    horizon: HorizonOption = 20.0,
+    to: ToOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Predict every hold's settled value from 1, 2.5 and 5 s, next to the value it reached.
+
+    Example: palpate archive settle archive --method exponential
+    """
+    from palpate.settling.predict import method_named
+    from palpate_archive.evaluating import CUTOFFS_S, settle_job
+
+    method_named(method)
+    if not max(CUTOFFS_S) <= horizon < float("inf"):
+        raise InputError(
+            f"--horizon {horizon:g}: give seconds from {max(CUTOFFS_S):g} on, such as 20"
+        )
+    _work_on(archive, settle_job(method=method, horizon_s=horizon), to=to, quiet=quiet)
+
+
+def recalibrate(
+    archive: ArchiveArgument,
+    calibration: Annotated[
+        Path, typer.Option(help="The sensor's calibration file.", metavar="FILE")
+    ],
+    to: ToOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Read the force of every frame again by one calibration; other sensors' frames stay empty.
+
+    Example: palpate archive recalibrate archive --calibration calibration.json
+    """
+    from palpate.grasp.planning import laws_of
+    from palpate.sensor.calibration import Calibration
+    from palpate_archive.evaluating import recalibrate_job
+
+    # Refused here, and not by every worker.
+    laws_of(Calibration.load(calibration).force)
+    _work_on(archive, recalibrate_job(calibration.read_text()), to=to, quiet=quiet)
+
+
+def _work_on(archive: Path, job: Job, *, to: Path | None, quiet: bool) -> None:
+    """Run a job over the archive and print where the results are."""
+    from palpate_archive.evaluating import delete_others, perform, plan_tasks
+    from palpate_archive.layout import Archive
+
+    results = to or archive / "results"
+    tasks = plan_tasks(job, Archive(archive), to=results)
+    if not tasks:
+        raise InputError(f"{archive}: holds no {job.reads}; add some with `palpate archive add`")
+    left = [task for task in tasks if not task.done]
+    with progress(job.name, total=len(left), quiet=quiet) as show:
+        rows = perform(left, show=show) if left else 0
+    delete_others(results / job.name, tasks)
+    there = len(tasks) - len(left)
+    others = f"; {there} were there already" if there else ""
+    print(
+        f"{results / job.name}: {len(left)} of {len(tasks)} files written, {rows} rows{others}",
+        file=sys.stderr,
+    )
