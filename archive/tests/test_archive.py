@@ -15,7 +15,7 @@ from archive.tests.archive_jobs import killing_job, threads_job
 from threadpoolctl import threadpool_limits
 
 from palpate.cli import build_app
-from palpate.cli.outcome import run as run_command
+from palpate.cli import run as run_command
 from palpate.errors import InputError, PalpateError
 from palpate.holds import read_holds
 from palpate.produce.store.database import Store

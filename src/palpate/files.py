@@ -145,6 +145,18 @@ make it first
         raise InputError(f"{output}: no right to write to {folder}; choose another place")
 
 
+def check_new(output: Path, *, option: str = "--out") -> None:
+    """Refuse, before the work, to write over a file, or where `check_place` refuses.
+
+    Raises `InputError` if the file exists already.
+    """
+    check_place(output)
+    if output.exists():
+        raise InputError(
+            f"{output}: exists already and is not overwritten; choose another {option}"
+        )
+
+
 def csv_cell(value: object) -> object:
     """Return a cell for a CSV file: text that a spreadsheet would run as a formula is quoted.
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import typer
 
-from palpate.cli.outcome import run
+from palpate.cli import run
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome

@@ -23,8 +23,7 @@ from tests.loop.test_dashboard import (
 from tests.loop.test_dashboard_api import Machine
 from tests.unit.test_json_schemas import faults
 
-from palpate.cli import build_app
-from palpate.cli.outcome import run
+from palpate.cli import build_app, run
 
 __all__ = ["browser"]
 

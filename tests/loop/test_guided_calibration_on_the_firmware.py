@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 import typer
 
-from palpate.cli import calibrate_force, calibrate_rest
-from palpate.cli.outcome import run
+from palpate.cli import calibrate_force, calibrate_rest, run
 from palpate.clock import ManualClock
 from palpate.estimate.pixel_law import fit_laws
 from palpate.grasp.planning import HORIZON_S, placements_of
@@ -121,7 +120,7 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     bench = Bench()
     opened = SimpleNamespace(array=bench.array, gripper=bench.gripper)
     monkeypatch.setitem(sys.modules, "bench_of_the_test", opened)
-    for module in ("rig.bench", "cli.calibrate_weights"):
+    for module in ("rig.bench", "cli.calibrate_force"):
         monkeypatch.setattr(f"palpate.{module}.RealClock", lambda: bench.clock)
     monkeypatch.setattr("typer.prompt", bench.prompt)
     (tmp_path / "rig.toml").write_text(RIG)

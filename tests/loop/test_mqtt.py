@@ -20,8 +20,7 @@ from tests.loop.test_dashboard_api import Machine
 from tests.mosquitto import PATIENCE_S, PROGRAM, BrokerProcess, Subscriber
 from tests.unit.test_json_schemas import faults
 
-from palpate.cli import build_app
-from palpate.cli.outcome import run
+from palpate.cli import build_app, run
 from palpate.mqtt.broker import Broker, read_broker
 from palpate.mqtt.publisher import Publisher
 

@@ -159,11 +159,13 @@ def test_replay_of_a_grasp_that_a_user_ended_ends_at_the_same_frame(
     source.close()
 
 
-def test_the_text_says_that_it_is_simulated(
+def test_replay_prints_the_card_of_a_grasp_marked_simulated(
     live: tuple[Path, GraspResult], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(build_app(), ["replay", str(live[0])], name="palpate") == 0
-    assert capsys.readouterr().out.startswith("held  (SIMULATED: twin)\n")
+    shown = capsys.readouterr().out
+    assert "SIMULATED on the twin" in shown
+    assert "Grip force, N" in shown
 
 
 def test_its_holds_are_cut_where_the_gripper_stood_still(live: tuple[Path, GraspResult]) -> None:

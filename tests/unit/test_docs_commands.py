@@ -15,8 +15,7 @@ from pathlib import Path
 import pytest
 from typer.core import TyperGroup
 
-from palpate.cli import VERBS, build_app
-from palpate.cli.outcome import run
+from palpate.cli import VERBS, build_app, run
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Pages whose `sh` and `python` blocks are run.

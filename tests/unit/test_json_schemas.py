@@ -12,8 +12,7 @@ from jsonschema import Draft202012Validator
 from referencing import Registry, Resource
 from tests.closings import write_damage_file
 
-from palpate.cli import build_app
-from palpate.cli.outcome import run
+from palpate.cli import build_app, run
 
 ROOT = Path(__file__).resolve().parents[2]
 SCHEMAS: dict[str, Any] = {

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
-from palpate.cli import completion
+from palpate.cli import options as option
 from palpate.cli.options import HorizonOption, QuietOption
-from palpate.cli.progress import progress
+from palpate.cli.output import progress
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def settle(
         typer.Option(
             help="recorded, exponential, log_law, log_law_early or relaxation.",
             metavar="NAME",
-            autocompletion=completion.methods,
+            autocompletion=option.complete_methods,
         ),
     ] = "relaxation",
     horizon: HorizonOption = 20.0,

@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.cli import build_app
-from palpate.cli.outcome import run
+from palpate.cli import build_app, run
 from palpate.estimate.damage import DamageModel, fit_damage_model
 from palpate.estimate.strength import ClosingCurve
 from palpate.grasp.estimator import Observation

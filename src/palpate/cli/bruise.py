@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from palpate.cli import completion
+from palpate.cli import options as option
 from palpate.cli.items import open_store
 from palpate.cli.options import JsonOption, StoreOption
 from palpate.cli.output import print_json
@@ -23,7 +23,8 @@ from palpate.terminal_table import print_table
 
 def bruise(
     item: Annotated[
-        str, typer.Argument(help="Which item; grasped before.", autocompletion=completion.items)
+        str,
+        typer.Argument(help="Which item; grasped before.", autocompletion=option.complete_items),
     ],
     store: StoreOption = None,
     learn: Annotated[

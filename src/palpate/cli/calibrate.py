@@ -11,7 +11,7 @@ calibrate = {
         f"{_HERE}.calibrate_compliance:compliance",
         "How far pads, fingers and servo deflect",
     ),
-    "cell": (f"{_HERE}.calibrate_cell:cell", "Newtons per count of the board's load cell"),
+    "cell": (f"{_HERE}.calibrate_force:cell", "Newtons per count of the board's load cell"),
     "damage": (f"{_HERE}.calibrate_damage:damage", "The force that produce withstands"),
     "settling": (
         f"{_HERE}.calibrate_settling:settling",

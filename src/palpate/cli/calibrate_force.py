@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -20,14 +23,28 @@ from palpate.cli.calibrate_bench import (
     now_text,
     open_bench,
 )
-from palpate.cli.calibrate_weights import weigh_loads
-from palpate.cli.output import print_json
+from palpate.cli.options import JsonOption
+from palpate.cli.output import print_json, say
+from palpate.cli.sensor_source import open_source
+from palpate.clock import RealClock
+from palpate.errors import CalibrationError, InputError
+from palpate.estimate.force_follower import SPREAD_N, half_width_percent, most_useful_n
+from palpate.estimate.force_law import ForceLaw
 from palpate.grasp.calibrating import HOLDS_N, measure_force, measure_rest
 from palpate.grasp.paper_method import with_line_law
 from palpate.grasp.planning import DWELL_S, HORIZON_S, with_force_law
 from palpate.plots.force_calibration import force_calibration_figure
 from palpate.plots.style import check_plot, save_figure
+from palpate.rig.board_cell import board_with_cells, mean_counts
+from palpate.rig.file import load_cells_stated
 from palpate.sensor.calibration import Calibration
+from palpate.sensor.dead_weights import (
+    FEWEST,
+    check_loads,
+    hysteresis_seen,
+    read_loads,
+    weigh,
+)
 
 
 def force(
@@ -57,8 +74,6 @@ def force(
         typer.Option(help="line: the paper's, from the mean relative change (Table 4)."),
     ] = "power",
     seed: option.SeedOption = 0,
-    temperature_c: option.TemperatureOption = None,
-    humidity_percent: option.HumidityOption = None,
     as_json: option.JsonOption = False,
 ) -> None:
     """Calibrate the force: guided steps up and down, a held-out check, and a verdict.
@@ -74,11 +89,6 @@ def force(
         made, course = _calibrate_by_cell(rig, seed=seed, out=path), None
     else:
         made, course = weigh_loads(rig, loads=loads, out=path, tolerance_percent=tolerance_percent)
-    made = replace(
-        made,
-        temperature_c=made.temperature_c if temperature_c is None else temperature_c,
-        humidity_percent=made.humidity_percent if humidity_percent is None else humidity_percent,
-    )
     if law == "line":
         made = with_line_law(made)
     made.save(path)
@@ -176,3 +186,176 @@ def _print(made: Calibration, *, path: Path) -> None:
 
 def _percent(error: float | None) -> str:
     return "not reached: out of range" if error is None else f"{error:.0f} %"
+
+
+class Course:
+    """The law after each weight, and what is left of its intervals.
+
+    `tolerance_percent`: half of the interval at 1.5, 4 and 9 N at which no more is asked for; 0
+    asks for every weight.
+    """
+
+    def __init__(self, *, tolerance_percent: float) -> None:
+        self._tolerance_percent = tolerance_percent
+        self._law = ForceLaw()
+        self._known: list[tuple[float, float]] = []
+        self.before = self.after = self._half_widths()
+
+    @property
+    def enough(self) -> bool:
+        """Whether the intervals are within the tolerance, after at least three weights."""
+        return self._law.known >= FEWEST and max(self.after.values()) <= self._tolerance_percent
+
+    @property
+    def next_n(self) -> float:
+        """The load that would narrow the intervals most."""
+        return most_useful_n(self._law)
+
+    def take(self, excess: float, load_n: float) -> None:
+        """Take a settled reading, and print what it narrowed."""
+        self._known.append((excess, load_n))
+        readings, loads_n = zip(*self._known, strict=True)
+        self._law = ForceLaw.fit(readings, force_n=loads_n)
+        last, self.after = self.after, self._half_widths()
+        each = ", ".join(
+            f"{force} N {last[force]:.0f} to {self.after[force]:.0f} %" for force in self.after
+        )
+        advice = "within the tolerance" if self.enough else f"most would show {self.next_n:g} N"
+        say(f"{load_n:g} N: half intervals at {each}; {advice}")
+
+    def to_dict(self) -> dict[str, dict[str, float]]:
+        """Return half of the interval at each force before and after the weights, percent."""
+        return {
+            f"{force}_n": {"before": self.before[force], "after": self.after[force]}
+            for force in self.before
+        }
+
+    def _half_widths(self) -> dict[str, float]:
+        return {f"{at_n:g}": half_width_percent(self._law, at_n) for at_n in SPREAD_N}
+
+
+def weigh_loads(
+    rig: str, *, loads: Path | None, out: Path, tolerance_percent: float
+) -> tuple[Calibration, Course]:
+    """Read dead weights as the user lays them down, and fit the law to them.
+
+    Raises `InputError` if the rig is simulated, the loads can't carry a calibration, or `out` is
+    not there yet.
+    """
+    if rig.startswith("sim-"):
+        without = "" if loads is None else "; leave --loads out"
+        raise InputError(
+            f"rig {rig!r} is simulated, and no weights can be laid on it{without} "
+            "(--rig sim-rigid has a load cell)"
+        )
+    listed = None if loads is None else read_loads(loads)
+    course = Course(tolerance_percent=tolerance_percent)
+    with closing(open_source(rig=rig)) as source:
+        earlier = earlier_calibration(out, layout=source.array.layout, simulated=source.simulated)
+        if earlier is None:
+            raise InputError(
+                f"{out} is not there yet; run `palpate calibrate rest --rig {rig} --out {out}`"
+            )
+
+        def place(load_n: float) -> None:
+            if listed is not None:
+                ask_user(f"lay {load_n:g} N on the pad, then Enter")
+
+        weighing = weigh(
+            source.array,
+            loads_n=_ask_loads(course) if listed is None else _until_enough(listed, course),
+            place=place,
+            clock=RealClock(),
+            settled=course.take,
+        )
+    for load_n in weighing.refused_n:
+        say(f"refused: {load_n:g} N did not settle")
+    made = with_force_law(replace(earlier, force=weighing.pairs))
+    held_out = {
+        **made.held_out,
+        "unloading_seen": hysteresis_seen(weighing.pairs.force_n),
+    }
+    return replace(made, held_out=held_out, made_at=now_text()), course
+
+
+def _until_enough(loads_n: Sequence[float], course: Course) -> Iterator[float]:
+    for load_n in loads_n:
+        if course.enough:
+            return
+        yield load_n
+
+
+def _ask_loads(course: Course) -> Iterator[float]:
+    """Ask for one weight after the other, the most useful one first, until Enter alone."""
+    loads_n: list[float] = []
+    while not course.enough:
+        ask = f"lay a weight near {course.next_n:g} N on the pad and type its newtons (Enter ends)"
+        typed = str(typer.prompt(ask, default="", err=True, show_default=False)).strip()
+        if not typed:
+            break
+        try:
+            loads_n.append(float(typed))
+        except ValueError as error:
+            raise InputError(f"load {typed!r}: type newtons, such as 4.0") from error
+        yield loads_n[-1]
+    check_loads(loads_n, where="the weights")
+
+
+#: A thousandth of what 1 N moves a cell of 1 kg and 1 mV/V by: 200 000 counts of an HX711 at 128.
+_LEAST_COUNTS = 1000.0
+
+
+def cell(
+    rig: Annotated[str, typer.Option(help="A rig file with a board.", metavar="TOML")],
+    known_n: Annotated[
+        float,
+        typer.Option("--known-n", help="The weight, newtons (kg * 9.81).", metavar="NEWTONS"),
+    ],
+    cell: Annotated[
+        int, typer.Option(help="Which load cell of the board.", min=0, max=1, metavar="N")
+    ] = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Weigh a known weight on one load cell; prints the line for the rig file.
+
+    Example: palpate calibrate cell --rig rig.toml --cell 0 --known-n 9.81
+    """
+    if not (math.isfinite(known_n) and known_n > 0):
+        raise InputError(f"--known-n must be above 0 newtons, not {known_n:g}")
+    known = _read_scales(rig, cell=cell)
+    newtons_per_count = known_n / _measure_counts(rig, cell=cell, known_n=known_n)
+    line = [*known[:cell], newtons_per_count, *known[cell + 1 :]]
+    if as_json:
+        print_json({"rig": rig, "cell": cell, "newtons_per_count": line})
+        return
+    print("[load_cells]")
+    print(f"newtons_per_count = [{', '.join(f'{scale:.6g}' for scale in line)}]")
+
+
+def _read_scales(rig: str, *, cell: int) -> tuple[float, ...]:
+    """Return what the rig file states already."""
+    if not rig.endswith(".toml"):
+        raise InputError(f"rig {rig!r} is simulated; give a rig file whose [array] is a board")
+    known = load_cells_stated(Path(rig)) or ()
+    if cell > len(known):
+        raise InputError(
+            f"--cell {cell}: calibrate cell 0 first and put its [load_cells] into {rig}"
+        )
+    return known
+
+
+def _measure_counts(rig: str, *, cell: int, known_n: float) -> float:
+    """Return by how many counts the weight moves the cell."""
+    clock = RealClock()
+    with closing(open_source(rig=rig)) as source:
+        board = board_with_cells(source.array)
+        ask_user(f"take everything off load cell {cell}, then Enter")
+        (empty,) = mean_counts(board, cells=(cell,), clock=clock)
+        ask_user(f"lay {known_n:g} N on load cell {cell}, wait until it lies still, then Enter")
+        (loaded,) = mean_counts(board, cells=(cell,), clock=clock)
+    if abs(loaded - empty) < _LEAST_COUNTS:
+        raise CalibrationError(
+            f"load cell {cell} moved by {loaded - empty:.0f} counts only; does the weight lie on "
+            "it, and is it this cell? (--cell)"
+        )
+    return loaded - empty

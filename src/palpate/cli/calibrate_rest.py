@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from rich.console import Console
 
 from palpate.cli import options as option
 from palpate.cli.calibrate_bench import DEFAULT_FILE, earlier_calibration, new_calibration
-from palpate.cli.output import print_json
+from palpate.cli.output import print_json, say
 from palpate.cli.sensor_source import open_source
 from palpate.errors import CalibrationError
 from palpate.files import check_place
@@ -48,8 +47,6 @@ def rest(
     reference_ohm: option.ReferenceOption = None,
     rate_hz: option.RateOption = None,
     baud: option.BaudOption = None,
-    temperature_c: option.TemperatureOption = None,
-    humidity_percent: option.HumidityOption = None,
     as_json: option.JsonOption = False,
 ) -> None:
     """Take the rest values of every pixel; refused when something presses or moves.
@@ -67,7 +64,7 @@ def rest(
         pixels, simulated = source.array.layout, source.simulated
         earlier = None if new else earlier_calibration(path, layout=pixels, simulated=simulated)
         if not simulated:
-            print(f"{source.name}: leave the sensor alone for {duration_s:g} s", file=sys.stderr)
+            say(f"{source.name}: leave the sensor alone for {duration_s:g} s")
         known_ohm = None if earlier is None or empty else earlier.rest_ohm
         values = _rest_values(source.frames(duration_s), layout=pixels, known_ohm=known_ohm)
     calibration = new_calibration(pixels, rest=values, simulated=simulated)
@@ -75,10 +72,6 @@ def rest(
         # The date is that of the force readings, where there are.
         made_at = earlier.made_at if earlier.force.force_n else calibration.made_at
         calibration = replace(earlier, rest=values, made_at=made_at)
-    if temperature_c is not None:
-        calibration = replace(calibration, temperature_c=temperature_c)
-    if humidity_percent is not None:
-        calibration = replace(calibration, humidity_percent=humidity_percent)
     calibration.save(path)
     if as_json:
         print_json(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from palpate.cli.output import say
 from palpate.cli.settle_source import HoldSource
 from palpate.errors import InputError
 from palpate.files import check_place
@@ -52,7 +52,7 @@ def settling(
         cut = _read(source, path)
         long = [hold for hold in cut if hold.time_s[-1] >= shortest_s - 0.5]
         names = {hold.hold_id for hold in cut}, {hold.hold_id for hold in long}
-        print(f"{path}: {len(names[0])} holds, {len(names[1])} long enough", file=sys.stderr)
+        say(f"{path}: {len(names[0])} holds, {len(names[1])} long enough")
         if again := names[1] & {hold.hold_id for hold in kept}:
             raise InputError(f"{path}: hold {min(again)} is in {place} already; rename the file")
         kept += long

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli import completion
-from palpate.cli.progress import progress
+from palpate.cli import options as option
+from palpate.cli.output import progress
 from palpate.errors import InputError
 
 #: What can be written -> (its folder, what to try on it there).
@@ -38,7 +38,7 @@ NAMES = {
 
 def demo(
     name: Annotated[
-        str, typer.Argument(help="recordings or packhouse.", autocompletion=completion.demos)
+        str, typer.Argument(help="recordings or packhouse.", autocompletion=option.complete_demos)
     ],
     out: Annotated[
         Path | None,

@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-import sys
+import math
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from palpate.cli import options as option
-from palpate.cli.doctor_report import Examined, health_document, print_health
-from palpate.cli.output import print_json
+from palpate.cli.output import CARD_FRAME, print_card, print_json, say
 from palpate.cli.sensor_source import SensorSource, open_source
 from palpate.errors import InputError
 from palpate.recording import load_recording
 from palpate.sensor.array import FRAME_TIMEOUT_S, ArrayLayout, Frame
-from palpate.sensor.findings import Finding, pixel_name
-from palpate.sensor.health import FrameColumns, examine
+from palpate.sensor.findings import Finding, Severity, pixel_name
+from palpate.sensor.health import FrameColumns, Health, examine
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.sensor.press_order import PressWatch, order_findings
+from palpate.terminal_table import fit_table, make_table
 
 
 def doctor(
@@ -75,7 +79,7 @@ def _examine_source(source: SensorSource, *, duration_s: float, press: bool) -> 
         raise InputError("--press needs a hand on a real sensor, or a --recording of presses")
     layout = source.array.layout
     if not source.simulated:
-        _say(f"{source.name}: leave the sensor alone for {duration_s:g} s")
+        say(f"{source.name}: leave the sensor alone for {duration_s:g} s")
     known_ohm = source.rest_ohm()
     source.frames(0.0)  # garbage that came before the first frame is no fault of the link
     before = source.events()
@@ -145,8 +149,172 @@ def _follow_presses(
 
 
 def _prompt(text: str) -> None:
-    _say(f"{text}, hold it for a moment, let go")
+    say(f"{text}, hold it for a moment, let go")
 
 
-def _say(text: str) -> None:
-    print(text, file=sys.stderr)
+_MARKS = {Severity.FAULT: "[bold red]✗[/]", Severity.ADVICE: "[yellow]![/]"}
+#: Larger arrays would fill the screen: only their odd pixels are listed.
+_LISTED_PIXELS = 16
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Examined:
+    """A judged sensor and where its frames came from."""
+
+    name: str
+    simulated: bool
+    layout: ArrayLayout
+    health: Health
+
+
+def health_document(examined: Examined) -> dict[str, Any]:
+    """Return the JSON document."""
+    health, layout = examined.health, examined.layout
+    link, fit, pixels = health.link, health.resistor, health.pixels
+    return {
+        "healthy": health.healthy,
+        "source": examined.name,
+        "simulated": examined.simulated,
+        "layout": layout.name,
+        "findings": [
+            {name: getattr(found, name) for name in ("code", "severity", "where", "text", "check")}
+            for found in health.findings
+        ],
+        "pixels": [
+            {
+                "row": row,
+                "col": col,
+                "finger": layout.finger_of_row[row],
+                "rest_ohm": _number(pixels.rest_ohm[row, col]),
+                "noise_percent": _number(pixels.noise_percent[row, col]),
+                "drift_percent": _number(pixels.drift_percent[row, col]),
+                "count_percent": _number(pixels.count_percent[row, col]),
+            }
+            for row in range(layout.rows)
+            for col in range(layout.cols)
+        ],
+        "reference_ohm": layout.divider.reference_ohm,
+        "recommended_reference_ohm": None if fit is None else fit.recommended_ohm,
+        "range_ohm": None if fit is None else [fit.low_ohm, fit.high_ohm],
+        "range_measured": health.range_measured,
+        "frames": link.frames,
+        "frames_lost": link.lost,
+        "duration_s": link.duration_s,
+        "rate_hz": link.rate_hz,
+        "jitter_percent": link.jitter_percent,
+        "corrupt": link.events.corrupt,
+        "late": link.events.late,
+        "clock_drift_ppm": link.events.drift_ppm,
+    }
+
+
+def print_health(examined: Examined) -> None:
+    """Print the report on standard output."""
+    health = examined.health
+    color = "green" if health.healthy else "red"
+    faults = sum(found.severity is Severity.FAULT for found in health.findings)
+    summary = "healthy" if health.healthy else f"{faults} fault{'s' * (faults > 1)}"
+    console = Console(highlight=False)
+    print_card(
+        console,
+        Text(summary.capitalize(), style=f"bold {color}"),
+        None,
+        fit_table(_pixels(examined), console=console, taken=CARD_FRAME),
+        None,
+        _summary(examined),
+        *((None, _findings(health)) if health.findings else ()),
+        title=f"[bold]{examined.name}[/], {examined.layout.name}",
+        subtitle="[bold yellow]SIMULATED[/]" if examined.simulated else "measured",
+        style=color,
+    )
+
+
+def _pixels(examined: Examined) -> Table:
+    layout, pixels = examined.layout, examined.health.pixels
+    marks = _marks(examined)
+    names = ["pixel", ">finger", ">at rest", ">noise", ">drift", ">one count", *[""] * bool(marks)]
+    table = make_table(names)
+    for column in table.columns:
+        # Numbers stay with their units; the longest name goes on two lines where it must.
+        column.no_wrap = column.header != "one count"
+    for row in range(layout.rows):
+        for col in range(layout.cols):
+            name = pixel_name(row, col)
+            if layout.pixels > _LISTED_PIXELS and name not in marks:
+                continue
+            table.add_row(
+                name,
+                str(layout.finger_of_row[row]),
+                _ohm(float(pixels.rest_ohm[row, col])),
+                _percent(float(pixels.noise_percent[row, col])),
+                _percent(float(pixels.drift_percent[row, col]), sign="+"),
+                _percent(float(pixels.count_percent[row, col])),
+                *([f"[bold red]{marks.get(name, '')}[/]"] if marks else []),
+            )
+    if not table.row_count:
+        table.add_row(f"all {layout.pixels} alike")
+    return table
+
+
+def _marks(examined: Examined) -> dict[str, str]:
+    """Return the code of the finding that concerns each pixel, by the pixel's name."""
+    marks: dict[str, str] = {}
+    for found in examined.health.findings:
+        for row in range(examined.layout.rows):
+            for col in range(examined.layout.cols):
+                names = (pixel_name(row, col), f"row R{row}", f"column C{col}", "every pixel")
+                if found.where in names:
+                    marks.setdefault(pixel_name(row, col), found.code)
+    return marks
+
+
+def _summary(examined: Examined) -> Text:
+    health = examined.health
+    link, fit = health.link, health.resistor
+    parts = [
+        f"{link.frames} frames in {link.duration_s:.1f} s",
+        f"{link.rate_hz:.1f} Hz",
+        f"{link.lost} lost",
+        f"{link.events.corrupt} corrupt",
+        f"jitter {link.jitter_percent:.1f} %",
+    ]
+    if link.events.drift_ppm is not None:
+        parts.append(f"clock {link.events.drift_ppm:+.0f} ppm")
+    lines = "  ·  ".join(parts)
+    if fit is not None:
+        how = "measured" if health.range_measured else "low end assumed"
+        lines += (
+            f"\nreference {fit.present_ohm:g} ohm: one count is at most {fit.step_percent:.1f} % "
+            f"from {_ohm(fit.low_ohm)} to {_ohm(fit.high_ohm)} ({how})"
+        )
+    return Text(lines, style="dim")
+
+
+def _findings(health: Health) -> Table:
+    table = Table(box=None, padding=(0, 1, 0, 0), show_edge=False, show_header=False)
+    table.add_column(no_wrap=True)
+    table.add_column(no_wrap=True)
+    table.add_column(max_width=74)
+    for found in health.findings:
+        table.add_row(
+            _MARKS[found.severity],
+            f"[bold]{found.where}[/]",
+            f"{found.text} [dim]({found.code})[/]\n{found.check[0].upper()}{found.check[1:]}.",
+        )
+    return table
+
+
+def _ohm(ohm: float) -> str:
+    if math.isinf(ohm):
+        return "open"
+    if ohm == 0:
+        return "short"
+    return f"{ohm / 1e3:.2f} kohm" if ohm >= 1e3 else f"{ohm:.0f} ohm"
+
+
+def _percent(value: float, *, sign: str = "") -> str:
+    return "-" if math.isnan(value) else f"{value:{sign}z.2f} %"
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
 import typer
 
 from palpate.cli.lazy_group import entry_point
+from palpate.cli.output import say
 from palpate.errors import InputError, RecordingError
-from palpate.files import check_place
+from palpate.files import check_new
 from palpate.recording import RecordingReader, load_recording
 from palpate.recording.exporting import cut_recorded_holds, frame_tables, hold_tables, write_export
 
@@ -75,9 +75,7 @@ def _export_table(
 ) -> None:
     form = _form(to, out)
     target = out or file.parent / (file.stem + (f".holds.{form}" if holds else f".{form}"))
-    check_place(target)
-    if target.exists():
-        raise InputError(f"{target}: exists already and is not overwritten; choose another --out")
+    check_new(target)
     if holds:
         try:
             cut = cut_recorded_holds(load_recording(file), unit=unit, name=file.stem)
@@ -90,7 +88,7 @@ def _export_table(
         with RecordingReader(file) as reader:
             rows = write_export(target, frame_tables(reader), to=form)
         what = ""
-    print(f"{target}: {what}{rows} rows", file=sys.stderr)
+    say(f"{target}: {what}{rows} rows")
 
 
 def _form(to: ExportForm | None, out: Path | None) -> ExportForm:

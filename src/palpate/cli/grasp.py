@@ -9,10 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli import completion
 from palpate.cli import options as option
-from palpate.cli.output import print_json
-from palpate.cli.paper_options import (
+from palpate.cli.options import (
     CutoffOption,
     EpsilonOption,
     ExtraOption,
@@ -20,6 +18,7 @@ from palpate.cli.paper_options import (
     StepOption,
     paper_settings,
 )
+from palpate.cli.output import print_json, say
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -95,7 +94,7 @@ def grasp(
         typer.Option(
             help="Keep the grasp in the store, as one of this item.",
             metavar="ITEM",
-            autocompletion=completion.items,
+            autocompletion=option.complete_items,
         ),
     ] = None,
     store: option.StoreOption = None,
@@ -196,7 +195,13 @@ def grasp(
         else:
             summary = verdict(result, target_force_n=target_force_n)
             print_card(
-                result, summary=summary, rig=devices, seed=seed, truth=truth, limited=limited
+                result,
+                summary=summary,
+                title=f"[bold]{devices.subject or 'unknown object'}[/] on {devices.name}",
+                simulated=devices.simulated,
+                seed=seed,
+                truth=truth,
+                limited=limited,
             )
             if pull is not None:
                 print(f"{pull.verdict}: a pull of {pull.pull_n:g} N at friction {pull.friction:g}")
@@ -214,8 +219,8 @@ def _exit_status(result: GraspResult, *, unkept: bool) -> int:
     status = EXIT_STATUS[result.outcome]
     if status >= 3:
         why = f"{outcome_text(result.outcome)}. {' '.join(result.faults)}".strip()
-        print(f"palpate grasp: {why}", file=sys.stderr)
+        say(f"palpate grasp: {why}")
     lost = next((fault for fault in result.faults if fault.startswith(RECORDER)), None)
     if lost is not None and status < _NOT_KEPT:
-        print(f"palpate grasp: {lost}", file=sys.stderr)
+        say(f"palpate grasp: {lost}")
     return max(status, _NOT_KEPT) if lost is not None or unkept else status

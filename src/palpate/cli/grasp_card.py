@@ -11,7 +11,6 @@ from rich.text import Text
 from palpate.cli.output import print_card as print_frame
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
-from palpate.rig import Rig
 from palpate.settling.result import Status
 from palpate.terminal_table import make_table
 
@@ -40,9 +39,10 @@ def print_card(
     result: GraspResult,
     *,
     summary: Mapping[str, object],
-    rig: Rig,
-    seed: int,
-    truth: Mapping[str, object] | None,
+    title: str,
+    simulated: bool,
+    seed: int | None,
+    truth: Mapping[str, object] | None = None,
     limited: Mapping[str, object] | None = None,
 ) -> None:
     """Print the card on standard output; `limited` is what a learned damage limit did."""
@@ -66,12 +66,11 @@ def print_card(
     notes = {_note(m): None for name, _, _ in _ROWS if (m := getattr(result, name))}
     parts += [Text(f"* {note}", style="yellow") for note in notes if note]
     parts += [Text(f"! {fault}", style="yellow") for fault in result.faults]
-    simulated = f"[bold yellow]SIMULATED on the twin, seed {seed}[/]"
     print_frame(
         console,
         *parts,
-        title=f"[bold]{rig.subject or 'unknown object'}[/] on {rig.name}",
-        subtitle=simulated if rig.simulated else "measured",
+        title=title,
+        subtitle=f"[bold yellow]SIMULATED on the twin, seed {seed}[/]" if simulated else "measured",
         style="green" if good else "red",
     )
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import sys
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from palpate.cli.output import say
 from palpate.errors import InputError, StoreError
 from palpate.grasp.document import limit_document
 from palpate.grasp.estimator import Observation
@@ -126,10 +126,10 @@ class StoreEntry:
         try:
             self._store.add_grasp(grasp, calibration=calibration)
         except StoreError as error:
-            print(f"palpate grasp: {error}: the grasp is NOT kept", file=sys.stderr)
+            say(f"palpate grasp: {error}: the grasp is NOT kept")
             return False
         if waiting := self._store.send_or_explain():
-            print(f"palpate grasp: {waiting}", file=sys.stderr)
+            say(f"palpate grasp: {waiting}")
         return True
 
 
@@ -152,5 +152,5 @@ def open_store_entry(
     Item(item_id=item_id)
     opened = stack.enter_context(Store.open(store))
     if opened.note:
-        print(f"palpate grasp: {opened.note}", file=sys.stderr)
+        say(f"palpate grasp: {opened.note}")
     return StoreEntry(opened, item_id=item_id, angle_deg=angle_deg)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,8 +9,9 @@ from typing import Annotated, Any
 import typer
 
 from palpate.cli.options import DpiOption, JsonOption
-from palpate.cli.output import print_json
-from palpate.errors import InputError, RecordingError
+from palpate.cli.output import print_json, say
+from palpate.errors import InputError
+from palpate.files import check_new
 from palpate.plots.recording import recording_figure
 from palpate.plots.style import check_plot, save_figure
 from palpate.recording import FileState, RecordingReader, load_recording
@@ -76,8 +76,8 @@ def inspect(
 
 
 def _recover(file: Path, out: Path) -> None:
-    if out.exists() and not (file.exists() and out.samefile(file)):
-        raise RecordingError(f"{out}: exists already and is not overwritten; choose another name")
+    if not (out.exists() and file.exists() and out.samefile(file)):
+        check_new(out, option="name")
     found = recover_recording(file, out)
     if found.intact:
         report = f"{file} was whole already; written to {out}"
@@ -86,7 +86,7 @@ def _recover(file: Path, out: Path) -> None:
             f"{out}: everything readable is kept ({found.damaged_chunks} damaged chunks and "
             f"{found.unread_bytes} bytes at the end are not)"
         )
-    print(report, file=sys.stderr)
+    say(report)
 
 
 def _draw(file: Path, plot: Path, *, dpi: int | None) -> None:

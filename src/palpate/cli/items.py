@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, date, datetime, timedelta
@@ -14,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from palpate.cli import completion
+from palpate.cli import options as option
 from palpate.cli.options import BatchOption, DayOption, JsonOption, StoreOption
 from palpate.cli.output import (
     CARD_FRAME,
@@ -22,10 +21,12 @@ from palpate.cli.output import (
     percent_text,
     print_card,
     print_json,
+    say,
     time_text,
 )
 from palpate.errors import InputError, StoreAwayError
 from palpate.estimate.measurement import Measurement
+from palpate.files import check_place
 from palpate.produce.records import About, Item, Source, Verdict
 from palpate.produce.store import Store
 from palpate.produce.store.item_history import (
@@ -45,7 +46,7 @@ _MARK = "[yellow]~[/]"
 
 def items(
     item: Annotated[
-        str | None, typer.Argument(help="One item's page.", autocompletion=completion.items)
+        str | None, typer.Argument(help="One item's page.", autocompletion=option.complete_items)
     ] = None,
     store: StoreOption = None,
     kind: Annotated[str | None, typer.Option(help="Only items of this kind.")] = None,
@@ -103,17 +104,14 @@ def open_store(where: str | None, *, create: bool = False) -> Iterator[Store]:
     """Yield the store; a line on stderr reports a shared one that did not answer."""
     with Store.open(where, create=create) as store:
         if store.note:
-            print(f"palpate: {store.note}", file=sys.stderr)
+            say(f"palpate: {store.note}")
         yield store
         try:
             store.send()
         except StoreAwayError as error:
             store.away = error
         if store.away is not None:
-            print(
-                f"palpate: {store.away}; this is from {store.local_name}, without other stations",
-                file=sys.stderr,
-            )
+            say(f"palpate: {store.away}; this is from {store.local_name}, without other stations")
 
 
 def day_bounds(text: str) -> tuple[date, datetime, datetime]:
@@ -192,8 +190,7 @@ def _export(
 
     if path.suffix != ".parquet":
         raise InputError(f"--export {path}: the file must end in .parquet")
-    if not path.parent.is_dir():
-        raise InputError(f"--export {path}: there is no folder {path.parent}; make it first")
+    check_place(path)
     require_parquet()
     since, until = period or (None, None)
     found: tuple[Item, ...]
@@ -214,7 +211,7 @@ def _export(
     verdicts_path = path.with_suffix(".verdicts.parquet")
     rows = export_grasps(path, grasps, items=found)
     verdict_rows = export_verdicts(verdicts_path, verdicts)
-    print(f"{path}: {rows} grasps; {verdicts_path}: {verdict_rows} verdicts", file=sys.stderr)
+    say(f"{path}: {rows} grasps; {verdicts_path}: {verdict_rows} verdicts")
 
 
 def _print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:

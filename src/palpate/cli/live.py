@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
@@ -16,6 +15,7 @@ from rich.live import Live
 from palpate.cli import options as option
 from palpate.cli.live_reading import LiveReading, pace_frames
 from palpate.cli.live_view import DRAW_HZ, LiveView
+from palpate.cli.output import say
 from palpate.cli.sensor_source import SensorSource, open_source
 from palpate.clock import Clock, RealClock
 from palpate.errors import InputError
@@ -87,7 +87,7 @@ def live(
         if foxglove:
             stream = LiveStream(reading, clock=clock, address=address or DEFAULT_ADDRESS)
             stack.enter_context(closing(stream))
-            print(f"palpate live: Foxglove at {stream.address}, layout {LAYOUT}", file=sys.stderr)
+            say(f"palpate live: Foxglove at {stream.address}, layout {LAYOUT}")
         end_s = clock.now_s() + duration_s
         screen = stack.enter_context(Live(console=Console(), auto_refresh=False, transient=False))
         drawn_s = -math.inf

@@ -2,14 +2,62 @@
 
 from __future__ import annotations
 
+import importlib
 import os
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import typer
 
-from palpate.cli import completion
 from palpate.errors import InputError
+
+if TYPE_CHECKING:
+    from palpate.grasp.paper import Paper
+
+
+#: Items offered at most: a shell lists them all at once.
+_MOST_ITEMS = 200
+
+
+def _complete_from(module: str, table: str) -> Callable[[str], list[str]]:
+    """Return the completion of the names in a table, which is loaded when the shell asks."""
+
+    def complete(incomplete: str) -> list[str]:
+        return _filter_names(getattr(importlib.import_module(module), table), incomplete)
+
+    return complete
+
+
+def _filter_names(names: Iterable[str], incomplete: str) -> list[str]:
+    return [name for name in names if name.startswith(incomplete)]
+
+
+complete_objects = _complete_from("palpate.twin.objects", "OBJECTS")
+complete_methods = _complete_from("palpate.settling.predict", "METHODS")
+complete_demos = _complete_from("palpate.cli.demo", "NAMES")
+
+
+def complete_rigs(incomplete: str) -> list[str]:
+    """Return the rigs that have a name, and the rig files of the folder."""
+    from palpate.rig import rig_names
+
+    files = sorted(str(path) for path in Path().glob("*.toml"))
+    return _filter_names([*rig_names(), *files], incomplete)
+
+
+def complete_items(context: typer.Context, incomplete: str) -> list[str]:
+    """Return the items of the store that the command line names, or of the usual one."""
+    from palpate.errors import PalpateError
+    from palpate.produce.store import Store
+
+    try:
+        with Store.open(context.params.get("store"), create=False) as store:
+            known = [item.item_id for item in store.items()]
+    except PalpateError:
+        return []
+    return _filter_names(known, incomplete)[:_MOST_ITEMS]
+
 
 _FILE, _VARIABLE = Path("rig.toml"), "PALPATE_RIG"
 
@@ -51,7 +99,7 @@ RigOption: TypeAlias = Annotated[
         help="A rig file, or a built-in rig. By default ./rig.toml, then $PALPATE_RIG, then "
         "sim-rigid (simulated).",
         metavar="NAME_OR_TOML",
-        autocompletion=completion.rigs,
+        autocompletion=complete_rigs,
         callback=_choose_rig,
         show_default=False,
     ),
@@ -127,7 +175,7 @@ ObjectOption: TypeAlias = Annotated[
         "--object",
         help="Simulated rigs: the object between the fingers; by default drawn by the seed.",
         metavar="NAME",
-        autocompletion=completion.objects,
+        autocompletion=complete_objects,
     ),
 ]
 
@@ -154,7 +202,7 @@ SensorOption: TypeAlias = Annotated[
         "--rig",
         help="Name of a rig, or a rig file.",
         metavar="NAME_OR_TOML",
-        autocompletion=completion.rigs,
+        autocompletion=complete_rigs,
     ),
 ]
 PortOption: TypeAlias = Annotated[
@@ -179,13 +227,7 @@ BaudOption: TypeAlias = Annotated[
     int | None, typer.Option(help="Speed of its firmware. [default: 1000000]", metavar="BAUD")
 ]
 
-# Of calibrations. Give them the default None.
-TemperatureOption: TypeAlias = Annotated[
-    float | None, typer.Option(help="Of the room, where known.", metavar="CELSIUS")
-]
-HumidityOption: TypeAlias = Annotated[
-    float | None, typer.Option(help="Of the room, where known.", metavar="PERCENT")
-]
+#: Of calibrations. Give it the default None.
 CalibrationOption: TypeAlias = Annotated[
     Path | None,
     typer.Option(
@@ -194,3 +236,67 @@ CalibrationOption: TypeAlias = Annotated[
         metavar="FILE",
     ),
 ]
+
+
+Method: TypeAlias = Literal["palpate", "paper"]
+
+MethodOption: TypeAlias = Annotated[
+    Method, typer.Option(help="paper: fixed steps to contact, an exponential, a line for force.")
+]
+StepOption: TypeAlias = Annotated[
+    float | None,
+    typer.Option(
+        "--step-mm", help="Paper's method: closing step before contact. [default: 1]", metavar="MM"
+    ),
+]
+EpsilonOption: TypeAlias = Annotated[
+    float | None,
+    typer.Option(
+        "--epsilon",
+        help="Paper's method: mean change of contact, %. [default: -10]",
+        metavar="PERCENT",
+    ),
+]
+ExtraOption: TypeAlias = Annotated[
+    float | None,
+    typer.Option(
+        "--extra-mm", help="Paper's method: closing after contact. [default: 0]", metavar="MM"
+    ),
+]
+CutoffOption: TypeAlias = Annotated[
+    float | None,
+    typer.Option(
+        "--cutoff",
+        help="Paper's method: seconds to the prediction. [default: 2.5]",
+        metavar="SECONDS",
+    ),
+]
+
+
+#: Setting of the paper's method -> its option.
+_PAPER = {
+    "step_mm": "--step-mm",
+    "epsilon_percent": "--epsilon",
+    "extra_mm": "--extra-mm",
+    "cutoff_s": "--cutoff",
+}
+
+
+def paper_settings(method: Method, **settings: float | None) -> Paper | None:
+    """Return the settings that a user asks for, None for the default method.
+
+    `settings`: of `palpate.grasp.paper.Paper`; None is its default.
+    Raises `InputError` if one is out of its range, or given without the paper's method.
+    """
+    from palpate.grasp.paper import Paper
+
+    given: dict[str, Any] = {n: value for n, value in settings.items() if value is not None}
+    if method != "paper":
+        if given:
+            options = ", ".join(_PAPER[name] for name in given)
+            raise InputError(f"{options}: only with --method paper")
+        return None
+    try:
+        return Paper(**given)
+    except ValueError as error:
+        raise InputError(str(error)) from error

@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from datetime import datetime
 
 from rich.console import Console, Group, RenderableType
 from rich.panel import Panel
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
 #: Characters of each line that the frame of a card takes.
 CARD_FRAME = 6
 SIMULATED = "[bold yellow]SIMULATED on the twin[/]"
+
+
+def say(text: str) -> None:
+    """Print progress, a warning or advice on standard error."""
+    print(text, file=sys.stderr, flush=True)
 
 
 def print_json(document: object) -> None:
@@ -52,3 +61,26 @@ def percent_text(fraction: float | None) -> str:
     ('88 %', '-')
     """
     return "-" if fraction is None else f"{100 * fraction:.0f} %"
+
+
+@contextmanager
+def progress(
+    title: str, *, total: float | None = None, quiet: bool = False
+) -> Iterator[Callable[[float], None]]:
+    """Show a bar where standard error is a terminal; yield a function that takes how much is done.
+
+    `total`: when it is done; without it the bar shows only that work continues, and for how long.
+    """
+    console = Console(stderr=True)
+    columns = [TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()]
+    bar = Progress(
+        *(columns if total is None else Progress.get_default_columns()),
+        console=console,
+        transient=True,
+        disable=quiet or not console.is_terminal,
+        # What goes into a file or a pipe stays out of the terminal.
+        redirect_stdout=sys.stdout.isatty(),
+    )
+    with bar:
+        task = bar.add_task(title, total=total)
+        yield lambda done: bar.update(task, completed=done)

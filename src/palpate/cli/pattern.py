@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +12,7 @@ import typer
 from rich.console import Console
 
 from palpate.cli.options import JsonOption
-from palpate.cli.output import print_json
+from palpate.cli.output import print_json, say
 from palpate.errors import InputError, MissingExtraError
 from palpate.fabrication.design import PRESETS, Cutter, SensorDesign
 from palpate.fabrication.drawing import CutFile, draw_combined_svg, require_dxf
@@ -209,7 +208,7 @@ def _preview(draw: Callable[[Path], None], path: Path, files: list[Path]) -> Non
     try:
         draw(path)
     except MissingExtraError as error:
-        print(f"palpate pattern: no preview: {error}", file=sys.stderr)
+        say(f"palpate pattern: no preview: {error}")
     else:
         files.append(path)
 

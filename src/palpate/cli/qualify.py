@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
-import sys
+import math
+from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 
 from palpate.cli.options import JsonOption
-from palpate.cli.output import print_json
-from palpate.cli.qualify_report import (
-    demands_of,
-    grade_table,
-    qualification_document,
-    rows_of,
-    write_report,
-)
+from palpate.cli.output import print_json, say
 from palpate.errors import InputError
-from palpate.produce.qualify.agreement import Demand, agreement_of, effort_of
+from palpate.files import atomic_path, check_new
+from palpate.plots.inline_svg import inline_svg
+from palpate.plots.qualify import differences_figure, readings_figure
+from palpate.plots.report_page import PageTable, Part, render_page
+from palpate.produce.qualify.agreement import (
+    FIGURES,
+    Agreement,
+    Demand,
+    Effort,
+    agreement_of,
+    confusion_of,
+    effort_of,
+)
 from palpate.produce.qualify.readings import read_pairs
 from palpate.produce.qualify.scatter import scatter_of
 from palpate.terminal_table import print_table
@@ -73,8 +79,8 @@ def qualify(
     limits = tuple(limit or ())
     if any(later <= earlier for earlier, later in pairwise(limits)):
         raise InputError(f"--limit {limits[-1]:g}: give the limits in rising order")
-    if report is not None and report.exists():
-        raise InputError(f"--report {report}: exists already and is not overwritten")
+    if report is not None:
+        check_new(report, option="--report")
     pairs = read_pairs(readings)
     if tolerance is None:
         scatter = scatter_of(pairs.reference, pairs.item)
@@ -91,7 +97,7 @@ def qualify(
     )
     if report is not None:
         write_report(report, document, found=found, source=readings.name)
-        print(f"palpate qualify: wrote {report}", file=sys.stderr)
+        say(f"palpate qualify: wrote {report}")
     if as_json:
         print_json(document)
         return
@@ -104,3 +110,179 @@ def qualify(
         print_table(*grade_table(document), console=console)
     console.print()
     print_table(("effort", ">answer"), demands_of(document), console=console)
+
+
+#: As `qualification_document` returns it.
+Document = dict[str, Any]
+
+
+def qualification_document(
+    found: Agreement, effort: Effort, demand: Demand, *, unit: str, items: int, pairs: int
+) -> Document:
+    """Return the JSON of a qualification; null for what can't be had."""
+
+    def known(value: float) -> float | None:
+        return value if math.isfinite(value) else None
+
+    return {
+        "items": items,
+        "pairs": pairs,
+        "unit": unit or None,
+        "level": demand.level,
+        "tolerance": demand.tolerance,
+        "limits": list(demand.limits),
+        "figures": {
+            name: {end: known(getattr(figure, end)) for end in ("value", "low", "high")}
+            for name, figure in found.figures.items()
+        },
+        "line": {"slope": found.slope, "offset": found.offset},
+        "scatter": {
+            name: {"between": known(scatter.between), "within": known(scatter.within)}
+            for name, scatter in (("reference", found.reference), ("grasp", found.grasp))
+        },
+        "confusion": confusion_of(found, demand.limits).tolist(),
+        "reference_readings_needed": effort.reference_readings,
+        "grasps_needed": effort.grasps,
+        "mismatch": effort.mismatch,
+        "items_per_hour": effort.items_per_hour,
+        "items_to_test": effort.items_to_test,
+    }
+
+
+def rows_of(document: Document) -> list[tuple[str, str, str]]:
+    """Return a qualification as rows: what, value with unit, interval."""
+    unit = f" {document['unit']}" if document["unit"] else ""
+    rows = []
+    for name, figure in document["figures"].items():
+        value, low, high = figure["value"], figure["low"], figure["high"]
+        if value is None:
+            rows.append((FIGURES[name], "not known", ""))
+        elif name == "limit_of_agreement":
+            rows.append((FIGURES[name], f"{value:.2f}{unit}", f"{low:.2f} to {high:.2f}"))
+        elif name.startswith("r_squared"):
+            rows.append((FIGURES[name], f"{value:.2f}", f"{low:.2f} to {high:.2f}"))
+        else:
+            rows.append(
+                (FIGURES[name], f"{100 * value:.0f} %", f"{100 * low:.0f} to {100 * high:.0f} %")
+            )
+    return rows
+
+
+def demands_of(document: Document) -> list[tuple[str, str]]:
+    """Return what a demand costs, as rows."""
+    unit = f" {document['unit']}" if document["unit"] else ""
+    hour = document["items_per_hour"]
+    return [
+        (
+            f"readings of the reference that average to within {document['tolerance']:g}{unit} "
+            f"in {100 * document['level']:.0f} % of items",
+            count_text(document, "reference"),
+        ),
+        ("grasps that average to within the same", count_text(document, "grasp")),
+        ("items per hour at that number of grasps", "-" if hour is None else f"{hour:.0f}"),
+        (
+            "items to test to know the limit of agreement to half that",
+            f"{document['items_to_test']}",
+        ),
+    ]
+
+
+def count_text(document: Document, instrument: str) -> str:
+    """Return how many readings of the reference or grasps are needed, or why none is known."""
+    if document["scatter"][instrument]["within"] is None:
+        return "not known: no item was read twice"
+    needed = document["grasps_needed" if instrument == "grasp" else "reference_readings_needed"]
+    return "no number does" if needed is None else f"{needed}"
+
+
+def grade_table(document: Document) -> tuple[list[str], list[list[str]]]:
+    """Return columns and rows of the items by grade, of the reference and of grasps."""
+    limits = document["limits"]
+    between = [f"{low:g} to {high:g}" for low, high in pairwise(limits)]
+    grades = [f"below {limits[0]:g}", *between, f"{limits[-1]:g} and above"]
+    counts = zip(grades, document["confusion"], strict=True)
+    columns = ["reference \\ grasp", *(f">{grade}" for grade in grades)]
+    return columns, [[grade, *map(str, row)] for grade, row in counts]
+
+
+def write_report(path: Path, document: Document, *, found: Agreement, source: str) -> None:
+    """Write the page of a qualification; it needs no other file.
+
+    Parameters
+    ----------
+    path : path
+        New HTML file.
+    document : dict
+        As `qualification_document` returns it.
+    found : Agreement
+        The same, with its pairs for the figures.
+    source : str
+        Name of the table.
+
+    Raises
+    ------
+    MissingExtraError
+        If matplotlib is not installed.
+    """
+    unit = f" ({document['unit']})" if document["unit"] else ""
+    shown = {
+        "Grasp against reference": readings_figure(found, unit=unit),
+        "Difference over mean (Bland-Altman)": differences_figure(found, unit=unit),
+    }
+    body: list[Part] = [
+        _tiles(document),
+        [(name, inline_svg(figure, label=name)) for name, figure in shown.items()],
+        PageTable(
+            "Agreement",
+            ["figure", ">value", f">{100 * document['level']:.0f} % interval"],
+            rows_of(document),
+        ),
+        PageTable("Effort", ["question", ">answer"], demands_of(document)),
+    ]
+    if document["limits"]:
+        body.append(PageTable("Grades, number of readings", *grade_table(document)))
+    body.append(PageTable("Accepted", ["date", "name", "signature"], [["\xa0", "", ""]] * 2))
+    text = render_page(
+        title="Qualification",
+        chips=[
+            source,
+            f"{document['items']} items",
+            f"{document['pairs']} pairs",
+            f"tolerance {document['tolerance']:.3g} {document['unit'] or ''}",
+            f"{datetime.now().astimezone():%Y-%m-%d}",
+        ],
+        simulated=False,
+        body=body,
+        foot="Grasps are converted to the reference's unit by the line of the other items. "
+        "Intervals are by the bootstrap over items. Sides of one item count as readings of it.",
+    )
+    with atomic_path(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+def _tiles(document: Document) -> dict[str, tuple[str, str, str]]:
+    found = document["figures"]
+    unit = str(document["unit"] or "")
+
+    def percent(name: str) -> str:
+        value = found[name]["value"]
+        return "not known" if value is None else f"{100 * value:.0f}\xa0%"
+
+    hour, ceiling = document["items_per_hour"], found["r_squared_ceiling"]["value"]
+    return {
+        f"Within {document['tolerance']:.3g} {unit}".strip(): (
+            percent("share_within"),
+            "",
+            f"error-free: {percent('share_within_ceiling')}",
+        ),
+        "R squared": (
+            f"{found['r_squared']['value']:.2f}",
+            "",
+            "ceiling " + ("not known" if ceiling is None else f"{ceiling:.2f}"),
+        ),
+        "Grasps needed": (
+            count_text(document, "grasp"),
+            "",
+            "" if hour is None else f"{hour:.0f} items an hour",
+        ),
+    }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import signal
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli import options as option
+from palpate.cli.output import say
 from palpate.clock import Clock, RealClock
 from palpate.errors import InputError
 from palpate.gripper.interface import Gripper
@@ -87,7 +87,7 @@ def record(
         # Before the file: a signal while that is begun or finished must not tear it either.
         stopped = stack.enter_context(_stop_signals())
         writer = stack.enter_context(RecordingWriter(file, info=info))
-        _say(f"recording {name} to {file}; Ctrl-C ends it")
+        say(f"recording {name} to {file}; Ctrl-C ends it")
         capture(
             array,
             writer=writer,
@@ -96,9 +96,9 @@ def record(
             load_cells=_load_cell_reader(array),
             gripper=lambda: None if gripper is None else gripper.state(),
             stopped=stopped,
-            report=_say,
+            report=say,
         )
-    _say(f"{file}: {_link_text(array)}")
+    say(f"{file}: {_link_text(array)}")
     if stopped():
         raise KeyboardInterrupt
 
@@ -164,7 +164,3 @@ def _stop_signals() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr)

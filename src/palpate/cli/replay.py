@@ -8,14 +8,14 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.options import JsonOption
+from palpate.cli.grasp_card import print_card
+from palpate.cli.options import CutoffOption, EpsilonOption, JsonOption, Method, paper_settings
 from palpate.cli.output import print_json
-from palpate.cli.paper_options import CutoffOption, EpsilonOption, Method, paper_settings
 from palpate.clock import Clock, ManualClock, RealClock
 from palpate.errors import InputError
 from palpate.grasp.decide_again import decide_again, read_by_paper
-from palpate.grasp.result import GraspResult
-from palpate.recording import PacedClock, RecordingInfo, RecordingReader, Replay
+from palpate.grasp.verdict import verdict
+from palpate.recording import PacedClock, RecordingReader, Replay
 from palpate.recording.replay import observations
 
 #: A minute of a recording then takes 17 hours.
@@ -71,7 +71,14 @@ def replay(
         document = {**result.to_dict(), "recording": str(file), "simulated": simulated}
         print_json(document)
     else:
-        print(_text(result, info=source.info))
+        info = source.info
+        print_card(
+            result,
+            summary=verdict(result, target_force_n=None),
+            title=f"[bold]{file.name}[/], {info.rig or info.layout.name}",
+            simulated=info.origin != "hardware",
+            seed=info.seed,
+        )
 
 
 def _clock(file: Path, *, speed: float | None) -> Clock:
@@ -94,21 +101,3 @@ def _play(source: Replay, *, as_json: bool) -> None:
             print(f"{frame.time_s:12.4f} s  {frame.sequence:8d}  {counts}")
     if as_json:
         print(json.dumps({"frames": played}))
-
-
-def _text(result: GraspResult, *, info: RecordingInfo) -> str:
-    simulated = "" if info.origin == "hardware" else f"  (SIMULATED: {info.origin})"
-    lines = [f"{result.outcome}{simulated}"]
-    for label, unit, measured in (
-        ("size", "mm", result.size_mm),
-        ("grip force", "N", result.force_n),
-        ("firmness", "of 100", result.firmness),
-        ("stiffness", "N/mm", result.stiffness_n_per_mm),
-        ("settled change", "%", result.settled_percent),
-    ):
-        if measured is not None:
-            ends = f" [{measured.low:.2f}, {measured.high:.2f}]" if measured.number else ""
-            value = f"{measured.text(digits=2)}{ends} {unit}"
-            lines.append(f"{label:<15} {value}  {measured.status}")
-    lines.append(f"{result.frames} frames, {result.frames_lost} lost")
-    return "\n".join([*lines, *result.faults])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 import zlib
 from collections import Counter
 from collections.abc import Sequence
@@ -14,13 +13,13 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from palpate.cli import completion
+from palpate.cli import options as option
 from palpate.cli.items import day_bounds, explain_verdict, open_store
 from palpate.cli.options import BatchOption, DayOption, StoreOption
-from palpate.cli.output import percent_text, time_text
+from palpate.cli.output import percent_text, say, time_text
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
-from palpate.files import atomic_path
+from palpate.files import atomic_path, check_new
 from palpate.grasp.result import Outcome
 from palpate.plots.inline_svg import inline_svg
 from palpate.plots.item_history import history_figure, pixels_figure
@@ -57,7 +56,7 @@ _Figures = list[tuple[str, str]]
 
 def report(
     item: Annotated[
-        str | None, typer.Argument(help="The item.", autocompletion=completion.items)
+        str | None, typer.Argument(help="The item.", autocompletion=option.complete_items)
     ] = None,
     batch: BatchOption = None,
     day: DayOption = None,
@@ -77,10 +76,7 @@ def report(
     if len(asked) != 1:
         raise InputError("name one thing to report on: ITEM, --batch NAME or --day DATE")
     target = out or Path(f"report-{_file_name(asked[0])}.html")
-    if not target.parent.is_dir():
-        raise InputError(f"--out {target}: there is no folder {target.parent}; make it first")
-    if target.exists():
-        raise InputError(f"{target}: exists already and is not overwritten; choose another --out")
+    check_new(target)
     require_plots()
     with open_store(store) as known:
         if item is not None:
@@ -101,7 +97,7 @@ def report(
             text = _many_report(f"{of:%A}, {of.day} {of:%B %Y}", pages, store=known.name, day=of)
     with atomic_path(target) as partial:
         partial.write_text(text, encoding="utf-8")
-    print(f"{target}: {len(text) // 1000} kB", file=sys.stderr)
+    say(f"{target}: {len(text) // 1000} kB")
 
 
 def _file_name(name: str) -> str:

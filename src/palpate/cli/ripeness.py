@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,10 +13,10 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from palpate.cli import completion
+from palpate.cli import options as option
 from palpate.cli.items import open_store
 from palpate.cli.options import BatchOption, DpiOption, JsonOption, StoreOption
-from palpate.cli.output import percent_text, print_json
+from palpate.cli.output import percent_text, print_json, say
 from palpate.errors import InputError
 from palpate.plots.style import check_plot, save_figure
 from palpate.produce.identify.items import drive_of
@@ -44,7 +43,9 @@ def ripeness(
     items: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Which items; grasped before.", metavar="ITEM", autocompletion=completion.items
+            help="Which items; grasped before.",
+            metavar="ITEM",
+            autocompletion=option.complete_items,
         ),
     ] = None,
     batch: BatchOption = None,
@@ -210,7 +211,7 @@ class _Judge:
             return found
         if drive == "pressure" or self._stages != tuple(_DEFAULT_STAGES.split(",")):
             raise found
-        print(f"palpate ripeness: {item.item_id} by its own first day: {found}", file=sys.stderr)
+        say(f"palpate ripeness: {item.item_id} by its own first day: {found}")
         return None
 
     def _learn_rule(self, kind: str, drive: Drive) -> RipenessRule | InputError:

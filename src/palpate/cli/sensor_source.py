@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,30 +95,19 @@ class SensorSource:
             self.gripper.close()
 
 
-def open_source(
-    rig: str | None = None,
-    *,
-    port: str | None = None,
-    layout: str | None = None,
-    reference_ohm: float | None = None,
-    rate_hz: float | None = None,
-    baud: int | None = None,
-) -> SensorSource:
+def open_source(rig: str | None = None, **board: Any) -> SensorSource:
     """Open the sensor of a rig (its gripper is left alone), or of the board on a port.
 
     `rig`: name of a rig, or a rig file; it states the rest itself. Where nothing at all is given,
         ./rig.toml or $PALPATE_RIG.
-    `port`, `layout`, `reference_ohm`, `rate_hz`, `baud`: as in
-        `palpate.sensor.board_array.open_board`; None is that function's default.
+    `board`: as `palpate.sensor.board_array.open_board` takes it; None is that function's default.
     Raises `InputError` if rig or layout are at fault, or something is given that the rig states;
     `DeviceError` if the equipment isn't there.
     """
-    rig, given = board_options(
-        rig, port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz, baud=baud
-    )
+    rig, given = board_options(rig, **board)
     if rig is None:
-        board = open_board(**given)
-        return SensorSource(name=board.name, array=board)
+        opened = open_board(**given)
+        return SensorSource(name=opened.name, array=opened)
     if rig.endswith(".toml"):
         path = Path(rig)
         stated = read_stated(path)

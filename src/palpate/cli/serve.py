@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +10,7 @@ import typer
 
 from palpate.cli import options as option
 from palpate.cli.calibrate_bench import GuidedBench, open_twin_bench
+from palpate.cli.output import say
 from palpate.errors import DeviceError, InputError, needing
 from palpate.estimate.damage_file import DamageFile
 from palpate.rig import rig_names
@@ -126,7 +126,7 @@ def _publisher(file: Path, *, store: str | None, folder: Path) -> Publisher:
     broker = read_broker(file)
     old = folder / "mqtt-outbox.sqlite"
     import_outbox(old, store=store, receiver=receiver_of(broker))
-    return Publisher(broker, store=store, complain=_complain)
+    return Publisher(broker, store=store, complain=lambda text: say(f"palpate serve: {text}"))
 
 
 def _rules(path: Path) -> RuleBook:
@@ -137,10 +137,6 @@ def _rules(path: Path) -> RuleBook:
     from palpate.produce.sorting.rules_file import read_rules
 
     return read_rules(path)
-
-
-def _complain(text: str) -> None:
-    print(f"palpate serve: {text}", file=sys.stderr, flush=True)
 
 
 def _announce(address: str) -> None:
@@ -201,7 +197,7 @@ def _opcua(host: str, port: int, *, token: str | None, folder: Path) -> LineOpen
     async def opener(machine: Machine) -> Line:
         station = OpcUaStation(machine, password=token, folder=folder)
         at = await station.start(host, port)
-        _complain(f"OPC UA at opc.tcp://{host}:{at}/palpate")
+        say(f"palpate serve: OPC UA at opc.tcp://{host}:{at}/palpate")
         return station
 
     return opener
@@ -213,7 +209,7 @@ def _modbus(host: str, port: int) -> LineOpener:
     async def opener(machine: Machine) -> Line:
         station = ModbusStation(machine)
         at = await station.start(host, port)
-        _complain(f"Modbus TCP at {host}:{at}")
+        say(f"palpate serve: Modbus TCP at {host}:{at}")
         return station
 
     return opener

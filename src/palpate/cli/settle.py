@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import isnan
 from pathlib import Path
@@ -11,11 +10,11 @@ from typing import Annotated, Literal
 import numpy as np
 import typer
 
-from palpate.cli import completion
+from palpate.cli import options as option
 from palpate.cli import settle_report as report
 from palpate.cli.calibrate_settling import place_of_holds
 from palpate.cli.options import DpiOption, HorizonOption, JsonOption, QuietOption
-from palpate.cli.progress import progress
+from palpate.cli.output import print_json, progress, say
 from palpate.cli.settle_source import (
     HoldSource,
     Leg,
@@ -55,7 +54,7 @@ def settle(
             help="recorded, exponential, log_law, log_law_early or relaxation; may be repeated. "
             "[default: relaxation]",
             metavar="NAME",
-            autocompletion=completion.methods,
+            autocompletion=option.complete_methods,
         ),
     ] = None,
     cutoff: Annotated[
@@ -221,7 +220,7 @@ def settle(
     if plot is not None:
         report.draw(document, source, plot, dpi=dpi, methods=chosen, level=level)
     if as_json:
-        report.print_json(document)
+        print_json(document.to_dict())
     else:
         report.print_tables(document, level=level, written=[p for p in (out, plot) if p])
 
@@ -246,10 +245,9 @@ def _check_numbers(
 def _warn_without_interval(methods: Iterable[str]) -> None:
     without = [name for name in methods if name != "relaxation"]
     if without:
-        print(
+        say(
             f"palpate: --until-half-width: {', '.join(without)} has no interval without --fit-on, "
-            "so it waits to the end of each hold",
-            file=sys.stderr,
+            "so it waits to the end of each hold"
         )
 
 
@@ -269,10 +267,9 @@ def _warn_of_milliseconds(holds: Iterator[Hold], *, source: str) -> Iterator[Hol
         if not warned and len(hold.time_s) > 1:
             step_s = float(np.median(np.diff(hold.time_s)))
             if warned := step_s > SLOWEST_S:
-                print(
+                say(
                     f"palpate: {source}: hold {hold.hold_id} has a sample every {step_s:g} s; "
-                    "time_s is in seconds, are these milliseconds?",
-                    file=sys.stderr,
+                    "time_s is in seconds, are these milliseconds?"
                 )
         yield hold
 
@@ -316,10 +313,9 @@ def _methods(
         return made
     holds = _read_settled_holds(fit_on, horizon_s=horizon_s, option="--fit-on", percent=percent)
     if len(holds) < FEW_CALIBRATION_HOLDS:
-        print(
+        say(
             f"palpate: --fit-on: {len(holds)} holds reach {horizon_s:g} s; intervals from fewer "
-            f"than {FEW_CALIBRATION_HOLDS} are rough or missing",
-            file=sys.stderr,
+            f"than {FEW_CALIBRATION_HOLDS} are rough or missing"
         )
     return {
         name: Calibrated(method=method, holds=holds, learn=False) for name, method in made.items()

@@ -15,7 +15,7 @@ from rich.markup import escape
 
 from palpate.cli.settle_source import HoldSource
 from palpate.errors import InputError
-from palpate.files import atomic_path, csv_cell, keep_inputs
+from palpate.files import atomic_path, check_place, csv_cell, keep_inputs
 from palpate.holds.table_files import pyarrow_for
 from palpate.plots.settle import MOST_OVERVIEWS, Overview, Panel, settle_figure
 from palpate.plots.style import save_figure
@@ -40,8 +40,7 @@ def check_outputs(*, plot: Path | None, out: Path | None, inputs: Sequence[Path]
     if out is not None:
         if out.suffix.lower() not in OUT_ENDINGS:
             raise InputError(f"--out {out}: name a file that ends in .json, .csv or .parquet")
-        if out.is_dir() or not out.parent.is_dir():
-            raise InputError(f"--out {out}: name a file in a folder that exists")
+        check_place(out)
         keep_inputs(out, inputs=inputs)
         if out.suffix.lower() == ".parquet":
             pyarrow_for("--out FILE.parquet")
@@ -64,12 +63,6 @@ def write(document: ScoreTable, out: Path) -> None:
         else:
             arrow = pyarrow_for("--out FILE.parquet")
             arrow.parquet.write_table(arrow.Table.from_pylist(list(document.rows())), partial)
-
-
-def print_json(document: ScoreTable) -> None:
-    """Print the document on standard output, and nothing else."""
-    json.dump(document.to_dict(), sys.stdout, allow_nan=False)
-    sys.stdout.write("\n")
 
 
 def rank_by_error(predictions: Sequence[Prediction]) -> list[int]:

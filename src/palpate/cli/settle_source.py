@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from palpate.cli.output import say
 from palpate.errors import InputError, PalpateError, RecordingError
 from palpate.holds import Hold, iterate_holds
 from palpate.holds.columns import TimeUnit, Unit
@@ -149,7 +149,7 @@ class HoldSource:
 
     def _warn(self, file: Path, remark: str) -> None:
         if file not in self._warned:
-            print(f"palpate: {file}: {remark.removeprefix(f'{file}: ')}", file=sys.stderr)
+            say(f"palpate: {file}: {remark.removeprefix(f'{file}: ')}")
 
 
 def _remarks(columns: Sequence[CutColumn]) -> list[str]:

@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from palpate.cli import completion
+from palpate.cli import options as option
 from palpate.cli.items import open_store
 from palpate.cli.options import (
     BatchOption,
@@ -21,11 +21,9 @@ from palpate.cli.options import (
     StoreOption,
     TargetForceOption,
 )
-from palpate.cli.output import print_json
-from palpate.cli.progress import progress
+from palpate.cli.output import print_json, progress
 from palpate.cli.sort_report import SortReport
-from palpate.cli.sort_run import sort_from_store, sort_with_rig
-from palpate.cli.sort_supply import SimulatedCrate, open_supply
+from palpate.cli.sort_run import SimulatedCrate, open_supply, sort_from_store, sort_with_rig
 from palpate.errors import InputError
 from palpate.estimate.damage_file import DamageFile
 from palpate.produce.identify.identifier import Identifier, Identity
@@ -45,7 +43,7 @@ def sort(
             help="In place of sorting: report of which kind this item of the store is, and keep "
             "the answer with it. Exits with 1 if it is unknown.",
             metavar="ITEM",
-            autocompletion=completion.items,
+            autocompletion=option.complete_items,
         ),
     ] = None,
     rig: Annotated[

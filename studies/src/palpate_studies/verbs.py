@@ -9,7 +9,7 @@ import typer
 
 from palpate.cli.lazy_group import Entry, LazyGroup, load_command
 from palpate.cli.options import DpiOption, QuietOption
-from palpate.cli.progress import progress
+from palpate.cli.output import progress
 from palpate.errors import InputError
 from palpate.plots.style import EVERY_FORMAT, FigureFiles, figure_files
 

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.cli import build_app
-from palpate.cli.outcome import run
+from palpate.cli import build_app, run
 from palpate.produce.records import About, Item, Source
 from palpate.produce.store import Store
 

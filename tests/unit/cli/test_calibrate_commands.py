@@ -15,9 +15,9 @@ from palpate.cli import (
     calibrate_force,
     calibrate_rest,
     calibrate_settling,
+    run,
 )
 from palpate.cli.calibrate_bench import calibration_file, new_calibration
-from palpate.cli.outcome import run
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import Calibration, RestValues
 
@@ -38,14 +38,13 @@ def call(step: str, *arguments: str) -> int:
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("calibrated") / "pad.json"
-    assert call("force", "--seed", "3", "--out", str(path), "--temperature-c", "21") == 0
+    assert call("force", "--seed", "3", "--out", str(path)) == 0
     return path
 
 
 def test_force_file_holds_everything(made: Path) -> None:
     found = Calibration.load(made)
     assert found.origin == "simulated"
-    assert found.temperature_c == 21
     assert found.made_at is not None
     assert len(set(found.force.run)) == 6
     assert made.stat().st_size < 40_000

@@ -13,9 +13,8 @@ import pytest
 import typer
 from tests.unit.rig.test_board_cell import Desk
 
-from palpate.cli import calibrate_cell, calibrate_compliance
+from palpate.cli import calibrate_compliance, calibrate_force, run
 from palpate.cli.calibrate_bench import has_load_cell, new_calibration
-from palpate.cli.outcome import run
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import Calibration, RestValues
 from palpate.twin.devices import TwinGripper, TwinLoadCell
@@ -50,7 +49,7 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     bench = Bench(tmp_path)
     opened = SimpleNamespace(array=lambda: bench.array, gripper=lambda: TwinGripper(bench.world))
     monkeypatch.setitem(sys.modules, "desk_of_the_test", opened)
-    for module in ("rig.bench", "cli.calibrate_cell", "cli.calibrate_weights"):
+    for module in ("rig.bench", "cli.calibrate_force"):
         monkeypatch.setattr(f"palpate.{module}.RealClock", lambda: bench.clock)
     monkeypatch.setattr("typer.prompt", bench.prompt)
     yield bench
@@ -76,7 +75,7 @@ def test_a_known_weight_gives_the_line_for_the_rig_file(
         bench.board.raw[0] = 1_000 if "take everything off" in what else 1_000 - 2_000_000
 
     bench.does = lays
-    assert call(calibrate_cell.cell, "--rig", str(bench.rig), "--known-n", "10") == 0
+    assert call(calibrate_force.cell, "--rig", str(bench.rig), "--known-n", "10") == 0
     line = capsys.readouterr().out
     assert line == "[load_cells]\nnewtons_per_count = [-5e-06]\n"
     assert not has_load_cell(str(bench.rig))
@@ -87,7 +86,7 @@ def test_a_known_weight_gives_the_line_for_the_rig_file(
 def test_the_second_cell_joins_the_first(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
     bench.rig.write_text(TABLES)
     of_cell_1 = ("--rig", str(bench.rig), "--cell", "1", "--known-n", "10", "--json")
-    assert call(calibrate_cell.cell, *of_cell_1) == 2
+    assert call(calibrate_force.cell, *of_cell_1) == 2
     assert "calibrate cell 0 first" in capsys.readouterr().err
     bench.rig.write_text(TABLES + "[load_cells]\nnewtons_per_count = [4e-6]\n")
 
@@ -95,7 +94,7 @@ def test_the_second_cell_joins_the_first(bench: Bench, capsys: pytest.CaptureFix
         bench.board.raw[1] = 0 if "take everything off" in what else 1_000_000
 
     bench.does = lays
-    assert call(calibrate_cell.cell, *of_cell_1) == 0
+    assert call(calibrate_force.cell, *of_cell_1) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["newtons_per_count"] == pytest.approx([4e-6, 1e-5])
 
@@ -111,7 +110,7 @@ def test_the_second_cell_joins_the_first(bench: Bench, capsys: pytest.CaptureFix
 def test_cell_refusals(
     arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert call(calibrate_cell.cell, *arguments) == 2
+    assert call(calibrate_force.cell, *arguments) == 2
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
@@ -121,7 +120,7 @@ def test_a_weight_that_lies_elsewhere_is_noticed(
     bench: Bench, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bench.rig.write_text(TABLES)
-    assert call(calibrate_cell.cell, "--rig", str(bench.rig), "--known-n", "10") == 2
+    assert call(calibrate_force.cell, "--rig", str(bench.rig), "--known-n", "10") == 2
     assert "moved by 0 counts only" in capsys.readouterr().err
 
 

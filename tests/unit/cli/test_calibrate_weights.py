@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.cli.calibrate_weights import Course, _ask_loads, _until_enough
+from palpate.cli.calibrate_force import Course, _ask_loads, _until_enough
 from palpate.errors import InputError
 
 

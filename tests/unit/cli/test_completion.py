@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.cli import build_app
-from palpate.cli.outcome import run
+from palpate.cli import build_app, run
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ import pytest
 from tests.conftest import skip
 
 from palpate.cli import build_app, run
-from palpate.cli.avrdude import meaning
+from palpate.cli.flash import meaning
 from palpate.errors import DeviceNotFoundError
 from palpate.firmware_image import IMAGES, image_path
 from palpate.sensor.wire import unpack

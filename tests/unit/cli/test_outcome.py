@@ -11,8 +11,7 @@ import pytest
 import typer
 
 import palpate
-from palpate.cli import REMOVED, build_app
-from palpate.cli.outcome import run
+from palpate.cli import REMOVED, build_app, run
 
 SCRIPT = (sys.executable, "-c", "from palpate.cli import main; main()")
 CARD = ("grasp", "--seed", "1", "--object", "rigid-block")

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.cli import build_app
-from palpate.cli.outcome import run
+from palpate.cli import build_app, run
 
 
 def write_readings(path: Path, *, items: int = 40) -> Path:

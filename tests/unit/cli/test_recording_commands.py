@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.cli import build_app
-from palpate.cli.outcome import run
+from palpate.cli import build_app, run
 from palpate.gripper.interface import GripperState
 from palpate.recording import (
     FileState,

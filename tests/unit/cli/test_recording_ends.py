@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 from tests.unit.recording.test_recording_files import file_limit
 
-from palpate.cli import build_app
-from palpate.cli.outcome import run
+from palpate.cli import build_app, run
 from palpate.recording import FileState, RecordingReader
 
 MAIN = "from palpate.cli import main; main()"

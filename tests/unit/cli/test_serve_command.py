@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.cli import build_app
-from palpate.cli.outcome import run
+from palpate.cli import build_app, run
 
 
 @pytest.mark.parametrize(

@@ -289,7 +289,7 @@ def test_values_are_shown_with_their_units(
         (["--dpi", "600"], "it is for --plot"),
         (["--plot", "plot.png", "--dpi", "1"], "--dpi"),
         (["--out", "rows.txt"], ".json, .csv or .parquet"),
-        (["--out", "nowhere/rows.csv"], "a folder that exists"),
+        (["--out", "nowhere/rows.csv"], "there is no folder nowhere"),
         (["--fit-on", "nowhere.csv"], "nowhere.csv: no such file"),
         (["--bogus"], "--bogus"),
     ],

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 from tests.closings import write_damage_file
 
-from palpate.cli import build_app
-from palpate.cli.outcome import run
+from palpate.cli import build_app, run
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Verdict

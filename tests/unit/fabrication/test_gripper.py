@@ -12,9 +12,8 @@ import pytest
 from shapely import affinity
 from shapely.geometry import Polygon
 
-from palpate.cli import build_app
+from palpate.cli import build_app, run
 from palpate.cli.init import _SERVO
-from palpate.cli.outcome import run
 from palpate.fabrication.gripper import (
     CLOSED,
     OPEN,

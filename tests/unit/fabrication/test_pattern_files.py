@@ -15,8 +15,7 @@ from shapely import affinity
 from shapely.geometry import Polygon
 from shapely.ops import unary_union
 
-from palpate.cli import build_app
-from palpate.cli.outcome import run
+from palpate.cli import build_app, run
 from palpate.fabrication.design import PRESETS, Cutter, SensorDesign
 from palpate.fabrication.drawing import CutFile
 from palpate.fabrication.pattern import MARK_MM, Pattern, lay_out

@@ -16,8 +16,7 @@ import pytest
 from tests.touches import TOUCHES, counts, resistance_ohm
 
 import palpate
-from palpate.cli import build_app
-from palpate.cli.outcome import run
+from palpate.cli import build_app, run
 from palpate.demo.recordings import write_recordings
 from palpate.errors import InputError
 

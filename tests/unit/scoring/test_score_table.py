@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import palpate
-from palpate.cli import build_app
-from palpate.cli.outcome import run
+from palpate.cli import build_app, run
 
 METHODS, CUTOFFS_S = ["relaxation", "recorded"], [1.0, 2.5]
 
