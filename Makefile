@@ -64,8 +64,9 @@ check-lerobot:
 	$(PYTHON) -m venv $$folder/venv && python=$$folder/venv/bin/python && \
 	$$python -m pip install --quiet --disable-pip-version-check 'lerobot[core-scripts]>=0.4.4,<0.7' . \
 	  ./bridges/lerobot-dataset ./bridges/lerobot ./bridges/lerobot-robot && \
-	$$python -m palpate grasp --rig sim-rigid --seed 1 --record $$folder/grasp.mcap && \
-	$$python -m palpate export $$folder/grasp.mcap --lerobot $$folder/grasps && \
+	$$python -m palpate grasp --rig sim-rigid --seed 1 --record $$folder/one.mcap && \
+	$$python -m palpate grasp --rig sim-rigid --seed 2 --target-force-n 2 --record $$folder/two.mcap && \
+	$$python -m palpate export $$folder/one.mcap $$folder/two.mcap --lerobot $$folder/grasps && \
 	$$python bridges/lerobot/check_with_lerobot.py $$folder/grasps && \
 	$$python bridges/lerobot-robot/check_record_loop.py
 
