@@ -280,13 +280,16 @@ def _grasps(page: ItemHistory) -> Table:
         "settled_percent": (">settled\n%", 1),
     }
     heads = [head for head, _ in quantities.values()]
-    table = make_table(("taken", "outcome", *heads, ">side\n"))
-    for grasp in page.grasps[-_SHOWN:]:
+    shown = page.grasps[-_SHOWN:]
+    sides = [] if all(grasp.angle_deg is None for grasp in shown) else [">side\n"]
+    table = make_table(("taken", "outcome", *heads, *sides))
+    for grasp in shown:
+        side = "-" if grasp.angle_deg is None else f"{grasp.angle_deg:g}°"
         table.add_row(
             time_text(grasp.taken_at),
             str(grasp.outcome),
             *(_band(grasp.measurements.get(name), n) for name, (_, n) in quantities.items()),
-            "-" if grasp.angle_deg is None else f"{grasp.angle_deg:g}°",
+            *[side for _ in sides],
         )
     if len(page.grasps) > _SHOWN:
         table.caption = f"the last {_SHOWN} of {len(page.grasps)} grasps; --json has all"
