@@ -202,9 +202,6 @@ def _contact_point(estimate: ContactEstimate, plan: Plan, give: Compliance) -> C
     if not steps:
         return None
     width, felt, read = _read(steps, estimate, plan)
-    # Below the weakest reading of the calibration the law can't distinguish forces.
-    weakest_n = float(plan.early_law.force_n(plan.early_law.range[0]).value)
-    felt &= read.value > SETTLE.felt_fraction * weakest_n
     if felt.sum() < 2:
         return None
     force = np.where(felt, read.value, 0.0)
@@ -214,6 +211,8 @@ def _contact_point(estimate: ContactEstimate, plan: Plan, give: Compliance) -> C
     gain_sd = float(np.median(np.log(read.high[felt] / read.value[felt]))) / reach
     # Nor is it known how much force is lost before a pixel feels any: all forces have that error.
     blind_n = floor_n(plan)
+    # Below the weakest reading of the calibration the law can't distinguish forces.
+    weakest_n = float(plan.early_law.force_n(plan.early_law.range[0]).value)
     points, weights = [], []
     for gain, likely in zip(_GAIN_NODES, _GAIN_WEIGHTS, strict=True):
         for offset, part in zip(_BLIND_NODES, _BLIND_WEIGHTS, strict=True):

@@ -152,7 +152,6 @@ class Settle:
     since_sd : 0.03 to 0.1 ln, paper. Gain changes after calibration.
     relaxed : 0.85 to 1 1, twin. Of the closing force left at 20 s.
     relaxed_sd : 0.02 to 0.1 ln, twin. Scatter of that.
-    felt_fraction : 0.3 to 1 1, guess. Of the calibration's faintest force that counts.
     kept_factor : 1.5 to 3 1, guess. A reading of what is held changes by no more until 20 s.
     least_read : 0.1 to 0.5 1, guess.
         Of a step's force that its unseen threshold may take away, at most.
@@ -170,7 +169,6 @@ class Settle:
     since_sd: float = 0.05
     relaxed: float = 0.96
     relaxed_sd: float = 0.03
-    felt_fraction: float = 0.5
     kept_factor: float = 2.0
     least_read: float = 0.3
     haste_sd: float = 0.12
@@ -243,7 +241,8 @@ class Guards:
 class Pixels:
     """Which pixels have failed.
 
-    frames : 2 to 4 frames, study faults. At an end of the range, or equal.
+    frames : 2 to 4 frames, study faults.
+        At an end of the range, or equal; no more are alike in a sensor that flickers.
     loaded_fraction : 0.3 to 0.7 1, guess. Of its resistance lost to a load.
     jump_fraction : 0.02 to 0.1 1, guess. Of a reading, in one frame.
     moves : 5 to 12 moves, study faults. Without a change: the pixel is stuck.
@@ -253,9 +252,7 @@ class Pixels:
     long_s : 2 to 6 s, study faults. That long time.
     same : 0.05 to 0.3 mm or kPa, datasheet. Reports of a hand that stands.
     flicker_frames : 15 to 60 frames, guess. Show whether a sensor flickers.
-    few_alike : 1 to 4 frames, guess. Alike in a sensor that flickers.
     most_alike : 6 to 20 frames, study faults. Alike that are not new.
-    several : 3 to 6 pixels, guess. That may be compared with each other.
     unlike_counts : 4 to 20 counts, study faults. Pixels differ at rest.
     """
 
@@ -269,9 +266,7 @@ class Pixels:
     long_s: float = 3.0
     same: float = 0.1
     flicker_frames: int = 30
-    few_alike: int = 2
     most_alike: int = 10
-    several: int = 4
     unlike_counts: int = 8
 
 

@@ -38,9 +38,7 @@ class PixelMonitor:
         # Resistance over reference: follows from the counts without knowing the reference.
         self._rest = np.where(self._known, rest_ohm, 1.0) / plan.layout.divider.reference_ohm
         resting = plan.layout.divider.full_scale / (1.0 + self._rest[self._known])
-        self._unlike = (
-            resting.size >= PIXELS.several and float(np.ptp(resting)) >= PIXELS.unlike_counts
-        )
+        self._unlike = resting.size > 0 and float(np.ptp(resting)) >= PIXELS.unlike_counts
         self._equal = 0
         self._counts: NDArray[np.float64] | None = None
         self._opened = np.zeros(rest_ohm.shape, dtype=int)
@@ -159,7 +157,7 @@ class PixelMonitor:
     @property
     def _repeating(self) -> bool:
         before = self._frames - self._alike
-        flickers = before >= PIXELS.flicker_frames and self._longest <= PIXELS.few_alike
+        flickers = before >= PIXELS.flicker_frames and self._longest <= PIXELS.frames
         return flickers and self._alike > PIXELS.most_alike
 
     def _count_moves(self, closure: float) -> None:
