@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.produce.bruise.model import BruiseModel
 from palpate_studies import bruise, bruise_data
 from palpate_studies.bruise_data import Examined, examine
 from palpate_studies.bruise_scores import (
     SAME_WIDTH,
-    TREES,
+    TOGETHER,
     Scored,
     area,
     area_lost,
+    way,
 )
 from palpate_studies.fruit_ranges import BRUISES
 
@@ -38,9 +38,8 @@ def test_sides_are_placed_and_grasped_as_said(examined: list[Examined]) -> None:
     for one in learned:
         assert set(one.presses) == {"before", "now", "other"}
         assert all(np.isfinite(press.settled_percent).all() for press in one.presses.values())
-        if one.place is not None and one.apple.bruise is not None:
-            assert abs(one.place.along_mm) <= 6.0
-            assert abs(one.place.across_mm) <= 6.0
+        if one.apple.bruise is not None:
+            assert abs(one.apple.bruise.height_mm) <= 6.0
             low, high = BRUISES.diameter_mm_log
             assert low <= one.apple.bruise.diameter_mm <= high
 
@@ -58,22 +57,25 @@ def test_an_early_answer_sees_nothing_later(examined: list[Examined]) -> None:
     assert not np.array_equal(changed.shape(20.0).modes, press.shape(20.0).modes)
 
 
-def test_the_report_holds_every_way_and_writes_its_models(
+def test_the_report_holds_every_way_and_writes_its_sides(
     examined: list[Examined], tmp_path: Path
 ) -> None:
     found = bruise.judge(examined)
     document = json.loads(json.dumps(found.payload, allow_nan=False))
     for level in ("lab", "field"):
         ways = document["ways"][level]
-        assert {SAME_WIDTH, *TREES.values()} < set(ways)
-        assert len(ways) == 6
-        assert all(0 <= way["auc"] <= 1 for way in ways.values())
+        assert {SAME_WIDTH, TOGETHER, way("ours", "history"), way("boosted trees", "item")} < set(
+            ways
+        )
+        assert len(ways) == 11
+        assert all(0 <= one["auc"] <= 1 for one in ways.values())
         assert document["apples"][level]["learn"] == 20
-        assert sum(row["level"] == level for row in document["compared"]) == 4
+        assert sum(row["level"] == level for row in document["compared"]) == 12
     found.write(tmp_path)
     for level in ("lab", "field"):
-        model = BruiseModel.load(tmp_path / f"bruise-model-{level}.json")
-        assert level in model.learned_on
+        written = json.loads((tmp_path / f"bruise-sides-{level}.json").read_text())
+        assert level in written["learned_on"]
+        assert set(written["sides"]) == {"history", "class", "item"}
 
 
 def test_the_area_counts_ties_as_halves() -> None:

@@ -105,7 +105,7 @@ def test_code_of_a_study_is_what_it_imports() -> None:
     files = {path.name for path in study_files("rupture")}
     assert {"rupture.py", "damage_learning.py", "errors.py"} <= files
     assert not files & {"scoreboard.py", "controller.py", "report.py", "verbs.py"}
-    assert "model.json" in {path.name for path in study_files("bruise")}
+    assert "simulated.json" in {path.name for path in study_files("bruise")}
     assert "controller.py" in {path.name for path in study_files("size")}
     assert code_hash("rupture") == code_hash("rupture") != code_hash("presses")
 

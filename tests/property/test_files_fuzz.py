@@ -18,8 +18,6 @@ from tests.closings import write_damage_file
 from palpate.errors import PalpateError
 from palpate.estimate.damage_file import DamageFile
 from palpate.holds import read_holds
-from palpate.produce.bruise import model as bruise_model
-from palpate.produce.bruise.model import BruiseModel
 from palpate.produce.sorting.rules_file import read_rules
 from palpate.rig.file import open_file, read_rig_file
 from palpate.sensor.calibration import Calibration
@@ -119,7 +117,6 @@ def calibration_text() -> str:
 READERS: dict[str, Callable[[Path], object]] = {
     "calibration.json": Calibration.load,
     "damage.json": DamageFile.load,
-    "model.json": BruiseModel.load,
     "rules.toml": read_rules,
     "rig.toml": read_rig_file,
     "open.toml": lambda path: open_file(path, object_name=None, seed=0),
@@ -129,12 +126,10 @@ READERS: dict[str, Callable[[Path], object]] = {
 
 @pytest.fixture(scope="module")
 def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    model = Path(bruise_model.__file__).with_name("model.json").read_text()
     damage = write_damage_file(tmp_path_factory.mktemp("damage")).read_text()
     return {
         "calibration.json": calibration_text(),
         "damage.json": damage,
-        "model.json": model,
         "rules.toml": RULES,
         "rig.toml": RIG,
         "open.toml": RIG,

@@ -1,9 +1,9 @@
-"""`palpate bruise ITEM`: is it bruised, how probable is that, on which pixels, and where."""
+"""`palpate bruise ITEM`: is it bruised, how probable is that, and on which pixels."""
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -15,7 +15,7 @@ from palpate.cli.items import open_store
 from palpate.cli.options import JsonOption, StoreOption
 from palpate.cli.output import print_json
 from palpate.errors import InputError
-from palpate.produce.bruise.items import ItemBruise, examine_item, learn_from
+from palpate.produce.bruise.items import ItemBruise, SideVerdict, examine_item, learn_from
 from palpate.produce.bruise.model import BruiseModel, default_model
 from palpate.produce.store import Store
 from palpate.terminal_table import print_table
@@ -32,13 +32,9 @@ def bruise(
         typer.Option(
             "--learn",
             help="Learn from the items of its kind that people called bruised or sound, instead "
-            "of using the model that comes with palpate.",
+            "of the simulated sides that come with palpate.",
         ),
     ] = False,
-    model: Annotated[
-        Path | None,
-        typer.Option(help="Use a model that `palpate study bruise --out` wrote.", metavar="FILE"),
-    ] = None,
     bruised_share: Annotated[
         float,
         typer.Option(
@@ -52,9 +48,9 @@ def bruise(
 ) -> None:
     """Judge whether an item is bruised, side by side, from its last visit.
 
-    Each side is compared with its own earlier record, the item's other sides, and items of its kind
-    that people called sound on the same rig (palpate items NAME --say bruise=sound), as far as
-    there are any. The answer is kept with the item. Exits with 1 where it is bruised.
+    Each side is compared with its own earlier record, else with items of its kind that people
+    called sound on the same rig (palpate items NAME --say bruise=sound), else with the item's other
+    sides. The answer is kept with the item. Exits with 1 where it is bruised.
 
     Example: palpate bruise A17 --bruised-share 0.05
     """
@@ -62,7 +58,7 @@ def bruise(
         found = examine_item(
             known,
             item,
-            model=_model(known, item, learn=learn, file=model),
+            model=_learn(known, item) if learn else default_model(),
             bruised_share=bruised_share,
             given_at=datetime.now(UTC),
         )
@@ -73,9 +69,9 @@ def bruise(
                 "bruised": found.bruised,
                 "probability": found.probability,
                 "before_percent": found.before_percent,
-                "now_percent": found.now_percent,
-                "bruised_pixels_percent": found.bruised_percent,
-                "sides": [side.to_dict() for side in found.sides],
+                "now_percent": found.sides[0].mean_percent,
+                "bruised_pixels_percent": found.sides[0].pixels_percent,
+                "sides": [asdict(side) for side in found.sides],
                 "learned_on": found.model.learned_on,
                 "explanation": found.explanation,
                 "simulated": found.simulated,
@@ -87,17 +83,18 @@ def bruise(
         raise typer.Exit(1)
 
 
-def _model(store: Store, item: str, *, learn: bool, file: Path | None) -> BruiseModel:
-    if learn and file is not None:
-        raise InputError(f"--learn and --model {file}: give one of them")
-    if learn:
-        kind = store.item(item).kind
-        if kind is None:
-            raise InputError(
-                f"item {item!r} has no kind to learn about; palpate items {item} --set kind=apple"
-            )
-        return learn_from(store, kind=kind)
-    return default_model() if file is None else BruiseModel.load(file)
+def _learn(store: Store, item: str) -> BruiseModel:
+    kind = store.item(item).kind
+    if kind is None:
+        raise InputError(
+            f"item {item!r} has no kind to learn about; palpate items {item} --set kind=apple"
+        )
+    return learn_from(store, kind=kind)
+
+
+def _places(side: SideVerdict) -> str:
+    """Return the pixels that may lie on the bruise, rows and columns counted from 1."""
+    return ", ".join(f"{row + 1}/{column + 1}" for row, column in side.pixels)
 
 
 def _print(item: str, found: ItemBruise) -> None:
@@ -109,17 +106,17 @@ def _print(item: str, found: ItemBruise) -> None:
             f"{side.angle_deg:g}°",
             str(side.grasps),
             f"{100 * side.probability:.0f}",
-            ", ".join(side.against),
-            " or ".join(spot.in_words for spot in side.spots) * (side.probability >= 0.5),
+            side.against,
+            _places(side) * (side.probability >= 0.5),
         )
         for side in found.sides
     ]
-    columns = (">side", ">grasps", ">bruised, %", "compared with", "where, if it is")
+    columns = (">side", ">grasps", ">bruised, %", "compared with", "pixels, if it is")
     print_table(columns, rows, console=console)
     changes = {
         "all pixels before": found.before_percent,
-        "all pixels now": found.now_percent,
-        "pixels on the bruise": found.bruised_percent,
+        "all pixels now": found.sides[0].mean_percent,
+        "pixels that may lie on the bruise": found.sides[0].pixels_percent,
     }
     known = [f"{name} {value:.1f} %" for name, value in changes.items() if value is not None]
     console.print(f"Mean relative change: {', '.join(known)}")

@@ -18,7 +18,7 @@ from palpate.grasp.calibrating import measure_rest
 from palpate.grasp.estimator import Observation
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
-from palpate.produce.bruise.items import SOUND
+from palpate.produce.bruise.model import SOUND
 from palpate.produce.grasp_record import make_grasp_record
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.ripeness.closing import ClosingWatch

@@ -65,7 +65,8 @@ class LabelLearner:
     `false_reject`: fraction of items of known labels that may be called unknown.
     `methods`: names of the candidates in `METHODS`; by default all of them.
 
-    After `fit`: `labels`, sorted; `method`, the name of the chosen pipeline.
+    After `fit`: `labels`, sorted; `fractions` of the rows that have them; `method`, the name of the
+    chosen pipeline.
 
     >>> rng = np.random.default_rng(1)
     >>> kinds = 20 * ["egg", "grape"]
@@ -86,6 +87,7 @@ class LabelLearner:
         self._methods = tuple(methods) or METHODS
         self.labels: tuple[str, ...] = ()
         self.method = ""
+        self.fractions: FloatArray = np.empty(0)
 
     def fit(
         self, table: ArrayLike, labels: Sequence[str], *, items: Sequence[str] | None = None
@@ -114,6 +116,7 @@ class LabelLearner:
         self.labels = tuple(sorted(counts))
         self._table = np.asarray(table, dtype=float)
         self._truth = np.array([self.labels.index(label) for label in labels])
+        self.fractions = np.bincount(self._truth) / len(self._truth)
         self._items = np.unique(of, return_inverse=True)[1]
         self._splits = self._split(max(2, min(_FOLDS, *counts.values())))
         found = {name: self._leave_out(name) for name in self._methods}
@@ -214,6 +217,36 @@ class LabelLearner:
         for seen, rest in self._splits:
             found[rest] = self._predict(self._fit_model(name, seen), self._table[rest])
         return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabelledTable:
+    """Rows to learn from, and rows to be named, whose label is empty."""
+
+    #: Names of the columns.
+    features: tuple[str, ...]
+    #: Shape (n_rows, n_features).
+    rows: FloatArray
+    #: Of each row.
+    labels: tuple[str, ...]
+    items: tuple[str, ...]
+
+    def learn(self, *, strangers: bool = False, methods: Sequence[str] = ()) -> LabelLearner:
+        """Learn from the labelled rows.
+
+        Raises `InputError` if there are too few; `MissingExtraError` if scikit-learn is not
+        installed.
+        """
+        known = [index for index, label in enumerate(self.labels) if label]
+        return LabelLearner(strangers=strangers, methods=methods).fit(
+            self.rows[known],
+            [self.labels[index] for index in known],
+            items=[self.items[index] for index in known],
+        )
+
+    def unlabelled(self) -> list[int]:
+        """Return the numbers of the rows without a label."""
+        return [index for index, label in enumerate(self.labels) if not label]
 
 
 #: Candidates: linear discriminant, logistic regression, and boosted trees.

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,10 +13,8 @@ from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.grasp.result import Outcome
 from palpate.holds.strict import read_table
-from palpate.produce.bruise.items import BRUISED, SOUND, examples_of
-from palpate.produce.bruise.model import REFERENCES
-from palpate.produce.bruise.shape import contrast
-from palpate.produce.learning import LabelLearner
+from palpate.produce.bruise.items import labelled_sides
+from palpate.produce.learning import LabelledTable
 from palpate.produce.records import About, Grasp, Source
 from palpate.produce.ripeness.items import history_of, labels_of
 
@@ -27,36 +23,6 @@ if TYPE_CHECKING:
 
 #: What a grade or a kind may show in: means over an item's grasps. Logarithms, where positive.
 _GRADE_FEATURES = ("size_mm", "stiffness_n_per_mm", "firmness", "settled_percent")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LabelledTable:
-    """Rows to learn from, and rows to be named, whose label is empty."""
-
-    #: Names of the columns.
-    features: tuple[str, ...]
-    #: Shape (n_rows, n_features).
-    rows: FloatArray
-    #: Of each row.
-    labels: tuple[str, ...]
-    items: tuple[str, ...]
-
-    def learn(self, *, strangers: bool = False) -> LabelLearner:
-        """Learn from the labelled rows.
-
-        Raises `InputError` if there are too few; `MissingExtraError` if scikit-learn is not
-        installed.
-        """
-        known = [index for index, label in enumerate(self.labels) if label]
-        return LabelLearner(strangers=strangers).fit(
-            self.rows[known],
-            [self.labels[index] for index in known],
-            items=[self.items[index] for index in known],
-        )
-
-    def unlabelled(self) -> list[int]:
-        """Return the numbers of the rows without a label."""
-        return [index for index, label in enumerate(self.labels) if not label]
 
 
 def read_labelled(path: str | os.PathLike[str]) -> LabelledTable:
@@ -104,7 +70,10 @@ def labelled_of(store: Store, about: About, *, kind: str | None) -> LabelledTabl
     if about in (About.BRUISE, About.RIPENESS) and kind is None:
         raise InputError(f"{about}: items of which kind? Name it with --kind")
     if about is About.BRUISE:
-        found = _bruise_rows(store, kind=str(kind))
+        sides = labelled_sides(store, kind=str(kind)).values()
+        if table := max(sides, key=lambda one: len(one.rows), default=None):
+            return table
+        found: _Rows = (), []
     elif about is About.RIPENESS:
         found = _ripeness_rows(store, kind=str(kind))
     else:
@@ -166,18 +135,3 @@ def _ripeness_rows(store: Store, *, kind: str) -> _Rows:
             if label is not None
         ]
     return ("ln_stiffness",), rows
-
-
-def _bruise_rows(store: Store, *, kind: str) -> _Rows:
-    """Return contrasts to the reference that most labelled sides have."""
-    examples = examples_of(store, kind=kind)
-    counts = Counter(name for _, one in examples for name in one.against)
-    if not counts:
-        return (), []
-    name = max(REFERENCES, key=lambda one: counts[one])
-    rows: list[tuple[Sequence[float] | FloatArray, str, str]] = [
-        (contrast(one.shape, one.against[name]), BRUISED if one.bruised else SOUND, item)
-        for item, one in examples
-        if name in one.against
-    ]
-    return tuple(f"{name}_{number}" for number in range(len(rows[0][0]))), rows

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 
-from palpate.produce.bruise.model import BruiseModel, default_model
+from palpate.produce.bruise.model import (
+    BruiseModel,
+    default_model,
+    save_sides,
+    simulated_sides,
+)
+from palpate.produce.learning import LabelledTable
 from palpate_studies.bruise_data import (
     PLACED_WITHIN_MM,
     REFERENCE_APPLES,
@@ -17,28 +23,11 @@ from palpate_studies.bruise_data import (
     as_drawn,
     examine,
 )
-from palpate_studies.bruise_scores import (
-    EARLIER,
-    FALSE_ALARMS,
-    FIRST_MET,
-    KIND,
-    SAME_WIDTH,
-    TREES,
-    area_lost,
-    felt_of,
-    log_odds,
-    model_of,
-    score_all,
-    scored,
-    way,
-)
+from palpate_studies.bruise_scores import FALSE_ALARMS, compare_all, known_of, score_all
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
 from palpate_studies.second.fruit import corky
 from palpate_studies.twin_apple import Apple
-
-#: What is shown of ours: against which references, and in words.
-SHOWN = {KIND: "ours, first met, 2.5 s", EARLIER: "ours, with its earlier record, 2.5 s"}
 
 
 def report(
@@ -51,8 +40,9 @@ def report(
 ) -> StudyReport:
     """Grasp many sound and bruised apples on the twin, and tell them apart in every way.
 
-    With --out, the model learned at each level is written too. --second judges bruises of another
-    shape, and the same apples of the first, by the model that palpate ships; two dozen on a sensor.
+    With --out, the sides learned from at each level are written too. --second judges bruises of
+    another shape, and the same apples of the first, by what the sides that palpate ships teach; two
+    dozen on a sensor.
 
     Example: palpate study bruise --apples 96 --out reports
     """
@@ -70,36 +60,33 @@ command = as_command(report)
 
 def judge(examined: Sequence[Examined]) -> StudyReport:
     """Score everything and put it into tables."""
+    levels = list(dict.fromkeys(one.level for one in examined))
     counts, ways, compared = dict[str, Any](), dict[str, Any](), list[dict[str, Any]]()
-    models = dict[str, BruiseModel]()
-    for level in LEVELS:
+    known = {}
+    for level in levels:
         of = {
             purpose: [one for one in examined if (one.purpose, one.level) == (purpose, level)]
             for purpose in dict.fromkeys(one.purpose for one in examined)
         }
-        models[level] = model_of(of["learn"], level=level)
-        scores = score_all(of["test"], models[level], learned=of["learn"])
+        sensors = len({one.sensor for one in of["learn"]})
+        learned_on = (
+            f"{len(of['learn'])} simulated apples on {sensors} simulated sensors, level {level}"
+        )
+        known[level] = known_of(of["learn"]), learned_on
+        model = BruiseModel.learn(known[level][0], learned_on=learned_on)
+        scores = score_all(of["test"], model, known=known[level][0])
         counts[level] = {purpose: len(mine) for purpose, mine in of.items()}
         ways[level] = {
             name: {"auc": one.auc, "interval": one.interval(), "found": one.found()}
             for name, one in scores.items()
         }
-        compared += [
-            {
-                "level": level,
-                "ours": label,
-                "rival": rival,
-                **area_lost(scores[way(names)], scores[rival]).to_dict(),
-            }
-            for names, label in SHOWN.items()
-            for rival in (SAME_WIDTH, TREES[names])
-        ]
+        compared += [{"level": level, **row} for row in compare_all(scores)]
     return StudyReport(
         name="bruise",
         title="Bruised and sound apples (simulated)",
         provenance=[
-            f"Simulated, both levels: {counts['lab']['test']} apples tested and "
-            f"{counts['lab']['learn']} others, on other sensors, learned from, half of them "
+            f"Simulated, each level: {counts[levels[0]]['test']} apples tested and "
+            f"{counts[levels[0]]['learn']} others, on other sensors, learned from, half of them "
             f"bruised, each with its bruise within {PLACED_WITHIN_MM:g} mm of the middle of either "
             "finger; grasped once at the side in question, closed by contact. They differ in size, "
             "firmness, roundness, firmer sides; bruises in diameter, depth, softness, dent and "
@@ -113,7 +100,7 @@ def judge(examined: Sequence[Examined]) -> StudyReport:
                 f"found at {100 * FALSE_ALARMS:g} % false alarms",
                 [
                     {"level": level, "way": name, **one}
-                    for level in LEVELS
+                    for level in levels
                     for name, one in ways[level].items()
                 ],
                 {"way": "{way}"},
@@ -129,7 +116,7 @@ def judge(examined: Sequence[Examined]) -> StudyReport:
             "compared": compared,
         },
         files={
-            f"bruise-model-{level}.json": partial(_save, model) for level, model in models.items()
+            f"bruise-sides-{level}.json": partial(_save, *sides) for level, sides in known.items()
         },
     )
 
@@ -137,10 +124,17 @@ def judge(examined: Sequence[Examined]) -> StudyReport:
 def second_report(seeds: Sequence[int]) -> StudyReport:
     """Judge the same apples of both generators by the model that palpate ships."""
     remakes: dict[str, Callable[[Apple], Apple]] = {"first": as_drawn, "second": corky}
-    rows = [
-        {"generator": name, **_shipped([one for seed in seeds for one in _apples(seed, remade)])}
-        for name, remade in remakes.items()
-    ]
+    rows, ways = list[dict[str, Any]](), list[dict[str, Any]]()
+    _, known = simulated_sides()
+    for name, remade in remakes.items():
+        found = [one for seed in seeds for one in _apples(seed, remade)]
+        scores = score_all(found, default_model(), known=known)
+        counts = {"apples": len(found), "sensors": len({one.sensor for one in found})}
+        ways += [
+            {"generator": name, "way": way, **counts, "auc": one.auc, "found": one.found()}
+            for way, one in scores.items()
+        ]
+        rows += [{"generator": name, **row} for row in compare_all(scores)]
     return StudyReport(
         name="bruise",
         title="Bruises of another shape (simulated)",
@@ -150,19 +144,16 @@ def second_report(seeds: Sequence[int]) -> StudyReport:
             "palpate ships was learned on the first.",
         ),
         tables=[
-            Table.of(
-                "Bruised or sound: area under the ROC curve",
-                rows,
-                {
-                    "generator": "{generator}",
-                    "apples": "{apples}",
-                    "ours, earlier record": "{area_with_an_earlier_record:.2f}",
-                    "ours, first met": "{area_first_met:.2f}",
-                    "the paper's way": "{area_the_papers_way:.2f}",
-                },
+            Table.wide(
+                "Bruised or sound: area under the ROC curve, and percent found at "
+                f"{100 * FALSE_ALARMS:g} % false alarms",
+                ways,
+                {"way": "{way}"},
+                over="generator",
+                form="{auc:.3f}, {found:.0p}",
             )
         ],
-        payload={"study": "bruise", "simulated": True, "bruise": rows},
+        payload={"study": "bruise", "simulated": True, "ways": ways, "compared": rows},
     )
 
 
@@ -170,26 +161,5 @@ def _apples(seed: int, remade: Callable[[Apple], Apple]) -> list[Examined]:
     return list(examine({"test": 24}, levels=["lab"], seed=seed, remade=remade))
 
 
-def _shipped(found: Sequence[Examined]) -> dict[str, Any]:
-    felt, model = felt_of(found), default_model()
-    change = [
-        one.presses["same_width"].mean_percent - one.presses["before"].mean_percent for one in found
-    ]
-    scores = {
-        "with_an_earlier_record": log_odds(felt, model, EARLIER),
-        "first_met": log_odds(felt, model, FIRST_MET),
-        "the_papers_way": np.array(change),
-    }
-    each = {name: scored(found, score) for name, score in scores.items()}
-    return {
-        "apples": len(found),
-        "sensors": len({one.sensor for one in found}),
-        **{f"area_{name}": one.auc for name, one in each.items()},
-        "lost_less_the_papers_way": area_lost(
-            each["with_an_earlier_record"], each["the_papers_way"]
-        ).to_dict(),
-    }
-
-
-def _save(model: BruiseModel, path: Any) -> None:
-    model.save(path)
+def _save(known: Mapping[str, LabelledTable], learned_on: str, path: Path) -> None:
+    save_sides(known, path, learned_on=learned_on)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.produce.bruise.model import Example, Place
+from palpate.produce.bruise.model import Side
 from palpate.produce.bruise.shape import LoadShape, middle_of
 from palpate_studies.bruise_grasps import CLOSURE_MM, GAP_MM, OPEN_MM, ApplePress, press
 from palpate_studies.fruit_ranges import BRUISES
@@ -65,29 +65,17 @@ class Examined:
         """Whether it is."""
         return self.apple.bruise is not None
 
-    @property
-    def place(self) -> Place | None:
-        """Where its bruise lies on the fingers that hold the side in question."""
-        bruise = self.apple.bruise
-        if bruise is None:
-            return None
-        angles_rad = [
-            math.radians(math.remainder(bruise.angle_deg - self.angle_deg - turn, 360.0))
-            for turn in (0.0, 180.0)
-        ]
-        finger = int(np.argmin(np.abs(angles_rad)))
-        # Columns run the other way round the fruit on the second finger.
-        across_mm = (1 - 2 * finger) * angles_rad[finger] * self.apple.radius_mm
-        return Place(finger=finger, along_mm=bruise.height_mm, across_mm=across_mm)
-
-    def example(self, cutoff_s: float) -> Example:
+    def side(self, cutoff_s: float) -> Side:
         """Return what is judged, and all that it is compared with, at a time of the hold."""
         shapes = {name: one.shape(cutoff_s) for name, one in self.presses.items()}
-        against = {"class": self.sound}
-        if "before" in shapes:
-            against["history"] = shapes["before"]
-        against["item"] = middle_of([shapes["other"]], with_width=True)
-        return Example(shape=shapes["now"], against=against, bruised=self.bruised, place=self.place)
+        return Side(
+            shape=shapes["now"],
+            against={
+                "history": shapes["before"],
+                "class": self.sound,
+                "item": middle_of([shapes["other"]], with_width=True),
+            },
+        )
 
 
 def as_drawn(apple: Apple) -> Apple:

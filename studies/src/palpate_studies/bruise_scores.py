@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TypeAlias
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.stats import rankdata
 
 from palpate.arrays import FloatArray
-from palpate.errors import needing
-from palpate.produce.bruise.model import REFERENCES, BruiseModel, learn_bruises
-from palpate.produce.bruise.shape import contrast
+from palpate.produce.bruise.model import BRUISED, REFERENCES, BruiseModel, table_sides
+from palpate.produce.learning import LabelledTable, make_pipeline
 from palpate_studies.bootstrap import bootstrap_interval
 from palpate_studies.bruise_data import EARLY_S, Examined
 from palpate_studies.protocol.paired import Difference, IntArray, drawn_difference
 
 #: The way that needs no learning: the paper's mean over all pixels after 20 s.
 SAME_WIDTH = "change of the 20 s mean since before, at one width (the paper's way)"
-#: Of what is reported as ours.
-EARLIER, KIND, FIRST_MET = "history+class", "class", "class+item"
-#: The strongest learner on the same numbers, by references.
-TREES = {
-    names: f"boosted trees against {names.replace('+', ' and ')}, 2.5 s"
-    for names in (KIND, EARLIER)
-}
+#: Pipelines in place of the shipped one, on the same contrasts -> their names in
+#: `palpate.produce.learning.METHODS`.
+LEARNERS = {"linear discriminant": "discriminant", "boosted trees": "trees"}
+#: All references at once, by the shipped pipeline.
+TOGETHER = f"logistic regression against all three references at once, {EARLY_S:g} s"
 FALSE_ALARMS = 0.05
 
 
@@ -97,70 +94,70 @@ def area_lost(ours: Scored, rival: Scored) -> Difference:
     return drawn_difference(of, ours.sensors)
 
 
-def model_of(learned: Sequence[Examined], *, level: str) -> BruiseModel:
-    """Learn a model of early readings."""
-    sensors = len({one.sensor for one in learned})
-    source = f"{len(learned)} simulated apples on {sensors} simulated sensors, level {level}"
-    return learn_bruises([one.example(EARLY_S) for one in learned], learned_on=source)
-
-
-#: Reference -> contrasts of every side to it, shape (sides, 17).
-Felt: TypeAlias = Mapping[str, FloatArray]
-
-
-def felt_of(examined: Sequence[Examined]) -> Felt:
-    """Return what one grasp of each side is judged by."""
-    examples = [one.example(EARLY_S) for one in examined]
-    return {
-        name: np.array([contrast(one.shape, one.against[name]) for one in examples])
-        for name in REFERENCES
-        if all(name in one.against for one in examples)
-    }
-
-
-def log_odds(felt: Felt, model: BruiseModel, names: str) -> FloatArray:
-    """Return the log odds of every side against some references."""
-    return model.judges[names].log_odds(_numbers(felt, names))
-
-
-def _numbers(felt: Felt, names: str) -> FloatArray:
-    return np.concatenate([felt[name] for name in names.split("+")], axis=1)
+def known_of(examined: Sequence[Examined]) -> dict[str, LabelledTable]:
+    """Return the contrasts of sides to each reference, with the truth."""
+    return table_sides(
+        [(str(number), one.bruised, one.side(EARLY_S)) for number, one in enumerate(examined)]
+    )
 
 
 def score_all(
-    tested: Sequence[Examined], model: BruiseModel, *, learned: Sequence[Examined]
+    tested: Sequence[Examined], model: BruiseModel, *, known: Mapping[str, LabelledTable]
 ) -> dict[str, Scored]:
-    """Return the scores of every way on the test apples; way -> scores."""
-    change = [
-        one.presses["same_width"].mean_percent - one.presses["before"].mean_percent
-        for one in tested
-    ]
-    felt, known = felt_of(tested), felt_of(learned)
-    bruised = [one.bruised for one in learned]
-    scores = {
-        SAME_WIDTH: np.array(change),
-        **{way(names): log_odds(felt, model, names) for names in (EARLIER, KIND, "item")},
-        **{
-            name: _by_trees(_numbers(known, names), bruised, _numbers(felt, names))
-            for names, name in TREES.items()
-        },
-    }
+    """Return the scores of every way on the test apples; way -> scores.
+
+    `known`: the sides that the model, and the learners in its place, are learned from.
+    """
+    felt = known_of(tested)
+    scores = {SAME_WIDTH: paper_change(tested)}
+    for name in REFERENCES:
+        sides = [one.side(EARLY_S) for one in tested]
+        scores[way("ours", name)] = np.array(
+            [model.log_odds(replace(one, against={name: one.against[name]})) for one in sides]
+        )
+        scores |= {
+            way(learner, name): _learned(method, [known[name]], [felt[name]])
+            for learner, method in LEARNERS.items()
+        }
+    scores[TOGETHER] = _learned("logistic", list(known.values()), list(felt.values()))
     return {name: scored(tested, score) for name, score in scores.items()}
 
 
-def _by_trees(learned: FloatArray, bruised: Sequence[bool], tested: FloatArray) -> FloatArray:
-    """Learn boosted trees, one setting, not tuned, and return a score for each tested side."""
-    with needing("the study of bruises", extra="produce"):
-        from sklearn.ensemble import HistGradientBoostingClassifier
-    trees = HistGradientBoostingClassifier(
-        max_iter=300, learning_rate=0.05, max_leaf_nodes=15, random_state=0
+def compare_all(scores: Mapping[str, Scored]) -> list[dict[str, Any]]:
+    """Return what ours lacks against each reference, less what each other way lacks."""
+    return [
+        {
+            "reference": name,
+            "rival": rival,
+            **area_lost(scores[way("ours", name)], scores[rival]).to_dict(),
+        }
+        for name in REFERENCES
+        for rival in (SAME_WIDTH, *(way(learner, name) for learner in LEARNERS), TOGETHER)
+    ]
+
+
+def paper_change(examined: Sequence[Examined]) -> FloatArray:
+    """Return the change of the mean over all pixels since before, at one width."""
+    return np.array(
+        [
+            one.presses["same_width"].mean_percent - one.presses["before"].mean_percent
+            for one in examined
+        ]
     )
-    return np.asarray(trees.fit(learned, bruised).decision_function(tested))
 
 
-def way(names: str) -> str:
-    """Return the name of palpate's judgement against some references."""
-    return f"ours against {names.replace('+', ' and ')}, {EARLY_S:g} s"
+def _learned(
+    method: str, known: Sequence[LabelledTable], felt: Sequence[LabelledTable]
+) -> FloatArray:
+    """Learn from known sides by another pipeline, and return a score for each tested one."""
+    bruised = np.array(known[0].labels) == BRUISED
+    pipeline = make_pipeline(method).fit(np.hstack([one.rows for one in known]), bruised)
+    return np.asarray(pipeline.decision_function(np.hstack([one.rows for one in felt])))
+
+
+def way(method: str, reference: str) -> str:
+    """Return the name of a judgement against one reference."""
+    return f"{method} against {reference}, {EARLY_S:g} s"
 
 
 def scored(examined: Sequence[Examined], score: FloatArray) -> Scored:

@@ -2,38 +2,66 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import expit, logit
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.grasp.result import Outcome
-from palpate.produce.bruise.judge import (
-    OTHER_SIDE_DEG,
-    SAME_SIDE_DEG,
-    FeltSide,
-    SideVerdict,
-    apart_deg,
-    judge_sides,
+from palpate.produce.bruise.model import (
+    BRUISED,
+    REFERENCES,
+    SOUND,
+    BruiseModel,
+    Side,
+    table_sides,
 )
-from palpate.produce.bruise.model import REFERENCES, BruiseModel, Example, learn_bruises
-from palpate.produce.bruise.shape import LoadShape, middle_of, shape_of
+from palpate.produce.bruise.shape import LoadShape, middle_of, pixel_contrast, shape_of
+from palpate.produce.learning import LabelledTable
 from palpate.produce.records import About, Grasp, Source, Verdict
 
 if TYPE_CHECKING:
     from palpate.produce.store import Store
 
 
-#: What people call an item, for others to be learned from: `palpate items A17 --say bruise=sound`.
-BRUISED, SOUND = "bruised", "sound"
 #: Grasps without a longer pause between them are one visit; the visits before are the record.
 _VISIT = timedelta(minutes=30)
 #: Fewest grasps of sound items that make a class, and most that are looked at.
 _FEWEST_SOUND, _MOST_SOUND = 6, 200
+
+
+#: Sides closer than this are one side, placed again; and sides that face other flesh are at least
+#: this far apart, degrees.
+_SAME_SIDE_DEG, _OTHER_SIDE_DEG = 15.0, 45.0
+#: A pixel that carries at least a fifth less than the one that it faces may lie on the bruise.
+_LESS = math.log(1.25)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SideVerdict:
+    """The verdict on one side."""
+
+    #: Which side.
+    angle_deg: float
+    #: That it is bruised.
+    probability: float
+    #: How many grasps it rests on: the mean of their log odds is taken, which promises no more than
+    #: one grasp does.
+    grasps: int
+    #: The reference it was compared with.
+    against: str
+    #: Mean relative change over all pixels.
+    mean_percent: float
+    #: Pixels that carry at least a fifth less than the ones that they face: if the side is bruised,
+    #: some of them lie on the bruise. And their mean relative change.
+    pixels: tuple[tuple[int, int], ...]
+    pixels_percent: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,11 +70,8 @@ class ItemBruise:
 
     #: Each side felt in the last visit, the most suspicious first.
     sides: tuple[SideVerdict, ...]
-    #: The paper's three columns for the most suspicious side: mean change over all pixels in its
-    #: earlier record and now, and of the pixels on the bruise.
+    #: Of the most suspicious side, mean change over all pixels in its earlier record.
     before_percent: float | None
-    now_percent: float
-    bruised_percent: float | None
     #: Whether any grasp that went in was.
     simulated: bool
     #: Who judged.
@@ -66,11 +91,10 @@ class ItemBruise:
     def explanation(self) -> str:
         """Why, in a sentence."""
         side = self.sides[0]
-        against = " and ".join(_IN_WORDS[name] for name in side.against)
-        text = f"side {side.angle_deg:g}° against {against}: {100 * side.probability:.0f} % bruised"
-        if self.bruised and side.spots:
-            text += ", at " + " or ".join(spot.in_words for spot in side.spots)
-        return text
+        return (
+            f"side {side.angle_deg:g}° against {_IN_WORDS[side.against]}: "
+            f"{100 * side.probability:.0f} % bruised"
+        )
 
     def verdict(self, item_id: str, *, given_at: datetime) -> Verdict:
         """Return the form that the store keeps."""
@@ -83,7 +107,7 @@ class ItemBruise:
             explanation=self.explanation,
             details={
                 "learned_on": self.model.learned_on,
-                "sides": [side.to_dict() for side in self.sides],
+                "sides": [asdict(side) for side in self.sides],
             },
         )
 
@@ -105,6 +129,7 @@ def examine_item(
 ) -> ItemBruise:
     """Judge an item by its last visit, keep the verdict, and return it.
 
+    `bruised_share`: fraction of sides expected to be bruised before anything is felt.
     Raises `InputError` if there is no such item, no grasp of it recorded pixels, or there is
     nothing to compare it with.
     """
@@ -117,22 +142,30 @@ def examine_item(
         )
     sound = sound_grasps(store, kind=item.kind, without=item_id)
     visits = in_visits(grasps)
-    felt = [_features(grasp, visits=visits, sound=sound) for grasp in visits[-1]]
-    if not any(one.against for one in felt):
+    felt = [(grasp, _side(grasp, visits=visits, sound=sound)) for grasp in visits[-1]]
+    felt = [one for one in felt if one[1].against]
+    if not felt:
         raise InputError(
             f"item {item_id!r}: nothing to compare it with. Grasp another side of it "
             "(--angle-deg 90), or have an earlier record of this side, or state its kind and label "
             f"sound items of it: palpate items NAME --set kind=apple --say bruise={SOUND}"
         )
-    sides = judge_sides(
-        [one for one in felt if one.against], model=model, bruised_share=bruised_share
+    sides: list[list[tuple[Grasp, Side]]] = []
+    for one in felt:
+        # Turned by half a turn, the fingers change places: that is another side.
+        alike = [side for side in sides if _turn_deg(side[0][0], one[0], 360.0) <= _SAME_SIDE_DEG]
+        if alike:
+            alike[0].append(one)
+        else:
+            sides.append([one])
+    verdicts = sorted(
+        (_judge_side(side, model=model, bruised_share=bruised_share) for side in sides),
+        key=lambda verdict: -verdict.probability,
     )
-    before = _record_of(sides[0].angle_deg, visits=visits)
+    before = _record_of(verdicts[0].angle_deg, visits=visits)
     found = ItemBruise(
-        sides=sides,
+        sides=tuple(verdicts),
         before_percent=float(np.nanmean([pixels_of(one) for one in before])) if before else None,
-        now_percent=sides[0].mean_percent,
-        bruised_percent=sides[0].spots[0].mean_percent if sides[0].spots else None,
         simulated=any(grasp.simulated for grasp in grasps),
         model=model,
     )
@@ -140,26 +173,47 @@ def examine_item(
     return found
 
 
+def _judge_side(
+    felt: Sequence[tuple[Grasp, Side]], *, model: BruiseModel, bruised_share: float
+) -> SideVerdict:
+    """Judge the grasps of one side together."""
+    log_odds = float(np.mean([model.log_odds(side) for _, side in felt]))
+    change = np.nanmean([pixels_of(grasp) for grasp, _ in felt], axis=0)
+    grasp, last = felt[-1]
+    name = model.reference_of(last)
+    rows, cols = change.shape
+    load = pixel_contrast(last.shape, last.against[name], rows=rows, cols=cols)
+    marked = (load <= -_LESS) & np.isfinite(change)
+    return SideVerdict(
+        angle_deg=grasp.angle_deg or 0.0,
+        probability=float(expit(log_odds + logit(bruised_share))),
+        grasps=len(felt),
+        against=name,
+        mean_percent=float(np.nanmean(change)),
+        pixels=tuple((int(row), int(col)) for row, col in np.argwhere(marked)),
+        pixels_percent=float(change[marked].mean()) if marked.any() else None,
+    )
+
+
 def learn_from(store: Store, *, kind: str) -> BruiseModel:
     """Learn from items of a kind that people called bruised or sound.
 
     Raises `InputError` if there are too few; `MissingExtraError` if scikit-learn is not installed.
     """
-    examples = examples_of(store, kind=kind)
-    items = len({item for item, _ in examples})
-    return learn_bruises(
-        [one for _, one in examples],
-        learned_on=f"{items} labelled items of kind {kind} of the store",
+    known = labelled_sides(store, kind=kind)
+    items = len({item for table in known.values() for item in table.items})
+    return BruiseModel.learn(
+        known, learned_on=f"{items} labelled items of kind {kind} of the store"
     )
 
 
-def examples_of(store: Store, *, kind: str) -> list[tuple[str, Example]]:
-    """Return the sides of items of a kind that people called bruised or sound, with their items.
+def labelled_sides(store: Store, *, kind: str) -> dict[str, LabelledTable]:
+    """Return the sides of items of a kind that people called bruised or sound, by reference.
 
     Of a bruised item the grasp that the label names counts, or else the last one before it: label
     it when you have just felt its bruised side. Of a sound item all sides count.
     """
-    examples: list[tuple[str, Example]] = []
+    sides: list[tuple[str, bool, Side]] = []
     for item_id, label in _labels(store, kind=kind).items():
         grasps = telling(store.grasps_of(item_id))
         visits = in_visits(grasps)
@@ -171,12 +225,9 @@ def examples_of(store: Store, *, kind: str) -> list[tuple[str, Example]]:
             chosen = list(grasps)
         for grasp in chosen:
             known = [visit for visit in visits if visit[0].taken_at <= grasp.taken_at]
-            felt = _features(grasp, visits=known, sound=sound)
-            bruised = label.text == BRUISED
-            examples.append(
-                (item_id, Example(shape=felt.shape, against=felt.against, bruised=bruised))
-            )
-    return examples
+            felt = _side(grasp, visits=known, sound=sound)
+            sides.append((item_id, label.text == BRUISED, felt))
+    return table_sides(sides)
 
 
 def telling(grasps: Sequence[Grasp]) -> tuple[Grasp, ...]:
@@ -234,33 +285,23 @@ def _shape(grasp: Grasp) -> LoadShape:
     return shape_of(pixels_of(grasp), width_mm=None if size is None else size.value)
 
 
-def _features(
-    grasp: Grasp, *, visits: Sequence[Sequence[Grasp]], sound: Sequence[Grasp]
-) -> FeltSide:
+def _side(grasp: Grasp, *, visits: Sequence[Sequence[Grasp]], sound: Sequence[Grasp]) -> Side:
     """Return a grasp of the last visit with everything that it can be compared with."""
-    angle_deg = grasp.angle_deg or 0.0
     rows = len(grasp.pixel_settled_percent or ())
     alike = [
         one
         for one in sound
         if one.rig == grasp.rig and len(one.pixel_settled_percent or ()) == rows
     ]
-    others = [
-        one for one in visits[-1] if apart_deg(one.angle_deg or 0.0, angle_deg) >= OTHER_SIDE_DEG
-    ]
-    before = _record_of(angle_deg, visits=visits)
+    others = [one for one in visits[-1] if _turn_deg(one, grasp, 180.0) >= _OTHER_SIDE_DEG]
+    before = _record_of(grasp.angle_deg or 0.0, visits=visits)
     against = {}
     for name, grasps, fewest in zip(
         REFERENCES, (before, alike, others), (1, _FEWEST_SOUND, 1), strict=True
     ):
         if len(grasps) >= fewest:
             against[name] = middle_of([_shape(one) for one in grasps], with_width=name != "class")
-    return FeltSide(
-        angle_deg=angle_deg,
-        shape=_shape(grasp),
-        change_percent=pixels_of(grasp),
-        against=against,
-    )
+    return Side(shape=_shape(grasp), against=against)
 
 
 def _record_of(angle_deg: float, *, visits: Sequence[Sequence[Grasp]]) -> list[Grasp]:
@@ -269,8 +310,13 @@ def _record_of(angle_deg: float, *, visits: Sequence[Sequence[Grasp]]) -> list[G
         same = [
             one
             for one in visit
-            if abs((((one.angle_deg or 0.0) - angle_deg + 180.0) % 360.0) - 180.0) <= SAME_SIDE_DEG
+            if abs(math.remainder((one.angle_deg or 0.0) - angle_deg, 360.0)) <= _SAME_SIDE_DEG
         ]
         if same:
             return same
     return []
+
+
+def _turn_deg(one: Grasp, other: Grasp, whole_deg: float) -> float:
+    """Return the angle between the sides of two grasps; 180: a pair of fingers swapped is alike."""
+    return abs(math.remainder((one.angle_deg or 0.0) - (other.angle_deg or 0.0), whole_deg))

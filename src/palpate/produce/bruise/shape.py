@@ -42,20 +42,14 @@ _SIGNS = np.array(
 _MEAN = MODES
 
 
-def _products(sign: tuple[int, int, int], sizes: Sequence[int]) -> tuple[tuple[int, ...], ...]:
-    """Return the sets of numbers, the mean load apart, whose product changes sign so."""
-    others = [index for index in range(2 * MODES) if index != _MEAN]
-    return tuple(
+#: Triples of the numbers, the mean load apart, whose product is even.
+_EVEN = np.array(
+    [
         chosen
-        for size in sizes
-        for chosen in combinations(others, size)
-        if tuple(np.prod(_SIGNS[list(chosen)], axis=0)) == sign
-    )
-
-
-#: Triples whose product is even, and what changes sign with the fingers alone.
-_EVEN = np.array(_products((1, 1, 1), (3,)))
-_FINGER = _products((-1, 1, 1), (1, 2, 3))
+        for chosen in combinations([index for index in range(2 * MODES) if index != _MEAN], 3)
+        if np.prod(_SIGNS[list(chosen)], axis=0).min() == 1
+    ]
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,18 +136,6 @@ def contrast(shape: LoadShape, reference: LoadShape) -> FloatArray:
     if shape.width_mm is not None and reference.width_mm is not None:
         wider_mm = shape.width_mm - reference.width_mm
     return np.concatenate([[numbers[_MEAN]], np.abs(numbers), triples, [wider_mm]])
-
-
-def finger_contrast(shape: LoadShape, reference: LoadShape) -> FloatArray:
-    """Return what distinguishes the fingers, shape (8,): its sign changes when they are swapped."""
-    numbers = shape.numbers - reference.numbers
-    products = [(np.prod(numbers[list(chosen)]), len(chosen)) for chosen in _FINGER]
-    return np.array([np.sign(value) * abs(value) ** (1.0 / size) for value, size in products])
-
-
-def slopes(shape: LoadShape, reference: LoadShape) -> FloatArray:
-    """Return how load slopes, along and across, on the first finger against the second."""
-    return np.asarray((shape.numbers - reference.numbers)[1:3])
 
 
 def pixel_contrast(shape: LoadShape, reference: LoadShape, *, rows: int, cols: int) -> FloatArray:
