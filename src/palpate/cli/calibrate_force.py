@@ -175,7 +175,7 @@ def _print(made: Calibration, *, path: Path) -> None:
     simulated = " (simulated)" if made.origin == "simulated" else ""
     law = made.force_law["law"]
     print(f"{path}{simulated}: force law {law}, {len(made.force.force_n)} pairs")
-    seen = "seen and learned" if _find_hysteresis(made) else "not seen: left out"
+    seen = "seen and learned" if _find_hysteresis(made) else "not seen, left out"
     print(f"hysteresis: {seen}")
     print(f"expected error of {made.held_out['of']}, on placements or loads left out of the fit:")
     early = made.held_out.get("early_error_percent", {})

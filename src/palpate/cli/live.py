@@ -89,7 +89,10 @@ def live(
             stack.enter_context(closing(stream))
             say(f"palpate live: Foxglove at {stream.address}, layout {LAYOUT}")
         end_s = clock.now_s() + duration_s
-        screen = stack.enter_context(Live(console=Console(), auto_refresh=False, transient=False))
+        console = Console()
+        if not console.is_terminal:  # there Rich leaves the last line open
+            stack.callback(console.line)
+        screen = stack.enter_context(Live(console=console, auto_refresh=False, transient=False))
         drawn_s = -math.inf
         for frame in pace_frames(source, clock=clock):
             if frame is not None:

@@ -22,10 +22,10 @@ from palpate.sensor.array import ArrayLayout
 
 FORMAT = "palpate-calibration"
 VERSION = 3
-#: Version 1 had no held-out errors; version 2 kept traces and an observer fitted to them, which no
-#: grasp reads. Both are read, without those.
+#: Version 1 had no held-out errors; version 2 kept traces and an observer fitted to them; files of
+#: all versions may state the conditions in the room. None of these has a reader.
 _READABLE = (1, 2, VERSION)
-_NO_LONGER_READ = ("traces", "observer")
+_NO_LONGER_READ = ("traces", "observer", "temperature_c", "humidity_percent")
 
 _BROKEN = "not whole JSON ({}); take the file from a backup or calibrate again"
 
@@ -138,8 +138,6 @@ class Calibration:
         The law fitted to `force`, as its `as_dict` gave it: for readers of the file.
     made_at : str or None
         ISO 8601 date and time.
-    temperature_c, humidity_percent : float or None
-        Conditions, where known.
     current : CurrentPairs or None
         Servo current paired with the load cell while closing, where the gripper reports one.
     held_out : mapping
@@ -161,8 +159,6 @@ class Calibration:
     block: BlockPairs
     force_law: Mapping[str, Any] = field(default_factory=dict)
     made_at: str | None = None
-    temperature_c: float | None = None
-    humidity_percent: float | None = None
     current: CurrentPairs | None = None
     held_out: Mapping[str, Any] = field(default_factory=dict)
 
@@ -251,7 +247,7 @@ class Calibration:
                 f"written by another version of palpate (file version {version}, "
                 f"this one reads up to {VERSION}); update palpate or calibrate again"
             )
-        passed_over = ("format", "version", *(_NO_LONGER_READ if version < VERSION else ()))
+        passed_over = ("format", "version", *_NO_LONGER_READ)
         return structure(cls, {k: v for k, v in document.items() if k not in passed_over})
 
 
