@@ -47,17 +47,19 @@ class Drawing:
             f'fill="{fill}" stroke="{stroke}" stroke-width="1.5" stroke-dasharray="{dash}"/>'
         )
 
-    def wire(self, *points: tuple[float, float], color: str, width: float = 2.2) -> None:
+    def wire(
+        self, *points: tuple[float, float], color: str, width: float = 2.2, dash: str = ""
+    ) -> None:
         """Draw a line through points."""
         path = " ".join(f"{x:g},{y:g}" for x, y in points)
         self.parts.append(
             f'<polyline points="{path}" fill="none" stroke="{color}" stroke-width="{width:g}" '
-            'stroke-linejoin="round" stroke-linecap="round"/>'
+            f'stroke-linejoin="round" stroke-linecap="round" stroke-dasharray="{dash}"/>'
         )
 
-    def dot(self, x: float, y: float, *, color: str) -> None:
+    def dot(self, x: float, y: float, *, color: str, radius: float = 4.5) -> None:
         """Draw a junction."""
-        self.parts.append(f'<circle cx="{x:g}" cy="{y:g}" r="4.5" fill="{color}"/>')
+        self.parts.append(f'<circle cx="{x:g}" cy="{y:g}" r="{radius:g}" fill="{color}"/>')
 
     def text(
         self,

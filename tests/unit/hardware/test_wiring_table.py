@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import runpy
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -77,9 +78,44 @@ def test_wiring_drawing_has_the_select_pins_in_order() -> None:
     assert labels == ["49", "48", "47", "46", "45", "44", "43", "42", "A0"]
 
 
-@pytest.mark.parametrize("name", ["wiring", "layouts"])
-def test_drawings_are_up_to_date(name: str, tmp_path: Path) -> None:
-    drawn = runpy.run_path(str(ROOT / "hardware" / "draw.py"))[name]()
+def plan_of_board(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    monkeypatch.syspath_prepend(str(ROOT / "hardware"))
+    return runpy.run_path(str(ROOT / "hardware" / "perfboard.py"))
+
+
+def test_plan_of_the_board_joins_what_the_wiring_table_says(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    board = plan_of_board(monkeypatch)
+    selects = {}
+    for mux, pins in (("row", "49, 48, 47, 46"), ("col", "45, 44, 43, 42")):
+        assert "S0, S1, S2, S3" in wired(pins)
+        for k, pin in enumerate(pins.split(", ")):
+            selects[f"Mega {pin}"] = f"{mux} S{k}"
+    supply = {"Mega 5V", "row SIG", "row VCC", "col VCC", "100 nF, row a", "100 nF, col a"}
+    ground = {"Mega GND", "out GND", "row EN", "row GND", "col EN", "col GND", "4.7 kΩ b"}
+    ground |= {"100 nF, row b", "100 nF, col b", "10 kΩ a"}
+    expected = {
+        *(frozenset(pair) for pair in selects.items()),
+        frozenset(supply),
+        frozenset(ground),
+        frozenset({"Mega A0", "1 kΩ a"}),
+        frozenset({"1 kΩ b", "col SIG", "4.7 kΩ a"}),
+        frozenset({"Mega 8", "10 kΩ b", "out SAFE"}),
+        frozenset({"Mega 12", "330 Ω a"}),
+        frozenset({"330 Ω b", "out SERVO"}),
+    }
+    assert set(board["nets"]()) == expected
+
+
+@pytest.mark.parametrize("name", ["wiring", "layouts", "perfboard"])
+def test_drawings_are_up_to_date(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = {"perfboard": plan_of_board(monkeypatch)}.get(
+        name, runpy.run_path(str(ROOT / "hardware" / "draw.py"))
+    )
+    drawn = script[name]()
     drawn.save(tmp_path / "new.svg")
     assert (tmp_path / "new.svg").read_text() == (ROOT / "hardware" / f"{name}.svg").read_text()
 
