@@ -182,6 +182,7 @@ class DeviceState:
             case Grasped():
                 self.grasped = note.found
                 if isinstance(note.order, GraspOrder):
+                    self.live.end_grasp()
                     self._on_grasped(note.found, note.order)
             case Calibrated():
                 self.calibrated = note.found

@@ -7,6 +7,7 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -32,8 +33,11 @@ from palpate.signal.relative import (
     relative_change_percent,
 )
 
-#: A screen shows no more points than this in a second, and no longer a stretch.
+#: A screen shows no more points than this in a second, and no longer a stretch of what is watched.
 POINTS_PER_S, CURVE_S = 50, 90.0
+#: A grasp that ended is kept up to this long after its end was heard of, seconds. The page shows 3 s
+#: after the release, of which a slow machine hears late.
+_AFTER_S = 10.0
 _MOST_MOVES, _MOST_BANDS = 200, 900
 #: Reported widths (mm) and pressures (kPa) scatter by less than this.
 _SMALLEST_MOVE = {"width": 0.1, "pressure": 0.4}
@@ -112,6 +116,9 @@ class Live:
         self.timeline = self.playing = None
         self.generation += 1
         self.curve: deque[Point] = deque(maxlen=int(POINTS_PER_S * CURVE_S))
+        #: The curve of the grasp that ended, which stays until the next one.
+        self.frozen: list[Point] = []
+        self._freeze_s = math.inf
         #: Beginnings and ends of the fingers' movements; the end is None while they move.
         self.moves: deque[list[float | None]] = deque(maxlen=_MOST_MOVES)
         self.band: deque[Band] = deque(maxlen=_MOST_BANDS)
@@ -122,6 +129,10 @@ class Live:
         self._force = None if self._laws is None else GripForce(self._laws)
         self._slot = -math.inf
         self._moved_s = 0.0
+
+    def end_grasp(self) -> None:
+        """Keep the curve up to now and a little longer, however long the rig is watched then."""
+        self._freeze_s = self.time_s + _AFTER_S
 
     def take_progress(self, progress: GraspProgress) -> None:
         """Take the controller's view of the grasp."""
@@ -202,7 +213,7 @@ class Live:
         """Return the points of the curve after a time."""
         if not self.curve or self.curve[-1].time_s <= time_s:
             return []
-        return [point for point in self.curve if point.time_s > time_s]
+        return [one for one in chain(self.frozen, self.curve) if one.time_s > time_s]
 
     @property
     def force(self) -> Measurement | None:
@@ -223,7 +234,7 @@ class Live:
             return None
         at_s, now_s = progress.settles_s, self.curve[-1].time_s
         now_s = now_s if self.playing is None else self.playing.time_s
-        held = [one for one in self.curve if at_s - _SETTLED_S <= one.time_s <= at_s]
+        held = [one for one in self.since(at_s - _SETTLED_S) if one.time_s <= at_s]
         began_s = at_s - HORIZON_S + _SETTLED_S
         is_moved = any(since_s and began_s < since_s < at_s for since_s, _ in self.moves)
         if now_s < at_s or is_moved or not held or any(one.force is None for one in held):
@@ -243,6 +254,10 @@ class Live:
                 self._slot = slot
                 force = self._force_at(time_s, ohm[at])
                 self.curve.append(Point(time_s, whole[at], None if gone else force))
+                if time_s > self._freeze_s:
+                    self.frozen, self._freeze_s = list(self.curve), math.inf
+                    self.curve.clear()
+                    self.curve.append(self.frozen.pop())
 
     def _force_at(self, time_s: float, ohm: FloatArray) -> Measurement | None:
         source, rest_ohm = self.source, self._rest_ohm

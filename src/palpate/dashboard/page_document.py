@@ -82,6 +82,7 @@ def document(
             [point.time_s, round(point.percent, 2), *_newtons(point.force)]
             for point in live.since(after_s)
         ],
+        "frozen_s": live.frozen[-1].time_s if live.frozen else None,
         "moves": list(live.moves),
         "band": [
             [band.time_s, band.low, band.value, band.high, *_newtons(band.force)]

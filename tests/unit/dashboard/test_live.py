@@ -71,6 +71,19 @@ def test_memory_is_bounded_whatever_the_rate(live: Live) -> None:
     assert live.curve[-1].time_s == pytest.approx(299.98)
 
 
+def test_grasp_that_ended_stays_however_long_the_rig_is_watched_after_it(live: Live) -> None:
+    for second in range(300):
+        live.add_frames(frames(500, from_s=float(second)))
+        if second == 40:
+            live.end_grasp()
+    times = [point.time_s for point in live.since(-math.inf)]
+    assert times[0] == 0.0
+    assert [time_s for time_s in times if time_s < 50.9] == pytest.approx(list(np.arange(2545) / 50), abs=0.003)
+    assert len(times) < 2600 + POINTS_PER_S * CURVE_S
+    live.clear_curve()
+    assert live.since(-math.inf) == []
+
+
 def test_change_is_against_the_rest_values(live: Live) -> None:
     live.add_frames(frames(1, counts=450))
     assert live.percent is not None

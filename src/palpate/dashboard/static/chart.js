@@ -4,7 +4,7 @@ import { keptAt, zeroOf } from "/static/compare.js";
 import { chosenPixel, choosePixel } from "/static/pads.js";
 import { fixed, range } from "/static/words.js";
 
-const RECENT_S = 30, BEFORE_S = 2, AFTER_S = 3, STEP_S = 5, SHORTEST_S = 15, NARROWEST_S = 0.2, POINTS = 800;
+const RECENT_S = 30, BEFORE_S = 2, AFTER_S = 3, STEP_S = 5, SHORTEST_S = 15, NARROWEST_S = 0.2, GAP_S = 1, POINTS = 800;
 // A pixel that comes loose reads a hundred times its rest value: it must not flatten everything else.
 const HIGHEST = 100;
 const LEFT = 46, RIGHT = 12, TOP = 16, FOOT = 24;
@@ -252,8 +252,9 @@ const isPointed = () => pointed !== null && pointed >= view.start && pointed <= 
 // The readings of all pixels, and the hand, at the cursor; those of now without one.
 export function momentOf(doc) {
   if (!view || !isPointed() || !seen.pixels.length) return doc;
-  const one = nearest(seen.pixels.map((p) => [p.time_s, p]), pointed + view.zero);
-  return Math.abs(one[0] - pointed - view.zero) > 0.3 ? doc : { ...doc, pixels: { ...doc.pixels, ...one[1] }, hand: one[1].hand, pointed_s: pointed };
+  const time = pointed + view.zero, one = nearest(seen.pixels.map((p) => [p.time_s, p]), time);
+  // Before this page came, the pads were not seen.
+  return time < seen.pixels[0].time_s - 0.3 ? doc : { ...doc, pixels: { ...doc.pixels, ...one[1] }, hand: one[1].hand, pointed_s: one[0] - view.zero };
 }
 
 function read(name, column, words) {
@@ -324,8 +325,9 @@ const faint = (colour) => `color-mix(in srgb, ${colour} 18%, transparent)`;
 function plot(name) {
   const host = $(name);
   if (!host.firstChild) build(name);
-  const column = name === "force" ? 3 : 1, points = view.curve;
-  const lines = name === "force" ? [3, 2, 4].map((at) => points.map((p) => p[at] ?? null)) : [points.map((p) => Math.min(p[column], HIGHEST))];
+  // Where nothing came for a while, no line is drawn.
+  const points = view.curve.flatMap((p, i, all) => (i && p[0] - all[i - 1][0] > GAP_S ? [[all[i - 1][0] + 0.01], p] : [p]));
+  const lines = name === "force" ? [3, 2, 4].map((at) => points.map((p) => p[at] ?? null)) : [points.map((p) => (known(p[1]) ? Math.min(p[1], HIGHEST) : null))];
   plots[name].setData([points.map((p) => p[0]), ...lines]);
 }
 

@@ -123,9 +123,10 @@ function take(doc, began) {
   const after = (points) => ([time]) => !points.length || time > points[points.length - 1][0];
   seen.curve.push(...doc.curve.filter(after(seen.curve)));
   seen.band.push(...doc.band.filter(after(seen.band)));
-  if (seen.curve.length > 4500) seen.curve.splice(0, seen.curve.length - 4500);
+  forget(seen.curve, 4500, (point) => point[0], doc.frozen_s);
   if (seen.band.length > 900) seen.band.splice(0, seen.band.length - 900);
   keepPixels(doc);
+  forget(seen.pixels, 1400, (one) => one.time_s, doc.frozen_s);
   Object.assign(seen, { at: performance.now(), hungS: doc.link.hung_s, stops: doc.stops, serverS: doc.server_s, askedAt: began });
 }
 
@@ -134,7 +135,12 @@ function keepPixels({ pixels, hand }) {
   if (!pixels || pixels.time_s === null) return;
   const at = seen.pixels.findLastIndex((p) => p.time_s <= pixels.time_s);
   if (seen.pixels[at]?.time_s !== pixels.time_s) seen.pixels.splice(at + 1, 0, { ...pixels, hand });
-  if (seen.pixels.length > 1400) seen.pixels.shift();
+}
+
+// What is watched is kept for a while; the grasp that ended before it until the next one.
+function forget(kept, most, timeOf, frozenS) {
+  const from = frozenS === null ? 0 : kept.findLastIndex((one) => timeOf(one) <= frozenS) + 1;
+  if (kept.length - from > most) kept.splice(from, kept.length - from - most);
 }
 
 let asked = 0, taken = 0, next = 0;
