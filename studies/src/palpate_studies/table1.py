@@ -13,7 +13,7 @@ from palpate.scoring.predictions import Prediction, predict_holds, summarise
 from palpate.settling.baselines import Recorded
 from palpate.settling.exponential import Exponential, fit_exponential
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import SettlingMethod
+from palpate.settling.result import SettlingMethod, Status
 from palpate.signal.transient import WAIT_S
 from palpate_studies.bootstrap import bootstrap_interval
 from palpate_studies.misfit import Entry, missed, sentence
@@ -172,14 +172,18 @@ def figure_5(holds: Sequence[Hold]) -> Figure:
     """Draw the hold whose exponential has the median error at 2.5 s, with its fit."""
     from palpate.plots.style import BLUE, GREY, INK, ORANGE, new_figure
 
-    hold = _median_hold(holds)
-    seen = hold.time_s <= FIGURE_5_CUTOFF_S
-    fit = fit_exponential(hold.time_s[seen], hold.values[None, seen])
-    settled = settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
-    peak_s = hold.time_s[seen][np.argmax(np.abs(hold.values[seen] - fit.settled[0]))]
+    time_s = holds[0].time_s
+    seen = time_s <= FIGURE_5_CUTOFF_S
+    fit = fit_exponential(time_s[seen], np.array([hold.values[seen] for hold in holds]))
+    known = [settled_value(one.time_s, one.values, horizon_s=HORIZON_S) for one in holds]
+    errors = np.where(fit.status == Status.OK, 100 * np.abs(fit.settled / known - 1), np.nan)
+    order = np.argsort(errors)
+    shown = int(order[np.isfinite(errors).sum() // 2])
+    hold, settled, limit = holds[shown], known[shown], fit.settled[shown]
+    peak_s = time_s[seen][np.argmax(np.abs(hold.values[seen] - limit))]
     curve_s = np.linspace(peak_s + WAIT_S, HORIZON_S, 400)
-    curve = fit.settled[0] + fit.amplitude[0] * np.exp(-fit.rate_per_s[0] * (curve_s - peak_s))
-    error = 100 * abs(fit.settled[0] / settled - 1)
+    decay = np.exp(-fit.rate_per_s[shown] * (curve_s - peak_s))
+    curve = limit + fit.amplitude[shown] * decay
     with new_figure(width_in=5.5, height_in=3.8) as (figure, axes):
         axis = axes[0, 0]
         axis.plot(hold.time_s, hold.values, color=BLUE, label="simulated reading")
@@ -191,26 +195,10 @@ def figure_5(holds: Sequence[Hold]) -> Figure:
             xlim=(0, HORIZON_S),
             xticks=range(0, int(HORIZON_S) + 1, 5),
             ylabel="mean relative change (%)",
-            title=f"Figure 5, simulated, median error ({error:.1f} %)",
+            title=f"Figure 5, simulated, median error ({errors[shown]:.1f} %)",
         )
         axis.legend(loc="upper right")
     return figure
-
-
-def _median_hold(holds: Sequence[Hold]) -> Hold:
-    found = list(
-        predict_holds(
-            holds,
-            methods={"exponential": METHODS["exponential"]},
-            cutoffs_s=[FIGURE_5_CUTOFF_S],
-            horizon_s=HORIZON_S,
-            level=LEVEL,
-        )
-    )
-    error = np.abs([one.error_percent for one in found])
-    fitted = np.array([row.status == "ok" for row in found])
-    order = [index for index in np.argsort(error) if fitted[index]]
-    return holds[int(order[len(order) // 2])]
 
 
 def figure_6(errors: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:

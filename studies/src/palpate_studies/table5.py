@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
@@ -11,7 +11,6 @@ import typer
 
 from palpate.arrays import FloatArray
 from palpate.estimate.line_law import LineForceLaw
-from palpate.gripper.interface import GripperCommand
 from palpate.holds import Hold
 from palpate.settling.baselines import Recorded
 from palpate.settling.calibrated import Calibrated
@@ -19,24 +18,15 @@ from palpate.settling.exponential import Exponential
 from palpate.settling.predict import predict_settled
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod
-from palpate.signal.relative import mean_change, relative_change_percent, rest_baseline
-from palpate.twin.devices import TwinGripper, TwinLoadCell
+from palpate.twin.devices import TwinLoadCell
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 from palpate_studies.bootstrap import bootstrap_interval
 from palpate_studies.misfit import Entry, missed, sentence
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
-from palpate_studies.twin_holds import CLOSURES_MM, HOLD_S, MATERIALS, REST_S
-from palpate_studies.twin_session import (
-    GAP_MM,
-    PAUSE_S,
-    SETTLED_MEAN_S,
-    SPEED_MM_PER_S,
-    STILL_S,
-    read_ohm,
-    stack,
-)
+from palpate_studies.twin_holds import CLOSURES_MM, MATERIALS, hold_each
+from palpate_studies.twin_session import SETTLED_MEAN_S, stack
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -104,7 +94,21 @@ def report(
             "don't fit its newtons and are left out. Nothing of Table 5 was used to set the twin.",
             *(sentence(misfit[level], of=f"Table 5 by the level {level}") for level in LEVELS),
         ),
-        tables=[error_table(rows, grasps=count)],
+        tables=[
+            Table.of(
+                f"Error of the settled force, {count} grasps of each level",
+                rows,
+                {
+                    "level": "{level}",
+                    "technique": "{technique}",
+                    "of the settled reading, N": "{mean_abs_error_n:.3f}",
+                    "ratio": "{ratio:.3f}",
+                    "of the load cell, N": "{mean_abs_error_of_force_n:.2f}",
+                    "published, N": "{published_n:.3f}",
+                    "published ratio": "{published_ratio:.3f}",
+                },
+            )
+        ],
         payload={
             "study": "table5",
             "rows": rows,
@@ -189,18 +193,11 @@ def _holds(
     obj = draw_object(np.random.default_rng([5, index]), MATERIALS[index])
     seed = 5_000 + sensor + 1_000_000 * (index + len(MATERIALS) * session)
     world = World(obj, seed=seed, sheet_seed=5_000 + sensor, level=level)
-    gripper, cell, clock = TwinGripper(world), TwinLoadCell(world), world.clock
-    rest_ohm = rest_baseline(read_ohm(world, until_s=REST_S)).rest_ohm
+    cell = TwinLoadCell(world)
     rows, forces = [], []
-    for closure_mm in CLOSURES_MM * repeats:
-        gripper.command(GripperCommand(target=obj.size_mm + GAP_MM, rate=SPEED_MM_PER_S))
-        clock.sleep_s(STILL_S)
-        gripper.command(GripperCommand(target=obj.size_mm - closure_mm, rate=SPEED_MM_PER_S))
-        ohm = read_ohm(world, until_s=clock.now_s() + HOLD_S)
+    for values in hold_each(world, CLOSURES_MM * repeats, touch_mm=obj.size_mm):
         forces.append(cell.read_n())
-        gripper.release()
-        clock.sleep_s(PAUSE_S)
-        rows.append(mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm)))
+        rows.append(values)
     holds = stack(rows)
     return np.arange(1, holds.shape[1] + 1) / world.frame_rate_hz, holds, np.array(forces)
 
@@ -235,20 +232,6 @@ def _misfit(errors: dict[str, Errors], *, groups: int) -> dict[str, dict[str, in
         low, high = bootstrap_interval(lost, of, statistic=np.mean)
         entries.append(Entry(published=published, low=low, high=high))
     return missed(entries)
-
-
-def error_table(rows: Sequence[Mapping[str, Any]], *, grasps: int) -> Table:
-    """Return the rows of the study's JSON as its table."""
-    columns = {
-        "level": "{level}",
-        "technique": "{technique}",
-        "of the settled reading, N": "{mean_abs_error_n:.3f}",
-        "ratio": "{ratio:.3f}",
-        "of the load cell, N": "{mean_abs_error_of_force_n:.2f}",
-        "published, N": "{published_n:.3f}",
-        "published ratio": "{published_ratio:.3f}",
-    }
-    return Table.of(f"Error of the settled force, {grasps} grasps of each level", rows, columns)
 
 
 def _figure(rows: Sequence[dict[str, Any]]) -> Figure:

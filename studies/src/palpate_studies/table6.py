@@ -68,8 +68,8 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
     ]
     met = _met(entries)
     support_n = {
-        level: float(np.median([one.support_n for one in made["supported"][level]]))
-        for level in LEVELS
+        level: float(np.median([one.support_n for one in each]))
+        for level, each in made["supported"].items()
     }
     return StudyReport(
         name="table6",

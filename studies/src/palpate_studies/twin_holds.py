@@ -67,28 +67,33 @@ def twin_holds(
             world = World(
                 obj, seed=sensor + 1_000_000 * index, sheet_seed=sensor, level=level, family=family
             )
-            rest_ohm = rest_baseline(read_ohm(world, until_s=REST_S)).rest_ohm
-            for closure_mm in closures_mm:
-                name = f"{repeat}/{material}/{closure_mm:g}"
-                touch_mm = obj.size_mm
-                yield _hold(world, name, touch_mm, closure_mm=closure_mm, rest_ohm=rest_ohm)
-                world.clock.sleep_s(PAUSE_S)
+            for closure_mm, values in zip(
+                closures_mm, hold_each(world, closures_mm, touch_mm=obj.size_mm), strict=True
+            ):
+                yield Hold(
+                    hold_id=f"{repeat}/{material}/{closure_mm:g}",
+                    channel=None,
+                    # One raster for all, so that predictors can share work between holds.
+                    time_s=np.arange(1, len(values) + 1) / world.frame_rate_hz,
+                    values=values,
+                    unit="percent",
+                )
 
 
-def _hold(
-    world: World, name: str, touch_mm: float, *, closure_mm: float, rest_ohm: FloatArray
-) -> Hold:
+def hold_each(
+    world: World, closures_mm: Sequence[float], *, touch_mm: float
+) -> Iterator[FloatArray]:
+    """Yield the mean relative change of a hold at each closure, percent, shape (n_times,).
+
+    The object is held while a hold is yielded, and released before the next.
+    """
     gripper, clock = TwinGripper(world), world.clock
-    gripper.command(GripperCommand(target=touch_mm + GAP_MM, rate=SPEED_MM_PER_S))
-    clock.sleep_s(STILL_S)
-    gripper.command(GripperCommand(target=touch_mm - closure_mm, rate=SPEED_MM_PER_S))
-    ohm = read_ohm(world, until_s=clock.now_s() + HOLD_S)
-    gripper.release()
-    return Hold(
-        hold_id=name,
-        channel=None,
-        # One raster for all, so that predictors can share work between holds.
-        time_s=np.arange(1, len(ohm) + 1) / world.frame_rate_hz,
-        values=mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm)),
-        unit="percent",
-    )
+    rest_ohm = rest_baseline(read_ohm(world, until_s=REST_S)).rest_ohm
+    for closure_mm in closures_mm:
+        gripper.command(GripperCommand(target=touch_mm + GAP_MM, rate=SPEED_MM_PER_S))
+        clock.sleep_s(STILL_S)
+        gripper.command(GripperCommand(target=touch_mm - closure_mm, rate=SPEED_MM_PER_S))
+        ohm = read_ohm(world, until_s=clock.now_s() + HOLD_S)
+        yield mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm))
+        gripper.release()
+        clock.sleep_s(PAUSE_S)
