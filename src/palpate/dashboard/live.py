@@ -35,8 +35,8 @@ from palpate.signal.relative import (
 
 #: A screen shows no more points than this in a second, and no longer a stretch of what is watched.
 POINTS_PER_S, CURVE_S = 50, 90.0
-#: A grasp that ended is kept up to this long after its end was heard of, seconds. The page shows 3 s
-#: after the release, of which a slow machine hears late.
+#: A grasp that ended is kept up to this long after its end was heard of, seconds. The page shows
+#: 3 s after the release, of which a slow machine hears late.
 _AFTER_S = 10.0
 _MOST_MOVES, _MOST_BANDS = 200, 900
 #: Reported widths (mm) and pressures (kPa) scatter by less than this.
