@@ -22,35 +22,17 @@ from palpate.settling.baselines import LogLaw
 from palpate.settling.percent import without_percent
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettledEstimate, SettlingMethod, Status
-from palpate.signal.transient import peak_index
 
 #: From this many calibration holds on, their errors prove an interval.
 PROVING_HOLDS = 6
 #: The latest own holds are used: a sensor wears, and more sharpen nothing.
 MOST_HOLDS = 60
-#: The method's own interval counts as this many errors, where rules are learned and where the
-#: width alone is; half of it counts as this many errors of every expert.
-_PRIOR_ERRORS, _PRIOR_ERRORS_OF_WIDTH, _PRIOR_ERRORS_OF_EXPERTS = 3.0, 10.0, 2.0
+#: The method's own interval counts as this many errors of own holds, and of other specimens'; half
+#: of it counts as this many errors of every expert (guesses; study `settled` is flat around them).
+_PRIOR_ERRORS, _PRIOR_ERRORS_OF_OTHERS, _PRIOR_ERRORS_OF_EXPERTS = 3.0, 10.0, 2.0
 #: Errors are taken at the cut-offs of this ratio: an error changes with the logarithm of time.
 _CUTOFF_RATIO = 1.05
 _TINY = 1e-9
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Features:
-    """Holds up to a cut-off, as changes since the last sample.
-
-    `values`, shape (n_holds, 1 + n_features): one, the change by the method, and by each feature.
-    `below`, `above`, shape (n_holds,): what errors are compared with, which is the reach of the
-    method's interval if `has_interval`, else the change since the peak.
-    `unit`, shape (n_holds,): of a change; None where it is a logarithm.
-    """
-
-    values: FloatArray
-    below: FloatArray
-    above: FloatArray
-    has_interval: bool
-    unit: FloatArray | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,7 +71,7 @@ class Calibrated:
     holds: Sequence[Hold]
     method: SettlingMethod = field(default_factory=Relaxation)
     learn: bool = True
-    #: By cut-off, horizon, level and whether changes are logarithms: line and sorted errors.
+    #: By cut-off, horizon, level and whether values are positive: line and sorted errors.
     _known: dict[tuple[float, float, float, bool], tuple[FloatArray, FloatArray]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -116,42 +98,37 @@ class Calibrated:
         found = self.method.predict(time_s, values, horizon_s=horizon_s, level=level)
         if time_s[-1] >= horizon_s - SETTLED_WINDOW_S / 2:
             return found
-        logs = self.learn and bool((values > 0).all())
-        line, errors = self._calibrate(
-            float(time_s[-1]), horizon_s=horizon_s, level=level, logs=logs
-        )
-        count = errors.size
-        if not count:
+        positive = bool((values > 0).all())
+        line, errors = self._calibrate(float(time_s[-1]), horizon_s, level, positive)
+        if not (count := errors.size):
             return found
-        shown = self._show(time_s, values, found, horizon_s=horizon_s, logs=logs)
+        unit = _unit(values, positive=positive)
+        features = self._features(time_s, values, found, horizon_s=horizon_s, unit=unit)
         rank = int(np.ceil((count + 1) * level))
-        within = rank <= count or shown.has_interval
-        quantile = errors[min(rank, count) - 1] if within else np.nan
-        prior = _PRIOR_ERRORS if self.learn else _PRIOR_ERRORS_OF_WIDTH
-        weight = count / (count + prior * shown.has_interval)
-        below, above = (
-            weight * quantile * (1.0 if self.learn else side) + (1 - weight) * side
-            for side in (shown.below, shown.above)
-        )
-        change, last = shown.values @ line, values[:, -1]
-        low, value, high = (
-            last * np.exp(end) if shown.unit is None else last + shown.unit * end
-            for end in (change - below, change, change + above)
-        )
+        weight = count / (count + (_PRIOR_ERRORS if self.learn else _PRIOR_ERRORS_OF_OTHERS))
+        half = 1.0 if self.learn else _half(found, unit)
+        sides = []
+        for side in (found.value - found.low, found.high - found.value):
+            drawn = weight * half * errors[min(rank, count) - 1] + (1 - weight) * side / unit
+            alone = errors[rank - 1] if rank <= count else np.nan
+            sides.append(np.where(np.isnan(side), alone, drawn))
+        change, last = features @ line, values[:, -1]
         status = np.asarray(found.status).copy()
         if count >= PROVING_HOLDS:
             proven = status != Status.NOT_SETTLING if self.learn else status == Status.UNPROVEN
             status[proven] = Status.OK
-        settled = value if self.learn else found.value
-        return replace(found, low=low, value=settled, high=high, status=status)
+        low, value, high = (
+            last + unit * end for end in (change - sides[0], change, change + sides[1])
+        )
+        return replace(found, low=low, value=value, high=high, status=status)
 
     def _calibrate(
-        self, cutoff_s: float, *, horizon_s: float, level: float, logs: bool
+        self, cutoff_s: float, horizon_s: float, level: float, positive: bool
     ) -> tuple[FloatArray, FloatArray]:
         """Return the line that predicts changes, and its sorted |errors| on the holds."""
         if cutoff_s > 0:
             cutoff_s = _CUTOFF_RATIO ** round(np.log(cutoff_s) / np.log(_CUTOFF_RATIO))
-        key = cutoff_s, horizon_s, level, logs
+        key = cutoff_s, horizon_s, level, positive
         if key not in self._known:
             past = [
                 one
@@ -159,81 +136,63 @@ class Calibrated:
                 if (one := self._show_past(without_percent(hold), *key))
             ]
             line, errors = np.array([0.0, 1.0]), np.zeros(0)
-            if past and self.learn:
-                line, errors = _learn_line(past)
-            elif past:
-                off = np.array([change - one.values[0, 1] for one, change in past])
-                sides = [
-                    one.above if e > 0 else one.below for e, (one, _) in zip(off, past, strict=True)
-                ]
-                side = np.concatenate(sides)
-                errors = off[side > 0] / side[side > 0]
+            if past:
+                features, truth, half = map(np.array, zip(*past, strict=True))
+                errors = (truth - features[:, 1]) / np.where(np.isnan(half), 1.0, half)
+                if self.learn:
+                    line, errors = _learn_line(features, truth, float(half.mean()) / 2)
             self._known[key] = line, np.sort(np.abs(errors))
         return self._known[key]
 
     def _show_past(
-        self, hold: Hold, cutoff_s: float, horizon_s: float, level: float, logs: bool
-    ) -> tuple[_Features, float] | None:
-        """Return the features of a past hold up to the cut-off, and its change after that."""
+        self, hold: Hold, cutoff_s: float, horizon_s: float, level: float, positive: bool
+    ) -> tuple[FloatArray, float, float] | None:
+        """Return features of a past hold up to the cut-off, its change after, half its interval."""
         settled = settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
         time_s = hold.time_s[hold.time_s <= cutoff_s]
         values = hold.values[None, : time_s.size]
         if np.isnan(settled) or not time_s.size or not np.ptp(values):
             return None
-        if logs and min(values.min(), settled) <= 0:
+        if positive and min(values.min(), settled) <= 0:
             return None
         found = self.method.predict(time_s, values, horizon_s=horizon_s, level=level)
-        shown = self._show(time_s, values, found, horizon_s=horizon_s, logs=logs)
-        return shown, float(_change(np.array([settled]), values, shown.unit)[0])
+        unit = _unit(values, positive=positive)
+        [features] = self._features(time_s, values, found, horizon_s=horizon_s, unit=unit)
+        return features, float((settled - values[0, -1]) / unit[0]), float(_half(found, unit)[0])
 
-    def _show(
+    def _features(
         self,
         time_s: FloatArray,
         values: FloatArray,
         found: SettledEstimate,
         *,
         horizon_s: float,
-        logs: bool,
-    ) -> _Features:
-        unit = None if logs else np.maximum(np.ptp(values, axis=1), _TINY)
-        forecast, low, high = (
-            _change(np.asarray(end), values, unit) for end in (found.value, found.low, found.high)
-        )
-        columns = [np.ones(len(values)), forecast]
+        unit: FloatArray,
+    ) -> FloatArray:
+        """Return one and, if `learn`, each feature: changes since the last sample in its unit."""
+        ahead = [np.asarray(found.value)]
         if self.learn:
             fold_s = float(time_s[-1] - time_s[0]) / np.e
-            laws = LogLaw(wait_s=0.1, from_s=0.4), LogLaw(wait_s=fold_s, from_s=0.2)
-            samples = np.log(values / values[:, -1:]) if logs else values - values[:, -1:]
-            scale = 1.0 if unit is None else unit
-            for law in laws:
-                ahead = law.predict(time_s, samples, horizon_s=horizon_s, level=found.level)
-                columns.append(np.asarray(ahead.value / scale))
-        below, above = forecast - low, high - forecast
-        has_interval = bool(np.isfinite(below).all())
-        if not has_interval:
-            peak = values[np.arange(len(values)), peak_index(values)]
-            come = np.abs(_change(peak, values, unit))
-            below = above = np.where(come > 0, come, np.nan)
-        return _Features(
-            values=np.column_stack(columns),
-            below=below,
-            above=above,
-            has_interval=has_interval,
-            unit=unit,
-        )
+            for law in (LogLaw(wait_s=0.1, from_s=0.4), LogLaw(wait_s=fold_s)):
+                by_law = law.predict(time_s, values, horizon_s=horizon_s, level=found.level)
+                ahead.append(np.asarray(by_law.value))
+        changes = [(end - values[:, -1]) / unit for end in ahead]
+        return np.column_stack([np.ones(len(values)), *changes])
 
 
-def _change(ends: FloatArray, values: FloatArray, unit: FloatArray | None) -> FloatArray:
-    """Return changes since the last sample, in ln or in a unit."""
-    last = values[:, -1]
-    return np.asarray(np.log(ends / last) if unit is None else (ends - last) / unit)
+def _unit(values: FloatArray, *, positive: bool) -> FloatArray:
+    """Return what changes are compared with: the last sample, or the change seen."""
+    return values[:, -1] if positive else np.maximum(np.ptp(values, axis=1), _TINY)
 
 
-def _learn_line(past: Sequence[tuple[_Features, float]]) -> tuple[FloatArray, FloatArray]:
+def _half(found: SettledEstimate, unit: FloatArray) -> FloatArray:
+    return np.asarray((found.high - found.low) / 2 / unit)
+
+
+def _learn_line(
+    features: FloatArray, truth: FloatArray, half_interval: float
+) -> tuple[FloatArray, FloatArray]:
     """Return the experts' weighted line, and its errors with each hold left out of the fit."""
-    features = np.concatenate([one.values for one, _ in past])
-    truth = np.array([change for _, change in past])
-    half_interval = float(np.mean([(one.below + one.above) / 4 for one, _ in past]))
     lines = _fit(features, truth)
     others = [np.arange(truth.size) != k for k in range(truth.size)]
     left_out = np.array([_fit(features[k], truth[k]) for k in others if k.any()] or [lines])
