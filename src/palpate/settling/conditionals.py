@@ -3,7 +3,7 @@
 A component is a curve and a deviation. Up to one unknown scale s, the differences d of the binned
 samples to the last one have covariance s^2 (K + c c'), with K of the deviation and c of the curve.
 Deviations are factorised once for a grid, and each curve is a rank-one update (Sherman and
-Morrison), so seven factors serve nearly two hundred components. The forecast is linear in d,
+Morrison), so seven factors serve 189 components. The forecast is linear in d,
 the evidence is |K + c c'|^(-1/2) (nu s0^2 + d' (K + c c')^-1 d)^(-(nu + m) / 2) under an inverse
 gamma prior of s^2 (O'Hagan & Forster, Kendall's Advanced Theory of Statistics 2B, section 11.18).
 """
@@ -21,8 +21,6 @@ from palpate.settling.shapes import DEVIATIONS, N_CURVES, curve_values
 
 #: Degrees of freedom of the prior of the scale of ln R (see `mixture.SCALE`).
 SCALE_DEGREES = 4.0
-#: An average of many samples is no better than this share of one sample's variance: coloured noise.
-NOISE_FLOOR = 0.02
 #: Time added before the logarithm of the walk, s: about the length of the contact transient.
 WALK_FROM_S = 0.2
 #: Time constants of the decays whose amplitudes are loose, s.
@@ -151,7 +149,7 @@ def _covariances(
         moved = rows[others] - rows[last]
         return np.asarray(moved @ moved.T)
 
-    noise = np.append(1 / samples + NOISE_FLOOR, 0.0)
+    noise = np.append(1 / samples, 0.0)
     log_time = np.log(time_s + WALK_FROM_S)
     steps = log_time[others] - log_time[last]
     terms = np.empty((_VARIANCE.shape[1], count, count))

@@ -16,8 +16,6 @@ from palpate.signal.transient import peak_index
 #: sample, while a curve that relaxes from the start slows down and takes three times as long.
 _FLAT, _FLAT_S, _FLAT_SAMPLES = 0.1, 0.1, 2
 _GONE, _SUDDEN = 0.4, 0.75
-#: A contact was made between two samples where the next change is at most this share of the first.
-_REST_OF_IT = 0.5
 #: A change of a positive reading by a fifth within this time (s) is a contact; where zero is
 #: not known, so is a change that makes up nearly all there is. What rings is left out; time still
 #: counts from the contact.
@@ -64,24 +62,16 @@ def origins(
     contact.
     Returns indices, shape (n_holds,); `first` is `origin` where no contact is left out.
 
-    A second of rest, then contact:
+    A second of rest, then contact, which is left out with what may ring:
 
     >>> time_s = np.arange(0.0, 3.0, 0.05)
     >>> held = np.where(time_s < 1.0, 0.0, -2.0 - 0.1 * np.log(np.maximum(time_s - 0.95, 0.05)))
     >>> origin, first = origins(time_s, held[None], positive=True)
     >>> float(time_s[origin[0]].round(2)), float(time_s[first[0]].round(2))
-    (1.0, 1.0)
-
-    The same contact made over a tenth of a second, which is left out with what may ring:
-
-    >>> slow = np.where(time_s < 1.0, 0.0, np.maximum(held, -20.0 * (time_s - 0.95)))
-    >>> origin, first = origins(time_s, slow[None], positive=True)
-    >>> float(time_s[origin[0]].round(2)), float(time_s[first[0]].round(2))
     (0.95, 1.3)
     """
     rested = _baseline_end(time_s, values)
-    at_once = _at_once(values, rested, positive=positive)
-    origin = np.maximum(peak_index(values), rested + at_once)
+    origin = np.maximum(peak_index(values), rested)
     rows, begin_s = np.arange(len(values)), time_s[origin]
     start = values[rows, origin]
     soon = time_s.searchsorted(begin_s + _CONTACT_S, side="right") - 1
@@ -89,7 +79,7 @@ def origins(
     least = _CONTACT_LOG
     if not positive:
         least = _CONTACT_SHARE * np.abs(values - start[:, None]).max(axis=1)
-    contact = (jump > least) | ((rested > 0) & ~at_once)
+    contact = (jump > least) | (rested > 0)
     later = time_s.searchsorted(begin_s + _RUNG_OUT_S - 1e-9)
     # Where too few samples come after the ringing, none is left out.
     enough = (later + _FEWEST_LEFT <= time_s.size) & (
@@ -113,20 +103,6 @@ def _baseline_end(time_s: FloatArray, values: FloatArray) -> NDArray[np.intp]:
     # It must have stayed away: a hold that returns to where it began has no baseline there.
     end: NDArray[np.intp] = np.where((flat >= could_end) & sudden & left.any(axis=1), flat, 0)
     return end
-
-
-def _at_once(values: FloatArray, rested: NDArray[np.intp], *, positive: bool) -> NDArray[np.bool_]:
-    """Return whether contact was made between two samples: then the hold begins with the second."""
-    if not rested.any():
-        return np.zeros(len(values), dtype=bool)
-    rows, last = np.arange(len(values)), values.shape[1] - 1
-    rest, first, second = (values[rows, np.minimum(rested + n, last)] for n in range(3))
-    jump = np.abs(first - rest)
-    least = _CONTACT_LOG
-    if not positive:
-        least = _GONE * np.abs(values - rest[:, None]).max(axis=1)
-    made = (jump > least) & (np.abs(second - first) <= _REST_OF_IT * jump)
-    return np.asarray(made & (rested > 0) & (rested + 2 <= last))
 
 
 def find_renewals(values: FloatArray) -> NDArray[np.intp]:

@@ -17,12 +17,10 @@ from palpate.settling.baselines import LogLaw, Recorded
 from palpate.settling.exponential import Exponential
 from palpate.settling.percent import for_hold
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import SettledEstimate, SettlingMethod, join_estimates
+from palpate.settling.result import SettledEstimate, SettlingMethod
 
 #: Cut-off of the paper, seconds (section 2.2).
 CUTOFF_S = 2.5
-#: Holds predicted at once: memory stays the same, however many there are.
-_BLOCK = 4096
 #: Name on the command line and in `predict_settled` -> what makes the method, without calibration.
 METHODS: Mapping[str, Callable[[], SettlingMethod]] = MappingProxyType(
     {
@@ -134,14 +132,7 @@ def predict_settled(
             "number; drop such samples or cut the hold before them"
         )
     predictor = for_hold(chosen, unit=unit, loading_s=loading_s)
-    blocks = [
-        predictor.predict(
-            times[:stop], used[start : start + _BLOCK], horizon_s=horizon_s, level=level
-        )
-        # An empty batch is one block.
-        for start in range(0, max(len(used), 1), _BLOCK)
-    ]
-    estimate = blocks[0] if len(blocks) == 1 else join_estimates(blocks)
+    estimate = predictor.predict(times[:stop], used, horizon_s=horizon_s, level=level)
     return estimate if samples.ndim == 2 else estimate.hold(0)
 
 

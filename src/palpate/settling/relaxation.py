@@ -150,8 +150,6 @@ class Relaxation:
         gone = np.abs(binned - binned[:, :1])
         furthest = gone.max(axis=1)
         turned = furthest - gone[:, -1] > TURNED_BACK * furthest
-        ahead[0] -= turned * reach
-        ahead[2] += turned * reach
         possible = np.minimum(np.maximum(ahead, -FURTHEST * reach), FURTHEST * reach)
         ends = binned[:, -1] + possible
         status = _statuses(window, ends, reach=reach, positive=positive)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Protocol
 
@@ -160,22 +159,6 @@ class SettledEstimate:
             method=self.method,
             status=np.asarray(self.status)[index],
         )
-
-
-def join_estimates(estimates: Sequence[SettledEstimate]) -> SettledEstimate:
-    """Return one estimate of all holds of several batches by the same method."""
-
-    def together(name: str) -> NDArray[Any]:
-        return np.concatenate([getattr(one, name) for one in estimates])
-
-    return replace(
-        estimates[0],
-        value=together("value"),
-        low=together("low"),
-        high=together("high"),
-        window_s=together("window_s"),
-        status=together("status"),
-    )
 
 
 class SettlingMethod(Protocol):
