@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from palpate.cli.options import DpiOption, JsonOption
+from palpate.cli.options import JsonOption
 from palpate.cli.output import print_json, say
 from palpate.errors import InputError
 from palpate.files import check_new
@@ -26,7 +26,6 @@ def inspect(
         Path | None,
         typer.Option(help="Draw pixels, gripper and events: .png, .svg or .pdf.", metavar="FILE"),
     ] = None,
-    dpi: DpiOption = None,
     recover: Annotated[
         Path | None,
         typer.Option(
@@ -43,12 +42,12 @@ def inspect(
 
     Example: palpate inspect run.mcap --recover run-whole.mcap
     """
-    check_plot(plot, dpi=dpi)
+    check_plot(plot)
     if recover is not None:
         _recover(file, recover)
         file = recover
     if plot is not None:
-        _draw(file, plot, dpi=dpi)
+        _draw(file, plot)
     state = FileState()
     with RecordingReader(file) as reader:
         summary = summarise_recording(reader, state=state)
@@ -89,11 +88,11 @@ def _recover(file: Path, out: Path) -> None:
     say(report)
 
 
-def _draw(file: Path, plot: Path, *, dpi: int | None) -> None:
+def _draw(file: Path, plot: Path) -> None:
     recording = load_recording(file)
     if recording.time_s.size == 0:
         raise InputError(f"{file}: no frame in it, so there is nothing to draw")
-    save_figure(recording_figure(recording, title=file.name), plot, dpi=dpi)
+    save_figure(recording_figure(recording, title=file.name), plot)
 
 
 def _text(found: dict[str, Any]) -> str:

@@ -82,7 +82,6 @@ def draw(
     source: HoldSource,
     plot: Path,
     *,
-    dpi: int | None,
     methods: Mapping[str, SettlingMethod],
     level: float,
 ) -> None:
@@ -116,7 +115,7 @@ def draw(
         level=level,
         overviews=_overviews(source),
     )
-    save_figure(figure, plot, dpi=dpi)
+    save_figure(figure, plot)
 
 
 def _overviews(source: HoldSource) -> list[Overview]:

@@ -1,1 +1,0 @@
-"""What `palpate bench` measures: one file each, every figure a ratio to a named peer."""
