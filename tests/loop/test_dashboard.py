@@ -440,7 +440,10 @@ def test_rest_is_calibrated_by_the_guide(driver: Page, folder: Path) -> None:
     assert stop is not None
     assert stop["y"] + stop["height"] <= WIDE["height"]
     expect(driver.locator("#calibrated")).to_contain_text("Calibrated")
-    expect(driver.locator("#calibrated tr")).to_have_count(9)
+    expect(driver.locator("#calibrated td[title]")).to_have_count(16)
+    expect(driver.locator("#force-in-use")).to_contain_text("Made ")
+    figure = driver.get_by_role("img", name="Force calibration in use, and its errors")
+    expect(figure).to_be_visible()
     assert (folder / "data" / "calibration-sim-rigid-3.json").exists()
 
 
@@ -459,7 +462,9 @@ def test_the_doctor_examines(driver: Page) -> None:
     can_press(driver, "#examine")
     driver.locator("#examine").click()
     expect(driver.locator("#health")).to_contain_text("frames in 10")
-    expect(driver.locator("#health tr")).to_have_count(9)
+    maps = driver.locator("#health .heat")
+    expect(maps).to_have_count(3)
+    expect(maps.first.locator("td[title]")).to_have_count(8)
 
 
 def test_a_recording_is_replayed_and_left_again(driver: Page, folder: Path) -> None:
@@ -512,7 +517,8 @@ def test_a_named_item_has_its_history(driver: Page) -> None:
     expect(page).to_contain_text("2 grasps")
     expect(page).to_contain_text("SIMULATED")
     # Of its stiffness only a bound is known: a history is made of numbers.
-    expect(page.get_by_label("Settled change, % over time").locator("circle")).to_have_count(2)
+    expect(page.get_by_role("img", name="Settled change over time")).to_be_visible()
+    expect(page.get_by_role("img", name="Stiffness over time")).to_have_count(0)
 
 
 def test_back_turns_to_the_tab_before_and_a_reload_leaves_one_viewer(driver: Page) -> None:

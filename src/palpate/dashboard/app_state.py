@@ -220,8 +220,7 @@ class AppState:
         source = self.session.devices.live.source
         words = self.history.glance()
         if source is not None and source.calibrated_at:
-            age = datetime.now(UTC) - datetime.fromisoformat(source.calibrated_at).astimezone(UTC)
-            words.append("calibrated today" if age.days < 1 else f"calibrated {age.days} days ago")
+            words.append(f"calibrated {age_text(source.calibrated_at)}")
         return words
 
     def _keep(self, grasped: Grasped, order: GraspOrder) -> None:
@@ -370,3 +369,9 @@ class AppState:
     def _take(self, update: Update | DevicesLost) -> None:
         self.session.devices.take(update)
         self._foresee()
+
+
+def age_text(made_at: str) -> str:
+    """Return the age of what was made at a time in ISO 8601, in whole days."""
+    days = (datetime.now(UTC) - datetime.fromisoformat(made_at).astimezone(UTC)).days
+    return "today" if days < 1 else f"{days} day{'' if days == 1 else 's'} ago"

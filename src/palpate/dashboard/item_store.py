@@ -8,11 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from palpate.dashboard.messages import FrameSource
+from palpate.dashboard.panel_figure import panel_svg
 from palpate.errors import InputError, PalpateError, StoreError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.estimator import Observation
@@ -30,6 +32,11 @@ if TYPE_CHECKING:
     from palpate.produce.store.sender import Sender
 
 _Read = TypeVar("_Read")
+#: Caption and label of the axis of each measurement that the page of an item shows over time.
+_COURSES = {
+    "stiffness_n_per_mm": ("Stiffness over time", "stiffness (N/mm)"),
+    "settled_percent": ("Settled change over time", "settled change (%)"),
+}
 MISSING = "items need the store: pip install 'palpate[produce]'"
 
 
@@ -173,15 +180,23 @@ class ItemStore:
             raise InputError(f"no item {item_id!r}: the store is empty")
         return found
 
-    def ripening(self, item_id: str) -> str:
-        """Return the figure of `palpate ripeness --plot` as SVG; empty where nothing shows it.
+    def figures(self, page: ItemHistory) -> str:
+        """Return figures of an item as HTML: its measurements over time, and how it may ripen.
 
         Raises
         ------
         PalpateError
-            If the store can't be used, or does not answer.
+            If the store can't be used or does not answer, or matplotlib is not installed.
         """
-        return self._read(lambda store: _ripening(store, item_id)) or ""
+        from palpate.plots.item_history import history_figure
+
+        drawn = {
+            caption: panel_svg(partial(history_figure, page, name, label=unit), label=caption)
+            for name, (caption, unit) in _COURSES.items()
+            if any(name in grasp.measurements for grasp in page.grasps)
+        }
+        drawn["How it ripens"] = self._read(lambda store: _ripening(store, page)) or ""
+        return "".join(f"<h3>{caption}</h3>{svg}" for caption, svg in drawn.items() if svg)
 
     def _read(self, read: Callable[[Store], _Read]) -> _Read | None:
         """Read from the store; None where there is none yet."""
@@ -280,24 +295,25 @@ def _read_grasp(
     return grasp, info.calibration or ""
 
 
-def _ripening(store: Store, item_id: str) -> str:
+def _ripening(store: Store, page: ItemHistory) -> str:
     """Draw the days of an item with the courses that its kind's labelled items teach."""
     from palpate.produce.identify.items import drive_of
     from palpate.produce.ripeness.items import history_of, judge_ripeness, learn_rule
     from palpate.produce.ripeness.stages import RIPE, STAGES
 
-    item, grasps = store.item(item_id), store.grasps_of(item_id)
-    if item.kind is None or find_spec("matplotlib") is None:
+    item_id, kind, grasps = page.item.item_id, page.item.kind, page.grasps
+    if kind is None:
         return ""
     try:
         drive = drive_of(grasps, item_id=item_id)
-        rule = learn_rule(store, kind=item.kind, drive=drive, stages=STAGES)
+        rule = learn_rule(store, kind=kind, drive=drive, stages=STAGES)
         history = history_of(grasps, item_id=item_id, drive=drive)
         ripeness = judge_ripeness(history, rule=rule, ripe=RIPE)
     except InputError:  # none of its kind was labelled, or none of its grasps measured a firmness
         return ""
-    from palpate.plots.inline_svg import inline_svg
     from palpate.plots.ripeness import item_figure
 
-    figure = item_figure(history, ripeness, rule=rule)
-    return inline_svg(figure, label=f"Days of {item_id} and how it may ripen")
+    return panel_svg(
+        partial(item_figure, history, ripeness, rule=rule),
+        label=f"Days of {item_id} and how it may ripen",
+    )

@@ -188,6 +188,21 @@ class Live:
         fingers = self.source.layout.finger_of_row
         return [float(mean) for mean in finger_means(self.percent, finger_of_row=fingers)]
 
+    def finger_forces_n(self) -> list[float]:
+        """Return the force of each finger, newtons; empty without one.
+
+        The grip force is the fingers' mean; it is shared as the law reads the pixels of each.
+        """
+        source, force, ohm, rest_ohm = self.source, self.force, self.ohm, self._rest_ohm
+        if source is None or force is None or ohm is None or rest_ohm is None or not self._laws:
+            return []
+        excess = _excess(source, ohm, rest_ohm)
+        fingers = np.array(source.layout.finger_of_row)[:, None]
+        reading = self._laws.reading.reading
+        read = [float(reading(np.where(fingers == one, excess, 0))) for one in np.unique(fingers)]
+        mean = sum(read) / len(read)
+        return [force.middle * one / mean for one in read] if mean > 0 else []
+
     @property
     def touching(self) -> list[int]:
         """Fingers in contact, by the watch that the controller uses; for when no grasp runs."""
@@ -263,9 +278,7 @@ class Live:
         source, rest_ohm = self.source, self._rest_ohm
         if self._force is None or source is None or rest_ohm is None:
             return None
-        # As in a grasp: beyond the converter's range, the conductance of its last step.
-        read = np.maximum(ohm, source.layout.divider.least_ohm)
-        return self._force.step(time_s, excess_conductance(read, rest_ohm=rest_ohm))
+        return self._force.step(time_s, _excess(source, ohm, rest_ohm))
 
     def _move(self, time_s: float, *, reported: float, moving: bool) -> None:
         """Note when the fingers moved; a step between two frames shows in what they report."""
@@ -281,6 +294,12 @@ class Live:
         elif self.moving and not moving and self.moves:
             self.moves[-1][1] = time_s
         self.moving = moving
+
+
+def _excess(source: FrameSource, ohm: FloatArray, rest_ohm: FloatArray) -> FloatArray:
+    """Return excess conductance as in a grasp: beyond the converter's range, of its last step."""
+    read = np.maximum(ohm, source.layout.divider.least_ohm)
+    return excess_conductance(read, rest_ohm=rest_ohm)
 
 
 def finite(values: Sequence[float] | FloatArray) -> list[float | None]:

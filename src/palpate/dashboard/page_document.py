@@ -200,6 +200,7 @@ def _pixels(session: Session) -> dict[str, Any] | None:
         "percent": [finite(row) for row in live.percent],
         "ohm": [finite(row) for row in live.ohm],
         "finger_percent": finite(live.finger_percent()),
+        "finger_n": [round(one, 2) for one in live.finger_forces_n()],
         "touching": live.touching,
         "findings": _on_pixels(session.devices.health),
     }

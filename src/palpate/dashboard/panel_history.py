@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from datetime import datetime
 from functools import partial
 from typing import TYPE_CHECKING
@@ -15,17 +15,15 @@ from nicegui import run, ui
 from palpate.dashboard.app_state import AppState
 from palpate.dashboard.history import LISTED, Entry, History
 from palpate.dashboard.panel_recordings import recording_address
-from palpate.dashboard.viewer import Viewer, count_of, day_text, heading, number_text
+from palpate.dashboard.viewer import Viewer, count_of, day_text, heading
 from palpate.errors import PalpateError
 from palpate.grasp.result import Outcome
 
 if TYPE_CHECKING:
-    from palpate.produce.records import Grasp
     from palpate.produce.store.item_history import ItemHistory
 
 #: Items that can be chosen from a list; any can be found by its name.
 _MOST_ITEMS = 50
-_WIDTH, _HEIGHT, _LEFT, _FOOT, _TOP = 360, 170, 40, 26, 12
 
 
 def items_panel(
@@ -40,8 +38,8 @@ def items_panel(
         choice.props("outlined dense use-input clearable behavior=dialog")
         choice.props["label"] = "Item"
         box = ui.html("", sanitize=False).props("id=item-page")
-    #: The forecast of the item that is shown, and of how many grasps and verdicts it is.
-    ripening, drawn = [""], [("", 0, 0)]
+    #: Figures of the item that is shown, and of how many grasps and verdicts they are.
+    figures, drawn = [""], [("", 0, 0)]
 
     async def choose(item_id: str | None) -> None:
         """Put an item in the address, and show its page."""
@@ -59,13 +57,13 @@ def items_panel(
                 return
             known = (item_id, len(found.grasps), len(found.verdicts))
             if known != drawn[0]:
-                ripening[0] = await run.io_bound(app_state.item_store.ripening, item_id) or ""
+                figures[0] = await run.io_bound(app_state.item_store.figures, found) or ""
                 drawn[0] = known
         except PalpateError as error:
             box.set_content(f"<p class='note'>{html.escape(str(error))}</p>")
             return
         if not box.is_deleted:
-            box.set_content(item_html(found, ripening=ripening[0]))
+            box.set_content(item_html(found, figures=figures[0]))
 
     async def look() -> None:
         """Read the store again: its items, and the one that is shown."""
@@ -108,8 +106,8 @@ def item_label(page: ItemHistory) -> str:
     return " · ".join(str(word) for word in words if word)
 
 
-def item_html(page: ItemHistory, *, ripening: str = "") -> str:
-    """Return an item's page: what it is, its stiffness over time, its forecast and verdicts."""
+def item_html(page: ItemHistory, *, figures: str = "") -> str:
+    """Return an item's page: what it is, figures of its measurements, and its verdicts."""
     item, grasps = page.item, page.grasps
     what = ", ".join(part for part in (item.kind, item.batch, item.label) if part)
     verdicts = "".join(
@@ -124,57 +122,8 @@ def item_html(page: ItemHistory, *, ripening: str = "") -> str:
         away + f"<p class='result'>{html.escape(item.item_id)} {badge}</p>"
         f"<p>{html.escape(what)}{', ' if what else ''}"
         f"{count_of(len(grasps), 'grasp')}</p>"
-        + chart("Stiffness, N/mm", grasps, "stiffness_n_per_mm")
-        + chart("Settled change, %", grasps, "settled_percent")
-        + (f"<h3>How it ripens</h3>{ripening}" if ripening else "")
+        + figures
         + (f"<h3>Verdicts</h3><table class='plain'>{verdicts}</table>" if verdicts else "")
-    )
-
-
-def chart(title: str, grasps: Sequence[Grasp], name: str) -> str:
-    """Return one measurement with its intervals over time as an SVG picture."""
-    past = [
-        (grasp.taken_at, grasp.measurements[name]) for grasp in grasps if name in grasp.measurements
-    ]
-    if not past:
-        return ""
-    began = past[0][0]
-    length_s = (past[-1][0] - began).total_seconds()
-    low, high = min(one.low for _, one in past), max(one.high for _, one in past)
-
-    def x(taken_at: datetime) -> float:
-        """Return the place of a moment."""
-        share = (taken_at - began).total_seconds() / length_s if length_s else 0.5
-        return _LEFT + 10 + share * (_WIDTH - _LEFT - 24)
-
-    def y(value: float) -> float:
-        """Return the place of a value."""
-        return _TOP + (high - value) / ((high - low) or 1.0) * (_HEIGHT - _TOP - _FOOT - 6)
-
-    marks = "".join(
-        f"<line x1='{x(when):.1f}' x2='{x(when):.1f}' y1='{y(one.low):.1f}' y2='{y(one.high):.1f}' "
-        "stroke='var(--accent)' stroke-width='2' opacity='.45'/>"
-        f"<circle cx='{x(when):.1f}' cy='{y(one.middle):.1f}' r='4.5' fill='var(--accent)'/>"
-        for when, one in past
-    )
-    path = " ".join(f"{x(when):.1f},{y(one.middle):.1f}" for when, one in past)
-    scale = "".join(
-        f"<text class='soft' x='{_LEFT - 4}' y='{y(value) + 4:.1f}' text-anchor='end' "
-        f"font-size='11'>{number_text(value, '.3g')}</text>"
-        for value in (low, high)
-    )
-    ends = [(past[0], "start"), (past[-1], "end")] if length_s else [(past[0], "middle")]
-    days = "".join(
-        f"<text class='soft' x='{x(when):.1f}' y='{_HEIGHT - 6}' text-anchor='{anchor}' "
-        f"font-size='11'>{day_text(when)}</text>"
-        for (when, _), anchor in ends
-    )
-    return (
-        f"<h3>{title}</h3><svg viewBox='0 0 {_WIDTH} {_HEIGHT}' style='width:100%' role='img' "
-        f"aria-label='{title} over time'><line x1='{_LEFT}' x2='{_WIDTH - 8}' "
-        f"y1='{_HEIGHT - _FOOT}' y2='{_HEIGHT - _FOOT}' stroke='var(--line)'/>"
-        f"<polyline points='{path}' fill='none' stroke='var(--accent)' stroke-dasharray='3 4'/>"
-        f"{marks}{scale}{days}</svg>"
     )
 
 

@@ -5,20 +5,34 @@ from __future__ import annotations
 import html
 import math
 import re
+from datetime import datetime
+from functools import partial
 
-from nicegui import ui
+import numpy as np
+from nicegui import run, ui
 
-from palpate.dashboard.app_state import AppState
+from palpate.arrays import FloatArray
+from palpate.dashboard.app_state import AppState, age_text
 from palpate.dashboard.device_state import CalibrationFailure
 from palpate.dashboard.messages import Calibrated
 from palpate.dashboard.orders import Action, CalibrateForce, CalibrateRest, Examine
-from palpate.dashboard.viewer import Viewer, count_of, heading, number_text, paragraph
-from palpate.errors import InputError
-from palpate.sensor.array import ArrayLayout
+from palpate.dashboard.panel_figure import panel_svg
+from palpate.dashboard.viewer import (
+    Viewer,
+    count_of,
+    day_text,
+    heading,
+    number_text,
+    paragraph,
+)
+from palpate.errors import InputError, PalpateError
+from palpate.sensor.calibration import Calibration
 from palpate.sensor.dead_weights import check_loads
 from palpate.sensor.findings import Severity, pixel_name
 from palpate.sensor.health import Health
 
+#: Columns of a heat map that have room for numbers.
+_MOST_NUMBERS = 8
 _LOADS = "0.5 1 2 4 8 4 2 1"
 
 
@@ -40,6 +54,7 @@ def calibrate_panel(app_state: AppState, viewer: Viewer) -> None:
         heading("2. Force")
         _force(app_state, viewer)
         _result(app_state, viewer)
+        _force_in_use(app_state)
 
 
 def _force(app_state: AppState, viewer: Viewer) -> None:
@@ -132,12 +147,6 @@ def _failure(failure: CalibrationFailure) -> str:
 
 
 def _table(made: Calibrated) -> str:
-    rows = "".join(
-        f"<tr><td>{pixel_name(row, col)}</td><td class='r num'>{made.rest_ohm[row, col]:.0f}</td>"
-        f"<td class='r num'>{number_text(made.change_percent[row, col], '+z.1f')} %</td></tr>"
-        for row in range(made.rest_ohm.shape[0])
-        for col in range(made.rest_ohm.shape[1])
-    )
     errors = "".join(
         f"<tr><td>{force.removesuffix('_n')} N</td><td class='r num'>"
         f"{'not reached' if error is None else f'{error:.0f} %'}</td></tr>"
@@ -151,9 +160,75 @@ def _table(made: Calibrated) -> str:
         f"<p class='result good'>Calibrated</p>"
         f"<p class='muted'>{html.escape(made.file.name)} was updated.</p>"
         + (force if errors else "")
-        + "<table class='plain'><tr><th>pixel</th><th class='r'>rest, ohm</th>"
-        + f"<th class='r'>change</th></tr>{rows}</table>"
+        + heat_map("At rest, ohm", made.rest_ohm, spec=".0f")
+        + heat_map("Change from the values before, %", made.change_percent, spec="+z.1f")
     )
+
+
+def _force_in_use(app_state: AppState) -> None:
+    """Show the force calibration in use as a curve with its residuals and its age."""
+    box = ui.html("", sanitize=False).props("id=force-in-use")
+    shown = [""]
+
+    async def show() -> None:
+        """Draw the calibration again if there is another one."""
+        source = app_state.session.devices.live.source
+        text = "" if source is None else source.calibration
+        if text == shown[0]:
+            return
+        shown[0] = text
+        try:
+            drawn = await run.io_bound(_force_html, text)
+        except PalpateError as error:
+            drawn = f"<p class='note'>{html.escape(str(error))}</p>"
+        if not box.is_deleted:
+            box.set_content(drawn or "")
+
+    ui.timer(1.0, show)
+
+
+def _force_html(text: str) -> str:
+    if not text or not (made := Calibration.from_text(text, where="the rig")).force_law:
+        return "<p>No force calibration is in use: forces are not shown in newtons.</p>"
+    from palpate.plots.force_calibration import force_calibration_figure
+
+    when = "at an unknown time"
+    if made.made_at:
+        day = day_text(datetime.fromisoformat(made.made_at).astimezone())
+        when = f"{day}, {age_text(made.made_at)}"
+    figure = panel_svg(
+        partial(force_calibration_figure, made),
+        label="Force calibration in use, and its errors",
+        height_in=3.6,
+    )
+    return f"<h3>Force calibration in use</h3><p>Made {when}.</p>{figure}"
+
+
+def heat_map(title: str, values: FloatArray, *, spec: str) -> str:
+    """Return one number of each pixel as a table in the order of the pixels, darker for more.
+
+    The shade is the share of the largest absolute value; pixels without a value are open.
+    """
+    size = np.abs(np.where(np.isfinite(values), values, 0.0))
+    shares = size / (size.max() or 1.0)
+    # More columns than this leave no room for numbers: a touch shows them.
+    many = values.shape[1] > _MOST_NUMBERS
+
+    def cell(row: int, col: int) -> str:
+        value = values[row, col]
+        text = number_text(value, spec) if math.isfinite(value) else "open"
+        kind = "" if math.isfinite(value) else " class='open'"
+        return (
+            f"<td{kind} style='--share:{100 * shares[row, col]:.0f}%' "
+            f"title='{pixel_name(row, col)}: {text}'>{'' if many else text}</td>"
+        )
+
+    rows = "".join(
+        f"<tr><th>R{row}</th>{''.join(cell(row, col) for col in range(values.shape[1]))}</tr>"
+        for row in range(values.shape[0])
+    )
+    columns = "".join(f"<th>{'' if many else f'C{col}'}</th>" for col in range(values.shape[1]))
+    return f"<h3>{title}</h3><table class='heat num'><tr><td></td>{columns}</tr>{rows}</table>"
 
 
 def doctor_panel(app_state: AppState, viewer: Viewer) -> None:
@@ -172,16 +247,16 @@ def doctor_panel(app_state: AppState, viewer: Viewer) -> None:
 
     def show() -> None:
         """Show a report when there is a new one."""
-        health, source = app_state.session.devices.health, app_state.session.devices.live.source
-        if health is None or health is shown[0] or source is None:
+        health = app_state.session.devices.health
+        if health is None or health is shown[0]:
             return
         shown[0] = health
-        box.set_content(report(health, layout=source.layout))
+        box.set_content(report(health))
 
     viewer.on_refresh(show)
 
 
-def report(health: Health, *, layout: ArrayLayout) -> str:
+def report(health: Health) -> str:
     """Return what was found as HTML."""
     faults = sum(found.severity is Severity.FAULT for found in health.findings)
     result = "Healthy" if health.healthy else count_of(faults, "fault")
@@ -197,20 +272,15 @@ def report(health: Health, *, layout: ArrayLayout) -> str:
         f"{link.lost} lost, {link.events.corrupt} corrupt, jitter "
         f"{link.jitter_percent:.1f} %"
     )
-    ohm = " ohm"
-    pixels = "".join(
-        f"<tr><td>{pixel_name(row, col)}</td>"
-        f"<td class='r num'>{_number(health.pixels.rest_ohm[row, col], ohm, 0)}</td>"
-        f"<td class='r num'>{_number(health.pixels.noise_percent[row, col], ' %', 2)}</td>"
-        f"<td class='r num'>{_number(health.pixels.drift_percent[row, col], ' %', 2)}</td></tr>"
-        for row in range(layout.rows)
-        for col in range(layout.cols)
+    maps = (
+        ("At rest, ohm", health.pixels.rest_ohm, ".0f"),
+        ("Noise, %", health.pixels.noise_percent, ".2f"),
+        ("Drift, %", health.pixels.drift_percent, "z.2f"),
     )
     return (
         f"<p class='result {'good' if health.healthy else 'bad'}'>{result}</p>{findings}"
-        f"<p class='muted num'>{counts}</p><table class='plain'><tr><th>pixel</th>"
-        f"<th class='r'>at rest</th><th class='r'>noise</th>"
-        f"<th class='r'>drift</th></tr>{pixels}</table>"
+        f"<p class='muted num'>{counts}</p>"
+        + "".join(heat_map(title, values, spec=spec) for title, values, spec in maps)
     )
 
 
@@ -218,7 +288,3 @@ def _sentence(found: str) -> str:
     """Return words of a finding, which are written for a terminal, as HTML."""
     signed = re.sub(r"(?<!\w)-(?=\d)", "\N{MINUS SIGN}", html.escape(found))
     return re.sub("`([^`]+)`", r"<code>\1</code>", signed) + "."
-
-
-def _number(value: float, unit: str, digits: int) -> str:
-    return number_text(value, f"z.{digits}f") + unit if math.isfinite(value) else "open"

@@ -17,7 +17,7 @@ from palpate.sensor.calibration import ForcePairs
 _AT_N = (1.0, 5.0, 10.0)
 _NEAR = 1.4
 #: Fewer placements leave too little to fit to.
-_FEWEST_PLACEMENTS = 3
+FEWEST_PLACEMENTS = 3
 
 
 def score_left_out_placements(placements: PlacedReadings) -> dict[str, dict[str, float | None]]:
@@ -30,7 +30,7 @@ def score_left_out_placements(placements: PlacedReadings) -> dict[str, dict[str,
 
     Keys are "settled" and "early" (soon after a movement), values as of `score_left_out_loads`.
     """
-    if np.unique(placements.run).size < _FEWEST_PLACEMENTS:
+    if np.unique(placements.run).size < FEWEST_PLACEMENTS:
         nothing = {f"{at_n:g}_n": None for at_n in _AT_N}
         return {"settled": dict(nothing), "early": dict(nothing)}
     read_n, force, early = read_left_out(placements)
@@ -69,18 +69,27 @@ def _error_near(log_force: FloatArray, error: FloatArray) -> dict[str, float | N
 def score_left_out_loads(excess: ArrayLike, *, force_n: ArrayLike) -> dict[str, float | None]:
     """Return the median error near 1, 5 and 10 N of loads left out of the fit, percent.
 
-    All readings of one load are left out together; None where no load is near.
+    None where no load is near.
     """
-    x, y = np.asarray(excess, dtype=float), np.asarray(force_n, dtype=float)
-    error = np.full(y.shape, np.nan)
-    for load in np.unique(y):
-        mine = y == load
-        if mine.all():
-            continue
-        law = ForceLaw.fit(x[~mine].tolist(), force_n=y[~mine])
-        error[mine] = [abs(law.force(one).value / load - 1.0) for one in x[mine].tolist()]
+    y = np.asarray(force_n, dtype=float)
+    error = np.abs(read_left_out_loads(excess, force_n=y) / y - 1.0)
     known = np.isfinite(error)
     return _error_near(np.log(y[known]), error[known])
+
+
+def read_left_out_loads(excess: ArrayLike, *, force_n: ArrayLike) -> FloatArray:
+    """Read each load by the law of all others; NaN if there are none.
+
+    All readings of one load are left out together.
+    """
+    x, y = np.asarray(excess, dtype=float), np.asarray(force_n, dtype=float)
+    read_n = np.full(y.shape, np.nan)
+    for load in np.unique(y):
+        mine = y == load
+        if not mine.all():
+            law = ForceLaw.fit(x[~mine].tolist(), force_n=y[~mine])
+            read_n[mine] = [law.force(one).value for one in x[mine].tolist()]
+    return read_n
 
 
 def score_line_on_left_out(pairs: ForcePairs, *, horizon_s: float) -> dict[str, float | None]:
@@ -91,7 +100,7 @@ def score_line_on_left_out(pairs: ForcePairs, *, horizon_s: float) -> dict[str, 
     settled = np.isclose(pairs.since_move_s, horizon_s)
     percent, force_n = np.array(pairs.relative_percent)[settled], np.array(pairs.force_n)[settled]
     run = np.array(pairs.run)[settled]
-    group = run if np.unique(run).size >= _FEWEST_PLACEMENTS else force_n
+    group = run if np.unique(run).size >= FEWEST_PLACEMENTS else force_n
     error = np.full(force_n.shape, np.nan)
     for one in np.unique(group):
         mine = group == one

@@ -1,4 +1,4 @@
-"""The data of a force calibration: readings over the reference, and the law through them."""
+"""The data of a force calibration: readings over the reference, the law, and its residuals."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.estimate.force_law import ForceLaw
-from palpate.plots.style import INK, ORANGE, log_axis, new_figure
+from palpate.estimate.pixel_law import read_left_out
+from palpate.estimate.weights_check import FEWEST_PLACEMENTS, read_left_out_loads
+from palpate.grasp.planning import placements_of
+from palpate.plots.style import BLUE, INK, ORANGE, log_axis, new_figure
 from palpate.sensor.calibration import Calibration
 
 if TYPE_CHECKING:
@@ -15,26 +19,21 @@ if TYPE_CHECKING:
 
 
 def force_calibration_figure(calibration: Calibration) -> Figure:
-    """Draw excess conductance over force, on logarithmic axes.
+    """Draw excess conductance over force, and below it the error of readings left out of the fit.
 
     Raises
     ------
+    CalibrationError
+        If its force pairs can't carry a law.
     MissingExtraError
         If matplotlib isn't installed.
     """
-    with new_figure(width_in=6.4, height_in=4.4) as (figure, axes):
-        panel = axes[0, 0]
+    with new_figure(rows=2, width_in=6.4, height_in=5.6) as (figure, axes):
+        panel, below = axes[:, 0]
         pairs = calibration.force
         settled = np.isclose(pairs.since_move_s, max(pairs.since_move_s))
-        panel.plot(
-            np.array(pairs.force_n)[settled],
-            np.array(pairs.excess)[settled],
-            "o",
-            ms=5,
-            mec=INK,
-            mfc="white",
-            label="settled readings",
-        )
+        excess, force_n = np.array(pairs.excess)[settled], np.array(pairs.force_n)[settled]
+        panel.plot(force_n, excess, "o", ms=4, mec=INK, mfc="white", label="settled readings")
         law = calibration.force_law
         if law["law"] == "power":
             reading = np.geomspace(float(law["range"][0]), float(law["range"][1]), 100)
@@ -47,10 +46,29 @@ def force_calibration_figure(calibration: Calibration) -> Figure:
             panel.plot([one.value for one in each], reading, color=ORANGE, lw=1.4, label="law")
             ends = ([one.low for one in each], [one.high for one in each])
             panel.fill_betweenx(reading, *ends, color=ORANGE, alpha=0.2, label="90 % interval")
-        log_axis(panel.xaxis)
         log_axis(panel.yaxis)
-        panel.set(xlabel="force (N)", ylabel="excess conductance, summed over pixels")
+        below.sharex(panel)
+        panel.tick_params(labelbottom=False)
+        panel.set_ylabel("excess conductance")
         simulated = " (simulated)" if calibration.origin == "simulated" else ""
         panel.set_title(f"Force calibration of {calibration.sensor_id}{simulated}")
         panel.legend()
+        at_n, error_percent, what = _residuals(calibration)
+        below.axhline(0.0, color=INK, lw=0.8)
+        below.plot(at_n, error_percent, "o", ms=3, color=BLUE)
+        log_axis(below.xaxis)
+        below.set(xlabel="force (N)", ylabel=f"error of a {what}\nleft out of the fit (%)")
         return figure
+
+
+def _residuals(calibration: Calibration) -> tuple[FloatArray, FloatArray, str]:
+    """Return force and error (percent) of settled readings left out, and what was left out."""
+    pairs = calibration.force
+    if pairs.pixel_excess and len(set(pairs.run)) >= FEWEST_PLACEMENTS:
+        read_n, force_n, early = read_left_out(placements_of(pairs))
+        read_n, force_n, what = read_n[~early], force_n[~early], "placement"
+    else:
+        settled = np.isclose(pairs.since_move_s, max(pairs.since_move_s))
+        force_n, what = np.array(pairs.force_n)[settled], "load"
+        read_n = read_left_out_loads(np.array(pairs.excess)[settled], force_n=force_n)
+    return force_n, 100.0 * (read_n / np.maximum(force_n, 1e-3) - 1.0), what

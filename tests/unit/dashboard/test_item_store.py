@@ -89,8 +89,9 @@ def test_the_page_of_an_item_shows_every_grasp_and_says_simulated(
     item_store = ItemStore(str(tmp_path / "items.sqlite"))
     for _ in range(3):
         item_store.keep(RESULT, recording=recording, item_id="<b>berry</b>", closing={})
-    page = item_html(item_store.page("<b>berry</b>"))
-    assert page.count("<circle") == 3
+    found = item_store.page("<b>berry</b>")
+    page = item_html(found, figures=item_store.figures(found))
+    assert 'aria-label="Stiffness over time"' in page
     assert "SIMULATED" in page
     assert "&lt;b&gt;berry&lt;/b&gt;" in page
     assert "<b>berry" not in page
@@ -193,11 +194,12 @@ def test_ripening_is_drawn_for_an_item_whose_kind_was_labelled(tmp_path: Path) -
                 )
                 store.add_verdict(label)
         store.add_item(Item(item_id="plum", kind="plum"))
-    picture = ItemStore(where).ripening("avocado-1")
-    assert picture.startswith("<svg")
+    item_store = ItemStore(where)
+    picture = item_store.figures(item_store.page("avocado-1"))
+    assert "<h3>How it ripens</h3><svg" in picture
     assert 'aria-label="Days of avocado-1 and how it may ripen"' in picture
     assert "90 % of courses" in picture
-    assert ItemStore(where).ripening("plum") == ""
+    assert "How it ripens" not in item_store.figures(item_store.page("plum"))
 
 
 def felt(item_id: str, taken_at: datetime, firm: float) -> Grasp:

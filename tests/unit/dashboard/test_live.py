@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.dashboard.grasp_progress import Bounds, GraspProgress
+from palpate.dashboard.grasp_progress import Bounds, ForceLaws, GraspProgress
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S, Live
 from palpate.dashboard.messages import DevicesLost, Frames, FrameSource, Grasped, LinkStatus, Update
 from palpate.dashboard.orders import Action, Activity
 from palpate.dashboard.page_document import document
 from palpate.dashboard.session import Session
 from palpate.estimate.measurement import Measurement
+from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.gripper.interface import GripperLimits
 from palpate.sensor.array import RIGID_LAYOUT
@@ -91,6 +92,30 @@ def test_change_is_against_the_rest_values(live: Live) -> None:
     # 4700 ohm below: R goes as 1024 / counts - 1.
     assert live.percent[0, 0] == pytest.approx(100 * ((1024 / 450 - 1) / (1024 / 300 - 1) - 1))
     assert live.finger_percent() == pytest.approx([live.percent[0, 0]] * 2)
+
+
+def test_force_of_each_finger_is_its_share_of_the_reading_and_their_mean_the_grip_force() -> None:
+    law = PixelForceLaw(
+        log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.01, range=(0.01, 100.0)
+    )
+    laws = ForceLaws(reading=PixelReading.sum_pixels(), early=law, settled=law)
+    live = Live()
+    live.open_source(replace(SOURCE, laws=laws))
+    pressed = frames(5)
+    pressed.reported[:] = 40.0
+    # Excess conductance in proportion 3 to 1: a divider's is counts / (1024 - counts).
+    rest = 300 / 724
+    for finger, excess in ((0, 0.6), (1, 0.2)):
+        conductance = rest * (1 + excess)
+        rows = np.array(RIGID_LAYOUT.finger_of_row) == finger
+        pressed.counts[:, rows] = round(1024 * conductance / (1 + conductance))
+    live.add_frames(pressed)
+    first, second = live.finger_forces_n()
+    assert first / second == pytest.approx(3.0, rel=0.03)
+    assert live.force is not None
+    assert (first + second) / 2 == pytest.approx(live.force.middle)
+    live.add_frames(frames(5, from_s=1.0))
+    assert live.finger_forces_n() == [], "an open hand presses nothing"
 
 
 def test_a_step_between_two_frames_is_marked_as_a_movement(live: Live) -> None:

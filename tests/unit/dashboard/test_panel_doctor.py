@@ -19,7 +19,7 @@ def test_commands_are_marked_and_negative_numbers_have_a_minus_sign() -> None:
     health = examine(columns, layout=RIGID_LAYOUT, known_ohm=known_ohm)
     assert any("`palpate calibrate rest`" in one.check for one in health.findings)
     assert any(" -" in one.text for one in health.findings)
-    shown = report(health, layout=RIGID_LAYOUT)
+    shown = report(health)
     assert "<code>palpate calibrate rest</code>" in shown
     assert "`" not in shown
     words = re.sub(r"<[^>]*>", "", shown)

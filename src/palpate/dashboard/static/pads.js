@@ -86,8 +86,8 @@ function place(svg, doc) {
   }
   const scale = hand.drive === "width" ? (small ? 2.2 : 4.1) : 0;
   const gap = hand.value === null ? 220 : scale ? hand.value * scale : (small ? 170 : 300) * (1 - 0.75 * hand.closed);
-  view(svg, 0, 0, width, small ? 270 : 244);
-  $("opening").setAttribute("y", small ? 262 : 232);
+  view(svg, 0, 0, width, 270);
+  $("opening").setAttribute("y", 262);
   const rail = $("rail");
   rail.setAttribute("x", 10);
   rail.setAttribute("width", width - 20);
@@ -134,11 +134,11 @@ function markCentre(group, pad, percent) {
 function namePads(svg, doc) {
   const fingers = touching(doc);
   pads.forEach((pad, i) => {
-    const group = $(`pad-${i}`), mean = doc.pixels.finger_percent[i], touches = fingers.includes(i);
+    const group = $(`pad-${i}`), mean = doc.pixels.finger_percent[i], force = doc.pixels.finger_n[i], touches = fingers.includes(i);
     group.classList.toggle("touching", touches);
     group.classList.toggle("slipped", hasSlipped(doc.grasp));
     markCentre(group, pad, doc.pixels.percent);
-    group.lastElementChild.innerHTML = `${doc.hand ? t("finger {n}", { n: pad.finger }) : t("pad {n}", { n: pad.finger })} <tspan font-weight="700">${fixed(mean, 1)} %</tspan>${!touches ? "" : isSmall(svg) ? `<tspan x="${pad.width / 2}" dy="1.15em">${"contact"}</tspan>` : ` · ${"contact"}`}`;
+    group.lastElementChild.innerHTML = `${doc.hand ? t("finger {n}", { n: pad.finger }) : t("pad {n}", { n: pad.finger })} <tspan font-weight="700">${fixed(mean, 1)} %</tspan>${touches ? `<tspan x="${pad.width / 2}" dy="1.15em">contact${force === undefined ? "" : `, ${fixed(force, 1)} N`}</tspan>` : ""}`;
   });
 }
 
