@@ -41,6 +41,7 @@ COMMANDS = (
     ("ports", "ports"),
     ("pattern", "pattern --preset paper-3x2 --out sensor"),
     ("settle", "settle demo-recordings"),
+    ("settle", "settle demo-recordings/ohm.csv --until-half-width 9"),
     ("items", "items"),
     ("item", "items A1"),
     ("items", "items --store demo-packhouse/palpate-items.sqlite"),

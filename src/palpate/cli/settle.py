@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import isnan
 from pathlib import Path
 from typing import Annotated, Literal
@@ -26,13 +26,15 @@ from palpate.cli.settle_source import (
 from palpate.errors import InputError
 from palpate.holds import Hold, settled_value
 from palpate.plots.style import check_plot
-from palpate.scoring.predictions import Prediction, predict_holds
+from palpate.scoring.predictions import Prediction, decide_holds, predict_holds
 from palpate.scoring.table import ScoreTable
 from palpate.settling.calibrated import Calibrated
 from palpate.settling.predict import method_named
 from palpate.settling.result import SettlingMethod
 
 DEFAULT_CUTOFF_S = 2.5
+#: A 90 % interval from residuals alone takes nine of them; twice that to be worth its name.
+FEW_CALIBRATION_HOLDS = 20
 #: No hold of 20 s is sampled that slowly.
 SLOWEST_S = 4.0
 
@@ -65,6 +67,12 @@ def settle(
     level: Annotated[
         float, typer.Option(help="Probability the interval is to cover.", metavar="FRACTION")
     ] = 0.9,
+    fit_on: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Calibration holds: intervals as wide as errors on these.", metavar="HOLDS"
+        ),
+    ] = None,
     learn_from: Annotated[
         list[Path] | None,
         typer.Option(
@@ -75,6 +83,13 @@ def settle(
     rig: Annotated[
         str | None,
         typer.Option(help="Learn from the settled holds that this rig file keeps.", metavar="FILE"),
+    ] = None,
+    until_half_width: Annotated[
+        float | None,
+        typer.Option(
+            help="Decide for each hold as soon as the half-width of its interval is below this.",
+            metavar="PERCENT",
+        ),
     ] = None,
     time_column: Annotated[
         str | None, typer.Option(help="Column of times. [default: by usual names]", metavar="NAME")
@@ -147,9 +162,9 @@ def settle(
 
     Example: palpate settle recording.csv --plot cuts.png
     """
-    cutoffs_s = tuple(cutoff or [DEFAULT_CUTOFF_S])
-    _check_numbers(cutoffs_s, horizon_s=horizon, level=level)
-    if plot is not None:
+    cutoffs_s = tuple(cutoff or ([] if until_half_width else [DEFAULT_CUTOFF_S]))
+    _check_numbers(cutoffs_s, horizon_s=horizon, level=level, until=until_half_width)
+    if plot is not None or (cutoffs_s and until_half_width):
         _check_rereadable(holds)
     source = HoldSource(
         paths=holds,
@@ -166,17 +181,20 @@ def settle(
     )
     files = source.files()
     check_plot(plot)
-    report.check_outputs(plot=plot, out=out, inputs=[*files, *(learn_from or [])])
+    report.check_outputs(plot=plot, out=out, inputs=[*files, *(fit_on or []), *(learn_from or [])])
     names = method or ["relaxation"]
     if rig is not None:
         learn_from = [*(learn_from or []), _find_own_holds(rig)]
     _check_unseen(learn_from or [], files=files)
     chosen = _methods(
         names,
+        fit_on=fit_on or [],
         learn_from=learn_from or [],
         horizon_s=horizon,
         percent=unit == "percent" or rest is not None,
     )
+    if until_half_width and not fit_on:
+        _warn_without_interval(chosen)
     predictions = list(
         _predict(
             source,
@@ -184,6 +202,7 @@ def settle(
             cutoffs_s=cutoffs_s,
             horizon_s=horizon,
             level=level,
+            until_half_width_percent=until_half_width,
             quiet=quiet or as_json,
         )
     )
@@ -193,6 +212,7 @@ def settle(
         predictions=predictions,
         horizon_s=horizon,
         level=level,
+        until_half_width_percent=until_half_width,
     )
     if out is not None:
         report.write(document, out)
@@ -204,7 +224,9 @@ def settle(
         report.print_tables(document, level=level, written=[p for p in (out, plot) if p])
 
 
-def _check_numbers(cutoffs_s: Sequence[float], *, horizon_s: float, level: float) -> None:
+def _check_numbers(
+    cutoffs_s: Sequence[float], *, horizon_s: float, level: float, until: float | None
+) -> None:
     if not 0 < horizon_s < float("inf"):
         raise InputError(f"--horizon {horizon_s:g}: give a positive time in seconds, such as 20")
     for cutoff_s in cutoffs_s:
@@ -215,14 +237,25 @@ def _check_numbers(cutoffs_s: Sequence[float], *, horizon_s: float, level: float
             )
     if not 0 < level < 1:
         raise InputError(f"--level {level:g}: give a probability between 0 and 1, such as 0.9")
+    if until is not None and not 0 < until < float("inf"):
+        raise InputError(f"--until-half-width {until:g}: give a positive percentage, such as 2.5")
+
+
+def _warn_without_interval(methods: Iterable[str]) -> None:
+    without = [name for name in methods if name != "relaxation"]
+    if without:
+        say(
+            f"palpate: --until-half-width: {', '.join(without)} has no interval without --fit-on, "
+            "so it waits to the end of each hold"
+        )
 
 
 def _check_rereadable(files: Sequence[Path]) -> None:
     for file in files:
         if file.exists() and not (file.is_file() or file.is_dir()):
             raise InputError(
-                f"{file}: a pipe can be read only once, and --plot reads twice; save it as a file "
-                "first"
+                f"{file}: a pipe can be read only once, and --plot (or --cutoff together with "
+                "--until-half-width) reads twice; save it as a file first"
             )
 
 
@@ -263,24 +296,39 @@ def _check_unseen(learn_from: Sequence[Path], *, files: Sequence[Path]) -> None:
 def _methods(
     names: Sequence[str],
     *,
+    fit_on: Sequence[Path],
     learn_from: Sequence[Path],
     horizon_s: float,
     percent: bool,
 ) -> dict[str, SettlingMethod]:
-    """Make each method once; `relaxation` learns from the sensor's own holds."""
+    """Make each method once; the sensor's own holds and calibration holds sharpen some."""
     made = {name: method_named(name) for name in names}
     if learn_from and "relaxation" in made:
-        own = _read_settled_holds(learn_from, horizon_s=horizon_s, percent=percent)
+        own = _read_settled_holds(
+            learn_from, horizon_s=horizon_s, option="--learn-from", percent=percent
+        )
         made["relaxation"] = Calibrated(holds=tuple(own))
-    return made
+    if not fit_on:
+        return made
+    holds = _read_settled_holds(fit_on, horizon_s=horizon_s, option="--fit-on", percent=percent)
+    if len(holds) < FEW_CALIBRATION_HOLDS:
+        say(
+            f"palpate: --fit-on: {len(holds)} holds reach {horizon_s:g} s; intervals from fewer "
+            f"than {FEW_CALIBRATION_HOLDS} are rough or missing"
+        )
+    return {
+        name: Calibrated(method=method, holds=holds, learn=False) for name, method in made.items()
+    }
 
 
-def _read_settled_holds(files: Sequence[Path], *, horizon_s: float, percent: bool) -> list[Hold]:
-    """Return the holds that reach the horizon; refuse files without one."""
+def _read_settled_holds(
+    files: Sequence[Path], *, horizon_s: float, option: str, percent: bool
+) -> list[Hold]:
+    """Return the holds that reach the horizon; refuse where `--learn-from` has none."""
     source = HoldSource(paths=files, reading=ReadingOptions(unit="percent" if percent else None))
     holds = [hold for file in source.files() for hold in source.holds(file, until_s=horizon_s)]
     kept = [h for h in holds if not isnan(settled_value(h.time_s, h.values, horizon_s=horizon_s))]
-    if not kept:
+    if option == "--learn-from" and not kept:
         raise InputError(
             f"--learn-from {files[0]}: none of its {len(holds)} holds reaches {horizon_s:g} s, so "
             "none shows what it settles to; hold for longer while recording"
@@ -295,21 +343,33 @@ def _predict(
     cutoffs_s: Sequence[float],
     horizon_s: float,
     level: float,
+    until_half_width_percent: float | None,
     quiet: bool,
 ) -> Iterator[Prediction]:
     """Yield predictions file by file while a bar on standard error shows how far it is."""
     files = source.files()
     with progress("settling", total=len(files), quiet=quiet) as show:
         for number, file in enumerate(files):
-            held = source.holds(file, until_s=horizon_s, progress=_show_fraction(number, show))
-            yield from predict_holds(
-                _warn_of_milliseconds(held, source=str(file)),
-                methods=methods,
-                cutoffs_s=cutoffs_s,
-                horizon_s=horizon_s,
-                level=level,
-                source=str(file),
-            )
+            if cutoffs_s:
+                held = source.holds(file, until_s=horizon_s, progress=_show_fraction(number, show))
+                yield from predict_holds(
+                    _warn_of_milliseconds(held, source=str(file)),
+                    methods=methods,
+                    cutoffs_s=cutoffs_s,
+                    horizon_s=horizon_s,
+                    level=level,
+                    source=str(file),
+                )
+            if until_half_width_percent is not None:
+                held = source.holds(file, until_s=horizon_s, progress=_show_fraction(number, show))
+                yield from decide_holds(
+                    held if cutoffs_s else _warn_of_milliseconds(held, source=str(file)),
+                    methods=methods,
+                    half_width_percent=until_half_width_percent,
+                    horizon_s=horizon_s,
+                    level=level,
+                    source=str(file),
+                )
 
 
 def _show_fraction(number: int, show: Callable[[float], None]) -> Callable[[float], None]:

@@ -25,6 +25,7 @@ from palpate.scoring.table import (
     WIDE,
     ScoreTable,
     print_scores,
+    short,
 )
 from palpate.settling.result import SettlingMethod
 from palpate.terminal_table import print_table
@@ -163,6 +164,15 @@ def print_tables(document: ScoreTable, *, level: float, written: Sequence[Path])
         console.print(
             f"No hold lasts until {document.horizon_s:g} s, so there is nothing to score against."
         )
+    for entry in document.summary():
+        if "holds_decided" in entry:
+            others = entry["holds"] - entry["holds_decided"]
+            console.print(
+                f"{entry['method']}: ± fell below {entry['until_half_width_percent']:g} % in "
+                f"{entry['holds_decided']} of {entry['holds']} holds (median time: "
+                f"{short(entry['median_decision_s'])} s)"
+                + ("; the others waited to their end" if others else "")
+            )
     for path in written:
         console.print(f"Written: {path}", highlight=False, soft_wrap=True)
 
@@ -173,7 +183,7 @@ def _print_holds(document: ScoreTable, console: Console, *, level: float) -> Non
     scored = any(np.isfinite(row.settled) for row in rows)
     order = rank_by_error(rows)[:ROWS_SHOWN]
     every = len(order) == len(rows)
-    several = len({row.cutoff_s for row in rows}) > 1
+    several = len({row.cutoff_s for row in rows if row.decided is None}) > 1
     which = f"{len(rows)} {'prediction' if several else 'hold'}{'s' * (len(rows) != 1)}"
     if not every:
         first = "largest errors" if scored else "widest intervals"

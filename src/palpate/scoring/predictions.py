@@ -10,6 +10,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.holds import Hold, recorded_value, settled_value
+from palpate.scoring.deciding import find_decision
 from palpate.settling.percent import for_hold
 from palpate.settling.result import SettledEstimate, SettlingMethod, Status
 
@@ -46,6 +47,8 @@ class Prediction:
     method: str
     #: The prediction rests on samples up to this time alone.
     cutoff_s: float
+    #: Whether the interval became narrow enough; None where the cut-off was given beforehand.
+    decided: bool | None = None
     #: At the horizon; NaN where there is no sample before the cut-off or no interval.
     predicted: float
     low: float
@@ -127,6 +130,43 @@ def predict_holds(
                 )
 
 
+def decide_holds(
+    holds: Iterable[Hold],
+    *,
+    methods: Mapping[str, SettlingMethod],
+    half_width_percent: float,
+    horizon_s: float,
+    level: float,
+    source: str = "",
+) -> Iterator[Prediction]:
+    """Yield the first prediction of each hold whose interval is narrow, by `find_decision`.
+
+    The cut-off of each is its time of decision; the other parameters are those of `predict_holds`.
+    """
+    for hold in holds:
+        for name, method in methods.items():
+            found, cutoff_s, decided = None, horizon_s, False
+            if hold.time_s[0] <= horizon_s:
+                decision = find_decision(
+                    hold.time_s,
+                    hold.values,
+                    method=for_hold(method, unit=hold.unit, loading_s=hold.loading_s),
+                    half_width_percent=half_width_percent,
+                    horizon_s=horizon_s,
+                    level=level,
+                )
+                found, cutoff_s, decided = decision.estimate, decision.time_s, decision.decided
+            yield _pair(
+                hold,
+                found,
+                source=source,
+                method=name,
+                cutoff_s=cutoff_s,
+                horizon_s=horizon_s,
+                decided=decided,
+            )
+
+
 def _pair(
     hold: Hold,
     estimate: SettledEstimate | None,
@@ -135,6 +175,7 @@ def _pair(
     method: str,
     cutoff_s: float,
     horizon_s: float,
+    decided: bool | None = None,
 ) -> Prediction:
     """Pair an estimate with the value that the hold settled to; None means no sample at all."""
     value, low, high, status = np.nan, np.nan, np.nan, Status.TOO_SHORT
@@ -148,6 +189,7 @@ def _pair(
         unit=hold.unit,
         method=method,
         cutoff_s=cutoff_s,
+        decided=decided,
         predicted=value,
         low=low,
         high=high,

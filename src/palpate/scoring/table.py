@@ -38,12 +38,15 @@ class ScoreTable:
     horizon_s: float
     #: Probability that the intervals are meant to cover.
     level: float
+    #: The rule of decision, where there was one.
+    until_half_width_percent: float | None = None
 
-    def groups(self) -> dict[tuple[str, float], list[Prediction]]:
-        """Return predictions by method and cut-off."""
-        found: dict[tuple[str, float], list[Prediction]] = {}
+    def groups(self) -> dict[tuple[str, float | None], list[Prediction]]:
+        """Return predictions by method and cut-off (None: decided hold by hold)."""
+        found: dict[tuple[str, float | None], list[Prediction]] = {}
         for row in self.predictions:
-            found.setdefault((row.method, row.cutoff_s), []).append(row)
+            cutoff_s = row.cutoff_s if row.decided is None else None
+            found.setdefault((row.method, cutoff_s), []).append(row)
         return found
 
     def __str__(self) -> str:
@@ -72,7 +75,7 @@ class ScoreTable:
     def rows(self) -> Iterator[dict[str, Any]]:
         """Yield one mapping for each prediction."""
         for row in self.predictions:
-            yield {
+            cells = {
                 "hold_id": row.hold_id,
                 "channel": row.channel,
                 "method": row.method,
@@ -87,6 +90,9 @@ class ScoreTable:
                 "file": row.source,
                 "unit": row.unit,
             }
+            if self.until_half_width_percent is not None:
+                cells["decided"] = row.decided
+            yield cells
 
     def summary(self) -> list[dict[str, Any]]:
         """Return one mapping for each method and cut-off."""
@@ -95,6 +101,12 @@ class ScoreTable:
             entry: dict[str, Any] = {"method": method, "cutoff_s": cutoff_s, "holds": len(rows)}
             entry |= {name: _finite_or_none(figure) for name, figure in summarise(rows).items()}
             entry["holds_with_settled_value"] = sum(bool(np.isfinite(r.settled)) for r in rows)
+            if cutoff_s is None:
+                times_s = np.array([row.cutoff_s for row in rows if row.decided])
+                median_s = float(np.median(times_s)) if times_s.size else None
+                entry["cutoff_s"] = entry["median_decision_s"] = median_s
+                entry["until_half_width_percent"] = self.until_half_width_percent
+                entry["holds_decided"] = len(times_s)
             found.append(entry)
         return found
 
@@ -159,20 +171,22 @@ def print_scores(summary: Sequence[Mapping[str, Any]], console: Console, *, leve
     from palpate.terminal_table import print_table
 
     heads = ("method", ">cut-off", ">holds", ">median", ">mean", ">p90", ">of rest")
-    rows = [
-        (
-            entry["method"],
-            f"{entry['cutoff_s']:.3g} s",
-            str(entry["holds"]),
-            short(entry["median_abs_error_percent"]),
-            short(entry["mean_abs_error_percent"]),
-            short(entry["p90_abs_error_percent"]),
-            short(entry["median_error_of_remaining_percent"]),
-            "-" if entry["coverage"] is None else f"{entry['coverage']:.2f}",
-            short(entry["median_half_width_percent"]),
+    rows = []
+    for entry in summary:
+        cutoff = "-" if entry["cutoff_s"] is None else f"{entry['cutoff_s']:.3g} s"
+        rows.append(
+            (
+                entry["method"],
+                f"~{cutoff}" if "holds_decided" in entry else cutoff,
+                str(entry["holds"]),
+                short(entry["median_abs_error_percent"]),
+                short(entry["mean_abs_error_percent"]),
+                short(entry["p90_abs_error_percent"]),
+                short(entry["median_error_of_remaining_percent"]),
+                "-" if entry["coverage"] is None else f"{entry['coverage']:.2f}",
+                short(entry["median_half_width_percent"]),
+            )
         )
-        for entry in summary
-    ]
     console.print("|error| in % of the settled value", highlight=False)
     print_table((*heads, f">in {level:.0%}", ">±"), rows, console=console)
     console.print(

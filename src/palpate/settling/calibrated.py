@@ -1,9 +1,9 @@
-"""Own settled holds calibrate `relaxation`: which rule fits them, and how far its errors reach.
+"""Settled holds calibrate a method: which rule fits them, and how far its errors reach.
 
-The experts are the method as it is, a constant multiple of the
+Holds of the same sensor (`learn`): the experts are the method as it is, a constant multiple of the
 last reading, and lines and multiples of one feature of a hold (the method's forecast, the log law,
 the pace of the last e-fold of time). Each is fitted to the past holds and weighed by its errors
-where a hold is left out of its own fit. The interval
+where a hold is left out of its own fit. Holds of other specimens set the width alone. The interval
 reaches as far as those errors do (Lei et al., "Distribution-Free Predictive Inference for
 Regression", JASA 113, 2018), drawn towards the method's own interval while holds are few.
 """
@@ -21,15 +21,15 @@ from palpate.holds import SETTLED_WINDOW_S, Hold, settled_value
 from palpate.settling.baselines import LogLaw
 from palpate.settling.percent import without_percent
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import SettledEstimate, Status
+from palpate.settling.result import SettledEstimate, SettlingMethod, Status
 
 #: From this many calibration holds on, their errors prove an interval.
 PROVING_HOLDS = 6
 #: The latest own holds are used: a sensor wears, and more sharpen nothing.
 MOST_HOLDS = 60
-#: The method's own interval counts as this many errors of own holds; half of it counts as this many
-#: errors of every expert (guesses; study `settled` is flat around them).
-_PRIOR_ERRORS, _PRIOR_ERRORS_OF_EXPERTS = 3.0, 2.0
+#: The method's own interval counts as this many errors of own holds, and of other specimens'; half
+#: of it counts as this many errors of every expert (guesses; study `settled` is flat around them).
+_PRIOR_ERRORS, _PRIOR_ERRORS_OF_OTHERS, _PRIOR_ERRORS_OF_EXPERTS = 3.0, 10.0, 2.0
 #: Errors are taken at the cut-offs of this ratio: an error changes with the logarithm of time.
 _CUTOFF_RATIO = 1.05
 _TINY = 1e-9
@@ -37,13 +37,17 @@ _TINY = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibrated:
-    """`Relaxation` with the rule and the width that a sensor's own settled holds show.
+    """A method with the width, and if `learn` the rule, that settled holds show.
 
     Attributes
     ----------
     holds : sequence of Hold
         Past holds in the order of recording; those that reach the horizon count. None of them is
         to be predicted.
+    method : SettlingMethod
+        Predicts without them.
+    learn : bool
+        Whether the holds are of the sensor itself; if not, they set the width alone.
 
     Raises
     ------
@@ -65,14 +69,15 @@ class Calibrated:
     """
 
     holds: Sequence[Hold]
-    method: Relaxation = field(default_factory=Relaxation, init=False)
+    method: SettlingMethod = field(default_factory=Relaxation)
+    learn: bool = True
     #: By cut-off, horizon, level and whether values are positive: line and sorted errors.
     _known: dict[tuple[float, float, float, bool], tuple[FloatArray, FloatArray]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
 
     def __post_init__(self) -> None:
-        if not self.holds:
+        if self.learn and not self.holds:
             raise CalibrationError(
                 "no hold to learn from; `palpate calibrate settling` cuts them from recordings"
             )
@@ -100,16 +105,18 @@ class Calibrated:
         unit = _unit(values, positive=positive)
         features = self._features(time_s, values, found, horizon_s=horizon_s, unit=unit)
         rank = int(np.ceil((count + 1) * level))
-        weight = count / (count + (_PRIOR_ERRORS))
+        weight = count / (count + (_PRIOR_ERRORS if self.learn else _PRIOR_ERRORS_OF_OTHERS))
+        half = 1.0 if self.learn else _half(found, unit)
         sides = []
         for side in (found.value - found.low, found.high - found.value):
-            drawn = weight * errors[min(rank, count) - 1] + (1 - weight) * side / unit
+            drawn = weight * half * errors[min(rank, count) - 1] + (1 - weight) * side / unit
             alone = errors[rank - 1] if rank <= count else np.nan
             sides.append(np.where(np.isnan(side), alone, drawn))
         change, last = features @ line, values[:, -1]
         status = np.asarray(found.status).copy()
         if count >= PROVING_HOLDS:
-            status[status != Status.NOT_SETTLING] = Status.OK
+            proven = status != Status.NOT_SETTLING if self.learn else status == Status.UNPROVEN
+            status[proven] = Status.OK
         low, value, high = (
             last + unit * end for end in (change - sides[0], change, change + sides[1])
         )
@@ -125,13 +132,15 @@ class Calibrated:
         if key not in self._known:
             past = [
                 one
-                for hold in self.holds[-MOST_HOLDS:]
+                for hold in self.holds[-MOST_HOLDS if self.learn else 0 :]
                 if (one := self._show_past(without_percent(hold), *key))
             ]
             line, errors = np.array([0.0, 1.0]), np.zeros(0)
             if past:
                 features, truth, half = map(np.array, zip(*past, strict=True))
-                line, errors = _learn_line(features, truth, float(half.mean()) / 2)
+                errors = (truth - features[:, 1]) / np.where(np.isnan(half), 1.0, half)
+                if self.learn:
+                    line, errors = _learn_line(features, truth, float(half.mean()) / 2)
             self._known[key] = line, np.sort(np.abs(errors))
         return self._known[key]
 
@@ -160,12 +169,13 @@ class Calibrated:
         horizon_s: float,
         unit: FloatArray,
     ) -> FloatArray:
-        """Return one and each feature: changes since the last sample in its unit."""
+        """Return one and, if `learn`, each feature: changes since the last sample in its unit."""
         ahead = [np.asarray(found.value)]
-        fold_s = float(time_s[-1] - time_s[0]) / np.e
-        for law in (LogLaw(wait_s=0.1, from_s=0.4), LogLaw(wait_s=fold_s)):
-            by_law = law.predict(time_s, values, horizon_s=horizon_s, level=found.level)
-            ahead.append(np.asarray(by_law.value))
+        if self.learn:
+            fold_s = float(time_s[-1] - time_s[0]) / np.e
+            for law in (LogLaw(wait_s=0.1, from_s=0.4), LogLaw(wait_s=fold_s)):
+                by_law = law.predict(time_s, values, horizon_s=horizon_s, level=found.level)
+                ahead.append(np.asarray(by_law.value))
         changes = [(end - values[:, -1]) / unit for end in ahead]
         return np.column_stack([np.ones(len(values)), *changes])
 

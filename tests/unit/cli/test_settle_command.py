@@ -108,6 +108,19 @@ def test_several_files_and_methods_in_a_stable_order(
     assert [row["method"] for row in first["rows"][:2]] == ["exponential", "recorded"]
 
 
+def test_fit_on_sets_intervals_and_leaves_values(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    methods = ("--method", "relaxation", "--method", "exponential", "--level", "0.5")
+    plain = document(capsys, holds_csv, *methods)
+    assert ran(holds_csv, *methods, "--fit-on", holds_csv, "--json") == 0
+    fitted = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert [r["high"] for r in plain["rows"][::2]] != [r["high"] for r in fitted["rows"][::2]]
+    assert {r["high"] for r in plain["rows"][1::2]} == {None}
+    assert any(r["high"] is not None for r in fitted["rows"][1::2])
+    assert [r["predicted"] for r in plain["rows"]] == [r["predicted"] for r in fitted["rows"]]
+
+
 def test_own_holds_teach_relaxation_alone(
     holds_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -138,6 +151,36 @@ def test_holds_to_learn_from_are_not_those_to_predict(
     assert "scores on holds that were learned from mean nothing" in capsys.readouterr().err
 
 
+def test_few_calibration_holds_and_methods_without_intervals_are_named_on_stderr(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ran(holds_csv, "--fit-on", holds_csv) == 0
+    assert "holds reach 20 s; intervals from fewer than 20" in capsys.readouterr().err
+    assert ran(holds_csv, "--method", "recorded", "--until-half-width", "5") == 0
+    assert "recorded has no interval without --fit-on" in capsys.readouterr().err
+
+
+def test_until_half_width_reports_the_time_of_decision(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = document(capsys, holds_csv, "--until-half-width", "5")
+    [entry] = found["summary"]
+    decided = [row["cutoff_s"] for row in found["rows"] if row["decided"]]
+    assert entry["holds_decided"] == len(decided) >= 5
+    assert entry["median_decision_s"] == pytest.approx(np.median(decided))
+    assert entry["until_half_width_percent"] == 5.0
+    for row in found["rows"]:
+        if row["decided"]:
+            assert (row["high"] - row["low"]) / 2 <= 0.05 * abs(row["predicted"])
+
+
+def test_a_fixed_cutoff_may_stand_beside_the_decisions(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = document(capsys, holds_csv, "--until-half-width", "5", "--cutoff", "2.5")
+    assert ["median_decision_s" in entry for entry in found["summary"]] == [False, True]
+
+
 def test_out_writes_the_same_as_json_csv_and_parquet(
     holds_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -165,23 +208,26 @@ def test_out_csv_has_no_cell_that_a_spreadsheet_runs(
         assert next(csv.DictReader(stream))["hold_id"] == "'=1+1"
 
 
-def test_milliseconds_are_noticed_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("how", [["--cutoff", "2.5"], ["--until-half-width", "2.5"]])
+def test_milliseconds_are_noticed_once(
+    how: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "holds.csv"
     rows = [f"{hold},{100 * t},{9 - t / 50}" for hold in "ab" for t in range(210)]
     path.write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
-    assert ran(path) == 0
+    assert ran(path, *how) == 0
     said = capsys.readouterr().err
     assert said.count("a sample every 100 s; time_s is in seconds, are these milliseconds?") == 1
 
 
-@pytest.mark.parametrize("read_by", ["argument", "--learn-from"])
+@pytest.mark.parametrize("read_by", ["argument", "--fit-on"])
 def test_out_never_writes_over_what_is_read(
     read_by: str, holds_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     other = tmp_path / "other.csv"
     other.write_bytes(holds_csv.read_bytes())
     before = other.read_bytes()
-    read = (other,) if read_by == "argument" else (holds_csv, "--learn-from", other)
+    read = (other,) if read_by == "argument" else (holds_csv, "--fit-on", other)
     assert ran(*read, "--out", tmp_path / "." / "other.csv") == 2
     assert "would be lost" in capsys.readouterr().err
     assert other.read_bytes() == before
@@ -198,10 +244,10 @@ def test_plot_is_drawn(holds_csv: Path, tmp_path: Path, ending: str) -> None:
 
 
 def test_tables_for_people(holds_csv: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert ran(holds_csv, "--method", "relaxation") == 0
+    assert ran(holds_csv, "--until-half-width", "5", "--method", "relaxation") == 0
     captured = capsys.readouterr()
     assert captured.err == ""
-    for said in ("Value predicted for 20 s", "relaxation", "in 90%", "h5"):
+    for said in ("Value predicted for 20 s", "relaxation", "in 90%", "± fell below 5 %", "h5"):
         assert said in captured.out
 
 
@@ -236,11 +282,12 @@ def test_values_are_shown_with_their_units(
         (["--level", "0"], "--level 0"),
         (["--horizon", "-3"], "--horizon -3"),
         (["--horizon", "inf"], "--horizon inf"),
+        (["--until-half-width", "0"], "--until-half-width 0"),
         (["--plot", "plot.bmp"], "a plot ends in"),
         (["--plot", "nowhere/plot.png"], "no folder nowhere"),
         (["--out", "rows.txt"], ".json, .csv or .parquet"),
         (["--out", "nowhere/rows.csv"], "there is no folder nowhere"),
-        (["--learn-from", "nowhere.csv"], "nowhere.csv: no such file"),
+        (["--fit-on", "nowhere.csv"], "nowhere.csv: no such file"),
         (["--bogus"], "--bogus"),
     ],
 )

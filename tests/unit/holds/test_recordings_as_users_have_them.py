@@ -431,9 +431,7 @@ def test_past_holds_may_be_recordings_too(
 ) -> None:
     path = tmp_path / "r.csv"
     path.write_text(FORMS["plain.csv"])
-    own = tmp_path / "own.csv"
-    own.write_text(FORMS["plain.csv"])
-    assert len(settled(path, capsys, "--learn-from", str(own))[0]) == 3
+    assert "3 holds reach 20 s" in settled(path, capsys, "--fit-on", str(path))[2]
 
 
 @pytest.mark.parametrize("ending", ["xlsx", "csv", "parquet"])

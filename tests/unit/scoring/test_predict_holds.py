@@ -7,7 +7,7 @@ import pytest
 
 from palpate.holds import Hold
 from palpate.scoring import predictions as evaluate
-from palpate.scoring.predictions import predict_holds
+from palpate.scoring.predictions import decide_holds, predict_holds
 from palpate.settling.baselines import Recorded
 from palpate.settling.exponential import Exponential
 from palpate.settling.relaxation import Relaxation
@@ -73,3 +73,28 @@ def test_a_hold_without_samples_before_the_cutoff_is_too_short() -> None:
     assert row.status is Status.TOO_SHORT
     assert np.isnan([row.predicted, row.low, row.recorded]).all()
     assert (row.channel, row.settled) == ("x", 2.0)
+
+
+def test_decisions_carry_their_time_and_use_nothing_later() -> None:
+    options = {"half_width_percent": 4.0, "horizon_s": 20.0, "level": 0.9}
+    methods = {"relaxation": Relaxation()}
+    [row] = decide_holds([hold("a")], methods=methods, **options)
+    assert row.decided
+    assert 0.5 <= row.cutoff_s < 20
+    assert (row.high - row.low) / 2 <= 0.04 * abs(row.predicted)
+    [same] = predict_holds(
+        [hold("a")], methods=methods, cutoffs_s=[row.cutoff_s], horizon_s=20.0, level=0.9
+    )
+    assert same.predicted == pytest.approx(row.predicted, rel=1e-12)
+
+
+def test_a_method_without_intervals_never_decides() -> None:
+    [row] = decide_holds(
+        [hold("a", until_s=5)],
+        methods={"recorded": Recorded()},
+        half_width_percent=50.0,
+        horizon_s=20.0,
+        level=0.9,
+    )
+    assert row.decided is False
+    assert row.cutoff_s == pytest.approx(5, abs=0.1)

@@ -1,0 +1,56 @@
+"""The first moment at which a prediction is sure enough."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.scoring.deciding import EARLIEST_S, find_decision
+from palpate.settling.relaxation import Relaxation
+from palpate.settling.result import Status
+
+TIME_S = np.arange(0.0, 21.0, 0.07)
+HOLD = 100.0 - 4.0 * np.log(TIME_S + 0.5)
+
+
+def test_a_stricter_width_is_met_later() -> None:
+    loose, strict = (
+        find_decision(TIME_S, HOLD, method=Relaxation(), half_width_percent=percent)
+        for percent in (8.0, 2.0)
+    )
+    assert loose.decided
+    assert strict.decided
+    assert EARLIEST_S < loose.time_s < strict.time_s
+    half_width = (strict.estimate.high - strict.estimate.low) / 2
+    assert half_width <= 0.02 * strict.estimate.value
+
+
+def test_later_samples_change_nothing() -> None:
+    decision = find_decision(TIME_S, HOLD, method=Relaxation(), half_width_percent=4.0)
+    spoilt = np.where(decision.time_s < TIME_S, 1e6, HOLD)
+    again = find_decision(TIME_S, spoilt, method=Relaxation(), half_width_percent=4.0)
+    assert again.time_s == decision.time_s
+    assert again.estimate.value == decision.estimate.value
+
+
+def test_a_hold_that_never_is_sure_says_so() -> None:
+    short = TIME_S < 1.0
+    decision = find_decision(
+        TIME_S[short], HOLD[short], method=Relaxation(), half_width_percent=0.01
+    )
+    assert not decision.decided
+    assert decision.time_s == TIME_S[short][-1]
+
+
+def test_a_constant_hold_is_not_called_settled() -> None:
+    decision = find_decision(
+        TIME_S, np.full_like(TIME_S, 5.0), method=Relaxation(), half_width_percent=1.0
+    )
+    assert not decision.decided
+    assert decision.estimate.status is Status.NOT_SETTLING
+
+
+@pytest.mark.parametrize("percent", [0.0, -1.0, float("nan")])
+def test_a_width_must_be_positive(percent: float) -> None:
+    with pytest.raises(ValueError, match="must be positive"):
+        find_decision(TIME_S, HOLD, method=Relaxation(), half_width_percent=percent)
