@@ -80,7 +80,9 @@ def forecast(estimate: ContactEstimate, *, plan: Plan) -> Settled:
 def _relative_by(reading: Measurement, relative: Measurement, *, now: Touch) -> Measurement:
     """Return the forecast of the relative change that the forecast of the reading makes.
 
-    The sheet's own creep is known for the reading; conductance grows by the same share in both.
+    The sheet's own creep is known for the reading; conductance grows by the same share in both. Not
+    exactly, as pixels share a load unevenly: the interval is as wide as the forecast goes beyond
+    what was seen, at least.
     """
     if not (now.reading > 0 and now.relative_percent < 0):
         return relative
@@ -89,7 +91,13 @@ def _relative_by(reading: Measurement, relative: Measurement, *, now: Touch) -> 
         100.0 * (1.0 / (1.0 + excess * end / now.reading) - 1.0)
         for end in (reading.middle, reading.high, reading.low)
     )
-    return replace(relative, value=value, low=low, high=high)
+    by = value - now.relative_percent
+    return replace(
+        relative,
+        value=value,
+        low=value - float(np.hypot(value - low, by)),
+        high=value + float(np.hypot(high - value, by)),
+    )
 
 
 def _widen(one: SettledEstimate, *, by: float, unit: str) -> Measurement:
