@@ -80,7 +80,7 @@ def write_rig(folder: Path, *, port: str, rate_hz: float) -> Path:
 
 def flexitac_on_a_line(rate_hz: float) -> AbstractContextManager[tuple[str, int]]:
     """Run a board that sends 12 x 32 pixels in a process of its own; give the port and it."""
-    from palpate_studies.pty_board import on_a_port
+    from palpate_studies.benchmarks.pty_board import on_a_port
 
     def send(master: int) -> None:
         os.set_blocking(master, False)
@@ -160,7 +160,7 @@ def cpu_s(pid: int) -> float:
 
 def board_on_a_line(rate_hz: float) -> AbstractContextManager[tuple[str, int]]:
     """Run a board in a process of its own; give the port and the process."""
-    from palpate_studies.pty_board import board, on_a_port
+    from palpate_studies.benchmarks.pty_board import board, on_a_port
 
     return on_a_port(partial(board, rate_hz=rate_hz))
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from matplotlib.figure import Figure
+from PIL import Image
 
 from palpate.cli import build_app, run
 from palpate_studies import table2
@@ -30,7 +31,39 @@ def test_a_file_is_no_folder_for_a_report(
     assert file.read_text() == "mine"
 
 
-def test_report_with_a_figure_writes_every_format(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--format", "pdf"], "--format pdf: it is for the figures in --out DIR"),
+        (["--dpi", "600"], "--dpi 600: it is for the figures in --out DIR"),
+        (["--out", "made", "--format", "svg", "--dpi", "600"], "only png has dots"),
+        (["--out", "made", "--format", "bmp"], "--format"),
+    ],
+)
+def test_a_format_that_nothing_would_show_is_refused_before_the_work(
+    options: list[str],
+    reason: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delattr(table2, "settled_readings")  # not even begun
+    assert run(build_app(), ["study", "table2", *options], name="palpate") == 2
+    assert reason in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_figures_have_the_format_and_the_dots_that_were_asked_for(tmp_path: Path) -> None:
+    few = ["figure16", "--fruits", "1", "--out", str(tmp_path / "asked")]
+    asked = ["study", *few, "--format", "png", "--dpi", "50"]
+    assert run(build_app(), asked, name="palpate") == 0
+    [picture] = (tmp_path / "asked").glob("figure16.[!jm]*")
+    assert picture.suffix == ".png"
+    with Image.open(picture) as image:
+        assert image.info["dpi"] == pytest.approx((50, 50), abs=0.1)
+
+    # What one call asked for is not left to the next.
     report = StudyReport(
         name="next", title="", provenance=(), tables=(), payload={}, figures={"drawn": Figure}
     )

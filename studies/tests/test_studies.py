@@ -37,7 +37,7 @@ from palpate_studies import (
     table5,
     table6,
 )
-from palpate_studies.catalogue import STUDIES
+from palpate_studies.catalogue import BENCHMARKS, STUDIES
 from palpate_studies.report import StudyReport
 from palpate_studies.twin_session import Session, drawn
 
@@ -78,7 +78,7 @@ def payload(name: str) -> dict[str, Any]:
     return dict(run(name).payload)
 
 
-@pytest.mark.parametrize("place", [place for place, _ in STUDIES.values()])
+@pytest.mark.parametrize("place", [place for place, _ in (*STUDIES.values(), *BENCHMARKS.values())])
 def test_command_of_catalogue_has_help_with_example(place: str) -> None:
     command = import_module(place).command
     assert "Example: palpate " in (command.__doc__ or "")

@@ -23,7 +23,7 @@ from tests.closings import write_damage_file
 from tests.conftest import skip
 
 from palpate.recording import load_recording
-from palpate_studies.pty_board import board
+from palpate_studies.benchmarks.pty_board import board
 
 CHROMIUM = Path("/usr/bin/chromium")
 WIDE, TABLET = {"width": 1280, "height": 800}, {"width": 820, "height": 1180}

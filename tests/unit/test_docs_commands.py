@@ -97,7 +97,7 @@ def study_options(name: str) -> set[str]:
     from palpate.cli.lazy_group import load_command
     from palpate_studies.verbs import catalogue
 
-    command = load_command(name, catalogue()[name])
+    command = load_command(name, catalogue("palpate.studies")[name])
     return {option for parameter in command.params for option in parameter.opts}
 
 

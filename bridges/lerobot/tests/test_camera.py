@@ -18,7 +18,7 @@ from lerobot.cameras.utils import make_cameras_from_configs
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 from lerobot.utils.import_utils import register_third_party_plugins
 
-from palpate_studies.pty_board import board, on_a_port
+from palpate_studies.benchmarks.pty_board import board, on_a_port
 
 register_third_party_plugins()
 PAGE = Path(__file__).parents[3] / "docs/lerobot.md"

@@ -51,9 +51,10 @@ GROUPS = {
     },
     "Research": {
         "study": "Regenerate a table or figure next to the published one.",
+        "bench": "Measure speed and memory relative to other programs.",
     },
 }
-_PACKAGES = {"study": _STUDIES, "archive": _ARCHIVE}
+_PACKAGES = {"study": _STUDIES, "bench": _STUDIES, "archive": _ARCHIVE}
 #: Verb or step -> where its function is, other than in the module of its name.
 _PLACES = {"ports": "flash", "cell": "calibrate_force"}
 VERBS = {

@@ -68,6 +68,7 @@ def force(
     plot: Annotated[
         Path | None, typer.Option(help="Draw readings and law.", metavar="FILE")
     ] = None,
+    dpi: option.DpiOption = None,
     law: Annotated[
         Literal["power", "line"],
         typer.Option(help="line: the paper's, from the mean relative change (Table 4)."),
@@ -83,7 +84,7 @@ def force(
     Example: palpate calibrate force --rig sim-rigid --seed 3 --out pad-3.json
     """
     path = calibration_file(rig, out)
-    check_plot(plot)
+    check_plot(plot, dpi=dpi)
     if loads is None and has_load_cell(rig):
         made, course = _calibrate_by_cell(rig, seed=seed, out=path), None
     else:
@@ -92,7 +93,7 @@ def force(
         made = with_line_law(made)
     made.save(path)
     if plot is not None:
-        save_figure(force_calibration_figure(made), plot)
+        save_figure(force_calibration_figure(made), plot, dpi=dpi)
     if as_json:
         document = _document(made, path=path)
         if course is not None:

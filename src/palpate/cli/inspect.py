@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from palpate.cli.options import JsonOption
+from palpate.cli.options import DpiOption, JsonOption
 from palpate.cli.output import print_json, say
 from palpate.errors import InputError
 from palpate.files import check_new
@@ -26,6 +26,7 @@ def inspect(
         Path | None,
         typer.Option(help="Draw pixels, gripper and events: .png, .svg or .pdf.", metavar="FILE"),
     ] = None,
+    dpi: DpiOption = None,
     recover: Annotated[
         Path | None,
         typer.Option(
@@ -42,12 +43,12 @@ def inspect(
 
     Example: palpate inspect run.mcap --recover run-whole.mcap
     """
-    check_plot(plot)
+    check_plot(plot, dpi=dpi)
     if recover is not None:
         _recover(file, recover)
         file = recover
     if plot is not None:
-        _draw(file, plot)
+        _draw(file, plot, dpi=dpi)
     state = FileState()
     with RecordingReader(file) as reader:
         summary = summarise_recording(reader, state=state)
@@ -88,11 +89,11 @@ def _recover(file: Path, out: Path) -> None:
     say(report)
 
 
-def _draw(file: Path, plot: Path) -> None:
+def _draw(file: Path, plot: Path, *, dpi: int | None) -> None:
     recording = load_recording(file)
     if recording.time_s.size == 0:
         raise InputError(f"{file}: no frame in it, so there is nothing to draw")
-    save_figure(recording_figure(recording, title=file.name), plot)
+    save_figure(recording_figure(recording, title=file.name), plot, dpi=dpi)
 
 
 def _text(found: dict[str, Any]) -> str:

@@ -120,6 +120,12 @@ QuietOption: TypeAlias = Annotated[
 ]
 
 #: Give it the default None.
+DpiOption: TypeAlias = Annotated[
+    int | None,
+    typer.Option(
+        "--dpi", help="Dots per inch of a .png plot; 300 by default.", min=30, max=2400, metavar="N"
+    ),
+]
 
 
 def _check_force(target_force_n: float | None) -> float | None:

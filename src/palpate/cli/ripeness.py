@@ -15,7 +15,7 @@ from rich.text import Text
 
 from palpate.cli import options as option
 from palpate.cli.items import open_store
-from palpate.cli.options import BatchOption, JsonOption, StoreOption
+from palpate.cli.options import BatchOption, DpiOption, JsonOption, StoreOption
 from palpate.cli.output import percent_text, print_json, say
 from palpate.errors import InputError
 from palpate.plots.style import check_plot, save_figure
@@ -67,6 +67,7 @@ def ripeness(
     plot: Annotated[
         Path | None, typer.Option(help="Draw the days of one item.", metavar="FILE")
     ] = None,
+    dpi: DpiOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Report how ripe items are and when they will be ripe.
@@ -78,7 +79,7 @@ def ripeness(
     Example: palpate ripeness A17 --reference ball --plot a17.png
     """
     names = _names(stages, ripe=ripe)
-    check_plot(plot)
+    check_plot(plot, dpi=dpi)
     with open_store(store) as known:
         asked = _select_items(known, items or [], batch=batch)
         if plot is not None and len(asked) != 1:
@@ -92,7 +93,7 @@ def ripeness(
         from palpate.plots.ripeness import item_figure
 
         figure = item_figure(judged[0].history, judged[0].ripeness, rule=judged[0].rule)
-        save_figure(figure, plot)
+        save_figure(figure, plot, dpi=dpi)
     if as_json:
         print_json({"items": [one.to_dict() for one in judged]})
     else:

@@ -13,7 +13,7 @@ import typer
 from palpate.cli import options as option
 from palpate.cli import settle_report as report
 from palpate.cli.calibrate_settling import place_of_holds
-from palpate.cli.options import HorizonOption, JsonOption, QuietOption
+from palpate.cli.options import DpiOption, HorizonOption, JsonOption, QuietOption
 from palpate.cli.output import print_json, progress, say
 from palpate.cli.settle_source import (
     HoldSource,
@@ -151,6 +151,7 @@ def settle(
             metavar="FILE",
         ),
     ] = None,
+    dpi: DpiOption = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
     out: Annotated[
@@ -180,7 +181,7 @@ def settle(
         ),
     )
     files = source.files()
-    check_plot(plot)
+    check_plot(plot, dpi=dpi)
     report.check_outputs(plot=plot, out=out, inputs=[*files, *(fit_on or []), *(learn_from or [])])
     names = method or ["relaxation"]
     if rig is not None:
@@ -217,7 +218,7 @@ def settle(
     if out is not None:
         report.write(document, out)
     if plot is not None:
-        report.draw(document, source, plot, methods=chosen, level=level)
+        report.draw(document, source, plot, dpi=dpi, methods=chosen, level=level)
     if as_json:
         print_json(document.to_dict())
     else:

@@ -82,6 +82,7 @@ def draw(
     source: HoldSource,
     plot: Path,
     *,
+    dpi: int | None,
     methods: Mapping[str, SettlingMethod],
     level: float,
 ) -> None:
@@ -115,7 +116,7 @@ def draw(
         level=level,
         overviews=_overviews(source),
     )
-    save_figure(figure, plot)
+    save_figure(figure, plot, dpi=dpi)
 
 
 def _overviews(source: HoldSource) -> list[Overview]:

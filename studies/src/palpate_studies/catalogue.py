@@ -1,4 +1,4 @@
-"""The table of studies, found by `palpate study`."""
+"""The table of studies and benchmarks, found by `palpate study` and `palpate bench`."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ _SHOWN = {
     "noise": "Filters against mains pick-up and motor spikes, on the twin",
     "qualify": "Agreement with a penetrometer: 720 real apples, and simulated ones on the twin",
     "presses": "Force now on real Velostat under a robot's presses",
+    "histories": "Force of stretched silicone from the history of its resistance, real recordings",
     "hydrogel": "Force of a real hydrogel sensor in a robot's force loop, recordings left out",
     "strokes": "Force of real Velostat touched by pins, sensors left out",
     "ripeness": "Stages and days to ripe of avocados on the twin",
@@ -37,10 +38,21 @@ _SHOWN = {
     "stiffness": "Stiffness in N/mm over two decades, simulated",
     "staircases": "Force now during staircases of closing and opening, simulated",
     "settled": "Settled values on real materials, and after own holds",
+    "meat": "What a squeeze can show of meat, real double presses",
     "identify": "What each item of a mixed crate is, strangers among them, simulated",
     "sorting": "Purity and items per hour of sorting by rules, simulated",
+}
+_COMPARED = {
+    "all": "All of these, one after the other",
+    "frames": "Frames decoded from memory against lines of CSV and FlexiTac's package",
+    "settling": "Predictors of the settled value against curve_fit and lmfit",
 }
 #: Study -> (module, what it shows).
 STUDIES: dict[str, tuple[str, str]] = {
     name: (f"palpate_studies.{name.replace('-', '_')}", shown) for name, shown in _SHOWN.items()
+}
+#: Benchmark -> (module, what it compares).
+BENCHMARKS: dict[str, tuple[str, str]] = {
+    name: (f"palpate_studies.benchmarks.{'everything' if name == 'all' else name}", compared)
+    for name, compared in _COMPARED.items()
 }

@@ -1,17 +1,21 @@
-"""`palpate study NAME`: one study of the installed ones."""
+"""`palpate study NAME` and `palpate bench NAME`: one study or benchmark of the installed ones."""
 
 from __future__ import annotations
 
 from importlib.metadata import entry_points
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, TypeAlias
 
 import typer
 
 from palpate.cli.lazy_group import Entry, LazyGroup, load_command
-from palpate.cli.options import QuietOption
+from palpate.cli.options import DpiOption, QuietOption
 from palpate.cli.output import progress
 from palpate.errors import InputError
+from palpate.plots.style import EVERY_FORMAT, FigureFiles, figure_files
 
+FigureFormat: TypeAlias = Literal["pdf", "svg", "png"]
+#: The benchmark that runs without a name.
+ALL = "all"
 #: What comes after the name is parsed by the study.
 SETTINGS: dict[str, Any] = {
     "context_settings": {
@@ -22,41 +26,97 @@ SETTINGS: dict[str, Any] = {
 }
 
 
-def catalogue() -> dict[str, Entry]:
-    """Return the studies that installed packages offer, by name."""
-    rows = [row for point in entry_points(group="palpate.studies") for row in point.load().items()]
+def catalogue(group: str) -> dict[str, Entry]:
+    """Return what installed packages offer in a group of entry points, by name."""
+    rows = [row for point in entry_points(group=group) for row in point.load().items()]
     return {name: Entry(f"{place}:command", text) for name, (place, text) in sorted(rows)}
 
 
-def _names(incomplete: str) -> list[str]:
-    return [name for name in catalogue() if name.startswith(incomplete)]
+def _names(group: str) -> Any:
+    return lambda incomplete: [name for name in catalogue(group) if name.startswith(incomplete)]
 
 
 def study(
     context: typer.Context,
     name: Annotated[
         str | None,
-        typer.Argument(help="Which study; `--list` names them.", autocompletion=_names),
+        typer.Argument(
+            help="Which study; `--list` names them.", autocompletion=_names("palpate.studies")
+        ),
     ] = None,
     listing: Annotated[bool, typer.Option("--list", help="List the studies.")] = False,
+    figure_format: Annotated[
+        FigureFormat | None,
+        typer.Option("--format", help="With --out: figures in this format alone."),
+    ] = None,
+    dpi: DpiOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Regenerate a table or figure next to the published one.
 
     Example: palpate study table1
     """
-    known = catalogue()
+    with figure_files(_files(figure_format, dpi, arguments=context.args)):
+        _run(name, group="palpate.studies", listing=listing, quiet=quiet, context=context)
+
+
+def bench(
+    context: typer.Context,
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            help="Which; `--list` names them. Default: all.",
+            autocompletion=_names("palpate.benchmarks"),
+        ),
+    ] = None,
+    listing: Annotated[bool, typer.Option("--list", help="List the benchmarks.")] = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Measure speed and memory relative to other programs.
+
+    Example: palpate bench --json
+    """
+    # Options of the benchmarks are unknown here: the first one takes the place of a name.
+    if name is not None and name.startswith("-") and name != "--help":
+        context.args.insert(0, name)
+        name = None
+    _run(name or ALL, group="palpate.benchmarks", listing=listing, quiet=quiet, context=context)
+
+
+def _run(
+    name: str | None, *, group: str, listing: bool, quiet: bool, context: typer.Context
+) -> None:
+    """List what packages offer, or run one of it with the rest of the command line."""
+    verb, known = str(context.info_name), catalogue(group)
     if listing or name in (None, "--help"):
-        listed = LazyGroup(name="study", help="palpate study NAME [options]", no_args_is_help=True)
+        listed = LazyGroup(name=verb, help=f"palpate {verb} NAME [options]", no_args_is_help=True)
         listed.offer(known)
-        listed.main(["--help"], prog_name="palpate study", standalone_mode=False)
+        listed.main(["--help"], prog_name=f"palpate {verb}", standalone_mode=False)
         return
     if name not in known:
-        raise InputError(f"no study {name!r}; there are: {', '.join(known)}")
-    with progress(f"study {name}", quiet=quiet or bool({"--json", "--help"} & set(context.args))):
+        raise InputError(f"no {verb} {name!r}; there are: {', '.join(known)}")
+    with progress(f"{verb} {name}", quiet=quiet or bool({"--json", "--help"} & set(context.args))):
         command = load_command(name, known[name])
         status = command.main(
-            context.args, prog_name=f"palpate study {name}", standalone_mode=False
+            context.args, prog_name=f"palpate {verb} {name}", standalone_mode=False
         )
     if status:
         raise typer.Exit(status)
+
+
+def _files(
+    figure_format: FigureFormat | None, dpi: int | None, *, arguments: list[str]
+) -> FigureFiles:
+    """Return the files of each figure; refuse, before the work, what no file would show."""
+    if figure_format is None and dpi is None:
+        return EVERY_FORMAT
+    option = f"--dpi {dpi}" if figure_format is None else f"--format {figure_format}"
+    if not any(one == "--out" or one.startswith("--out=") for one in arguments):
+        raise InputError(
+            f"{option}: it is for the figures in --out DIR; give that, or leave it out"
+        )
+    if figure_format is None:
+        return FigureFiles(dpi=dpi)
+    if dpi is not None and figure_format != "png":
+        raise InputError(f"--dpi {dpi}: only png has dots; {figure_format} is sharp at any size")
+    return FigureFiles(endings=(f".{figure_format}",), dpi=dpi)

@@ -186,7 +186,7 @@ def test_settling_takes_long_holds_only(tmp_path: Path, capsys: pytest.CaptureFi
     held = list(read_holds(out))
     assert {hold.channel for hold in held} >= {"mean"}
     assert all(hold.time_s[-1] >= 19.5 for hold in held)
-    assert call("settling", str(recorded(tmp_path, long=False)), "--out", str(out)) == 2
+    assert call("settling", str(path), "--out", str(out), "--shortest", "60") == 2
     assert "hold for longer" in capsys.readouterr().err
     assert call("settling", str(path), "--out", str(tmp_path / "fit.txt")) == 2
     assert ".csv or .parquet" in capsys.readouterr().err
@@ -222,8 +222,8 @@ def test_a_rig_keeps_settled_holds_and_settle_learns_from_them(
     assert "simulated rigs keep no holds" in capsys.readouterr().err
 
 
-def recorded(folder: Path, *, long: bool = True) -> Path:
-    """Record a short and, by default, a long hold on the twin."""
+def recorded(folder: Path) -> Path:
+    """Record a short and a long hold on the twin."""
     import numpy as np
 
     from palpate.gripper.interface import GripperCommand
@@ -234,15 +234,10 @@ def recorded(folder: Path, *, long: bool = True) -> Path:
 
     obj = draw_object(np.random.default_rng(1), "dragonskin-20")
     world = World(obj, seed=1)
-    gripper, array, path = (
-        TwinGripper(world),
-        TwinArray(world),
-        folder / ("day1.mcap" if long else "short.mcap"),
-    )
+    gripper, array, path = TwinGripper(world), TwinArray(world), folder / "day1.mcap"
     info = RecordingInfo(layout=world.layout, origin="twin")
     with RecordingWriter(path, info=info) as writer:
-        steps = [(74.0, 2.0), (38.0, 6.0), (74.0, 20.0), (37.5, 41.5)]
-        for width_mm, until_s in steps if long else steps[:3]:
+        for width_mm, until_s in ((74.0, 2.0), (38.0, 6.0), (74.0, 20.0), (37.5, 41.5)):
             gripper.command(GripperCommand(target=width_mm, rate=40.0))
             while world.clock.now_s() < until_s:
                 frame = array.read(timeout_s=1.0)

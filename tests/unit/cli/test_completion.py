@@ -57,6 +57,7 @@ def completed(line: str, folder: Path) -> list[str]:
         ("palpate settle --method log_law_", ["log_law_early"]),
         ("palpate calibrate se", ["settling"]),
         ("palpate study table1", ["table1"]),
+        ("palpate bench set", ["settling"]),
         ("palpate demo pack", ["packhouse"]),
         ("palpate items fruit-3", ["fruit-3"]),
         ("palpate grasp --item fruit-3", ["fruit-3"]),

@@ -13,7 +13,7 @@ from typer.core import TyperGroup
 from palpate.cli import GROUPS, VERBS, build_app, run
 
 #: Verbs of other packages that parse the rest of the line themselves.
-NAMED = ("study",)
+NAMED = ("study", "bench")
 STEPS = {"calibrate", "archive"}
 PAGES = [[verb] for verb in VERBS]
 PAGES += [[verb, step] for verb in sorted(STEPS) for step in build_app().load(verb).commands]

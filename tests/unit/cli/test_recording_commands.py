@@ -6,6 +6,7 @@ import csv
 import json
 import os
 import signal
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -279,8 +280,15 @@ def test_help_shows_an_example(verb: str, capsys: pytest.CaptureFixture[str]) ->
 
 
 def test_inspect_draws_a_plot(recorded: Path, tmp_path: Path) -> None:
-    assert palpate("inspect", recorded, "--plot", tmp_path / "run.png") == 0
-    assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
+    sizes = []
+    for dpi in ([], ["--dpi", "100"]):
+        assert palpate("inspect", recorded, "--plot", tmp_path / "run.png", *dpi) == 0
+        png = (tmp_path / "run.png").read_bytes()
+        assert png.startswith(b"\x89PNG")
+        sizes.append(struct.unpack(">II", png[16:24]))
+    # 300 dots per inch by default.
+    assert sizes[0][0] == pytest.approx(3 * sizes[1][0], abs=3)
+    assert sizes[0][1] == pytest.approx(3 * sizes[1][1], abs=3)
 
 
 def test_inspect_refuses_to_draw_nothing(

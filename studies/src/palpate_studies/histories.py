@@ -1,0 +1,244 @@
+"""Force of a stretched conductive rubber from the history of its resistance.
+
+The resistance of the rubber peaks with strain and with its rate, in both directions, and recovers
+for minutes. The models see the logarithm of the resistance and its low-passed copies, and answer in
+newtons: the force crosses zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, TypeAlias
+
+import numpy as np
+import typer
+
+from palpate.arrays import FloatArray
+from palpate.errors import InputError, needing
+from palpate_studies.history_data import History, read_histories
+from palpate_studies.protocol.paired import compare
+from palpate_studies.report import StudyReport, Table, as_command
+
+LEVEL = 0.9
+_RIDGE = 1e-3
+#: Smooth bumps of the kernel ridge: their number, and their width in standard deviations of an
+#: input times the root of the number of inputs; the smoothest of five settings tried.
+_BUMPS, _WIDTH = 120, 2.0
+#: Neighbours repeat each other: every second sample is learned from.
+_EVERY = 2
+
+#: From the inputs of a recording to force and half width of its interval, where it has one.
+Predictor: TypeAlias = Callable[[FloatArray], tuple[FloatArray, FloatArray | None]]
+Histories: TypeAlias = Sequence[History]
+Rows: TypeAlias = list[dict[str, Any]]
+
+
+def report(
+    *,
+    recordings: Annotated[
+        Path, typer.Option(help="Recordings of stretching to learn from.", metavar="CSV")
+    ],
+    test_recordings: Annotated[
+        Path | None,
+        typer.Option(
+            help="Recordings to predict; without, kinds of motion are left out.", metavar="CSV"
+        ),
+    ] = None,
+) -> StudyReport:
+    """Predict the force of stretched silicone from its resistance, kinds of motion left out.
+
+    Example: palpate study histories --recordings silicone_histories.csv.gz
+    """
+    if test_recordings is None:
+        splits = [*_by_kind(read_histories(recordings))]
+        if len(splits) < 2:
+            raise InputError(f"{recordings}: one kind of motion only; two are needed")
+    else:
+        splits = [(read_histories(recordings), read_histories(test_recordings))]
+    rows = [
+        {
+            "recording_id": one.recording_id,
+            "kind": one.kind,
+            "model": model,
+            **_scores(predict(one.inputs), one.force_n),
+        }
+        for inside, tested in splits
+        for model, learn in MODELS.items()
+        for predict in [learn(inside)]
+        for one in tested
+    ]
+    return StudyReport(
+        name="histories",
+        title="Force of stretched silicone from the history of its resistance",
+        provenance=(
+            "Real recordings (carbon-black silicone). "
+            + (
+                "Each kind of motion is predicted by models learned from the other kinds."
+                if test_recordings is None
+                else f"Learned from {recordings} alone."
+            )
+            + " Causal; no force of the tested recording is known.",
+            "`ours` is a kernel ridge of this study; no command uses it.",
+        ),
+        tables=[
+            _table(rows, "rms_percent", title="RMS error, percent of the range of force"),
+            _table(rows, "coverage", title="Coverage of 90 % intervals"),
+        ],
+        payload={
+            "study": "histories",
+            "rows": rows,
+            "summary": _summary(rows),
+            "compared": _compared(rows),
+            "level": LEVEL,
+        },
+    )
+
+
+command = as_command(report)
+
+
+def _by_kind(known: Histories) -> Iterator[tuple[Histories, Histories]]:
+    for kind in dict.fromkeys(one.kind for one in known):
+        yield (
+            [one for one in known if one.kind != kind],
+            [one for one in known if one.kind == kind],
+        )
+
+
+def _by_recording(known: Histories) -> Iterator[tuple[Histories, Histories]]:
+    for one in known:
+        yield [other for other in known if other is not one], [one]
+
+
+def _gathered(train: Histories) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return inputs, force and weight; every kind of motion counts the same."""
+    kinds = [one.kind for one in train]
+    weight = [
+        np.full(len(one.force_n[::_EVERY]), 1.0 / len(one.force_n) / kinds.count(one.kind))
+        for one in train
+    ]
+    pooled = np.concatenate(weight)
+    return (
+        np.concatenate([one.inputs[::_EVERY] for one in train]),
+        np.concatenate([one.force_n[::_EVERY] for one in train]),
+        pooled / pooled.mean(),
+    )
+
+
+def constant(train: Histories) -> Predictor:
+    """Learn the mean force."""
+    _, force_n, weight = _gathered(train)
+    mean_n = float(np.average(force_n, weights=weight))
+    return lambda x: (np.full(len(x), mean_n), None)
+
+
+def static(train: Histories) -> Predictor:
+    """Learn a cubic in the reading now."""
+    x, force_n, weight = _gathered(train)
+    cubic = np.polyfit(x[:, 0], force_n, 3, w=np.sqrt(weight))
+    return lambda x: (np.asarray(np.polyval(cubic, x[:, 0])), None)
+
+
+def ridge(train: Histories) -> Predictor:
+    """Learn a ridge on the same inputs."""
+    x, force_n, weight = _gathered(train)
+    share = weight / weight.sum()
+    centre, mean_n = share @ x, float(share @ force_n)
+    scale = np.sqrt(share @ (x - centre) ** 2)
+    z = (x - centre) / scale
+    normal = z.T @ (z * share[:, None]) + _RIDGE * np.eye(z.shape[1])
+    slope = np.linalg.solve(normal, z.T @ (share * (force_n - mean_n)))
+    return lambda x: (np.asarray(mean_n + (x - centre) / scale @ slope), None)
+
+
+def trees(train: Histories) -> Predictor:
+    """Learn boosted trees on the same inputs."""
+    with needing("gradient boosting", extra="produce"):
+        from sklearn.ensemble import HistGradientBoostingRegressor
+    x, force_n, weight = _gathered(train)
+    machine = HistGradientBoostingRegressor(max_iter=200, random_state=0)
+    machine.fit(x, force_n, sample_weight=weight)
+    return lambda x: (np.asarray(machine.predict(x)), None)
+
+
+def ours(train: Histories) -> Predictor:
+    """Learn a ridge on the inputs and smooth bumps; interval from kinds of motion held out."""
+    split = _by_kind if len({one.kind for one in train}) > 1 else _by_recording
+    predict = _kernel_ridge(train)
+    left = [
+        np.abs(_kernel_ridge(inside)(one.inputs) - one.force_n)
+        for inside, tested in split(train)
+        if inside
+        for one in tested
+    ] or [np.abs(predict(one.inputs) - one.force_n) for one in train]
+    half = float(np.quantile(np.concatenate(left), LEVEL))
+    return lambda x: (predict(x), np.full(len(x), half))
+
+
+def _kernel_ridge(train: Histories) -> Callable[[FloatArray], FloatArray]:
+    with needing("kernel ridge", extra="produce"):
+        from sklearn.kernel_approximation import Nystroem
+        from sklearn.linear_model import Ridge
+        from sklearn.pipeline import make_pipeline, make_union
+        from sklearn.preprocessing import FunctionTransformer, StandardScaler
+    x, force_n, weight = _gathered(train)
+    bumps = Nystroem(
+        gamma=0.5 / (_WIDTH**2 * x.shape[1]), n_components=min(_BUMPS, len(x)), random_state=0
+    )
+    machine = make_pipeline(
+        StandardScaler(), make_union(FunctionTransformer(), bumps), Ridge(alpha=_RIDGE * len(x))
+    )
+    machine.fit(x, force_n, ridge__sample_weight=weight)
+    return lambda x: np.asarray(machine.predict(x))
+
+
+MODELS: Mapping[str, Callable[[Histories], Predictor]] = {
+    "constant": constant,
+    "static": static,
+    "ridge": ridge,
+    "trees": trees,
+    "ours": ours,
+}
+
+
+def _scores(answer: tuple[FloatArray, FloatArray | None], force_n: FloatArray) -> dict[str, Any]:
+    """Return RMS errors in percent of the range of force, and the coverage of the interval."""
+    value, half = answer
+    error = value - force_n
+    percent = 100.0 / float(np.ptp(force_n))
+    return {
+        "samples": len(error),
+        "rms_percent": percent * float(np.sqrt(np.mean(error**2))),
+        "coverage": None if half is None else float(np.mean(np.abs(error) <= half)),
+    }
+
+
+def _table(rows: Rows, key: str, *, title: str) -> Table:
+    """Return a line for each model, a column for each recording."""
+    known = [row for row in rows if row[key] is not None]
+    form = f"{{{key}:.2f}}" if key == "coverage" else f"{{{key}:.1f}}"
+    lead = {"model": "{model}"}
+    return Table.wide(title, known, lead, over="recording_id", form=form)
+
+
+def _compared(rows: Rows) -> Rows:
+    """Return the error of ours less that of each other model, by kind of motion."""
+    lost = {model: [row["rms_percent"] for row in mine] for model, mine in _by_model(rows)}
+    return compare(lost, [row["kind"] for row in rows if row["model"] == "ours"], statistic=np.mean)
+
+
+def _summary(rows: Rows) -> Rows:
+    """Return the mean over recordings of each model."""
+    return [
+        {
+            "model": model,
+            "recordings": len(mine),
+            "rms_percent": float(np.mean([row["rms_percent"] for row in mine])),
+        }
+        for model, mine in _by_model(rows)
+    ]
+
+
+def _by_model(rows: Rows) -> Iterator[tuple[str, Rows]]:
+    return ((name, [row for row in rows if row["model"] == name]) for name in MODELS)

@@ -1,0 +1,150 @@
+"""What a squeeze can show of meat: real double presses of a plant-based steak, and a sheet's error.
+
+The steak is the only meat whose curves are open. It has no ages and no doneness; what it shows is
+how far specimens of one steak differ, and so how far a cut must change before a squeeze shows it.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from palpate.arrays import FloatArray
+from palpate.holds.strict import Kind, read_table
+from palpate.produce.learning import LabelLearner
+from palpate_studies.report import StudyReport, Table, as_command
+
+#: Scatter of ln stiffness from grasp to grasp by the sheet on the twin's fruit, as in
+#: `ripeness_virtual`, and grasps averaged of one specimen.
+SHEET_SD, GRASPS = 0.25 * 2.0 / 3.0, 3
+#: Falls of the force to look for. Warner-Bratzler shear of beef falls by about 30 % in two weeks of
+#: aging: an order of size, not a result of this study.
+FALLS = (0.3, 0.5)
+#: 5 % of false alarms and 20 % of misses, one-sided: sum of the normal quantiles.
+_QUANTILES = 1.645 + 0.842
+_COLUMNS: dict[str, Kind] = {
+    "curve": "text",
+    "test": "text",
+    "direction": "text",
+    "specimen": "number",
+    "leg": "number",
+    "force_n": "number",
+}
+
+
+def report(
+    *,
+    presses: Annotated[
+        Path, typer.Option(help="food_double_presses.csv.gz.", metavar="CSV", exists=True)
+    ],
+) -> StudyReport:
+    """Name the grain of a plant-based steak by its force, and find how far a cut must change.
+
+    Example: palpate study meat --presses food_double_presses.csv.gz
+    """
+    return judge(read_presses(presses))
+
+
+command = as_command(report)
+
+
+def read_presses(path: Path) -> list[dict[str, Any]]:
+    """Return one row a double press: its peaks as ln force and ln ratio, and what it is."""
+    table = read_table(path, columns=_COLUMNS)
+    names, first, of = np.unique(table["curve"].astype(str), return_index=True, return_inverse=True)
+    peak = {
+        leg: [
+            float(table["force_n"][(of == k) & (table["leg"] == leg)].max())
+            for k in range(len(names))
+        ]
+        for leg in (1, 3)
+    }
+    return [
+        {
+            "speed": str(table["test"][row]).removeprefix("double "),
+            "direction": str(table["direction"][row]),
+            "specimen": f"{table['direction'][row]} {table['specimen'][row]:g}",
+            "ln_force": math.log(peak[1][k]),
+            "ln_again": math.log(peak[3][k] / peak[1][k]),
+        }
+        for k, row in enumerate(first)
+    ]
+
+
+def judge(rows: list[dict[str, Any]]) -> StudyReport:
+    """Put scatter, the grain named, and the specimens needed into a table; a row a speed."""
+    summary = []
+    for speed in sorted({row["speed"] for row in rows}, key=lambda text: float(text.split()[0])):
+        mine = [row for row in rows if row["speed"] == speed]
+        scatter = math.sqrt(
+            np.mean(
+                [
+                    np.var([r["ln_force"] for r in mine if r["direction"] == way], ddof=1)
+                    for way in sorted({row["direction"] for row in mine})
+                ]
+            )
+        )
+        by_sheet = math.hypot(scatter, SHEET_SD / math.sqrt(GRASPS))
+        summary.append(
+            {
+                "speed": speed,
+                "presses": len(mine),
+                "force_n": math.exp(float(np.median([row["ln_force"] for row in mine]))),
+                "again": math.exp(float(np.median([row["ln_again"] for row in mine]))),
+                "sd": scatter,
+                "grain_by_force": _grain(mine, ("ln_force",)),
+                "grain_by_both": _grain(mine, ("ln_force", "ln_again")),
+                **{f"needed_{100 * fall:.0f}": _needed(by_sheet, fall) for fall in FALLS},
+            }
+        )
+    return StudyReport(
+        name="meat",
+        title="Meat: what a squeeze can show (real curves, the sheet's error added)",
+        provenance=(
+            "Real: double presses of a plant-based steak by half, along and across its grain, by a "
+            "load cell. Grain named for specimens left out, by `palpate.produce.learning`.",
+            f"Specimens needed in each of two groups, {GRASPS} grasps each, to see the force fall "
+            "with 5 % false alarms and 20 % misses; the sheet adds a scatter of "
+            f"{SHEET_SD:.2f} (ln) a grasp, as on the twin. No age, doneness or disease is known of "
+            "any curve.",
+        ),
+        tables=[
+            Table.of(
+                "By the time of a press",
+                summary,
+                {
+                    "press": "{speed}",
+                    "presses": "{presses}",
+                    "median peak, N": "{force_n:.1f}",
+                    "second peak over first": "{again:.2f}",
+                    "sd of ln force, specimens": "{sd:.2f}",
+                    "grain named by force, %": "{grain_by_force:.0p}",
+                    "by force and second peak, %": "{grain_by_both:.0p}",
+                    "specimens to see -30 %": "{needed_30}",
+                    "specimens to see -50 %": "{needed_50}",
+                },
+            )
+        ],
+        payload={"study": "meat", "origin": "real", "summary": summary},
+    )
+
+
+def _grain(rows: list[dict[str, Any]], features: tuple[str, ...]) -> float:
+    table: FloatArray = np.array([[row[name] for name in features] for row in rows])
+    learner = LabelLearner(strangers=False, methods=["discriminant"]).fit(
+        table, [row["direction"] for row in rows], items=[row["specimen"] for row in rows]
+    )
+    return learner.score().right
+
+
+def _needed(sd: float, fall: float) -> int:
+    """Return the specimens of each of two groups that show a fall.
+
+    >>> _needed(0.4, 0.3)
+    16
+    """
+    return math.ceil(2.0 * (_QUANTILES * sd / math.log(1.0 - fall)) ** 2)

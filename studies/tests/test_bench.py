@@ -1,0 +1,91 @@
+"""`palpate bench`: every figure is a ratio to a peer of the same run."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+
+import pytest
+
+from palpate.cli import build_app, run
+from palpate_studies.benchmarks import frames, settling
+from palpate_studies.benchmarks.protocol import Ratio
+from palpate_studies.benchmarks.report import row
+from palpate_studies.benchmarks.synthetic import synthetic_holds
+from palpate_studies.catalogue import BENCHMARKS
+
+
+def bench_with(arguments: list[str]) -> int:
+    return run(build_app(), ["bench", *arguments], name="palpate")
+
+
+@pytest.fixture
+def frames_alone(monkeypatch) -> None:
+    """The quickest benchmark is all there is, and FlexiTac's package is not installed."""
+    for name in set(BENCHMARKS) - {"all", "frames"}:
+        monkeypatch.delitem(BENCHMARKS, name)
+    known = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name == "flexitac" else known(name)
+    )
+
+
+def ratio(**changed: object) -> Ratio:
+    told = {"what": "act", "size": 1, "of": "holds", "peer": "p", "ours": 2.0, "theirs": 3.0}
+    return Ratio(**(told | changed))  # type: ignore[arg-type]
+
+
+@pytest.mark.usefixtures("frames_alone")
+def test_without_a_name_all_run_into_one_json_document(capsys) -> None:
+    assert bench_with(["--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert set(document) == {"machine", "full", "benchmarks"}
+    [found] = document["benchmarks"]
+    assert found["name"] == "frames"
+    assert {one["peer"] for one in found["ratios"]} == {"readline of CSV", "FlexiTac's package"}
+    assert all(one["ours"] > 0 for one in found["ratios"])
+
+
+@pytest.mark.usefixtures("frames_alone")
+def test_a_peer_that_is_missing_is_named_with_its_remedy(tmp_path, capsys) -> None:
+    assert bench_with(["--out", str(tmp_path)]) == 0
+    shown = capsys.readouterr().out
+    assert "not installed" in shown
+    assert "flexitac" in shown
+    assert "pip install flexitac" in (tmp_path / "bench.md").read_text()
+
+
+def test_an_unknown_benchmark_names_those_there_are(capsys) -> None:
+    assert bench_with(["warp"]) == 2
+    assert "no bench 'warp'; there are: all, frames" in capsys.readouterr().err
+
+
+def test_help_shows_an_example(capsys) -> None:
+    assert bench_with(["settling", "--help"]) == 0
+    assert "palpate bench settling --json" in capsys.readouterr().out
+
+
+def test_a_ratio_is_missed_only_where_something_is_wanted_of_a_peer_that_is_there() -> None:
+    assert ratio().times == 1.5
+    assert not ratio(wanted=1.5).missed
+    assert ratio(wanted=1.6).missed
+    assert not ratio(wanted=9.0, theirs=None).missed
+    assert row(ratio(wanted=1.6)) == ("act", "1 hold", "p", "2 s", "3 s", "1.5", "1.6, missed")
+
+
+def test_predictors_are_timed_and_agree_with_curve_fit() -> None:
+    time_s, holds = synthetic_holds(20)
+    known = settling._known_grid(
+        "exponential", settling.CURVE_FIT, time_s=time_s, holds=holds, peer_holds=5
+    )
+    assert known.size == 20
+    assert known.times > 1
+    assert settling._new_grid(holds[0]).wanted == 1
+    assert settling._update().size == settling.PIXELS
+    agreement = settling._agreement(20)
+    assert float(agreement.rsplit(" ", 1)[1].rstrip(".")) < 1e-5
+
+
+def test_a_missing_frame_ends_the_benchmark() -> None:
+    with pytest.raises(RuntimeError, match="instead of 1 frames"):
+        frames.decode(b"", frames=1, piece=64)
