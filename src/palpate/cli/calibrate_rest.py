@@ -43,10 +43,6 @@ def rest(
     duration_s: Annotated[
         float, typer.Option("--duration", help="How long.", min=1.0, metavar="SECONDS")
     ] = 5.0,
-    layout: option.LayoutOption = None,
-    reference_ohm: option.ReferenceOption = None,
-    rate_hz: option.RateOption = None,
-    baud: option.BaudOption = None,
     as_json: option.JsonOption = False,
 ) -> None:
     """Take the rest values of every pixel; refused when something presses or moves.
@@ -55,9 +51,7 @@ def rest(
 
     Example: palpate calibrate rest --rig rig.toml
     """
-    source = open_source(
-        rig, port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz, baud=baud
-    )
+    source = open_source(rig, port=port)
     with closing(source):
         path = out or source.calibration_path or DEFAULT_FILE
         check_place(path)

@@ -43,10 +43,6 @@ def doctor(
     press: Annotated[
         bool, typer.Option("--press", help="Then press each pixel in turn: finds swapped wires.")
     ] = False,
-    layout: option.LayoutOption = None,
-    reference_ohm: option.ReferenceOption = None,
-    rate_hz: option.RateOption = None,
-    baud: option.BaudOption = None,
     as_json: option.JsonOption = False,
 ) -> None:
     """Find faulty and swapped pixels, losses and a wrong resistor.
@@ -61,10 +57,7 @@ def doctor(
             raise InputError("--recording excludes --rig and --port")
         examined = _examine_recording(recording, duration_s=duration_s, press=press)
     else:
-        source = open_source(
-            rig, port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz, baud=baud
-        )
-        with closing(source):
+        with closing(open_source(rig, port=port)) as source:
             examined = _examine_source(source, duration_s=duration_s, press=press)
     if as_json:
         print_json(health_document(examined))

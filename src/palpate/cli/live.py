@@ -62,10 +62,6 @@ def live(
     force: Annotated[
         bool, typer.Option("--force", help="Newtons now, by the rig's force calibration.")
     ] = False,
-    layout: option.LayoutOption = None,
-    reference_ohm: option.ReferenceOption = None,
-    rate_hz: option.RateOption = None,
-    baud: option.BaudOption = None,
 ) -> None:
     """Show pixels, contact, rate and losses in the terminal.
 
@@ -75,9 +71,7 @@ def live(
     """
     if address is not None and not foxglove:
         raise InputError(f"{address}: an address is for --foxglove; add it, or leave this out")
-    source = open_source(
-        rig, port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz, baud=baud
-    )
+    source = open_source(rig, port=port)
     clock = RealClock()
     with ExitStack() as stack:
         stack.enter_context(closing(source))

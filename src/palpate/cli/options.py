@@ -69,19 +69,14 @@ def rig_of_environment() -> str | None:
     return os.environ.get(_VARIABLE) or None
 
 
-def board_options(rig: str | None, **options: Any) -> tuple[str | None, dict[str, Any]]:
-    """Return the rig, and the options of a board that were given.
+def rig_or_port(rig: str | None, port: str | None) -> str | None:
+    """Return the rig: `rig`, else without a port ./rig.toml or $PALPATE_RIG.
 
-    Where nothing at all is given it is ./rig.toml or $PALPATE_RIG.
-    Raises `InputError` if something is given that a rig states.
+    Raises `InputError` if both are given.
     """
-    given = {name: value for name, value in options.items() if value is not None}
-    if rig is None and not given:
-        rig = rig_of_environment()
-    elif rig is not None and given:
-        option = next(iter(given)).replace("_", "-")
-        raise InputError(f"--{option}: a rig states that itself; leave it out with --rig")
-    return rig, given
+    if rig is not None and port is not None:
+        raise InputError("--port: a rig states that itself; leave it out with --rig")
+    return rig if rig is not None or port is not None else rig_of_environment()
 
 
 def _choose_rig(rig: str) -> str:
@@ -207,24 +202,10 @@ SensorOption: TypeAlias = Annotated[
 ]
 PortOption: TypeAlias = Annotated[
     str | None,
-    typer.Option(help="Serial port. [default: found by USB id, or by asking]", metavar="PORT"),
-]
-LayoutOption: TypeAlias = Annotated[
-    str | None,
     typer.Option(
-        help="Of the board on --port: rigid-2x2, soft-3x2, or rows x columns "
-        "such as 4x4. [default: rigid-2x2]",
-        metavar="LAYOUT",
+        help="Serial port of a 2x2 board with 4700 ohm; a rig file describes others.",
+        metavar="PORT",
     ),
-]
-ReferenceOption: TypeAlias = Annotated[
-    float | None, typer.Option(help="Its divider's resistor. [default: 4700]", metavar="OHM")
-]
-RateOption: TypeAlias = Annotated[
-    float | None, typer.Option(help="Its frames per second. [default: 250]", metavar="HZ")
-]
-BaudOption: TypeAlias = Annotated[
-    int | None, typer.Option(help="Speed of its firmware. [default: 1000000]", metavar="BAUD")
 ]
 
 #: Of calibrations. Give it the default None.

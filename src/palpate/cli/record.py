@@ -32,17 +32,6 @@ def record(
     file: Annotated[Path, typer.Argument(help="The new recording.")] = Path("recording.mcap"),
     rig: option.SensorOption = None,
     port: option.PortOption = None,
-    layout: option.LayoutOption = None,
-    reference_ohm: option.ReferenceOption = None,
-    rate_hz: option.RateOption = None,
-    oversampling: Annotated[
-        int | None,
-        typer.Option(help="Conversions per pixel. [default: 1]", min=1, max=64, metavar="N"),
-    ] = None,
-    baud: option.BaudOption = None,
-    load_cells: Annotated[
-        bool, typer.Option("--load-cells", help="Record the reference load cells too.")
-    ] = False,
     duration_s: Annotated[
         float | None,
         typer.Option("--duration", help="How long. [default: until Ctrl-C]", metavar="SECONDS"),
@@ -60,22 +49,13 @@ def record(
         raise InputError(f"{file}: a recording ends in .mcap; `palpate export` makes tables of it")
     if duration_s is not None and not duration_s > 0:
         raise InputError(f"--duration {duration_s:g}: must be above 0")
-    rig, given = option.board_options(
-        rig,
-        port=port,
-        layout=layout,
-        reference_ohm=reference_ohm,
-        rate_hz=rate_hz,
-        oversampling=oversampling,
-        baud=baud,
-        load_cells=load_cells or None,
-    )
+    rig = option.rig_or_port(rig, port)
     with ExitStack() as stack:
         gripper: Gripper | None = None
         clock: Clock = RealClock()
         array: PressureArray
         if rig is None:
-            board = open_board(**given)
+            board = open_board(port=port)
             stack.callback(board.close)
             array, name, info = board, board.name, _board_info(board)
         else:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.cli.options import board_options
+from palpate.cli.options import rig_or_port
 from palpate.errors import CalibrationError, DeviceTimeoutError
 from palpate.gripper.interface import Gripper
 from palpate.rig import open_rig
@@ -95,18 +94,18 @@ class SensorSource:
             self.gripper.close()
 
 
-def open_source(rig: str | None = None, **board: Any) -> SensorSource:
+def open_source(rig: str | None = None, *, port: str | None = None) -> SensorSource:
     """Open the sensor of a rig (its gripper is left alone), or of the board on a port.
 
     `rig`: name of a rig, or a rig file; it states the rest itself. Where nothing at all is given,
         ./rig.toml or $PALPATE_RIG.
-    `board`: as `palpate.sensor.board_array.open_board` takes it; None is that function's default.
-    Raises `InputError` if rig or layout are at fault, or something is given that the rig states;
-    `DeviceError` if the equipment isn't there.
+    `port`: of a board as `palpate.sensor.board_array.open_board` takes it by default.
+    Raises `InputError` if the rig is at fault, or both are given; `DeviceError` if the equipment
+    isn't there.
     """
-    rig, given = board_options(rig, **board)
+    rig = rig_or_port(rig, port)
     if rig is None:
-        opened = open_board(**given)
+        opened = open_board(port=port)
         return SensorSource(name=opened.name, array=opened)
     if rig.endswith(".toml"):
         path = Path(rig)

@@ -33,8 +33,8 @@ CHECKS: dict[str, str] = {
     "changed": "the pixel has aged or was damaged since the calibration: run `palpate calibrate "
     "rest`, and replace the sheet if it goes on changing",
     "unrest": "open the fingers, take away what touches the sensor, wait a minute and repeat",
-    "resistor": "replace the reference resistor, state the new one in the rig file or by "
-    "--reference-ohm, and calibrate again",
+    "resistor": "replace the reference resistor, state the new one in the rig file, and "
+    "calibrate again",
     "swapped": "exchange the two wires, or their pins at the multiplexer",
     "silent": "press the pixel harder and in its middle; if it still does not answer, treat it as "
     "open: joint, copper, multiplexer channel",

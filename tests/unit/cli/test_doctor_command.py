@@ -76,13 +76,10 @@ def test_recorded_presses_of_crossed_rows(
     ("arguments", "status", "says"),
     [
         (["--rig", "a.toml", "--port", "b"], 2, "--port: a rig states that itself"),
-        (["--rig", "sim-rigid", "--reference-ohm", "9"], 2, "--reference-ohm: a rig states"),
         (["--recording", "a.mcap", "--port", "b"], 2, "--recording excludes"),
         (["--recording", "no.mcap"], 2, "can't be opened"),
         (["--rig", "no.toml"], 2, "no.toml"),
         (["--port", "/dev/no-such-port"], 3, "no port /dev/no-such-port"),
-        (["--port", "/dev/null", "--layout", "17x1"], 2, "no layout"),
-        (["--port", "/dev/null", "--reference-ohm", "0"], 2, "above 0 ohm"),
     ],
 )
 def test_mistakes_are_one_line(
