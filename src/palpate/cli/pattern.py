@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
@@ -171,7 +170,13 @@ def _draw_gripper(
         outlines=tuple(line for piece in pieces for line in (*piece.holes, piece.edge)),
     )
     files = _write_cut_files({name: sheet}, folder, dxf=dxf)
-    _preview(lambda path: _import_plots().draw_gripper(parts, path), folder / f"{name}.png", files)
+    try:
+        from palpate.plots.pattern import draw_gripper
+
+        draw_gripper(parts, folder / f"{name}.png")
+        files.append(folder / f"{name}.png")
+    except MissingExtraError as error:  # the cut files were asked for, so it may be missing
+        say(f"palpate pattern: no picture: {error}")
     if as_json:
         print_json(
             {
@@ -195,22 +200,6 @@ def _draw_gripper(
         f"Opens from {CLOSED:g} to {OPEN:g} mm, 141 degrees of the servo. Sheet {used.width:.0f} x "
         f"{used.height:.0f} mm, {thickness_mm:g} mm thick.\nWritten: {len(files)} files in {folder}"
     )
-
-
-def _import_plots() -> Any:
-    from palpate.plots import pattern
-
-    return pattern
-
-
-def _preview(draw: Callable[[Path], None], path: Path, files: list[Path]) -> None:
-    """Draw a picture, and list it; the cut files were asked for, so it may be missing."""
-    try:
-        draw(path)
-    except MissingExtraError as error:
-        say(f"palpate pattern: no preview: {error}")
-    else:
-        files.append(path)
 
 
 def _corner_mm(design: SensorDesign, *, shape: Shape, corner_mm: float) -> float:
@@ -251,7 +240,6 @@ def _write_files(drawn: Pattern, folder: Path, *, dxf: bool) -> list[Path]:
     files.append(folder / f"{stem}.svg")
     with atomic_path(files[-1]) as partial:
         partial.write_text(draw_combined_svg(drawn), encoding="utf-8")
-    _preview(lambda path: _import_plots().draw_pattern(drawn, path), folder / f"{stem}.png", files)
     return files
 
 

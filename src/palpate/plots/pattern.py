@@ -1,4 +1,4 @@
-"""A preview of a cut pattern: the finished sensor, and each sheet as the cutter sees it."""
+"""A drawing of the cut gripper, open and closed."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.fabrication.drawing import LOOKS
 from palpate.fabrication.gripper import CLOSED, OPEN, Part, draw_pinion, draw_rack, turn
-from palpate.fabrication.pattern import Pattern
 from palpate.fabrication.shapes import Outline, Vertex, arc_radius
 from palpate.plots.style import GREY, INK, ORANGE, new_figure, save_figure
 
@@ -19,46 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _STEPS_PER_ARC = 16
-
-
-def draw_pattern(pattern: Pattern, path: Path) -> None:
-    """Draw the preview into a file.
-
-    Raises
-    ------
-    MissingExtraError
-        If matplotlib is not installed.
-    """
-    layers = pattern.layers()
-    # The large drawing takes as much room as a 2 x 3 block of the small ones.
-    tall = pattern.height / pattern.width
-    with new_figure(rows=1, columns=1, width_in=9.0, height_in=max(3.6, 4.2 * tall)) as (figure, _):
-        figure.clear()
-        axes: Any = figure.subplot_mosaic(
-            [["all", "0", "1", "2"], ["all", "3", "4", "."]],
-            width_ratios=[2.1, 1, 1, 1],
-        )
-        _sheet(axes["all"], pattern, title="finished, seen from the cover")
-        axes["all"].set_axis_on()
-        for layer in layers:
-            fill, opacity, line = LOOKS[layer.name]
-            _fill(axes["all"], layer.parts, fill=fill, opacity=opacity, line=line)
-        _names(axes["all"], pattern)
-        for number, layer in enumerate(layers):
-            side = "mirrored" if layer.mirrored else "not mirrored"
-            panel = axes[str(number)]
-            _sheet(panel, pattern, title=f"{layer.name}\n{side}")
-            parts = layer.parts
-            if layer.mirrored:
-                parts = tuple(part.mirror(pattern.width) for part in parts)
-            fill, _, line = LOOKS[layer.name]
-            _fill(panel, parts, fill=fill, opacity=0.9, line=line)
-        figure.suptitle(
-            f"{pattern.design.name}: {pattern.design.rows} x {pattern.design.cols} pixels, "
-            f"sheet {pattern.width:.1f} x {pattern.height:.1f} mm",
-            color=INK,
-        )
-        save_figure(figure, path)
 
 
 def draw_gripper(parts: Sequence[Part], path: Path) -> None:
@@ -104,37 +62,11 @@ def draw_gripper(parts: Sequence[Part], path: Path) -> None:
         save_figure(figure, path)
 
 
-def _sheet(axes: Axes, pattern: Pattern, *, title: str) -> None:
-    axes.set_title(title)
-    axes.set_aspect("equal")
-    axes.set_xlim(0, pattern.width)
-    axes.set_ylim(pattern.height, 0)
-    axes.grid(visible=False)
-    axes.set_axis_off()
-    axes.set_xlabel("mm")
-    axes.plot(
-        [0, pattern.width, pattern.width, 0, 0],
-        [0, 0, pattern.height, pattern.height, 0],
-        color=GREY,
-        linewidth=0.5,
-        clip_on=False,
-    )
-    for outline in pattern.mark_outlines:
-        axes.plot(*points_of(outline).T, color=ORANGE, linewidth=0.8)
-
-
 def _fill(axes: Axes, parts: tuple[Outline, ...], *, fill: str, opacity: float, line: str) -> None:
     for part in parts:
         xy = points_of(part)
         axes.fill(xy[:, 0], xy[:, 1], facecolor=fill, alpha=opacity, linewidth=0)
         axes.plot(xy[:, 0], xy[:, 1], color=line, linewidth=0.6)
-
-
-def _names(axes: Axes, pattern: Pattern) -> None:
-    for letter, nets in (("R", pattern.rows), ("C", pattern.cols)):
-        for i, net in enumerate(nets):
-            x, y = net.points[-1]
-            axes.text(x, y + 0.4, f"{letter}{i}", ha="center", va="top", fontsize=6, color=INK)
 
 
 def points_of(outline: Outline) -> Any:

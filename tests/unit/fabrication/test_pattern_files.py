@@ -193,7 +193,7 @@ def test_the_command_writes_every_file_and_says_so(
     assert palpate_pattern("--preset", "paper-3x2", "--out", str(out), "--dxf", "--json") == 0
     summary = json.loads(capsys.readouterr().out)
     assert sorted(summary["files"]) == sorted(str(p) for p in out.iterdir())
-    assert {p.suffix for p in out.iterdir()} == {".svg", ".dxf", ".png"}
+    assert {p.suffix for p in out.iterdir()} == {".svg", ".dxf"}
     assert [layer["mirrored"] for layer in summary["layers"]] == [True, False, False, True, False]
     pixels = summary["pixels"]
     assert len(pixels) == 6
