@@ -193,7 +193,10 @@ class ItemStore:
         drawn = {
             caption: panel_svg(partial(history_figure, page, name, label=unit), label=caption)
             for name, (caption, unit) in _COURSES.items()
-            if any(name in grasp.measurements for grasp in page.grasps)
+            if any(
+                name in grasp.measurements and grasp.measurements[name].value is not None
+                for grasp in page.grasps
+            )
         }
         drawn["How it ripens"] = self._read(lambda store: _ripening(store, page)) or ""
         return "".join(f"<h3>{caption}</h3>{svg}" for caption, svg in drawn.items() if svg)

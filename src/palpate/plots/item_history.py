@@ -40,7 +40,11 @@ def history_figure(
     zone : tzinfo, optional
         Time zone of the axis; this machine's by default.
     """
-    measured = [(g.taken_at, g.measurements[name]) for g in page.grasps if name in g.measurements]
+    measured = [
+        (grasp.taken_at, found)
+        for grasp in page.grasps
+        if (found := grasp.measurements.get(name)) is not None and found.value is not None
+    ]
     with page_figure() as (figure, (axis,)):
         times = [local(time, zone) for time, _ in measured]
         value, low, high = (
