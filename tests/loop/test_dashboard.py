@@ -674,10 +674,10 @@ def test_beyond_the_loopback_it_wants_a_token_and_says_when_it_is_gone(
         assert answer is not None
         assert answer.status == 401
         page.get_by_label("Token").fill("wrong-horse")
-        page.get_by_role("button", name="Enter").click()
+        page.get_by_role("button", name="Enter", exact=True).click()
         expect(page.locator("body")).to_contain_text("That is not the token.")
         page.get_by_label("Token").fill("correct-horse")
-        page.get_by_role("button", name="Enter").click()
+        page.get_by_role("button", name="Enter", exact=True).click()
         expect(page.locator("#link")).to_be_visible()
     expect(page.locator("#link")).to_have_attribute("data-state", "stale")
     expect(page.locator("#link-text")).to_contain_text("NO CONNECTION")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import hmac
-import html
 import secrets
 import time
 from collections import deque
@@ -18,6 +17,7 @@ from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Re
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.types import Message as ASGIMessage
 
+from palpate.dashboard.panel_html import panel_html
 from palpate.errors import InputError
 
 COOKIE = "palpate-token"
@@ -298,23 +298,5 @@ def _same(sent: str, token: str) -> bool:
     return hmac.compare_digest(sent.encode(errors="replace"), token.encode(errors="replace"))
 
 
-# To the address that was asked for.
-_FORM = """<form method="post"><label>Token
-<input name="token" type="password" autofocus autocomplete="off"></label><button>{enter}</button>
-</form>"""
-_PAGE = """<!doctype html><html lang="en-US"><meta charset="utf-8"><title>palpate</title>
-<meta name="viewport" content="width=device-width, initial-scale=1"><style>
-:root {{ color-scheme: light dark }}
-body {{ font: 17px/1.5 system-ui, sans-serif; display: grid; place-content: center; gap: 16px;
-  min-height: 90vh; margin: 0 24px }}
-h1 {{ font-size: 22px; margin: 0 }} p {{ margin: 0 }}
-form {{ display: flex; gap: 12px; align-items: end; flex-wrap: wrap }}
-label {{ display: grid; gap: 4px }}
-input, button {{ font: inherit; padding: 10px 14px; border-radius: 8px; border: 1px solid #8a94a6 }}
-</style><h1>palpate</h1><p>{text}</p>{form}</html>"""
-
-
 def _page(status: int, text: str, *, form: bool = False) -> Response:
-    asked = _FORM if form else ""
-    page = _PAGE.format(text=html.escape(text), form=asked)
-    return HTMLResponse(page, status_code=status)
+    return HTMLResponse(panel_html("token_page", text=text, form=form), status_code=status)

@@ -142,7 +142,7 @@ def _act(api: FastAPI, station: Station) -> None:
         """Begin a grasp; the object is held until it is released, for a minute at most."""
         try:
             with _check_allowed():
-                return GraspBegun(recording=station.grasp(DRIVER, **wanted.model_dump()))
+                return GraspBegun(recording=await station.grasp(DRIVER, **wanted.model_dump()))
         except InputError as error:
             raise HTTPException(422, str(error)) from error
 
@@ -150,18 +150,18 @@ def _act(api: FastAPI, station: Station) -> None:
     async def release() -> Released:
         """Give the object back, or open the hand; later states show when it is open."""
         with _check_allowed():
-            station.release(DRIVER)
+            await station.release(DRIVER)
         return Released(accepted=True)
 
     @api.put("/driver", status_code=204)
     async def take_over() -> None:
         """Drive from now on, whoever did before."""
-        station.take_over(DRIVER)
+        await station.take_over(DRIVER)
 
     @api.delete("/driver", status_code=204)
     async def leave() -> None:
         """Let somebody else drive."""
-        station.leave(DRIVER)
+        await station.leave(DRIVER)
 
     @api.post("/stop", responses={504: {"model": Stopped}})
     async def stop() -> JSONResponse:

@@ -79,13 +79,13 @@ class AppState:
         self.recordings = RecordingList(settings.folder)
         #: The last grasp, as `palpate grasp --json` prints it; None before the first.
         self.result: dict[str, object] | None = None
-        #: Where others can open the pages; None where only this machine can.
         #: Called with each such document.
         self.on_result: list[Callable[[dict[str, object]], None]] = []
         self.session = Session(
             send=self._send, on_grasped=self._keep, silent_s=lambda: self.silent_s
         )
-        self._loop: asyncio.AbstractEventLoop | None = None
+        #: The loop that all but `stop` belongs to; None until it is open.
+        self.loop: asyncio.AbstractEventLoop | None = None
         self._process: DeviceClient | None = None
         self._heard_s: float | None = None
         #: Number of the newest stop that the devices' process confirmed.
@@ -100,7 +100,7 @@ class AppState:
 
     async def open(self) -> None:
         """Start the devices' process, wait until it can receive a stop, and open the first rig."""
-        self._loop = asyncio.get_running_loop()
+        self.loop = asyncio.get_running_loop()
         settings = self.settings
         self._process = DeviceClient(self.take, benches=settings.benches)
         first = OpenRig(
@@ -362,7 +362,7 @@ class AppState:
         self._lost = isinstance(update, DevicesLost)
         for wake in tuple(self._waiting):
             wake()
-        loop = self._loop
+        loop = self.loop
         if loop is not None and not loop.is_closed():
             loop.call_soon_threadsafe(self._take, update)
 

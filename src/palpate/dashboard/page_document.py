@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 from palpate.dashboard.grasp_progress import GraspProgress
@@ -155,20 +155,9 @@ def _touching(moments: Sequence[Moment]) -> list[int]:
 def _link(session: Session) -> dict[str, Any]:
     link, hung_s = session.devices.live.link, session.hung_s
     hung = hung_s is not None
-    rate_hz, age_s, p99_s, worst_s = finite(
-        [link.rate_hz, link.age_s + (hung_s or 0.0), link.period_p99_s, link.period_worst_s]
-    )
+    counted = asdict(replace(link, age_s=link.age_s + (hung_s or 0.0)))
     waiting = session.devices.activity in (Activity.OPENING, Activity.IDLE, Activity.REPLAYING)
-    return {
-        "frames": link.frames,
-        "lost": link.lost,
-        "corrupt": link.corrupt,
-        "late": link.late,
-        "undrawn": link.undrawn,
-        "rate_hz": rate_hz,
-        "age_s": age_s,
-        "period_p99_s": p99_s,
-        "period_worst_s": worst_s,
+    return dict(zip(counted, finite(list(counted.values())), strict=True)) | {
         "hung_s": hung_s,
         "stale": hung or (link.stale and not waiting),
         "waiting": waiting and not hung,

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import html
-from collections import Counter
-from collections.abc import Callable
-from datetime import datetime
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
+from markupsafe import Markup
 from nicegui import run, ui
 
 from palpate.dashboard.app_state import AppState
 from palpate.dashboard.history import LISTED, Entry, History
-from palpate.dashboard.panel_recordings import recording_address
-from palpate.dashboard.viewer import Viewer, count_of, day_text, heading
+from palpate.dashboard.panel_html import day_text, panel_html
+from palpate.dashboard.viewer import Viewer, heading
 from palpate.errors import PalpateError
-from palpate.grasp.result import Outcome
 
 if TYPE_CHECKING:
     from palpate.produce.store.item_history import ItemHistory
@@ -108,27 +106,10 @@ def item_label(page: ItemHistory) -> str:
 
 def item_html(page: ItemHistory, *, figures: str = "") -> str:
     """Return an item's page: what it is, figures of its measurements, and its verdicts."""
-    item, grasps = page.item, page.grasps
-    what = ", ".join(part for part in (item.kind, item.batch, item.label) if part)
-    verdicts = "".join(
-        f"<tr><td class='num'>{day_text(one.given_at)}</td>"
-        f"<td>{html.escape(one.about)}</td>"
-        f"<td><b>{html.escape(one.text)}</b> {html.escape(one.explanation)}</td></tr>"
-        for one in reversed(page.verdicts)
-    )
-    badge = "<span class='badge-sim'>SIMULATED</span>" if page.simulated else ""
-    away = f"<p class='note'>{html.escape(page.away)}</p>" if page.away else ""
-    return (
-        away + f"<p class='result'>{html.escape(item.item_id)} {badge}</p>"
-        f"<p>{html.escape(what)}{', ' if what else ''}"
-        f"{count_of(len(grasps), 'grasp')}</p>"
-        + figures
-        + (f"<h3>Verdicts</h3><table class='plain'>{verdicts}</table>" if verdicts else "")
-    )
+    return panel_html("item", page=page, figures=Markup(figures))
 
 
 _CURVE_WIDTH, _CURVE_HEIGHT = 96, 30
-_WORDS = {outcome: str(outcome).replace("_", " ") for outcome in Outcome}
 
 
 def run_panel(app_state: AppState, viewer: Viewer) -> None:
@@ -159,66 +140,21 @@ def run_panel(app_state: AppState, viewer: Viewer) -> None:
 
 def counts_html(history: History, *, rules: bool) -> str:
     """Return how the grasps of this run ended, and where they went."""
-    since = history.since.astimezone().strftime("%H:%M")
-    ended = _counts({_WORDS[Outcome(name)]: n for name, n in history.outcomes.items()})
-    total = history.outcomes.total()
-    many = f"<b>{total}</b> grasp{'' if total == 1 else 's'} since {since}"
-    total_line = f"<p class='num'>{many}{ended}</p>"
-    if not rules:
-        return total_line
-    bins = "".join(
-        f"<tr><td>{html.escape(name)}</td><td class='r num'>{n}</td></tr>"
-        for name, n in history.bins.most_common()
-    )
-    if not bins:
-        return f"{total_line}<p>No named item was sorted yet.</p>"
-    head = "<tr><th>bin</th><th class='r'>grasps</th></tr>"
-    return f"{total_line}<table class='plain' id='run-bins'>{head}{bins}</table>"
-
-
-def _counts(counted: dict[str, int]) -> str:
-    parts = [f"{n} {name}" for name, n in Counter(counted).most_common()]
-    return f": {', '.join(parts)}" if parts else ""
+    return panel_html("counts", history=history, rules=rules)
 
 
 def entry_html(entry: Entry) -> str:
     """Return one line of the list."""
-    when = day_text(datetime.fromisoformat(entry.ended_at).astimezone())
-    item, name = html.escape(entry.item_id), quote(entry.item_id, safe="")
-    link = f"<a href='/items/{name}' data-item='{item}'>{item}</a>"
-    called = link if item else "no name"
-    found_to_be = "the object was damaged" if entry.damaged else (entry.firmness or "")
-    ended = _WORDS[Outcome(entry.outcome)], found_to_be
-    words = html.escape(": ".join(filter(None, ended)))
-    found = f"<b>{html.escape(entry.bin)}</b>" if entry.bin else ""
-    found += " for now" if entry.again else ""
-    badge = "<span class='badge-sim'>SIMULATED</span>" if entry.simulated else ""
-    file = html.escape(entry.recording)
-    address = recording_address(entry.recording)
-    replay = f" · <a href='{address}' data-recording='{file}'>recording</a>" if file else ""
-    return (
-        f"<div class='ran' data-kind='{entry.kind}' title='{html.escape(entry.why or '')}'>"
-        f"<div class='what'><div>{called} {badge}</div><div>{words}</div>"
-        f"<div class='muted num'>{when}{replay}</div></div><div class='where'>{found}"
-        f"{sparkline(entry)}</div></div>"
-    )
+    return panel_html("entry", entry=entry, points=_points(entry.curve))
 
 
-def sparkline(entry: Entry) -> str:
-    """Return a small curve of the grasp; nothing where it was too short to draw."""
-    values = entry.curve
+def _points(values: Sequence[float]) -> str:
+    """Return a small curve as the points of a line; empty where the grasp was too short."""
     if not values:
         return ""
     low, span = min(values), (max(values) - min(values)) or 1.0
-    points = " ".join(
+    return " ".join(
         f"{2 + i * (_CURVE_WIDTH - 4) / (len(values) - 1):.1f},"
         f"{2 + (1 - (value - low) / span) * (_CURVE_HEIGHT - 4):.1f}"
         for i, value in enumerate(values)
-    )
-    label = f"Course of the grasp, {min(values):g} to {max(values):g}"
-    return (
-        f"<svg viewBox='0 0 {_CURVE_WIDTH} {_CURVE_HEIGHT}' width='{_CURVE_WIDTH}' "
-        f"height='{_CURVE_HEIGHT}' role='img' "
-        f"aria-label='{label}'><polyline points='{points}' fill='none' stroke='var(--curve)' "
-        "stroke-width='1.5'/></svg>"
     )

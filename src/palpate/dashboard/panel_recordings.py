@@ -17,7 +17,8 @@ from palpate.dashboard.folder import is_simulated, recording_named
 from palpate.dashboard.history import Summary
 from palpate.dashboard.orders import Action, Play
 from palpate.dashboard.panel_grasp import SPEEDS
-from palpate.dashboard.viewer import Viewer, day_text, heading, paragraph
+from palpate.dashboard.panel_html import day_text
+from palpate.dashboard.viewer import Viewer, heading, paragraph
 from palpate.errors import InputError
 
 
@@ -66,11 +67,6 @@ def recordings_panel(
     if name is not None:
         open_recording(name)
     return open_recording
-
-
-def recording_address(name: str) -> str:
-    """Return the address of a recording by its file's name."""
-    return f"/recordings/{quote(name, safe='')}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +164,7 @@ class _Care:
         return button
 
     def _address(self, *, is_open: bool) -> None:
-        path = recording_address(self._file.name) if is_open else "/recordings"
+        path = f"/recordings/{quote(self._file.name)}" if is_open else "/recordings"
         ui.navigate.history.replace(path)
 
     def _ask(self, question: str) -> None:

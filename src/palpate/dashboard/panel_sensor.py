@@ -3,36 +3,24 @@
 from __future__ import annotations
 
 import html
-import math
-import re
-from datetime import datetime
 from functools import partial
 
-import numpy as np
+from markupsafe import Markup
 from nicegui import run, ui
 
-from palpate.arrays import FloatArray
 from palpate.dashboard.app_state import AppState, age_text
 from palpate.dashboard.device_state import CalibrationFailure
 from palpate.dashboard.messages import Calibrated
 from palpate.dashboard.orders import Action, CalibrateForce, CalibrateRest, Examine
 from palpate.dashboard.panel_figure import panel_svg
-from palpate.dashboard.viewer import (
-    Viewer,
-    count_of,
-    day_text,
-    heading,
-    number_text,
-    paragraph,
-)
+from palpate.dashboard.panel_html import panel_html
+from palpate.dashboard.viewer import Viewer, heading, paragraph
 from palpate.errors import InputError, PalpateError
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.dead_weights import check_loads
-from palpate.sensor.findings import Severity, pixel_name
+from palpate.sensor.findings import Severity
 from palpate.sensor.health import Health
 
-#: Columns of a heat map that have room for numbers.
-_MOST_NUMBERS = 8
 _LOADS = "0.5 1 2 4 8 4 2 1"
 
 
@@ -124,45 +112,11 @@ def _result(app_state: AppState, viewer: Viewer) -> None:
         shown[0] = ended
         match ended:
             case Calibrated():
-                box.set_content(_table(ended))
+                box.set_content(panel_html("calibrated", made=ended))
             case CalibrationFailure():
-                box.set_content(_failure(ended))
+                box.set_content(panel_html("failure", failure=ended))
 
     viewer.on_refresh(show)
-
-
-def _failure(failure: CalibrationFailure) -> str:
-    kind, title = "bad", "Calibration failed"
-    if failure.stopped:
-        kind, title = "warn", "Calibration stopped"
-    step = html.escape(f"At this step: {failure.step}") if failure.step else ""
-    reason = html.escape(failure.reason)
-    kept = "Nothing was written: the previous calibration stays in use, if there is one."
-    return (
-        f"<p class='result {kind}'>{title}</p>"
-        + ("" if failure.stopped else f"<p class='finding fault'>{reason}</p>")
-        + (f"<p>{step}</p>" if step else "")
-        + f"<p>{kept}</p>"
-    )
-
-
-def _table(made: Calibrated) -> str:
-    errors = "".join(
-        f"<tr><td>{force.removesuffix('_n')} N</td><td class='r num'>"
-        f"{'not reached' if error is None else f'{error:.0f} %'}</td></tr>"
-        for force, error in made.held_out.items()
-    )
-    force = (
-        f"<p>Expected error of the settled force, loads left out of the fit:</p>"
-        f"<table class='plain'>{errors}</table>"
-    )
-    return (
-        f"<p class='result good'>Calibrated</p>"
-        f"<p class='muted'>{html.escape(made.file.name)} was updated.</p>"
-        + (force if errors else "")
-        + heat_map("At rest, ohm", made.rest_ohm, spec=".0f")
-        + heat_map("Change from the values before, %", made.change_percent, spec="+z.1f")
-    )
 
 
 def _force_in_use(app_state: AppState) -> None:
@@ -192,43 +146,13 @@ def _force_html(text: str) -> str:
         return "<p>No force calibration is in use: forces are not shown in newtons.</p>"
     from palpate.plots.force_calibration import force_calibration_figure
 
-    when = "at an unknown time"
-    if made.made_at:
-        day = day_text(datetime.fromisoformat(made.made_at).astimezone())
-        when = f"{day}, {age_text(made.made_at)}"
+    age = age_text(made.made_at) if made.made_at else ""
     figure = panel_svg(
         partial(force_calibration_figure, made),
         label="Force calibration in use, and its errors",
         height_in=3.6,
     )
-    return f"<h3>Force calibration in use</h3><p>Made {when}.</p>{figure}"
-
-
-def heat_map(title: str, values: FloatArray, *, spec: str) -> str:
-    """Return one number of each pixel as a table in the order of the pixels, darker for more.
-
-    The shade is the share of the largest absolute value; pixels without a value are open.
-    """
-    size = np.abs(np.where(np.isfinite(values), values, 0.0))
-    shares = size / (size.max() or 1.0)
-    # More columns than this leave no room for numbers: a touch shows them.
-    many = values.shape[1] > _MOST_NUMBERS
-
-    def cell(row: int, col: int) -> str:
-        value = values[row, col]
-        text = number_text(value, spec) if math.isfinite(value) else "open"
-        kind = "" if math.isfinite(value) else " class='open'"
-        return (
-            f"<td{kind} style='--share:{100 * shares[row, col]:.0f}%' "
-            f"title='{pixel_name(row, col)}: {text}'>{'' if many else text}</td>"
-        )
-
-    rows = "".join(
-        f"<tr><th>R{row}</th>{''.join(cell(row, col) for col in range(values.shape[1]))}</tr>"
-        for row in range(values.shape[0])
-    )
-    columns = "".join(f"<th>{'' if many else f'C{col}'}</th>" for col in range(values.shape[1]))
-    return f"<h3>{title}</h3><table class='heat num'><tr><td></td>{columns}</tr>{rows}</table>"
+    return panel_html("force_in_use", made=made, age=age, figure=Markup(figure))
 
 
 def doctor_panel(app_state: AppState, viewer: Viewer) -> None:
@@ -259,32 +183,4 @@ def doctor_panel(app_state: AppState, viewer: Viewer) -> None:
 def report(health: Health) -> str:
     """Return what was found as HTML."""
     faults = sum(found.severity is Severity.FAULT for found in health.findings)
-    result = "Healthy" if health.healthy else count_of(faults, "fault")
-    findings = "".join(
-        f"<p class='finding {'fault' if found.severity is Severity.FAULT else ''}'>"
-        f"<b>{html.escape(found.where)}</b>: {_sentence(found.text)} "
-        f"{_sentence(found.check[:1].upper() + found.check[1:])}</p>"
-        for found in health.findings
-    )
-    link = health.link
-    counts = (
-        f"{link.frames} frames in {link.duration_s:.1f} s, {link.rate_hz:.1f} Hz, "
-        f"{link.lost} lost, {link.events.corrupt} corrupt, jitter "
-        f"{link.jitter_percent:.1f} %"
-    )
-    maps = (
-        ("At rest, ohm", health.pixels.rest_ohm, ".0f"),
-        ("Noise, %", health.pixels.noise_percent, ".2f"),
-        ("Drift, %", health.pixels.drift_percent, "z.2f"),
-    )
-    return (
-        f"<p class='result {'good' if health.healthy else 'bad'}'>{result}</p>{findings}"
-        f"<p class='muted num'>{counts}</p>"
-        + "".join(heat_map(title, values, spec=spec) for title, values, spec in maps)
-    )
-
-
-def _sentence(found: str) -> str:
-    """Return words of a finding, which are written for a terminal, as HTML."""
-    signed = re.sub(r"(?<!\w)-(?=\d)", "\N{MINUS SIGN}", html.escape(found))
-    return re.sub("`([^`]+)`", r"<code>\1</code>", signed) + "."
+    return panel_html("health", health=health, faults=faults)

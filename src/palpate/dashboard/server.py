@@ -17,7 +17,7 @@ from palpate.dashboard.app_state import AppState, Settings
 from palpate.dashboard.folder import recording_named
 from palpate.dashboard.loop_thread import LoopThread
 from palpate.dashboard.page_document import document
-from palpate.dashboard.station import DocumentSink, RemoteStation, Station, publish
+from palpate.dashboard.station import DocumentSink, Station, publish
 from palpate.errors import DeviceError, InputError, needing
 from palpate.line.machine import Line
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from fastapi import FastAPI
 
 #: Opens one protocol on a station.
-LineOpener: TypeAlias = Callable[[RemoteStation], Awaitable[Line]]
+LineOpener: TypeAlias = Callable[[Station], Awaitable[Line]]
 
 _STATIC = Path(__file__).parent / "static"
 #: Controllers of a line see a change after this time at most, seconds.
@@ -216,8 +216,8 @@ def _serve_lines(
                 await line.refresh()
             await asyncio.sleep(_LINE_S)
 
-    async def start(machine: RemoteStation) -> None:
-        open_lines.extend([await opener(machine) for opener in lines])
+    async def start() -> None:
+        open_lines.extend([await opener(station) for opener in lines])
         running.append(asyncio.create_task(refresh()))
 
     async def end() -> None:
@@ -227,8 +227,7 @@ def _serve_lines(
             await line.close()
 
     async def start_there() -> None:
-        machine = RemoteStation(station, loop=asyncio.get_running_loop())
-        await thread.run(start(machine))
+        await thread.run(start())
 
     async def end_there() -> None:
         await thread.run(end())

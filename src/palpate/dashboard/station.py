@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from contextlib import suppress
-from functools import partial
-from typing import Any, Protocol, TypeVar
+from functools import wraps
+from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
 from palpate.dashboard.app_state import AppState
 from palpate.dashboard.loop_thread import run_on
@@ -15,15 +15,36 @@ from palpate.errors import InputError
 from palpate.line.machine import CommandRefusedError
 
 _Answer = TypeVar("_Answer")
+_Asked = ParamSpec("_Asked")
 #: A stop that is not confirmed by then is answered so, seconds.
 STOP_PATIENCE_S = 2.0
 
 
+def _on_its_loop(
+    command: Callable[Concatenate[Station, _Asked], _Answer],
+) -> Callable[Concatenate[Station, _Asked], Coroutine[Any, Any, _Answer]]:
+    """Have a command carried out on the loop of the session, whichever loop asks for it."""
+
+    @wraps(command)
+    async def carry_out(
+        station: Station, /, *args: _Asked.args, **kwargs: _Asked.kwargs
+    ) -> _Answer:
+        async def work() -> _Answer:
+            return command(station, *args, **kwargs)
+
+        loop = station.app_state.loop
+        if loop is None:
+            raise CommandRefusedError("the devices have not been opened yet")
+        return await run_on(loop, work())
+
+    return carry_out
+
+
 class Station:
-    """The commands of one server, on its event loop; `state`, `result` and `stop` on any."""
+    """The commands of one server, from any event loop; see `palpate.line.machine.Machine`."""
 
     def __init__(self, app_state: AppState) -> None:
-        self._app_state, self._session = app_state, app_state.session
+        self.app_state, self._session = app_state, app_state.session
         self._results = 0
         app_state.on_result.append(self._count)
 
@@ -33,8 +54,9 @@ class Station:
 
     def result(self) -> tuple[int, Mapping[str, Any] | None]:
         """Return how many grasps have ended, and the document of the last."""
-        return self._results, self._app_state.result
+        return self._results, self.app_state.result
 
+    @_on_its_loop
     def grasp(
         self,
         driver: str,
@@ -48,7 +70,7 @@ class Station:
 
         Raises `CommandRefusedError` where it can't begin now, `InputError` for a bad value.
         """
-        order = self._app_state.grasp_order(
+        order = self.app_state.grasp_order(
             target_force_n=target_force_n, item_id=item_id, kind=kind
         )
         with self._session.stop_lock:
@@ -63,6 +85,7 @@ class Station:
                 raise CommandRefusedError(str(error)) from error
         return order.recording.name
 
+    @_on_its_loop
     def release(self, driver: str) -> None:
         """Release the object, or open the hand.
 
@@ -74,64 +97,22 @@ class Station:
         except InputError as error:
             raise CommandRefusedError(str(error)) from error
 
+    @_on_its_loop
     def take_over(self, driver: str) -> None:
         """Drive from now on."""
         self._session.take_over(driver)
 
+    @_on_its_loop
     def leave(self, driver: str) -> None:
         """Let another client drive."""
         self._session.leave(driver)
 
     async def stop(self) -> bool:
         """Stop, whoever drives; return whether the devices confirmed it in time."""
-        return await self._app_state.stop(patience_s=STOP_PATIENCE_S)
+        return await self.app_state.stop(patience_s=STOP_PATIENCE_S)
 
     def _count(self, document: Mapping[str, object]) -> None:
         self._results += 1
-
-
-class RemoteStation:
-    """A station for the loop of another thread; see `palpate.line.machine.Machine`.
-
-    `loop`: that of the station, which its commands run on.
-    """
-
-    def __init__(self, station: Station, *, loop: asyncio.AbstractEventLoop) -> None:
-        self._station, self._loop = station, loop
-
-    def state(self) -> Mapping[str, Any]:
-        """Return the state document."""
-        return self._station.state()
-
-    def result(self) -> tuple[int, Mapping[str, Any] | None]:
-        """Return how many grasps have ended, and the document of the last."""
-        return self._station.result()
-
-    async def grasp(self, driver: str, **order: Any) -> str:
-        """Begin a grasp; return the name of its recording."""
-        return await self._carry_out(partial(self._station.grasp, driver, **order))
-
-    async def release(self, driver: str) -> None:
-        """Release the object, or open the hand."""
-        await self._carry_out(partial(self._station.release, driver))
-
-    async def take_over(self, driver: str) -> None:
-        """Drive from now on."""
-        await self._carry_out(partial(self._station.take_over, driver))
-
-    async def leave(self, driver: str) -> None:
-        """Let another client drive."""
-        await self._carry_out(partial(self._station.leave, driver))
-
-    async def stop(self) -> bool:
-        """Stop; return whether the devices confirmed it in time."""
-        return await self._station.stop()
-
-    async def _carry_out(self, command: Callable[[], _Answer]) -> _Answer:
-        async def work() -> _Answer:
-            return command()
-
-        return await run_on(self._loop, work())
 
 
 #: What changes faster than this is not published.

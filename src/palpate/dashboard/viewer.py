@@ -7,7 +7,6 @@ import math
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from datetime import datetime
 
 from nicegui import ui
 from nicegui.elements.mixins.disableable_element import DisableableElement
@@ -167,18 +166,3 @@ def heading(text: str) -> ui.html:
 def paragraph(text: str) -> ui.html:
     """Add a paragraph."""
     return ui.html(f"<p>{html.escape(text)}</p>", sanitize=False)
-
-
-def number_text(value: float, spec: str) -> str:
-    """Return a number as `format` writes it, with a minus sign in place of a hyphen."""
-    return format(float(value), spec).replace("-", "\N{MINUS SIGN}")
-
-
-def day_text(moment: datetime) -> str:
-    """Return day and time of a moment."""
-    return moment.strftime("%d %b %H:%M")
-
-
-def count_of(number: int, noun: str) -> str:
-    """Return a number with its noun, such as ``2 faults``."""
-    return f"{number} {noun}{'' if number == 1 else 's'}"

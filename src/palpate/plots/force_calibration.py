@@ -48,7 +48,6 @@ def force_calibration_figure(calibration: Calibration) -> Figure:
             panel.fill_betweenx(reading, *ends, color=ORANGE, alpha=0.2, label="90 % interval")
         log_axis(panel.yaxis)
         below.sharex(panel)
-        panel.tick_params(labelbottom=False)
         panel.set_ylabel("excess conductance")
         simulated = " (simulated)" if calibration.origin == "simulated" else ""
         panel.set_title(f"Force calibration of {calibration.sensor_id}{simulated}")
@@ -57,6 +56,7 @@ def force_calibration_figure(calibration: Calibration) -> Figure:
         below.axhline(0.0, color=INK, lw=0.8)
         below.plot(at_n, error_percent, "o", ms=3, color=BLUE)
         log_axis(below.xaxis)
+        panel.tick_params(which="both", labelbottom=False)
         below.set(xlabel="force (N)", ylabel=f"error of a {what}\nleft out of the fit (%)")
         return figure
 

@@ -11,7 +11,7 @@ import pytest
 from palpate.dashboard.item_store import ItemStore
 from palpate.dashboard.messages import FrameSource
 from palpate.dashboard.panel_history import item_html, item_label
-from palpate.dashboard.viewer import day_text
+from palpate.dashboard.panel_html import day_text
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.produce.records import About, Grasp, Item, Source, Verdict

@@ -29,8 +29,8 @@ export function drawKept(doc) {
   const button = $("keep");
   if (!button) return;
   button.ariaPressed = kept !== null;
-  const words = kept ? "Stop comparing" : "Keep to compare";
-  if (button.textContent !== words) button.textContent = words;
+  const [act, what] = kept ? ["Stop", " comparing"] : ["Keep", " to compare"];
+  if (button.ariaLabel !== act + what) Object.assign(button, { ariaLabel: act + what, innerHTML: `${act}<span>${what}</span>` });
   // Without a contact no kept curve is drawn.
   const grasp = doc.replay ? doc.replay.grasp : doc.grasp, drawn = kept !== null && typeof grasp?.touched_s === "number";
   for (const key of document.querySelectorAll(".kept-key")) {

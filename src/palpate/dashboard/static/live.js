@@ -1,12 +1,12 @@
 // The whole page: the pads, the curves, the verdict and what was measured.
-import { $, follow, handState, isAlone, number, say, seen, whys } from "/static/poll.js";
+import { $, follow, handState, isAlone, joined, number, say, seen, whys } from "/static/poll.js";
 import { fixed, range, t } from "/static/words.js";
 import { begin as beginChart, drawChart, momentOf } from "/static/chart.js";
 import { begin as beginHand, drawFingers } from "/static/pads.js";
 import { begin as beginKept, drawKept } from "/static/compare.js";
 import { begin as beginTimeline, drawTimeline } from "/static/timeline.js";
 
-const UNITS = { size_mm: ["Size", "mm", 1], force_n: ["Grip force", "N", 2], stiffness_n_per_mm: ["Stiffness", "N/mm", 2], settled_percent: ["Settled at 20 s", "%", 1] };
+const UNITS = { size_mm: ["Size", "mm", 1], force_n: ["Grip force", "N", 2], stiffness_n_per_mm: ["Stiffness", "N/mm", 2], settled_percent: ["Settled at 20\u00a0s", "%", 1] };
 const STATUS = { too_short: "from {s} s of data", not_settling: "not settling", saturated: "outside range", fell_back: "fell back" };
 
 // -- words and numbers -----------------------------------------------------------------------------
@@ -87,7 +87,7 @@ function drawVerdict(doc) {
   if (doc.grasp && said.kind === "busy" && now && now.value >= 0.05) parts.push(t("about {force} N", { force: fixed(now.value, 1) }));
   card.dataset.bin = Boolean(said.bin);
   say($("verdict-text"), said.text);
-  say($("verdict-firm"), said.firmness ?? "");
+  say($("verdict-firm"), joined(said.firmness ?? ""));
   say($("verdict-why"), parts.join("\u00a0· "));
 }
 

@@ -1,5 +1,5 @@
 // The operator's view: one verdict, what to do next, and the force, to be read from two metres.
-import { $, fit, follow, handState, headline, say, whys } from "/static/poll.js";
+import { $, fit, follow, handState, headline, joined, say, whys } from "/static/poll.js";
 import { begin as beginSound, sound } from "/static/sound.js";
 import { fixed, t } from "/static/words.js";
 
@@ -16,7 +16,7 @@ function draw(doc) {
   $("shape").setAttribute("href", `#shape-${verdict.kind}`);
   card.dataset.bin = Boolean(verdict.bin);
   headline(card, $("verdict-text"), operator.word);
-  say($("verdict-firm"), verdict.bin ? verdict.firmness : "");
+  say($("verdict-firm"), verdict.bin ? joined(verdict.firmness) : "");
   say($("verdict-why"), [beyond(operator.word, verdict.text), ...whys(doc)].filter(Boolean).join("\u00a0· "));
   say($("next-text"), operator.next);
   // A hand that was stopped still presses; without a hand the pads are pressed by whatever lies on them.

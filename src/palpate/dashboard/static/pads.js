@@ -1,5 +1,5 @@
 // The pads: each pixel at its place, between the fingers of a hand or side by side without one.
-import { $, esc, say, seen } from "/static/poll.js";
+import { $, say, seen } from "/static/poll.js";
 import { fixed, t, whole as wholeNumber } from "/static/words.js";
 import { color } from "/static/colors.js";
 
@@ -101,10 +101,9 @@ function object({ gap, scale, middle }, doc) {
   const known = size && size.value > 0, held = isHeld(doc);
   // Between fingers that touch it, it is as wide as their gap, whether that is drawn to scale or not.
   const across = held ? gap + 4 : known && scale > 0 ? size.value * scale : Math.min(gap * 0.62, 120);
-  const name = doc.source.subject ? doc.source.subject.replace(/-/g, " ") : "";
-  const words = [known ? `${fixed(size.value, 1)} mm` : held ? "held" : "", name].filter(Boolean), colour = doc.measured.damaged ? "var(--bad)" : "var(--accent)";
+  const word = known ? `${fixed(size.value, 1)} mm` : held ? "held" : "", colour = doc.measured.damaged ? "var(--bad)" : "var(--accent)";
   return `<ellipse cx="${middle}" cy="118" rx="${across / 2}" ry="${Math.min(across / 2, 86)}" fill="${colour}" fill-opacity="${known || held ? 0.22 : 0.08}" stroke="${colour}" stroke-width="2" ${known || held ? "" : 'stroke-dasharray="7 6"'}/>
-    ${words.map((text, i) => `<text class="thing${i ? " soft" : ""}" x="${middle}" y="${115 + 22 * i}" text-anchor="middle" font-size="${Math.min(i ? caption : 17, (1.7 * gap) / text.length)}" font-weight="${i ? 400 : 600}">${esc(text)}</text>`).join("")}`;
+    <text class="thing" x="${middle}" y="123" text-anchor="middle" font-size="${Math.min(17, (1.7 * gap) / word.length)}" font-weight="600">${word}</text>`;
 }
 
 const touching = (doc) => (doc.grasp && doc.pointed_s === undefined ? doc.grasp.fingers : doc.pixels.touching);
@@ -199,7 +198,7 @@ export function drawFingers(doc) {
   $("object").innerHTML = between ? object(between, doc) : "";
   const opening = $("opening");
   opening.setAttribute("x", between ? between.middle : 0);
-  opening.textContent = !between || hand.value === null ? "" : [between.scale ? t("{width} mm apart", { width: fixed(hand.value, 1) }) : `${fixed(hand.value, 1)} kPa`, ...(hand.moving ? ["moving"] : [])].join(", ");
+  opening.textContent = !between || hand.value === null ? "" : [...(doc.source.subject ? [doc.source.subject.replace(/-/g, " ")] : []), between.scale ? t("{width} mm apart", { width: fixed(hand.value, 1) }) : `${fixed(hand.value, 1)} kPa`, ...(hand.moving ? ["moving"] : [])].join(", ");
   namePads(svg, doc);
   drawCells(svg, doc);
   drawChosen(doc);

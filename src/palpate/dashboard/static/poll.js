@@ -44,8 +44,11 @@ const sinceFrame = (s) => (s < 1 ? t("{time} ms ago", { time: fixed(1000 * s, 0)
 // A hand that is open, or opens, presses nothing: it has no force to show.
 export const handState = (doc) => (doc.hand?.open ? "hand open" : doc.hand?.opening ? "hand opens" : "");
 
-// What the verdict rests on, in pieces; no line ends between a number and its unit.
-export const whys = (doc) => pieces(doc).map((part) => part.replace(/(\d) (?=(?:N|s)(?: |$))/g, "$1\u00a0"));
+// No line ends between a number and its unit.
+export const joined = (text) => text.replace(/(\d) (?=(?:N|N\/mm|mm|%|s)(?:[ ,;]|$))/g, "$1\u00a0");
+
+// What the verdict rests on, in pieces.
+export const whys = (doc) => pieces(doc).map(joined);
 
 function pieces(doc) {
   const said = doc.verdict, parts = [];
