@@ -84,8 +84,7 @@ class TouchDetection:
     level_s : 0.1 to 0.4 s, guess. Span of a movement's level.
     slowed_s : 0.2 to 0.4 s, twin. A faster movement is forgotten.
     sd : 4 to 8 sd, twin. Change that is a touch.
-    fraction : 0.004 to 0.02 1, twin. Least change, and unseen noise.
-    slow_fraction : 0.01 to 0.03 1, twin. Slow fall that is a touch.
+    fraction : 0.004 to 0.02 1, twin. Least change, and unseen noise; a slow fall is twice this.
     gears_fraction : 0.1 to 0.3 1, guess. Friction of the gears is mapped no better.
     frozen_frames : 3 to 8 frames, twin. Equal frames that are not new.
     frozen_s : 0.1 to 0.4 s, twin. And for this time.
@@ -98,7 +97,6 @@ class TouchDetection:
     slowed_s: float = 0.25
     sd: float = 6.0
     fraction: float = 0.008
-    slow_fraction: float = 0.016
     gears_fraction: float = 0.15
     frozen_frames: int = 4
     frozen_s: float = 0.2

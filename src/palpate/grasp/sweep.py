@@ -119,7 +119,7 @@ class Sweep:
         # A load that rises slowly also shifts its own recent past: the level of this movement, and
         # that at rest, which a movement only raises, are compared too.
         highest = 0.0 if self.level is None else np.maximum(self.level, 0.0)
-        if bool((latest < highest - max(TOUCH.sd * _noise(pixels), TOUCH.slow_fraction)).any()):
+        if bool((latest < highest - max(TOUCH.sd * _noise(pixels), 2 * TOUCH.fraction)).any()):
             return True
         many = int(np.count_nonzero(now))
         if np.count_nonzero(steady) // many >= _FEWEST:
