@@ -516,9 +516,7 @@ def test_a_named_item_has_its_history(driver: Page) -> None:
     page = driver.locator("#item-page")
     expect(page).to_contain_text("2 grasps")
     expect(page).to_contain_text("SIMULATED")
-    # Of its stiffness only a bound is known: a history is made of numbers.
     expect(page.get_by_role("img", name="Settled change over time")).to_be_visible()
-    expect(page.get_by_role("img", name="Stiffness over time")).to_have_count(0)
 
 
 def test_back_turns_to_the_tab_before_and_a_reload_leaves_one_viewer(driver: Page) -> None:

@@ -19,6 +19,7 @@ from palpate.produce.sorting.conditions import OneOf, Within
 from palpate.produce.sorting.rules import Rule, RuleBook
 from palpate.produce.store import Store
 from palpate.recording import RecordingInfo, RecordingWriter
+from palpate.settling.result import Status
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.world import World
 
@@ -95,6 +96,22 @@ def test_the_page_of_an_item_shows_every_grasp_and_says_simulated(
     assert "SIMULATED" in page
     assert "&lt;b&gt;berry&lt;/b&gt;" in page
     assert "<b>berry" not in page
+
+
+def test_item_without_a_stiffness_in_numbers_has_no_figure_of_it(
+    recording: Path, tmp_path: Path
+) -> None:
+    bound = Measurement(
+        value=None, low=1.2, high=80.0, unit="n_per_mm", status=Status.AT_LEAST, reason="soft hand"
+    )
+    settled = Measurement(value=-30.0, low=-32.0, high=-28.0, unit="percent")
+    result = replace(RESULT, stiffness_n_per_mm=bound, settled_percent=settled)
+    item_store = ItemStore(str(tmp_path / "items.sqlite"))
+    for _ in range(2):
+        item_store.keep(result, recording=recording, item_id="berry-7", closing={})
+    figures = item_store.figures(item_store.page("berry-7"))
+    assert 'aria-label="Settled change over time"' in figures
+    assert "Stiffness over time" not in figures
 
 
 def test_a_store_that_cannot_be_used_is_named(recording: Path, tmp_path: Path) -> None:
