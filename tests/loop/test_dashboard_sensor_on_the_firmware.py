@@ -141,7 +141,7 @@ def test_it_has_pixels_and_newtons_but_nothing_that_grasps(page: Page) -> None:
     boxes = [page.locator(one).bounding_box() for one in ("#measure-force_n", "#verdict")]
     assert len({box and (box["x"], box["width"]) for box in boxes}) == 1
     expect(page.get_by_label("Target force")).to_be_hidden()
-    expect(page.get_by_label("Rig")).to_be_visible()
+    expect(page.get_by_label("Rig", exact=True)).to_be_visible()
     expect(page.locator("#stop")).to_be_visible()
 
 
