@@ -21,6 +21,8 @@ from palpate.rig.simulated import calibrate_twin
 
 #: A machine that is busy starts a node slowly and discovers it late.
 PATIENCE_S = 90.0
+#: A server may be found before it has found the client itself, and then its answer is lost.
+FOUND_S = 1.0
 _ENTRY_POINTS = "[palpate.rigs]\nbench = bench_rigs:open_bench\nservo = bench_rigs:open_servo\n"
 
 
@@ -58,6 +60,12 @@ class Client:
             rclpy.spin_once(self.node, timeout_sec=0.05)
         return found
 
+    def find(self, is_ready: Callable[[], bool], name: str) -> None:
+        """Spin until a server is ready and has had time to find this client, too."""
+        self.until(is_ready, name)
+        found_s = time.monotonic()
+        self.until(lambda: time.monotonic() > found_s + FOUND_S, name)
+
     def wait(self, future: Any, what: str) -> Any:
         """Spin until a future is done, and return its result."""
         self.until(future.done, what)
@@ -66,13 +74,13 @@ class Client:
     def call(self, kind: Any, name: str) -> Any:
         """Call a service without arguments."""
         client = self.node.create_client(kind, name)
-        self.until(client.service_is_ready, name)
+        self.find(client.service_is_ready, name)
         return self.wait(client.call_async(kind.Request()), name)
 
     def goal(self, kind: Any, name: str, goal: Any, feedback: list[Any]) -> Any:
         """Send a goal; return its accepted handle."""
         client = ActionClient(self.node, kind, name)
-        self.until(client.server_is_ready, name)
+        self.find(client.server_is_ready, name)
         sent = client.send_goal_async(goal, feedback_callback=lambda m: feedback.append(m.feedback))
         handle = self.wait(sent, "goal response")
         assert handle.accepted

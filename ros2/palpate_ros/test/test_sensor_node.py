@@ -56,7 +56,7 @@ def test_lifecycle_silences_and_wakes_it(client: Any, launch: Any) -> None:
 
     def change(transition: int) -> None:
         service = client.node.create_client(ChangeState, "/palpate_sensor/change_state")
-        client.until(service.service_is_ready, "lifecycle")
+        client.find(service.service_is_ready, "lifecycle")
         asked = ChangeState.Request(transition=Transition(id=transition))
         assert client.wait(service.call_async(asked), "transition").success
 
