@@ -197,6 +197,14 @@ def test_silicone_and_tape_become_holds(tmp_path: Path, capsys: pytest.CaptureFi
         assert hold.values[0] > hold.values[-1]
 
 
+def test_soft_sensor_becomes_strokes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = ["trial,x_location,z_location,speed,voltage,grad,force"]
+    rows += [f"{trial},-15,-0.6,1,0.04{k},0.0,{-0.5 * k}" for trial in (7, 3) for k in range(4)]
+    here = clone(tmp_path / "soft", {"data/loc_train.csv": "\n".join(rows).encode()})
+    status, files, _ = imported(capsys, here, out=tmp_path / "data")
+    assert (status, files) == (0, {"soft_sensor_ral2018.csv.gz": 8})
+
+
 @pytest.mark.parametrize(
     ("files", "message"),
     [

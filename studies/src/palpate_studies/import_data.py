@@ -63,6 +63,12 @@ SOURCES = (
         write=holds.write_tape,
     ),
     Source(
+        repository="NMAILKAIST/deep-characterization-soft-sensor",
+        commit="07c2446a6292c75f7a2a92f9408a5f2a14df9d2d",
+        marks=(holds.SOFT_SENSOR,),
+        write=holds.write_soft_sensor,
+    ),
+    Source(
         repository="richgumy/electromech-stretcher",
         commit="ab6634c8eb27df66c7206f08d8ad04d532667c87",
         marks=(),

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import beta
 
-from palpate.estimate.damage import LEAST_LOAD
 from palpate.estimate.damage_learning import FruitClosing, split
 from palpate_studies.protocol.paired import compare
 from palpate_studies.protocol.parts import Learned
@@ -18,6 +17,8 @@ from palpate_studies.rupture_policies import Scored, stop_forces
 #: Nominal rates of rupture at which methods are compared.
 RATES = (0.01, 0.02, 0.03, 0.05, 0.075, 0.10)
 LEVEL = 0.9
+#: Score of a fruit that ruptured before its first force level, below any other.
+_LEAST_SCORE = -6.0
 
 #: Scores closings by what was learned from others.
 Scorer: TypeAlias = Callable[[FruitClosing], Scored]
@@ -71,14 +72,14 @@ def specimen(closing: FruitClosing) -> str:
 def critical_scores(policy: Policy, training: Sequence[FruitClosing]) -> list[float]:
     """Return the largest score that each training fruit bore, by policies fitted without it."""
     return [
-        max(scored.score.tolist(), default=LEAST_LOAD)
+        max(scored.score.tolist(), default=_LEAST_SCORE)
         for inner, left_out in split(training)
         for scored in map(policy.learn(inner), left_out)
     ]
 
 
 def settings_of(critical: Sequence[float]) -> NDArray[np.float64]:
-    """Return the score at which to stop for each nominal rate, as the shipped guard chooses its.
+    """Return the score at which to stop for each nominal rate, by conformal prediction.
 
     The k-th smallest critical score of n promises a rate of at most k / (n + 1) on fruit like
     these; with too few of them the setting lies below the smallest.

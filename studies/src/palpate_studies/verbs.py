@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 import typer
 
-from palpate.cli.lazy_group import Entry, LazyGroup, load_command
+from palpate.cli.lazy_group import HELP, Entry, LazyGroup, load_command
 from palpate.cli.options import DpiOption, QuietOption
 from palpate.cli.output import progress
 from palpate.errors import InputError
@@ -89,7 +89,8 @@ def _run(
     """List what packages offer, or run one of it with the rest of the command line."""
     verb, known = str(context.info_name), catalogue(group)
     if listing or name in (None, "--help"):
-        listed = LazyGroup(name=verb, help=f"palpate {verb} NAME [options]", no_args_is_help=True)
+        text = f"palpate {verb} NAME [options]\n\nExample: palpate {verb} {next(iter(known))}"
+        listed = LazyGroup(name=verb, help=text, no_args_is_help=True, rich_markup_mode=HELP)
         listed.offer(known)
         listed.main(["--help"], prog_name=f"palpate {verb}", standalone_mode=False)
         return

@@ -10,6 +10,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate_studies.raw.clone import Clone, numbers_of, write_table
 
+SOFT_SENSOR = "data/loc_train.csv"
 TAPE = "single-step-relaxation/original_data/"
 #: A hold: the displacement stays within this for this long, after a larger motion, mm and s.
 _STILL_MM, _HELD_S, _MOTION_MM = 0.02, 18.0, 0.1
@@ -88,3 +89,16 @@ def write_tape(clone: Clone, out: Path) -> list[tuple[str, int]]:
         grid_s = np.arange(0.0, min(_TAPE_S, since_s[-1]) + 1e-9, _TAPE_STEP_S)
         rows += _rows(Path(name).stem, grid_s, np.interp(grid_s, since_s, force_n))
     return [("holds_tape.csv.gz", write_table(out / "holds_tape.csv.gz", _COLUMNS, rows))]
+
+
+def write_soft_sensor(clone: Clone, out: Path) -> list[tuple[str, int]]:
+    """Write `soft_sensor_ral2018.csv.gz`; return the file and its rows."""
+    table = numbers_of(clone.read(SOFT_SENSOR), columns=7, separator=",")
+    rows = [
+        (int(trial), sample, x_mm, abs(z_mm), speed, voltage_v, -force_n)
+        for stroke in np.split(table, np.flatnonzero(np.diff(table[:, 0])) + 1)
+        for sample, (trial, x_mm, z_mm, speed, voltage_v, _, force_n) in enumerate(stroke.tolist())
+    ]
+    labels = ("stroke_id", "sample", "location_mm", "depth_mm", "speed_mm_s")
+    name = "soft_sensor_ral2018.csv.gz"
+    return [(name, write_table(out / name, (*labels, "voltage_v", "force_n"), rows))]

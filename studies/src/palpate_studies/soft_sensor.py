@@ -1,0 +1,244 @@
+"""Force of a microfluidic soft sensor from its voltage, depths of press left out of training.
+
+Han et al., IEEE RA-L 3(2), 2018: strokes down and up at three places, with a load cell. A method
+sees the past of its own stroke; place, depth and speed are labels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, TypeAlias
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from palpate import ForceLaw
+from palpate.arrays import FloatArray
+from palpate.errors import InputError, needing
+from palpate.estimate.force_states import log_reading, states_of
+from palpate.holds.strict import read_table
+from palpate_studies.force_learning import KnownContact, learn_population
+from palpate_studies.report import StudyReport, Table, as_command
+
+LEVEL = 0.9
+#: The recordings have no clock; their description gives about 22 Hz.
+_PERIOD_S = 1 / 22
+#: Voltage without pressure, below the smallest of the training set, volt.
+_REST_V = 0.03
+#: Excess conductance that a law of Velostat is used to, at the 90th percentile of the training set.
+_USUAL_EXCESS = 10.0
+#: Past voltages that ridge and trees see, samples.
+_LAGS = (0, 1, 2, 3, 4, 6, 10)
+#: Weakest force that the law learns from, newtons: the threshold of the other studies.
+_LEAST_N = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stroke:
+    """One stroke: labels, voltage and force of shape (n,)."""
+
+    place_mm: float
+    depth_mm: float
+    voltage_v: FloatArray
+    force_n: FloatArray
+
+    @property
+    def unloading(self) -> NDArray[np.bool_]:
+        """Samples after the largest force."""
+        return np.arange(len(self.force_n)) > int(np.argmax(self.force_n))
+
+    def inputs(self, volt: float = 0.1) -> FloatArray:
+        """Return the inputs of the force law, shape (n, INPUTS); `volt` reads as 10."""
+        excess = _USUAL_EXCESS * (self.voltage_v - _REST_V) / volt
+        return states_of(_PERIOD_S * np.arange(len(excess)), log_reading(excess))
+
+    def past(self) -> FloatArray:
+        """Return the inputs, the voltages of the last samples and those of the start."""
+        padded = np.concatenate([np.full(max(_LAGS), self.voltage_v[0]), self.voltage_v])
+        late = [padded[max(_LAGS) - lag : len(padded) - lag] for lag in _LAGS]
+        return np.column_stack([self.inputs(), *late, np.full(len(late[0]), self.voltage_v[0])])
+
+
+Strokes: TypeAlias = Sequence[Stroke]
+#: From a stroke to its force and, where there is an interval, its ends.
+Predictor: TypeAlias = Callable[[Stroke], tuple[FloatArray, tuple[FloatArray, FloatArray] | None]]
+
+
+def report(
+    *,
+    train: Annotated[Path, typer.Option(help="Strokes to learn from.", metavar="CSV")],
+    test: Annotated[
+        Path | None,
+        typer.Option(help="Strokes to predict; without, each depth in turn.", metavar="CSV"),
+    ] = None,
+) -> StudyReport:
+    """Predict the force of a soft sensor from its voltage, depths left out.
+
+    Example: palpate study soft-sensor --train soft_sensor_ral2018.csv.gz
+    """
+    known = read_strokes(train)
+    splits = [("test", known, read_strokes(test))] if test is not None else _by_depth(known)
+    if not splits:
+        raise InputError(f"{train}: one depth only; two are needed, or --test")
+    summary = [
+        {"split": split, "model": name, **_scores(learn(inside), tested)}
+        for split, inside, tested in splits
+        for name, learn in MODELS.items()
+    ]
+    return StudyReport(
+        name="soft-sensor",
+        title="Force of a microfluidic soft sensor from its voltage",
+        provenance=(
+            f"Real recordings (Han et al., RA-L 3(2), 2018), {len(known)} strokes to learn from. "
+            "A method sees the past voltages of a stroke; place, depth and speed are not given.",
+            "`ours` is `palpate.ForceLaw` on the voltage above rest, scaled by the training set.",
+        ),
+        tables=[
+            Table.of(
+                "RMS error, N",
+                summary,
+                {
+                    "split": "{split}",
+                    "model": "{model}",
+                    "all": "{rms_n:.2f}",
+                    "loading": "{rms_n_loading:.2f}",
+                    "unloading": "{rms_n_unloading:.2f}",
+                    f"coverage ({LEVEL:g})": "{coverage:.2f}",
+                },
+            )
+        ],
+        payload={"study": "soft-sensor", "origin": "real", "summary": summary, "level": LEVEL},
+    )
+
+
+command = as_command(report)
+
+
+def read_strokes(path: Path) -> list[Stroke]:
+    """Read `stroke_id,location_mm,depth_mm,voltage_v,force_n`; neighbours of one id are a stroke.
+
+    Raises `InputError` if the file can't be used or is empty.
+    """
+    names = ("location_mm", "depth_mm", "voltage_v", "force_n")
+    table = read_table(path, columns={"stroke_id": "text", **dict.fromkeys(names, "number")})
+    ids = table["stroke_id"]
+    edges = [0, *(np.flatnonzero(ids[1:] != ids[:-1]) + 1).tolist(), len(ids)]
+    return [
+        Stroke(
+            place_mm=float(table["location_mm"][start]),
+            depth_mm=float(table["depth_mm"][start]),
+            voltage_v=table["voltage_v"][start:end],
+            force_n=table["force_n"][start:end],
+        )
+        for start, end in pairwise(edges)
+    ]
+
+
+def _by_depth(known: Strokes) -> list[tuple[str, Strokes, Strokes]]:
+    """Return each depth of a place, counted from the shallowest, and all others to learn from."""
+    depths: dict[float, list[float]] = {}
+    for one in known:
+        here = depths.setdefault(one.place_mm, [])
+        here.extend([one.depth_mm] if one.depth_mm not in here else [])
+    rank = [sorted(depths[one.place_mm]).index(one.depth_mm) for one in known]
+    if len(set(rank)) < 2:
+        return []
+    return [
+        (
+            f"depth {left + 1} left out",
+            [one for one, mine in zip(known, rank, strict=True) if mine != left],
+            [one for one, mine in zip(known, rank, strict=True) if mine == left],
+        )
+        for left in sorted(set(rank))
+    ]
+
+
+def _forces(strokes: Strokes) -> FloatArray:
+    return np.concatenate([one.force_n for one in strokes])
+
+
+def constant(train: Strokes) -> Predictor:
+    """Learn the mean force."""
+    mean_n = float(_forces(train).mean())
+    return lambda one: (np.full(len(one.force_n), mean_n), None)
+
+
+def static(train: Strokes) -> Predictor:
+    """Learn a cubic in the voltage now."""
+    cubic = np.polyfit(np.concatenate([one.voltage_v for one in train]), _forces(train), 3)
+    return lambda one: (np.asarray(np.polyval(cubic, one.voltage_v)), None)
+
+
+def ridge(train: Strokes) -> Predictor:
+    """Learn a ridge on the inputs of the force law and past voltages."""
+    with needing("ridge", extra="produce"):
+        from sklearn.linear_model import Ridge
+        from sklearn.pipeline import make_pipeline
+        from sklearn.preprocessing import StandardScaler
+    return _machine(train, make_pipeline(StandardScaler(), Ridge()))
+
+
+def trees(train: Strokes) -> Predictor:
+    """Learn boosted trees on the inputs of the force law and past voltages."""
+    with needing("gradient boosting", extra="produce"):
+        from sklearn.ensemble import HistGradientBoostingRegressor
+    return _machine(train, HistGradientBoostingRegressor(random_state=0))
+
+
+def _machine(train: Strokes, machine: Any) -> Predictor:
+    machine.fit(np.concatenate([one.past() for one in train]), _forces(train))
+    return lambda one: (np.asarray(machine.predict(one.past())), None)
+
+
+def ours(train: Strokes) -> Predictor:
+    """Learn the population of `palpate.ForceLaw`, and predict by it."""
+    volt = float(np.percentile(np.concatenate([one.voltage_v for one in train]) - _REST_V, 90))
+    contacts = [
+        KnownContact(
+            inputs=one.inputs(volt)[felt],
+            force_n=one.force_n[felt],
+            weight=np.ones(int(felt.sum())),
+            place=one.place_mm,
+        )
+        for one in train
+        for felt in [one.force_n >= _LEAST_N]
+    ]
+    law, reach = ForceLaw(learn_population(contacts)), float(ndtri(0.5 + LEVEL / 2))
+
+    def predict(one: Stroke) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
+        log_n, sd = law.log_force(one.inputs(volt))
+        return np.exp(log_n), (np.exp(log_n - reach * sd), np.exp(log_n + reach * sd))
+
+    return predict
+
+
+MODELS: Mapping[str, Callable[[Strokes], Predictor]] = {
+    one.__name__: one for one in (constant, static, ridge, trees, ours)
+}
+
+
+def _scores(predict: Predictor, tested: Strokes) -> dict[str, Any]:
+    answers = [predict(one) for one in tested]
+    truth, unloading = _forces(tested), np.concatenate([one.unloading for one in tested])
+    error = np.concatenate([value for value, _ in answers]) - truth
+    ends = [interval for _, interval in answers if interval is not None]
+    covers = None
+    if ends:
+        low, high = (np.concatenate(each) for each in zip(*ends, strict=True))
+        covers = (low <= truth) & (truth <= high)
+    return {
+        "samples": len(error),
+        "rms_n": _rms(error),
+        "rms_n_loading": _rms(error[~unloading]),
+        "rms_n_unloading": _rms(error[unloading]),
+        "coverage": None if covers is None else float(np.mean(covers)),
+    }
+
+
+def _rms(error: FloatArray) -> float | None:
+    return float(np.sqrt(np.mean(error**2))) if len(error) else None

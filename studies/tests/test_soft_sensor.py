@@ -1,0 +1,84 @@
+"""The study of a microfluidic soft sensor."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.cli import build_app, run
+from palpate_studies.soft_sensor import MODELS, read_strokes
+
+HEADER = "stroke_id,sample,location_mm,depth_mm,speed_mm_s,voltage_v,force_n\n"
+
+
+def soft_csv(path: Path, *, strokes: int = 24, depths: tuple[float, ...] = (0.5, 1.0, 1.4)) -> Path:
+    """Write strokes whose voltage follows the force late, and bent."""
+    rng = np.random.default_rng(3)
+    lines = []
+    for stroke in range(strokes):
+        depth = depths[stroke % len(depths)]
+        force = 8 * depth * np.sin(np.linspace(0.1, np.pi - 0.1, 14)) + rng.normal(0, 0.02, 14)
+        late = np.concatenate([[force[0]], 0.7 * force[1:] + 0.3 * force[:-1]])
+        voltage = 0.03 + 0.002 * np.maximum(late, 0) ** 2
+        lines += [
+            f"{stroke},{k},0,{depth},1,{v:.6f},{f:.4f}"
+            for k, (v, f) in enumerate(zip(voltage, force, strict=True))
+        ]
+    path.write_text(HEADER + "\n".join(lines) + "\n")
+    return path
+
+
+def test_inputs_of_a_cut_stroke_equal_those_of_the_whole(tmp_path: Path) -> None:
+    whole = read_strokes(soft_csv(tmp_path / "whole.csv"))[0]
+    text = (tmp_path / "whole.csv").read_text().splitlines()
+    (tmp_path / "cut.csv").write_text("\n".join(text[:10]) + "\n")
+    cut = read_strokes(tmp_path / "cut.csv")[0]
+    np.testing.assert_array_equal(cut.inputs(), whole.inputs()[: len(cut.force_n)])
+
+
+def test_ours_on_other_strokes_beats_the_mean_force(tmp_path: Path) -> None:
+    strokes = read_strokes(soft_csv(tmp_path / "strokes.csv"))
+
+    def error_n(name: str) -> float:
+        predict = MODELS[name](strokes[:18])
+        return float(
+            np.mean([np.abs(predict(one)[0] - one.force_n).mean() for one in strokes[18:]])
+        )
+
+    assert error_n("ours") < 0.3 * error_n("constant")
+
+
+def test_command_prints_a_row_a_model_and_depth(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("sklearn")
+    path = str(soft_csv(tmp_path / "strokes.csv"))
+    assert (
+        run(build_app(), ["study", "soft-sensor", "--train", path, "--json"], name="palpate") == 0
+    )
+    summary = json.loads(capsys.readouterr().out)["summary"]
+    assert [one["model"] for one in summary] == 3 * list(MODELS)
+    arguments = ["study", "soft-sensor", "--train", path, "--test", path, "--json"]
+    assert run(build_app(), arguments, name="palpate") == 0
+    summary = json.loads(capsys.readouterr().out)["summary"]
+    assert [one["split"] for one in summary] == len(MODELS) * ["test"]
+    assert {"rms_n", "rms_n_loading", "rms_n_unloading"} <= set(summary[0])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "no rows below the header"),
+        ("1,0,0,0.5,1,0.04,2\n1,1,0,0.5,1,0.05,3\n", "one depth only"),
+    ],
+)
+def test_command_on_too_little_refuses_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, message: str
+) -> None:
+    path = tmp_path / "strokes.csv"
+    path.write_text(HEADER + text)
+    assert run(build_app(), ["study", "soft-sensor", "--train", str(path)], name="palpate") == 2
+    assert message in capsys.readouterr().err
