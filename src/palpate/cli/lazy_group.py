@@ -70,9 +70,8 @@ def load_command(name: str, entry: Entry) -> Any:
     module = importlib.import_module(module_name)
     found = getattr(module, attribute)
     if isinstance(found, Mapping):
-        group = LazyGroup(
-            name=name, help=entry.summary, no_args_is_help=True, rich_markup_mode=HELP
-        )
+        text = f"{entry.summary}\n\nExample: palpate {name} {next(iter(found))}"
+        group = LazyGroup(name=name, help=text, no_args_is_help=True, rich_markup_mode=HELP)
         group.offer({step: Entry(*row) for step, row in found.items()})
         return group
     app = typer.Typer(add_completion=False, rich_markup_mode=HELP)
