@@ -53,6 +53,13 @@ def qualify(
         list[float] | None,
         typer.Option(help="Limit between two grades, in the reference's unit; repeat for more."),
     ] = None,
+    cost: Annotated[
+        tuple[float, float],
+        typer.Option(
+            help="With --limit: cost of an item graded one grade too high, and too low.",
+            metavar="HIGH LOW",
+        ),
+    ] = (1.0, 1.0),
     unit: Annotated[str, typer.Option(help="Unit of the reference, for tables.")] = "",
     grasp_s: Annotated[
         float, typer.Option(help="Time of one grasp.", min=0.0, metavar="SECONDS")
@@ -79,6 +86,8 @@ def qualify(
     limits = tuple(limit or ())
     if any(later <= earlier for earlier, later in pairwise(limits)):
         raise InputError(f"--limit {limits[-1]:g}: give the limits in rising order")
+    if min(cost) < 0:
+        raise InputError(f"--cost {cost[0]:g} {cost[1]:g}: a cost is 0 or more")
     if report is not None:
         check_new(report, option="--report")
     pairs = read_pairs(readings)
@@ -89,7 +98,9 @@ def qualify(
             tolerance = _TOLERANCE_SHARE * scatter.between
         if not tolerance > 0:
             raise InputError(f"{readings}: the reference reads the same everywhere")
-    demand = Demand(tolerance=tolerance, limits=limits, level=level)
+    demand = Demand(
+        tolerance=tolerance, limits=limits, level=level, cost_high=cost[0], cost_low=cost[1]
+    )
     found = agreement_of(pairs, demand)
     effort = effort_of(found, demand, grasp_s=grasp_s, handling_s=handling_s)
     document = qualification_document(
@@ -159,7 +170,7 @@ def rows_of(document: Document) -> list[tuple[str, str, str]]:
             rows.append((FIGURES[name], "not known", ""))
         elif name == "limit_of_agreement":
             rows.append((FIGURES[name], f"{value:.2f}{unit}", f"{low:.2f} to {high:.2f}"))
-        elif name.startswith("r_squared"):
+        elif name.startswith(("r_squared", "cost")):
             rows.append((FIGURES[name], f"{value:.2f}", f"{low:.2f} to {high:.2f}"))
         else:
             rows.append(

@@ -38,6 +38,7 @@ def test_qualify_prints_agreement_ceiling_grades_and_effort(
         "limit of agreement",
         "no instrument can pass",
         "below 14",
+        "cost of wrong grades",
         "grasps that average",
     ):
         assert words in shown
@@ -71,6 +72,7 @@ def test_qualify_report_is_written_once(tmp_path: Path, capsys: pytest.CaptureFi
     [
         (("--limit", "15", "--limit", "13"), "rising order"),
         (("--tolerance", "0"), "--tolerance"),
+        (("--limit", "14", "--cost", "1", "-1"), "a cost is 0 or more"),
     ],
 )
 def test_qualify_refuses_in_one_line(

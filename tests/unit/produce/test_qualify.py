@@ -96,6 +96,17 @@ def test_confusion_counts_every_pair_once() -> None:
     assert np.trace(confusion) / 100 == pytest.approx(found.figures["same_grade"].value)
 
 
+def test_cost_counts_each_grade_off_by_its_price() -> None:
+    readings = made_readings(200, seed=4)
+    demand = Demand(tolerance=1.0, limits=(9.0, 11.0), cost_high=5.0, cost_low=2.0)
+    found = measure(readings, demand)
+    table = confusion_of(found, demand.limits)
+    priced = np.array([[0, 5, 10], [2, 0, 5], [4, 2, 0]])
+    cost = found.figures["cost"].value
+    assert cost == pytest.approx((table * priced).sum() / table.sum())
+    assert cost < found.figures["cost_reference"].value
+
+
 @given(
     slope=st.floats(-5.0, 5.0).filter(lambda value: abs(value) > 0.05),
     offset=st.floats(-10.0, 10.0),

@@ -32,11 +32,15 @@ class Demand:
         Limits between grades, rising, in the reference's unit; empty for none.
     level : float
         Probability of every interval, and share of items that must be within the tolerance.
+    cost_high, cost_low : float
+        Cost of an item that is graded too high, or too low, for each grade that it is off.
     """
 
     tolerance: float
     limits: tuple[float, ...] = ()
     level: float = 0.9
+    cost_high: float = 1.0
+    cost_low: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,6 +93,8 @@ FIGURES = {
     "share_within_reference": "second reference reading within the tolerance of the first",
     "same_grade": "grasps in the grade of the reference",
     "same_grade_reference": "second reference reading in the grade of the first",
+    "cost": "cost of wrong grades by grasps, an item",
+    "cost_reference": "cost of wrong grades by a second reference reading, an item",
 }
 
 
@@ -166,6 +172,10 @@ def measure(readings: PairedReadings, demand: Demand) -> Agreement:
         grades = [np.digitize(one, demand.limits) for one in (converted, read, first, second)]
         figures["same_grade"] = _share(grades[0] == grades[1])
         figures["same_grade_reference"] = _share(grades[2] == grades[3])
+        figures["cost"] = _cost(grades[0] - grades[1], demand)
+        # Either of two readings may be the first.
+        off = np.concatenate([grades[3] - grades[2], grades[2] - grades[3]])
+        figures["cost_reference"] = _cost(off, demand)
     return Agreement(
         figures={name: Estimate(value=value) for name, value in figures.items()},
         reference=reference,
@@ -199,6 +209,14 @@ def _r_squared(x: FloatArray, y: FloatArray) -> float:
     if np.ptp(x) == 0 or np.ptp(y) == 0:
         return math.nan
     return float(np.corrcoef(x, y)[0, 1] ** 2)
+
+
+def _cost(grades_off: NDArray[np.int64], demand: Demand) -> float:
+    """Return the mean cost of items graded too high (above 0) or too low."""
+    if not grades_off.size:
+        return math.nan
+    costs = np.where(grades_off > 0, demand.cost_high, demand.cost_low) * np.abs(grades_off)
+    return float(costs.mean())
 
 
 def _share(values: NDArray[np.bool_]) -> float:
