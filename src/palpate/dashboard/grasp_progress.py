@@ -4,53 +4,33 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from palpate.errors import CalibrationError
-from palpate.estimate.force import ForceEstimate, StaticLaw
-from palpate.estimate.force_now import ForceNow
+from palpate.estimate.force import StaticLaw
+from palpate.estimate.force_now import ContactGains, ForceLaws
 from palpate.estimate.gain import Gain
 from palpate.estimate.measurement import Measurement
-from palpate.estimate.pixel_law import PixelReading
 from palpate.grasp.answers import Settled, forecast
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
-from palpate.grasp.planning import DWELL_S, HORIZON_S, laws_of
+from palpate.grasp.planning import laws_of
 from palpate.grasp.result import GraspResult, Moment
 from palpate.grasp.state import GraspState
 from palpate.sensor.calibration import Calibration
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ForceLaws:
-    """The two laws of a calibration, soon after a movement and settled, and what they read."""
-
-    reading: PixelReading
-    early: StaticLaw
-    settled: StaticLaw
-
-    @classmethod
-    def of(cls, calibration: Calibration | None) -> ForceLaws | None:
-        """Return a calibration's laws; None where it has none: then there are no newtons."""
-        if calibration is None:
-            return None
-        try:
-            reading, early, settled = laws_of(calibration.force)
-        except CalibrationError:
-            return None
-        return cls(reading=reading, early=early, settled=settled)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ContactGains:
-    """How the present contact reads against each of the two laws; None for what is not known."""
-
-    early: Gain | None = None
-    settled: Gain | None = None
+def force_laws(calibration: Calibration | None) -> ForceLaws | None:
+    """Return a calibration's laws; None where it has none, so that there are no newtons."""
+    if calibration is None:
+        return None
+    try:
+        return laws_of(calibration.force)
+    except CalibrationError:
+        return None
 
 
 def gain_when_settled(force: Measurement, *, law_n: float, law: StaticLaw) -> Gain | None:
@@ -83,60 +63,6 @@ def gain_when_settled(force: Measurement, *, law_n: float, law: StaticLaw) -> Ga
         log_sd=math.log(force.high / force.low) / (2.0 * reach),
         law_sd=law.residual_sd,
     )
-
-
-class GripForce:
-    """Follows the force of one contact.
-
-    Parameters
-    ----------
-    laws : ForceLaws
-        Of the calibration.
-    """
-
-    def __init__(self, laws: ForceLaws) -> None:
-        self._early, self._settled = _GainedLaw(laws.early), _GainedLaw(laws.settled)
-        self._now = ForceNow(
-            laws.reading,
-            early=self._early,
-            settled=self._settled,
-            early_s=DWELL_S,
-            settled_s=HORIZON_S,
-        )
-
-    def take(self, gains: ContactGains) -> None:
-        """Read by these gains from now on."""
-        self._early.gain, self._settled.gain = gains.early, gains.settled
-
-    def step(self, time_s: float, excess: ArrayLike) -> Measurement:
-        """Return the force at a frame; `excess` of shape (rows, cols)."""
-        return self._now.step(time_s, excess)
-
-
-class _GainedLaw:
-    """A force law with a contact's gain in it, once that is known."""
-
-    name: ClassVar[str] = "gained"
-    reads: ClassVar[str] = "as its law"
-
-    def __init__(self, law: StaticLaw) -> None:
-        self._law = law
-        self.gain: Gain | None = None
-
-    @property
-    def range(self) -> tuple[float, float]:
-        return self._law.range
-
-    @property
-    def residual_sd(self) -> float:
-        return self._law.residual_sd
-
-    def force_n(self, reading: ArrayLike, /, *, level: float = 0.9) -> ForceEstimate:
-        force = self._law.force_n(reading, level=level)
-        return force if self.gain is None else self.gain.apply_to(force)
-
-    def as_dict(self) -> dict[str, Any]:
-        return self._law.as_dict()
 
 
 _FORECAST_IN = (Phase.SETTLE, Phase.HOLD)

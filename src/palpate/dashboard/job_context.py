@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from palpate.dashboard.grasp_progress import ForceLaws
+from palpate.dashboard.grasp_progress import force_laws
 from palpate.dashboard.messages import FrameSource, Guide
 from palpate.dashboard.telemetry import Telemetry
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
@@ -99,7 +99,7 @@ class JobContext:
             has_load_cell=self.open_bench is not None,
             calibration="" if calibration is None else calibration.as_text(),
             calibrated_at="" if calibration is None else calibration.made_at or "",
-            laws=ForceLaws.of(calibration),
+            laws=force_laws(calibration),
         )
 
     def link_events(self) -> LinkCounters:

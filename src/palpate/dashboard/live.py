@@ -12,7 +12,7 @@ from itertools import chain
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.dashboard.grasp_progress import GraspProgress, GripForce
+from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.dashboard.messages import (
     Frames,
     FrameSource,
@@ -21,9 +21,10 @@ from palpate.dashboard.messages import (
     RecordedStretch,
     Timeline,
 )
+from palpate.estimate.force_now import ForceNow
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.phases import Phase
-from palpate.grasp.planning import HORIZON_S
+from palpate.grasp.planning import DWELL_S, HORIZON_S
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.events import ContactState, watch_contact
 from palpate.signal.relative import (
@@ -126,7 +127,11 @@ class Live:
         #: When each phase of the grasp began.
         self.phases: list[tuple[float, str]] = []
         self.released = False
-        self._force = None if self._laws is None else GripForce(self._laws)
+        self._force = (
+            None
+            if self._laws is None
+            else ForceNow(self._laws, early_s=DWELL_S, settled_s=HORIZON_S)
+        )
         self._slot = -math.inf
         self._moved_s = 0.0
 
@@ -153,7 +158,7 @@ class Live:
                 Band(progress.time_s, settled.low, settled.middle, settled.high, progress.settled_n)
             )
         if self._force is not None:
-            self._force.take(progress.gains)
+            self._force.gains = progress.gains
         self.progress = progress
 
     def add_frames(self, frames: Frames) -> None:

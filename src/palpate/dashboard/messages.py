@@ -10,8 +10,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.dashboard.grasp_progress import ForceLaws, GraspProgress
+from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.dashboard.orders import Order
+from palpate.estimate.force_now import ForceLaws
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult
 from palpate.gripper.interface import GripperLimits

@@ -12,7 +12,7 @@ from pathlib import Path
 from threading import Event
 
 from palpate.clock import ManualClock
-from palpate.dashboard.grasp_progress import ForceLaws, GraspProgress, grasp_progress_of
+from palpate.dashboard.grasp_progress import GraspProgress, force_laws, grasp_progress_of
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S
 from palpate.dashboard.messages import (
     FrameSource,
@@ -291,6 +291,6 @@ def _again_and_source(file: Path) -> tuple[_Again | None, FrameSource]:
         gripper=info.gripper,
         origin=info.origin,
         replayed=True,
-        laws=ForceLaws.of(calibration),
+        laws=force_laws(calibration),
     )
     return again, source

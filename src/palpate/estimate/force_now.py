@@ -9,12 +9,14 @@ the interval spans both laws.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.estimate.force import StaticLaw
+from palpate.estimate.force import ForceEstimate, StaticLaw
 from palpate.estimate.force_follower import TouchWatch
+from palpate.estimate.gain import Gain
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.pixel_law import PixelReading
 
@@ -29,34 +31,45 @@ _FAINT = 0.02
 _EMPTY = 0.03
 
 
-class ForceNow:
-    """Newtons with an interval at every frame.
+class ForceLaws(NamedTuple):
+    """The laws of a calibration.
 
     `reading`: from pixels to what the laws read.
     `early`, `settled`: force soon after a movement, and settled.
-    `early_s`, `settled_s`: times after a movement at which the two were calibrated.
+    """
+
+    reading: PixelReading
+    early: StaticLaw
+    settled: StaticLaw
+
+
+class ContactGains(NamedTuple):
+    """Gain of the present contact by each of the two laws; None for what is not known."""
+
+    early: Gain | None = None
+    settled: Gain | None = None
+
+
+class ForceNow:
+    """Newtons with an interval at every frame.
+
+    `early_s`, `settled_s`: times after a movement at which the two laws were calibrated.
+    `gains`, an attribute: of the present contact, where a grasp has shown them.
 
     >>> from palpate.estimate.pixel_law import PixelForceLaw
     >>> law = PixelForceLaw(log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.01,
     ...     range=(0.1, 10.0))
-    >>> now = ForceNow(PixelReading.sum_pixels(), early=law, settled=law, early_s=0.4,
-    ...     settled_s=20.0)
+    >>> laws = ForceLaws(PixelReading.sum_pixels(), early=law, settled=law)
+    >>> now = ForceNow(laws, early_s=0.4, settled_s=20.0)
     >>> estimate = now.step(0.0, [[1.0, 1.0]])
     >>> round(estimate.value, 2), estimate.low < 2.0 < estimate.high
     (2.0, True)
     """
 
     def __init__(
-        self,
-        reading: PixelReading,
-        *,
-        early: StaticLaw,
-        settled: StaticLaw,
-        early_s: float,
-        settled_s: float,
-        level: float = 0.9,
+        self, laws: ForceLaws, *, early_s: float, settled_s: float, level: float = 0.9
     ) -> None:
-        self._reading, self._early, self._settled = reading, early, settled
+        self._laws, self.gains = laws, ContactGains()
         self._early_s, self._settled_s, self._level = early_s, settled_s, level
         self._copy, self._touch = 0.0, TouchWatch()
         self._last_s = self._moved_s = -math.inf
@@ -67,7 +80,7 @@ class ForceNow:
         `time_s`: not earlier than the last one.
         `excess`, shape (rows, cols): excess conductance of each pixel; NaN where one does not read.
         """
-        seen = float(self._reading.reading(excess))
+        seen = float(self._laws.reading.reading(excess))
         share = -math.expm1(-max(time_s - self._last_s, 0.0) / _COPY_S)
         self._copy += share * (seen - self._copy)
         if self._last_s == -math.inf or abs(seen - self._copy) > max(
@@ -78,17 +91,24 @@ class ForceNow:
         span = math.log(self._settled_s / self._early_s)
         rested = math.log(max(time_s - self._moved_s, self._early_s) / self._early_s) / span
         weight = min(rested, 1.0)
-        laws = [law.force_n(seen, level=self._level) for law in (self._early, self._settled)]
-        used = laws if weight < 1.0 else laws[1:]
-        values = np.maximum([float(law.value) for law in laws], 1e-6)
+        both = [
+            self._force(self._laws.early, seen, self.gains.early),
+            self._force(self._laws.settled, seen, self.gains.settled),
+        ]
+        used = both if weight < 1.0 else both[1:]
+        values = np.maximum([float(one.value) for one in both], 1e-6)
         value = float(np.exp((1 - weight) * np.log(values[0]) + weight * np.log(values[1])))
         # A pixel's law begins steeply: noise and offset of an empty hand would read as newtons.
         touched = self._touch.step(excess)
         empty = float(np.nanmax(np.asarray(excess, dtype=float), initial=0.0)) < _EMPTY
         return Measurement(
             value=0.0 if empty else value,
-            low=min(value, *(float(law.low) for law in used)) if touched else 0.0,
-            high=max(value, *(float(law.high) for law in used)),
+            low=min(value, *(float(one.low) for one in used)) if touched else 0.0,
+            high=max(value, *(float(one.high) for one in used)),
             unit="n",
             level=self._level,
         )
+
+    def _force(self, law: StaticLaw, seen: float, gain: Gain | None) -> ForceEstimate:
+        force = law.force_n(seen, level=self._level)
+        return force if gain is None else gain.apply_to(force)

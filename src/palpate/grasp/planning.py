@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from palpate.errors import CalibrationError, InputError
 from palpate.estimate.compliance import Compliance, SoftFingerCompliance
 from palpate.estimate.damage import DamageModel
-from palpate.estimate.force import PowerForceLaw, StaticLaw
+from palpate.estimate.force import PowerForceLaw
 from palpate.estimate.force_follower import FollowsForce, ForceFollower
 from palpate.estimate.force_law import ForceLaw
-from palpate.estimate.force_now import ForceNow
+from palpate.estimate.force_now import ForceLaws, ForceNow
 from palpate.estimate.pixel_law import PixelReading, PlacedReadings, fit_laws
 from palpate.estimate.servo_force import CurrentLaw
 from palpate.estimate.sheet_creep import OwnCreep
@@ -146,7 +146,7 @@ def check_target_force(force_n: float | None, *, name: str) -> None:
         )
 
 
-def laws_of(pairs: ForcePairs) -> tuple[PixelReading, StaticLaw, StaticLaw]:
+def laws_of(pairs: ForcePairs) -> ForceLaws:
     """Return the reading and its early and settled law; by pixel where the calibration kept them.
 
     Raises
@@ -157,8 +157,8 @@ def laws_of(pairs: ForcePairs) -> tuple[PixelReading, StaticLaw, StaticLaw]:
     read_at = {since: pairs_at(pairs, since_move_s=since) for since in (DWELL_S, HORIZON_S)}
     if not pairs.pixel_excess:
         early, settled = (PowerForceLaw.fit(x, force_n=f) for x, f in read_at.values())
-        return PixelReading.sum_pixels(), early, settled
-    return fit_laws(placements_of(pairs))
+        return ForceLaws(PixelReading.sum_pixels(), early, settled)
+    return ForceLaws(*fit_laws(placements_of(pairs)))
 
 
 def force_now(pairs: ForcePairs) -> FollowsForce:
@@ -174,8 +174,7 @@ def force_now(pairs: ForcePairs) -> FollowsForce:
     """
     if by_weights(pairs):
         return ForceFollower(ForceLaw.fit(list(pairs.excess), force_n=pairs.force_n))
-    reading, early, settled = laws_of(pairs)
-    return ForceNow(reading, early=early, settled=settled, early_s=DWELL_S, settled_s=HORIZON_S)
+    return ForceNow(laws_of(pairs), early_s=DWELL_S, settled_s=HORIZON_S)
 
 
 def by_weights(pairs: ForcePairs) -> bool:

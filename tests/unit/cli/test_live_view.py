@@ -16,7 +16,7 @@ from palpate.cli.live_reading import LiveReading, Squeeze
 from palpate.cli.live_view import LiveView
 from palpate.cli.sensor_source import SensorSource
 from palpate.clock import ManualClock
-from palpate.estimate.force_now import ForceNow
+from palpate.estimate.force_now import ForceLaws, ForceNow
 from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.sensor.board_array import layout_named
@@ -179,7 +179,8 @@ def test_force_is_shown_at_every_frame() -> None:
     )
     screen = Screen()
     source = SensorSource(name="bench", array=TwinArray(World(None, seed=1)), simulated=False)
-    force = ForceNow(PixelReading.sum_pixels(), early=law, settled=law, early_s=0.4, settled_s=20.0)
+    laws = ForceLaws(PixelReading.sum_pixels(), early=law, settled=law)
+    force = ForceNow(laws, early_s=0.4, settled_s=20.0)
     rest_ohm = resistance_ohm(REST_COUNTS, divider=RIGID_LAYOUT.divider)
     screen.view = LiveView(LiveReading(source, rest_ohm=rest_ohm, clock=screen.clock, force=force))
     screen.feed(REST_COUNTS)

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from tests.unit.dashboard.test_live import SOURCE, frames, progress
 
-from palpate.dashboard.grasp_progress import Bounds, ContactGains, ForceLaws, GripForce
+from palpate.dashboard.grasp_progress import Bounds, force_laws
 from palpate.dashboard.live import Live
 from palpate.dashboard.messages import Frames
 from palpate.dashboard.page_document import document
 from palpate.dashboard.session import Session
+from palpate.estimate.force_now import ContactGains, ForceLaws, ForceNow
 from palpate.estimate.gain import Gain
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
@@ -102,7 +103,7 @@ def test_without_a_calibration_there_are_no_newtons() -> None:
     live.open_source(SOURCE)
     live.add_frames(frames(2, counts=PRESSED))
     assert live.force is None
-    assert ForceLaws.of(None) is None
+    assert force_laws(None) is None
 
 
 def test_what_the_grasp_learned_of_its_contact_counts(live: Live) -> None:
@@ -124,7 +125,8 @@ def test_what_the_grasp_learned_of_its_contact_counts(live: Live) -> None:
 def test_the_laws_pass_through_the_pipe() -> None:
     again = pickle.loads(pickle.dumps(LAWS))
     excess = np.full((4, 2), 0.5)
-    assert GripForce(again).step(0.0, excess).value == GripForce(LAWS).step(0.0, excess).value
+    read = [ForceNow(laws, early_s=0.4, settled_s=20.0).step(0.0, excess) for laws in (again, LAWS)]
+    assert read[0] == read[1]
 
 
 def test_the_document_has_newtons_marks_and_bounds(live: Live) -> None:

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.dashboard.grasp_progress import Bounds, ForceLaws, GraspProgress
+from palpate.dashboard.grasp_progress import Bounds, GraspProgress
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S, Live
 from palpate.dashboard.messages import DevicesLost, Frames, FrameSource, Grasped, LinkStatus, Update
 from palpate.dashboard.orders import Action, Activity
 from palpate.dashboard.page_document import document
 from palpate.dashboard.session import Session
+from palpate.estimate.force_now import ForceLaws
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
 from palpate.grasp.result import GraspResult, Outcome

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from palpate.estimate.force_now import ForceNow
+from palpate.estimate.force_now import ForceLaws, ForceNow
 from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
 
 
@@ -20,13 +20,8 @@ def law(log_scale: float) -> PixelForceLaw:
 @pytest.fixture
 def follower() -> ForceNow:
     # Settled, the sheet reads a quarter more for the same force.
-    return ForceNow(
-        PixelReading.sum_pixels(),
-        early=law(0.0),
-        settled=law(-math.log(1.25)),
-        early_s=0.4,
-        settled_s=20.0,
-    )
+    laws = ForceLaws(PixelReading.sum_pixels(), early=law(0.0), settled=law(-math.log(1.25)))
+    return ForceNow(laws, early_s=0.4, settled_s=20.0)
 
 
 def test_a_creeping_reading_under_one_force_reads_that_force(follower: ForceNow) -> None:
