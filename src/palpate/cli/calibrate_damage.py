@@ -1,4 +1,4 @@
-"""`palpate calibrate damage`: the force that produce bears, learned from closings until rupture."""
+"""`palpate calibrate damage`: the force that produce withstands, from closings until rupture."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from palpate.cli.calibrate_bench import now_text
 from palpate.cli.options import JsonOption
 from palpate.cli.output import print_json
 from palpate.errors import InputError
+from palpate.estimate.damage import NOMINAL_RATE
 from palpate.estimate.damage_file import DamageFile
 from palpate.estimate.damage_learning import (
     FruitClosing,
@@ -24,7 +25,6 @@ from palpate.estimate.damage_learning import (
 )
 from palpate.estimate.measurement import Measurement
 from palpate.files import keep_inputs
-from palpate.grasp.safety import DAMAGE_RATE
 
 #: Fewer can't be learned from and tested on in turn.
 _FEWEST = 12
@@ -42,9 +42,18 @@ def damage(
         ),
     ],
     out: Annotated[Path, typer.Option(help="File to make.")] = Path("damage.json"),
+    rate_percent: Annotated[
+        float,
+        typer.Option(
+            min=0.01,
+            max=50.0,
+            metavar="PERCENT",
+            help="Such produce that may be damaged at the limit.",
+        ),
+    ] = 100 * NOMINAL_RATE,
     as_json: JsonOption = False,
 ) -> None:
-    """Learn from produce that was squeezed until it ruptured what a grasp may press.
+    """Learn the damage limit of a grasp from produce that was squeezed until it ruptured.
 
     Each closing is left out once, and the model judged on it. Use the file with `palpate grasp
     --damage FILE --kind KIND`.
@@ -52,7 +61,7 @@ def damage(
     Example: palpate calibrate damage --curves closings.csv --index ruptures.csv --out damage.json
     """
     keep_inputs(out, inputs=(curves, index))
-    made = _learn(read_closings(curves, index), files=(curves, index))
+    made = _learn(read_closings(curves, index), files=(curves, index), rate=rate_percent / 100)
     made.save(out)
     if as_json:
         print_json(_document(made, path=out))
@@ -60,7 +69,7 @@ def damage(
         _print(made, path=out)
 
 
-def _learn(closings: list[FruitClosing], *, files: tuple[Path, ...]) -> DamageFile:
+def _learn(closings: list[FruitClosing], *, files: tuple[Path, ...], rate: float) -> DamageFile:
     left_out = unfit(closings)
     used = [closing for closing in closings if closing.grasp_id not in left_out]
     if len(used) < _FEWEST:
@@ -71,7 +80,7 @@ def _learn(closings: list[FruitClosing], *, files: tuple[Path, ...]) -> DamageFi
         )
     kinds = sorted({closing.fruit for closing in used})
     return DamageFile(
-        model=learn_damage(used),
+        model=learn_damage(used, rate=rate),
         closings={kind: sum(closing.fruit == kind for closing in used) for kind in kinds},
         learned_from={path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files},
         made_at=now_text(),
@@ -84,7 +93,7 @@ def _limit_n(made: DamageFile, kind: str) -> float:
     """Return the force that a grasp keeps below where the stiffness is the kind's middle one."""
     middle = math.exp(made.model.strengths[kind].log_stiffness)
     felt = Measurement(value=middle, low=0.9 * middle, high=1.1 * middle, unit="n_per_mm")
-    return made.model.bound_n(felt, kind=kind, rate=DAMAGE_RATE)
+    return made.model.bound_n(felt, kind=kind)
 
 
 def _document(made: DamageFile, *, path: Path) -> dict[str, Any]:
@@ -94,7 +103,7 @@ def _document(made: DamageFile, *, path: Path) -> dict[str, Any]:
         "left_out": dict(made.left_out),
         "kinds": list(made.kinds),
         "held_out": {kind: asdict(one) for kind, one in made.held_out.items()},
-        "rate": DAMAGE_RATE,
+        "rate": made.model.rate,
         "limit_at_middle_stiffness_n": {
             kind: _limit_n(made, kind) for kind in made.model.strengths
         },
@@ -108,14 +117,15 @@ def _print(made: DamageFile, *, path: Path) -> None:
     for name, why in made.left_out.items():
         print(f"left out: {name}, {why}")
     print("each closing left out once: error of the predicted rupture force, of the kind's median")
-    print("rupture force in its place, and how many bore the lower bound (95 % meant):")
+    print("rupture force in its place, and how many withstood the lower bound (95 % intended):")
     width = max(len("unknown"), *map(len, made.held_out))
     for kind, one in made.held_out.items():
         print(
             f"  {kind or 'unknown':<{width}}  {one.error_percent:3.0f} %  "
             f"{one.median_error_percent:3.0f} %  {100 * one.above_low:3.0f} % of {one.closings}"
         )
-    print(f"a grasp keeps below what {DAMAGE_RATE:.1%} would not bear; at the middle stiffness:")
+    percent = 100 * made.model.rate
+    print(f"limit of a grasp (at most {percent:g} % of such produce damaged), middle stiffness:")
     for kind in made.model.strengths:
         print(f"  {kind or 'unknown':<{width}}  {_limit_n(made, kind):5.2f} N")
     for line in _verdict(made):

@@ -7,13 +7,10 @@ ones of newtons and N/mm.
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from palpate.errors import CalibrationError, InputError
 from palpate.estimate.damage import DamageModel
@@ -21,12 +18,13 @@ from palpate.estimate.damage_learning import HeldOut
 from palpate.estimate.strength import FEWEST_CLOSINGS, Strength
 from palpate.files import atomic_path, structure
 
-FORMAT, VERSION = "palpate-damage-model", 1
+FORMAT, VERSION = "palpate-damage-model", 2
+#: Rate of every file of version 1.
+_RATE_1 = 0.001
 _BROKEN = "not whole JSON ({}); take it from a backup or run `palpate calibrate damage` again"
 #: More digits than any closing supports; people read the file.
 _DIGITS = 5
 _STRENGTH = tuple(f.name for f in fields(Strength))
-_NUMBERS = re.compile(r"\[\s+([^][{}\"]*?)\s+\]")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,14 +73,11 @@ class DamageFile:
             "learned_from": dict(self.learned_from),
             "closings": dict(self.closings),
             "left_out": dict(self.left_out),
+            "rate": self.model.rate,
             "any_kind": strengths.pop(""),
             "kinds": strengths,
-            "critical_scores": [
-                round(float(score), _DIGITS) for score in self.model.critical_scores
-            ],
         }
-        text = json.dumps(document, indent=1, allow_nan=False)
-        return _NUMBERS.sub(lambda m: f"[{' '.join(m[1].split())}]", text) + "\n"
+        return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
     def save(self, path: str | Path) -> None:
         """Write the file, whole or not at all."""
@@ -159,12 +154,15 @@ class _Document:
     left_out: Mapping[str, str]
     any_kind: _StoredKind
     kinds: Mapping[str, _StoredKind]
-    critical_scores: tuple[float, ...]
+    rate: float
 
 
 def _read(document: Any) -> DamageFile:
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise CalibrationError(f"its format is not {FORMAT!r}; is it a damage file?")
+    if document.get("version") == 1:
+        document = {**document, "version": VERSION, "rate": _RATE_1}
+        document.pop("critical_scores", None)
     if document.get("version") != VERSION:
         raise CalibrationError(
             f"written by another version of palpate (file version {document.get('version')}, this "
@@ -173,15 +171,14 @@ def _read(document: Any) -> DamageFile:
     read = structure(
         _Document, {k: v for k, v in document.items() if k not in ("format", "version")}
     )
-    scores = np.array(read.critical_scores)
-    if len(scores) < FEWEST_CLOSINGS or np.any(np.diff(scores) < 0):
-        raise CalibrationError(f"critical_scores must be {FEWEST_CLOSINGS} numbers or more, rising")
+    if not 0 < read.rate < 1:
+        raise CalibrationError(f"rate is {read.rate:g}; it must lie between 0 and 1")
     kinds = {"": read.any_kind, **read.kinds}
     for kind, stored in kinds.items():
         _check(stored, where=f"kinds.{kind}" if kind else "any_kind")
     return DamageFile(
         model=DamageModel(
-            critical_scores=scores,
+            rate=read.rate,
             strengths={
                 kind: Strength(**{name: getattr(stored, name) for name in _STRENGTH})
                 for kind, stored in kinds.items()

@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError
-from palpate.estimate.damage import FOLDS, DamageLimit, DamageModel, fit_damage_model, half_load
+from palpate.estimate.damage import (
+    FOLDS,
+    NOMINAL_RATE,
+    DamageModel,
+    Prediction,
+    fit_damage_model,
+    half_load,
+)
 from palpate.estimate.strength import ClosingCurve, ClosingState
 from palpate.holds.strict import read_table
 
@@ -55,8 +62,10 @@ def _fault(closing: FruitClosing) -> str | None:
     return None
 
 
-def learn_damage(closings: Sequence[FruitClosing], *, by_kind: bool = True) -> DamageModel:
-    """Fit a damage model to recorded closings.
+def learn_damage(
+    closings: Sequence[FruitClosing], *, by_kind: bool = True, rate: float = NOMINAL_RATE
+) -> DamageModel:
+    """Fit a damage model to recorded closings; `rate` of the objects may be damaged at the limit.
 
     Raises `InputError` if there are too few to learn from.
     """
@@ -66,6 +75,7 @@ def learn_damage(closings: Sequence[FruitClosing], *, by_kind: bool = True) -> D
             rupture_force_n=[closing.rupture_force_n for closing in closings],
             kinds=[closing.fruit for closing in closings],
             by_kind=by_kind,
+            rate=rate,
         )
     except ValueError as fault:
         raise InputError(f"can't learn a damage limit: {fault}; give more closings") from fault
@@ -95,9 +105,9 @@ def split(
     ]
 
 
-def at_half_load(closing: FruitClosing, *, model: DamageModel, kind: str) -> DamageLimit | None:
-    """Return a model's limit for a closing when half of its own prediction is reached."""
-    return half_load([model.limit(s, kind=kind, stop_score=np.inf) for s in closing.states])
+def at_half_load(closing: FruitClosing, *, model: DamageModel, kind: str) -> Prediction | None:
+    """Return a model's prediction for a closing when half of it is reached."""
+    return half_load([model.predict(state, kind=kind) for state in closing.states])
 
 
 def score_left_out(closings: Sequence[FruitClosing]) -> dict[str, HeldOut]:
@@ -110,15 +120,15 @@ def score_left_out(closings: Sequence[FruitClosing]) -> dict[str, HeldOut]:
         model = learn_damage(training)
         for closing in test:
             for kind in {"", closing.fruit}:
-                limit = at_half_load(closing, model=model, kind=kind)
-                if limit is None or (kind and kind not in model.strengths):
+                half = at_half_load(closing, model=model, kind=kind)
+                if half is None or (kind and kind not in model.strengths):
                     continue
                 alike = [c.rupture_force_n for c in training if kind in ("", c.fruit)]
                 predictions.setdefault(kind, []).append(
                     (
-                        limit.predicted_n / closing.rupture_force_n,
+                        half.predicted_n / closing.rupture_force_n,
                         float(np.median(alike)) / closing.rupture_force_n,
-                        limit.low_n / closing.rupture_force_n,
+                        half.low_n / closing.rupture_force_n,
                     )
                 )
     return {kind: _score(predictions[kind]) for kind in sorted(predictions)}

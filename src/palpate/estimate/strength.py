@@ -96,10 +96,6 @@ class Strength:
         weight = np.exp(log_weight - log_weight.max())
         return log_stiffness, weight / weight.sum()
 
-    def load(self, state: ClosingState) -> float:
-        """Return how far the force has come, in standard deviations of ln from the median."""
-        return float(np.log(state.force_n / self.median_n(state)) / self.log_sd)
-
 
 def fit_strength(
     paths: Sequence[Sequence[ClosingState]], *, rupture_force_n: Sequence[float]

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from palpate.estimate.damage_file import DamageFile
 from palpate.grasp.result import GraspResult
-from palpate.grasp.safety import DAMAGE_RATE
 from palpate.grasp.verdict import verdict
 
 
@@ -50,7 +49,7 @@ def limit_document(
         "file": str(path),
         "kind": kind or None,
         "closings": file.closings[kind] if kind else sum(file.closings.values()),
-        "rate": DAMAGE_RATE,
+        "rate": file.model.rate,
         "low_n": low_n if shown else None,
         "passed": shown and (result.peak_force_n or 0.0) > low_n,
         "kept_below_target": result.limited,

@@ -11,9 +11,6 @@ from palpate.grasp.phases import Phase
 #: The most that a finger may press on an unknown object. The only definition.
 FORCE_CEILING_N = 15.0
 
-#: Share of objects that a learned damage limit may let be damaged.
-DAMAGE_RATE = 1e-3
-
 
 class Danger(StrEnum):
     """Why a grasp is ended from outside its own plan."""

@@ -14,7 +14,6 @@ from palpate.grasp.answers import floor_n, measure_stiffness, mm_per_unit, sheet
 from palpate.grasp.config import READING, SQUEEZE
 from palpate.grasp.estimator import ClosingStep, ContactEstimate
 from palpate.grasp.plan import Plan
-from palpate.grasp.safety import DAMAGE_RATE
 from palpate.grasp.safety_filter import filter_command, quantize_target
 from palpate.grasp.servo_evidence import early_gain
 from palpate.gripper.interface import GripperCommand
@@ -67,7 +66,7 @@ def _damage_low_n(estimate: ContactEstimate, plan: Plan) -> float:
     if stiffness is None:
         return math.inf
     reach = float(ndtri(0.5 + plan.level / 2)) * estimate.gain.log_sd
-    return math.exp(reach) * plan.damage.bound_n(stiffness, kind=plan.kind, rate=DAMAGE_RATE)
+    return math.exp(reach) * plan.damage.bound_n(stiffness, kind=plan.kind)
 
 
 def force_now(estimate: ContactEstimate, plan: Plan) -> Measurement:

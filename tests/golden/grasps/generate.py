@@ -36,7 +36,6 @@ SHEETS = (8100, 8101)
 STRUCK_S = {"start": 0.0, "approach": 0.6, "squeeze": 0.05, "settle": 2.0}
 TOUCH_N = 0.3
 DAMAGE = DamageModel(
-    critical_scores=np.linspace(-1.0, 1.0, 60),
     strengths={
         "": Strength(
             log_stiffness=0.7,

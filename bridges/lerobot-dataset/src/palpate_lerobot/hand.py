@@ -18,7 +18,7 @@ from palpate.estimate.damage_file import DamageFile
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import force_now, plan_grasp
-from palpate.grasp.safety import DAMAGE_RATE, FORCE_CEILING_N, largest_step
+from palpate.grasp.safety import FORCE_CEILING_N, largest_step
 from palpate.gripper.interface import Gripper, GripperCommand, GripperState
 from palpate.sensor.array import Frame, PressureArray
 from palpate.sensor.calibration import Calibration
@@ -45,7 +45,7 @@ def learned_limit_n(path: Path, *, kind: str = "") -> float:
     """
     file = DamageFile.load(path)
     known = file.check_kind(kind, where=str(path)) if kind else ""
-    return min(file.model.bound_n(_ANY, kind=known, rate=DAMAGE_RATE), FORCE_CEILING_N)
+    return min(file.model.bound_n(_ANY, kind=known), FORCE_CEILING_N)
 
 
 class PolicyHand:
