@@ -2,7 +2,9 @@
 
 A predictor that knows sheets in general has to guess how much this one creeps. The calibration has
 seen it: at every force at which it stood still, the reading soon after the last step and the
-settled one are on file. In between, creep is about even in the logarithm of time.
+settled one are on file. In between, creep is about even in the logarithm of time. Without it the
+force of soft fingers errs by 23 % instead of 13 % in the median and their answers at 4 N come 2 s
+later (60 simulated grasps a row, level `lab`); rigid fingers are hardly affected.
 """
 
 from __future__ import annotations
