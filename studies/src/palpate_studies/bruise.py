@@ -26,7 +26,7 @@ from palpate_studies.bruise_data import (
 from palpate_studies.bruise_scores import FALSE_ALARMS, compare_all, known_of, score_all
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
-from palpate_studies.second.fruit import corky
+from palpate_studies.second.fruit import corky, rotten
 from palpate_studies.twin_apple import Apple
 
 
@@ -41,8 +41,8 @@ def report(
     """Grasp many sound and bruised apples on the twin, and tell them apart in every way.
 
     With --out, the sides learned from at each level are written too. --second judges bruises of
-    another shape, and the same apples of the first, by what the sides that palpate ships teach; two
-    dozen on a sensor.
+    another shape, rot, and the same apples of the first, two dozen on a sensor, by what the sides
+    that palpate ships teach.
 
     Example: palpate study bruise --apples 96 --out reports
     """
@@ -122,8 +122,12 @@ def judge(examined: Sequence[Examined]) -> StudyReport:
 
 
 def second_report(seeds: Sequence[int]) -> StudyReport:
-    """Judge the same apples of both generators by the model that palpate ships."""
-    remakes: dict[str, Callable[[Apple], Apple]] = {"first": as_drawn, "second": corky}
+    """Judge the same apples, bruised in two ways or rotten, by the model that palpate ships."""
+    remakes: dict[str, Callable[[Apple], Apple]] = {
+        "first": as_drawn,
+        "second": corky,
+        "rot": rotten,
+    }
     rows, ways = list[dict[str, Any]](), list[dict[str, Any]]()
     _, known = simulated_sides()
     for name, remade in remakes.items():
@@ -137,7 +141,7 @@ def second_report(seeds: Sequence[int]) -> StudyReport:
         rows += [{"generator": name, **row} for row in compare_all(scores)]
     return StudyReport(
         name="bruise",
-        title="Bruises of another shape (simulated)",
+        title="Bruises of another shape, and rot (simulated)",
         provenance=(
             "Simulated, at level lab. The second generator is described in "
             "`palpate_studies.second.fruit`, fixed before it was scored; the model that "

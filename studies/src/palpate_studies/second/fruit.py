@@ -5,6 +5,8 @@ its avocados soften along one S-shaped curve. Fixed before anything was scored o
 
 - **bruises**: as soft all the way to a steep rim, with a corky, sound core of half their reach (an
   old bruise dries from the middle); every second one has no dent.
+- **rot** (disease): a soft spot of the first generator without a dent, as deep as it reaches, whose
+  flesh keeps a quarter of a bruise's modulus. Guesses: no measurement of rotten apples was found.
 - **ripening**: `pause`: nothing for some days, then a straight fall of the logarithm to the end;
   `two steps`: half of the fall, a rest of one to two days, the other half; `sudden`: an exponential
   approach to the soft end that begins with a corner.
@@ -12,7 +14,7 @@ its avocados soften along one S-shaped curve. Fixed before anything was scored o
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -23,6 +25,8 @@ from palpate_studies.twin_avocado import Avocado
 
 #: Reach of the sound core, as a share of the bruise's; where the rim begins to fall.
 _CORE, _RIM = 0.5, 0.85
+#: Modulus of rotten flesh over that of bruised flesh.
+_ROT_SOFTNESS = 0.25
 #: Ways to soften, taken in turn.
 WAYS = ("pause", "two steps", "sudden")
 
@@ -56,6 +60,19 @@ class CorkyApple(Apple):
 def corky(apple: Apple) -> Apple:
     """Return the same apple with a bruise of the second generator."""
     return CorkyApple(**{field.name: getattr(apple, field.name) for field in fields(Apple)})
+
+
+def rotten(apple: Apple) -> Apple:
+    """Return the same apple with rot in the place of its bruise."""
+    if apple.bruise is None:
+        return apple
+    spot = replace(
+        apple.bruise,
+        depth_mm=apple.bruise.diameter_mm / 2.0,
+        softness=apple.bruise.softness * _ROT_SOFTNESS,
+        dent_mm=0.0,
+    )
+    return replace(apple, bruise=spot)
 
 
 @dataclass(frozen=True, kw_only=True)
