@@ -192,7 +192,7 @@ def demands_of(document: Document) -> list[tuple[str, str]]:
         ("grasps that average to within the same", count_text(document, "grasp")),
         ("items per hour at that number of grasps", "-" if hour is None else f"{hour:.0f}"),
         (
-            "items to test to know the limit of agreement to half that",
+            "items that show the limit of agreement to within half of that",
             f"{document['items_to_test']}",
         ),
     ]
