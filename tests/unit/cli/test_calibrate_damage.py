@@ -49,7 +49,7 @@ def test_json_is_one_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     said = json.loads(capsys.readouterr().out)
     assert said["closings"] == {"kiwi": 20}
     assert said["kinds"] == ["kiwi"]
-    assert said["rate"] == 0.001
+    assert said["rate"] == 0.01
     assert 0 < said["limit_at_middle_stiffness_n"]["kiwi"] < 2.0
 
 
@@ -115,7 +115,7 @@ def test_the_limit_keeps_a_kiwi_whole_that_its_target_would_damage(
     limit = told["damage_limit"]
     assert limit["kind"] == "kiwi"
     assert limit["closings"] == 40
-    assert limit["rate"] == 0.001
+    assert limit["rate"] == 0.01
     assert limit["kept_below_target"] is True
     assert 0 < limit["low_n"] < 4
     # The limit of such kiwis lies below what this sheet feels: the first touch passed it.
