@@ -288,6 +288,8 @@ def test_grasp_that_ended_stays_frozen_and_can_be_zoomed_and_pointed_at(
     expect(touched.locator("#chart")).to_have_attribute("data-frozen", "true")
     before = touched.evaluate(STRETCH)
     assert before == frozen
+    # This page came after the grasp; its pixels and its hand are of the whole grasp nevertheless.
+    assert int(touched.locator("#pixels").get_attribute("data-moments") or 0) > 20
     touched.evaluate(PINCH)
     after = touched.evaluate(STRETCH)
     assert after[1] - after[0] == pytest.approx((before[1] - before[0]) / 2, rel=0.1)

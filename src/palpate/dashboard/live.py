@@ -6,7 +6,7 @@ import math
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 
 import numpy as np
@@ -50,11 +50,18 @@ _REST_FRAMES = 15
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """The aggregate at one time, and the force where it is calibrated and something is pressed."""
+    """The aggregate at one time, and the force where it is calibrated and something is pressed.
+
+    `ohm`, `reported`, `moving` and `touching` are as in `Live` at that time.
+    """
 
     time_s: float
     percent: float
     force: Measurement | None = None
+    ohm: FloatArray = field(default_factory=lambda: np.empty((0, 0)), compare=False)
+    reported: float = math.nan
+    moving: bool = False
+    touching: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,25 +187,31 @@ class Live:
         self._extend(frames, percent, ohm)
         self._contacts = [
             watch_contact(state, mean)[0]
-            for state, mean in zip(self._contacts, self.finger_percent(), strict=True)
+            for state, mean in zip(self._contacts, self.finger_percent(self.percent), strict=True)
         ]
         columns = zip(frames.time_s, frames.reported, frames.moving, strict=True)
         for time_s, reported, moving in columns:
             self._move(float(time_s), reported=float(reported), moving=bool(moving))
 
-    def finger_percent(self) -> list[float]:
+    def percent_at(self, ohm: FloatArray) -> FloatArray | None:
+        """Return the relative change of pixels of these resistances; None without a rest."""
+        if self._rest_ohm is None:
+            return None
+        return relative_change_percent(ohm, rest_ohm=self._rest_ohm)
+
+    def finger_percent(self, percent: FloatArray | None) -> list[float]:
         """Return the mean change of each finger's pixels; empty before the first frame."""
-        if self.source is None or self.percent is None:
+        if self.source is None or percent is None:
             return []
         fingers = self.source.layout.finger_of_row
-        return [float(mean) for mean in finger_means(self.percent, finger_of_row=fingers)]
+        return [float(mean) for mean in finger_means(percent, finger_of_row=fingers)]
 
-    def finger_forces_n(self) -> list[float]:
-        """Return the force of each finger, newtons; empty without one.
+    def finger_forces_n(self, force: Measurement | None, ohm: FloatArray | None) -> list[float]:
+        """Return the share of each finger in a force, newtons; empty without one.
 
         The grip force is the fingers' mean; it is shared as the law reads the pixels of each.
         """
-        source, force, ohm, rest_ohm = self.source, self.force, self.ohm, self._rest_ohm
+        source, rest_ohm = self.source, self._rest_ohm
         if source is None or force is None or ohm is None or rest_ohm is None or not self._laws:
             return []
         excess = _excess(source, ohm, rest_ohm)
@@ -216,14 +229,15 @@ class Live:
     @property
     def open_hand(self) -> bool | None:
         """Whether the hand is open and still; None where its opening is not known."""
-        return self._is_open(self.reported, moving=self.moving)
+        return self.is_open(self.reported, moving=self.moving)
 
     @property
     def newtons(self) -> bool:
         """Whether the source is calibrated for newtons."""
         return self._laws is not None
 
-    def _is_open(self, reported: float, *, moving: bool) -> bool | None:
+    def is_open(self, reported: float, *, moving: bool) -> bool | None:
+        """Return whether a hand of this report is open and still; None where that is not known."""
         limits = None if self.source is None else self.source.gripper
         if limits is None or math.isnan(reported):
             return None
@@ -268,12 +282,22 @@ class Live:
         for at, (time_s, (reported, moving)) in enumerate(
             zip(frames.time_s.tolist(), hand, strict=True)
         ):
-            gone = (self.released and moving) or bool(self._is_open(reported, moving=moving))
+            gone = (self.released and moving) or bool(self.is_open(reported, moving=moving))
             slot = math.floor(time_s * POINTS_PER_S)
             if slot > self._slot:
                 self._slot = slot
                 force = self._force_at(time_s, ohm[at])
-                self.curve.append(Point(time_s, whole[at], None if gone else force))
+                self.curve.append(
+                    Point(
+                        time_s,
+                        whole[at],
+                        None if gone else force,
+                        ohm=ohm[at],
+                        reported=reported,
+                        moving=moving,
+                        touching=tuple(self.touching),
+                    )
+                )
                 if time_s > self._freeze_s:
                     self.frozen, self._freeze_s = list(self.curve), math.inf
                     self.curve.clear()

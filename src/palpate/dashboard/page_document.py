@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
+from palpate.arrays import FloatArray
 from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.dashboard.headline import PHASE_TEXTS, TEXTS, headline_of, operator_view
 from palpate.dashboard.live import Live, finite
@@ -18,6 +19,8 @@ from palpate.grasp.verdict import outcome_text
 from palpate.sensor.findings import pixel_name
 from palpate.sensor.health import Health
 
+#: Moments and readings that a page which has just been opened is sent at most, guess.
+_PAST_MOMENTS, _PAST_VALUES = 200, 20000
 _MEASURED = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
 
 
@@ -76,8 +79,9 @@ def document(
             "newtons": live.newtons,
         },
         "link": link,
-        "hand": _hand(live),
+        "hand": _hand(live, live.reported, moving=live.moving),
         "pixels": _pixels(session),
+        "past": _past(live) if after_s == -math.inf else [],
         "curve": [
             [point.time_s, round(point.percent, 2), *_newtons(point.force)]
             for point in live.since(after_s)
@@ -164,18 +168,18 @@ def _link(session: Session) -> dict[str, Any]:
     }
 
 
-def _hand(live: Live) -> dict[str, Any] | None:
+def _hand(live: Live, reported: float, *, moving: bool) -> dict[str, Any] | None:
     limits = None if live.source is None else live.source.gripper
     if limits is None:
         return None
-    (value,) = finite([live.reported])
+    (value,) = finite([reported])
     return {
         "drive": limits.drive,
         "value": value,
         "closed": None if value is None else abs(value - limits.target(0.0)) / limits.span,
-        "moving": live.moving,
-        "open": live.open_hand,
-        "opening": live.released and live.moving,
+        "moving": moving,
+        "open": live.is_open(reported, moving=moving),
+        "opening": live.released and moving,
     }
 
 
@@ -184,15 +188,45 @@ def _pixels(session: Session) -> dict[str, Any] | None:
     if live.source is None or live.percent is None or live.ohm is None:
         return None
     return {
-        "time_s": finite([live.time_s])[0],
+        **_pads(live, live.time_s, live.percent, live.ohm, live.force),
         "finger_of_row": live.source.layout.finger_of_row,
-        "percent": [finite(row) for row in live.percent],
-        "ohm": [finite(row) for row in live.ohm],
-        "finger_percent": finite(live.finger_percent()),
-        "finger_n": [round(one, 2) for one in live.finger_forces_n()],
         "touching": live.touching,
         "findings": _on_pixels(session.devices.health),
     }
+
+
+def _pads(
+    live: Live,
+    time_s: float,
+    percent: FloatArray,
+    ohm: FloatArray,
+    force: Measurement | None,
+) -> dict[str, Any]:
+    """Return the readings of all pixels at one time."""
+    return {
+        "time_s": finite([time_s])[0],
+        "percent": [finite(row) for row in percent],
+        "ohm": [finite(row) for row in ohm],
+        "finger_percent": finite(live.finger_percent(percent)),
+        "finger_n": [round(one, 2) for one in live.finger_forces_n(force, ohm)],
+    }
+
+
+def _past(live: Live) -> list[dict[str, Any]]:
+    """Return pads and hand at times of the curve, for a page that was not there."""
+    known = [point for point in live.since(-math.inf) if point.ohm.size]
+    if not known:
+        return []
+    most = min(_PAST_MOMENTS, max(_PAST_VALUES // known[0].ohm.size, 1))
+    return [
+        {
+            **_pads(live, point.time_s, percent, point.ohm, point.force),
+            "touching": point.touching,
+            "hand": _hand(live, point.reported, moving=point.moving),
+        }
+        for point in known[:: math.ceil(len(known) / most)]
+        if (percent := live.percent_at(point.ohm)) is not None
+    ]
 
 
 def _on_pixels(health: Health | None) -> list[dict[str, Any]]:

@@ -92,7 +92,7 @@ def test_change_is_against_the_rest_values(live: Live) -> None:
     assert live.percent is not None
     # 4700 ohm below: R goes as 1024 / counts - 1.
     assert live.percent[0, 0] == pytest.approx(100 * ((1024 / 450 - 1) / (1024 / 300 - 1) - 1))
-    assert live.finger_percent() == pytest.approx([live.percent[0, 0]] * 2)
+    assert live.finger_percent(live.percent) == pytest.approx([live.percent[0, 0]] * 2)
 
 
 def test_force_of_each_finger_is_its_share_of_the_reading_and_their_mean_the_grip_force() -> None:
@@ -111,12 +111,12 @@ def test_force_of_each_finger_is_its_share_of_the_reading_and_their_mean_the_gri
         rows = np.array(RIGID_LAYOUT.finger_of_row) == finger
         pressed.counts[:, rows] = round(1024 * conductance / (1 + conductance))
     live.add_frames(pressed)
-    first, second = live.finger_forces_n()
+    first, second = live.finger_forces_n(live.force, live.ohm)
     assert first / second == pytest.approx(3.0, rel=0.03)
     assert live.force is not None
     assert (first + second) / 2 == pytest.approx(live.force.middle)
     live.add_frames(frames(5, from_s=1.0))
-    assert live.finger_forces_n() == [], "an open hand presses nothing"
+    assert live.finger_forces_n(live.force, live.ohm) == [], "an open hand presses nothing"
 
 
 def test_a_step_between_two_frames_is_marked_as_a_movement(live: Live) -> None:
@@ -166,6 +166,18 @@ def test_the_document_sends_what_the_page_lacks() -> None:
     assert len(whole["curve"]) == 40
     assert [point[0] for point in rest["curve"]] == pytest.approx(np.arange(21, 40) / 40)
     assert whole["source"]["simulated"] is True
+    assert [one["time_s"] for one in whole["past"]] == [point[0] for point in whole["curve"]]
+    newest = whole["past"][-1] | {"touching": []}
+    assert newest == {name: whole["pixels"].get(name, whole["hand"]) for name in newest}
+    assert rest["past"] == []
+
+
+def test_past_of_a_long_watch_is_thinned() -> None:
+    session = Session(send=lambda message: None)
+    session.devices.live.open_source(SOURCE)
+    session.devices.live.add_frames(frames(1000, rate_hz=40.0))
+    past = document(session, generation=-1, after_s=0.0)["past"]
+    assert 100 <= len(past) <= 200
 
 
 def test_an_open_pixel_is_null_in_the_document() -> None:

@@ -404,7 +404,7 @@ function drawPixels() {
     ctx.fillStyle = ink.muted;
     if (!many) ctx.fillText(`R${row} C${col}`, x0 + box.w - 34 * scale(), y0 + 8 * scale());
   }
-  Object.assign(canvas.dataset, { cols, perLine, count });
+  Object.assign(canvas.dataset, { cols, perLine, count, moments: points.length });
 }
 
 // Force over how far the hand closed after contact. The measured points hold pads and fingers too; the

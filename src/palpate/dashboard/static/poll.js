@@ -128,6 +128,7 @@ function take(doc, began) {
   seen.band.push(...doc.band.filter(after(seen.band)));
   forget(seen.curve, 4500, (point) => point[0], doc.frozen_s);
   if (seen.band.length > 900) seen.band.splice(0, seen.band.length - 900);
+  if (!seen.pixels.length) seen.pixels.push(...doc.past);
   keepPixels(doc);
   forget(seen.pixels, 1400, (one) => one.time_s, doc.frozen_s);
   Object.assign(seen, { at: performance.now(), hungS: doc.link.hung_s, stops: doc.stops, serverS: doc.server_s, askedAt: began });
