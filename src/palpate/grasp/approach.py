@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.grasp.config import APPROACH, READING
+from palpate.grasp.config import APPROACH, GUARDS, READING
 from palpate.grasp.estimator import ContactEstimate, Touch, closure_of
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
@@ -159,8 +159,8 @@ def start_sweep(state: GraspState, plan: Plan, *, rows: tuple[int, ...] | None =
     slowed = estimate.sweep is not None
     if not slowed and near - estimate.closure > approach_step(plan):
         # An expectation may be wrong: no command goes further than is safe, whatever is there.
-        safe = APPROACH.haste_fraction * safe_step(estimate, plan)
-        hasty_s = _command_s(estimate, frames=APPROACH.haste_frames) + plan.safety.latency_s
+        safe = safe_step(estimate, plan)
+        hasty_s = _command_s(estimate) + plan.safety.latency_s
         end, rate = near, max(rate, min(safe / hasty_s, plan.gripper.fastest))
     most_n = math.inf
     if rows is not None:
@@ -203,8 +203,7 @@ def continue_sweep(state: GraspState, plan: Plan) -> GripperCommand | None:
     if sweep.time_s and (frozen or gripped or sweep.touched(plan.current)):
         return _look(state, stop_here(estimate, plan))
     near = sweep.end < plan.gripper.span
-    frames = APPROACH.haste_frames if near else APPROACH.ahead_frames
-    ahead = sweep.rate * _command_s(estimate, frames=frames)
+    ahead = sweep.rate * _command_s(estimate)
     if near and estimate.closure >= sweep.end - ahead:
         # Before it stops there: that would read like a touch.
         start_sweep(state, plan)
@@ -225,12 +224,12 @@ def _look(state: GraspState, command: GripperCommand | None) -> GripperCommand |
     return command
 
 
-def _command_s(estimate: ContactEstimate, *, frames: float) -> float:
+def _command_s(estimate: ContactEstimate) -> float:
     """Return how far ahead a command of a sweep reaches, in time.
 
     If no more comes, the hand stops of its own.
     """
-    return frames * estimate.period_s + APPROACH.ahead_s
+    return APPROACH.ahead_frames * estimate.period_s + APPROACH.ahead_s
 
 
 def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
@@ -249,7 +248,7 @@ def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
             start_sweep(state, plan, rows=_unfelt_rows(now, plan))
             return None
         # Nothing, or one finger alone and no way gained: on in small steps.
-        pushed = APPROACH.pushed_steps * plan.step if pushes else 0.0
+        pushed = APPROACH.back_steps * plan.step if pushes else 0.0
         attempt.swept_to = estimate.closure + pushed
         state.enter(Activity.TOUCH)
         return None
@@ -292,7 +291,7 @@ def _leave_touch(state: GraspState, plan: Plan) -> GripperCommand | None:
         if estimate.closure > max(furthest, plan.step):
             return _go_back(estimate, plan.step, plan)
         left_n = float(plan.early_law.force_n(now.reading).value)
-        if left_n > APPROACH.stuck_fraction * estimate.force_n:
+        if left_n > (1.0 - GUARDS.falls_fraction) * estimate.force_n:
             state.add_fault(
                 "the sheet reads as much after the fingers went back as while they touched; see "
                 "what `palpate doctor` reports"

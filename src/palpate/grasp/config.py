@@ -24,8 +24,7 @@ class Reading:
     quiet_s : 0.2 to 0.5 s, twin. A movement's spike, and the sheet's answer, are over.
     lag_s : 0.06 to 0.12 s, twin. A pixel hides its fall under a rising load.
     felt_percent : -3 to -0.5 %, twin. A larger fall is a touch (ten times a mean's noise).
-    width_report_mm : 0.02 to 0.2 mm, datasheet. Error of a reported width.
-    pressure_report_kpa : 0.1 to 1 kPa, guess. Error of a reported pressure.
+    report_steps : 1 to 4 steps, datasheet. Error of a report, in steps of the drive.
     """
 
     now_s: float = 0.14
@@ -33,8 +32,7 @@ class Reading:
     quiet_s: float = 0.3
     lag_s: float = 0.06
     felt_percent: float = -1.0
-    width_report_mm: float = 0.06
-    pressure_report_kpa: float = 0.3
+    report_steps: float = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,14 +42,10 @@ class Approach:
     overrun_steps : 1 to 3 steps, twin. Travel from a touch until the hand stands.
     ahead_frames : 1.25 to 4 frames, guess. Reach of a command ahead.
     ahead_s : 0.01 to 0.05 s, guess. And beyond those frames.
-    haste_frames : 1 to 2 frames, guess. The same where no object is expected yet.
-    haste_fraction : 0.5 to 1 1, guess. Of the safe step, where no object is expected yet.
     expected_mm : 2 to 10 mm, requirement. Error of an expected size.
     stand_s : 0.15 to 0.4 s, twin. Spike of a movement at speed is over.
     idle_s : 0.3 to 2 s, guess. A hand that does not move is sent again.
-    back_steps : 2 to 8 steps, guess. Furthest way back from a touch.
-    stuck_fraction : 0.5 to 0.9 1, guess. Of a touch that no sheet keeps after it.
-    pushed_steps : 2 to 8 steps, guess. An object that one finger pushes is off the middle.
+    back_steps : 2 to 8 steps, guess. Furthest way back from a touch, or on where one finger pushes.
     alone_fraction : 0.1 to 0.5 1, guess. One finger pushes alone below this ratio of both.
     short_steps : 0.2 to 1 steps, twin. Second touch begins before the first, at least.
     short_fraction : 0.5 to 1 1, twin.
@@ -61,14 +55,10 @@ class Approach:
     overrun_steps: float = 2.0
     ahead_frames: float = 2.0
     ahead_s: float = 0.02
-    haste_frames: float = 1.25
-    haste_fraction: float = 0.85
     expected_mm: float = 5.0
     stand_s: float = 0.21
     idle_s: float = 0.7
     back_steps: float = 4.0
-    stuck_fraction: float = 0.7
-    pushed_steps: float = 5.0
     alone_fraction: float = 0.3
     short_steps: float = 0.4
     short_fraction: float = 0.8
@@ -81,25 +71,17 @@ class TouchDetection:
     history_s : 0.4 to 1 s, twin. Readings compared with.
     latest_s : 0.004 to 0.07 s, guess. Readings taken as now.
     steady_s : 0.3 to 0.6 s, twin. A movement's rise is steady.
-    level_s : 0.1 to 0.4 s, guess. Span of a movement's level.
-    slowed_s : 0.2 to 0.4 s, twin. A faster movement is forgotten.
     sd : 4 to 8 sd, twin. Change that is a touch.
     fraction : 0.004 to 0.02 1, twin. Least change, and unseen noise; a slow fall is twice this.
     gears_fraction : 0.1 to 0.3 1, guess. Friction of the gears is mapped no better.
-    frozen_frames : 3 to 8 frames, twin. Equal frames that are not new.
-    frozen_s : 0.1 to 0.4 s, twin. And for this time.
     """
 
     history_s: float = 0.6
     latest_s: float = 0.016
     steady_s: float = 0.4
-    level_s: float = 0.2
-    slowed_s: float = 0.25
     sd: float = 6.0
     fraction: float = 0.008
     gears_fraction: float = 0.15
-    frozen_frames: int = 4
-    frozen_s: float = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +98,6 @@ class Squeeze:
     sure_n : 0.1 to 0.3 N, twin. Rise that noise does not make.
     sure_fraction : 0.03 to 0.1 1, twin. The same, of the force.
     sure_of_floor : 0.3 to 1 1, guess. The same, of the calibration's faint scatter.
-    unknown_n : 0.2 to 0.5 N, guess. Added while the damage limit is unknown.
     soft_n_per_mm : 0.4 to 1.5 N/mm, study rupture. Softest fruit that is gripped.
     damage_fraction : 0.5 to 1 1, guess. Of the room to the damage limit, in one step.
     listen_s : 0.05 to 0.3 s, guess. Least time of a step whose current is read.
@@ -134,7 +115,6 @@ class Squeeze:
     sure_n: float = 0.15
     sure_fraction: float = 0.05
     sure_of_floor: float = 0.5
-    unknown_n: float = 0.3
     soft_n_per_mm: float = 0.7
     damage_fraction: float = 0.8
     listen_s: float = 0.1
@@ -155,7 +135,6 @@ class Settle:
         Of a step's force that its unseen threshold may take away, at most.
     haste_sd : 0.05 to 0.2 ln, twin. Lag of larger steps.
     left_fraction : 0.1 to 0.5 1, guess. Of the strongest reading that is the same grip.
-    pressure_kpa : 0.1 to 1 kPa, guess. Error of a regulator.
     hysteresis_sd : 0.1 to 0.3 ln, guess. Hysteresis of soft fingers.
     relaxing : 1 to 1.1 1, guess. Force now over the settled force.
     less_steep : 2 to 8 1, guess. A correction's slope may be less.
@@ -171,7 +150,6 @@ class Settle:
     least_read: float = 0.3
     haste_sd: float = 0.12
     left_fraction: float = 0.2
-    pressure_kpa: float = 0.5
     hysteresis_sd: float = 0.15
     relaxing: float = 1.03
     less_steep: float = 4.0
@@ -248,7 +226,6 @@ class Pixels:
     all_moves : 3 to 6 moves, study faults. Without a change of any pixel.
     few_moves : 1 to 4 moves, study faults. Without a change, in a long time.
     long_s : 2 to 6 s, study faults. That long time.
-    same : 0.05 to 0.3 mm or kPa, datasheet. Reports of a hand that stands.
     flicker_frames : 15 to 60 frames, guess. Show whether a sensor flickers.
     most_alike : 6 to 20 frames, study faults. Alike that are not new.
     unlike_counts : 4 to 20 counts, study faults. Pixels differ at rest.
@@ -262,7 +239,6 @@ class Pixels:
     all_moves: int = 4
     few_moves: int = 2
     long_s: float = 3.0
-    same: float = 0.1
     flicker_frames: int = 30
     most_alike: int = 10
     unlike_counts: int = 8
@@ -278,7 +254,6 @@ class Current:
         In a mean, moving; short movements of an empty hand that show what its gears take.
     standing_readings : 4 to 12 readings, guess. In a mean, standing.
     sheet_factor : 1.5 to 3 1, study faults. Of what the sheet shows.
-    answered_s : 0.12 to 0.4 s, twin. The sheet has answered a movement.
     equal_readings : 10 to 30 readings, study faults. A stuck current.
     more_ma : 10 to 50 mA, datasheet. And this much more.
     """
@@ -288,7 +263,6 @@ class Current:
     moving_readings: int = 4
     standing_readings: int = 6
     sheet_factor: float = 2.0
-    answered_s: float = 0.2
     equal_readings: int = 16
     more_ma: float = 20.0
 

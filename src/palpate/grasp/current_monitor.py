@@ -172,7 +172,7 @@ class CurrentMonitor:
 
     def _unseen(self, estimate: ContactEstimate) -> Alarm | None:
         """Compare the last movement, and the hand as it stands, with what the sheet shows."""
-        if estimate.still_s < CURRENT.answered_s or not estimate.touches:
+        if estimate.still_s < READING.quiet_s or not estimate.touches:
             return None
         if self._plan.current is None:
             return self._without_calibration(estimate)

@@ -238,9 +238,8 @@ class ContactEstimate(HandMotion):
         elif self.still_since_s is None:
             self.still_since_s = frame.time_s
         reported = plan.gripper.closure(gripper)
-        width = plan.gripper.drive == "width"
-        error = READING.width_report_mm if width else READING.pressure_report_kpa
         # As sent where the report agrees, because reports are rounded.
+        error = READING.report_steps * plan.resolution
         agrees = not gripper.moving and abs(reported - self.sent) <= error
         self.closure = self.sent if agrees else reported
         self.tracking_lag = max(self.closure - reported, 0.0)

@@ -39,6 +39,8 @@ class PixelMonitor:
         self._rest = np.where(self._known, rest_ohm, 1.0) / plan.layout.divider.reference_ohm
         resting = plan.layout.divider.full_scale / (1.0 + self._rest[self._known])
         self._unlike = resting.size > 0 and float(np.ptp(resting)) >= PIXELS.unlike_counts
+        #: Reports of a hand that stands differ by less.
+        self._rounding = READING.report_steps * plan.resolution
         self._equal = 0
         self._counts: NDArray[np.float64] | None = None
         self._opened = np.zeros(rest_ohm.shape, dtype=int)
@@ -87,7 +89,7 @@ class PixelMonitor:
             observation.gripper.moving,
             self._plan.gripper.closure(observation.gripper),
         )
-        if self._counts is not None and (moving or abs(closure - self._closure) > PIXELS.same):
+        if self._counts is not None and (moving or abs(closure - self._closure) > self._rounding):
             self._moved_s = frame.time_s
         self._closure = closure
         # A long way at one speed shakes the sheet at its ends only: it is one movement.

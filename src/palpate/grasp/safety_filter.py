@@ -66,7 +66,7 @@ def _largest_blind_step(estimate: ContactEstimate, plan: Plan) -> float:
     if not felt.any():
         return math.inf
     soft_n = SQUEEZE.soft_n_per_mm * mm_per_unit(plan)
-    longest = SQUEEZE.unknown_n * (1.0 / plan.steepest_n + 1.0 / soft_n)
+    longest = 2 * SQUEEZE.sure_n * (1.0 / plan.steepest_n + 1.0 / soft_n)
     return estimate.steps[int(np.argmax(felt))].closure + longest - estimate.closure
 
 

@@ -88,7 +88,7 @@ def _force_by_pressure(
     )
     middle_n = math.sqrt(low_n * high_n)
     start_sd_mm = (
-        bend.mm_per_kpa * max(closure[first] - free, SETTLE.pressure_kpa) / math.sqrt(12.0)
+        bend.mm_per_kpa * max(closure[first] - free, plan.fine_step) / math.sqrt(12.0)
     )
     return MeasuredForce(
         force_n=middle_n,

@@ -32,7 +32,7 @@ def blind_s(period_s: float) -> float:
     >>> round(blind_s(1 / 15), 2), round(blind_s(1 / 250), 2)
     (0.51, 0.36)
     """
-    return TOUCH.slowed_s + READING.lag_s + _FEWEST * max(period_s, TOUCH.latest_s)
+    return READING.quiet_s + READING.lag_s + _FEWEST * max(period_s, TOUCH.latest_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,11 +80,11 @@ class Sweep:
     def seen(self, time_s: float, *, log_ohm: FloatArray, gears_ma: float) -> Sweep:
         """Return the way with one more frame."""
         level = self.level
-        if level is None and time_s > self.since_s + TOUCH.steady_s + TOUCH.level_s:
+        if level is None and time_s > self.since_s + TOUCH.steady_s + READING.quiet_s:
             recent = [
                 ohm
                 for at, ohm in zip(self.time_s, self.log_ohm, strict=True)
-                if at > time_s - TOUCH.level_s
+                if at > time_s - READING.quiet_s
             ]
             level = np.asarray(np.mean(recent, axis=0)) if recent else None
         first = sum(old < time_s - TOUCH.history_s for old in self.time_s)
@@ -99,8 +99,8 @@ class Sweep:
     @property
     def is_frozen(self) -> bool:
         """Whether no pixel has changed lately: frames arrive, and are not new."""
-        last = [time_s > self.time_s[-1] - TOUCH.frozen_s for time_s in self.time_s]
-        many = max(TOUCH.frozen_frames, sum(last))
+        last = [time_s > self.time_s[-1] - READING.quiet_s for time_s in self.time_s]
+        many = max(READING.now_frames, sum(last))
         latest = self.log_ohm[-many:]
         return len(latest) == many and all(np.array_equal(latest[0], one) for one in latest)
 
@@ -110,7 +110,7 @@ class Sweep:
         now = time_s > time_s[-1] - TOUCH.latest_s
         before = time_s < time_s[-1] - READING.lag_s
         if self.slowed:
-            before &= time_s > self.since_s + TOUCH.slowed_s
+            before &= time_s > self.since_s + READING.quiet_s
         if current is not None and self._pulls(current, now=now, before=before):
             return True
         steady = before & (time_s > self.since_s + TOUCH.steady_s)
