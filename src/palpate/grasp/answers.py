@@ -24,7 +24,7 @@ from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.size import ContactPoint, contact_point
 from palpate.estimate.soft_stiffness import soft_stiffness
-from palpate.grasp.config import READING, SETTLE, SQUEEZE
+from palpate.grasp.config import READING, SETTLE
 from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan
 from palpate.settling.percent import as_percent, of_rest
@@ -301,10 +301,13 @@ def _read(
 ) -> tuple[FloatArray, NDArray[np.bool_], ForceEstimate]:
     """Return opening of each step (mm or -kPa), whether it was felt, and its early force."""
     reading = [step.touch.reading for step in steps]
+    shared_percent = np.array([step.touch.shared_percent for step in steps])
+    read = estimate.gain.apply_to(plan.early_law.force_n(reading, level=plan.level))
     return (
         np.array([_opening(plan, step.closure) for step in steps]),
-        np.array([step.touch.shared_percent < READING.felt_percent for step in steps]),
-        estimate.gain.apply_to(plan.early_law.force_n(reading, level=plan.level)),
+        # Pixels that rise may cancel what the others feel.
+        (shared_percent < READING.felt_percent) & (read.value > 0.0),
+        read,
     )
 
 
@@ -330,16 +333,12 @@ def sheet_forces_n(
 def _from_touch(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingStep, ...]:
     """Return the steps from just before the first sure touch on; none if there is none.
 
-    Drift can look like a faint touch long before the real one: no more than two steps of it, and
-    no way further than that.
+    Drift can look like a faint touch long before the real one: no more than two steps of it.
     """
     hinted = [c.touch.shared_percent < plan.hint_percent for c in estimate.steps]
     if not any(hinted):
         return ()
-    first = hinted.index(True)
-    nearest = estimate.steps[first].closure - SQUEEZE.faint_steps * plan.step
-    before = [c for c in estimate.steps[max(first - 2, 0) : first] if c.closure > nearest]
-    return (*before, *estimate.steps[first:])
+    return estimate.steps[max(hinted.index(True) - 2, 0) :]
 
 
 def floor_n(plan: Plan) -> float:

@@ -97,12 +97,9 @@ class Squeeze:
     near_fraction : 0.85 to 1 1, twin. Of the target where the squeeze ends.
     sure_n : 0.1 to 0.3 N, twin. Rise that noise does not make.
     sure_fraction : 0.03 to 0.1 1, twin. The same, of the force.
-    sure_of_floor : 0.3 to 1 1, guess. The same, of the calibration's faint scatter.
     soft_n_per_mm : 0.4 to 1.5 N/mm, study rupture. Softest fruit that is gripped.
-    damage_fraction : 0.5 to 1 1, guess. Of the room to the damage limit, in one step.
     listen_s : 0.05 to 0.3 s, guess. Least time of a step whose current is read.
     firm_n_per_mm : 4 to 10 N/mm, twin. Stiffer needs no firmer squeeze.
-    faint_steps : 2 to 5 steps, guess. Faint steps before the first touch that count.
     """
 
     force_fraction: float = 0.75
@@ -114,12 +111,9 @@ class Squeeze:
     near_fraction: float = 0.93
     sure_n: float = 0.15
     sure_fraction: float = 0.05
-    sure_of_floor: float = 0.5
     soft_n_per_mm: float = 0.7
-    damage_fraction: float = 0.8
     listen_s: float = 0.1
     firm_n_per_mm: float = 6.0
-    faint_steps: float = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +128,6 @@ class Settle:
     least_read : 0.1 to 0.5 1, guess.
         Of a step's force that its unseen threshold may take away, at most.
     haste_sd : 0.05 to 0.2 ln, twin. Lag of larger steps.
-    left_fraction : 0.1 to 0.5 1, guess. Of the strongest reading that is the same grip.
     hysteresis_sd : 0.1 to 0.3 ln, guess. Hysteresis of soft fingers.
     relaxing : 1 to 1.1 1, guess. Force now over the settled force.
     less_steep : 2 to 8 1, guess. A correction's slope may be less.
@@ -149,7 +142,6 @@ class Settle:
     kept_factor: float = 2.0
     least_read: float = 0.3
     haste_sd: float = 0.12
-    left_fraction: float = 0.2
     hysteresis_sd: float = 0.15
     relaxing: float = 1.03
     less_steep: float = 4.0

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from palpate.arrays import FloatArray
 from palpate.estimate.closing_stiffness import LAG, tilt_sd, unforgotten
 from palpate.estimate.gain import Gain, MeasuredForce
-from palpate.grasp.config import SETTLE, SQUEEZE
+from palpate.grasp.config import GUARDS, SETTLE, SQUEEZE
 
 if TYPE_CHECKING:
     from palpate.estimate.compliance import SoftFingerCompliance
@@ -46,7 +46,7 @@ def force_by_gripper(estimate: ContactEstimate, plan: Plan) -> MeasuredForce | N
     force_n = _has_caught_up(plan.early_law.force_n(reading).value, plan)
     at = np.array([estimate.closure, *(pull.closure for pull in estimate.pulls)])
     sheet_n = _between(at, closure, force_n)
-    if not sheet_n[0] > SETTLE.left_fraction * sheet_n.max():
+    if not sheet_n[0] > GUARDS.lost_fraction * sheet_n.max():
         return None
     return plan.current.measure(
         [pull.current_ma for pull in estimate.pulls],
@@ -87,9 +87,7 @@ def _force_by_pressure(
         for per_n in (1.0 / SQUEEZE.soft_n_per_mm, 0.0)
     )
     middle_n = math.sqrt(low_n * high_n)
-    start_sd_mm = (
-        bend.mm_per_kpa * max(closure[first] - free, plan.fine_step) / math.sqrt(12.0)
-    )
+    start_sd_mm = bend.mm_per_kpa * max(closure[first] - free, plan.fine_step) / math.sqrt(12.0)
     return MeasuredForce(
         force_n=middle_n,
         sd_n=middle_n / way_mm * start_sd_mm,

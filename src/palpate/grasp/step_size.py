@@ -136,7 +136,7 @@ def squeeze_step(estimate: ContactEstimate, plan: Plan, *, goal_n: float) -> flo
         return min(wanted, plan.fine_step)
     # The limit is measured again at every step: it is approached in several.
     room_n = estimate.damage_low_n - estimate.force_high_n
-    return min(wanted, SQUEEZE.damage_fraction * room_n / slope_high_n(estimate, plan))
+    return min(wanted, SQUEEZE.force_fraction * room_n / slope_high_n(estimate, plan))
 
 
 def squeeze_depth(estimate: ContactEstimate, plan: Plan) -> float:
@@ -180,7 +180,7 @@ def slope_n(estimate: ContactEstimate, plan: Plan) -> float:
     slopes = [
         (f1 - f0) / (c1.closure - c0.closure)
         for (c0, f0), (c1, f1) in pairwise(curve)
-        if c1.closure > c0.closure and f1 - f0 >= _sure_n(f1, plan) and _is_gripped(c0, f0, plan)
+        if c1.closure > c0.closure and f1 - f0 >= _sure_n(f1) and _is_gripped(c0, f0, plan)
     ]
     if estimate.fast_contact is not None and curve:
         (closure, met_n), (now, now_n) = estimate.fast_contact, curve[-1]
@@ -195,10 +195,9 @@ def _is_gripped(step: ClosingStep, force_n: float, plan: Plan) -> bool:
     return step.touch.shared_percent <= plan.hint_percent or force_n > plan.force_step_n
 
 
-def _sure_n(force_n: float, plan: Plan) -> float:
+def _sure_n(force_n: float) -> float:
     """Return the rise to this force that noise alone does not make, newtons."""
-    least_n = max(SQUEEZE.sure_of_floor * floor_n(plan), SQUEEZE.sure_n)
-    return max(least_n, SQUEEZE.sure_fraction * force_n)
+    return max(SQUEEZE.sure_n, SQUEEZE.sure_fraction * force_n)
 
 
 def _slope_bound_n(estimate: ContactEstimate, plan: Plan) -> float:
