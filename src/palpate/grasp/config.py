@@ -153,9 +153,9 @@ class Settle:
 class Guards:
     """What ends a grasp: the thresholds of the monitors of sheet, gripper and grip.
 
-    patience_s : 1 to 10 s, guess. A sheet comes to rest.
-    sheet_factor : 2 to 4 1, study rezero. Drift of a sheet's rest.
-    pixel_factor : 1.3 to 2 1, study rezero. Drift of a pixel's rest.
+    patience_s : 1 to 10 s, guess. A sheet comes to rest; the first frames come; a pixel moves.
+    sheet_factor : 2 to 4 1, twin. Drift of a sheet's rest.
+    pixel_factor : 1.3 to 2 1, twin. Drift of a pixel's rest beside the others'.
     proving_steps : 1 to 3 steps, guess. Closing that proves a rest.
     too_far : 1.1 to 1.5 1, guess. Of the target that ends a movement.
     late_s : 0.06 to 0.12 s, twin. The sheet shows a rising force this late.
@@ -169,13 +169,10 @@ class Guards:
     opening_s : 5 to 30 s, guess. Longest opening.
     idle_commands : 3 to 8 commands, guess. Without any movement.
     idle_fraction : 0.2 to 0.5 1, guess. Of the way, or no movement.
-    shortest_mm : 0.1 to 0.5 mm, datasheet. Way that shows anything.
-    shortest_kpa : 0.2 to 1 kPa, guess. The same.
-    range_mm : 2 to 10 mm, guess. Report beyond the gripper's range.
-    range_kpa : 5 to 20 kPa, guess. The same.
+    shown_fraction : 0.003 to 0.02 1, guess. Of the travel, a way that shows anything.
+    range_fraction : 0.05 to 0.2 1, guess. Of the travel, a report beyond the gripper's range.
     too_fast : 1.3 to 2 1, guess. Of the rate that was sent.
     most_ma : 5000 to 50000 mA, datasheet. Of any such motor.
-    first_frame_s : 1 to 5 s, guess. Wait for the first frames.
     intervals : 9 to 31 frames, guess. Whose median is the period.
     """
 
@@ -195,13 +192,10 @@ class Guards:
     opening_s: float = 10.0
     idle_commands: int = 4
     idle_fraction: float = 0.3
-    shortest_mm: float = 0.2
-    shortest_kpa: float = 0.4
-    range_mm: float = 5.0
-    range_kpa: float = 10.0
+    shown_fraction: float = 0.005
+    range_fraction: float = 0.1
     too_fast: float = 1.5
     most_ma: float = 20000.0
-    first_frame_s: float = 2.0
     intervals: int = 15
 
 
@@ -217,7 +211,6 @@ class Pixels:
     other_moves : 1 to 5 moves, study faults. Of the others meanwhile, at most.
     all_moves : 3 to 6 moves, study faults. Without a change of any pixel.
     few_moves : 1 to 4 moves, study faults. Without a change, in a long time.
-    long_s : 2 to 6 s, study faults. That long time.
     flicker_frames : 15 to 60 frames, guess. Show whether a sensor flickers.
     most_alike : 6 to 20 frames, study faults. Alike that are not new.
     unlike_counts : 4 to 20 counts, study faults. Pixels differ at rest.
@@ -230,7 +223,6 @@ class Pixels:
     other_moves: int = 3
     all_moves: int = 4
     few_moves: int = 2
-    long_s: float = 3.0
     flicker_frames: int = 30
     most_alike: int = 10
     unlike_counts: int = 8

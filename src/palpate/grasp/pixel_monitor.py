@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.grasp.config import PIXELS, READING
+from palpate.grasp.config import GUARDS, PIXELS, READING
 from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import Alarm, Danger
@@ -170,7 +170,7 @@ class PixelMonitor:
             self._counted_at = closure
 
     def _find_stuck(self) -> NDArray[np.bool_]:
-        long = self._now_s - self._changed_s > PIXELS.long_s
+        long = self._now_s - self._changed_s > GUARDS.patience_s
         return self._find_unchanged(PIXELS.moves, others=PIXELS.other_moves) | (
             self._find_unchanged(PIXELS.few_moves, others=1) & long
         )

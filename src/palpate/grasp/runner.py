@@ -51,7 +51,7 @@ class _Feed:
 
     def next(self, hand: _Hand, estimate: ContactEstimate) -> Frame | Alarm:
         """Return the next frame, or what the hand does wrong while it is waited for."""
-        stale_after_s = GUARDS.first_frame_s
+        stale_after_s = GUARDS.patience_s
         if len(self._intervals_s) >= _FEWEST_INTERVALS:
             stale_after_s = self._safety.stale_after_s(median(self._intervals_s))
         until_s, glanced = self._clock.now_s() + stale_after_s, False

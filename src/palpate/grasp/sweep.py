@@ -99,8 +99,8 @@ class Sweep:
     @property
     def is_frozen(self) -> bool:
         """Whether no pixel has changed lately: frames arrive, and are not new."""
-        last = [time_s > self.time_s[-1] - READING.quiet_s for time_s in self.time_s]
-        many = max(READING.now_frames, sum(last))
+        last = [time_s > self.time_s[-1] - READING.now_s for time_s in self.time_s]
+        many = max(READING.now_frames + 1, sum(last))
         latest = self.log_ohm[-many:]
         return len(latest) == many and all(np.array_equal(latest[0], one) for one in latest)
 

@@ -10,10 +10,6 @@ from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 
 _UNITS = {"width": "mm", "pressure": "kPa"}
-#: By drive, mm or kPa: how far beyond its range a gripper's report is still believed, and the way
-#: that shows anything of a movement.
-_BEYOND = {"width": GUARDS.range_mm, "pressure": GUARDS.range_kpa}
-_SHORTEST = {"width": GUARDS.shortest_mm, "pressure": GUARDS.shortest_kpa}
 
 
 def unbelievable(
@@ -26,7 +22,8 @@ def unbelievable(
     >>> unbelievable(GripperState(time_s=0.0, width_mm=float("nan")), limits=limits)
     'the gripper reports nan mm, and its range is 5 to 74 mm; check its cable and its driver'
     """
-    reported, unit, far = limits.reading_of(state), _UNITS[limits.drive], _BEYOND[limits.drive]
+    reported, unit = limits.reading_of(state), _UNITS[limits.drive]
+    far = GUARDS.range_fraction * limits.span
     if not limits.lowest - far <= reported <= limits.highest + far:
         return (
             f"the gripper reports {reported:.4g} {unit}, and its range is {limits.lowest:g} to "
@@ -118,7 +115,7 @@ class Following:
         way = self.target - self.begin
         left = max(self.ends_s - now_s, 0.0) * self.rate
         expected = abs(way) - min(left, abs(way))
-        if expected < _SHORTEST[limits.drive]:
+        if expected < GUARDS.shown_fraction * limits.span:
             return None
         made = math.copysign(1.0, way) * (limits.reading_of(state) - self.begin)
         return made / expected < GUARDS.idle_fraction

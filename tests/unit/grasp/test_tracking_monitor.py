@@ -191,11 +191,11 @@ def test_reports_without_a_time_of_their_own_are_not_judged() -> None:
 
 def test_reports_that_can_not_be() -> None:
     assert unbelievable(at(WIDTH, 5.0 - 4.9), limits=WIDTH) is None
-    assert unbelievable(at(WIDTH, 74.0 + 5.1), limits=WIDTH) is not None
-    assert unbelievable(at(PRESSURE, -9.9), limits=PRESSURE) is None
-    words = unbelievable(at(PRESSURE, 60.1), limits=PRESSURE)
+    assert unbelievable(at(WIDTH, 74.0 + 7.0), limits=WIDTH) is not None
+    assert unbelievable(at(PRESSURE, -4.9), limits=PRESSURE) is None
+    words = unbelievable(at(PRESSURE, 55.1), limits=PRESSURE)
     assert words is not None
-    assert "60.1 kPa" in words
+    assert "55.1 kPa" in words
 
     def drawing(current_ma: float) -> GripperState:
         return GripperState(time_s=0.0, width_mm=30.0, current_ma=current_ma)
