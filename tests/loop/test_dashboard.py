@@ -213,7 +213,10 @@ def test_a_grasp_narrows_its_band_and_says_a_verdict(driver: Page) -> None:
         expect(value).to_contain_text(f"{stiffness['value']:.2f}")
     expect(driver.locator("#verdict .firm")).to_have_text(answer["verdict"]["firmness"])
     for name in ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent"):
-        expect(driver.locator(f"#measure-{name} .range")).to_contain_text("true")
+        expect(driver.locator(f"#measure-{name} .range").first).to_contain_text("true")
+    expect(driver.locator("#firmness")).to_have_text(
+        re.compile(rf"firmness {answer['firmness']['value']:.0f} of 100 \[")
+    )
 
 
 #: Ends of the stretch of time that the chart shows, seconds from the contact.

@@ -21,7 +21,7 @@ from palpate.sensor.health import Health
 
 #: Moments and readings that a page which has just been opened is sent at most, guess.
 _PAST_MOMENTS, _PAST_VALUES = 200, 20000
-_MEASURED = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
+_MEASURED = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent", "firmness")
 
 
 def state_document(session: Session) -> dict[str, object]:

@@ -39,6 +39,12 @@ function hideUnmeasured(doc) {
 const between = (one, digits) => t("{low} to {high}", { low: fixed(one.low, digits), high: fixed(one.high, digits) });
 const interval = (one, digits) => `90 %: ${between(one, digits)}`;
 
+// Where an object lies between a grape and a stone, which is known of a bound too.
+function firmnessLine(name, { values: { firmness } }) {
+  if (name !== "stiffness_n_per_mm" || !firmness || firmness.value === null) return "";
+  return `<div class="range num" id="firmness">firmness ${fixed(firmness.value, 0)} of 100 ${range(firmness.low, firmness.high, 0)}</div>`;
+}
+
 function drawMeasures(doc) {
   const { measured, hand } = doc;
   for (const [name, [title, unit, digits]] of Object.entries(UNITS)) {
@@ -51,7 +57,7 @@ function drawMeasures(doc) {
     if (one && one.text) {
       card.title = "no number: only a bound is known";
       card.innerHTML = `<div class="name"><span>${title}</span></div><div class="value num">${one.text} <span>${unit}</span></div>
-        <div class="range num">${truth === null ? "" : t("true {value}", { value: fixed(truth, digits) })}</div>`;
+        <div class="range num">${truth === null ? "" : t("true {value}", { value: fixed(truth, digits) })}</div>${firmnessLine(name, measured)}`;
       continue;
     }
     const ends = !one ? "" : truth === null ? interval(one, digits) : `${between(one, digits)} · ${t("true {value}", { value: fixed(truth, digits) })}`;
@@ -65,7 +71,7 @@ function drawMeasures(doc) {
     }
     card.title = "with its 90 % interval";
     card.innerHTML = `<div class="name"><span>${title}</span>${state}</div><div class="value num">${one ? fixed(one.value, digits) : (name === "force_n" && handState(doc)) || "–"} <span>${one || !(name === "force_n" && handState(doc)) ? unit : ""}</span></div>
-      <div class="range num">${ends}</div>${one ? bar(one) : ""}`;
+      <div class="range num">${ends}</div>${firmnessLine(name, measured)}${one ? bar(one) : ""}`;
   }
 }
 
