@@ -211,6 +211,6 @@ def draw(rows: Sequence[Mapping[str, Any]]) -> Figure:
             axis.errorbar(
                 at, row["mean_percent"], yerr=row["sd_of_grasps"], fmt="o-", color=colour, capsize=3
             )
-            axis.set(xlabel="day", xticks=at, title=f"{row['hand']}, simulated")
-        axes[0][0].set_ylabel("settled change (%)")
+            axis.set(xlabel="day", xticks=at, title=row["hand"])
+        axes[0][0].set_ylabel("settled change, simulated (%)")
     return figure
