@@ -14,6 +14,7 @@ from palpate.dashboard.live import Live, finite
 from palpate.dashboard.orders import Activity
 from palpate.dashboard.session import Session
 from palpate.estimate.measurement import Measurement
+from palpate.grasp.phases import Phase
 from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.grasp.verdict import outcome_text
 from palpate.sensor.findings import pixel_name
@@ -79,7 +80,7 @@ def document(
             "newtons": live.newtons,
         },
         "link": link,
-        "hand": _hand(live, live.reported, moving=live.moving),
+        "hand": _hand(live, live.reported, moving=live.moving, released=live.released),
         "pixels": _pixels(session),
         "past": _past(live) if after_s == -math.inf else [],
         "curve": [
@@ -168,7 +169,7 @@ def _link(session: Session) -> dict[str, Any]:
     }
 
 
-def _hand(live: Live, reported: float, *, moving: bool) -> dict[str, Any] | None:
+def _hand(live: Live, reported: float, *, moving: bool, released: bool) -> dict[str, Any] | None:
     limits = None if live.source is None else live.source.gripper
     if limits is None:
         return None
@@ -179,7 +180,7 @@ def _hand(live: Live, reported: float, *, moving: bool) -> dict[str, Any] | None
         "closed": None if value is None else abs(value - limits.target(0.0)) / limits.span,
         "moving": moving,
         "open": live.is_open(reported, moving=moving),
-        "opening": live.released and moving,
+        "opening": released and moving,
     }
 
 
@@ -217,12 +218,18 @@ def _past(live: Live) -> list[dict[str, Any]]:
     known = [point for point in live.since(-math.inf) if point.ohm.size]
     if not known:
         return []
+    released_s = next((at_s for at_s, phase in live.phases if phase == Phase.RELEASE), math.inf)
     most = min(_PAST_MOMENTS, max(_PAST_VALUES // known[0].ohm.size, 1))
     return [
         {
             **_pads(live, point.time_s, percent, point.ohm, point.force),
             "touching": point.touching,
-            "hand": _hand(live, point.reported, moving=point.moving),
+            "hand": _hand(
+                live,
+                point.reported,
+                moving=point.moving,
+                released=point.time_s >= released_s,
+            ),
         }
         for point in known[:: math.ceil(len(known) / most)]
         if (percent := live.percent_at(point.ohm)) is not None

@@ -172,6 +172,19 @@ def test_the_document_sends_what_the_page_lacks() -> None:
     assert rest["past"] == []
 
 
+def test_past_hand_opens_only_after_its_release() -> None:
+    session = Session(send=lambda message: None)
+    live = session.devices.live
+    live.open_source(SOURCE)
+    closing = frames(10, rate_hz=10.0)
+    live.add_frames(replace(closing, moving=np.ones(10, dtype=bool)))
+    live.take_progress(replace(progress(0.95, 1.0), phase="release"))
+    opening = frames(10, from_s=1.0, rate_hz=10.0)
+    live.add_frames(replace(opening, moving=np.ones(10, dtype=bool)))
+    past = document(session, generation=-1, after_s=0.0)["past"]
+    assert [one["hand"]["opening"] for one in past] == [False] * 10 + [True] * 10
+
+
 def test_past_of_a_long_watch_is_thinned() -> None:
     session = Session(send=lambda message: None)
     session.devices.live.open_source(SOURCE)
