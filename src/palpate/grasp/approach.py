@@ -159,8 +159,8 @@ def start_sweep(state: GraspState, plan: Plan, *, rows: tuple[int, ...] | None =
     slowed = estimate.sweep is not None
     if not slowed and near - estimate.closure > approach_step(plan):
         # An expectation may be wrong: no command goes further than is safe, whatever is there.
-        safe = safe_step(estimate, plan)
-        hasty_s = _command_s(estimate) + plan.safety.latency_s
+        safe = APPROACH.haste_fraction * safe_step(estimate, plan)
+        hasty_s = _command_s(estimate, frames=APPROACH.haste_frames) + plan.safety.latency_s
         end, rate = near, max(rate, min(safe / hasty_s, plan.gripper.fastest))
     most_n = math.inf
     if rows is not None:
@@ -203,7 +203,8 @@ def continue_sweep(state: GraspState, plan: Plan) -> GripperCommand | None:
     if sweep.time_s and (frozen or gripped or sweep.touched(plan.current)):
         return _look(state, stop_here(estimate, plan))
     near = sweep.end < plan.gripper.span
-    ahead = sweep.rate * _command_s(estimate)
+    frames = APPROACH.haste_frames if near else APPROACH.ahead_frames
+    ahead = sweep.rate * _command_s(estimate, frames=frames)
     if near and estimate.closure >= sweep.end - ahead:
         # Before it stops there: that would read like a touch.
         start_sweep(state, plan)
@@ -224,12 +225,12 @@ def _look(state: GraspState, command: GripperCommand | None) -> GripperCommand |
     return command
 
 
-def _command_s(estimate: ContactEstimate) -> float:
+def _command_s(estimate: ContactEstimate, *, frames: float) -> float:
     """Return how far ahead a command of a sweep reaches, in time.
 
     If no more comes, the hand stops of its own.
     """
-    return APPROACH.ahead_frames * estimate.period_s + APPROACH.ahead_s
+    return frames * estimate.period_s + APPROACH.ahead_s
 
 
 def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:

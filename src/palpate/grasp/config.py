@@ -42,6 +42,8 @@ class Approach:
     overrun_steps : 1 to 3 steps, twin. Travel from a touch until the hand stands.
     ahead_frames : 1.25 to 4 frames, guess. Reach of a command ahead.
     ahead_s : 0.01 to 0.05 s, guess. And beyond those frames.
+    haste_frames : 1 to 2 frames, guess. The same where no object is expected yet.
+    haste_fraction : 0.5 to 1 1, guess. Of the safe step, where no object is expected yet.
     expected_mm : 2 to 10 mm, requirement. Error of an expected size.
     stand_s : 0.15 to 0.4 s, twin. Spike of a movement at speed is over.
     idle_s : 0.3 to 2 s, guess. A hand that does not move is sent again.
@@ -55,6 +57,8 @@ class Approach:
     overrun_steps: float = 2.0
     ahead_frames: float = 2.0
     ahead_s: float = 0.02
+    haste_frames: float = 1.25
+    haste_fraction: float = 0.85
     expected_mm: float = 5.0
     stand_s: float = 0.21
     idle_s: float = 0.7
@@ -71,6 +75,7 @@ class TouchDetection:
     history_s : 0.4 to 1 s, twin. Readings compared with.
     latest_s : 0.004 to 0.07 s, guess. Readings taken as now.
     steady_s : 0.3 to 0.6 s, twin. A movement's rise is steady.
+    slowed_s : 0.2 to 0.4 s, twin. A faster movement is forgotten.
     sd : 4 to 8 sd, twin. Change that is a touch.
     fraction : 0.004 to 0.02 1, twin. Least change, and unseen noise; a slow fall is twice this.
     gears_fraction : 0.1 to 0.3 1, guess. Friction of the gears is mapped no better.
@@ -79,6 +84,7 @@ class TouchDetection:
     history_s: float = 0.6
     latest_s: float = 0.016
     steady_s: float = 0.4
+    slowed_s: float = 0.25
     sd: float = 6.0
     fraction: float = 0.008
     gears_fraction: float = 0.15

@@ -32,7 +32,7 @@ def blind_s(period_s: float) -> float:
     >>> round(blind_s(1 / 15), 2), round(blind_s(1 / 250), 2)
     (0.51, 0.36)
     """
-    return READING.quiet_s + READING.lag_s + _FEWEST * max(period_s, TOUCH.latest_s)
+    return TOUCH.slowed_s + READING.lag_s + _FEWEST * max(period_s, TOUCH.latest_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,7 +110,7 @@ class Sweep:
         now = time_s > time_s[-1] - TOUCH.latest_s
         before = time_s < time_s[-1] - READING.lag_s
         if self.slowed:
-            before &= time_s > self.since_s + READING.quiet_s
+            before &= time_s > self.since_s + TOUCH.slowed_s
         if current is not None and self._pulls(current, now=now, before=before):
             return True
         steady = before & (time_s > self.since_s + TOUCH.steady_s)

@@ -208,12 +208,3 @@ def test_blocks_of_one_size_tell_no_millimetres() -> None:
     sizes = np.repeat([40.0, 50.0], 4)
     with pytest.raises(CalibrationError, match="higher pressure"):
         SoftFingerCompliance.fit(sizes + force_n, force_n=force_n, block_mm=sizes)
-
-
-def test_gain_update_sheet_that_reads_a_quarter_believes_a_servo_that_is_sure() -> None:
-    """Contact gains scatter more widely than a normal variable does."""
-    sheet = Gain.from_calibration(law_sd=0.34, more_sd=0.12)
-    servo = MeasuredForce(force_n=3.2, sd_n=0.4, log_sd=0.08)
-    gain = sheet.update(servo, sheet_n=0.83)
-    assert np.exp(gain.log_mean) > 1.6
-    assert 0.83 * np.exp(gain.log_mean + 1.64 * gain.log_sd) > 3.2
