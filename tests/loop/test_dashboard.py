@@ -200,7 +200,7 @@ def test_a_grasp_narrows_its_band_and_says_a_verdict(driver: Page) -> None:
     # The forecast is of the hold, and ends where the hand opens.
     driver.wait_for_function(
         "+document.querySelector('#curve').dataset.bandEnd"
-        " <= +document.querySelector('#moments [data-name=held]').dataset.at + 0.2"
+        " <= +document.querySelector('#moments [data-name=held]')?.dataset.at + 0.2"
     )
     expect(driver.locator("#verdict")).to_have_attribute("data-kind", "good")
     # The clock of the page is real, so the same squeeze ends in a bound or in a number.
