@@ -9,7 +9,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.settling.baselines import Recorded
 from palpate.settling.exponential import Exponential
-from palpate.settling.percent import for_unit
+from palpate.settling.percent import for_hold
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod, Status
 from palpate.signal.relative import mean_change
@@ -27,8 +27,8 @@ METHODS: dict[str, SettlingMethod] = {
     "exponential": Exponential(),
     OURS: Relaxation(),
 }
-#: From what the 2.5 s are counted.
-CLOCKS = ("start of actuation", "end of actuation")
+#: From what the 2.5 s are counted; the last one also gives the methods the loading time.
+CLOCKS = ("start of actuation", "end of actuation", "end, loading time known")
 
 
 def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
@@ -46,9 +46,16 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             ]
             values = np.concatenate(curves)
             spikes.append(float(np.median(values.max(axis=1))))
-            for clock, offset_s in zip(CLOCKS, (0.0, _closing_s(speed)), strict=True):
+            closing_s = _closing_s(speed)
+            known = (0.0, 0.0), (closing_s, 0.0), (closing_s, CLOSURE_MM / speed)
+            for clock, (offset_s, loading_s) in zip(CLOCKS, known, strict=True):
                 key: dict[str, Any] = {"level": level, "speed_mm_per_s": speed, "clock": clock}
-                found = {name: _score(method, values, offset_s) for name, method in METHODS.items()}
+                found = {
+                    name: _score(
+                        for_hold(method, unit="percent", loading_s=loading_s), values, offset_s
+                    )
+                    for name, method in METHODS.items()
+                }
                 rows += [{**key, "method": name, **one} for name, (one, _) in found.items()]
                 errors = {name: error for name, (_, error) in found.items()}
                 compared += compare(errors, of, ours=OURS, **key)
@@ -104,9 +111,7 @@ def _score(
     after_s = np.arange(1, values.shape[1] + 1) / 15.0 - offset_s
     settled = values[:, (after_s > HOLD_S - 0.5) & (after_s <= HOLD_S)].mean(axis=1)
     seen = (after_s >= 0) & (after_s <= CUTOFF_S)
-    predicted = for_unit(method, "percent").predict(
-        after_s[seen], values[:, seen], horizon_s=HOLD_S, level=0.9
-    )
+    predicted = method.predict(after_s[seen], values[:, seen], horizon_s=HOLD_S, level=0.9)
     error = np.abs(100 * (np.asarray(predicted.value) / settled - 1))
     low, high = (np.asarray(end, dtype=float) for end in (predicted.low, predicted.high))
     known = bool(np.isfinite(low).all())
