@@ -10,17 +10,11 @@ from scipy.special import ndtri
 from palpate.arrays import FloatArray
 from palpate.estimate.force import ForceEstimate
 
-#: Where the logarithm of a gain is looked at, in standard deviations of what was known before. What
-#: is further off is a fault and not a gain: with 6 in the place of 3 a servo's current explained
-#: away a sheet whose counts were inverted, and the fault went unnoticed (twin).
-_GRID = np.linspace(-3.0, 3.0, 61)
-#: Degrees of freedom of Student's t for both the scatter of a measurement and that of the gain. The
-#: friction of gears scatters more widely than a normal variable. So does a sheet's gain: with a
-#: normal one a hand pressed 5.4 N at a target of 2 N although its servo showed 3.2 N (twin).
+#: Where the logarithm of a gain is looked at, in standard deviations of what was known before.
+_GRID = np.linspace(-4.0, 4.0, 81)
+#: Friction of gears scatters more widely than a normal variable: a measurement far from what the
+#: sheet reads is an outlier more often than not (Student's t with this many degrees of freedom).
 _FREEDOM = 4.0
-#: Square of the scale with which the t variable, cut off at the ends of the grid, has a standard
-#: deviation of one, times its degrees of freedom.
-_SCALED = 2.95
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,9 +64,7 @@ class Gain:
         expected_n = sheet_n * np.exp(log_gain)
         variance = measured.sd_n**2 + (expected_n * measured.log_sd) ** 2
         square = (measured.force_n - expected_n) ** 2 / variance
-        log_weight = (
-            -0.5 * (_FREEDOM + 1.0) * (np.log1p(square / _FREEDOM) + np.log1p(_GRID**2 / _SCALED))
-        )
+        log_weight = -0.5 * ((_FREEDOM + 1.0) * np.log1p(square / _FREEDOM) + _GRID**2)
         weight = np.exp(log_weight - log_weight.max())
         weight /= weight.sum()
         mean = float(weight @ log_gain)

@@ -75,6 +75,7 @@ class TouchDetection:
     history_s : 0.4 to 1 s, twin. Readings compared with.
     latest_s : 0.004 to 0.07 s, guess. Readings taken as now.
     steady_s : 0.3 to 0.6 s, twin. A movement's rise is steady.
+    level_s : 0.1 to 0.4 s, guess. Span of a movement's level.
     slowed_s : 0.2 to 0.4 s, twin. A faster movement is forgotten.
     sd : 4 to 8 sd, twin. Change that is a touch.
     fraction : 0.004 to 0.02 1, twin. Least change, and unseen noise; a slow fall is twice this.
@@ -84,6 +85,7 @@ class TouchDetection:
     history_s: float = 0.6
     latest_s: float = 0.016
     steady_s: float = 0.4
+    level_s: float = 0.2
     slowed_s: float = 0.25
     sd: float = 6.0
     fraction: float = 0.008

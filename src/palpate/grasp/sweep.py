@@ -80,11 +80,11 @@ class Sweep:
     def seen(self, time_s: float, *, log_ohm: FloatArray, gears_ma: float) -> Sweep:
         """Return the way with one more frame."""
         level = self.level
-        if level is None and time_s > self.since_s + TOUCH.steady_s + READING.quiet_s:
+        if level is None and time_s > self.since_s + TOUCH.steady_s + TOUCH.level_s:
             recent = [
                 ohm
                 for at, ohm in zip(self.time_s, self.log_ohm, strict=True)
-                if at > time_s - READING.quiet_s
+                if at > time_s - TOUCH.level_s
             ]
             level = np.asarray(np.mean(recent, axis=0)) if recent else None
         first = sum(old < time_s - TOUCH.history_s for old in self.time_s)
