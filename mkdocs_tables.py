@@ -16,7 +16,6 @@ import griffe
 
 from palpate import errors
 from palpate.cli.grasp import EXIT_STATUS
-from palpate.grasp.config import rows
 from palpate.grasp.result import Outcome
 from palpate.grasp.verdict import outcome_text
 from palpate.gripper import dynamixel, feetech, hobby_servo, pneumatic
@@ -59,22 +58,15 @@ def _outcomes() -> str:
     )
 
 
-def _schema(path: Path, *, without: Path | None = None) -> str:
-    """Return the fields of a JSON schema, nested ones by their path, less those of another.
+def _schema(path: Path) -> str:
+    """Return the fields of a JSON schema, nested ones by their path.
 
     Fields of one parent that agree in type and meaning share a row.
     """
-    rows = [
-        list(_fields(json.loads(one.read_text(encoding="utf-8")), where=""))
-        for one in (path, without)
-        if one is not None
-    ]
-    known = rows[1] if without is not None else []
     shared: dict[tuple[str, str, str], list[str]] = {}
-    for name, kind, meaning in rows[0]:
-        if (name, kind, meaning) not in known:
-            parent = name.rpartition(".")[0]
-            shared.setdefault((parent, kind, meaning), []).append(name)
+    for name, kind, meaning in _fields(json.loads(path.read_text(encoding="utf-8")), where=""):
+        parent = name.rpartition(".")[0]
+        shared.setdefault((parent, kind, meaning), []).append(name)
     return _table(
         ("field and type", "meaning"),
         (
@@ -85,18 +77,11 @@ def _schema(path: Path, *, without: Path | None = None) -> str:
 
 
 def _schemas() -> str:
-    """Return every published schema with the fields of its document."""
+    """Return every published schema with its document."""
     documents = {path: json.loads(path.read_text()) for path in sorted(_SCHEMAS.glob("*.json"))}
     return _table(
-        ("document", "schema", "fields"),
-        (
-            (
-                one["title"],
-                f"[{path.name}](schemas/{path.name})",
-                ", ".join(f"`{name}`" for name in one["properties"]),
-            )
-            for path, one in documents.items()
-        ),
+        ("document", "schema"),
+        ((one["title"], f"[{path.name}](schemas/{path.name})") for path, one in documents.items()),
     )
 
 
@@ -175,13 +160,7 @@ def _default(value: object) -> str:
 _SCHEMAS = Path(__file__).resolve().parent / "docs" / "schemas"
 
 
-def _grasp_numbers() -> str:
-    head = ("number", "value", "range", "unit", "source", "quantity")
-    return _table(head, ((f"`{name}`", *row) for name, *row in rows()))
-
-
 TABLES: dict[str, Callable[[], str]] = {
-    "grasp-numbers": _grasp_numbers,
     "schemas": _schemas,
     "errors": _errors,
     "outcomes": _outcomes,
@@ -192,5 +171,4 @@ TABLES: dict[str, Callable[[], str]] = {
     "pneumatic": partial(_keys, pneumatic.open_gripper),
     "servo": partial(_keys, hobby_servo.open_gripper),
     **{path.stem: partial(_schema, path) for path in sorted(_SCHEMAS.glob("*.json"))},
-    "replay": partial(_schema, _SCHEMAS / "replay.json", without=_SCHEMAS / "grasp.json"),
 }
