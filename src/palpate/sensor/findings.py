@@ -13,7 +13,7 @@ class Severity(StrEnum):
     ADVICE = "advice"
 
 
-#: Code -> what to check. `docs/troubleshooting.md` has a section for each.
+#: Code -> what to check. `docs/troubleshooting.md` lists each with its condition.
 CHECKS: dict[str, str] = {
     "open": "check the solder joint and the copper under the pixel; a whole row or column points "
     "to its wire or multiplexer channel, every pixel to the supply, the reference resistor or a "

@@ -91,9 +91,8 @@ def test_mistakes_are_one_line(
     assert "\n" not in err
 
 
-def test_every_finding_has_its_section() -> None:
+def test_page_of_troubleshooting_lists_each_finding_with_its_check() -> None:
     page = (Path(__file__).resolve().parents[3] / "docs" / "troubleshooting.md").read_text()
-    sections = dict(re.findall(r"^### (\w+)\n(.*?)(?=^##|\Z)", page, re.MULTILINE | re.DOTALL))
-    assert sections.keys() == CHECKS.keys()
-    for code, check in CHECKS.items():
-        assert check in sections[code]
+    findings = page.split("## When a grasp is cut short")[0]
+    listed = dict(re.findall(r"^\| `(\w+)` \| .+ \| (.+) \|$", findings, re.MULTILINE))
+    assert listed == CHECKS
