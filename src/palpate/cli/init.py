@@ -25,7 +25,7 @@ _GRIPPERS = {
 }
 #: Frames must carry what the board itself drives.
 _SHARED = {"pneumatic": "pressure", "servo": "servo"}
-#: Of `palpate pattern --gripper`, pitch diameter 28 mm, nominal; to be measured and replaced.
+#: Of the gripper in `hardware/`, pitch diameter 28 mm, nominal; to be measured and replaced.
 _SERVO: dict[str, str | float] = {
     "open_us": 715,
     "closed_us": 2285,

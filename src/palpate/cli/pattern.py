@@ -11,18 +11,16 @@ import typer
 from rich.console import Console
 
 from palpate.cli.options import JsonOption
-from palpate.cli.output import print_json, say
-from palpate.errors import InputError, MissingExtraError
+from palpate.cli.output import print_json
+from palpate.errors import InputError
 from palpate.fabrication.design import PRESETS, Cutter, SensorDesign
 from palpate.fabrication.drawing import CutFile, draw_combined_svg, require_dxf
-from palpate.fabrication.gripper import CLOSED, OPEN, list_parts, nest
 from palpate.fabrication.pattern import Pattern, lay_out
 from palpate.fabrication.refusals import check_design, check_pattern
-from palpate.fabrication.rest_resistance import RestExpectation, from_measurement, from_sheet
 from palpate.files import atomic_path
 from palpate.terminal_table import print_table
 
-_SHEET, _TAIL, _CUTTER = "Expected rest resistance", "Copper and tape", "What can be cut"
+_TAIL, _CUTTER = "Copper and tape", "What can be cut"
 Shape: TypeAlias = Literal["rectangle", "rounded", "circle"]
 
 
@@ -64,26 +62,12 @@ def pattern(
     min_feature: Annotated[float, _number("Narrowest strip.", _CUTTER)] = 1.0,
     min_gap: Annotated[float, _number("Narrowest gap.", _CUTTER)] = 0.5,
     sheet: Annotated[str, _number("Cutting area.", _CUTTER, "WxH")] = "296x298",
-    measured_ohm: Annotated[
-        Size, _number("Rest resistance of a pixel of yours.", _SHEET, "OHM")
-    ] = None,
-    measured_mm2: Annotated[
-        Size, _number("Its copper contact area; this design's by default.", _SHEET, "MM2")
-    ] = None,
-    resistivity: Annotated[float, _number("Of the sheet, ohm cm.", _SHEET, "NUMBER")] = 500.0,
-    thickness: Annotated[Size, _number("Of the sheet; 0.1, of a gripper 3.", _SHEET)] = None,
-    gripper: Annotated[
-        bool,
-        typer.Option(
-            "--gripper", help="Draw a two-finger gripper for a hobby servo instead of a sensor."
-        ),
-    ] = False,
     dxf: Annotated[bool, typer.Option("--dxf", help="Write DXF files as well.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Draw the cut files of a sensor, or of a gripper for a hobby servo.
+    """Draw the cut files of a sensor: base, copper, Velostat, copper and cover.
 
-    A sensor is cut as base, copper, Velostat, copper and cover. Lengths are in mm.
+    Lengths are in mm.
 
     Example: palpate pattern --preset paper-3x2 --out sensor
     """
@@ -109,97 +93,17 @@ def pattern(
         raise InputError(f"--preset {preset}: there are {', '.join(PRESETS)}")
     given = {key: value for key, value in changes.items() if value is not None}
     width_mm, height_mm = _size(sheet, option="--sheet")
-    if gripper:
-        if unused := [key for key in (*given, "pixel" if pixel else "") if key not in ("name", "")]:
-            option = unused[0].removesuffix("_mm").replace("_", "-")
-            raise InputError(f"--{option}: is of a sensor; leave it out with --gripper")
-        _draw_gripper(
-            out,
-            name=name or "gripper",
-            thickness_mm=3.0 if thickness is None else thickness,
-            sheet_mm=(width_mm, height_mm),
-            dxf=dxf,
-            as_json=as_json,
-        )
-        return
     design = replace(PRESETS[preset], **given)
     design = replace(design, corner_mm=_corner_mm(design, shape=shape, corner_mm=corner))
     cutter = Cutter(width_mm=width_mm, height_mm=height_mm, feature_mm=min_feature, gap_mm=min_gap)
     check_design(design, cutter=cutter)
     drawn = lay_out(design)
     check_pattern(drawn, cutter=cutter)
-    if measured_ohm is None:
-        if measured_mm2 is not None:
-            raise InputError("--measured-mm2 needs --measured-ohm too")
-        expected = from_sheet(
-            volume_ohm_cm=resistivity, thickness_mm=0.1 if thickness is None else thickness
-        )
-    else:
-        contact = drawn.pixels[0].contact
-        area_mm2 = contact.width * contact.height if measured_mm2 is None else measured_mm2
-        expected = from_measurement(ohm=measured_ohm, contact_mm2=area_mm2)
     files = _write_files(drawn, out, dxf=dxf)
     if as_json:
-        print_json(_document(drawn, expected, files))
+        print_json(_document(drawn, files))
     else:
-        _print(drawn, expected, files)
-
-
-def _draw_gripper(
-    folder: Path,
-    *,
-    name: str,
-    thickness_mm: float,
-    sheet_mm: tuple[float, float],
-    dxf: bool,
-    as_json: bool,
-) -> None:
-    """Write one sheet with all parts of the gripper, and a drawing of it open and closed."""
-    parts = list_parts(thickness_mm=thickness_mm)
-    pieces, used = nest(parts, width_mm=sheet_mm[0])
-    if used.height > sheet_mm[1] or max(piece.box.right for piece in pieces) > sheet_mm[0]:
-        raise InputError(
-            f"--sheet {sheet_mm[0]:g}x{sheet_mm[1]:g}: the parts need {used.width:.0f} x "
-            f"{used.height:.0f} mm"
-        )
-    sheet = CutFile(
-        title=f"palpate {name}",
-        description=f"{thickness_mm:g} mm acrylic or plywood, any side up",
-        width=used.width,
-        height=used.height,
-        outlines=tuple(line for piece in pieces for line in (*piece.holes, piece.edge)),
-    )
-    files = _write_cut_files({name: sheet}, folder, dxf=dxf)
-    try:
-        from palpate.plots.pattern import draw_gripper
-
-        draw_gripper(parts, folder / f"{name}.png")
-        files.append(folder / f"{name}.png")
-    except MissingExtraError as error:  # the cut files were asked for, so it may be missing
-        say(f"palpate pattern: no picture: {error}")
-    if as_json:
-        print_json(
-            {
-                "name": name,
-                "thickness_mm": thickness_mm,
-                "open_mm": OPEN,
-                "closed_mm": CLOSED,
-                "sheet_mm": {"width": round(used.width, 4), "height": round(used.height, 4)},
-                "parts": [{"name": part.name, "count": part.count} for part in parts],
-                "files": [str(file) for file in files],
-            }
-        )
-        return
-    rows = [
-        (part.name, str(part.count), f"{part.box.width:.1f} x {part.box.height:.1f}")
-        for part in parts
-    ]
-    console = Console(highlight=False)
-    print_table(("part", ">pieces", ">mm"), rows, console=console)
-    console.print(
-        f"Opens from {CLOSED:g} to {OPEN:g} mm, 141 degrees of the servo. Sheet {used.width:.0f} x "
-        f"{used.height:.0f} mm, {thickness_mm:g} mm thick.\nWritten: {len(files)} files in {folder}"
-    )
+        _print(drawn, files)
 
 
 def _corner_mm(design: SensorDesign, *, shape: Shape, corner_mm: float) -> float:
@@ -260,8 +164,8 @@ def _write_cut_files(sheets: dict[str, CutFile], folder: Path, *, dxf: bool) -> 
     return files
 
 
-def _document(drawn: Pattern, expected: RestExpectation, files: list[Path]) -> dict[str, object]:
-    """Return the JSON document: lengths in mm, resistances in ohm."""
+def _document(drawn: Pattern, files: list[Path]) -> dict[str, object]:
+    """Return the JSON document: lengths in mm."""
     return {
         "name": drawn.design.name,
         "rows": drawn.design.rows,
@@ -286,18 +190,14 @@ def _document(drawn: Pattern, expected: RestExpectation, files: list[Path]) -> d
                 "x_mm": round(p.body.centre[0], 4),
                 "y_mm": round(p.body.centre[1], 4),
                 "contact_mm2": round(p.contact.width * p.contact.height, 3),
-                "rest_ohm": round(
-                    expected.rest_ohm(contact_mm2=p.contact.width * p.contact.height), 1
-                ),
             }
             for p in drawn.pixels
         ],
-        "rest_ohm_basis": expected.basis,
         "files": [str(file) for file in files],
     }
 
 
-def _print(drawn: Pattern, expected: RestExpectation, files: list[Path]) -> None:
+def _print(drawn: Pattern, files: list[Path]) -> None:
     """Print the layers, the pixels, and how far apart two marks must be."""
     console = Console(highlight=False)
     layers = [
@@ -306,26 +206,17 @@ def _print(drawn: Pattern, expected: RestExpectation, files: list[Path]) -> None
     ]
     print_table(("layer", "material", "file shows it", "because it is"), layers, console=console)
     console.print()
-    areas_mm2 = [p.contact.width * p.contact.height for p in drawn.pixels]
     pixels = [
         (
             f"R{p.row} C{p.col}",
-            *(f"{value:.2f}" for value in (*p.body.centre, area_mm2)),
-            _three_digits(expected.rest_ohm(contact_mm2=area_mm2)),
+            *(f"{value:.2f}" for value in (*p.body.centre, p.contact.width * p.contact.height)),
         )
-        for p, area_mm2 in zip(drawn.pixels, areas_mm2, strict=True)
+        for p in drawn.pixels
     ]
-    columns = ("pixel", ">x, mm", ">y, mm", ">contact, mm²", ">ohm, see below")
-    print_table(columns, pixels, console=console)
+    print_table(("pixel", ">x, mm", ">y, mm", ">contact, mm²"), pixels, console=console)
     apart_mm = drawn.marks[1][0] - drawn.marks[0][0]
     console.print(
-        f"Resistance: {expected.basis}.\n\n"
         f"Sheet {drawn.width:.2f} x {drawn.height:.2f} mm; after import the upper marks must be "
         f"{apart_mm:.2f} mm apart, centre to centre.\nWritten: {len(files)} files in "
         f"{files[0].parent}"
     )
-
-
-def _three_digits(ohm: float) -> str:
-    rounded = float(f"{ohm:.3g}")
-    return f"{rounded:.0f}" if rounded >= 100 else f"{rounded:g}"

@@ -198,8 +198,6 @@ def test_the_command_writes_every_file_and_says_so(
     pixels = summary["pixels"]
     assert len(pixels) == 6
     assert pixels[0]["contact_mm2"] == 49.0
-    # 500 ohm cm x 0.01 cm / 0.49 cm2
-    assert pixels[0]["rest_ohm"] == pytest.approx(10.2, abs=0.05)
     combined = (out / "paper-3x2.svg").read_text()
     assert combined.count('inkscape:groupmode="layer"') == 7
     assert 'width="48.15mm"' in combined
@@ -226,16 +224,6 @@ def test_dxf_and_svg_of_a_layer_are_the_same_lines(tmp_path: Path) -> None:
             assert one.symmetric_difference(two).area < 0.02
 
 
-def test_a_measured_pixel_sets_the_expected_resistance(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    asked = ("--measured-ohm", "9000", "--measured-mm2", "50", "--out", str(tmp_path), "--json")
-    assert palpate_pattern(*asked) == 0
-    summary = json.loads(capsys.readouterr().out)
-    assert {p["rest_ohm"] for p in summary["pixels"]} == {18000.0}
-    assert "measured 9000 ohm" in summary["rest_ohm_basis"]
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -258,8 +246,6 @@ def test_a_measured_pixel_sets_the_expected_resistance(
         (["--pad-pitch", "nan"], "pad pitch of nan mm: give a positive length"),
         (["--preset", "other"], "there are paper-2x2, paper-3x2"),
         (["--name", "../x"], "--name '../x'"),
-        (["--measured-mm2", "5"], "needs --measured-ohm"),
-        (["--resistivity", "0"], "resistivity 0: give a positive number"),
     ],
 )
 def test_what_cannot_work_is_refused_in_one_line_and_nothing_is_written(
