@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import ast
-import re
-from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
 from palpate import grasp
-from palpate.grasp import config
+from palpate.grasp.config import GROUPS, rows
 
 FOLDER = Path(grasp.__file__).parent
 #: Files of the loop: all that decide on a frame.
@@ -45,10 +43,6 @@ FIXED = {
     "sweep": {0.4549},
 }
 
-#: A number in the docstring of its dataclass: name, range, unit, source and quantity.
-ENTRY = re.compile(r"(\w+) : (\S+) to (\S+) (.+?), ([a-z ]+)\.\s+(.+)")
-GROUPS = [value for name, value in vars(config).items() if name.isupper()]
-
 
 @pytest.mark.parametrize("name", LOOP)
 def test_file_of_the_loop_holds_no_tuned_number(name: str) -> None:
@@ -62,14 +56,13 @@ def test_file_of_the_loop_holds_no_tuned_number(name: str) -> None:
 
 
 def test_every_number_is_described_and_lies_in_its_range() -> None:
-    numbers = [(group, one) for group in GROUPS for one in fields(group)]
-    assert len(GROUPS) == 8
-    assert len(numbers) > 80
-    for group, one in numbers:
-        described = {entry[0]: entry[1:] for entry in ENTRY.findall(type(group).__doc__ or "")}
-        low, high, unit, source, quantity = described[one.name]
-        assert float(low) <= float(one.default) <= float(high), one.name
-        assert unit, one.name
+    described = rows()
+    assert len({row[0] for row in described}) == len(described) > 80
+    assert set(GROUPS) == {row[0].split(".")[0] for row in described}
+    for name, value, span, unit, source, quantity in described:
+        low, high = map(float, span.split(" to "))
+        assert low <= float(value) <= high, name
+        assert unit, name
         kinds = ("paper", "datasheet", "requirement", "twin", "guess")
-        assert source in kinds or source.startswith("study "), one.name
-        assert quantity.endswith("."), one.name
+        assert source in kinds or source.startswith("study "), name
+        assert quantity.endswith("."), name
