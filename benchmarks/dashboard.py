@@ -1,9 +1,10 @@
-"""What three viewers cost the loop: a board at 500 frames/s, recorded and watched.
+"""What viewers cost the loop: a board at 500 frames/s, recorded and watched.
 
 Run `python benchmarks/dashboard.py --seconds 600`. The board is a process at the far end of a
-pseudo-terminal, `palpate serve` reads and records it: with nobody looking, with three pages open in
-Chromium, with nobody again. It reports the loop's period, the memory of both processes, and whether
-the recording is complete.
+pseudo-terminal, `palpate serve` reads and records it: with no viewer, with one page and with three
+open in Chromium, with none again. It reports the loop's period, the processor time and the memory
+of both processes, the redraws of each page with the age of its frames and its long tasks, and
+whether the recording is complete.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import sys
 import tempfile
 import time
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -127,9 +128,15 @@ def watch_flexitac(*, rate_hz: float, seconds: float) -> None:
             )
 
 
-#: Notes the age of the frame (ms, as the page states it) and the nodes made at each picture.
+#: Notes the age of the frame (ms, as the page states it) and the nodes made at each picture, and
+#: the tasks of the main thread that the browser calls long (above 50 ms).
 _NOTE_PICTURES = """() => {
-  [window.ages, window.made] = [[], 0];
+  const noted = window.ages !== undefined;
+  [window.ages, window.made, window.long] = [[], 0, []];
+  if (noted) return;
+  new PerformanceObserver((list) => {
+    for (const one of list.getEntries()) window.long.push(one.duration);
+  }).observe({ type: "longtask" });
   const age = document.getElementById("link-age");
   new MutationObserver(() => {
     const [, number, unit] = age.textContent.match(/([\\d.]+) (ms|s) ago/) ?? [];
@@ -213,25 +220,41 @@ def _resident_mb(pid: int) -> float:
     return int(found[1]) / 1024 if found else 0.0
 
 
-def watch(address: str, pid: int, *, seconds: float, what: str) -> None:
-    """Ask once a second; print the loop's period and the memory, and how they began."""
+def watch(address: str, pid: int, *, seconds: float, what: str, pages: Sequence[Page] = ()) -> None:
+    """Ask once a second; print the loop's period, processor time, memory and what pages drew."""
     p99_ms, worst_ms, began = [], [], memory_mb(pid)
+    processes = {"server": pid, "devices": devices_of(pid)}
+    for page in pages:
+        page.evaluate(_NOTE_PICTURES)
+    cpu, began_s = [cpu_s(one) for one in processes.values()], time.monotonic()
     end_s, before = time.monotonic() + seconds, link(address)
     while time.monotonic() < end_s:
         time.sleep(1.0)
         now = link(address)
         p99_ms.append(1e3 * now["period_p99_s"])
         worst_ms.append(1e3 * now["period_worst_s"])
+    took_s = time.monotonic() - began_s
+    spent = [cpu_s(one) for one in processes.values()]
+    busy = [100 * (end - begin) / took_s for begin, end in zip(cpu, spent, strict=True)]
     ended = memory_mb(pid)
     grown = ", ".join(f"{name} {began[name]:.0f} -> {ended[name]:.0f} MB" for name in began)
     print(
         f"{what}: loop period p99 of each second: median {np.median(p99_ms):.2f} ms, "
         f"90th percentile {np.quantile(p99_ms, 0.9):.2f} ms; longest {max(worst_ms):.1f} ms; "
         f"{now['frames'] - before['frames']:.0f} frames, {now['lost'] - before['lost']:.0f} lost, "
-        f"{now['corrupt'] - before['corrupt']:.0f} corrupt; memory {grown}; "
-        f"load {os.getloadavg()[0]:.1f}",
+        f"{now['corrupt'] - before['corrupt']:.0f} corrupt; processor: server {busy[0]:.1f} %, "
+        f"devices {busy[1]:.1f} %; memory {grown}; load {os.getloadavg()[0]:.1f}",
         flush=True,
     )
+    for page in pages:
+        ages_ms, long_ms = page.evaluate("[window.ages, window.long]")
+        p50, p99 = np.quantile(ages_ms, [0.5, 0.99])
+        print(
+            f"  page: {len(ages_ms) / took_s:.1f} redraws a second; age of the frame when drawn "
+            f"p50 {p50:.0f} ms, p99 {p99:.0f} ms; {len(long_ms)} long tasks, "
+            f"longest {max(long_ms, default=0):.0f} ms",
+            flush=True,
+        )
 
 
 def look(browser: Browser, address: str) -> Page:
@@ -255,7 +278,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rate-hz", type=float, default=500.0)
     parser.add_argument("--seconds", type=float, default=600.0, help="with three viewers")
-    parser.add_argument("--alone", type=float, default=120.0, help="seconds with none")
+    parser.add_argument("--alone", type=float, default=120.0, help="seconds with none or one")
     parser.add_argument("--flexitac", action="store_true", help="384 pixels, one viewer, no more")
     options = parser.parse_args()
     sys.path.insert(0, str(ROOT))
@@ -277,10 +300,10 @@ def main() -> None:
         first.context.close()
         time.sleep(5.0)
         watch(address, pid, seconds=options.alone, what="no viewer")
-        pages = [look(browser, address) for _ in range(3)]
-        watch(address, pid, seconds=options.seconds, what="three viewers")
-        drawn = [int(page.evaluate("document.body.dataset.drawn")) for page in pages]
-        print(f"pictures drawn: {drawn}", flush=True)
+        pages = [look(browser, address)]
+        watch(address, pid, seconds=options.alone, what="one viewer", pages=pages)
+        pages += [look(browser, address) for _ in range(2)]
+        watch(address, pid, seconds=options.seconds, what="three viewers", pages=pages)
         for page in pages:
             page.context.close()
         watch(address, pid, seconds=options.alone, what="no viewer again")
