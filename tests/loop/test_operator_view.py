@@ -192,7 +192,8 @@ LAID_OUT = """async ([words, nexts, whys, firm]) => {
 
 @pytest.mark.parametrize("size", [*SIZES, *LARGE, *LOW])
 def test_all_that_it_can_say_fits(browser: Browser, address: str, size: str) -> None:
-    words = [*PHASES.values(), *(word for word, _ in OUTCOMES.values()), *Activity]
+    words = [word for _, word in PHASES.values()]
+    words += [*(word for word, _ in OUTCOMES.values()), *Activity]
     words += [*firmness_words(), "Damaged", "Hand closed", "Off target"]
     nexts = [next_step for _, next_step in OUTCOMES.values()]
     nexts += ["check its cable and power; it goes on as soon as it answers"]

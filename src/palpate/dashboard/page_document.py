@@ -9,7 +9,7 @@ from typing import Any
 
 from palpate.arrays import FloatArray
 from palpate.dashboard.grasp_progress import GraspProgress
-from palpate.dashboard.headline import PHASE_TEXTS, TEXTS, headline_of, operator_view
+from palpate.dashboard.headline import headline_of, operator_view, phase_text
 from palpate.dashboard.live import Live, finite
 from palpate.dashboard.orders import Activity
 from palpate.dashboard.session import Session
@@ -96,7 +96,7 @@ def document(
         ],
         "grasp": _grasp(live.progress, live),
         "replay": _replay(live),
-        "verdict": {**headline, **{key: str(headline.get(key) or "") for key in TEXTS}},
+        "verdict": headline,
         "operator": operator_view(session, headline=headline),
         "nothing_there": headline["text"] == outcome_text(Outcome.NOTHING_THERE),
         "item": session.devices.item_id,
@@ -128,7 +128,7 @@ def _replay(live: Live) -> dict[str, Any] | None:
 
 
 def _phases(phases: Sequence[tuple[float, str]]) -> list[list[object]]:
-    return [[time_s, PHASE_TEXTS.get(phase, "")] for time_s, phase in phases]
+    return [[time_s, phase_text(phase)] for time_s, phase in phases]
 
 
 def _grasp(progress: GraspProgress | None, live: Live) -> dict[str, Any] | None:

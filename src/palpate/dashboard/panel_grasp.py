@@ -160,7 +160,7 @@ def _rig(app_state: AppState, viewer: Viewer) -> None:
                 on_change=lambda event: viewer.request(SetSpeed(event.value)),
             ).props("unelevated no-caps")
             speed.props["aria-label"] = "Speed of simulated time"
-            speed.tooltip("Seconds of simulated time in a second")
+            speed.props["title"] = "Seconds of simulated time in a second"
     simulated.bind_visibility_from(name, "value", backward=lambda rig: rig.startswith("sim-"))
 
     def use() -> None:

@@ -401,8 +401,12 @@ function drawPixels() {
       Object.assign(ctx, { strokeStyle: ink.muted, lineWidth: 1 });
       ctx.strokeRect(x(pointed + view.zero), y0 + 2, 0, box.h - 5);
     }
-    ctx.fillStyle = ink.muted;
-    if (!many) ctx.fillText(`R${row} C${col}`, x0 + box.w - 34 * scale(), y0 + 8 * scale());
+    if (many) continue;
+    // Its name is readable on a curve that runs through it.
+    const name = [`R${row} C${col}`, x0 + box.w - 34 * scale(), y0 + 8 * scale()];
+    Object.assign(ctx, { fillStyle: ink.muted, strokeStyle: ink.surface, lineWidth: 3 });
+    ctx.strokeText(...name);
+    ctx.fillText(...name);
   }
   Object.assign(canvas.dataset, { cols, perLine, count, moments: points.length });
 }

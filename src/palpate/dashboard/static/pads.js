@@ -86,8 +86,10 @@ function place(svg, doc) {
   }
   const scale = hand.drive === "width" ? (small ? 2.2 : 4.1) : 0;
   const gap = hand.value === null ? 220 : scale ? hand.value * scale : (small ? 170 : 300) * (1 - 0.75 * hand.closed);
-  view(svg, 0, 0, width, 270);
-  $("opening").setAttribute("y", 262);
+  // Below the pads two lines of each finger, then one of the hand.
+  const foot = PAD.top + Math.max(...pads.map((pad) => pad.height)) + 21;
+  view(svg, 0, 0, width, foot + 60);
+  $("opening").setAttribute("y", foot + 2.5 * caption);
   const rail = $("rail");
   rail.setAttribute("x", 10);
   rail.setAttribute("width", width - 20);
