@@ -14,9 +14,7 @@ import pytest
 
 from palpate.produce.records import About, Source
 from palpate.produce.store import Store
-from palpate.produce.store.engine import lasting_name, store_url
 from palpate.produce.store.schema import NEWEST
-from palpate.produce.store.spool import spool_path
 from palpate.settling.result import Status
 
 FOLDER = Path(__file__).parent / "store"
@@ -77,28 +75,3 @@ def test_an_older_store_ends_up_like_a_new_one(schema: int, tmp_path: Path) -> N
     Store.open(old).close()
     Store.open(new).close()
     assert layout(old) == layout(new)
-
-
-@pytest.mark.parametrize("shared", [False, True])
-def test_spool_of_an_earlier_version_is_imported_once(
-    shared: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
-) -> None:
-    """`spool.jsonl` was written by the version before; its last line here is cut."""
-    monkeypatch.setenv("PALPATE_SPOOL", str(tmp_path))
-    where = request.getfixturevalue("postgresql_url") if shared else str(tmp_path / "items.sqlite")
-    spool = spool_path(lasting_name(store_url(where)))
-    spool.write_bytes((FOLDER / "spool.jsonl").read_bytes() + b"4d9a0bd2 {cut")
-    with Store.open(where) as store:
-        assert "4 records that waited" in store.note
-        aside = spool.with_suffix(".refused")
-        assert f"are in {aside}: enter them again with `palpate items`" in store.note
-        assert len(aside.read_bytes().splitlines()) == 2, "the cut line, and an unknown item"
-        assert store.item("A17").kind == "avocado"
-        (grasp,) = store.grasps_of("A17")
-        assert (grasp.taken_at, grasp.measurements["size_mm"].high) == (MADE, 63.0)
-        assert store.calibration(grasp.calibration_id or "") == '{"format": "palpate-calibration"}'
-        (ripe,) = store.verdicts_of("A17")
-        assert (ripe.text, ripe.grasp_id) == ("ripe", grasp.grasp_id)
-    assert not spool.exists()
-    with Store.open(where) as store:
-        assert store.note == ""

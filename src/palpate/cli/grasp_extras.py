@@ -151,6 +151,4 @@ def open_store_entry(
 
     Item(item_id=item_id)
     opened = stack.enter_context(Store.open(store))
-    if opened.note:
-        say(f"palpate grasp: {opened.note}")
     return StoreEntry(opened, item_id=item_id, angle_deg=angle_deg)

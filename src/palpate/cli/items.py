@@ -103,8 +103,6 @@ def items(
 def open_store(where: str | None, *, create: bool = False) -> Iterator[Store]:
     """Yield the store; a line on stderr reports a shared one that did not answer."""
     with Store.open(where, create=create) as store:
-        if store.note:
-            say(f"palpate: {store.note}")
         yield store
         try:
             store.send()

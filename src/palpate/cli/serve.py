@@ -113,20 +113,19 @@ def serve(
         port=port,
         token=token,
         announce=_announce,
-        publisher=None if mqtt is None else _publisher(mqtt, store=store, folder=folder),
+        publisher=None if mqtt is None else _publisher(mqtt, store=store),
         lines=open_lines(opcua=opcua, modbus=modbus, token=token, folder=folder),
     )
 
 
-def _publisher(file: Path, *, store: str | None, folder: Path) -> Publisher:
+def _publisher(file: Path, *, store: str | None) -> Publisher:
     """Connect to a broker; results wait for it in the store."""
     from palpate.mqtt.broker import read_broker
-    from palpate.mqtt.publisher import Publisher, import_outbox, receiver_of
+    from palpate.mqtt.publisher import Publisher
 
-    broker = read_broker(file)
-    old = folder / "mqtt-outbox.sqlite"
-    import_outbox(old, store=store, receiver=receiver_of(broker))
-    return Publisher(broker, store=store, complain=lambda text: say(f"palpate serve: {text}"))
+    return Publisher(
+        read_broker(file), store=store, complain=lambda text: say(f"palpate serve: {text}")
+    )
 
 
 def _rules(path: Path) -> RuleBook:

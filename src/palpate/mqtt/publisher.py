@@ -5,10 +5,8 @@ from __future__ import annotations
 import json
 import os
 import socket
-import sqlite3
 import threading
 from collections.abc import Callable, Mapping
-from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -57,7 +55,8 @@ class Publisher:
     ) -> None:
         self._topic, self._where, self._complain = broker.topic, store, complain
         self._most, self._dropped = most, 0
-        self._receiver = receiver_of(broker)
+        # Stations differ by their topic.
+        self._receiver = f"mqtt {broker.topic}"
         self._calls: SimpleQueue[Callable[[Store], object] | None] = SimpleQueue()
         self._last_state: bytes | None = None
         self._link = _Link()
@@ -184,29 +183,6 @@ class _Link:
     def show(self, state: bytes) -> None:
         """Take the newest state."""
         self.state, self.is_state_sent = state, False
-
-
-def receiver_of(broker: Broker) -> str:
-    """Return the name of a station's broker in the outbox: stations differ by their topic."""
-    return f"mqtt {broker.topic}"
-
-
-def import_outbox(path: Path, *, store: str | Path | None, receiver: str) -> None:
-    """Move results that wait in the file of an earlier version to the store.
-
-    Raises `StoreError` if the store does not take them, or the file can't be read.
-    """
-    if not path.exists():
-        return
-    try:
-        with closing(sqlite3.connect(path)) as waiting:
-            rows = waiting.execute("SELECT payload FROM waiting ORDER BY number").fetchall()
-    except sqlite3.Error as error:
-        raise StoreError(f"{path}: {error}; results wait in it: move it away to go on") from error
-    with Store.open(store) as opened:
-        for (payload,) in rows:
-            opened.add_message(payload.decode(), receiver=receiver, most=MOST_WAITING)
-    path.replace(path.with_suffix(".imported"))
 
 
 def _payload(document: Mapping[str, object]) -> bytes:

@@ -16,13 +16,10 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store, engine
-from palpate.produce.store.engine import lasting_name, store_url
-from palpate.produce.store.spool import spool_path
 
 NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
 
 #: Written by the version before.
-SPOOL = Path(__file__).parents[2] / "golden" / "store" / "spool.jsonl"
 
 
 def palpate(*arguments: str) -> int:
@@ -285,19 +282,6 @@ def test_an_empty_store_says_how_to_fill_it(capsys: pytest.CaptureFixture[str]) 
     Store.open().close()
     assert palpate("items") == 0
     assert "`palpate grasp --item NAME` adds one" in capsys.readouterr().out
-
-
-def test_spool_of_an_earlier_version_is_imported_and_reported(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    Store.open().close()
-    spool = spool_path(lasting_name(store_url(None)))
-    spool.parent.mkdir(parents=True)
-    spool.write_bytes(SPOOL.read_bytes())
-    assert palpate("items", "--json") == 0
-    out, err = capsys.readouterr()
-    assert len(json.loads(out)["items"]) == 1
-    assert "4 records that waited" in err
 
 
 @pytest.mark.usefixtures("filled")

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import sqlite3
-from contextlib import closing
 from pathlib import Path
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.errors import StoreError
-from palpate.mqtt.publisher import import_outbox
 from palpate.produce.records import Item
 from palpate.produce.store import Store
 
@@ -57,23 +52,3 @@ def test_messages_outlive_the_program_next_to_records(tmp_path: Path) -> None:
     with Store.open(tmp_path / "items.sqlite") as store:
         assert empty(store) == ["one", "two"]
         assert len(store.items()) == 2
-
-
-def test_outbox_file_of_an_earlier_version_is_imported_once(tmp_path: Path) -> None:
-    old, new = tmp_path / "mqtt-outbox.sqlite", tmp_path / "items.sqlite"
-    with closing(sqlite3.connect(old)) as waiting, waiting:
-        waiting.execute(
-            "CREATE TABLE waiting (number INTEGER PRIMARY KEY AUTOINCREMENT, payload BLOB NOT NULL)"
-        )
-        waiting.executemany("INSERT INTO waiting (payload) VALUES (?)", [(b"one",), (b"two",)])
-    import_outbox(old, store=new, receiver="one")
-    import_outbox(old, store=new, receiver="one")
-    with Store.open(new) as store:
-        assert empty(store) == ["one", "two"]
-
-
-def test_outbox_file_that_is_damaged_is_one_line(tmp_path: Path) -> None:
-    old = tmp_path / "mqtt-outbox.sqlite"
-    old.write_bytes(b"no database" * 100)
-    with pytest.raises(StoreError, match=r"mqtt-outbox\.sqlite: .*move it away to go on"):
-        import_outbox(old, store=tmp_path / "items.sqlite", receiver="one")

@@ -7,6 +7,7 @@ the server, because other stations have grasped the items too.
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -17,7 +18,6 @@ from palpate.errors import StoreAwayError, StoreError
 from palpate.produce.records import Grasp, Item, Verdict
 from palpate.produce.store.engine import (
     faults_of,
-    lasting_name,
     make_engine,
     sa,
     show_url,
@@ -35,13 +35,6 @@ from palpate.produce.store.outbox import (
 )
 from palpate.produce.store.reading import StoreReader
 from palpate.produce.store.schema import GRASPS, ITEMS, NEWEST, migrate, read_version
-from palpate.produce.store.spool import (
-    SpoolRecord,
-    file_of,
-    import_spool,
-    spool_path,
-    state_folder,
-)
 from palpate.produce.store.writing import (
     write_calibration,
     write_grasps,
@@ -74,8 +67,6 @@ class Store(StoreReader):
         self._shared_url, self._server = shared, None
         if shared is not None:
             self.name = show_url(shared)
-        #: What became of records that an earlier version left waiting; empty if there were none.
-        self.note = ""
 
     _server: Store | None
 
@@ -92,18 +83,9 @@ class Store(StoreReader):
         answer now; `MissingExtraError` if PostgreSQL is asked for without its driver.
         """
         url, shared = store_url(where), None
-        lasting = lasting_name(url)
         if url.get_backend_name() != "sqlite":
             make_engine(url).dispose()  # names the extra that is missing
-            folder, shared, create = state_folder(), url, True
-            try:
-                folder.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise StoreError(
-                    f"{folder}: can't be made ({error.strerror}); name another folder in "
-                    "$XDG_STATE_HOME"
-                ) from error
-            url = store_url(folder / file_of(lasting, prefix="items", suffix=".sqlite"))
+            url, shared, create = store_url(_local_file(url)), url, True
         name = show_url(url)
         if url.database and "uri" not in url.query:
             _check_file(Path(url.database), name=name, create=create)
@@ -112,8 +94,6 @@ class Store(StoreReader):
         store = cls(make_engine(url), name=name, shared=shared)
         try:
             store._bring_up_to_date(create=create)
-            if url.database:
-                store._import_spool(spool_path(lasting), create=create)
         except BaseException:
             store.close()
             raise
@@ -122,7 +102,8 @@ class Store(StoreReader):
     def add_item(self, item: Item) -> None:
         """Add an item, or fill in what is newly known of it: None leaves what is there."""
         with self._write() as connection:
-            self._write_record(connection, item)
+            write_item(connection, item)
+            self._enqueue(connection, [(item_kind(item), item.item_id)])
 
     def add_calibration(self, text: str) -> str:
         """Add the text of a calibration file; return its id, the same for the same text."""
@@ -145,7 +126,9 @@ class Store(StoreReader):
         with self._write() as connection:
             if calibration is not None:
                 write_calibration(connection, calibration)
-            return self._write_grasps(connection, grasps)
+            added = write_grasps(connection, grasps)
+            self._enqueue(connection, [("grasp", grasp_id) for grasp_id in added])
+        return len(added)
 
     def add_verdict(self, verdict: Verdict) -> bool:
         """Add a verdict; False if it was there already.
@@ -155,7 +138,10 @@ class Store(StoreReader):
         if self._shared_url is not None:
             self._copy_subject(verdict)
         with self._write() as connection:
-            return self._write_record(connection, verdict) == 1
+            is_new = write_verdict(connection, verdict)
+            if is_new:
+                self._enqueue(connection, [("verdict", verdict.verdict_id)])
+        return is_new
 
     def send(self) -> int:
         """Send what waits to the shared store, in order; return how many records it took.
@@ -260,30 +246,12 @@ class Store(StoreReader):
         except StoreAwayError as error:
             self.away = error
 
-    # -- writing, with the rows of the outbox in the same transaction ------------------------------
+    # -- writing ------------------------------------------------------------------------------
 
-    def _write_record(self, connection: sa.Connection, record: SpoolRecord) -> int:
-        """Write a record; return how many were new."""
-        rows: list[tuple[str, str]] = []
-        match record:
-            case str():
-                write_calibration(connection, record)
-            case Item():
-                write_item(connection, record)
-                rows = [(item_kind(record), record.item_id)]
-            case Grasp():
-                return self._write_grasps(connection, [record])
-            case Verdict():
-                rows = [("verdict", record.verdict_id)] * write_verdict(connection, record)
+    def _enqueue(self, connection: sa.Connection, rows: list[tuple[str, str]]) -> None:
+        """Let records wait for the shared store, in the transaction that writes them."""
         if self._shared_url is not None:
             enqueue(connection, SHARED, rows)
-        return len(rows)
-
-    def _write_grasps(self, connection: sa.Connection, grasps: Iterable[Grasp]) -> int:
-        added = write_grasps(connection, grasps)
-        if self._shared_url is not None:
-            enqueue(connection, SHARED, [("grasp", grasp_id) for grasp_id in added])
-        return len(added)
 
     @contextmanager
     def _write(self) -> Iterator[sa.Connection]:
@@ -298,28 +266,25 @@ class Store(StoreReader):
             if before == NEWEST[connection.dialect.name]:
                 return
             try:
-                with faults_of(self.local_name), self._writing.begin() as connection:
+                with self._write() as connection:
                     migrate(connection, where=self.local_name)
             except StoreError:
                 # An older store on a medium that can't be written is read as it is.
                 if create or before == 0:
                     raise
 
-    def _import_spool(self, path: Path, *, create: bool) -> None:
-        # A folder without the right to look into it has no spool of this user.
-        if not os.path.exists(path) or path.stat().st_size == 0:
-            return
-        try:
-            with self._write() as connection:
-                self.note = import_spool(path, connection=connection, write=self._write_record)
-            # Should this fail, the same records come again, which changes nothing.
-            path.replace(path.with_suffix(".imported"))
-        except (OSError, StoreError) as error:
-            if create:
-                raise StoreError(
-                    f"{path}: records of an earlier version can't be imported ({error}); "
-                    "make room or change the rights of the file"
-                ) from error
+
+def _local_file(server: sa.URL) -> Path:
+    """Return the local file of a server's records, in a folder that exists."""
+    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+    folder, number = state / "palpate", hashlib.sha256(show_url(server).encode()).hexdigest()[:12]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StoreError(
+            f"{folder}: can't be made ({error.strerror}); name another folder in $XDG_STATE_HOME"
+        ) from error
+    return folder / f"items-{number}.sqlite"
 
 
 def _check_file(path: Path, *, name: str, create: bool) -> None:

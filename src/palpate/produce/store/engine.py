@@ -99,17 +99,6 @@ def show_url(url: sa.URL) -> str:
     return f"store {url.set(drivername='postgresql').render_as_string(hide_password=True)}"
 
 
-def lasting_name(url: sa.URL) -> str:
-    """Return a name of a store that is the same from whatever folder it is named.
-
-    >>> lasting_name(store_url("/data/monday.sqlite"))
-    'store /data/monday.sqlite'
-    """
-    if url.get_backend_name() == "sqlite" and url.database:
-        return show_url(url.set(database=str(Path(url.database).resolve())))
-    return show_url(url)
-
-
 def make_engine(url: sa.URL) -> sa.Engine:
     """Return an engine with safe settings for several processes; nothing is opened yet.
 
