@@ -48,10 +48,8 @@ def make_grasp_record(
     `angle_deg`: side of the item that the first finger touched.
     `closing`: measurements of the whole closing (`ClosingWatch.measured`).
     """
-    answers = ((name, getattr(result, name)) for name in _ANSWERED)
-    # The store keeps numbers; a bound is not a number.
-    measured = {name: value for name, value in answers if value is not None and value.number}
-    measured |= {**hold_measurements(seen, result=result, drive=drive), **closing}
+    measured = answers_of(result) | hold_measurements(seen, result=result, drive=drive)
+    measured |= closing
     return Grasp(
         item_id=item_id,
         taken_at=datetime.now(UTC),
@@ -68,6 +66,12 @@ def make_grasp_record(
         calibration_id=calibration_id_of(calibration),
         recording=None if recording is None else str(recording.resolve()),
     )
+
+
+def answers_of(result: GraspResult) -> dict[str, Measurement]:
+    """Return what a grasp answered by its name in the store; a bound is not a number."""
+    found = ((name, getattr(result, name)) for name in _ANSWERED)
+    return {name: value for name, value in found if value is not None and value.number}
 
 
 def hold_measurements(

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from palpate.clock import Clock
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.plan import Plan
-from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import Gripper
+from palpate.produce.grasp_record import answers_of
 from palpate.produce.records import Grasp
 from palpate.recording.contents import Origin
 from palpate.sensor.array import PressureArray
@@ -81,7 +81,7 @@ class SortingHand:
             drive=self.plan.gripper.drive,
             origin=self.origin,
             outcome=result.outcome,
-            measurements=_measurements(result),
+            measurements=answers_of(result),
             decision_time_s=result.decision_time_s,
             peak_force_n=result.peak_force_n,
             calibration_id=self.calibration_id,
@@ -111,14 +111,3 @@ class SortingHand:
                 )
             )
         return np.asarray(np.mean(found, axis=0))
-
-
-def _measurements(result: GraspResult) -> dict[str, Measurement]:
-    found = {
-        "settled_percent": result.settled_percent,
-        "size_mm": result.size_mm,
-        "force_n": result.force_n,
-        "stiffness_n_per_mm": result.stiffness_n_per_mm,
-        "firmness": result.firmness,
-    }
-    return {name: value for name, value in found.items() if value is not None}

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from palpate.errors import InputError
 from palpate.produce.learning import FEWEST_ITEMS, UNKNOWN
-from palpate.produce.sorting.conditions import CONDITIONS, Condition, OneOf
+from palpate.produce.sorting.conditions import CONDITIONS, OneOf
 from palpate.produce.sorting.rules import CONFIDENCE, MOST_GRASPS, Rule, RuleBook
+
+_Value = TypeVar("_Value")
 
 _TOP_KEYS = ("default", "confidence", "most_grasps", "rule")
 _RULE_KEYS = ("bin", *CONDITIONS, "confidence")
@@ -36,7 +40,30 @@ def read_rules(path: str | Path) -> RuleBook:
         raise InputError(f"rules file {path}: {error.strerror}") from error
     except (ValueError, RecursionError) as error:
         raise InputError(f"rules file {path}: {error}") from error
-    return _Reader(str(path), text).book(stated)
+    lines = text.splitlines()
+    starts = [number for number, line in enumerate(lines, 1) if _HEADER.match(line)]
+    ends = [*starts, len(lines) + 1]
+    stated = {"confidence": CONFIDENCE, "most_grasps": MOST_GRASPS} | stated
+    top = _Section(str(path), lines, range(1, ends[0]), stated)
+    top.check_keys(_TOP_KEYS)
+    tables = stated.get("rule")
+    is_list = isinstance(tables, list) and all(isinstance(table, dict) for table in tables)
+    if not is_list or not tables:
+        raise top.fault("has no [[rule]]; give at least one, with `bin` and a condition")
+    if "default" not in stated:
+        raise top.fault('has no default; give one, e.g. default = "by hand"')
+    default = top.read("default", _read_name)
+    confidence = top.read("confidence", _read_confidence)
+    most = top.read("most_grasps", _read_most_grasps)
+    spans = list(map(range, starts, ends[1:]))
+    if len(spans) != len(tables):  # an inline array has no headers
+        spans = [range(1, len(lines) + 1)] * len(tables)
+    rules = tuple(
+        _read_rule(_Section(str(path), lines, span, {"confidence": confidence} | table))
+        for span, table in zip(spans, tables, strict=True)
+    )
+    refuse_hidden(rules, path=str(path))
+    return RuleBook(rules=rules, default_bin=default, most_grasps=most)
 
 
 def check_kinds(book: RuleBook, *, taught: Collection[str], path: str | Path) -> None:
@@ -104,100 +131,66 @@ def _half_overlap(one: Rule, other: Rule) -> str | None:
     return None if None in common else ", ".join(filter(None, common))
 
 
-class _Reader:
-    """One file on its way to rules; it knows which line to blame."""
+@dataclass(frozen=True, slots=True)
+class _Section:
+    """The top of a rules file or one rule, with its lines, so that faults name their place."""
 
-    def __init__(self, path: str, text: str) -> None:
-        self._path, self._lines = path, text.splitlines()
-        self._headers = [n for n, line in enumerate(self._lines, 1) if _HEADER.match(line)]
+    path: str
+    lines: Sequence[str]
+    #: Numbers of its lines.
+    span: range
+    stated: Mapping[str, Any]
 
-    def book(self, stated: Mapping[str, Any]) -> RuleBook:
-        """Return the rules, checked."""
-        end = self._headers[0] - 1 if self._headers else len(self._lines)
-        self._check_keys(stated, _TOP_KEYS, start=1, end=end)
-        tables = stated.get("rule")
-        is_list = isinstance(tables, list) and all(isinstance(table, dict) for table in tables)
-        if not is_list or not tables:
-            raise self._fault(1, "has no [[rule]]; give at least one, with `bin` and a condition")
-        if "default" not in stated:
-            raise self._fault(1, 'has no default; give one, e.g. default = "by hand"')
-        default = self._text(stated, "default", start=1, end=end)
-        confidence = self._confidence(stated, CONFIDENCE, start=1, end=end)
-        most = stated.get("most_grasps", MOST_GRASPS)
-        if not isinstance(most, int) or isinstance(most, bool) or not 1 <= most <= 20:
-            raise self._fault(
-                self._line("most_grasps", 1, end), f"most_grasps is {most!r}, not 1 to 20"
-            )
-        rules = tuple(self._rule(n, table, confidence) for n, table in enumerate(tables))
-        refuse_hidden(rules, path=self._path)
-        return RuleBook(rules=rules, default_bin=default, most_grasps=most)
-
-    def _rule(self, index: int, table: Mapping[str, Any], confidence: float) -> Rule:
-        start, end = self._lines_of(index)
-        where = {"start": start, "end": end}
-        self._check_keys(table, _RULE_KEYS, **where)
-        if "bin" not in table:
-            raise self._fault(start, "this rule has no bin; state where its items go")
-        if not any(key in table for key in CONDITIONS):
-            raise self._fault(
-                start, f"this rule has no condition; give one of {', '.join(CONDITIONS)}"
-            )
-        return Rule(
-            bin=self._text(table, "bin", **where),
-            conditions=tuple(
-                self._condition(table, key, **where) for key in CONDITIONS if key in table
-            ),
-            confidence=self._confidence(table, confidence, **where),
-            line=start,
-        )
-
-    def _check_keys(
-        self, table: Mapping[str, Any], known: tuple[str, ...], *, start: int, end: int
-    ) -> None:
-        for key in table:
-            if key not in known:
-                raise self._fault(
-                    self._line(key, start, end),
-                    f"no key {key!r} here; known are {', '.join(known)}",
-                )
-
-    def _text(self, table: Mapping[str, Any], key: str, *, start: int, end: int) -> str:
-        found = table[key]
-        if not isinstance(found, str) or not found.strip():
-            raise self._fault(self._line(key, start, end), f"{key} is {found!r}, not a name")
-        return found
-
-    def _condition(self, table: Mapping[str, Any], key: str, *, start: int, end: int) -> Condition:
-        try:
-            return CONDITIONS[key](key, table[key])
-        except ValueError as error:
-            line = self._line(key, start, end)
-            raise self._fault(line, f"{key} is {table[key]!r}, not {error}") from error
-
-    def _confidence(
-        self, table: Mapping[str, Any], default: float, *, start: int, end: int
-    ) -> float:
-        found = table.get("confidence", default)
-        if not isinstance(found, float | int) or not 0.5 <= found < 1:
-            raise self._fault(
-                self._line("confidence", start, end),
-                f"confidence is {found!r}, not from 0.5 up to below 1",
-            )
-        return float(found)
-
-    def _lines_of(self, index: int) -> tuple[int, int]:
-        """Return the first and last line of a rule; all lines for rules in an inline array."""
-        if index >= len(self._headers):
-            return 1, len(self._lines)
-        end = self._headers[index + 1] - 1 if index + 1 < len(self._headers) else len(self._lines)
-        return self._headers[index], end
-
-    def _line(self, key: str, start: int, end: int) -> int:
+    def fault(self, text: str, *, key: str = "") -> InputError:
+        """Return the error, with the line of a key or else the first line."""
         wanted = re.compile(
             rf"""\s*["']?{re.escape(key)}["']?\s*[=.\]]|\s*\[+\s*{re.escape(key)}"""
         )
-        span = range(start, end + 1)
-        return next((n for n in span if wanted.match(self._lines[n - 1])), start)
+        found = (number for number in self.span if key and wanted.match(self.lines[number - 1]))
+        return InputError(f"rules file {self.path} line {next(found, self.span.start)}: {text}")
 
-    def _fault(self, line: int, what: str) -> InputError:
-        return InputError(f"rules file {self._path} line {line}: {what}")
+    def check_keys(self, known: Sequence[str]) -> None:
+        """Refuse a key that is not known."""
+        for key in self.stated:
+            if key not in known:
+                raise self.fault(f"no key {key!r} here; known are {', '.join(known)}", key=key)
+
+    def read(self, key: str, reader: Callable[[Any], _Value]) -> _Value:
+        """Return a value; its reader raises `ValueError` that names what it should be."""
+        try:
+            return reader(self.stated[key])
+        except ValueError as error:
+            raise self.fault(f"{key} is {self.stated[key]!r}, not {error}", key=key) from error
+
+
+def _read_rule(section: _Section) -> Rule:
+    section.check_keys(_RULE_KEYS)
+    if "bin" not in section.stated:
+        raise section.fault("this rule has no bin; state where its items go")
+    keys = [key for key in CONDITIONS if key in section.stated]
+    if not keys:
+        raise section.fault(f"this rule has no condition; give one of {', '.join(CONDITIONS)}")
+    return Rule(
+        bin=section.read("bin", _read_name),
+        conditions=tuple(section.read(key, partial(CONDITIONS[key], key)) for key in keys),
+        confidence=section.read("confidence", _read_confidence),
+        line=section.span.start,
+    )
+
+
+def _read_name(stated: Any) -> str:
+    if not isinstance(stated, str) or not stated.strip():
+        raise ValueError("a name")
+    return stated
+
+
+def _read_confidence(stated: Any) -> float:
+    if not isinstance(stated, float | int) or not 0.5 <= stated < 1:
+        raise ValueError("from 0.5 up to below 1")
+    return float(stated)
+
+
+def _read_most_grasps(stated: Any) -> int:
+    if not isinstance(stated, int) or isinstance(stated, bool) or not 1 <= stated <= 20:
+        raise ValueError("1 to 20")
+    return stated
