@@ -48,8 +48,9 @@ def make_grasp_record(
     `angle_deg`: side of the item that the first finger touched.
     `closing`: measurements of the whole closing (`ClosingWatch.measured`).
     """
-    measured = answers_of(result) | hold_measurements(seen, result=result, drive=drive)
-    measured |= closing
+    # The store keeps numbers; a bound is not a number.
+    measured = {name: one for name, one in answers_of(result).items() if one.number}
+    measured |= {**hold_measurements(seen, result=result, drive=drive), **closing}
     return Grasp(
         item_id=item_id,
         taken_at=datetime.now(UTC),
@@ -69,9 +70,9 @@ def make_grasp_record(
 
 
 def answers_of(result: GraspResult) -> dict[str, Measurement]:
-    """Return what a grasp answered by its name in the store; a bound is not a number."""
+    """Return what a grasp answered, bounds included, by its name in the store."""
     found = ((name, getattr(result, name)) for name in _ANSWERED)
-    return {name: value for name, value in found if value is not None and value.number}
+    return {name: value for name, value in found if value is not None}
 
 
 def hold_measurements(
