@@ -204,7 +204,7 @@ def test_every_grasp_is_walked_in_batches(store: Store, monkeypatch: pytest.Monk
 def test_histories_of_many_come_in_the_order_of_the_names(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("palpate.produce.store.reading._ITEMS", 2)
+    monkeypatch.setattr("palpate.produce.store.reading._MOST_VALUES", 2)
     store.add_grasps([grasp(f"i{n % 3}", hours=-n) for n in range(9)])
     said = verdict("i1")
     store.add_verdict(said)

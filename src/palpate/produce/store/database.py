@@ -38,7 +38,7 @@ from palpate.produce.store.schema import GRASPS, ITEMS, NEWEST, migrate, read_ve
 from palpate.produce.store.writing import (
     write_calibration,
     write_grasps,
-    write_item,
+    write_items,
     write_verdict,
 )
 
@@ -102,7 +102,7 @@ class Store(StoreReader):
     def add_item(self, item: Item) -> None:
         """Add an item, or fill in what is newly known of it: None leaves what is there."""
         with self._write() as connection:
-            write_item(connection, item)
+            write_items(connection, [item])
             self._enqueue(connection, [(item_kind(item), item.item_id)])
 
     def add_calibration(self, text: str) -> str:

@@ -16,7 +16,7 @@ from palpate.produce.store.schema import CALIBRATIONS, GRASPS, ITEMS, OUTBOX, VE
 from palpate.produce.store.writing import (
     write_calibration,
     write_grasps,
-    write_item,
+    write_items,
     write_verdict,
 )
 
@@ -65,9 +65,10 @@ def copy_record(source: sa.Connection, target: sa.Connection, kind: str, content
     if what == "item":
         for item in read_items(source, sa.select(ITEMS).where(ITEMS.c.item_id == content)):
             given = {name: getattr(item, name) for name in columns}
-            write_item(target, Item(item_id=item.item_id, first_seen=item.first_seen, **given))
+            write_items(target, [Item(item_id=item.item_id, first_seen=item.first_seen, **given)])
     elif what == "grasp":
-        for grasp in read_grasps(source, sa.select(GRASPS).where(GRASPS.c.grasp_id == content)):
+        query_of_grasp = sa.select(GRASPS).where(GRASPS.c.grasp_id == content)
+        for grasp in read_grasps(source, query_of_grasp).values():
             if grasp.calibration_id is not None:
                 query = sa.select(CALIBRATIONS.c.content).where(
                     CALIBRATIONS.c.calibration_id == grasp.calibration_id

@@ -15,14 +15,12 @@ from palpate.produce.store.schema import CALIBRATIONS, GRASPS, ITEMS, MEASUREMEN
 from palpate.settling.result import Status
 
 _Read = TypeVar("_Read")
+_Value = TypeVar("_Value")
 
-#: Numbers in one IN list: below SQLite's bound on parameters in every build.
-_MOST_NUMBERS = 500
-
+#: Values in one IN list: below SQLite's bound on parameters in every build.
+_MOST_VALUES = 500
 #: Grasps fetched at a time where all are asked for.
 _BATCH = 5000
-#: Items whose histories are fetched at a time.
-_ITEMS = 500
 _IN_TIME = (GRASPS.c.taken_at, GRASPS.c.number)
 
 
@@ -31,15 +29,15 @@ def read_items(connection: sa.Connection, query: sa.Select[Any]) -> tuple[Item, 
     return tuple(Item(**row) for row in connection.execute(query).mappings())
 
 
-def read_grasps(connection: sa.Connection, query: sa.Select[Any]) -> tuple[Grasp, ...]:
-    """Return the grasps that a query over `GRASPS` finds, with their measurements."""
+def read_grasps(connection: sa.Connection, query: sa.Select[Any]) -> dict[int, Grasp]:
+    """Return the grasps that a query over `GRASPS` finds, by their numbers and in its order."""
     rows = [dict(row) for row in connection.execute(query).mappings()]
     numbers = [row.pop("number") for row in rows]
     measured = _measurements(connection, numbers)
-    return tuple(
-        Grasp(**_grasp_values(row), measurements=measured.get(number, {}))
+    return {
+        number: Grasp(**_grasp_values(row), measurements=measured.get(number, {}))
         for number, row in zip(numbers, rows, strict=True)
-    )
+    }
 
 
 def read_verdicts(connection: sa.Connection, query: sa.Select[Any]) -> tuple[Verdict, ...]:
@@ -63,13 +61,18 @@ def verdict_query() -> sa.Select[Any]:
     return sa.select(VERDICTS).order_by(VERDICTS.c.given_at, VERDICTS.c.verdict_id)
 
 
+def _in_parts(values: Sequence[_Value]) -> Iterator[Sequence[_Value]]:
+    """Yield parts that each fit into one IN list."""
+    for start in range(0, len(values), _MOST_VALUES):
+        yield values[start : start + _MOST_VALUES]
+
+
 def _measurements(
     connection: sa.Connection, numbers: Sequence[int]
 ) -> dict[int, dict[str, Measurement]]:
     found: dict[int, dict[str, Measurement]] = {}
-    for start in range(0, len(numbers), _MOST_NUMBERS):
-        wanted = MEASUREMENTS.c.grasp_number.in_(numbers[start : start + _MOST_NUMBERS])
-        query = sa.select(MEASUREMENTS).where(wanted)
+    for part in _in_parts(numbers):
+        query = sa.select(MEASUREMENTS).where(MEASUREMENTS.c.grasp_number.in_(part))
         for row in connection.execute(query).mappings():
             found.setdefault(row["grasp_number"], {})[row["name"]] = _measurement(row)
     return found
@@ -146,8 +149,8 @@ class StoreReader:
         """Return several items in the order of the names; those that are not known are left out."""
 
         def read(connection: sa.Connection) -> dict[str, Item]:
-            parts = (item_ids[n : n + _ITEMS] for n in range(0, len(item_ids), _ITEMS))
-            queries = (sa.select(ITEMS).where(ITEMS.c.item_id.in_(part)) for part in parts)
+            parts = map(ITEMS.c.item_id.in_, _in_parts(item_ids))
+            queries = (sa.select(ITEMS).where(part) for part in parts)
             return {item.item_id: item for q in queries for item in read_items(connection, q)}
 
         found = self._fetch(read)
@@ -155,21 +158,20 @@ class StoreReader:
 
     def grasps_of(self, item_id: str) -> tuple[Grasp, ...]:
         """Return the grasps of an item, oldest first; none for an item that is not known."""
-        query = sa.select(GRASPS).where(GRASPS.c.item_id == item_id)
-        return self._fetch(lambda connection: read_grasps(connection, query.order_by(*_IN_TIME)))
+        query = sa.select(GRASPS).where(GRASPS.c.item_id == item_id).order_by(*_IN_TIME)
+        return tuple(self._fetch(lambda connection: read_grasps(connection, query)).values())
 
     def histories(
         self, item_ids: Sequence[str]
     ) -> Iterator[tuple[tuple[Grasp, ...], tuple[Verdict, ...]]]:
         """Yield the grasps and the verdicts of each item, in the order of the names."""
-        for start in range(0, len(item_ids), _ITEMS):
-            names = item_ids[start : start + _ITEMS]
+        for names in _in_parts(item_ids):
             grasps: dict[str, list[Grasp]] = {name: [] for name in names}
             verdicts: dict[str, list[Verdict]] = {name: [] for name in names}
             felt = sa.select(GRASPS).where(GRASPS.c.item_id.in_(names)).order_by(*_IN_TIME)
             on_them = verdict_query().where(VERDICTS.c.item_id.in_(names))
             found = self._fetch(partial(_read_both, grasps=felt, verdicts=on_them))
-            for grasp in found[0]:
+            for grasp in found[0].values():
                 grasps[grasp.item_id].append(grasp)
             for verdict in found[1]:
                 verdicts[verdict.item_id].append(verdict)
@@ -198,18 +200,14 @@ class StoreReader:
             query = narrow(query.join(ITEMS), kind=kind, batch=batch)
         query = query.order_by(GRASPS.c.number).limit(_BATCH)
 
-        def read(connection: sa.Connection, after: int) -> tuple[tuple[Grasp, ...], int]:
-            numbers = query.with_only_columns(GRASPS.c.number).where(GRASPS.c.number > after)
-            found = list(connection.scalars(numbers))
-            batch_of = sa.select(GRASPS).where(GRASPS.c.number.in_(found))
-            rows = read_grasps(connection, batch_of.order_by(GRASPS.c.number)) if found else ()
-            return rows, found[-1] if found else after
+        def read(connection: sa.Connection, after: int) -> dict[int, Grasp]:
+            return read_grasps(connection, query.where(GRASPS.c.number > after))
 
-        rows, last = self._fetch(partial(read, after=-1))
+        found = self._fetch(partial(read, after=-1))
         answered_by = self.away
-        while rows:
-            yield from rows
-            rows, last = self._fetch(partial(read, after=last))
+        while found:
+            yield from found.values()
+            found = self._fetch(partial(read, after=max(found)))
             # Two databases number grasps differently.
             if self.away is not answered_by and self.away is not None:
                 raise self.away
@@ -256,5 +254,5 @@ class StoreReader:
 
 def _read_both(
     connection: sa.Connection, *, grasps: sa.Select[Any], verdicts: sa.Select[Any]
-) -> tuple[tuple[Grasp, ...], tuple[Verdict, ...]]:
+) -> tuple[dict[int, Grasp], tuple[Verdict, ...]]:
     return read_grasps(connection, grasps), read_verdicts(connection, verdicts)
