@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.demo.packhouse import write_packhouse
-from palpate.produce.ripeness.items import drift_of, history_of, judge_ripeness, learn_rule
+from palpate.produce.ripeness.history import drift_of, history_of, judge_ripeness, learn_rule
 from palpate.produce.ripeness.stages import RIPE, STAGES
 from palpate.produce.store import Store
 

@@ -15,7 +15,7 @@ from palpate.cli.items import open_store
 from palpate.cli.options import JsonOption, StoreOption
 from palpate.cli.output import print_json
 from palpate.errors import InputError
-from palpate.produce.bruise.items import ItemBruise, SideVerdict, examine_item, learn_from
+from palpate.produce.bruise.examination import ItemBruise, SideVerdict, examine_item, learn_from
 from palpate.produce.bruise.model import BruiseModel, default_model
 from palpate.produce.store import Store
 from palpate.terminal_table import print_table

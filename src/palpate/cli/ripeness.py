@@ -19,11 +19,11 @@ from palpate.cli.options import BatchOption, DpiOption, JsonOption, StoreOption
 from palpate.cli.output import percent_text, print_json, say
 from palpate.errors import InputError
 from palpate.plots.style import check_plot, save_figure
-from palpate.produce.identify.items import drive_of
 from palpate.produce.records import Drive, Item
-from palpate.produce.ripeness.items import (
+from palpate.produce.ripeness.history import (
     FirmnessHistory,
     drift_of,
+    drive_of,
     explanation,
     history_of,
     is_assumed,

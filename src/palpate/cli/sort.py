@@ -27,7 +27,7 @@ from palpate.cli.sort_run import SimulatedCrate, open_supply, sort_from_store, s
 from palpate.errors import InputError
 from palpate.estimate.damage_file import DamageFile
 from palpate.produce.identify.identifier import Identifier, Identity
-from palpate.produce.identify.items import identity_verdict, learn_kinds, touches_of
+from palpate.produce.identify.kinds import identity_verdict, learn_kinds, touches_of
 from palpate.produce.learning import UNKNOWN
 from palpate.produce.sorting.rules_file import read_rules
 from palpate.terminal_table import print_table

@@ -19,7 +19,7 @@ from palpate.estimate.damage import DamageModel
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.planning import plan_grasp
 from palpate.produce.identify.identifier import Identifier
-from palpate.produce.identify.items import identity_verdict, learn_kinds, touches_of
+from palpate.produce.identify.kinds import identity_verdict, learn_kinds, touches_of
 from palpate.produce.records import Item, Verdict
 from palpate.produce.sorting.hand import SortingHand, TimedGrasp
 from palpate.produce.sorting.rules import RuleBook, decide

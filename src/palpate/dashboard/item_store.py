@@ -232,7 +232,7 @@ class _Known:
     @classmethod
     def of(cls, store: Store, item_id: str, *, rules: RuleBook | None) -> _Known:
         """Look an item up."""
-        from palpate.produce.identify.items import learn_kinds
+        from palpate.produce.identify.kinds import learn_kinds
 
         items = store.items_named([item_id]) if item_id else ()
         kind = items[0].kind if items else None
@@ -300,8 +300,12 @@ def _read_grasp(
 
 def _ripening(store: Store, page: ItemHistory) -> str:
     """Draw the days of an item with the courses that its kind's labelled items teach."""
-    from palpate.produce.identify.items import drive_of
-    from palpate.produce.ripeness.items import history_of, judge_ripeness, learn_rule
+    from palpate.produce.ripeness.history import (
+        drive_of,
+        history_of,
+        judge_ripeness,
+        learn_rule,
+    )
     from palpate.produce.ripeness.stages import RIPE, STAGES
 
     item_id, kind, grasps = page.item.item_id, page.item.kind, page.grasps

@@ -12,7 +12,7 @@ from palpate.plots.style import BLUE, GREY, ORANGE, log_axis, new_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from palpate.produce.ripeness.items import FirmnessHistory
+    from palpate.produce.ripeness.history import FirmnessHistory
     from palpate.produce.ripeness.rule import Ripeness, RipenessRule
 
 #: Days drawn beyond the last grasp.

@@ -13,10 +13,10 @@ from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.grasp.result import Outcome
 from palpate.holds.strict import read_table
-from palpate.produce.bruise.items import labelled_sides
+from palpate.produce.bruise.examination import labelled_sides
 from palpate.produce.learning import LabelledTable
 from palpate.produce.records import About, Grasp, Source
-from palpate.produce.ripeness.items import history_of, labels_of
+from palpate.produce.ripeness.history import history_of, labels_of
 
 if TYPE_CHECKING:
     from palpate.produce.store import Store

@@ -15,7 +15,7 @@ from palpate.arrays import FloatArray
 from palpate.cli.options import TargetForceOption
 from palpate.errors import InputError
 from palpate.produce.identify.identifier import FEATURES, Identifier, Identity
-from palpate.produce.identify.items import touches_of
+from palpate.produce.identify.kinds import touches_of
 from palpate.produce.learning import FALSE_REJECT, UNKNOWN
 from palpate_studies.identify_baselines import guesses
 from palpate_studies.identify_data import (

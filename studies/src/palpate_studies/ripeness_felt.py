@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from palpate.estimate.compliance import Compliance
 from palpate.produce.records import Grasp
 from palpate.produce.ripeness.firmness import DayFelt
-from palpate.produce.ripeness.items import history_of
+from palpate.produce.ripeness.history import history_of
 from palpate.produce.ripeness.reference_object import Drift
 from palpate.produce.ripeness.rule import RipenessRule
 from palpate.produce.ripeness.stages import STAGES

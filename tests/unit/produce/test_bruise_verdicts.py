@@ -13,7 +13,7 @@ from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.bruise import model as bruise_model
-from palpate.produce.bruise.items import (
+from palpate.produce.bruise.examination import (
     ItemBruise,
     examine_item,
     in_visits,

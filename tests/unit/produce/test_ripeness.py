@@ -17,7 +17,7 @@ from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.ripeness.course import Course
 from palpate.produce.ripeness.firmness import DayFelt, by_day, firmness_of
-from palpate.produce.ripeness.items import (
+from palpate.produce.ripeness.history import (
     drift_of,
     history_of,
     judge_ripeness,

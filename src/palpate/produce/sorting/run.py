@@ -9,7 +9,7 @@ from datetime import datetime
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.identify.identifier import Identifier, Identity, combine, label_identity
-from palpate.produce.identify.items import touches_of
+from palpate.produce.identify.kinds import touches_of
 from palpate.produce.records import About, Grasp, Verdict
 from palpate.produce.sorting.conditions import Evidence
 from palpate.produce.sorting.hand import TimedGrasp

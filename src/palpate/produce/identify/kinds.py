@@ -8,11 +8,10 @@ from datetime import datetime
 from typing import TYPE_CHECKING
 
 from palpate.arrays import FloatArray
-from palpate.errors import InputError
 from palpate.grasp.result import Outcome
 from palpate.produce.identify.identifier import Identifier, Identity, touch_of
 from palpate.produce.learning import FALSE_REJECT, FEWEST_ITEMS, UNKNOWN
-from palpate.produce.records import About, Drive, Grasp, Source, Verdict
+from palpate.produce.records import About, Grasp, Source, Verdict
 
 if TYPE_CHECKING:
     from palpate.produce.store import Store
@@ -56,16 +55,6 @@ def touches_of(grasps: Iterable[Grasp]) -> tuple[FloatArray, ...]:
     """Return the points of those grasps that held the item and measured what kinds differ in."""
     found = (touch_of(one.measurements) for one in grasps if one.outcome is Outcome.HELD)
     return tuple(touch for touch in found if touch is not None)
-
-
-def drive_of(grasps: Sequence[Grasp], *, item_id: str) -> Drive:
-    """Return the kind of gripper that grasped an item last.
-
-    Raises `InputError` if it was never grasped.
-    """
-    if not grasps:
-        raise InputError(f"item {item_id!r} was never grasped; grasp it first")
-    return grasps[-1].drive
 
 
 def identity_verdict(item_id: str, identity: Identity, *, given_at: datetime) -> Verdict:

@@ -51,6 +51,16 @@ class FirmnessHistory:
         return min(range(len(self.days)), key=lambda k: abs(self.days[k].day - at))
 
 
+def drive_of(grasps: Sequence[Grasp], *, item_id: str) -> Drive:
+    """Return the kind of gripper that grasped an item last.
+
+    Raises `InputError` if it was never grasped.
+    """
+    if not grasps:
+        raise InputError(f"item {item_id!r} was never grasped; grasp it first")
+    return grasps[-1].drive
+
+
 def history_of(
     grasps: Sequence[Grasp], *, item_id: str, drive: Drive, drift: Drift | None = None
 ) -> FirmnessHistory:
