@@ -9,7 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.produce.bruise import model as bruise_model
+from palpate.produce.bruise.model import REFERENCES, simulated_sides
 from palpate_studies import bruise, bruise_data
+from palpate_studies.bruise import save_sides
 from palpate_studies.bruise_data import Examined, examine
 from palpate_studies.bruise_scores import (
     SAME_WIDTH,
@@ -94,3 +97,14 @@ def test_an_area_is_compared_on_the_same_drawn_sensors() -> None:
     assert found.value == pytest.approx(poor.auc - good.auc)
     assert (found.verdict, found.cases, found.specimens) == ("ours", 40, 10)
     assert area_lost(good, good).verdict == "undecided"
+
+
+def test_simulated_sides_survive_their_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    learned_on, known = simulated_sides()
+    save_sides(known, learned_on, tmp_path / "sides.json")
+    monkeypatch.setattr(bruise_model, "_SIMULATED", tmp_path / "sides.json")
+    again = simulated_sides()[1]
+    assert all(np.array_equal(again[name].rows, known[name].rows) for name in REFERENCES)
+    assert all(again[name].labels == known[name].labels for name in REFERENCES)

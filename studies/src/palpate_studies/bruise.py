@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -9,12 +10,8 @@ from typing import Annotated, Any
 
 import typer
 
-from palpate.produce.bruise.model import (
-    BruiseModel,
-    default_model,
-    save_sides,
-    simulated_sides,
-)
+from palpate.files import atomic_path
+from palpate.produce.bruise.model import BruiseModel, default_model, simulated_sides
 from palpate.produce.learning import LabelledTable
 from palpate_studies.bruise_data import (
     PLACED_WITHIN_MM,
@@ -28,6 +25,9 @@ from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
 from palpate_studies.second.fruit import corky, rotten
 from palpate_studies.twin_apple import Apple
+
+#: Digits of contrasts in the file of simulated sides.
+_DIGITS = 3
 
 
 def report(
@@ -116,7 +116,8 @@ def judge(examined: Sequence[Examined]) -> StudyReport:
             "compared": compared,
         },
         files={
-            f"bruise-sides-{level}.json": partial(_save, *sides) for level, sides in known.items()
+            f"bruise-sides-{level}.json": partial(save_sides, *sides)
+            for level, sides in known.items()
         },
     )
 
@@ -165,5 +166,14 @@ def _apples(seed: int, remade: Callable[[Apple], Apple]) -> list[Examined]:
     return list(examine({"test": 24}, levels=["lab"], seed=seed, remade=remade))
 
 
-def _save(known: Mapping[str, LabelledTable], learned_on: str, path: Path) -> None:
-    save_sides(known, path, learned_on=learned_on)
+def save_sides(known: Mapping[str, LabelledTable], learned_on: str, path: Path) -> None:
+    """Write known sides as JSON, in the form of those that come with palpate."""
+    document = {
+        "learned_on": learned_on,
+        "sides": {
+            name: {"labels": table.labels, "contrasts": table.rows.round(_DIGITS).tolist()}
+            for name, table in known.items()
+        },
+    }
+    with atomic_path(path) as unfinished:
+        unfinished.write_text(json.dumps(document, allow_nan=False, separators=(",", ":")) + "\n")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace as replaced
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ import pytest
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
-from palpate.produce.bruise import model as bruise_model
 from palpate.produce.bruise.examination import (
     ItemBruise,
     examine_item,
@@ -26,8 +24,6 @@ from palpate.produce.bruise.model import (
     SOUND,
     BruiseModel,
     default_model,
-    save_sides,
-    simulated_sides,
 )
 from palpate.produce.bruise.shape import shape_of
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
@@ -209,17 +205,6 @@ def test_what_slipped_or_has_no_pixels_tells_nothing() -> None:
 def test_too_few_labels_are_refused(store: Store) -> None:
     with pytest.raises(InputError, match="0 bruised and 0 sound sides"):
         learn_from(store, kind="pear")
-
-
-def test_simulated_sides_survive_their_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    learned_on, known = simulated_sides()
-    save_sides(known, tmp_path / "sides.json", learned_on=learned_on)
-    monkeypatch.setattr(bruise_model, "_SIMULATED", tmp_path / "sides.json")
-    again = simulated_sides()[1]
-    assert all(np.array_equal(again[name].rows, known[name].rows) for name in REFERENCES)
-    assert all(again[name].labels == known[name].labels for name in REFERENCES)
 
 
 def test_the_sides_that_come_along_are_simulated_and_said_to_be() -> None:

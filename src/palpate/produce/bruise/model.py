@@ -15,9 +15,9 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
-from palpate.files import atomic_path
 from palpate.produce.bruise.shape import LoadShape, contrast
 from palpate.produce.learning import LabelLearner, LabelledTable
 
@@ -30,8 +30,6 @@ BRUISED, SOUND = "bruised", "sound"
 METHODS = ("logistic",)
 #: Fewest sides of each label to learn from.
 _FEWEST = 10
-#: Digits of contrasts in the file of simulated sides.
-_DIGITS = 3
 _SIMULATED = Path(__file__).with_name("simulated.json")
 
 
@@ -112,38 +110,32 @@ def table_sides(sides: Sequence[tuple[str, bool, Side]]) -> dict[str, LabelledTa
     for name in REFERENCES:
         having = [one for one in sides if name in one[2].against]
         if having:
-            rows = np.array([contrast(side.shape, side.against[name]) for *_, side in having])
-            found[name] = LabelledTable(
-                features=tuple(f"{name}_{number}" for number in range(rows.shape[1])),
-                rows=rows,
-                labels=tuple(BRUISED if bruised else SOUND for _, bruised, _ in having),
-                items=tuple(item for item, *_ in having),
+            found[name] = _contrast_table(
+                name,
+                [contrast(side.shape, side.against[name]) for *_, side in having],
+                labels=[BRUISED if bruised else SOUND for _, bruised, _ in having],
+                items=[item for item, *_ in having],
             )
     return found
 
 
-def save_sides(known: Mapping[str, LabelledTable], path: Path, *, learned_on: str) -> None:
-    """Write known sides as JSON, in the form of those that come with palpate."""
-    document = {
-        "learned_on": learned_on,
-        "sides": {
-            name: {"labels": table.labels, "contrasts": table.rows.round(_DIGITS).tolist()}
-            for name, table in known.items()
-        },
-    }
-    with atomic_path(path) as partial:
-        partial.write_text(json.dumps(document, allow_nan=False, separators=(",", ":")) + "\n")
+def _contrast_table(
+    reference: str, contrasts: ArrayLike, *, labels: Sequence[str], items: Sequence[str]
+) -> LabelledTable:
+    rows = np.array(contrasts)
+    features = tuple(f"{reference}_{number}" for number in range(rows.shape[1]))
+    return LabelledTable(features=features, rows=rows, labels=tuple(labels), items=tuple(items))
 
 
 def simulated_sides() -> tuple[str, dict[str, LabelledTable]]:
     """Return the simulated sides that come with palpate, by reference, after what they are."""
     document = json.loads(_SIMULATED.read_text())
     return document["learned_on"], {
-        name: LabelledTable(
-            features=tuple(f"{name}_{number}" for number in range(len(sides["contrasts"][0]))),
-            rows=np.array(sides["contrasts"]),
-            labels=tuple(sides["labels"]),
-            items=tuple(map(str, range(len(sides["labels"])))),
+        name: _contrast_table(
+            name,
+            sides["contrasts"],
+            labels=sides["labels"],
+            items=list(map(str, range(len(sides["labels"])))),
         )
         for name, sides in document["sides"].items()
     }
