@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
+from scipy.special import logsumexp, softmax
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
@@ -23,13 +24,11 @@ from palpate.produce.ripeness.firmness import DayFelt
 
 #: Fewest items and days that a course can be learned from.
 FEWEST_COURSES, FEWEST_DAYS = 4, 3
-#: Grid of possible courses: halfway days about their mean and paces about theirs, in standard
-#: deviations; and how much firmer an item began (Gauss-Hermite).
-_HALFWAY = np.linspace(-2.6, 2.6, 81)
-_PACE = np.linspace(-2.0, 2.0, 7)
-_START, _START_WEIGHT = np.polynomial.hermite_e.hermegauss(3)
-#: Degrees of freedom of a day's scatter, and rounds of reweighting.
-_FREEDOM, _ROUNDS = 5.0, 3
+#: Grid of possible courses, in standard deviations about their means: halfway days, paces, and how
+#: much firmer an item began.
+_HALFWAY, _PACE, _START = (np.linspace(-r, r, n) for r, n in ((2.6, 53), (2.0, 7), (2.4, 7)))
+#: Degrees of freedom of a day's scatter: a bad grasp must not outweigh all the others.
+_FREEDOM = 5.0
 #: A day's own scatter from grasp to grasp is believed as if the usual one had been seen this often.
 _USUAL_GRASPS = 6
 #: A course that would begin softer than it ends is limited to this fall.
@@ -93,48 +92,27 @@ class Course:
         return found
 
     def courses_of(self, days: Sequence[DayFelt]) -> Courses:
-        """Return the possible courses of an item, weighed by what was felt of it.
-
-        When and how fast stand on a grid. How much firmer the item began enters in a line, so for
-        each node it is solved for (reweighted least squares), and its doubt is Laplace's.
-        """
-        halfway, pace = (
-            one.ravel()
-            for one in np.meshgrid(
-                self.halfway_day + self.halfway_sd * _HALFWAY,
-                self.pace_days * np.exp(_PACE_LOG_SD * _PACE),
-                indexing="ij",
-            )
-        )
-        at = np.array([day.day for day in days])
-        felt = np.array([day.firmness for day in days])
+        """Return the possible courses of an item, weighed by how well they agree with its days."""
+        steps = np.meshgrid(_HALFWAY, _PACE, _START, indexing="ij")
+        by_halfway, by_pace, by_start = (one.ravel() for one in steps)
+        halfway = self.halfway_day + self.halfway_sd * by_halfway
+        pace = self.pace_days * np.exp(_PACE_LOG_SD * by_pace)
+        hard = np.maximum(self.hard + self.start_sd * by_start, self.soft + _LEAST_FALL)
+        log_prior = -0.5 * (by_halfway**2 + by_pace**2 + by_start**2)
         noise_sd = np.hypot(self.noise_sd, [self.mean_sd(day) for day in days])
-        left = _time_left(at, halfway, pace)
-        off = felt - self.soft - (self.hard - self.soft) * left
-        start = np.zeros(halfway.size)
-        variance = np.full(halfway.size, self.start_sd**2)
-        for _ in range(_ROUNDS):
-            squared = ((off - start[:, None] * left) / noise_sd) ** 2
-            trust = (_FREEDOM + 1.0) / (_FREEDOM + squared) / noise_sd**2
-            variance = 1.0 / (1.0 / self.start_sd**2 + (trust * left**2).sum(axis=1))
-            start = variance * (trust * left * off).sum(axis=1)
-        squared = ((off - start[:, None] * left) / noise_sd) ** 2
-        # Tails of a t distribution: a bad grasp must not outweigh all the others.
+        left = _time_left([day.day for day in days], halfway, pace)
+        expected = self.soft + (hard - self.soft)[:, None] * left
+        squared = ((np.array([day.firmness for day in days]) - expected) / noise_sd) ** 2
         log_like = -0.5 * (_FREEDOM + 1.0) * np.log1p(squared / _FREEDOM).sum(axis=1)
-        log_like += 0.5 * np.log(variance / self.start_sd**2) - 0.5 * (start / self.start_sd) ** 2
-        prior = (_normal_weights(_HALFWAY)[:, None] * _normal_weights(_PACE)).ravel()
-        log_weight = np.log(prior) + log_like - np.log(noise_sd).sum()
-        top = float(log_weight.max())
-        weight = np.exp(log_weight - top)
-        each = np.repeat(weight / weight.sum(), _START.size) * np.tile(_START_WEIGHT, weight.size)
-        hard = self.hard + start[:, None] + np.sqrt(variance)[:, None] * _START
+        log_weight = log_prior + log_like - np.log(noise_sd).sum()
+        log_evidence = float(logsumexp(log_weight) - logsumexp(log_prior))
         return Courses(
-            halfway_day=np.repeat(halfway, _START.size),
-            pace_days=np.repeat(pace, _START.size),
-            hard=np.maximum(hard.ravel(), self.soft + _LEAST_FALL),
+            halfway_day=halfway,
+            pace_days=pace,
+            hard=hard,
             soft=self.soft,
-            weight=each / each.sum(),
-            log_evidence=top + float(np.log(weight.sum())),
+            weight=softmax(log_weight),
+            log_evidence=log_evidence,
         )
 
     def mean_sd(self, day: DayFelt) -> float:
@@ -183,15 +161,10 @@ class Courses:
         return np.asarray(values[order][np.minimum(index, values.size - 1)])
 
 
-def _time_left(day: FloatArray, halfway_day: FloatArray, pace_days: FloatArray) -> FloatArray:
+def _time_left(day: ArrayLike, halfway_day: FloatArray, pace_days: FloatArray) -> FloatArray:
     """Return what is left of the fall on each day of each course, shape (courses, days)."""
     since = np.asarray(day, dtype=float) - halfway_day[:, None]
     return np.asarray(0.5 * (1.0 - np.tanh(0.5 * since / pace_days[:, None])))
-
-
-def _normal_weights(steps: FloatArray) -> FloatArray:
-    density = np.exp(-0.5 * steps**2)
-    return np.asarray(density / density.sum())
 
 
 def _beginning(felt: FloatArray, last_day: float) -> dict[str, float]:
