@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from palpate.arrays import FloatArray
 from palpate.estimate.measurement import Measurement
 from palpate.produce.identify.identifier import Identifier, Identity
-from palpate.produce.learning import UNKNOWN
+from palpate.produce.learning import FALSE_REJECT, UNKNOWN
 from palpate.produce.sorting.conditions import Evidence, OneOf, Within
 from palpate.produce.sorting.rules import Rule, RuleBook, decide
 
@@ -44,7 +44,7 @@ def test_probabilities_are_probabilities(felt: list[tuple[float, float]]) -> Non
     assert sum(found.probability.values()) == pytest.approx(1.0)
     assert all(0.0 <= p <= 1.0 for p in found.probability.values())
     assert 0.0 < found.usual <= 1.0
-    assert found.rejected == (found.usual <= KNOWN.learner.false_reject)
+    assert found.rejected == (found.usual <= FALSE_REJECT)
     assert found.rejected == (found.kind == UNKNOWN)
 
 

@@ -28,7 +28,7 @@ from palpate.errors import InputError
 from palpate.estimate.damage_file import DamageFile
 from palpate.produce.identify.identifier import Identifier, Identity
 from palpate.produce.identify.kinds import identity_verdict, learn_kinds, touches_of
-from palpate.produce.learning import UNKNOWN
+from palpate.produce.learning import FALSE_REJECT, UNKNOWN
 from palpate.produce.sorting.rules_file import read_rules
 from palpate.terminal_table import print_table
 
@@ -173,6 +173,6 @@ def _print_identity(
     console.print(why, markup=False)
     if known.learner.items_missing:
         console.print(
-            f"To call anything unknown at {100 * known.learner.false_reject:g} %, label "
+            f"To call anything unknown at {100 * FALSE_REJECT:g} %, label "
             f"{known.learner.items_missing} more items."
         )

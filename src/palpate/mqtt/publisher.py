@@ -41,7 +41,6 @@ class Publisher:
     `store`: as `Store.open` takes it; results of an earlier run go first.
     `complain`: called with a line when the broker refuses, or the store fails; by a thread of its
         own.
-    `most`: how many results may wait.
     Raises `InputError` if a certificate can't be used.
     """
 
@@ -51,10 +50,9 @@ class Publisher:
         *,
         store: str | Path | None,
         complain: Callable[[str], None],
-        most: int = MOST_WAITING,
     ) -> None:
         self._topic, self._where, self._complain = broker.topic, store, complain
-        self._most, self._dropped = most, 0
+        self._dropped = 0
         # Stations differ by their topic.
         self._receiver = f"mqtt {broker.topic}"
         self._calls: SimpleQueue[Callable[[Store], object] | None] = SimpleQueue()
@@ -71,7 +69,7 @@ class Publisher:
         text = json.dumps(document, allow_nan=False)
 
         def queue(store: Store) -> None:
-            self._dropped += store.add_message(text, receiver=self._receiver, most=self._most)
+            self._dropped += store.add_message(text, receiver=self._receiver, most=MOST_WAITING)
 
         self._calls.put(queue)
 

@@ -62,7 +62,6 @@ class LabelLearner:
     """Labels learned from a table with one row a grasp, or one row an item.
 
     `strangers`: whether an item may be none of the labels.
-    `false_reject`: fraction of items of known labels that may be called unknown.
     `methods`: names of the candidates in `METHODS`; by default all of them.
 
     After `fit`: `labels`, sorted; `fractions` of the rows that have them; `method`, the name of the
@@ -80,10 +79,9 @@ class LabelLearner:
         self,
         *,
         strangers: bool = True,
-        false_reject: float = FALSE_REJECT,
         methods: Sequence[str] = (),
     ) -> None:
-        self.strangers, self.false_reject = strangers, false_reject
+        self.strangers = strangers
         self._methods = tuple(methods) or METHODS
         self.labels: tuple[str, ...] = ()
         self.method = ""
@@ -138,7 +136,7 @@ class LabelLearner:
     def items_missing(self) -> int:
         """Labelled items still missing before anything can be called unknown; 5 % needs 19."""
         known = len(set(self._items.tolist()))
-        return max(math.ceil(1.0 / self.false_reject - 1e-9) - 1 - known, 0)
+        return max(math.ceil(1.0 / FALSE_REJECT - 1e-9) - 1 - known, 0)
 
     def probabilities(self, table: ArrayLike) -> FloatArray:
         """Return the probability of each label; with strangers, of something else last.
@@ -161,7 +159,7 @@ class LabelLearner:
     def predict(self, table: ArrayLike) -> list[str]:
         """Return the most probable label of each row, or `UNKNOWN` if it is rejected."""
         best = np.argmax(self.probabilities(table)[:, : len(self.labels)], axis=1)
-        rejected = self.typicality(table) <= self.false_reject if self.strangers else 0 * best
+        rejected = self.typicality(table) <= FALSE_REJECT if self.strangers else 0 * best
         return [
             UNKNOWN if stranger else self.labels[index]
             for index, stranger in zip(best, rejected, strict=True)

@@ -59,7 +59,6 @@ class Identifier:
     """Kinds learned from labelled items.
 
     `taught`: kind and grasps (`touch_of`) of each item; items without a grasp are skipped.
-    `false_reject`: fraction of items of known kinds that may be called unknown.
     `methods`: candidates, see `LabelLearner`.
 
     Raises `InputError` if a kind has fewer than three items, or there is no kind;
@@ -77,11 +76,10 @@ class Identifier:
         self,
         taught: Sequence[tuple[str, Sequence[FloatArray]]],
         *,
-        false_reject: float = FALSE_REJECT,
         methods: Sequence[str] = METHODS,
     ) -> None:
         known = [(kind, np.mean(touches, axis=0)) for kind, touches in taught if len(touches)]
-        self.learner = LabelLearner(false_reject=false_reject, methods=methods).fit(
+        self.learner = LabelLearner(methods=methods).fit(
             [point for _, point in known], [kind for kind, _ in known]
         )
         self.kinds = self.learner.labels
@@ -105,7 +103,7 @@ class Identifier:
                 )
             ),
             usual=usual,
-            rejected=usual <= self.learner.false_reject,
+            rejected=usual <= FALSE_REJECT,
             grasps=len(touches),
         )
         return found if found.rejected else replace(found, kind=found.best_guess)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from palpate.arrays import FloatArray
 from palpate.grasp.result import Outcome
 from palpate.produce.identify.identifier import Identifier, Identity, touch_of
-from palpate.produce.learning import FALSE_REJECT, FEWEST_ITEMS, UNKNOWN
+from palpate.produce.learning import FEWEST_ITEMS, UNKNOWN
 from palpate.produce.records import About, Grasp, Source, Verdict
 
 if TYPE_CHECKING:
@@ -22,16 +22,10 @@ if TYPE_CHECKING:
 _MOST_ITEMS, _MOST_OF_A_KIND = 5000, 200
 
 
-def learn_kinds(
-    store: Store,
-    *,
-    false_reject: float = FALSE_REJECT,
-    without: str | None = None,
-) -> Identifier:
+def learn_kinds(store: Store, *, without: str | None = None) -> Identifier:
     """Learn every kind that enough items of the store are labelled with.
 
     `store`: items whose `kind`, or identity, a person gave, with their grasps.
-    `false_reject`: fraction of items of the labelled kinds that may be called unknown.
     `without`: item that is to be identified: its own label is not learned from.
     Raises `InputError` if no kind has enough labelled items; `MissingExtraError` if scikit-learn is
     not installed.
@@ -48,7 +42,7 @@ def learn_kinds(
         if touches := touches_of(store.grasps_of(item.item_id)):
             taught[kind].append((kind, touches))
     enough = [kind for kind in taught.values() if len(kind) >= FEWEST_ITEMS]
-    return Identifier([one for kind in enough for one in kind], false_reject=false_reject)
+    return Identifier([one for kind in enough for one in kind])
 
 
 def touches_of(grasps: Iterable[Grasp]) -> tuple[FloatArray, ...]:
