@@ -14,7 +14,7 @@ from palpate_studies.staircase_data import FAINT_N, FollowedForce, followed, lea
 
 def test_a_sheet_is_followed_by_the_laws_of_its_calibration() -> None:
     found = followed(3, level="lab", staircases=1)
-    assert list(found) == ["settled", "early", "now"]
+    assert list(found) == ["settled", "early", "by_time", "memory", "now"]
     (now,) = found["now"]
     assert (now.force_n > FAINT_N).all()
     assert np.median(np.abs(np.log(np.maximum(now.value_n, 0.01) / now.force_n))) < 0.3

@@ -1,21 +1,27 @@
-"""Force now from the two laws of a calibration: soon after a movement, and settled.
+"""Force now from the laws of a calibration: soon after a movement, settled, and with memory.
 
 A sheet that was just loaded reads by its early law, one at rest for long by its settled law;
 between the two, creep is about even in the logarithm of time. A live view does not know when the
 load moved, so the reading shows it: it leaves its own low-passed copy. Until the sheet has settled
 the interval spans both laws.
+
+These two know the pixels of this sheet, and nothing of unloading. `ForceLaw` knows from other
+sensors how a sheet lags and unloads, and reads the sum of the pixels. Their errors differ, so the
+answer is the mean of both in ln force.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.estimate.force import ForceEstimate, StaticLaw
-from palpate.estimate.force_follower import TouchWatch
+from palpate.estimate.force_follower import ForceFollower, TouchWatch
+from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.gain import Gain
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.pixel_law import PixelReading
@@ -27,6 +33,8 @@ _MOVED_SHARE, _COPY_S = 0.2, 0.5
 _FAINT = 0.02
 
 
+#: A lower end of 0 N counts as this: its logarithm would decide alone.
+_LEAST_N = 1e-3
 #: A hand whose every pixel shows less excess conductance is empty: offset and noise of the rest.
 _EMPTY = 0.03
 
@@ -36,11 +44,13 @@ class ForceLaws(NamedTuple):
 
     `reading`: from pixels to what the laws read.
     `early`, `settled`: force soon after a movement, and settled.
+    `memory`: force at any time by the sum of the pixels; None to do without.
     """
 
     reading: PixelReading
     early: StaticLaw
     settled: StaticLaw
+    memory: ForceLaw | None = None
 
 
 class ContactGains(NamedTuple):
@@ -71,6 +81,7 @@ class ForceNow:
     ) -> None:
         self._laws, self.gains = laws, ContactGains()
         self._early_s, self._settled_s, self._level = early_s, settled_s, level
+        self._memory = None if laws.memory is None else ForceFollower(laws.memory)
         self._copy, self._touch = 0.0, TouchWatch()
         self._last_s = self._moved_s = -math.inf
 
@@ -101,14 +112,34 @@ class ForceNow:
         # A pixel's law begins steeply: noise and offset of an empty hand would read as newtons.
         touched = self._touch.step(excess)
         empty = float(np.nanmax(np.asarray(excess, dtype=float), initial=0.0)) < _EMPTY
-        return Measurement(
+        force = Measurement(
             value=0.0 if empty else value,
             low=min(value, *(float(one.low) for one in used)) if touched else 0.0,
             high=max(value, *(float(one.high) for one in used)),
             unit="n",
             level=self._level,
         )
+        if self._memory is None:
+            return force
+        other = self._memory.step(time_s, excess)
+        # What a grasp showed of its contact is known for the laws of the calibration alone.
+        if not touched or empty or self.gains != ContactGains():
+            return force
+        return _mean_of(force, other)
 
     def _force(self, law: StaticLaw, seen: float, gain: Gain | None) -> ForceEstimate:
         force = law.force_n(seen, level=self._level)
         return force if gain is None else gain.apply_to(force)
+
+
+def _mean_of(one: Measurement, other: Measurement) -> Measurement:
+    """Return the mean of two forces in ln force, wider by as far as each lies from it."""
+    value = math.sqrt(one.middle * other.middle)
+    apart = abs(math.log(one.middle / other.middle)) / 2.0
+    down, up = (
+        math.hypot(
+            0.5 * sum(abs(math.log(max(end, _LEAST_N) / each.middle)) for end, each in ends), apart
+        )
+        for ends in (((one.low, one), (other.low, other)), ((one.high, one), (other.high, other)))
+    )
+    return replace(one, value=value, low=value * math.exp(-down), high=value * math.exp(up))

@@ -105,15 +105,15 @@ def plan_grasp(
             f"expect_size_mm {expect_size_mm:g}: give at least {LEAST_SIZE_MM:g} mm, or leave it "
             "out"
         )
-    reading, early, settled = laws_of(calibration.force)
+    laws = laws_of(calibration.force)
     found = _by_width if gripper.limits.drive == "width" else _by_pressure
     return Plan(
         layout=calibration.layout,
         rest_ohm=calibration.rest_ohm,
-        settled_law=settled,
-        early_law=early,
-        reading=reading,
-        creep=_creep(calibration.force, reading),
+        settled_law=laws.settled,
+        early_law=laws.early,
+        reading=laws.reading,
+        creep=_creep(calibration.force, laws.reading),
         gripper=gripper.limits,
         current=None if calibration.current is None else CurrentLaw.fit(calibration.current),
         settling=Relaxation(),
@@ -155,10 +155,12 @@ def laws_of(pairs: ForcePairs) -> ForceLaws:
         If the calibration has no readings of force at the times that a grasp needs.
     """
     read_at = {since: pairs_at(pairs, since_move_s=since) for since in (DWELL_S, HORIZON_S)}
+    settled_excess, settled_n = read_at[HORIZON_S]
+    memory = ForceLaw.fit(settled_excess, force_n=settled_n)
     if not pairs.pixel_excess:
         early, settled = (PowerForceLaw.fit(x, force_n=f) for x, f in read_at.values())
-        return ForceLaws(PixelReading.sum_pixels(), early, settled)
-    return ForceLaws(*fit_laws(placements_of(pairs)))
+        return ForceLaws(PixelReading.sum_pixels(), early, settled, memory)
+    return ForceLaws(*fit_laws(placements_of(pairs)), memory)
 
 
 def force_now(pairs: ForcePairs) -> FollowsForce:

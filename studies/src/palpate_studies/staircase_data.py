@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.estimate.force import StaticLaw
+from palpate.estimate.force_follower import FollowsForce, ForceFollower
+from palpate.estimate.force_now import ForceNow
 from palpate.estimate.pixel_law import PixelReading
 from palpate.grasp.calibrating import Bench, measure_rest
-from palpate.grasp.planning import force_now, laws_of
+from palpate.grasp.planning import DWELL_S, HORIZON_S, force_now, laws_of
 from palpate.gripper.interface import GripperCommand
 from palpate.rig.simulated import calibrate_twin, twin_bench
 from palpate.sensor.calibration import ForcePairs
@@ -130,14 +132,25 @@ def _numbers(frames: Sequence[FrameRead], pairs: ForcePairs) -> FloatArray:
 
 
 def _readers(pairs: ForcePairs) -> Mapping[str, Reader]:
-    reading, early, settled = laws_of(pairs)
-    follower = force_now(pairs)
+    laws = laws_of(pairs)
+    reading, early, settled, memory = laws
+    assert memory is not None
+    by_time = ForceNow(laws._replace(memory=None), early_s=DWELL_S, settled_s=HORIZON_S)
+    return {
+        "settled": _static(reading, settled),
+        "early": _static(reading, early),
+        "by_time": _following(by_time),
+        "memory": _following(ForceFollower(memory)),
+        "now": _following(force_now(pairs)),
+    }
 
-    def now(time_s: float, excess: FloatArray) -> tuple[float, float, float]:
+
+def _following(follower: FollowsForce) -> Reader:
+    def read(time_s: float, excess: FloatArray) -> tuple[float, float, float]:
         answer = follower.step(time_s, excess)
         return float(answer.value or 0.0), float(answer.low or 0.0), float(answer.high or np.inf)
 
-    return {"settled": _static(reading, settled), "early": _static(reading, early), "now": now}
+    return read
 
 
 def _static(reading: PixelReading, law: StaticLaw) -> Reader:

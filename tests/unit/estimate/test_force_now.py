@@ -7,7 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from palpate.estimate.force_now import ForceLaws, ForceNow
+from palpate.estimate.force_follower import ForceFollower
+from palpate.estimate.force_law import ForceLaw
+from palpate.estimate.force_now import ContactGains, ForceLaws, ForceNow
+from palpate.estimate.gain import Gain
 from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
 
 
@@ -49,3 +52,33 @@ def test_a_pixel_that_does_not_read_counts_nothing(follower: ForceNow) -> None:
     said = follower.step(0.0, [[2.0, math.nan]])
     assert said.value == pytest.approx(2.0)
     assert said.unit == "n"
+
+
+def test_mean_with_memory_lies_between_both_laws_and_spans_their_distance() -> None:
+    memory = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0])
+    laws = ForceLaws(PixelReading.sum_pixels(), early=law(0.0), settled=law(0.0))
+    alone, other = ForceNow(laws, early_s=0.4, settled_s=20.0), ForceFollower(memory)
+    both = ForceNow(laws._replace(memory=memory), early_s=0.4, settled_s=20.0)
+    for time_s, excess in ((0.0, 0.0), (1.0, 15.0), (2.0, 15.0)):
+        grid = [[excess]]
+        found = both.step(time_s, grid)
+        one, another = alone.step(time_s, grid), other.step(time_s, grid)
+    assert found.value == pytest.approx(math.sqrt(one.value * another.value))
+    assert another.value < found.value < one.value
+    assert found.high / found.low > one.value / another.value
+
+
+def test_gain_of_the_contact_leaves_the_law_with_memory_out() -> None:
+    memory = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0])
+    laws = ForceLaws(PixelReading.sum_pixels(), early=law(0.0), settled=law(0.0), memory=memory)
+    follower = ForceNow(laws, early_s=0.4, settled_s=20.0)
+    gain = Gain(log_mean=math.log(2.0), log_sd=0.05, law_sd=0.05)
+    follower.gains = ContactGains(early=gain, settled=gain)
+    assert follower.step(0.0, [[5.0]]).value == pytest.approx(10.0)
+
+
+def test_untouched_sheet_with_memory_reads_nothing() -> None:
+    memory = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0])
+    laws = ForceLaws(PixelReading.sum_pixels(), early=law(0.0), settled=law(0.0), memory=memory)
+    found = ForceNow(laws, early_s=0.4, settled_s=20.0).step(0.0, [[0.0]])
+    assert (found.value, found.low) == (0.0, 0.0)

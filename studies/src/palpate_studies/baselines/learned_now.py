@@ -38,7 +38,7 @@ def numbers_of(time_s: FloatArray, excess: FloatArray, *, pairs: ForcePairs) -> 
     pairs : ForcePairs
         Of the sheet's calibration.
     """
-    reading, early, settled = laws_of(pairs)
+    reading, early, settled, _ = laws_of(pairs)
     read = np.asarray(reading.reading(excess), dtype=float)
     log = np.log(np.maximum(read, 1e-3))
     total = total_excess(excess)
