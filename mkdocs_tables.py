@@ -14,7 +14,6 @@ from typing import Any, get_type_hints
 
 import griffe
 
-from palpate import errors
 from palpate.cli.grasp import EXIT_STATUS
 from palpate.grasp.config import rows
 from palpate.grasp.result import Outcome
@@ -28,27 +27,6 @@ from palpate.sensor.board_array import layout_named, open_board
 def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
-
-
-def _errors() -> str:
-    """Return every error with what it means and the command's exit status."""
-    raised = [
-        kind
-        for _, kind in inspect.getmembers(errors, inspect.isclass)
-        if issubclass(kind, errors.PalpateError)
-    ]
-    raised.sort(key=lambda kind: (kind.exit_status, inspect.getsourcelines(kind)[1]))
-    return _table(
-        ("error", "exit status", "meaning"),
-        (
-            (
-                f"[`{kind.__name__}`](api/errors.md#palpate.errors.{kind.__name__})",
-                kind.exit_status,
-                inspect.getdoc(kind),
-            )
-            for kind in raised
-        ),
-    )
 
 
 def _outcomes() -> str:
@@ -169,7 +147,6 @@ def _grasp_numbers() -> str:
 TABLES: dict[str, Callable[[], str]] = {
     "grasp-numbers": _grasp_numbers,
     "schemas": _schemas,
-    "errors": _errors,
     "outcomes": _outcomes,
     "topics": _topics,
     "board": partial(_keys, open_board, layout_named, layout="name"),
