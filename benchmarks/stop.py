@@ -38,7 +38,7 @@ NAMES_PER_FILE = 10_000
 
 def fill(folder: Path, count: int) -> Path:
     """Put recordings with their grasps into a folder; return one of them."""
-    from palpate.dashboard.history import Entry
+    from palpate.dashboard.folder import Entry
     from palpate.recording import RecordingWriter
     from palpate.rig import open_rig
     from palpate.rig.recorded import recording_info

@@ -25,7 +25,7 @@ from tests.loop.test_dashboard import (
 )
 
 from palpate.dashboard.headline import OUTCOMES, PHASES
-from palpate.dashboard.orders import Activity
+from palpate.dashboard.messages import Activity
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness, outcome_text

@@ -18,8 +18,6 @@ from pydantic import BaseModel, ConfigDict, Field
 
 import palpate
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.page_document import state_document
-from palpate.dashboard.station import Station
 from palpate.errors import InputError, PalpateError
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.line.machine import CommandRefusedError
@@ -74,7 +72,7 @@ class Refusal(BaseModel):
     detail: str = Field(description="One line: what, and what to do.")
 
 
-def build_api(app_state: AppState, station: Station, *, token: bool) -> FastAPI:
+def build_api(app_state: AppState, *, token: bool) -> FastAPI:
     """Return the application to mount; `token`: whether visitors must send one."""
     api = FastAPI(
         title="palpate",
@@ -86,7 +84,7 @@ def build_api(app_state: AppState, station: Station, *, token: bool) -> FastAPI:
     api.openapi = cache(lambda: _describe(api, token=token))  # type: ignore[method-assign]
     _refuse_in_one_line(api)
     _look(api, app_state)
-    _act(api, station)
+    _act(api, app_state)
     return api
 
 
@@ -96,14 +94,15 @@ def _look(api: FastAPI, app_state: AppState) -> None:
     @api.get("/state", responses=_documents("state"))
     async def state() -> JSONResponse:
         """What runs, and whether a grasp can begin."""
-        return JSONResponse(state_document(app_state.session))
+        return JSONResponse(app_state.state())
 
     @api.get("/result", responses=_documents("grasp") | _refusals(404))
     async def result() -> JSONResponse:
         """The last grasp of this run, as `palpate grasp --json` prints it."""
-        if app_state.result is None:
+        _, last = app_state.result()
+        if last is None:
             raise HTTPException(404, "no grasp has ended since palpate serve was started")
-        return JSONResponse(app_state.result)
+        return JSONResponse(last)
 
     # In threads of their own: a store may not answer.
     @api.get("/items", responses=_documents("items") | _refusals(503))
@@ -134,7 +133,7 @@ def _look(api: FastAPI, app_state: AppState) -> None:
             return JSONResponse(epcis_document(history, created_at=datetime.now(UTC)))
 
 
-def _act(api: FastAPI, station: Station) -> None:
+def _act(api: FastAPI, app_state: AppState) -> None:
     """Add what can be ordered: the same orders that the page gives, by the same rules."""
 
     @api.post("/grasp", status_code=202, responses=_refusals(400, 409))
@@ -142,7 +141,7 @@ def _act(api: FastAPI, station: Station) -> None:
         """Begin a grasp; the object is held until it is released, for a minute at most."""
         try:
             with _check_allowed():
-                return GraspBegun(recording=await station.grasp(DRIVER, **wanted.model_dump()))
+                return GraspBegun(recording=await app_state.grasp(DRIVER, **wanted.model_dump()))
         except InputError as error:
             raise HTTPException(422, str(error)) from error
 
@@ -150,23 +149,23 @@ def _act(api: FastAPI, station: Station) -> None:
     async def release() -> Released:
         """Give the object back, or open the hand; later states show when it is open."""
         with _check_allowed():
-            await station.release(DRIVER)
+            await app_state.release(DRIVER)
         return Released(accepted=True)
 
     @api.put("/driver", status_code=204)
     async def take_over() -> None:
         """Drive from now on, whoever did before."""
-        await station.take_over(DRIVER)
+        await app_state.take_over(DRIVER)
 
     @api.delete("/driver", status_code=204)
     async def leave() -> None:
         """Let somebody else drive."""
-        await station.leave(DRIVER)
+        await app_state.leave(DRIVER)
 
     @api.post("/stop", responses={504: {"model": Stopped}})
     async def stop() -> JSONResponse:
         """Stop what runs, whoever drives; answers once it reached the hand, else 504."""
-        stopped = await station.stop()
+        stopped = await app_state.stop()
         return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
 
 

@@ -1,44 +1,68 @@
-"""State that all pages share: session, devices' process, recordings, history and item store."""
+"""State and commands that all pages and machines share: session, devices, recordings, items."""
 
 from __future__ import annotations
 
 import asyncio
 import math
+import multiprocessing
+import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Coroutine, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import partial
+from functools import partial, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Protocol, TypeVar
 
-from palpate.dashboard.device_client import DeviceClient
+from palpate.dashboard.device_process import run_devices
 from palpate.dashboard.folder import (
+    Entry,
+    History,
     RecordingList,
     delete_recording,
+    entry_of,
     new_recording,
     rename_recording,
 )
 from palpate.dashboard.headline import kind_of
-from palpate.dashboard.history import Entry, History, entry_of
 from palpate.dashboard.item_store import ItemStore
-from palpate.dashboard.job_context import BenchOpener
-from palpate.dashboard.messages import DevicesLost, Grasped, StopConfirmed, Update
-from palpate.dashboard.orders import Activity, GraspOrder, OpenRig, Order, Request
+from palpate.dashboard.jobs import BenchOpener
+from palpate.dashboard.messages import (
+    Activity,
+    DevicesLost,
+    Grasped,
+    GraspOrder,
+    OpenRig,
+    Order,
+    Request,
+    Shutdown,
+    StopConfirmed,
+    Update,
+)
+from palpate.dashboard.page_document import state_document
 from palpate.dashboard.session import Session
+from palpate.dashboard.transport import run_on
 from palpate.errors import InputError
 from palpate.estimate.damage_file import DamageFile
 from palpate.grasp.document import grasp_document, limit_document
 from palpate.grasp.result import Outcome
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.line.gs1 import read_label
+from palpate.line.machine import CommandRefusedError
 from palpate.produce.records import Item
 from palpate.rig.file import read_stated
 
 if TYPE_CHECKING:
     from palpate.produce.sorting.rules import RuleBook
 
+_Answer = TypeVar("_Answer")
+_Asked = ParamSpec("_Asked")
 _LOOK_S = 0.01
+#: A stop that is not confirmed by then is answered so, seconds.
+STOP_PATIENCE_S = 2.0
+#: What changes faster than this is not published, seconds.
+_PUBLISH_S = 0.1
 #: A result waits for the store and its bin this long, seconds: longer than a shared store that is
 #: away is waited for (5 s), so that the local one decides.
 _STORE_S = 8.0
@@ -69,16 +93,97 @@ class Settings:
     rules: RuleBook | None = None
 
 
+#: A grasp that is stopped, a hand that opens: more than this means that the process hangs.
+_ENDS_S = 15.0
+
+
+class DeviceClient:
+    """Starts the devices' process, sends to it, and passes on its updates.
+
+    Parameters
+    ----------
+    on_update : callable
+        Called from a thread of its own with every update, and with `Lost` when the process ends.
+    benches : dict, optional
+        Opens the bench with a load cell, by the rig's name; functions of modules.
+    """
+
+    def __init__(
+        self,
+        on_update: Callable[[Update | DevicesLost], None],
+        *,
+        benches: dict[str, BenchOpener] | None = None,
+    ) -> None:
+        # Spawned: a fork of a process with threads may hang.
+        context = multiprocessing.get_context("spawn")
+        self._on_update = on_update
+        self._connection, theirs = context.Pipe()
+        self._process = context.Process(
+            target=run_devices, args=(theirs, benches or {}), name="palpate-devices"
+        )
+        self._process.start()
+        theirs.close()
+        self._sending = threading.Lock()
+        self._thread = threading.Thread(target=self._receive, name="receive", daemon=True)
+        self._thread.start()
+
+    def send(self, message: Order | Request) -> None:
+        """Send an order or a request; does nothing if the process is gone."""
+        with self._sending, suppress(OSError):
+            self._connection.send(message)
+
+    def close(self) -> None:
+        """Stop what runs and end the process."""
+        self.send(Shutdown())
+        self._process.join(_ENDS_S)
+        if self._process.is_alive():
+            self._process.terminate()
+            self._process.join()
+        self._thread.join()
+        self._connection.close()
+
+    def _receive(self) -> None:
+        with suppress(EOFError, OSError):
+            while True:
+                self._on_update(self._connection.recv())
+        self._on_update(
+            DevicesLost("the process with the devices has ended; start palpate serve again")
+        )
+
+
+def _on_its_loop(
+    command: Callable[Concatenate[AppState, _Asked], _Answer],
+) -> Callable[Concatenate[AppState, _Asked], Coroutine[Any, Any, _Answer]]:
+    """Have a command carried out on the loop of the session, whichever loop asks for it."""
+
+    @wraps(command)
+    async def carry_out(
+        app_state: AppState, /, *args: _Asked.args, **kwargs: _Asked.kwargs
+    ) -> _Answer:
+        async def work() -> _Answer:
+            return command(app_state, *args, **kwargs)
+
+        if app_state.loop is None:
+            raise CommandRefusedError("the devices have not been opened yet")
+        return await run_on(app_state.loop, work())
+
+    return carry_out
+
+
 class AppState:
-    """Connects the session to the devices' process, on one event loop except for `stop`."""
+    """Connects the session to the devices' process, and is the `palpate.line.machine.Machine`.
+
+    Commands may come from any event loop; all but `stop` are carried out on one.
+    """
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self.item_store = ItemStore(settings.store, rules=settings.rules)
         self.history = History(settings.folder)
         self.recordings = RecordingList(settings.folder)
-        #: The last grasp, as `palpate grasp --json` prints it; None before the first.
-        self.result: dict[str, object] | None = None
+        #: How many grasps have ended, and the last as `palpate grasp --json` prints it.
+        self._results = 0
+        self._last: dict[str, object] | None = None
         #: Called with each such document.
         self.on_result: list[Callable[[dict[str, object]], None]] = []
         self.session = Session(
@@ -111,14 +216,71 @@ class AppState:
         )
         while self._heard_s is None:  # it reports first, or its end is noticed
             await asyncio.sleep(_LOOK_S)
-        self.session.open_first(first)
+        self.session.send_order(first)
 
     def close(self) -> None:
         """Stop what runs and end the process."""
         if self._process is not None:
             self._process.close()
 
-    async def stop(self, *, patience_s: float) -> bool:
+    def state(self) -> Mapping[str, Any]:
+        """Return the state document."""
+        return state_document(self.session)
+
+    def result(self) -> tuple[int, Mapping[str, Any] | None]:
+        """Return how many grasps have ended, and the document of the last."""
+        return self._results, self._last
+
+    @_on_its_loop
+    def grasp(
+        self,
+        driver: str,
+        *,
+        target_force_n: float | None,
+        item_id: str,
+        kind: str,
+        stops: int | None,
+    ) -> str:
+        """Begin a grasp; return the name of its recording.
+
+        Raises `CommandRefusedError` where it can't begin now, `InputError` for a bad value.
+        """
+        order = self.grasp_order(target_force_n=target_force_n, item_id=item_id, kind=kind)
+        with self.session.stop_lock:
+            if stops is not None and stops < self.session.stops:
+                raise CommandRefusedError(
+                    "stopped before it began: ask for the state, then order again"
+                )
+            self.session.join(driver)
+            try:
+                self.session.order(driver, order)
+            except InputError as error:
+                raise CommandRefusedError(str(error)) from error
+        return order.recording.name
+
+    @_on_its_loop
+    def release(self, driver: str) -> None:
+        """Release the object, or open the hand.
+
+        Raises `CommandRefusedError` where it can't be done now.
+        """
+        self.session.join(driver)
+        try:
+            self.session.release(driver)
+        except InputError as error:
+            raise CommandRefusedError(str(error)) from error
+
+    @_on_its_loop
+    def take_over(self, driver: str) -> None:
+        """Drive from now on."""
+        self.session.take_over(driver)
+
+    @_on_its_loop
+    def leave(self, driver: str) -> None:
+        """Let another client drive."""
+        self.session.leave(driver)
+
+    async def stop(self, *, patience_s: float = STOP_PATIENCE_S) -> bool:
         """Stop what runs; return whether the devices' process confirmed it in time.
 
         On any event loop: it waits for nothing but the devices.
@@ -296,9 +458,10 @@ class AppState:
             self.history.add(entry)
         except OSError as error:
             devices.trouble = f"the grasp is not in the history: {error}"
-        self.result = document | {name: placed[name] for name in ("bin", "item") if name in placed}
+        self._results += 1
+        self._last = document | {name: placed[name] for name in ("bin", "item") if name in placed}
         for listener in self.on_result:
-            listener(self.result)
+            listener(self._last)
 
     def _foresee(self) -> None:
         """Find the bin of what is held as soon as it is measured: a person waits for it."""
@@ -369,6 +532,31 @@ class AppState:
     def _take(self, update: Update | DevicesLost) -> None:
         self.session.devices.take(update)
         self._foresee()
+
+
+class DocumentSink(Protocol):
+    """Takes documents without blocking."""
+
+    def result(self, document: Mapping[str, object]) -> None:
+        """Take how a grasp ended."""
+        ...
+
+    def state(self, document: Mapping[str, object]) -> None:
+        """Take the state; one that is equal to the last is no news."""
+        ...
+
+    def close(self) -> None:
+        """Take nothing more."""
+        ...
+
+
+async def publish(app_state: AppState, publisher: DocumentSink) -> None:
+    """Publish until this is cancelled."""
+    app_state.on_result.append(publisher.result)
+    with suppress(asyncio.CancelledError):
+        while True:
+            publisher.state(state_document(app_state.session))
+            await asyncio.sleep(_PUBLISH_S)
 
 
 def age_text(made_at: str) -> str:

@@ -15,22 +15,27 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from palpate.clock import ManualClock
-from palpate.dashboard.job_context import BenchOpener, JobContext, StoppedByUserError, state_of
-from palpate.dashboard.jobs import calibrate_force, calibrate_rest, grasp, look_at, open_hand
+from palpate.dashboard.jobs import (
+    BenchOpener,
+    JobContext,
+    StoppedByUserError,
+    calibrate_force,
+    calibrate_rest,
+    grasp,
+    look_at,
+    open_hand,
+    state_of,
+)
 from palpate.dashboard.messages import (
     Began,
     BeingRecorded,
     Calibrated,
-    Ended,
-    Grasped,
-    StopConfirmed,
-    Trouble,
-)
-from palpate.dashboard.orders import (
     CalibrateForce,
     CalibrateRest,
     Confirm,
+    Ended,
     Examine,
+    Grasped,
     GraspOrder,
     OpenHand,
     OpenRig,
@@ -43,7 +48,9 @@ from palpate.dashboard.orders import (
     Seek,
     SetSpeed,
     Shutdown,
+    StopConfirmed,
     StopNow,
+    Trouble,
 )
 from palpate.dashboard.replaying import PlaybackClock, play
 from palpate.dashboard.telemetry import Telemetry
@@ -123,7 +130,7 @@ class DeviceProcess:
         self._hear(Shutdown())
 
     def _hear(self, message: Order | Request) -> None:
-        context = self._context
+        context, playback = self._context, self._playback
         match message:
             case StopNow():
                 self._stop_number = message.number
@@ -138,8 +145,12 @@ class DeviceProcess:
                 self._append(OpenHand())
             case Confirm():
                 self._confirmed.set()
-            case Seek() | Pause() | SetSpeed() if (playback := self._playback) is not None:
-                _steer(playback, message)
+            case Seek() if playback is not None:
+                playback.seek(message.time_s)
+            case Pause() if playback is not None:
+                playback.pause(message.paused)
+            case SetSpeed() if playback is not None:
+                playback.set_speed(message.speed)
             case SetSpeed():
                 if context is not None and isinstance(context.array, PacedArray):
                     context.array.speed = message.speed
@@ -359,16 +370,6 @@ class DeviceProcess:
         if text != self._troubled:
             self._troubled = text
             self._telemetry.note(Trouble(text))
-
-
-def _steer(playback: PlaybackClock, message: Seek | Pause | SetSpeed) -> None:
-    match message:
-        case Seek():
-            playback.seek(message.time_s)
-        case Pause():
-            playback.pause(message.paused)
-        case SetSpeed():
-            playback.set_speed(message.speed)
 
 
 def _open_rig(order: OpenRig) -> Rig | SensorRig:

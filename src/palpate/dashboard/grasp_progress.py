@@ -14,7 +14,7 @@ from palpate.estimate.force import StaticLaw
 from palpate.estimate.force_now import ContactGains, ForceLaws
 from palpate.estimate.gain import Gain
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.answers import Settled, forecast
+from palpate.grasp.answers import forecast
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import laws_of
@@ -155,11 +155,15 @@ def grasp_progress_of(
         thinned.take_answer(foreseen, plan=plan)
         would_answer = thinned.result
         settled, settled_n = foreseen.relative_percent, would_answer.force_n
-        of_settled = _gain_when_settled(settled_n, foreseen, plan)
+        of_settled = None
+        if settled_n is not None:
+            law_n = float(plan.settled_law.force_n(foreseen.reading.middle).value)
+            of_settled = gain_when_settled(settled_n, law_n=law_n, law=plan.settled_law)
         answer = grasp_state.result if decided else would_answer
         if not (decided and before is not None and before.decided):
             moved_s = grasp_state.estimate.moved_s
             settles_s, data_s = moved_s + plan.horizon_s, grasp_state.estimate.now_s - moved_s
+    gain, limit_n = grasp_state.estimate.gain, grasp_state.estimate.damage_low_n
     return GraspProgress(
         time_s=grasp_state.estimate.now_s,
         phase=grasp_state.activity,
@@ -170,25 +174,18 @@ def grasp_progress_of(
         answer=answer,
         decided=decided,
         settled_n=settled_n,
-        gains=ContactGains(early=_early_gain(grasp_state), settled=of_settled),
+        # Before its first step the closing has given none.
+        gains=ContactGains(early=gain if gain.log_sd > 0 else None, settled=of_settled),
         touched_s=_touch_time_s(grasp_state),
         settles_s=settles_s,
         data_s=data_s,
         moments=grasp_state.result.moments,
-        bounds=_bounds(grasp_state, plan),
+        bounds=Bounds(
+            target_n=plan.target_force_n,
+            damage_low_n=limit_n if math.isfinite(limit_n) else None,
+            ceiling_n=plan.safety.force_ceiling_n,
+        ),
     )
-
-
-def _early_gain(grasp_state: GraspState) -> Gain | None:
-    """Return the gain that the closing gave; None before its first step."""
-    return grasp_state.estimate.gain if grasp_state.estimate.gain.log_sd > 0 else None
-
-
-def _gain_when_settled(force: Measurement | None, foreseen: Settled, plan: Plan) -> Gain | None:
-    if force is None:
-        return None
-    law_n = float(plan.settled_law.force_n(foreseen.reading.middle).value)
-    return gain_when_settled(force, law_n=law_n, law=plan.settled_law)
 
 
 def _touch_time_s(grasp_state: GraspState) -> float | None:
@@ -197,12 +194,3 @@ def _touch_time_s(grasp_state: GraspState) -> float | None:
         return None
     felt_s = grasp_state.attempt.felt_s
     return grasp_state.estimate.contact_s if felt_s is None else felt_s
-
-
-def _bounds(grasp_state: GraspState, plan: Plan) -> Bounds:
-    limit_n = grasp_state.estimate.damage_low_n
-    return Bounds(
-        target_n=plan.target_force_n,
-        damage_low_n=limit_n if math.isfinite(limit_n) else None,
-        ceiling_n=plan.safety.force_ceiling_n,
-    )

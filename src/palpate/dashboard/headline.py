@@ -7,10 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.dashboard.device_state import DeviceState
-from palpate.dashboard.messages import Grasped
-from palpate.dashboard.orders import Activity
-from palpate.dashboard.session import Session
+from palpate.dashboard.messages import Activity, Grasped
+from palpate.dashboard.session import DeviceState, Session
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import UNKNOWN_FIRMNESS, outcome_text, verdict
 

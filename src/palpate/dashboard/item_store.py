@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from palpate.dashboard.messages import FrameSource
-from palpate.dashboard.panel_figure import panel_svg
+from palpate.dashboard.panel_html import panel_svg
 from palpate.errors import InputError, PalpateError, StoreError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.estimator import Observation

@@ -18,7 +18,6 @@ from palpate.dashboard.messages import (
     FrameSource,
     LinkStatus,
     Playing,
-    RecordedStretch,
     Timeline,
 )
 from palpate.estimate.force_now import ForceNow
@@ -81,6 +80,7 @@ class Live:
     def __init__(self) -> None:
         #: Grows when the curve restarts: another source, another grasp.
         self.generation = 0
+        #: Of a recording: with it the curve stays as it is, and the moment of it that is shown.
         self.timeline: Timeline | None = None
         self.playing: Playing | None = None
         self.link = LinkStatus()
@@ -104,20 +104,6 @@ class Live:
         #: Whether the hand was asked to give back what it holds; until the next grasp.
         self.released = False
         self.clear_curve()
-
-    def add_stretch(self, past: RecordedStretch) -> None:
-        """Take a stretch of a recording into the curve."""
-        self.add_frames(past.frames)
-        if past.progress is not None:
-            self.take_progress(past.progress)
-
-    def set_timeline(self, timeline: Timeline) -> None:
-        """Keep the curve as it is: it is all of a recording, of which moments are shown now."""
-        self.timeline = timeline
-
-    def set_playing(self, playing: Playing) -> None:
-        """Show this moment of the recording."""
-        self.playing = playing
 
     def clear_curve(self) -> None:
         """Restart the curve."""

@@ -10,7 +10,7 @@ from nicegui import Client, ui
 from nicegui.events import GenericEventArguments
 
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.orders import Action, Confirm, Pause, Seek, SetSpeed
+from palpate.dashboard.messages import Action, Confirm, Pause, Seek, SetSpeed
 from palpate.dashboard.panel_grasp import grasp_buttons, item_field, set_up_panel
 from palpate.dashboard.panel_history import items_panel, run_panel
 from palpate.dashboard.panel_recordings import recordings_panel

@@ -11,7 +11,7 @@ from palpate.arrays import FloatArray
 from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.dashboard.headline import headline_of, operator_view, phase_text
 from palpate.dashboard.live import Live, finite
-from palpate.dashboard.orders import Activity
+from palpate.dashboard.messages import Activity
 from palpate.dashboard.session import Session
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.phases import Phase

@@ -5,7 +5,7 @@ from __future__ import annotations
 from nicegui import ui
 
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.orders import Action, OpenRig, Record, SetSpeed
+from palpate.dashboard.messages import Action, OpenRig, Record, SetSpeed
 from palpate.dashboard.session import GraspForm
 from palpate.dashboard.viewer import Viewer
 from palpate.errors import InputError

@@ -12,7 +12,7 @@ from markupsafe import Markup
 from nicegui import run, ui
 
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.history import LISTED, Entry, History
+from palpate.dashboard.folder import LISTED_GRASPS, Entry, History
 from palpate.dashboard.panel_html import day_text, panel_html
 from palpate.dashboard.viewer import Viewer, heading
 from palpate.errors import PalpateError
@@ -117,7 +117,7 @@ def run_panel(app_state: AppState, viewer: Viewer) -> None:
     with ui.element("div").classes("form"):
         heading("This run")
         counts = ui.html("", sanitize=False).props("id=run-counts")
-        heading(f"Last {LISTED} grasps")
+        heading(f"Last {LISTED_GRASPS} grasps")
         with ui.element("div").classes("file"):
             ui.label("Kept in the folder of the recordings.").classes("what muted")
             ui.link("Save as CSV", "/grasps.csv").classes("pill").props("id=run-csv download")

@@ -1,13 +1,15 @@
-"""HTML of the panels, from the parts of `panels.html.j2`."""
+"""HTML of the panels: parts of `panels.html.j2`, and figures of matplotlib."""
 
 from __future__ import annotations
 
 import html
 import math
 import re
+from collections.abc import Callable
 from datetime import datetime
 from functools import cache
-from typing import Any
+from threading import Lock
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 import numpy as np
@@ -15,6 +17,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from palpate.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def panel_html(part: str, **values: object) -> str:
@@ -68,3 +73,25 @@ def _sentence(found: str) -> Markup:
     """Return words of a finding, which are written for a terminal."""
     signed = re.sub(r"(?<!\w)-(?=\d)", "\N{MINUS SIGN}", html.escape(found))
     return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", signed) + ".")
+
+
+#: Width of the panel's body, inches, at which letters of 8 points are 12 pixels high.
+_WIDTH_IN = 3.5
+#: matplotlib's settings belong to the process.
+_DRAWING = Lock()
+
+
+def panel_svg(draw: Callable[[], Figure], *, label: str, height_in: float = 2.3) -> str:
+    """Return a figure as SVG for the panel; `label` describes it for those who can't see it.
+
+    Raises
+    ------
+    MissingExtraError
+        If matplotlib is not installed.
+    """
+    from palpate.plots.inline_svg import inline_svg
+
+    with _DRAWING:
+        figure = draw()
+        figure.set_size_inches(_WIDTH_IN, height_in)
+        return inline_svg(figure, label=label)

@@ -13,9 +13,8 @@ from urllib.parse import quote
 from nicegui import run, ui
 
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.folder import is_simulated, recording_named
-from palpate.dashboard.history import Summary
-from palpate.dashboard.orders import Action, Play
+from palpate.dashboard.folder import Summary, is_simulated, recording_named
+from palpate.dashboard.messages import Action, Play
 from palpate.dashboard.panel_grasp import SPEEDS
 from palpate.dashboard.panel_html import day_text
 from palpate.dashboard.viewer import Viewer, heading, paragraph

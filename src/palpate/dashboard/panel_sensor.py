@@ -9,11 +9,9 @@ from markupsafe import Markup
 from nicegui import run, ui
 
 from palpate.dashboard.app_state import AppState, age_text
-from palpate.dashboard.device_state import CalibrationFailure
-from palpate.dashboard.messages import Calibrated
-from palpate.dashboard.orders import Action, CalibrateForce, CalibrateRest, Examine
-from palpate.dashboard.panel_figure import panel_svg
-from palpate.dashboard.panel_html import panel_html
+from palpate.dashboard.messages import Action, Calibrated, CalibrateForce, CalibrateRest, Examine
+from palpate.dashboard.panel_html import panel_html, panel_svg
+from palpate.dashboard.session import CalibrationFailure
 from palpate.dashboard.viewer import Viewer, heading, paragraph
 from palpate.errors import InputError, PalpateError
 from palpate.sensor.calibration import Calibration

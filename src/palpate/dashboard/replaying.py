@@ -18,11 +18,11 @@ from palpate.dashboard.messages import (
     FrameSource,
     Grasped,
     Guide,
+    Play,
     Playing,
     RecordedStretch,
     Timeline,
 )
-from palpate.dashboard.orders import Play
 from palpate.dashboard.telemetry import Telemetry, columns
 from palpate.errors import RecordingError
 from palpate.grasp.controller import GraspController

@@ -13,19 +13,18 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from palpate.dashboard.app_state import AppState, Settings
+from palpate.dashboard.app_state import AppState, DocumentSink, Settings, publish
 from palpate.dashboard.folder import recording_named
-from palpate.dashboard.loop_thread import LoopThread
 from palpate.dashboard.page_document import document
-from palpate.dashboard.station import DocumentSink, Station, publish
+from palpate.dashboard.transport import LoopThread
 from palpate.errors import DeviceError, InputError, needing
-from palpate.line.machine import Line
+from palpate.line.machine import Line, Machine
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
 
-#: Opens one protocol on a station.
-LineOpener: TypeAlias = Callable[[Station], Awaitable[Line]]
+#: Opens one protocol on this server.
+LineOpener: TypeAlias = Callable[[Machine], Awaitable[Line]]
 
 _STATIC = Path(__file__).parent / "static"
 #: Controllers of a line see a change after this time at most, seconds.
@@ -72,9 +71,8 @@ def serve(
     listening = _listen(host, port)
     app_state = AppState(settings)
     app = FastAPI(openapi_url=None)
-    station = Station(app_state)
-    app.mount("/api", build_api(app_state, station, token=token is not None))
-    _stop_route(app, station)
+    app.mount("/api", build_api(app_state, token=token is not None))
+    _stop_route(app, app_state)
     _routes(app_state)
     app.router.on_startup.append(app_state.open)
     app.router.on_shutdown.append(app_state.close)
@@ -82,7 +80,7 @@ def serve(
         _publish(app, app_state, publisher)
     line_thread = LoopThread("lines") if lines else None
     if line_thread is not None:
-        _serve_lines(app, station, lines, thread=line_thread)
+        _serve_lines(app, app_state, lines, thread=line_thread)
     ui.run_with(
         app,
         title="palpate",
@@ -115,14 +113,14 @@ def serve(
         uvicorn.Server(config).run(sockets=[listening])
 
 
-def _stop_route(app: FastAPI, station: Station) -> None:
+def _stop_route(app: FastAPI, app_state: AppState) -> None:
     """Add where the page stops; before the pages, whose framework has no part in it."""
     from fastapi.responses import JSONResponse
 
     @app.post("/stop")
     async def stop() -> JSONResponse:
         """Answer once the stop reached the hand; the page raises an alarm without an answer."""
-        stopped = await station.stop()
+        stopped = await app_state.stop()
         return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
 
 
@@ -200,9 +198,9 @@ def _publish(app: Any, app_state: AppState, publisher: DocumentSink) -> None:
 
 
 def _serve_lines(
-    app: Any, station: Station, lines: Sequence[LineOpener], *, thread: LoopThread
+    app: Any, machine: Machine, lines: Sequence[LineOpener], *, thread: LoopThread
 ) -> None:
-    """Let protocols of a line serve the station while the application runs.
+    """Let protocols of a line serve the machine while the application runs.
 
     In a thread of their own: a controller that is not answered for a second drops the connection,
     and a page can take longer to build on a busy machine.
@@ -217,7 +215,7 @@ def _serve_lines(
             await asyncio.sleep(_LINE_S)
 
     async def start() -> None:
-        open_lines.extend([await opener(station) for opener in lines])
+        open_lines.extend([await opener(machine) for opener in lines])
         running.append(asyncio.create_task(refresh()))
 
     async def end() -> None:

@@ -6,15 +6,16 @@ import asyncio
 import resource
 import socket
 import sys
+from collections.abc import Awaitable
 from ipaddress import ip_address
-from typing import ClassVar
+from threading import Thread
+from typing import ClassVar, TypeVar
 
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
-from palpate.dashboard.loop_thread import LoopThread, run_on
-
+_T = TypeVar("_T")
 #: A request is complete this long after its first byte, or after its connection was opened, in
 #: seconds (guess): a page on a slow network takes far less.
 REQUEST_S = 5.0
@@ -107,6 +108,37 @@ class FilesGzip(GZipMiddleware):
         """Answer one request."""
         is_file = scope["type"] == "http" and scope["path"].startswith(_FILES)
         await (super().__call__ if is_file else self.app)(scope, receive, send)
+
+
+class LoopThread:
+    """An event loop on a thread of its own, from `__enter__` to `__exit__`."""
+
+    def __init__(self, name: str) -> None:
+        self._runner = asyncio.Runner(loop_factory=asyncio.new_event_loop)
+        self._loop, self._closed = self._runner.get_loop(), asyncio.Event()
+        self._thread = Thread(target=self._runner.run, args=(self._closed.wait(),), name=name)
+
+    def __enter__(self) -> LoopThread:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._loop.call_soon_threadsafe(self._closed.set)
+        self._thread.join()
+        self._runner.close()
+
+    async def run(self, work: Awaitable[_T]) -> _T:
+        """Wait for what runs on the loop, from another one."""
+        return await run_on(self._loop, work)
+
+
+async def run_on(loop: asyncio.AbstractEventLoop, work: Awaitable[_T]) -> _T:
+    """Wait for what runs on the loop of another thread."""
+
+    async def finish() -> _T:
+        return await work
+
+    return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(finish(), loop))
 
 
 class AppThread:

@@ -11,7 +11,7 @@ from contextlib import nullcontext
 from nicegui import ui
 from nicegui.elements.mixins.disableable_element import DisableableElement
 
-from palpate.dashboard.orders import Action, Order, Request
+from palpate.dashboard.messages import Action, Order, Request
 from palpate.dashboard.session import Session
 from palpate.errors import InputError
 

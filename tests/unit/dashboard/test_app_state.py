@@ -11,7 +11,7 @@ import pytest
 
 from palpate.dashboard import folder as folder_module
 from palpate.dashboard.app_state import AppState, Settings
-from palpate.dashboard.folder import LISTED, RecordingList
+from palpate.dashboard.folder import LISTED_RECORDINGS, RecordingList
 from palpate.dashboard.messages import LinkStatus, StopConfirmed, Update
 
 
@@ -81,15 +81,15 @@ def test_recording_list_is_read_again_only_when_the_folder_changed(
 
     real_listdir = os.listdir
     monkeypatch.setattr(folder_module.os, "listdir", listdir)
-    for number in range(LISTED + 5):
+    for number in range(LISTED_RECORDINGS + 5):
         (tmp_path / f"{number:03d}.mcap").touch()
         os.utime(tmp_path / f"{number:03d}.mcap", (1e9 + number, 1e9 + number))
     os.utime(tmp_path, (1e9, 1e9))
     now_ns = [time.time_ns()]
     recordings = RecordingList(tmp_path, now_ns=lambda: now_ns[0])
     for _ in range(3):
-        assert recordings.newest()[0][0].name == f"{LISTED + 4:03d}.mcap"
-    assert (len(read), len(recordings.newest())) == (1, LISTED)
+        assert recordings.newest()[0][0].name == f"{LISTED_RECORDINGS + 4:03d}.mcap"
+    assert (len(read), len(recordings.newest())) == (1, LISTED_RECORDINGS)
     (tmp_path / "new.mcap").touch()
     assert recordings.newest()[0][0].name == "new.mcap"
     recordings.newest()

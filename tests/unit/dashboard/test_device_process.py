@@ -16,38 +16,36 @@ from tests.closings import write_damage_file
 
 from palpate.cli.serve import open_simulated_bench
 from palpate.dashboard.device_process import DeviceProcess
-from palpate.dashboard.job_context import BenchOpener, CellBench
+from palpate.dashboard.jobs import BenchOpener, CellBench
 from palpate.dashboard.messages import (
     Began,
     BeingRecorded,
     Calibrated,
-    Ended,
-    FrameSource,
-    Grasped,
-    Guide,
-    Playing,
-    RecordedStretch,
-    StopConfirmed,
-    Timeline,
-    Trouble,
-    Update,
-)
-from palpate.dashboard.orders import (
     CalibrateForce,
     CalibrateRest,
     Confirm,
+    Ended,
     Examine,
+    FrameSource,
+    Grasped,
     GraspOrder,
+    Guide,
     OpenHand,
     OpenRig,
     Order,
     Pause,
     Play,
+    Playing,
     Record,
+    RecordedStretch,
     ReleaseNow,
     Seek,
     Shutdown,
+    StopConfirmed,
     StopNow,
+    Timeline,
+    Trouble,
+    Update,
 )
 from palpate.errors import DeviceError
 from palpate.grasp.result import Outcome

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from tests.full_disk import file_size_limit
 
-from palpate.dashboard.history import LISTED, Entry, History, check_name, entry_of
+from palpate.dashboard.folder import LISTED_GRASPS, Entry, History, check_name, entry_of
 from palpate.dashboard.live import Point
 from palpate.dashboard.messages import Grasped
 from palpate.dashboard.panel_history import counts_html, entry_html
@@ -37,14 +37,14 @@ ENTRY = Entry(
 
 def test_what_was_grasped_is_known_after_a_restart(tmp_path: Path) -> None:
     first = History(tmp_path / "data")
-    for number in range(LISTED + 3):
+    for number in range(LISTED_GRASPS + 3):
         first.add(replace(ENTRY, recording=f"{number}.mcap"))
     again = History(tmp_path / "data")
     assert again.recent == first.recent
-    assert again.recent[0].recording == f"{LISTED + 2}.mcap"
-    assert len(again.recent) == LISTED
+    assert again.recent[0].recording == f"{LISTED_GRASPS + 2}.mcap"
+    assert len(again.recent) == LISTED_GRASPS
     assert again.outcomes.total() == 0, "it counts from its own start"
-    assert (first.outcomes["held"], first.bins["ripe"]) == (LISTED + 3, LISTED + 3)
+    assert (first.outcomes["held"], first.bins["ripe"]) == (LISTED_GRASPS + 3, LISTED_GRASPS + 3)
 
 
 def test_a_line_that_was_cut_off_hides_no_other(tmp_path: Path) -> None:

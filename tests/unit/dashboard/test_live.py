@@ -11,8 +11,16 @@ import pytest
 
 from palpate.dashboard.grasp_progress import Bounds, GraspProgress
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S, Live
-from palpate.dashboard.messages import DevicesLost, Frames, FrameSource, Grasped, LinkStatus, Update
-from palpate.dashboard.orders import Action, Activity
+from palpate.dashboard.messages import (
+    Action,
+    Activity,
+    DevicesLost,
+    Frames,
+    FrameSource,
+    Grasped,
+    LinkStatus,
+    Update,
+)
 from palpate.dashboard.page_document import document
 from palpate.dashboard.session import Session
 from palpate.estimate.force_now import ForceLaws

@@ -11,24 +11,21 @@ import numpy as np
 import pytest
 
 from palpate.dashboard.messages import (
+    Action,
+    Activity,
     Began,
     Calibrated,
+    CalibrateForce,
+    Confirm,
     DevicesLost,
     Ended,
+    Examine,
     Frames,
     FrameSource,
     Grasped,
+    GraspOrder,
     Guide,
     LinkStatus,
-    Update,
-)
-from palpate.dashboard.orders import (
-    Action,
-    Activity,
-    CalibrateForce,
-    Confirm,
-    Examine,
-    GraspOrder,
     OpenHand,
     OpenRig,
     Play,
@@ -37,6 +34,7 @@ from palpate.dashboard.orders import (
     Seek,
     SetSpeed,
     StopNow,
+    Update,
 )
 from palpate.dashboard.page_document import document
 from palpate.dashboard.session import Session

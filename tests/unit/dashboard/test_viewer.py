@@ -9,7 +9,7 @@ from typing import cast
 import pytest
 from nicegui import ui
 
-from palpate.dashboard.orders import Examine, OpenRig, Order, Request, StopNow
+from palpate.dashboard.messages import Examine, OpenRig, Order, Request, StopNow
 from palpate.dashboard.session import Session
 from palpate.dashboard.viewer import Viewer
 

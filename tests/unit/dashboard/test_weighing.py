@@ -11,10 +11,8 @@ import numpy as np
 import pytest
 
 from palpate.clock import ManualClock
-from palpate.dashboard.job_context import JobContext, StoppedByUserError
-from palpate.dashboard.jobs import calibrate_force, calibrate_rest
-from palpate.dashboard.messages import Guide, Update
-from palpate.dashboard.orders import CalibrateForce, CalibrateRest
+from palpate.dashboard.jobs import JobContext, StoppedByUserError, calibrate_force, calibrate_rest
+from palpate.dashboard.messages import CalibrateForce, CalibrateRest, Guide, Update
 from palpate.dashboard.telemetry import Telemetry
 from palpate.errors import DeviceError, InputError
 from palpate.gripper.interface import GripperLimits, GripperState

@@ -13,9 +13,8 @@ from tests.loop.test_line import OpcUa, free_port, registers
 from tests.unit.dashboard.test_app_state import app_state_of
 
 from palpate.cli.serve import open_lines
-from palpate.dashboard.loop_thread import LoopThread
 from palpate.dashboard.server import _serve_lines
-from palpate.dashboard.station import Station
+from palpate.dashboard.transport import LoopThread
 from palpate.line import modbus
 
 
@@ -43,5 +42,5 @@ def test_controllers_are_answered_while_the_pages_are_busy(tmp_path: Path) -> No
         opened = open_lines(
             opcua=str(opcua_port), modbus=str(modbus_port), token=None, folder=tmp_path
         )
-        _serve_lines(app, Station(app_state_of(tmp_path)), opened, thread=thread)
+        _serve_lines(app, app_state_of(tmp_path), opened, thread=thread)
         assert asyncio.run(serve_and_be_busy()) == ("stopped", [0])

@@ -4,6 +4,8 @@ import { fixed, t, whole as wholeNumber } from "/static/words.js";
 import { color } from "/static/colors.js";
 
 const PAD = { top: 26, margin: 10, wide: 138, tall: 164 }, SIDE_GAP = 56, RECENT_S = 30;
+// Phases in which it is touched, but not held yet.
+const APPROACH = ["sweep", "felt", "approach", "contact"];
 let built = null, pads = [], chosen = null, caption = 14;
 export const chosenPixel = () => chosen;
 
@@ -103,7 +105,8 @@ function object({ gap, scale, middle }, doc) {
   const known = size && size.value > 0, held = isHeld(doc);
   // Between fingers that touch it, it is as wide as their gap, whether that is drawn to scale or not.
   const across = held ? gap + 4 : known && scale > 0 ? size.value * scale : Math.min(gap * 0.62, 120);
-  const word = known ? `${fixed(size.value, 1)} mm` : held ? "held" : "", colour = doc.measured.damaged ? "var(--bad)" : "var(--accent)";
+  const grips = held && (doc.pointed_s !== undefined || !APPROACH.includes(doc.grasp.phase));
+  const word = known ? `${fixed(size.value, 1)} mm` : grips ? "held" : "", colour = doc.measured.damaged ? "var(--bad)" : "var(--accent)";
   return `<ellipse cx="${middle}" cy="118" rx="${across / 2}" ry="${Math.min(across / 2, 86)}" fill="${colour}" fill-opacity="${known || held ? 0.22 : 0.08}" stroke="${colour}" stroke-width="2" ${known || held ? "" : 'stroke-dasharray="7 6"'}/>
     <text class="thing" x="${middle}" y="123" text-anchor="middle" font-size="${Math.min(17, (1.7 * gap) / word.length)}" font-weight="600">${word}</text>`;
 }
