@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from palpate.twin.mechanics import object_force_n
-from palpate_studies.stiffness import FIRM_N, SIZES_MM, Answer, object_of, scores
+from palpate_studies.stiffness import FIRM_N, SIZES_MM, Answer, object_of, repeat, scores
 
 
 @pytest.mark.parametrize("stiffness", [0.5, 5.0, 50.0])
@@ -33,6 +35,7 @@ def test_a_bound_that_excludes_nothing_rigid_has_no_upper_end() -> None:
             low=0.5,
             high=high,
             status="at_least",
+            firmness=33.0,
         )
         for high in (2.5, 500.0)
     )
@@ -40,3 +43,37 @@ def test_a_bound_that_excludes_nothing_rigid_has_no_upper_end() -> None:
     assert found["no_upper_end"] == 2
     assert found["median_abs_error_percent"] is None, "the middle of what is possible"
     assert scores([wide, wide, unbounded])["median_abs_error_percent"] == pytest.approx(50.0)
+
+
+def test_rank_correlation_of_firmness_counts_every_grasp_that_has_one() -> None:
+    answers = [
+        Answer(
+            gripper="rigid",
+            level="lab",
+            squeeze="gentle",
+            object="spring, flat",
+            truth=truth,
+            value=value,
+            low=0.5 * truth,
+            high=2.0 * truth,
+            status="ok",
+            firmness=firmness,
+        )
+        for truth, value, firmness in (
+            (1.0, 1.0, 33.0),
+            (2.0, math.nan, 45.0),
+            (4.0, 4.0, 40.0),
+            (8.0, 8.0, math.nan),
+            (9.0, 9.0, 66.0),
+        )
+    ]
+    found = scores(answers)
+    assert found["with_firmness"] == 4
+    assert found["firmness_rank"] == pytest.approx(0.8)
+
+
+@pytest.mark.slow
+def test_repeat_of_one_object_varies_little() -> None:
+    found = repeat("lab", seed=700, stiffness=4.0, gripper="rigid", grasps=3)
+    assert found["grasps"] == 3
+    assert 0.0 < found["sd"] < 6.0

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
+from scipy.stats import spearmanr
 
 from palpate.estimate.compliance import STIFFEST_N_PER_MM
 from palpate.grasp.planning import plan_grasp
@@ -34,6 +35,8 @@ SQUEEZES_N: dict[GripperKind, tuple[float | None, ...]] = {
     "rigid": (None, FIRM_N),
     "soft": (None, 6.0),
 }
+#: Objects that are grasped again and again.
+REPEATED_N_PER_MM = (1.0, 4.0, 16.0)
 #: Where the summary is cut: fingers, pads and servo together are a spring of about 4 N/mm.
 EDGES_N_PER_MM = (RANGE_N_PER_MM[0], 2.0, 5.0, 15.0, RANGE_N_PER_MM[1])
 
@@ -42,7 +45,7 @@ EDGES_N_PER_MM = (RANGE_N_PER_MM[0], 2.0, 5.0, 15.0, RANGE_N_PER_MM[1])
 class Answer:
     """One grasp: reported and true stiffness, N/mm; NaN where not answered.
 
-    `object` describes how it presses back: see `_kind_of`.
+    `object` describes how it presses back: see `_kind_of`. `firmness`: the index, 0 to 100.
     """
 
     gripper: GripperKind
@@ -54,12 +57,16 @@ class Answer:
     low: float
     high: float
     status: str
+    firmness: float
 
 
 def report(
     *,
     grasps: Annotated[int, typer.Option(help="Objects of each level.", min=4)] = 24,
     seed: Annotated[int, typer.Option(help="First sensor.", min=0)] = 700,
+    repeats: Annotated[
+        int, typer.Option(help="Grasps of one object, for the repeatability.", min=2)
+    ] = 10,
 ) -> StudyReport:
     """Grasp objects from 0.5 to 50 N/mm and compare the stiffness with the true one.
 
@@ -81,6 +88,12 @@ def report(
         for kind in sorted({one.object for one in mine}):
             part = [one for one in mine if one.object == kind]
             summary.append({**key, "range": kind, **scores(part)})
+    repeated = [
+        repeat(level, gripper=gripper, seed=seed + k, stiffness=stiffness, grasps=repeats)
+        for gripper in SQUEEZES_N
+        for level in LEVELS
+        for k, stiffness in enumerate(REPEATED_N_PER_MM)
+    ]
     return StudyReport(
         name="stiffness",
         title="Stiffness in N/mm, pads, fingers and servo taken out (simulated)",
@@ -111,10 +124,30 @@ def report(
                     "coverage (0.9)": "{coverage:.2f}",
                     "high / low": "{median_high_over_low:.2f}",
                     "low / true": "{median_low_over_true:.2f}",
+                    "with a firmness": "{with_firmness}",
+                    "rank correlation of firmness": "{firmness_rank:.3f}",
                 },
-            )
+            ),
+            Table.of(
+                "One object grasped again, gently, each time in another session",
+                repeated,
+                {
+                    "hand": "{gripper}",
+                    "level": "{level}",
+                    "object, N/mm": "{stiffness:g}",
+                    "held with a firmness": "{grasps}",
+                    "mean firmness": "{mean:.1f}",
+                    "sd": "{sd:.2f}",
+                    "sd of ln stiffness": "{log_sd:.3f}",
+                },
+            ),
         ],
-        payload={"study": "stiffness", "summary": summary, "rows": [as_row(one) for one in found]},
+        payload={
+            "study": "stiffness",
+            "summary": summary,
+            "repeated": repeated,
+            "rows": [as_row(one) for one in found],
+        },
     )
 
 
@@ -132,6 +165,35 @@ def answers_of(
         _answer(worlds(), calibration, force_n, obj=obj, nominal=stiffness)
         for force_n in SQUEEZES_N[gripper]
     ]
+
+
+def repeat(
+    level: str, *, seed: int, stiffness: float, gripper: GripperKind, grasps: int
+) -> dict[str, Any]:
+    """Grasp one object again and again on one sensor, and return how much its firmness varies."""
+    obj = object_of(stiffness, seed=seed)
+    calibration = calibrate_twin(seed=seed, level=level, apart_from="", kind=gripper)
+    answers = [
+        _answer(
+            World(obj, seed=seed + 10_000 * n, sheet_seed=seed, level=level, gripper=gripper),
+            calibration,
+            None,
+            obj=obj,
+            nominal=stiffness,
+        )
+        for n in range(1, grasps + 1)
+    ]
+    firmness = np.array([one.firmness for one in answers if np.isfinite(one.firmness)])
+    log_n_per_mm = np.log([one.value for one in answers if np.isfinite(one.value)])
+    return {
+        "gripper": gripper,
+        "level": level,
+        "stiffness": stiffness,
+        "grasps": len(firmness),
+        "mean": float(firmness.mean()),
+        "sd": float(firmness.std(ddof=1)),
+        "log_sd": float(log_n_per_mm.std(ddof=1)),
+    }
 
 
 def object_of(stiffness: float, *, seed: int) -> TwinObject:
@@ -179,6 +241,7 @@ def _answer(
         low=found.low if answered and found else np.nan,
         high=found.high if answered and found else np.nan,
         status=str(found.status) if answered and found else "none",
+        firmness=np.nan if result.firmness is None else result.firmness.middle,
     )
 
 
@@ -198,6 +261,14 @@ def scores(answers: Sequence[Answer]) -> dict[str, Any]:
     error = [100 * abs(one.value / one.truth - 1) for one in given]
     width = [one.high / one.low for one in given if one.low > 0]
     bound = [one.low / one.truth for one in given]
+    firm = [one for one in answers if np.isfinite(one.firmness)]
+    # Of fewer different objects there is no rank.
+    truths = [one.truth for one in firm]
+    rank = (
+        float(spearmanr([one.firmness for one in firm], truths).statistic)
+        if len(set(truths)) > 2
+        else None
+    )
     return {
         "grasps": len(answers),
         "answered": len(given),
@@ -206,4 +277,6 @@ def scores(answers: Sequence[Answer]) -> dict[str, Any]:
         "coverage": mean([one.low <= one.truth <= one.high for one in given]),
         "median_high_over_low": median(width) if valued else None,
         "median_low_over_true": median(bound),
+        "with_firmness": len(firm),
+        "firmness_rank": rank,
     }
