@@ -9,9 +9,7 @@ import pytest
 
 from palpate.cli import build_app, run
 from palpate_studies.benchmarks import frames, settling
-from palpate_studies.benchmarks.protocol import Ratio
-from palpate_studies.benchmarks.report import row
-from palpate_studies.benchmarks.synthetic import synthetic_holds
+from palpate_studies.benchmarks.running import Ratio, row
 from palpate_studies.catalogue import BENCHMARKS
 
 
@@ -74,10 +72,8 @@ def test_a_ratio_is_missed_only_where_something_is_wanted_of_a_peer_that_is_ther
 
 
 def test_predictors_are_timed_and_agree_with_curve_fit() -> None:
-    time_s, holds = synthetic_holds(20)
-    known = settling._known_grid(
-        "exponential", settling.CURVE_FIT, time_s=time_s, holds=holds, peer_holds=5
-    )
+    time_s, holds = settling.synthetic_holds(20)
+    known = settling._known_grid("exponential", time_s=time_s, holds=holds, peer_holds=5)
     assert known.size == 20
     assert known.times > 1
     assert settling._new_grid(holds[0]).wanted == 1

@@ -12,16 +12,16 @@ import pytest
 from palpate.produce.bruise import model as bruise_model
 from palpate.produce.bruise.model import REFERENCES, simulated_sides
 from palpate_studies import bruise, bruise_data
-from palpate_studies.bruise import save_sides
-from palpate_studies.bruise_data import Examined, examine
-from palpate_studies.bruise_scores import (
+from palpate_studies.bruise import (
     SAME_WIDTH,
     TOGETHER,
     Scored,
     area,
     area_lost,
+    save_sides,
     way,
 )
+from palpate_studies.bruise_data import Examined, examine
 from palpate_studies.fruit_ranges import BRUISES
 
 

@@ -25,7 +25,6 @@ from palpate_studies.identify_data import (
     CrateItemGrasps,
     measured_crates,
     read_crates,
-    squeeze_in_words,
     write_crates,
 )
 
@@ -79,7 +78,6 @@ def made_up(*, levels: Sequence[str] = ("lab", "field"), sensors: int = 2) -> li
                                 teaches=teaches,
                                 known=kind in TAUGHT,
                                 size_mm=true_mm,
-                                stiffness_n_per_mm=true_k,
                                 damaged=False,
                                 grasps=tuple(
                                     grasp(
@@ -104,12 +102,12 @@ def crates() -> list[CrateItemGrasps]:
     return made_up()
 
 
-def test_ours_beats_size_alone_and_finds_the_stranger(crates: list[CrateItemGrasps]) -> None:
+def test_ours_names_most_items_and_finds_the_stranger(crates: list[CrateItemGrasps]) -> None:
     found = identify.judge(crates).payload["summary"]
-    size, ours = (of(found, "lab", m) for m in ("size thresholds", "ours, 3 grasps"))
-    assert ours["right"] > size["right"] + 0.1
+    ours = of(found, "lab", "ours, 3 grasps")
+    assert ours["right"] > 0.9
     assert ours["falsely_unknown"] <= 0.2
-    assert (ours["strangers_found"], size["strangers_found"]) == (1.0, 0.0)
+    assert ours["strangers_found"] == 1.0
     assert ours["items"] == 32
     abroad = of(found, "field", "ours, taught on other sensors")
     assert abroad["right"] > 0.7
@@ -144,16 +142,12 @@ def test_what_was_not_measured_is_unknown_to_all(crates: list[CrateItemGrasps]) 
     assert {score.left_over for score in sorted_by_all.values()} == {1.0}
 
 
-def test_rules_make_purer_bins_than_guesses_and_leave_some_over(
+def test_rules_make_pure_bins_and_leave_less_over_after_more_grasps(
     crates: list[CrateItemGrasps],
 ) -> None:
     found = sorting.judge(crates).payload["summary"]
-    size, one, three = (
-        of(found, "lab", method)
-        for method in ("size thresholds", "ours, one grasp", "ours, up to 3 grasps")
-    )
-    assert three["purity"] > size["purity"] + 0.2
-    assert size["left_over"] == 0.0
+    one, three = (of(found, "lab", m) for m in ("ours, one grasp", "ours, up to 3 grasps"))
+    assert three["purity"] > 0.9
     assert three["left_over"] < one["left_over"]
     assert three["items_per_hour"] < one["items_per_hour"] == pytest.approx(3600 / 16)
 
@@ -206,9 +200,3 @@ def test_a_crate_is_measured_by_grasps(monkeypatch: pytest.MonkeyPatch) -> None:
     assert first.calibration_id == "twin-7"
     size = [one.grasp.measurements["size_mm"].value for one in found[1].grasps]
     assert np.mean(size) == pytest.approx(found[1].size_mm, rel=0.05)
-    assert found[1].stiffness_n_per_mm > 50
-    firm = measured_crates(level="lab", sensor=7, taught=1, sorted_items=0, target_force_n=6.0)
-    for squeezed, force_n, said in ((found[0], 3.0, "gently"), (firm[0], 6.0, "to 6 N")):
-        pressed = squeezed.grasps[0].grasp.measurements["force_n"]
-        assert pressed.value == pytest.approx(force_n, abs=1.2)
-        assert squeeze_in_words([squeezed]) == f"Every item is squeezed {said}."

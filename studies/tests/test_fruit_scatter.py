@@ -12,9 +12,8 @@ from sklearn.discriminant_analysis import QuadraticDiscriminantAnalysis
 
 from palpate.arrays import FloatArray
 from palpate.twin.crate import CRATE_SIDE_LOG_SD, CRATE_TAUGHT, draw_crate
-from palpate_studies.apple_faces import Faces
 from palpate_studies.fruit_ranges import AVOCADO_BOUNDS_N, AVOCADO_STAGES, AVOCADOS
-from palpate_studies.twin_apple import draw_apple
+from palpate_studies.twin_apple import Faces, draw_apple
 from palpate_studies.twin_avocado import draw_avocado
 
 

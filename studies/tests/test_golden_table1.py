@@ -9,7 +9,7 @@ import pytest
 
 from palpate_studies import table1
 from palpate_studies.report import StudyReport
-from palpate_studies.twin_holds import twin_holds
+from palpate_studies.twin_session import twin_holds
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.cli import build_app, run
-from palpate_studies.histories import MODELS, ours
-from palpate_studies.history_data import read_histories
+from palpate_studies.histories import MODELS, ours, read_histories
 
 HEADER = "recording_id,time_s,resistance_4wire_ohm,force_n,displacement_mm\n"
 

@@ -14,8 +14,8 @@ import pytest
 
 from palpate.cli import build_app, run
 from palpate_studies.press_data import Press, read_presses
-from palpate_studies.press_follow import in_newtons
 from palpate_studies.press_models import MODELS
+from palpate_studies.presses import in_newtons
 
 HEADER = "recording_id,time_s,resistance_ohm,force_n\n"
 

@@ -8,7 +8,7 @@ import pytest
 from palpate.errors import PalpateError
 from palpate.estimate.damage_learning import FruitClosing, follow_closing
 from palpate_studies.protocol.paired import paired_difference
-from palpate_studies.protocol.parts import Fold, SeenBeforeError, choose, folds
+from palpate_studies.protocol.parts import Learned, SeenBeforeError
 from palpate_studies.rupture import RULE
 from palpate_studies.rupture_tradeoff import RATES, applied, stops, tradeoff
 
@@ -31,24 +31,12 @@ def pears(count: int, *, seed: int) -> list[FruitClosing]:
     return found
 
 
-def test_a_choice_is_refused_where_it_was_made() -> None:
-    chosen = choose([0.1, 0.2], loss=lambda x: abs(x - 0.2), on=["a", "b"])
+def test_learned_on_its_own_specimens_is_refused() -> None:
+    chosen = Learned(found=0.2, seen=frozenset({"a", "b"}))
     assert chosen.on(["c"]) == 0.2
     with pytest.raises(SeenBeforeError, match="b was used"):
         chosen.on(["b", "c"])
     assert issubclass(SeenBeforeError, PalpateError)
-
-
-def test_folds_test_every_specimen_once_and_share_none() -> None:
-    names = [name for name in "abcdefg" for _ in range(3)]
-    made = folds(names, count=4)
-    assert sorted(name for fold in made for name in fold.test) == sorted(set(names))
-    for fold in made:
-        assert not set(fold.test) & (set(fold.train) | set(fold.choose))
-    with pytest.raises(SeenBeforeError):
-        Fold(train=("a",), choose=("a",), test=("b",))
-    with pytest.raises(ValueError, match="3 folds of 2"):
-        folds("ab", count=3)
 
 
 def test_what_makes_a_specimen_hard_for_both_drops_out_of_a_paired_difference() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.holds import Hold
 from palpate_studies import realism
-from palpate_studies.realism_quantities import (
+from palpate_studies.realism import (
     halves,
     hold_quantities,
     ladder_quantities,

@@ -13,10 +13,10 @@ from palpate.twin.world import World
 from palpate_studies import ripeness
 from palpate_studies.bruise_data import as_drawn
 from palpate_studies.fruit_ranges import BRUISES
-from palpate_studies.grasp_cycles import Sample
-from palpate_studies.second.crates import other_item
+from palpate_studies.grasp_cycle import Sample
 from palpate_studies.second.fruit import WAYS, CorkyPatch, corky, other_avocado
 from palpate_studies.second.sheets import OtherSheet, other_sheet
+from palpate_studies.second.things import other_item
 from palpate_studies.twin_apple import draw_apple
 from palpate_studies.twin_avocado import draw_avocado
 

@@ -7,14 +7,19 @@ import pytest
 
 from palpate.rig.simulated import calibrate_twin
 from palpate_studies import staircases
-from palpate_studies.baselines.learned_now import numbers_of
 from palpate_studies.protocol.parts import SeenBeforeError
-from palpate_studies.staircase_data import FAINT_N, FollowedForce, followed, learned_from
+from palpate_studies.staircases import (
+    FAINT_N,
+    FollowedForce,
+    followed,
+    learned_from,
+    numbers_of,
+)
 
 
 def test_a_sheet_is_followed_by_the_laws_of_its_calibration() -> None:
     found = followed(3, level="lab", staircases=1)
-    assert list(found) == ["settled", "early", "by_time", "memory", "now"]
+    assert list(found) == ["settled", "by_time", "memory", "now"]
     (now,) = found["now"]
     assert (now.force_n > FAINT_N).all()
     assert np.median(np.abs(np.log(np.maximum(now.value_n, 0.01) / now.force_n))) < 0.3
@@ -23,15 +28,15 @@ def test_a_sheet_is_followed_by_the_laws_of_its_calibration() -> None:
 
 
 def test_learners_follow_sheets_that_they_never_saw() -> None:
-    laws = learned_from([4, 5], level="lab", staircases=1)
+    trees = learned_from([4, 5], level="lab", staircases=1)
     with pytest.raises(SeenBeforeError, match="4 was used"):
-        followed(4, level="lab", staircases=1, laws=laws)
-    found = followed(3, level="lab", staircases=1, laws=laws)
+        followed(4, level="lab", staircases=1, trees=trees)
+    found = followed(3, level="lab", staircases=1, trees=trees)
     assert list(found) == list(staircases.METHODS)
-    (now,), (trees,) = found["now"], found["trees"]
-    np.testing.assert_array_equal(trees.force_n, now.force_n)
-    assert np.median(np.abs(trees.value_n - trees.force_n)) < 1.0
-    scores = staircases._scores([trees], [now])
+    (now,), (learned,) = found["now"], found["trees"]
+    np.testing.assert_array_equal(learned.force_n, now.force_n)
+    assert np.median(np.abs(learned.value_n - learned.force_n)) < 1.0
+    scores = staircases._scores([learned], [now])
     assert (scores["coverage"], scores["mean_half_width_n"]) == (None, None)
     runs = dict.fromkeys(staircases.LEVELS, found)
     assert [row["rival"] for row in staircases._compared(runs)] == 2 * [*staircases.RIVALS]
@@ -56,15 +61,12 @@ def test_scores_of_known_errors() -> None:
     force = np.array([1.0, 2.0, 4.0])
     half = FollowedForce(
         sensor=0,
-        time_s=force,
         force_n=force,
         value_n=force / 2,
         low_n=0 * force,
         high_n=force * 0.9,
     )
-    exact = FollowedForce(
-        sensor=0, time_s=force, force_n=force, value_n=force, low_n=0 * force, high_n=force * 2
-    )
+    exact = FollowedForce(sensor=0, force_n=force, value_n=force, low_n=0 * force, high_n=force * 2)
     scores = staircases._scores([half], [half])
     assert scores["share_of_settled"] == 1
     assert scores["rms_log_error"] == pytest.approx(np.log(2))

@@ -46,7 +46,7 @@ _SHOWN = {
 _COMPARED = {
     "all": "All of these, one after the other",
     "frames": "Frames decoded from memory against lines of CSV and FlexiTac's package",
-    "settling": "Predictors of the settled value against curve_fit and lmfit",
+    "settling": "Predictors of the settled value against curve_fit",
 }
 #: Study -> (module, what it shows).
 STUDIES: dict[str, tuple[str, str]] = {
@@ -54,6 +54,6 @@ STUDIES: dict[str, tuple[str, str]] = {
 }
 #: Benchmark -> (module, what it compares).
 BENCHMARKS: dict[str, tuple[str, str]] = {
-    name: (f"palpate_studies.benchmarks.{'everything' if name == 'all' else name}", compared)
+    name: (f"palpate_studies.benchmarks.{'running' if name == 'all' else name}", compared)
     for name, compared in _COMPARED.items()
 }

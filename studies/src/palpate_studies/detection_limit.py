@@ -24,6 +24,7 @@ FACES = {"flat (springs)": "springs-2", "round (ball)": "ball-33lbs"}
 #: Linearity: closures on a stiff sheet, and the spans over which a line is tried.
 STIFF, CLOSURES_MM = "dragonskin-30", tuple(np.geomspace(0.3, 8.5, 18))
 SPANS_N = (2.0, 5.0, 10.0, 20.0, 30.0)
+LAWS = ("line in mean change", "line in summed excess", "power law in excess")
 
 
 def report(*, sensors: int = SENSORS) -> StudyReport:
@@ -56,24 +57,22 @@ def report(*, sensors: int = SENSORS) -> StudyReport:
             "the span, its largest error in percent of the force, above a tenth of the span.",
         ],
         tables=[
-            Table(
-                title="Weakest force seen, N: median sensor (worst)",
-                columns=("face", "threshold", *LEVELS),
-                rows=[
-                    [face, rule, *(_cell(limits[level, face][:, column]) for level in LEVELS)]
+            Table.of(
+                "Weakest force seen, N: median sensor",
+                [
+                    {"face": face, "threshold": rule}
+                    | {level: float(np.nanmedian(limits[level, face][:, k])) for level in LEVELS}
                     for face in FACES
-                    for column, rule in enumerate(rules)
+                    for k, rule in enumerate(rules)
                 ],
             ),
-            Table(
-                title="Departure from a law, percent: median sensor (worst)",
-                columns=("law", "up to, N", *LEVELS),
-                rows=[
-                    [law, f"{span_n:g}", *(_cell(bends[level][:, row, column]) for level in LEVELS)]
-                    for row, law in enumerate(
-                        ("line in mean change", "line in summed excess", "power law in excess")
-                    )
-                    for column, span_n in enumerate(SPANS_N)
+            Table.of(
+                "Departure from a law, percent: median sensor",
+                [
+                    {"law": law, "up_to_n": span_n}
+                    | {level: float(np.nanmedian(bends[level][:, k, at])) for level in LEVELS}
+                    for k, law in enumerate(LAWS)
+                    for at, span_n in enumerate(SPANS_N)
                 ],
             ),
         ],
@@ -155,11 +154,3 @@ def _bends(force_n: FloatArray, percent: FloatArray, excess: FloatArray) -> list
 def _known(values: FloatArray) -> list[list[float | None]]:
     """Return a table for JSON, which has no NaN."""
     return [[float(v) if np.isfinite(v) else None for v in row] for row in values]
-
-
-def _cell(values: FloatArray) -> str:
-    found = values[np.isfinite(values)]
-    missing = f", {values.size - found.size} without" if found.size < values.size else ""
-    if not found.size:
-        return "none"
-    return f"{np.median(found):.2g} ({found.max():.2g}{missing})"

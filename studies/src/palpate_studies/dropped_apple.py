@@ -11,8 +11,7 @@ from palpate.arrays import FloatArray
 from palpate.settling.predict import predict_settled
 from palpate.signal.relative import mean_change
 from palpate.twin.objects import TwinObject
-from palpate_studies.apple_faces import Faces, first_touch
-from palpate_studies.twin_apple import Apple, Bruise, draw_apple
+from palpate_studies.twin_apple import Apple, Bruise, Faces, draw_apple, first_touch
 from palpate_studies.twin_session import HOLD_S, SETTLED_MEAN_S, Session, stack
 
 #: Paper, Table 6: mean and standard deviation over 10 grasps, percent.

@@ -26,15 +26,8 @@ CLIMATES = {
 OBJECT = "dragonskin-10"
 CLOSURE_MM, REPEATS, SENSORS = 3.0, 5, 8
 SUCTION_KPA = (0.0, 5.0, 10.0, 20.0, 30.0, 50.0)
-#: Expected range of three normal draws, in standard deviations.
-_RANGE_OF_THREE = 1.693
 #: What is compared -> unit.
-READ = {
-    "absolute resistance": "% of the mean",
-    "relative change": "points",
-    "summed excess": "% of the mean",
-    "summed excess, scatter of grasps alone": "% of the mean",
-}
+READ = {"absolute resistance": "% of the mean", "relative change": "points"}
 
 
 def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
@@ -59,31 +52,23 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             f"{sensors} sensors per level. The paper prints temperatures (21.9, 14.8, 26.8 C), no "
             "humidities and no results in numbers; the twin's dependence on climate is a plausible "
             "range, not a measurement.",
-            "Relative change and excess take the rest values of the same climate.",
+            "Relative change takes the rest values of the same climate.",
         ],
         tables=[
-            Table(
-                title="Spread over three climates (largest less smallest): median sensor (worst)",
-                columns=("reading", "unit", *LEVELS),
-                rows=[
-                    [name, unit]
-                    + [
-                        f"{np.median(each):.2g} ({each.max():.2g})"
-                        for each in (spreads[level][name] for level in LEVELS)
-                    ]
+            Table.of(
+                "Spread over three climates (largest less smallest), median sensor",
+                [
+                    {"reading": name, "unit": unit}
+                    | {level: float(np.median(spreads[level][name])) for level in LEVELS}
                     for name, unit in READ.items()
                 ],
             ),
-            Table(
-                title="Suction on a bare sheet: mean relative change, percent (lowest to highest)",
-                columns=("suction, kPa", *LEVELS),
-                rows=[
-                    [f"{kpa:g}"]
-                    + [
-                        f"{np.median(each):+.1f} ({each.min():+.1f} to {each.max():+.1f})"
-                        for each in (lifted[level][:, index] for level in LEVELS)
-                    ]
-                    for index, kpa in enumerate(SUCTION_KPA)
+            Table.of(
+                "Suction on a bare sheet: mean relative change, percent, median sensor",
+                [
+                    {"suction_kpa": kpa}
+                    | {level: float(np.median(lifted[level][:, k])) for level in LEVELS}
+                    for k, kpa in enumerate(SUCTION_KPA)
                 ],
             ),
         ],
@@ -119,8 +104,6 @@ def read_climates(sensor: int, *, level: str, repeats: int) -> dict[str, FloatAr
         made = grasps(session, obj, widths_mm=[obj.size_mm - CLOSURE_MM], repeats=repeats)[0]
         rows["absolute resistance"].append([float(r.ohm.mean()) for r in made])
         rows["relative change"].append([r.mean_percent for r in made])
-        for name in ("summed excess", "summed excess, scatter of grasps alone"):
-            rows[name].append([r.excess for r in made])
     return {name: np.array(values) for name, values in rows.items()}
 
 
@@ -140,11 +123,7 @@ def suction(sensors: int, *, level: str) -> FloatArray:
 def _spread(values: FloatArray, name: str) -> float:
     """Return largest less smallest of the climates' means, in percent of their mean or points."""
     means = values.mean(axis=1)
-    if "scatter" in name:
-        # The expected range of three means of such scatter, were all climates alike.
-        sd = np.sqrt(np.mean(values.var(axis=1, ddof=1)) / values.shape[1])
-        return float(_RANGE_OF_THREE * sd / abs(means.mean()) * 100.0)
-    whole = 1.0 if "change" in name else abs(means.mean()) / 100.0
+    whole = 1.0 if READ[name] == "points" else abs(means.mean()) / 100.0
     return float(np.ptp(means) / whole)
 
 
@@ -152,7 +131,7 @@ def draw(found: dict[str, list[dict[str, FloatArray]]]) -> Figure:
     """Draw each climate's readings on every sensor: absolute and relative."""
     from palpate.plots.style import BLUE, GREY, ORANGE, new_figure
 
-    shown = {"absolute resistance": "ohm", "relative change": "%"}
+    shown = dict(zip(READ, ("ohm", "%"), strict=True))
     with new_figure(rows=2, columns=2, width_in=7.2, height_in=5.6) as (figure, axes):
         for row, level in zip(axes, LEVELS, strict=True):
             for axis, (name, unit) in zip(row, shown.items(), strict=True):

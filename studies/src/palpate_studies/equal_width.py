@@ -1,25 +1,31 @@
-"""Objects grasped at one width, as in section 3.2 of the paper: settled change of each, per sensor.
+"""Objects grasped at one width, as in section 3.2 of the paper: settled change and curves.
 
-The paper prints no widths. Ours close by the middle of Table 1's five closures.
+The paper prints no widths. Here the fingers close by the middle of Table 1's five closures.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from itertools import product
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from palpate.arrays import FloatArray
+from palpate.signal.relative import mean_change
 from palpate.twin.objects import TwinObject
 from palpate_studies.report import StudyReport, Table
 from palpate_studies.rows import LEVELS
-from palpate_studies.twin_session import Reading, Session, grasps
+from palpate_studies.twin_session import Reading, Session, grasps, stack
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+#: Where the published settled values are drawn: next to the end of the curves, at 20 s.
+PUBLISHED_AT_S = 21.0
+#: Sensor and grasps that are drawn.
+SHOWN_SENSOR, SHOWN_GRASPS = 0, 5
 SENSORS = 3
 SEED = 1
 CLOSURE_MM = 3.0
@@ -30,45 +36,104 @@ CALIBRATION_INPUT = (
     "are guesses in the ratio of their makers' ratings. So agreement of single entries shows "
     "little; order, linearity and what is lost at `field` are predictions."
 )
-#: Reading -> what it is of a grasp. The first two are the paper's.
+#: Reading -> what it is of a grasp.
 READINGS: dict[str, Callable[[Reading], float]] = {
     "mean change": lambda reading: reading.mean_percent,
     "largest change": lambda reading: reading.largest_percent,
-    "summed excess": lambda reading: reading.excess,
 }
+#: Level -> settled readings, percent, of shape (objects, sensors, repeats).
+Settled: TypeAlias = Mapping[str, FloatArray]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Settled:
-    """Settled readings of several objects on several sensors of one level.
+def draw_curves(
+    objects: Mapping[str, TwinObject],
+    *,
+    width_mm: float,
+    title: str,
+    published: Mapping[str, tuple[float, float]],
+    fixture: bool = False,
+) -> Figure:
+    """Draw mean and standard deviation over a few grasps of each object, level by level.
 
-    Attributes
+    Parameters
     ----------
-    names : tuple of str
-        The objects.
-    values : mapping of str to ndarray, shape (objects, sensors, repeats)
-        Name in `READINGS` -> settled values, percent (the excess: a ratio).
+    objects : mapping of str to TwinObject
+        Label -> what is grasped.
+    width_mm : float
+        Width that the fingers close to.
+    title : str
+        The figure of the paper.
+    published : mapping of str to (float, float)
+        Label -> published mean and standard deviation of the settled change, percent.
+    fixture : bool
+        Whether objects lie in the middle, within 1 mm.
     """
+    from palpate.plots.style import AMBER, BLUE, GREEN, INK, ORANGE, PURPLE, SKY, new_figure
 
-    names: tuple[str, ...]
-    values: Mapping[str, FloatArray]
+    with new_figure(columns=2, width_in=9.0, height_in=3.8) as (figure, axes):
+        for axis, level in zip(axes[0], LEVELS, strict=True):
+            drawn = zip(objects.items(), (PURPLE, GREEN, ORANGE, BLUE, SKY, AMBER), strict=False)
+            for rank, ((label, obj), colour) in enumerate(drawn):
+                session = Session(SHOWN_SENSOR, level=level)
+                session.place(obj, fixture=fixture)
+                curves = stack(
+                    [
+                        mean_change(session.hold(obj.size_mm, width_mm=width_mm))
+                        for _ in range(SHOWN_GRASPS)
+                    ]
+                )
+                time_s = np.arange(1, curves.shape[1] + 1) / session.world.frame_rate_hz
+                mean, sd = curves.mean(axis=0), curves.std(axis=0, ddof=1)
+                axis.fill_between(time_s, mean - sd, mean + sd, color=colour, alpha=0.25, lw=0)
+                axis.plot(time_s, mean, "--", color=colour, label=label)
+                at_s = PUBLISHED_AT_S + 0.5 * rank
+                axis.errorbar(at_s, *published[label], fmt="o", ms=4, color=colour, capsize=2)
+            axis.set(
+                xlabel="time from actuation (s)",
+                ylabel="mean relative change (%)",
+                title=f"{title}, simulated, level {level}",
+                ylim=(-102, 25),
+            )
+            axis.errorbar(
+                [], [], [], fmt="o", ms=4, color=INK, capsize=2, label="published, mean ± sd"
+            )
+        axes[0, 0].legend(ncols=2, loc="upper right", fontsize=7)
+    return figure
 
-    def cell(self, reading: str, index: int) -> str:
-        """Return the median sensor's mean and sd of one object, and the means' range."""
-        values = self.values[reading][index]
-        return mean_and_range(values.mean(axis=1), values.std(axis=1, ddof=1))
 
-    def means(self, reading: str) -> FloatArray:
-        """Return means over repeats, shape (objects, sensors)."""
-        return np.asarray(self.values[reading].mean(axis=2))
+def settled_readings(
+    objects: Sequence[TwinObject],
+    *,
+    reading: str,
+    width_mm: float,
+    repeats: int,
+    sensors: int,
+    fixture: bool = False,
+    replace_each: bool = False,
+) -> Settled:
+    """Grasp each object `repeats` times at one width on each sensor of each level.
 
-    def to_dict(self, reading: str) -> dict[str, Any]:
-        """Return mean and sd of each object on each sensor."""
-        sd = self.values[reading].std(axis=2, ddof=1)
-        return {
-            name: {"mean": self.means(reading)[index].tolist(), "sd": sd[index].tolist()}
-            for index, name in enumerate(self.names)
-        }
+    `replace_each` places it again before every grasp, else once.
+    """
+    found, each = {}, 1 if replace_each else repeats
+    for level in LEVELS:
+        found[level] = np.empty((len(objects), sensors, repeats))
+        for sensor, (index, obj) in product(range(sensors), enumerate(objects)):
+            session = Session(sensor, level=level, trial=index)
+            found[level][index, sensor] = [
+                READINGS[reading](one)
+                for _ in range(repeats // each)
+                for one in grasps(
+                    session, obj, widths_mm=[width_mm], repeats=each, fixture=fixture
+                )[0]
+            ]
+    return found
+
+
+def cells_of(found: Settled, index: int) -> list[str]:
+    """Return mean and sd of the median sensor for one object, and the means' range, by level."""
+    each = [found[level][index] for level in LEVELS]
+    return [mean_and_range(v.mean(axis=1), v.std(axis=1, ddof=1)) for v in each]
 
 
 def mean_and_range(mean: FloatArray, sd: FloatArray) -> str:
@@ -76,37 +141,15 @@ def mean_and_range(mean: FloatArray, sd: FloatArray) -> str:
     return f"{np.median(mean):.1f} ± {np.median(sd):.2g} ({mean.min():.1f} to {mean.max():.1f})"
 
 
-def settled_readings(
-    objects: Sequence[TwinObject],
-    *,
-    width_mm: float,
-    repeats: int,
-    sensors: int,
-    fixture: bool = False,
-    replace_each: bool = False,
-) -> dict[str, Settled]:
-    """Grasp each object `repeats` times at one width on each sensor; level -> what was read.
-
-    `replace_each` places it again before every grasp, else once.
-    """
-    found = {}
-    for level in LEVELS:
-        values = {name: np.empty((len(objects), sensors, repeats)) for name in READINGS}
-        for sensor in range(sensors):
-            for index, obj in enumerate(objects):
-                session = Session(sensor, level=level, trial=index)
-                each = 1 if replace_each else repeats
-                made = [
-                    reading
-                    for _ in range(repeats // each)
-                    for reading in grasps(
-                        session, obj, widths_mm=[width_mm], repeats=each, fixture=fixture
-                    )[0]
-                ]
-                for name, of in READINGS.items():
-                    values[name][index, sensor] = [of(reading) for reading in made]
-        found[level] = Settled(names=tuple(obj.name for obj in objects), values=values)
-    return found
+def as_json(found: Settled, names: Sequence[str]) -> dict[str, Any]:
+    """Return mean and sd of each object on each sensor, by level."""
+    return {
+        level: {
+            name: {"mean": one.mean(axis=1).tolist(), "sd": one.std(axis=1, ddof=1).tolist()}
+            for name, one in zip(names, found[level], strict=True)
+        }
+        for level in LEVELS
+    }
 
 
 def r_squared(x: FloatArray, y: FloatArray) -> float:
@@ -118,12 +161,6 @@ def r_squared(x: FloatArray, y: FloatArray) -> float:
     1.0
     """
     return float(np.corrcoef(x, y)[0, 1] ** 2)
-
-
-def fit_lines(found: Settled, reading: str, ratings: Sequence[float]) -> FloatArray:
-    """Return R^2 of the line through the objects' means, sensor by sensor."""
-    rating = np.asarray(ratings, dtype=float)
-    return np.array([r_squared(rating, means) for means in found.means(reading).T])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,8 +175,8 @@ class LineStudy:
         Name in `READINGS` of what the published R^2 is of.
     published_r_squared : float
         Paper, section 3.2.
-    ratings : sequence of float
-        Of each object.
+    ratings : mapping of str to float
+        Object -> rating.
     rated : str
         What the rating is, with its unit.
     published_values : sequence of float
@@ -151,13 +188,13 @@ class LineStudy:
     figure: str
     reading: str
     published_r_squared: float
-    ratings: Sequence[float]
+    ratings: Mapping[str, float]
     rated: str
     published_values: Sequence[float] = ()
 
     def report(
         self,
-        conditions: Mapping[str, Mapping[str, Settled]],
+        conditions: Mapping[str, Settled],
         *,
         main: str,
         provenance: Sequence[str],
@@ -170,7 +207,7 @@ class LineStudy:
         Parameters
         ----------
         conditions : mapping
-            Condition -> level -> settled readings.
+            Condition -> settled readings.
         main : str
             The condition whose changes are shown.
         provenance : sequence of str
@@ -180,11 +217,11 @@ class LineStudy:
         payload, figures : mapping
             What the study has of its own.
         """
-        shown = conditions[main]
         title, columns, leads = changes
+        rating = np.array([*self.ratings.values()])
         fits = {
             condition: {
-                level: {name: fit_lines(found[level], name, self.ratings) for name in READINGS}
+                level: [r_squared(rating, means) for means in found[level].mean(axis=2).T]
                 for level in LEVELS
             }
             for condition, found in conditions.items()
@@ -197,67 +234,48 @@ class LineStudy:
                 Table(
                     title=title,
                     columns=(*columns, *LEVELS),
+                    rows=[[*lead, *cells_of(conditions[main], k)] for k, lead in enumerate(leads)],
+                ),
+                Table(
+                    title=f"R^2 of a line through the means, published {self.published_r_squared:g}"
+                    ": median sensor (worst to best)",
+                    columns=("condition", *LEVELS),
                     rows=[
-                        [*lead, *(shown[level].cell(self.reading, index) for level in LEVELS)]
-                        for index, lead in enumerate(leads)
+                        [
+                            condition,
+                            *(
+                                f"{np.median(r):.3f} ({min(r):.3f} to {max(r):.3f})"
+                                for r in by_level.values()
+                            ),
+                        ]
+                        for condition, by_level in fits.items()
                     ],
                 ),
-                self._fits_table(conditions, fits),
             ],
             payload={
                 "study": self.name,
                 "origin": "twin",
                 **payload,
                 "published_r_squared": self.published_r_squared,
-                "levels": {level: shown[level].to_dict(self.reading) for level in LEVELS},
+                "levels": as_json(conditions[main], [*self.ratings]),
                 "r_squared": {
-                    condition: {
-                        level: {name: fit.tolist() for name, fit in each.items()}
-                        for level, each in by_level.items()
-                    }
+                    condition: {level: {self.reading: fit} for level, fit in by_level.items()}
                     for condition, by_level in fits.items()
                 },
             },
-            figures={**(figures or {}), self.figure: lambda: self._draw(shown)},
+            figures={**(figures or {}), self.figure: lambda: self._draw(conditions[main])},
         )
 
-    def _fits_table(
-        self,
-        conditions: Mapping[str, Mapping[str, Settled]],
-        fits: Mapping[str, Mapping[str, Mapping[str, FloatArray]]],
-    ) -> Table:
-        """Return R^2 for every condition and reading: median sensor, worst and best.
-
-        How far the readings of the first object and the last lie apart shows how much of the range
-        a line has to span.
-        """
-        rows = []
-        for condition, found in conditions.items():
-            for reading in READINGS:
-                first, *_, last = np.median(found[LEVELS[0]].means(reading), axis=1)
-                paper = f"{self.published_r_squared:g}" if reading == self.reading else ""
-                each = [fits[condition][level][reading] for level in LEVELS]
-                cells = [f"{np.median(r):.3f} ({r.min():.3f} to {r.max():.3f})" for r in each]
-                rows.append([condition, reading, f"{first:.3g} to {last:.3g}", paper, *cells])
-        return Table(
-            title="R^2 of a line through the objects' means: median sensor (worst to best)",
-            columns=("condition", "reading", f"range, {LEVELS[0]}", "published", *LEVELS),
-            rows=rows,
-        )
-
-    def _draw(self, found: Mapping[str, Settled]) -> Figure:
+    def _draw(self, found: Settled) -> Figure:
         """Draw every grasp against the rating, level by level, with each sensor's line."""
         from palpate.plots.style import AMBER, BLUE, GREEN, INK, ORANGE, PURPLE, new_figure
 
-        rating, colours = (
-            np.asarray(self.ratings, dtype=float),
-            (BLUE, ORANGE, GREEN, PURPLE, AMBER),
-        )
+        rating = np.array([*self.ratings.values()])
+        colours = (BLUE, ORANGE, GREEN, PURPLE, AMBER)
         with new_figure(columns=2, width_in=9.0, height_in=3.4) as (figure, axes):
             for axis, level in zip(axes[0], LEVELS, strict=True):
-                values = found[level].values[self.reading]
-                for sensor, colour in zip(range(values.shape[1]), colours, strict=False):
-                    points = values[:, sensor]
+                sensors = zip(np.moveaxis(found[level], 1, 0), colours, strict=False)
+                for sensor, (points, colour) in enumerate(sensors):
                     x = np.repeat(rating, points.shape[1])
                     axis.plot(x, points.ravel(), ".", color=colour, ms=4, alpha=0.4)
                     mean = points.mean(axis=1)

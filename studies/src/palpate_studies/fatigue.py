@@ -70,15 +70,16 @@ def report(*, sensors: int = SENSORS, cycles: int = CYCLES) -> StudyReport:
             "those of the calibration.",
         ],
         tables=[
-            Table(
-                title="Drift from the first cycles on: median over sensors (worst sensor)",
-                columns=("quantity", "cycles", *LEVELS),
-                rows=[
-                    [
-                        name,
-                        f"{low} to {high}",
-                        *(_cell(found[level], of, low, high) for level in LEVELS),
-                    ]
+            Table.of(
+                "Drift from the first cycles on: size of the median over cycles, median sensor",
+                [
+                    {"quantity": name, "cycles": f"{low} to {high}"}
+                    | {
+                        level: float(
+                            np.median([abs(np.median(of(one)[low:high])) for one in found[level]])
+                        )
+                        for level in LEVELS
+                    }
                     for low, high in pairwise((0, min(BREAK_IN, cycles // 2), cycles))
                     for name, of in QUANTITIES.items()
                 ],
@@ -151,12 +152,6 @@ QUANTITIES: dict[str, Callable[[Worn], FloatArray]] = {
     ),
     "drift of force, %": lambda one: _drift_percent(one.force_n / one.true_n),
 }
-
-
-def _cell(each: list[Worn], of: Callable[[Worn], FloatArray], low: int, high: int) -> str:
-    """Return the size of a quantity's median over cycles: of the sensors the middle and worst."""
-    sizes = [float(abs(np.median(of(one)[low:high]))) for one in each]
-    return f"{np.median(sizes):.3g} ({max(sizes):.3g})"
 
 
 def draw(found: dict[str, list[Worn]]) -> Figure:

@@ -104,19 +104,11 @@ def report(
         ],
         tables=[
             Table.of(
-                "Mean settled change, percent (sd of the grasps of a day)",
-                rows,
-                {
-                    "level": "{level}",
-                    "fingers": "{hand}",
-                    **{
-                        f"day {day + 1}": f"{{mean_percent[{day}]:.1f}} "
-                        f"({{sd_of_grasps[{day}]:.1f}})"
-                        for day in range(DAYS)
-                    },
-                    "fruits that fall every day": "{falls_every_day} of {fruits}",
-                    "that fall by 2 sd in all": "{falls_clearly} of {fruits}",
-                },
+                "Mean settled change, percent, and fruits whose change falls",
+                [
+                    {**row, **{f"day {k + 1}": at for k, at in enumerate(row["mean_percent"])}}
+                    for row in rows
+                ],
             )
         ],
         payload={"study": "figure16", "origin": "twin", "fruits": fruits, "summary": rows},

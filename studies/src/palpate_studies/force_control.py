@@ -21,7 +21,7 @@ from palpate_studies.force_control_world import (
 )
 from palpate_studies.protocol.paired import compare
 from palpate_studies.report import StudyReport, Table, as_command
-from palpate_studies.rows import LEVELS, mean, median
+from palpate_studies.rows import LEVELS, group, mean, median
 
 if TYPE_CHECKING:
     from palpate.estimate.damage import DamageModel
@@ -101,12 +101,11 @@ def compared(found: Sequence[Gripped], *, method: str = "ours") -> list[dict[str
     A thing's loss is 1 where the settled force is not within 10 % of the target, whatever kept it.
     """
     rows = []
-    for level in LEVELS:
-        lost: dict[str, dict[int, float]] = {}
-        for one in found:
-            if one.task.level == level:
-                missed = float(abs(one.off_target) > NEAR)
-                lost.setdefault(one.method, {})[one.task.seed] = missed
+    for key, mine in group(found, "task.level"):
+        lost = {
+            name["method"]: {one.task.seed: float(abs(one.off_target) > NEAR) for one in each}
+            for name, each in group(mine, "method")
+        }
         ours = lost.pop(method, {})
         for rival, theirs in lost.items():
             both = [seed for seed in theirs if seed in ours]
@@ -120,7 +119,7 @@ def compared(found: Sequence[Gripped], *, method: str = "ours") -> list[dict[str
                 sensors,
                 ours=method,
                 statistic=np.mean,
-                level=level,
+                **key,
                 method=method,
                 ours_near=near[0],
                 rival_near=near[1],
@@ -130,21 +129,9 @@ def compared(found: Sequence[Gripped], *, method: str = "ours") -> list[dict[str
 
 def judge(found: Sequence[Gripped]) -> StudyReport:
     """Return the report of any number of grasps."""
-    methods = list(dict.fromkeys(one.method for one in found))
     summary = [
-        {"level": level, "method": method, "gripper": kind, **scores(part)}
-        for level in LEVELS
-        for method in methods
-        for kind in ("all", "rigid", "soft")
-        for part in [
-            [
-                one
-                for one in found
-                if (one.task.level, one.method) == (level, method)
-                and kind in ("all", one.task.kind)
-            ]
-        ]
-        if part
+        {**key, "gripper": "all", **scores(part)}
+        for key, part in group(found, "task.level", "method")
     ]
     return StudyReport(
         name="force-control",
@@ -167,12 +154,7 @@ def judge(found: Sequence[Gripped]) -> StudyReport:
             f"current; learned for each level from {LEARNED_FROM} other things on other sensors "
             f"(seeds from {LEARNING_SEED} on).",
         ),
-        tables=[
-            Table.of(
-                title, summary, _LEAD | {head: f"{{{form}}}" for head, form in columns.items()}
-            )
-            for title, columns in _TABLES.items()
-        ],
+        tables=[Table.of(title, summary, [*_LEAD, *keys]) for title, keys in _TABLES.items()],
         payload={
             "study": "force-control",
             "simulated": True,
@@ -182,23 +164,16 @@ def judge(found: Sequence[Gripped]) -> StudyReport:
     )
 
 
-_LEAD = {"level": "{level}", "method": "{method}", "gripper": "{gripper}"}
-#: Two tables, because one of all columns fits no screen: title -> head -> figure and form.
+_LEAD = ("level", "method")
+#: Two tables, because one of all columns fits no screen: title -> keys of the summary.
 _TABLES = {
-    "What came of it": {
-        "grasps": "grasps",
-        "damaged": "damaged",
-        "lifted": "lifted",
-        "dropped": "dropped",
-        "kept below by the damage limit": "limited",
-        "could have borne it": "limited_could_bear",
-    },
-    "How near the target": {
-        "within 10 % of target, of all": "within_10_percent_of_all:.2f",
-        "aimed": "aimed",
-        "within 10 %, of those": "within_10_percent:.2f",
-        "median miss, %": "median_off_target_percent:.0f",
-        "coverage (0.9)": "coverage:.2f",
-        "median s from contact to on target": "median_on_target_s:.1f",
-    },
+    "Outcome": ("grasps", "damaged", "lifted", "dropped", "limited", "limited_could_bear"),
+    "How near the target": (
+        "within_10_percent_of_all",
+        "aimed",
+        "within_10_percent",
+        "median_off_target_percent",
+        "coverage",
+        "median_on_target_s",
+    ),
 }

@@ -89,7 +89,7 @@ def _controlled(task: Task, *, method: str, damage: DamageModel | None) -> Gripp
             world.lift()
 
     plan = plan_grasp(
-        _calibration(task),
+        calibration_of(task.seed // GRASPS_PER_SHEET, task.level, task.kind),
         gripper=gripper,
         target_force_n=task.target_n,
         lift_force_n=task.lift_n,
@@ -128,10 +128,6 @@ def _on_target_s(result: GraspResult) -> float | None:
     if "contact" not in at or at.get("on_target", -1.0) < at.get("adjusted", -1.0):
         return None
     return at["on_target"] - at["contact"] if "on_target" in at else None
-
-
-def _calibration(task: Task) -> Calibration:
-    return calibration_of(task.seed // GRASPS_PER_SHEET, task.level, task.kind)
 
 
 @lru_cache(maxsize=2)

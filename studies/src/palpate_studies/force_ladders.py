@@ -1,21 +1,33 @@
-"""Newtons from a sensor given three spread weights: real ladders of dead weights on Velostat."""
+"""Newtons from a sensor given three spread weights: real ladders of dead weights on Velostat.
+
+Compared are the paper's line, power laws, and the force law of palpate.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import typer
 from numpy.typing import NDArray
+from scipy.stats import t as student_t
 
+from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.holds.strict import read_table
-from palpate_studies.ladder_models import MODELS, Ladder, Predicted
+from palpate.estimate.force_law import inputs_when_settled
+from palpate_studies.force_learning import KnownContact, interval_reach, learn_population
+from palpate_studies.recordings import read_runs
 from palpate_studies.report import StudyReport, Table, as_command
 
+#: Force and the ends of its interval, newtons, each of shape (n_steps,).
+Predicted: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
+#: Loaded readings are taken to show at least this share of the conductance at rest.
+SMALLEST_EXCESS = 0.01
+Model: TypeAlias = Callable[..., Predicted]
 #: Loads at which a test ladder is given its own steps, newtons: spread over the working range. The
 #: first weights of a ladder lie at the threshold of contact, where they show little.
 GIVEN_N = (1.5, 4.0, 9.0)
@@ -26,15 +38,126 @@ SMALLEST_LOAD_N = 0.5
 #: Forces below this count as this: no load at all would be an infinite error of the logarithm.
 FLOOR_N = 0.05
 LEVEL = 0.9
-
-#: Figure of a model -> its head.
-FIGURES = {
-    "median_abs_error_percent": "error %",
-    "median_abs_log_ratio": "abs ln ratio",
-    "coverage": "coverage",
-}
-
+FIGURES = ("median_abs_error_percent", "median_abs_log_ratio", "coverage")
 Rows: TypeAlias = list[dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ladder:
+    """The loaded steps of one sensor, in the order they were made.
+
+    Attributes
+    ----------
+    name : str
+        Of the sensor.
+    step : ndarray of int, shape (n_steps,)
+        Number of each step in the file.
+    load_n, resistance_ohm : ndarray, shape (n_steps,)
+        Dead weight and settled reading.
+    rest_ohm : float
+        Reading before the first load.
+    """
+
+    name: str
+    step: NDArray[np.int_]
+    load_n: FloatArray
+    resistance_ohm: FloatArray
+    rest_ohm: float
+
+    @property
+    def excess_s(self) -> FloatArray:
+        """Excess conductance G - G0, siemens, above 0."""
+        rest = 1 / self.rest_ohm
+        return np.asarray(np.maximum(1 / self.resistance_ohm - rest, SMALLEST_EXCESS * rest))
+
+    @property
+    def inputs(self) -> FloatArray:
+        """Settled readings as `palpate.ForceLaw` takes them, shape (n_steps, INPUTS)."""
+        return inputs_when_settled(self.excess_s * self.rest_ohm)
+
+    @property
+    def relative_percent(self) -> FloatArray:
+        """Relative change of resistance (eq. 1), percent."""
+        return (self.resistance_ohm / self.rest_ohm - 1) * 100
+
+
+def line(one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_]) -> Predicted:
+    """Predict by the paper's line: slope from the other ladders, intercept from the steps given."""
+    value, half = _shared_slope(
+        [(ladder.relative_percent, ladder.load_n) for ladder in others],
+        (one.relative_percent, one.load_n),
+        told=told,
+    )
+    value, low, high = (np.maximum(each, 0.0) for each in (value, value - half, value + half))
+    return value, low, high
+
+
+def power(one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_]) -> Predicted:
+    """Predict by a power law: exponent from the other ladders, gain from the steps given."""
+    value, half = _shared_slope(
+        [(np.log(ladder.excess_s), np.log(ladder.load_n)) for ladder in others],
+        (np.log(one.excess_s), np.log(one.load_n)),
+        told=told,
+    )
+    return _in_newtons(value, half)
+
+
+def unweighed(one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_]) -> Predicted:
+    """Predict by one power law of all other ladders, without any step of this one."""
+    log_g, log_n = (
+        np.concatenate([np.log(getattr(ladder, name)) for ladder in others])
+        for name in ("excess_s", "load_n")
+    )
+    slope, offset = np.polyfit(log_g, log_n, 1)
+    half = float(np.quantile(np.abs(log_n - slope * log_g - offset), LEVEL))
+    return _in_newtons(slope * np.log(one.excess_s) + offset, half)
+
+
+def ours(one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_]) -> Predicted:
+    """Predict by `palpate.ForceLaw`: the population of the other ladders, and the steps given."""
+    law = ForceLaw.fit(
+        one.inputs[told],
+        force_n=one.load_n[told],
+        population=learn_population([known_contact(ladder) for ladder in others]),
+    )
+    value, sd = law.log_force(one.inputs)
+    return _in_newtons(value, interval_reach(LEVEL) * sd)
+
+
+def known_contact(ladder: Ladder) -> KnownContact:
+    """Return a ladder as what a population is learned from."""
+    return KnownContact(inputs=ladder.inputs, force_n=ladder.load_n, place=ladder.name)
+
+
+def _in_newtons(log_n: FloatArray, half: FloatArray | float) -> Predicted:
+    return np.exp(log_n), np.exp(log_n - half), np.exp(log_n + half)
+
+
+def _shared_slope(
+    known: Sequence[tuple[FloatArray, FloatArray]],
+    own: tuple[FloatArray, FloatArray],
+    *,
+    told: NDArray[np.bool_],
+) -> tuple[FloatArray, FloatArray]:
+    """Return value and half width of a line with a slope in common and an own intercept."""
+    centred = [(x - x.mean(), y - y.mean()) for x, y in known]
+    squares = float(sum(x @ x for x, _ in centred))
+    slope = float(sum(x @ y for x, y in centred)) / squares
+    freedom = sum(len(x) for x, _ in centred) - len(centred) - 1
+    variance = float(sum(np.sum((y - slope * x) ** 2) for x, y in centred)) / freedom
+    x, y = own
+    away = x - x[told].mean()
+    value = y[told].mean() + slope * away
+    spread = variance * (1 + 1 / np.count_nonzero(told) + away**2 / squares)
+    return value, student_t.ppf(0.5 + LEVEL / 2, freedom) * np.sqrt(spread)
+
+
+MODELS: Mapping[str, Model] = {
+    "line": line,
+    "power": power,
+    "pooled": unweighed,
+    "ours": ours,
+}
 
 
 def report(
@@ -78,11 +201,7 @@ def report(
             Table.of(
                 "New sensor, given three spread weights, medians",
                 [*summary, *({"ladder": "mean of ladders", **mean} for mean in means)],
-                {
-                    "ladder": "{ladder}",
-                    "model": "{model}",
-                    **{head: f"{{{key}:.3g}}" for key, head in FIGURES.items()},
-                },
+                ("ladder", "model", *FIGURES),
             )
         ],
         payload={
@@ -111,19 +230,10 @@ def read_ladders(path: Path) -> list[Ladder]:
     InputError
         If the file can't be used, or a ladder has no unloaded step at its start or too few others.
     """
-    table = read_table(
-        path,
-        columns={
-            "ladder": "text",
-            "step": "number",
-            "load_n": "number",
-            "resistance_ohm": "number",
-        },
-    )
     found = []
-    for name in dict.fromkeys(table["ladder"].tolist()):
-        mine = table["ladder"] == name
-        step, load_n, ohm = (table[c][mine] for c in ("step", "load_n", "resistance_ohm"))
+    numbers = ("step", "load_n", "resistance_ohm")
+    for run in read_runs(path, keys=("ladder",), text=("ladder",), numbers=numbers):
+        name, (step, load_n, ohm) = str(run["ladder"][0]), (run[key] for key in numbers)
         where = f"{path}: ladder {name!r}"
         if (ohm <= 0).any() or (load_n < 0).any():
             raise InputError(f"{where} has a resistance of 0 ohm or a load below 0 N; fix it")
@@ -155,16 +265,16 @@ def _nearest(load_n: FloatArray) -> NDArray[np.bool_]:
 def _rows(one: Ladder, others: Sequence[Ladder], *, given: NDArray[np.bool_]) -> Rows:
     rows: Rows = []
     for name, predict in MODELS.items():
-        answer: Predicted = predict(one, others, told=given, level=LEVEL)
+        value_n, low_n, high_n = predict(one, others, told=given)
         rows += [
             {
                 "ladder": one.name,
                 "model": name,
                 "step": int(one.step[k]),
                 "load_n": float(one.load_n[k]),
-                "predicted_n": float(answer.value[k]),
-                "low_n": float(answer.low[k]),
-                "high_n": float(answer.high[k]),
+                "predicted_n": float(value_n[k]),
+                "low_n": float(low_n[k]),
+                "high_n": float(high_n[k]),
             }
             for k in np.flatnonzero((one.load_n > SMALLEST_LOAD_N) & ~given)
         ]

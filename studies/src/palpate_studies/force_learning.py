@@ -7,6 +7,7 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
@@ -38,6 +39,11 @@ _ROUNDS, _EM_ROUNDS, _REWEIGHTINGS = 3, 6, 15
 _AT_LEVEL, _LEVEL = 1.645, 0.9
 
 
+def interval_reach(level: float) -> float:
+    """Return how many standard deviations an interval of a level reaches to each side."""
+    return float(ndtri(0.5 + level / 2))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class KnownContact:
     """One contact with the measured force at each sample.
@@ -48,18 +54,18 @@ class KnownContact:
         By `ForceStates`.
     force_n : ndarray, shape (n,)
         Newtons, above 0.
-    weight : ndarray, shape (n,)
-        How much each sample counts.
     place : hashable
         Contacts at one place of one sensor share it.
+    weight : ndarray, shape (n,), optional
+        How much each sample counts; all alike by default.
     given : int or None
         Sample at which the force would be measured once, None where it is not.
     """
 
     inputs: FloatArray
     force_n: FloatArray
-    weight: FloatArray
     place: Hashable
+    weight: FloatArray | None = None
     given: int | None = None
 
 
@@ -136,7 +142,10 @@ def _start(contacts: Sequence[KnownContact]) -> _Learned:
     return _Learned(
         design=design,
         log_n=log_n,
-        weight=[np.asarray(one.weight, dtype=float) for one in contacts],
+        weight=[
+            np.ones(len(one.force_n)) if one.weight is None else np.asarray(one.weight, dtype=float)
+            for one in contacts
+        ],
         given=[one.given for one in contacts],
         population=population,
     )

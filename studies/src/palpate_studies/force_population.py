@@ -13,12 +13,12 @@ import typer
 
 from palpate.estimate.force_law import Population, load_population
 from palpate.files import atomic_path, check_place
-from palpate_studies import ladder_models, press_models, stroke_models
+from palpate_studies import force_ladders, press_models, stroke_models
 from palpate_studies.force_ladders import read_ladders
 from palpate_studies.force_learning import KnownContact, learn_population
 from palpate_studies.press_data import read_presses
 from palpate_studies.report import StudyReport, Table, as_command
-from palpate_studies.stroke_data import read_strokes
+from palpate_studies.stroke_models import read_strokes
 
 Contact = TypeVar("Contact")
 
@@ -50,9 +50,12 @@ def report(
     parts: dict[str, Sequence[KnownContact]] = {
         "strokes": [stroke_models.known_contact(one) for one in _spread(touches)],
         "presses": [press_models.known_contact(one) for one in _spread(read_presses(presses))],
-        "ladders": _often([ladder_models.known_contact(one) for one in read_ladders(ladders)]),
+        "ladders": _often([force_ladders.known_contact(one) for one in read_ladders(ladders)]),
     }
-    population = _widened(learn_population([one for part in parts.values() for one in part]))
+    population = learn_population([one for part in parts.values() for one in part])
+    factor = np.ones(len(population.mean))
+    factor[:2] = _WIDER
+    population = replace(population, spread=population.spread * np.outer(factor, factor))
     if write is not None:
         with atomic_path(write) as partial:
             partial.write_text(_text(population))
@@ -64,13 +67,6 @@ command = as_command(report)
 
 def _spread(contacts: Sequence[Contact]) -> Sequence[Contact]:
     return contacts[:: max(len(contacts) // _CONTACTS, 1)]
-
-
-def _widened(population: Population) -> Population:
-    """Return the population with more spread of what a settled reading means."""
-    factor = np.ones(len(population.mean))
-    factor[:2] = _WIDER
-    return replace(population, spread=population.spread * np.outer(factor, factor))
 
 
 def _often(ladders: Sequence[KnownContact]) -> Sequence[KnownContact]:
@@ -111,17 +107,7 @@ def _report(population: Population, parts: Mapping[str, Sequence[KnownContact]])
             f"Real recordings with a load cell or dead weights: {counts}. Weights of standardised "
             "inputs, ln N; spread over places and sensors, and from contact to contact.",
         ),
-        tables=[
-            Table.of(
-                "Weights of the force law",
-                rows,
-                {"weight": "{weight}"}
-                | {
-                    key: f"{{{key}:.3f}}"
-                    for key in ("mean", "spread", "contact_spread", "shipped_mean")
-                },
-            )
-        ],
+        tables=[Table.of("Weights of the force law", rows)],
         payload={
             "study": "force-population",
             "rows": rows,

@@ -6,7 +6,7 @@ of the twin; what the levels change is sheet and gripper (`palpate.twin.ranges`)
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from palpate.twin.ranges import Pair
 
@@ -54,8 +54,6 @@ class BruiseRanges:
 
 APPLES = AppleRanges()
 BRUISES = BruiseRanges()
-#: One side dropped on cement (paper, section 4.3): a bruise at the large end of the ranges.
-DROPPED = replace(BRUISES, diameter_mm_log=(25.0, 30.0), height_mm=(-2.0, 2.0))
 
 # -- Avocados over days ----------------------------------------------------------------------------
 

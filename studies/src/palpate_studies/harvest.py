@@ -133,16 +133,7 @@ def judge(found: Sequence[Pulled]) -> StudyReport:
             f"{_PULLED_S:g} s, weight included, as it is held at the answer. The friction is "
             "known.",
         ],
-        tables=[
-            Table.of(
-                "Verdict, and whether it slipped",
-                summary,
-                {
-                    name: f"{{{name}}}"
-                    for name in ("level", "fruits", "verdict", "pulls", "slipped")
-                },
-            )
-        ],
+        tables=[Table.of("Verdict, and whether it slipped", summary)],
         payload={
             "study": "harvest",
             "simulated": True,

@@ -1,4 +1,4 @@
-"""Force of a stretched conductive rubber from the history of its resistance.
+"""Force of a stretched conductive rubber from the history of its resistance, real recordings.
 
 The resistance of the rubber peaks with strain and with its rate, in both directions, and recovers
 for minutes. The models see the logarithm of the resistance and its low-passed copies, and answer in
@@ -8,6 +8,8 @@ newtons: the force crosses zero.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
@@ -16,10 +18,14 @@ import typer
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError, needing
-from palpate_studies.history_data import History, read_histories
+from palpate.estimate.force_states import states_of
+from palpate_studies.baselines.told_everything import boosted_trees, weighted_ridge
 from palpate_studies.protocol.paired import compare
+from palpate_studies.recordings import leave_out, read_runs
 from palpate_studies.report import StudyReport, Table, as_command
 
+#: From a few readings at 12 Hz to a slow cycle; longer ones learn the drift of single recordings.
+_TIME_CONSTANTS_S = (0.3, 1.0, 3.0, 10.0, 30.0)
 LEVEL = 0.9
 _RIDGE = 1e-3
 #: Smooth bumps of the kernel ridge: their number, and their width in standard deviations of an
@@ -27,11 +33,69 @@ _RIDGE = 1e-3
 _BUMPS, _WIDTH = 120, 2.0
 #: Neighbours repeat each other: every second sample is learned from.
 _EVERY = 2
-
 #: From the inputs of a recording to force and half width of its interval, where it has one.
 Predictor: TypeAlias = Callable[[FloatArray], tuple[FloatArray, FloatArray | None]]
-Histories: TypeAlias = Sequence[History]
 Rows: TypeAlias = list[dict[str, Any]]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class History:
+    """One recording.
+
+    Attributes
+    ----------
+    recording_id : str
+        As in the file.
+    time_s, log_ohm, force_n : ndarray, shape (n_times,)
+        Logarithm of the four-wire resistance, of two neighbours: the current is reversed from one
+        sample to the next.
+    """
+
+    recording_id: str
+    time_s: FloatArray
+    log_ohm: FloatArray
+    force_n: FloatArray
+
+    @property
+    def kind(self) -> str:
+        """Kind of motion: the name up to its first hyphen."""
+        return self.recording_id.split("-")[0]
+
+    @cached_property
+    def inputs(self) -> FloatArray:
+        """What the models see, shape (n_times, n_inputs)."""
+        return states_of(self.time_s, self.log_ohm, time_constants_s=_TIME_CONSTANTS_S)
+
+
+def read_histories(path: Path) -> list[History]:
+    """Read `recording_id,time_s,resistance_4wire_ohm,force_n`.
+
+    Raises
+    ------
+    InputError
+        If the file can't be used, time runs backwards, or a resistance is not above 0.
+    """
+    found = []
+    numbers = ("time_s", "resistance_4wire_ohm", "force_n")
+    for run in read_runs(path, keys=("recording_id",), text=("recording_id",), numbers=numbers):
+        name, time_s, ohm = str(run["recording_id"][0]), run["time_s"], run["resistance_4wire_ohm"]
+        if len(time_s) < 2 or (np.diff(time_s) < 0).any() or not (ohm > 0).all():
+            raise InputError(
+                f"{path}: recording {name!r}: time_s must not fall and resistance be above 0"
+            )
+        pairs = (ohm + np.r_[ohm[:1], ohm[:-1]]) / 2
+        found.append(
+            History(
+                recording_id=name,
+                time_s=time_s,
+                log_ohm=np.log(pairs),
+                force_n=run["force_n"],
+            )
+        )
+    return found
+
+
+Histories: TypeAlias = Sequence[History]
 
 
 def report(
@@ -51,11 +115,11 @@ def report(
     Example: palpate study histories --recordings silicone_histories.csv.gz
     """
     if test_recordings is None:
-        splits = [*_by_kind(read_histories(recordings))]
+        splits = leave_out(read_histories(recordings), lambda one: one.kind)
         if len(splits) < 2:
             raise InputError(f"{recordings}: one kind of motion only; two are needed")
     else:
-        splits = [(read_histories(recordings), read_histories(test_recordings))]
+        splits = [("", read_histories(recordings), read_histories(test_recordings))]
     rows = [
         {
             "recording_id": one.recording_id,
@@ -63,7 +127,7 @@ def report(
             "model": model,
             **_scores(predict(one.inputs), one.force_n),
         }
-        for inside, tested in splits
+        for _, inside, tested in splits
         for model, learn in MODELS.items()
         for predict in [learn(inside)]
         for one in tested
@@ -98,19 +162,6 @@ def report(
 command = as_command(report)
 
 
-def _by_kind(known: Histories) -> Iterator[tuple[Histories, Histories]]:
-    for kind in dict.fromkeys(one.kind for one in known):
-        yield (
-            [one for one in known if one.kind != kind],
-            [one for one in known if one.kind == kind],
-        )
-
-
-def _by_recording(known: Histories) -> Iterator[tuple[Histories, Histories]]:
-    for one in known:
-        yield [other for other in known if other is not one], [one]
-
-
 def _gathered(train: Histories) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return inputs, force and weight; every kind of motion counts the same."""
     kinds = [one.kind for one in train]
@@ -126,13 +177,6 @@ def _gathered(train: Histories) -> tuple[FloatArray, FloatArray, FloatArray]:
     )
 
 
-def constant(train: Histories) -> Predictor:
-    """Learn the mean force."""
-    _, force_n, weight = _gathered(train)
-    mean_n = float(np.average(force_n, weights=weight))
-    return lambda x: (np.full(len(x), mean_n), None)
-
-
 def static(train: Histories) -> Predictor:
     """Learn a cubic in the reading now."""
     x, force_n, weight = _gathered(train)
@@ -142,33 +186,26 @@ def static(train: Histories) -> Predictor:
 
 def ridge(train: Histories) -> Predictor:
     """Learn a ridge on the same inputs."""
-    x, force_n, weight = _gathered(train)
-    share = weight / weight.sum()
-    centre, mean_n = share @ x, float(share @ force_n)
-    scale = np.sqrt(share @ (x - centre) ** 2)
-    z = (x - centre) / scale
-    normal = z.T @ (z * share[:, None]) + _RIDGE * np.eye(z.shape[1])
-    slope = np.linalg.solve(normal, z.T @ (share * (force_n - mean_n)))
-    return lambda x: (np.asarray(mean_n + (x - centre) / scale @ slope), None)
+    answer = weighted_ridge(*_gathered(train), _RIDGE)
+    return lambda x: (answer(x), None)
 
 
 def trees(train: Histories) -> Predictor:
     """Learn boosted trees on the same inputs."""
-    with needing("gradient boosting", extra="produce"):
-        from sklearn.ensemble import HistGradientBoostingRegressor
     x, force_n, weight = _gathered(train)
-    machine = HistGradientBoostingRegressor(max_iter=200, random_state=0)
+    machine = boosted_trees(max_iter=200)
     machine.fit(x, force_n, sample_weight=weight)
     return lambda x: (np.asarray(machine.predict(x)), None)
 
 
 def ours(train: Histories) -> Predictor:
     """Learn a ridge on the inputs and smooth bumps; interval from kinds of motion held out."""
-    split = _by_kind if len({one.kind for one in train}) > 1 else _by_recording
+    several = len({one.kind for one in train}) > 1
+    splits = leave_out(train, lambda one: one.kind if several else one.recording_id)
     predict = _kernel_ridge(train)
     left = [
         np.abs(_kernel_ridge(inside)(one.inputs) - one.force_n)
-        for inside, tested in split(train)
+        for _, inside, tested in splits
         if inside
         for one in tested
     ] or [np.abs(predict(one.inputs) - one.force_n) for one in train]
@@ -194,7 +231,6 @@ def _kernel_ridge(train: Histories) -> Callable[[FloatArray], FloatArray]:
 
 
 MODELS: Mapping[str, Callable[[Histories], Predictor]] = {
-    "constant": constant,
     "static": static,
     "ridge": ridge,
     "trees": trees,

@@ -10,15 +10,15 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from palpate import ForceLaw
 from palpate.arrays import FloatArray
-from palpate.errors import InputError, needing
+from palpate.errors import InputError
 from palpate.estimate.force_law import INPUTS
 from palpate.estimate.force_states import log_reading, states_of
-from palpate.holds.strict import read_table
-from palpate_studies.force_learning import KnownContact, learn_population
+from palpate_studies.baselines.told_everything import boosted_trees
+from palpate_studies.force_learning import KnownContact, interval_reach, learn_population
+from palpate_studies.recordings import leave_out, read_runs
 from palpate_studies.report import StudyReport, Table, as_command
 
 LEVEL = 0.9
@@ -66,17 +66,10 @@ def report(
     Example: palpate study hydrogel --recordings hydrogel_force_control.csv.gz
     """
     contacts = read_contacts(recordings)
-    names = list(dict.fromkeys(one.recording for one in contacts))
-    if len(names) < 2:
+    splits = leave_out(contacts, lambda one: one.recording)
+    if len(splits) < 2:
         raise InputError(f"{recordings}: one recording; each is left out in turn, give two")
-    rows = [
-        row
-        for name in names
-        for row in score(
-            [one for one in contacts if one.recording != name],
-            tested=[one for one in contacts if one.recording == name],
-        )
-    ]
+    rows = [row for _, train, tested in splits for row in score(train, tested=tested)]
     return StudyReport(
         name="hydrogel",
         title="Force of a hydrogel sensor under a robot's force loop (real)",
@@ -85,22 +78,9 @@ def report(
             "Each recording in turn is left out of what the laws learn; the authors' LSTM was "
             "trained by its authors and ran live.",
             "`ours` is `palpate.ForceLaw` on the sum of 16 channels, scaled by the training "
-            "contacts; ridge and trees see each channel and the same states.",
+            "contacts; trees see each channel and the same states.",
         ),
-        tables=[
-            Table.of(
-                "Recording left out",
-                rows,
-                {
-                    "recording": "{recording}",
-                    "contacts": "{contacts}",
-                    "method": "{method}",
-                    "RMS error, N": "{rms_n:.1f}",
-                    "median |ln error|": "{median_abs_log_error:.2f}",
-                    "coverage": "{coverage:.2f}",
-                },
-            )
-        ],
+        tables=[Table.of("Recording left out", rows)],
         payload={"study": "hydrogel", "origin": "real", "rows": rows},
     )
 
@@ -113,26 +93,22 @@ def read_contacts(path: Path) -> list[Contact]:
 
     Raises `InputError` if the file can't be used or no contact in it has a rest before it.
     """
-    numbers = ("time_s", "press", "force_n", "lstm_n", *_CHANNELS)
-    table = read_table(path, columns={"recording": "text", **dict.fromkeys(numbers, "number")})
-    voltage = np.column_stack([table[name] for name in _CHANNELS])
     found = []
-    keys = list(zip(table["recording"], table["press"], strict=True))
-    for recording, press in dict.fromkeys(keys):
-        mine = (table["recording"] == recording) & (table["press"] == press)
-        force_n = table["force_n"][mine]
+    numbers = ("time_s", "press", "force_n", "lstm_n", *_CHANNELS)
+    for run in read_runs(path, keys=("recording", "press"), text=("recording",), numbers=numbers):
+        force_n = run["force_n"]
         inside = np.flatnonzero(force_n >= SMALLEST_N)
         if len(inside) < LEAST_SAMPLES or inside[0] < _REST_SAMPLES:
             continue
         first, used = inside[0], slice(inside[0] - _REST_SAMPLES, inside[-1] + 1)
-        here = voltage[mine]
+        here = np.column_stack([run[name] for name in _CHANNELS])
         rest = np.median(here[first - _REST_SAMPLES : first], axis=0)
         found.append(
             Contact(
-                recording=str(recording),
-                time_s=table["time_s"][mine][used],
+                recording=str(run["recording"][0]),
+                time_s=run["time_s"][used],
                 force_n=force_n[used],
-                lstm_n=table["lstm_n"][mine][used],
+                lstm_n=run["lstm_n"][used],
                 change=rest / here[used] - 1.0,
             )
         )
@@ -143,13 +119,13 @@ def read_contacts(path: Path) -> list[Contact]:
 
 def score(train: Sequence[Contact], *, tested: Sequence[Contact]) -> list[dict[str, Any]]:
     """Return a row a method: error and coverage on the contacts of one recording."""
-    gain = _USUAL_EXCESS / np.percentile(np.concatenate([_summed(one) for one in train]), 90)
+    summed = np.concatenate([one.change[one.scored].sum(axis=1) for one in train])
+    gain = float(_USUAL_EXCESS / np.percentile(summed, 90))
     truth = np.concatenate([one.force_n[one.scored] for one in tested])
-    learned = _learned(train, tested, gain=float(gain))
     answers = {
-        "ours": _by_law(train, tested, gain=float(gain)),
+        "ours": _by_law(train, tested, gain=gain),
         "authors' LSTM": (np.concatenate([one.lstm_n[one.scored] for one in tested]), None),
-        **{name: (value, None) for name, value in learned.items()},
+        "trees": (_by_trees(train, tested, gain=gain), None),
         "mean force": (np.full(len(truth), np.mean(_forces(train))), None),
     }
     return [
@@ -166,10 +142,6 @@ def score(train: Sequence[Contact], *, tested: Sequence[Contact]) -> list[dict[s
         }
         for name, (value, covers) in answers.items()
     ]
-
-
-def _summed(one: Contact) -> FloatArray:
-    return np.asarray(one.change[one.scored].sum(axis=1))
 
 
 def _forces(contacts: Sequence[Contact]) -> FloatArray:
@@ -190,7 +162,6 @@ def _by_law(
             KnownContact(
                 inputs=_states(one, gain=gain)[:, :INPUTS],
                 force_n=one.force_n[one.scored],
-                weight=np.ones(int(one.scored.sum())),
                 place=(one.recording, number),
             )
             for number, one in enumerate(train)
@@ -199,29 +170,15 @@ def _by_law(
     law = ForceLaw(population)
     log_n, sd = law.log_force(np.concatenate([_states(one, gain=gain) for one in tested]))
     away = np.abs(log_n - np.log(_forces(tested)))
-    return np.exp(log_n), away <= float(ndtri(0.5 + LEVEL / 2)) * sd
+    return np.exp(log_n), away <= interval_reach(LEVEL) * sd
 
 
-def _learned(
-    train: Sequence[Contact], tested: Sequence[Contact], *, gain: float
-) -> dict[str, FloatArray]:
-    """Return the force by ridge and by boosted trees, which see every channel and the states."""
-    with needing("ridge and gradient boosting", extra="produce"):
-        from sklearn.ensemble import HistGradientBoostingRegressor
-        from sklearn.linear_model import Ridge
-        from sklearn.pipeline import make_pipeline
-        from sklearn.preprocessing import StandardScaler
+def _by_trees(train: Sequence[Contact], tested: Sequence[Contact], *, gain: float) -> FloatArray:
+    """Return the force by boosted trees, which see every channel and the states."""
 
     def seen(contacts: Sequence[Contact]) -> FloatArray:
         each = [np.hstack([one.change[one.scored], _states(one, gain=gain)]) for one in contacts]
         return np.concatenate(each)
 
-    machines = {
-        "ridge": make_pipeline(StandardScaler(), Ridge(alpha=1.0)),
-        "trees": HistGradientBoostingRegressor(random_state=0),
-    }
-    inputs, force_n, unseen = seen(train), _forces(train), seen(tested)
-    return {
-        name: np.asarray(machine.fit(inputs, force_n).predict(unseen))
-        for name, machine in machines.items()
-    }
+    machine = boosted_trees().fit(seen(train), _forces(train))
+    return np.asarray(machine.predict(seen(tested)))

@@ -19,7 +19,7 @@ from palpate.produce.sorting.hand import SortingHand, TimedGrasp
 from palpate.rig.simulated import calibrate_twin
 from palpate.settling.result import Status
 from palpate.twin.crate import CRATE_STRANGERS, CRATE_TAUGHT, CrateItem, CrateTable, draw_crate
-from palpate_studies.second.crates import other_item
+from palpate_studies.second.things import other_item
 
 #: Grasps of each item that is taught, and of each that is sorted.
 TAUGHT_GRASPS, SORTED_GRASPS = 2, 3
@@ -43,12 +43,8 @@ class CrateItemGrasps:
         Whether its kind is taught.
     size_mm : float
         Its true mean diameter.
-    stiffness_n_per_mm : float
-        Its true secant stiffness at 2 N, of its mean side.
     damaged : bool
         Whether any grasp pressed it beyond its yield.
-    target_force_n : float or None
-        What it was pressed to; None for a gentle squeeze.
     grasps : tuple of TimedGrasp
         In order.
     """
@@ -60,22 +56,13 @@ class CrateItemGrasps:
     teaches: bool
     known: bool
     size_mm: float
-    stiffness_n_per_mm: float
     damaged: bool
     grasps: tuple[TimedGrasp, ...]
-    target_force_n: float | None = None
 
     @property
     def named(self) -> str:
         """The answer of a method that makes no mistake: the kind, or unknown for a stranger."""
         return self.kind if self.known else UNKNOWN
-
-
-def squeeze_in_words(crates: Sequence[CrateItemGrasps]) -> str:
-    """Return a sentence on how hard the items of crates were pressed."""
-    forces = {item.target_force_n for item in crates}
-    said = sorted("gently" if n is None else f"to {n:g} N" for n in forces)
-    return f"Every item is squeezed {' or '.join(said)}."
 
 
 def measured_crates(
@@ -85,7 +72,6 @@ def measured_crates(
     taught: int,
     sorted_items: int,
     second: bool = False,
-    target_force_n: float | None = None,
 ) -> list[CrateItemGrasps]:
     """Calibrate a sensor, grasp a number of items of each kind to teach it, then a crate to sort.
 
@@ -98,7 +84,7 @@ def measured_crates(
         array=table.array,
         gripper=table.gripper,
         clock=table.clock,
-        plan=plan_grasp(calibration, gripper=table.gripper, target_force_n=target_force_n),
+        plan=plan_grasp(calibration, gripper=table.gripper),
         rig="sim-rigid",
         origin="twin",
         calibration_id=calibration.sensor_id,
@@ -130,7 +116,6 @@ def _grasped(
         size = found[-1].grasp.measurements.get("size_mm") if found else None
         found.append(hand.grasp(item.item_id, expected=size))
         damaged = damaged or table.is_damaged()
-    stiffness = 2.0 / (2.0 / item.mean.force_at_1mm_n) ** (1.0 / item.mean.exponent)
     return CrateItemGrasps(
         level=level,
         sensor=sensor,
@@ -139,10 +124,8 @@ def _grasped(
         teaches=item.item_id.startswith("taught"),
         known=item.taught,
         size_mm=item.mean.size_mm,
-        stiffness_n_per_mm=stiffness,
         damaged=damaged,
         grasps=tuple(found),
-        target_force_n=hand.plan.target_force_n,
     )
 
 
@@ -212,4 +195,5 @@ def _from_json(row: Mapping[str, Any]) -> CrateItemGrasps:
         )
         for one in row["grasps"]
     )
-    return CrateItemGrasps(**{**row, "grasps": grasps})
+    known = {name: row[name] for name in CrateItemGrasps.__slots__ if name != "grasps"}
+    return CrateItemGrasps(**known, grasps=grasps)

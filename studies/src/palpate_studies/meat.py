@@ -112,23 +112,7 @@ def judge(rows: list[dict[str, Any]]) -> StudyReport:
             f"{SHEET_SD:.2f} (ln) a grasp, as on the twin. No age, doneness or disease is known of "
             "any curve.",
         ),
-        tables=[
-            Table.of(
-                "By the time of a press",
-                summary,
-                {
-                    "press": "{speed}",
-                    "presses": "{presses}",
-                    "median peak, N": "{force_n:.1f}",
-                    "second peak over first": "{again:.2f}",
-                    "sd of ln force, specimens": "{sd:.2f}",
-                    "grain named by force, %": "{grain_by_force:.0p}",
-                    "by force and second peak, %": "{grain_by_both:.0p}",
-                    "specimens to see -30 %": "{needed_30}",
-                    "specimens to see -50 %": "{needed_50}",
-                },
-            )
-        ],
+        tables=[Table.of("By the time of a press", summary)],
         payload={"study": "meat", "origin": "real", "summary": summary},
     )
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.holds.strict import read_table
+from palpate_studies.recordings import read_runs
 
 #: A press is a run of force above this, and above this share of the recording's 90th percentile,
 SMALLEST_FORCE_N = 0.5
@@ -78,28 +78,16 @@ def read_presses(path: Path) -> list[Press]:
     InputError
         If the file can't be used, time runs backwards, or there is no press in it.
     """
-    table = read_table(
-        path,
-        columns={
-            "recording_id": "text",
-            "time_s": "number",
-            "resistance_ohm": "number",
-            "force_n": "number",
-        },
-    )
     presses: list[Press] = []
-    ids = table["recording_id"]
-    starts = np.flatnonzero(np.r_[True, ids[1:] != ids[:-1]])
-    for start, end in zip(starts, np.r_[starts[1:], len(ids)], strict=True):
-        time_s, ohm, force_n = (
-            table[c][start:end] for c in ("time_s", "resistance_ohm", "force_n")
-        )
-        where = f"{path}: recording {ids[start]!r}"
+    numbers = ("time_s", "resistance_ohm", "force_n")
+    for run in read_runs(path, keys=("recording_id",), text=("recording_id",), numbers=numbers):
+        name, (time_s, ohm, force_n) = str(run["recording_id"][0]), (run[key] for key in numbers)
+        where = f"{path}: recording {name!r}"
         if (np.diff(time_s) <= 0).any():
             raise InputError(f"{where}: time_s doesn't increase; sort it by time")
         if (ohm <= 0).any():
             raise InputError(f"{where} has a resistance of 0 ohm or less; remove those samples")
-        presses += cut(str(ids[start]), time_s, ohm, force_n)
+        presses += cut(name, time_s, ohm, force_n)
     if not presses:
         raise InputError(
             f"{path}: no press in it (force above {SMALLEST_FORCE_N} N for {SHORTEST_S} s)"

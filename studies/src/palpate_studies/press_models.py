@@ -1,4 +1,4 @@
-"""Models that follow a press: constant, clock, static law, ridge, trees, the law of palpate.
+"""Models that follow a press: a clock, a static law, boosted trees, the law of palpate.
 
 Each is given the force once and answers with ln(force / given force) at every sample, and with the
 half width of its interval. Everything is learned from training presses; every setting counts as
@@ -13,13 +13,12 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from palpate import ForceLaw
 from palpate.arrays import FloatArray
-from palpate.errors import needing
 from palpate.estimate.force_states import log_reading, states_of
-from palpate_studies.force_learning import KnownContact, learn_population
+from palpate_studies.baselines.told_everything import boosted_trees
+from palpate_studies.force_learning import KnownContact, interval_reach, learn_population
 from palpate_studies.press_data import Press
 
 LEVEL = 0.9
@@ -87,22 +86,12 @@ def folds(presses: Presses) -> Iterator[tuple[list[Press], list[Press]]]:
         yield inside, [press for press in presses if press.trace.group in fold]
 
 
-def _median(values: FloatArray, weight: FloatArray, level: float = 0.5) -> float:
-    order = np.argsort(values)
-    share = np.cumsum(weight[order]) / weight.sum()
-    return float(values[order[min(int(np.searchsorted(share, level)), len(order) - 1)]])
-
-
 def _with_interval(follow: Callable[[Press], FloatArray], train: Presses) -> Follower:
     errors = _pooled(train, lambda press: np.abs(follow(press) - log_change(press)))
-    half = _median(errors, _weight(train), LEVEL)
+    order, weight = np.argsort(errors), _weight(train)
+    share = np.cumsum(weight[order]) / weight.sum()
+    half = errors[order[min(int(np.searchsorted(share, LEVEL)), len(order) - 1)]]
     return lambda press: ((value := follow(press)), np.full(value.shape, half))
-
-
-def constant(train: Presses) -> Follower:
-    """Learn by how much the force still rises after it is given."""
-    rise = _median(_pooled(train, log_change), _weight(train))
-    return _with_interval(lambda press: np.full(len(press.trace.time_s), rise), train)
 
 
 def clock(train: Presses) -> Follower:
@@ -135,27 +124,10 @@ def static(train: Presses) -> Follower:
 
 def trees(train: Presses) -> Follower:
     """Learn boosted trees on the states since the force was given."""
-    with needing("gradient boosting", extra="produce"):
-        from sklearn.ensemble import HistGradientBoostingRegressor
-    machine = HistGradientBoostingRegressor(
-        loss="absolute_error", max_iter=_ROUNDS, random_state=0, early_stopping=False
-    )
+    machine = boosted_trees(loss="absolute_error", max_iter=_ROUNDS, early_stopping=False)
     inputs = np.concatenate([_inputs(press)[_seen(press)] for press in train])
     machine.fit(inputs, _pooled(train, log_change), sample_weight=_weight(train))
     return _with_interval(lambda press: np.asarray(machine.predict(_inputs(press))), train)
-
-
-def ridge(train: Presses) -> Follower:
-    """Learn a ridge on the same inputs as the trees."""
-
-    def basis(press: Press) -> FloatArray:
-        inputs = _inputs(press)
-        return np.column_stack([inputs, np.ones(len(inputs))])
-
-    x, y = np.concatenate([basis(p)[_seen(p)] for p in train]), _pooled(train, log_change)
-    weighed = x * _weight(train)[:, None]
-    line = np.linalg.solve(weighed.T @ x + 1e-3 * len(x) * np.eye(x.shape[1]), weighed.T @ y)
-    return _with_interval(lambda press: np.asarray(basis(press) @ line), train)
 
 
 def ours(train: Presses) -> Follower:
@@ -167,7 +139,7 @@ def ours(train: Presses) -> Follower:
         law, given_n = ForceLaw(population), float(press.trace.force_n[given])
         law.update(states[given], force_n=given_n)
         value, sd = law.log_force(states)
-        return value - np.log(given_n), float(ndtri(0.5 + LEVEL / 2)) * sd
+        return value - np.log(given_n), interval_reach(LEVEL) * sd
 
     return follow
 
@@ -187,10 +159,8 @@ def known_contact(press: Press) -> KnownContact:
 
 
 MODELS: Mapping[str, Callable[[Presses], Follower]] = {
-    "constant": constant,
     "clock": clock,
     "static": static,
-    "ridge": ridge,
     "trees": trees,
     "ours": ours,
 }

@@ -1,18 +1,19 @@
-"""Force now under real presses: given once, then from resistance alone."""
+"""Force now under real presses, from resistance after the force was measured once."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate_studies.press_data import read_presses
-from palpate_studies.press_follow import Followed, in_newtons
-from palpate_studies.press_models import FOLDS, LEVEL, MODELS, Presses, folds
+from palpate_studies.press_data import Press, read_presses
+from palpate_studies.press_models import FOLDS, LEVEL, MODELS, Prediction, Presses, folds
 from palpate_studies.protocol.paired import compare
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import group
@@ -21,15 +22,76 @@ from palpate_studies.rows import group
 BANDS = {"0-2": (0.0, 2.0), "2-5": (2.0, 5.0), "5-15": (5.0, 15.0), "15-": (15.0, np.inf)}
 _FOLDED = f"{FOLDS} folds by setting: a setting's repeats are left out together."
 _WORDS = (
-    "All models are given the force once per press, then all but `constant` and `clock`, which "
-    "see no sensor, see resistance alone: how much force rises after that, and when, is learned "
-    "like everything else. "
-    "`ours`: `palpate.ForceLaw`, its population learned from the training presses; `ridge` and "
-    "`trees` see the same states.",
+    "All models are given the force once per press, then all but `clock`, which sees no sensor, "
+    "see resistance alone: how much force rises after that, and when, is learned like everything "
+    "else. `ours`: `palpate.ForceLaw`, its population learned from the training presses; `trees` "
+    "see the same states.",
     "Presses of one kind that are alike help them; the release shows what the sheet is worth.",
 )
-
 Rows: TypeAlias = list[dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Followed:
+    """A model's answer on a press, at each sample after the force was given.
+
+    Attributes
+    ----------
+    press : Press
+        The press.
+    value_n, low_n, high_n : ndarray, shape (n_after,)
+        Force and the ends of its interval, newtons.
+    """
+
+    press: Press
+    value_n: FloatArray
+    low_n: FloatArray
+    high_n: FloatArray
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Seconds since the force was given."""
+        trace = self.press.trace
+        return np.asarray(trace.time_s[trace.told + 1 :] - trace.time_s[trace.told])
+
+    @property
+    def truth_n(self) -> FloatArray:
+        """Force of the load cell, newtons."""
+        return self.press.trace.force_n[self.press.trace.told + 1 :]
+
+    @property
+    def log_error(self) -> FloatArray:
+        """ln(estimated / true force)."""
+        return np.asarray(np.log(self.value_n / self.truth_n))
+
+    @property
+    def last_held_log_error(self) -> float:
+        """Error at the last sample before the release; of the first where none was held."""
+        return float(self.log_error[max(self.press.last_held - self.press.trace.told - 1, 0)])
+
+    @property
+    def released(self) -> NDArray[np.bool_]:
+        """Whether each sample comes after the last with as much force as given."""
+        given = self.press.trace.told
+        return np.arange(given + 1, len(self.press.trace.time_s)) > self.press.last_held
+
+    @property
+    def covered(self) -> NDArray[np.bool_]:
+        """Whether the interval holds the true force."""
+        return (self.low_n <= self.truth_n) & (self.truth_n <= self.high_n)
+
+
+def in_newtons(press: Press, prediction: Prediction) -> Followed:
+    """Return a model's answer in newtons, from the given force on."""
+    given = press.trace.told
+    change, half = (part[given + 1 :] for part in prediction)
+    given_n = float(press.trace.force_n[given])
+    return Followed(
+        press=press,
+        value_n=given_n * np.exp(change),
+        low_n=given_n * np.exp(change - half),
+        high_n=given_n * np.exp(change + half),
+    )
 
 
 def report(
@@ -165,29 +227,6 @@ def _compared(followed: Mapping[str, Sequence[Followed]]) -> Rows:
 def tables(scores: Mapping[str, Any]) -> list[Table]:
     """Return the rows of the study's JSON as tables."""
     return [
-        Table.of(
-            "Force after it was given, medians over presses",
-            scores["summary"],
-            {
-                "setting": "{setting}",
-                "model": "{model}",
-                "presses": "{presses}",
-                "abs ln error": "{median_abs_log_error:.3f}",
-                "at the end": "{final_log_error:.3f}",
-                "before release": "{last_held_log_error:.3f}",
-                "coverage": "{coverage:.3f}",
-                "coverage, end": "{final_coverage:.3f}",
-            },
-        ),
-        Table.of(
-            "By force and part of the press, medians over samples",
-            scores["by_force"],
-            {
-                "model": "{model}",
-                "part": "{part}",
-                "samples": "{samples}",
-                "abs ln error": "{median_abs_log_error:.3f}",
-                "coverage": "{coverage:.3f}",
-            },
-        ),
+        Table.of("Force after it was given, medians over presses", scores["summary"]),
+        Table.of("By force and part of the press, medians over samples", scores["by_force"]),
     ]

@@ -78,13 +78,9 @@ def report(
             for name, figure in found.figures.items()
         }
         tables.append(
-            Table(
-                title="One penetrometer against itself on the other side, 720 apples, 1 lbf (real)",
-                columns=("figure", "value", "90 % interval"),
-                rows=[
-                    (FIGURES[name], f"{figure.value:.2f}", f"{figure.low:.2f} to {figure.high:.2f}")
-                    for name, figure in found.figures.items()
-                ],
+            Table.of(
+                "One penetrometer against itself on the other side, 720 apples, 1 lbf (real)",
+                [{"figure": FIGURES[name], **ends} for name, ends in payload["apples"].items()],
             )
         )
     for level in LEVELS:
@@ -92,19 +88,7 @@ def report(
         for side_sd in SIDE_SCATTERS:
             payload["summary"] += check(pool, side_sd, level=level, campaigns=campaigns)
     tables.append(
-        Table.of(
-            "Grasps against simulated penetrometers (simulated)",
-            payload["summary"],
-            {
-                "level": "{level}",
-                "side scatter": "{side_sd:g}",
-                "figure": "{figure}",
-                "true": "{true:.2f}",
-                "median": "{median:.2f}",
-                "± half width": "{median_half_width:.2f}",
-                "coverage": "{coverage:.2f}",
-            },
-        )
+        Table.of("Grasps against simulated penetrometers (simulated)", payload["summary"])
     )
     return StudyReport(
         name="qualify",

@@ -6,8 +6,9 @@ import inspect
 import json
 import os
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from string import Formatter
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, get_origin, get_type_hints
@@ -86,6 +87,13 @@ def as_command(report: Callable[..., StudyReport]) -> Callable[..., None]:
     return command
 
 
+def _plain_cell(row: Mapping[str, Any], *, key: str) -> str:
+    value = row[key]
+    if value is None:
+        return "-"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
 class _UnknownError(Exception):
     """A figure of a cell is None."""
 
@@ -123,15 +131,37 @@ class Table:
     rows: Sequence[Sequence[str]]
 
     @classmethod
-    def of(cls, title: str, rows: Iterable[Mapping[str, Any]], columns: Columns) -> Table:
+    def of(
+        cls,
+        title: str,
+        rows: Sequence[Mapping[str, Any]],
+        columns: Columns | Sequence[str] | None = None,
+    ) -> Table:
         """Return a table of the rows of a study's JSON; a cell of an unknown figure is a dash.
+
+        Parameters
+        ----------
+        title : str
+            What is above it.
+        rows : sequence of mapping
+            A line for each.
+        columns : mapping, sequence of str, optional
+            Head -> form of its cells; or keys of the rows, which are their own heads and whose
+            numbers have three digits. By default every key of the first row but those of
+            sequences.
 
         Examples
         --------
-        >>> rows = [{"way": "a", "share": 0.5, "mm": None}]
-        >>> Table.of("T", rows, {"way": "{way}", "%": "{share:.0p}", "mm": "{mm:.1f}"}).rows
-        [['a', '50', '-']]
+        >>> rows = [{"way": "a", "share": 0.51234, "size_mm": None}]
+        >>> Table.of("T", rows).columns, Table.of("T", rows).rows
+        (('way', 'share', 'size mm'), [['a', '0.512', '-']])
+        >>> Table.of("T", rows, {"way": "{way}", "%": "{share:.0p}"}).rows
+        [['a', '51']]
         """
+        if columns is None:
+            columns = [key for key, value in rows[0].items() if not isinstance(value, list | dict)]
+        if not isinstance(columns, Mapping):
+            columns = {key.replace("_", " "): partial(_plain_cell, key=key) for key in columns}
         cells = [[_cell(form, row) for form in columns.values()] for row in rows]
         return cls(title=title, columns=tuple(columns), rows=cells)
 

@@ -19,25 +19,21 @@ from palpate.estimate.damage_learning import (
     split,
 )
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
-from palpate_studies.rupture_policies import (
-    PUBLISHED,
-    Scored,
-    cap_scores,
-    fit_rule,
-    published_scores,
-    rule_scores,
-    shipped_scores,
-    stop_forces,
-)
 from palpate_studies.rupture_ridge import learn_ridge
 from palpate_studies.rupture_tradeoff import (
     RATES,
     Method,
     Policy,
+    Scored,
     Scorer,
     Splits,
     applied,
+    cap_scores,
     compare_grips,
+    fit_rule,
+    rule_scores,
+    shipped_scores,
+    stop_forces,
     tradeoff,
 )
 from palpate_studies.second.closings import other_closings
@@ -65,7 +61,12 @@ def report(
     """
     if (test_curves is None) != (test_index is None):
         raise InputError("--test-curves and --test-index go together; give both or neither")
-    closings = closings_of(curves, index, second=second)
+    if second and curves is None and index is None:
+        closings = other_closings()
+    elif second or curves is None or index is None:
+        raise InputError("give either --curves and --index or --second")
+    else:
+        closings = read_closings(curves, index)
     if test_curves is None or test_index is None:
         splits, how = split(closings), f"{FOLDS}-fold cross-validation"
     else:
@@ -74,29 +75,50 @@ def report(
     tested = [closing for _, test in splits for closing in test]
     methods = [shipped(splits, known=known) for known in (True, False)]
     policies = [Policy("cap per fruit", _cap), RULE, Policy("ridge", learn_ridge)]
-    if all(closing.fruit in PUBLISHED for closing in tested):
-        policies.append(Policy("rule as published", lambda training: published_scores))
     methods += [applied(policy, splits) for policy in policies]
-    provenance = (
-        f"{origin(second=second)}; {how}.",
-        "`ours` is `DamageModel.bound_n`, the limit that a grasp obeys, at the nominal rate as it "
-        "is; every sample used precedes the decision. Each other method's setting is chosen for "
-        "the rate on the training fruit (a rank of scores by models fitted without each fruit); "
-        "the rate that it then has on the tested fruit stands next to it.",
-        "Stiffness rule: a line per fruit fitted to the training fruit, with our stiffness. Rule "
-        "as published: with its authors' constants and window; they fitted them to fruit that may "
-        "be among these. Ridge: force over rupture force from ten features of the curve so far; "
-        "one for each fruit.",
-    )
-    return grip_report(
-        "rupture",
-        "Stopping before rupture",
-        methods,
-        closings=tested,
-        provenance=provenance,
-        second=second,
-        nominal_rate=NOMINAL_RATE,
-        rows=[row for training, test in splits for row in _stopped(training, test=test)],
+    entries, compared = tradeoff(methods, closings=tested), compare_grips(methods, tested)
+    return StudyReport(
+        name="rupture",
+        title="Stopping before rupture",
+        provenance=(
+            (
+                "Simulated (second generator): fruit with a skin, of foam and of dough, each kind "
+                "of two ripenesses that rupture at a deformation of their own whatever the "
+                "stiffness"
+                if second
+                else "Real recordings of fruit closed on until rupture"
+            )
+            + f"; {how}.",
+            "`ours` is `DamageModel.bound_n`, the limit that a grasp obeys, at the nominal rate as "
+            "it is; every sample used precedes the decision. Each other method's setting is chosen "
+            "for the rate on the training fruit (a rank of scores by models fitted without each "
+            "fruit); the rate that it then has on the tested fruit is next to it.",
+            "Stiffness rule: a line per fruit fitted to the training fruit, with our stiffness. "
+            "Ridge: force over rupture force from ten features of the curve so far; one for each "
+            "fruit.",
+        ),
+        tables=[
+            Table.wide(
+                "Firmness (mean stop force / rupture force) and fruit ruptured, by nominal rate",
+                [row | {"rate": f"{row['rate_limit']:.1%}"} for row in entries],
+                {"fruit": "{fruit}", "method": "{method}"},
+                over="rate",
+                form="{firmness:.2f} ({ruptured} of {grasps})",
+            ),
+            Table.of(
+                "Ours less each rival: grip lost, a rupture counted as all of it (90 % interval)",
+                compared,
+                ("rival", "rate_limit", "difference", "low", "high", "verdict"),
+            ),
+        ],
+        payload={
+            "study": "rupture",
+            "second_generator": second,
+            "nominal_rate": NOMINAL_RATE,
+            "rows": [row for training, test in splits for row in _stopped(training, test=test)],
+            "tradeoff": entries,
+            "compared": compared,
+        },
     )
 
 
@@ -128,76 +150,6 @@ def _stopped(
             }
         )
     return rows
-
-
-def grip_report(
-    name: str,
-    title: str,
-    methods: Sequence[Method],
-    *,
-    closings: Sequence[FruitClosing],
-    provenance: Sequence[str],
-    second: bool,
-    **payload: Any,
-) -> StudyReport:
-    """Report how firm a grip each method gives at each nominal rate, ours against the others."""
-    entries, compared = tradeoff(methods, closings=closings), compare_grips(methods, closings)
-    return StudyReport(
-        name=name,
-        title=title,
-        provenance=provenance,
-        tables=[
-            Table.wide(
-                "Firmness (mean stop force / rupture force) and fruit ruptured, by nominal rate",
-                [row | {"rate": f"{row['rate_limit']:.1%}"} for row in entries],
-                {"fruit": "{fruit}", "method": "{method}"},
-                over="rate",
-                form="{firmness:.2f} ({ruptured} of {grasps})",
-            ),
-            Table.of(
-                "Ours less each rival: grip lost, a rupture counted as all of it (90 % interval)",
-                compared,
-                {
-                    "rival": "{rival}",
-                    "nominal rate": "{rate_limit:.1%}",
-                    "difference": "{difference:+.3f} ({low:+.3f} to {high:+.3f})",
-                    "who loses less": "{verdict}",
-                },
-            ),
-        ],
-        payload={
-            "study": name,
-            "second_generator": second,
-            **payload,
-            "tradeoff": entries,
-            "compared": compared,
-        },
-    )
-
-
-def closings_of(curves: Path | None, index: Path | None, *, second: bool) -> list[FruitClosing]:
-    """Return the closings of two files, or those of the second generator.
-
-    Raises
-    ------
-    InputError
-        If neither or both are asked for.
-    """
-    if second and curves is None and index is None:
-        return other_closings()
-    if second or curves is None or index is None:
-        raise InputError("give either --curves and --index or --second")
-    return read_closings(curves, index)
-
-
-def origin(*, second: bool) -> str:
-    """Return what the closings are, for a report."""
-    if not second:
-        return "Real recordings of fruit closed on until rupture"
-    return (
-        "Simulated (second generator): fruit with a skin, of foam and of dough, each kind of two "
-        "ripenesses that rupture at a deformation of their own whatever the stiffness"
-    )
 
 
 def shipped(splits: Splits, *, known: bool) -> Method:

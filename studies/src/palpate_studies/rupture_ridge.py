@@ -8,10 +8,9 @@ from functools import lru_cache
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.errors import needing
 from palpate.estimate.damage_learning import FruitClosing
-from palpate_studies.rupture_policies import Scored
-from palpate_studies.rupture_tradeoff import Scorer
+from palpate_studies.baselines.told_everything import scaled_ridge
+from palpate_studies.rupture_tradeoff import Scored, Scorer
 
 #: Learned from are states from this fraction of the rupture force on: before, all curves are alike.
 _FROM = 0.2
@@ -30,18 +29,13 @@ def learn_ridge(training: Sequence[FruitClosing]) -> Scorer:
     MissingExtraError
         If scikit-learn is not installed.
     """
-    with needing("the ridge of study rupture", extra="produce"):
-        from sklearn.linear_model import RidgeCV
-        from sklearn.pipeline import make_pipeline
-        from sklearn.preprocessing import StandardScaler
     trained = {}
     for fruit in {closing.fruit for closing in training}:
         mine = [c for c in training if c.fruit == fruit and len(c.states)]
         rows = np.concatenate([features(c) for c in mine])
         load = np.concatenate([c.force_n / c.rupture_force_n for c in mine])
         used = load > _FROM
-        machine = make_pipeline(StandardScaler(), RidgeCV(np.geomspace(0.1, 1e3, 9)))
-        trained[fruit] = machine.fit(rows[used], np.log(load[used]))
+        trained[fruit] = scaled_ridge().fit(rows[used], np.log(load[used]))
 
     def score(closing: FruitClosing) -> Scored:
         if not len(closing.states):

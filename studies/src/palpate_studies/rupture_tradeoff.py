@@ -1,4 +1,7 @@
-"""How firm a grip each way of stopping gives, at settings that were chosen on other fruit."""
+"""Methods that decide when to stop closing on a fruit, and how firm a grip each gives.
+
+Their settings are chosen on other fruit than those that are scored.
+"""
 
 from __future__ import annotations
 
@@ -9,21 +12,108 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import beta
 
+from palpate.estimate.damage import DamageModel
 from palpate.estimate.damage_learning import FruitClosing, split
+from palpate.estimate.measurement import Measurement
+from palpate.estimate.strength import ClosingState
 from palpate_studies.protocol.paired import compare
 from palpate_studies.protocol.parts import Learned
-from palpate_studies.rupture_policies import Scored, stop_forces
 
+#: Half of the interval of a stiffness by load cell and encoder, as a share of it.
+_EXACT = 0.01
 #: Nominal rates of rupture at which methods are compared.
 RATES = (0.01, 0.02, 0.03, 0.05, 0.075, 0.10)
 LEVEL = 0.9
 #: Score of a fruit that ruptured before its first force level, below any other.
 _LEAST_SCORE = -6.0
+#: Pairs of closings that are learned from and closings that are judged.
+Splits: TypeAlias = Sequence[tuple[Sequence[FruitClosing], Sequence[FruitClosing]]]
+
+
+class Scored(NamedTuple):
+    """How near the limit a policy thinks to be, with the force at which it came to think so."""
+
+    force_n: NDArray[np.float64]
+    score: NDArray[np.float64]
+
+
+def shipped_scores(closing: FruitClosing, *, model: DamageModel, kind_known: bool) -> Scored:
+    """Return the share of such fruit that each force would damage, as a grasp's limit has it.
+
+    A grasp stops below `DamageModel.bound_n`; the share reaches the nominal rate at that force.
+    """
+    kind = closing.fruit if kind_known else ""
+    shares = [
+        model.rate_below(state.force_n, _measured(state), kind=kind) for state in closing.states
+    ]
+    return Scored(closing.force_n, np.array(shares))
+
+
+def _measured(state: ClosingState) -> Measurement:
+    """Return the stiffness of a curve as a measurement: the load cell shows it well."""
+    value = float(np.exp(state.log_stiffness))
+    low, high = value / (1 + _EXACT), value * (1 + _EXACT)
+    return Measurement(value=value, low=low, high=high, unit="n_per_mm")
+
+
+def cap_scores(closing: FruitClosing, *, median_n: float) -> Scored:
+    """Score of the cap per fruit: force as a share of the fruit's median rupture force."""
+    return Scored(closing.force_n, np.array([s.force_n for s in closing.states]) / median_n)
+
+
+def rule_scores(closing: FruitClosing, *, line: tuple[float, float]) -> Scored:
+    """Score of the linear stiffness rule: force as a share of what the rule predicts."""
+    intercept_n, slope_mm = line
+    stiffness = np.exp([state.log_stiffness for state in closing.states])
+    predicted_n = np.maximum(intercept_n + slope_mm * stiffness, 0.1)
+    force_n = np.array([state.force_n for state in closing.states])
+    return Scored(closing.force_n, force_n / predicted_n)
+
+
+def fit_rule(closings: Sequence[FruitClosing]) -> tuple[float, float]:
+    """Fit rupture force = intercept + slope x stiffness, the stiffness as it is at half load."""
+    stiffness, limits_n = [], []
+    for closing in closings:
+        reached = [s for s in closing.states if s.force_n >= closing.rupture_force_n / 2]
+        if reached:
+            stiffness.append(np.exp(reached[0].log_stiffness))
+            limits_n.append(closing.rupture_force_n)
+    slope, intercept = np.polyfit(stiffness, limits_n, 1)
+    return float(intercept), float(slope)
+
+
+def stop_forces(
+    scored: Sequence[Scored],
+    *,
+    rupture_force_n: Sequence[float],
+    at: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return where each closing stops when its score first reaches each setting.
+
+    Parameters
+    ----------
+    scored : sequence of Scored, length n
+        One per closing.
+    rupture_force_n : sequence of float, length n
+        What the fruit stood.
+    at : ndarray, shape (n_settings,)
+        Scores at which to stop.
+
+    Returns
+    -------
+    ndarray, shape (n, n_settings)
+        Force, N; the rupture force where it didn't stop in time.
+    """
+    stops = np.empty((len(scored), len(at)))
+    for row, (one, limit_n) in enumerate(zip(scored, rupture_force_n, strict=True)):
+        highest = np.maximum.accumulate(one.score)
+        first = np.searchsorted(highest, at) if len(highest) else np.zeros(len(at), dtype=int)
+        stops[row] = np.append(one.force_n, limit_n)[first]
+    return stops
+
 
 #: Scores closings by what was learned from others.
 Scorer: TypeAlias = Callable[[FruitClosing], Scored]
-#: Pairs of closings that are learned from and closings that are judged.
-Splits: TypeAlias = Sequence[tuple[Sequence[FruitClosing], Sequence[FruitClosing]]]
 
 
 class Policy(NamedTuple):

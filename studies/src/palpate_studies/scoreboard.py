@@ -157,14 +157,10 @@ def _read_claim(row: Mapping[str, Any], docs: Path) -> Claim:
         ends = _compare(row, "second_difference", figures, verdict=better)
         second = f"**{_VERDICTS[better]}**: {second} ({{}}, {{}} to {{}})".format(*ends)
     return Claim(
-        name=row["name"],
-        claim=row["claim"],
-        code=row["code"],
+        **{key: row[key] for key in ("name", "claim", "code", "held", "verdict")},
         study=kept["command"].split()[2],
         origin=kept["origin"],
-        held=row["held"],
         difference=difference,
-        verdict=verdict,
         second=second,
         first_page=row.get("first_page", False),
         **{key: _fill(row.get(key, ""), kept["figures"], claim=row["name"]) for key in _FILLED},

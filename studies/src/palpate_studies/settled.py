@@ -1,9 +1,14 @@
-"""The settled value on every material, none of which a rule has learned from."""
+"""The settled value on every material, none of which a rule has learned from.
+
+The rules that learn from other holds work in ln of positive readings: a hold is its fall up to the
+cut-off, and the truth is ln(settled / last reading).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,13 +19,17 @@ from palpate import predict_settled
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.holds import Hold, read_holds, settled_value
+from palpate.settling.baselines import LogLaw
 from palpate.settling.calibrated import Calibrated
 from palpate.settling.result import SettlingMethod, Status
-from palpate_studies import settled_rules as rules
+from palpate_studies.baselines.told_everything import weighted_ridge
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import mean, median
-from palpate_studies.settled_rules import HORIZON_S, Rule, Shown
 
+HORIZON_S = 20.0
+#: Stretches of log time that the ridge sees of a hold, and its penalties to choose from.
+STRETCHES, PENALTIES = 6, np.geomspace(1e-3, 10.0, 9)
+_TINY = 1e-9
 CUTOFFS_S = (1.0, 2.5, 5.0)
 OURS = "ours"
 #: Rules that need no other holds, by the name that `predict_settled` knows them by.
@@ -32,6 +41,97 @@ MOST_TESTED = 60
 #: Drawn holds of one exponential, the paper's equation 2: time constants (s), shares, noise, rate.
 SINGLE, SINGLE_HOLDS, SINGLE_SEED = "single exponential, drawn", 200, 7
 _TAU_S, _SHARE, _NOISE, _RATE_HZ = (0.4, 8.0), (0.05, 0.6), (2e-4, 2e-3), 15.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Shown:
+    """One hold up to a cut-off, in ln: what rules may use, and the truth.
+
+    `profile`, shape (STRETCHES + 1,): the fall in each stretch as a share of the whole, the whole
+    and its logarithm. `log_law`: the change to come by the log law; `change`: that which came.
+    """
+
+    profile: FloatArray
+    drop: float
+    log_law: float
+    change: float
+
+
+def show(hold: Hold, cutoff_s: float) -> Shown:
+    """Return what a hold of positive values shows up to a cut-off."""
+    seen = hold.time_s <= cutoff_s
+    time_s, height = hold.time_s[seen], np.log(hold.values[seen])
+    edges = np.geomspace(0.1, cutoff_s + 0.1, STRETCHES + 1) - 0.1
+    parts = np.interp((edges[1:] + edges[:-1]) / 2, time_s, height)
+    for index, (start_s, end_s) in enumerate(pairwise(edges)):
+        inside = (time_s >= start_s) & (time_s <= end_s)
+        if inside.any():
+            parts[index] = height[inside].mean()
+    fall = parts[:-1] - parts[-1]
+    drop = float(np.abs(fall).max()) + _TINY
+    law = LogLaw(wait_s=0.1, from_s=0.4)
+    below = law.predict(time_s, (height - height[-1])[None], horizon_s=HORIZON_S, level=0.9)
+    settled = settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
+    return Shown(
+        profile=np.array([*(fall / drop), np.log(drop), drop]),
+        drop=drop,
+        log_law=float(below.hold(0).value),
+        change=float(np.log(settled) - height[-1]),
+    )
+
+
+Rule = Callable[[Shown], float]
+
+
+def multiple(others: Mapping[str, Sequence[Shown]]) -> Rule:
+    """Return the constant multiple of the last reading: the median of materials alike."""
+    change = np.array([one.change for holds in others.values() for one in holds])
+    middle = _weighted_median(change, _alike(others))
+    return lambda one: middle
+
+
+def scaled_log_law(others: Sequence[Shown]) -> Rule:
+    """Return the change by the log law times the factor that others ask for (least error)."""
+    guess = np.array([one.log_law for one in others])
+    change = np.array([one.change for one in others])
+    known = np.abs(guess) > _TINY
+    if not known.any():
+        return lambda one: one.log_law
+    factor = _weighted_median(change[known] / guess[known], np.abs(guess[known]))
+    return lambda one: factor * one.log_law
+
+
+def ridge(others: Mapping[str, Sequence[Shown]]) -> Rule:
+    """Return a ridge on every feature, its penalty chosen with one material left out in turn."""
+    names = np.repeat(list(others), [len(holds) for holds in others.values()])
+    holds = [one for some in others.values() for one in some]
+    features = np.array([one.profile for one in holds])
+    target = np.array([one.change / one.drop for one in holds])
+    weight = _alike(others)
+
+    def miss(penalty: float) -> float:
+        return float(
+            sum(
+                np.median(np.abs(line(features[left]) - target[left]))
+                for name in others
+                for left in [names == name]
+                for line in [weighted_ridge(features[~left], target[~left], weight[~left], penalty)]
+            )
+        )
+
+    penalty = min(PENALTIES, key=miss) if len(others) > 1 else 1.0
+    line = weighted_ridge(features, target, weight, float(penalty))
+    return lambda one: float(line(one.profile[None])[0]) * one.drop
+
+
+def _alike(others: Mapping[str, Sequence[Shown]]) -> FloatArray:
+    return np.concatenate([np.full(len(holds), 1 / len(holds)) for holds in others.values()])
+
+
+def _weighted_median(values: FloatArray, weights: FloatArray) -> float:
+    order = np.argsort(values)
+    below = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(below, below[-1] / 2)])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -107,7 +207,7 @@ def judge(
 ) -> StudyReport:
     """Score every rule on every material without it, on held-out files, and with own holds."""
     shown = {
-        (name, cutoff_s): [rules.show(hold, cutoff_s) for hold in holds]
+        (name, cutoff_s): [show(hold, cutoff_s) for hold in holds]
         for name, holds in {**materials, **held_out}.items()
         for cutoff_s in CUTOFFS_S
     }
@@ -118,7 +218,10 @@ def judge(
             learned = {other: shown[other, cutoff_s] for other in others if other != name}
             found = {
                 **_plain(holds, cutoff_s),
-                **_by_rules(shown[name, cutoff_s], _rules(learned)),
+                **_by_rules(
+                    shown[name, cutoff_s],
+                    {"multiple": multiple(learned), "ridge": ridge(learned)} if learned else {},
+                ),
             }
             rows += [_row(name, cutoff_s, method, one) for method, one in found.items()]
         for count in OWN_HOLDS:
@@ -180,10 +283,6 @@ def _scores(holds: Sequence[Hold], cutoff_s: float, *, method: str | SettlingMet
     return Scores(error=error, covered=covered, half_width=half_width, ok=ok)
 
 
-def _rules(others: Mapping[str, Sequence[Shown]]) -> dict[str, Rule]:
-    return {"multiple": rules.multiple(others), "ridge": rules.ridge(others)} if others else {}
-
-
 def _by_rules(holds: Sequence[Shown], learned: Mapping[str, Rule]) -> dict[str, Scores]:
     return {
         name: Scores(error=np.array([100 * np.expm1(rule(one) - one.change) for one in holds]))
@@ -204,23 +303,13 @@ def _own_rows(name: str, holds: Sequence[Hold], *, count: int, wanted: int) -> l
         place: Calibrated(holds=tuple(holds[k] for k in before)) for place, before in past.items()
     }
     for cutoff_s in CUTOFFS_S:
-        every = [rules.show(hold, cutoff_s) for hold in holds]
-        errors: dict[str, list[float]] = {"multiple": [], "slope": [], "log_law": []}
-        ours = []
+        every = [show(hold, cutoff_s) for hold in holds]
+        log_laws, ours = list[Scores](), list[Scores]()
         for place in tested:
-            before = [every[k] for k in past[place]]
-            learned = {
-                "multiple": rules.multiple({name: before}),
-                "slope": rules.scaled(before, by=lambda one: one.pace),
-                "log_law": rules.scaled(before, by=lambda one: one.log_law),
-            }
-            for rule, predict in learned.items():
-                change = predict(every[place])
-                errors[rule].append(100 * float(np.expm1(change - every[place].change)))
+            learned = {"log_law": scaled_log_law([every[k] for k in past[place]])}
+            log_laws.append(_by_rules([every[place]], learned)["log_law"])
             ours.append(_scores([holds[place]], cutoff_s, method=methods[place]))
-        found = {OURS: _joined(ours)} | {
-            rule: Scores(error=np.array(some)) for rule, some in errors.items()
-        }
+        found = {OURS: _joined(ours), "log_law": _joined(log_laws)}
         rows += [_row(name, cutoff_s, rule, one, own_holds=count) for rule, one in found.items()]
     return rows
 
@@ -301,55 +390,22 @@ def single_exponentials() -> list[Hold]:
 
 
 def _tables(rows: Sequence[Mapping[str, Any]], regrets: Sequence[Mapping[str, Any]]) -> list[Table]:
-    """Return errors of all rules, palpate's intervals, both after own holds, and the regret."""
+    """Return errors of every method, palpate's own figures, and the regret."""
+    material, form = {"material": "{material}"}, "{median_abs_error_percent:.2f}"
     at = " / ".join(f"{cutoff_s:g}" for cutoff_s in CUTOFFS_S)
+    title = f"Median |error|, % of the settled value, at {at} s"
     without = [row for row in rows if row["own_holds"] == 0]
-    figures = {
-        "median |error|, %": "median_abs_error_percent",
-        "90th percentile, %": "p90_abs_error_percent",
-        "bias, %": "bias_percent",
-        "coverage": "coverage",
-        "half-width, %": "half_width_percent",
-        "share ok": "share_ok",
-    }
-    ours = [
-        {"figure": head, "value": row[key], **row}
-        for row in rows
-        if row["method"] == OURS
-        for head, key in figures.items()
-    ]
-    # Errors of every rule, then palpate's intervals.
-    owned = [
-        {"figure": row["method"], "value": row["median_abs_error_percent"], **row}
-        for row in rows
-        if row["own_holds"]
-    ]
-    owned += [
-        one for one in ours if one["own_holds"] and one["figure"] in ("coverage", "half-width, %")
-    ]
-    material = {"material": "{material}"}
+    owned = [row for row in rows if row["own_holds"]]
     return [
+        Table.wide(title, without, material, over="method", form=form),
         Table.wide(
-            f"Median |error|, % of the settled value, at {at} s",
-            without,
-            material,
-            over="method",
-            form="{median_abs_error_percent:.2f}",
-        ),
-        Table.wide(
-            f"palpate without own holds, at {at} s",
-            [one for one in ours if not one["own_holds"]],
-            material,
-            over="figure",
-            form="{value:.2f}",
-        ),
-        Table.wide(
-            f"After own holds: median |error|, %, and palpate's intervals, at {at} s",
+            f"After own holds: {title}",
             owned,
             material | {"own holds": "{own_holds}"},
-            over="figure",
-            form="{value:.2f}",
+            over="method",
+            form=form,
         ),
+        Table.of("palpate", [row for row in rows if row["method"] == OURS]),
         Table.wide(
             "Regret: geometric mean over materials of the error over the smallest of all",
             regrets,

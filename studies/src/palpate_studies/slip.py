@@ -103,34 +103,8 @@ def report(
             "the converter's drawn for every frame.",
         ],
         tables=[
-            Table.of(
-                "Slips and removals seen within a second",
-                summary,
-                {
-                    "level": "{level}",
-                    "event": "{kind}",
-                    "events": "{events}",
-                    "felt before": "{felt_before}",
-                    "seen": "{seen}",
-                    "rate": "{rate:.2f}",
-                    "median delay, s": "{median_delay_s:.2f}",
-                    "95 % delay, s": "{p95_delay_s:.2f}",
-                    "called before": "{called_before}",
-                },
-            ),
-            Table.of(
-                "Slips and removals called in quiet holds",
-                alarms,
-                {
-                    "level": "{level}",
-                    "holds": "{holds}",
-                    "felt": "{felt}",
-                    "hours": "{hours:.2f}",
-                    "called": "{called}",
-                    "per hour": "{per_hour:.2f}",
-                    "at most (95 %)": "{per_hour_at_most:.2f}",
-                },
-            ),
+            Table.of("Slips and removals seen within a second", summary),
+            Table.of("Slips and removals called in quiet holds", alarms),
         ],
         payload={"study": "slip", "origin": "twin", "summary": summary, "quiet": alarms},
     )

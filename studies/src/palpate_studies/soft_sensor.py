@@ -8,21 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import typer
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from palpate import ForceLaw
 from palpate.arrays import FloatArray
-from palpate.errors import InputError, needing
+from palpate.errors import InputError
 from palpate.estimate.force_states import log_reading, states_of
-from palpate.holds.strict import read_table
-from palpate_studies.force_learning import KnownContact, learn_population
+from palpate_studies.baselines.told_everything import boosted_trees, scaled_ridge
+from palpate_studies.force_learning import KnownContact, interval_reach, learn_population
+from palpate_studies.recordings import leave_out, read_runs
 from palpate_studies.report import StudyReport, Table, as_command
 
 LEVEL = 0.9
@@ -83,7 +82,7 @@ def report(
     """
     known = read_strokes(train)
     splits = [("test", known, read_strokes(test))] if test is not None else _by_depth(known)
-    if not splits:
+    if test is None and len(splits) < 2:
         raise InputError(f"{train}: one depth only; two are needed, or --test")
     summary = [
         {"split": split, "model": name, **_scores(learn(inside), tested)}
@@ -98,20 +97,7 @@ def report(
             "A method sees the past voltages of a stroke; place, depth and speed are not given.",
             "`ours` is `palpate.ForceLaw` on the voltage above rest, scaled by the training set.",
         ),
-        tables=[
-            Table.of(
-                "RMS error, N",
-                summary,
-                {
-                    "split": "{split}",
-                    "model": "{model}",
-                    "all": "{rms_n:.2f}",
-                    "loading": "{rms_n_loading:.2f}",
-                    "unloading": "{rms_n_unloading:.2f}",
-                    f"coverage ({LEVEL:g})": "{coverage:.2f}",
-                },
-            )
-        ],
+        tables=[Table.of("RMS error, N", summary)],
         payload={"study": "soft-sensor", "origin": "real", "summary": summary, "level": LEVEL},
     )
 
@@ -125,37 +111,25 @@ def read_strokes(path: Path) -> list[Stroke]:
     Raises `InputError` if the file can't be used or is empty.
     """
     names = ("location_mm", "depth_mm", "voltage_v", "force_n")
-    table = read_table(path, columns={"stroke_id": "text", **dict.fromkeys(names, "number")})
-    ids = table["stroke_id"]
-    edges = [0, *(np.flatnonzero(ids[1:] != ids[:-1]) + 1).tolist(), len(ids)]
     return [
         Stroke(
-            place_mm=float(table["location_mm"][start]),
-            depth_mm=float(table["depth_mm"][start]),
-            voltage_v=table["voltage_v"][start:end],
-            force_n=table["force_n"][start:end],
+            place_mm=float(run["location_mm"][0]),
+            depth_mm=float(run["depth_mm"][0]),
+            voltage_v=run["voltage_v"],
+            force_n=run["force_n"],
         )
-        for start, end in pairwise(edges)
+        for run in read_runs(path, keys=("stroke_id",), text=("stroke_id",), numbers=names)
     ]
 
 
 def _by_depth(known: Strokes) -> list[tuple[str, Strokes, Strokes]]:
     """Return each depth of a place, counted from the shallowest, and all others to learn from."""
-    depths: dict[float, list[float]] = {}
+    depths: dict[float, set[float]] = {}
     for one in known:
-        here = depths.setdefault(one.place_mm, [])
-        here.extend([one.depth_mm] if one.depth_mm not in here else [])
-    rank = [sorted(depths[one.place_mm]).index(one.depth_mm) for one in known]
-    if len(set(rank)) < 2:
-        return []
-    return [
-        (
-            f"depth {left + 1} left out",
-            [one for one, mine in zip(known, rank, strict=True) if mine != left],
-            [one for one, mine in zip(known, rank, strict=True) if mine == left],
-        )
-        for left in sorted(set(rank))
-    ]
+        depths.setdefault(one.place_mm, set()).add(one.depth_mm)
+    splits = leave_out(known, lambda one: sorted(depths[one.place_mm]).index(one.depth_mm))
+    splits.sort(key=lambda split: split[0])
+    return [(f"depth {rank + 1} left out", train, tested) for rank, train, tested in splits]
 
 
 def _forces(strokes: Strokes) -> FloatArray:
@@ -176,18 +150,12 @@ def static(train: Strokes) -> Predictor:
 
 def ridge(train: Strokes) -> Predictor:
     """Learn a ridge on the inputs of the force law and past voltages."""
-    with needing("ridge", extra="produce"):
-        from sklearn.linear_model import Ridge
-        from sklearn.pipeline import make_pipeline
-        from sklearn.preprocessing import StandardScaler
-    return _machine(train, make_pipeline(StandardScaler(), Ridge()))
+    return _machine(train, scaled_ridge(1.0))
 
 
 def trees(train: Strokes) -> Predictor:
     """Learn boosted trees on the inputs of the force law and past voltages."""
-    with needing("gradient boosting", extra="produce"):
-        from sklearn.ensemble import HistGradientBoostingRegressor
-    return _machine(train, HistGradientBoostingRegressor(random_state=0))
+    return _machine(train, boosted_trees())
 
 
 def _machine(train: Strokes, machine: Any) -> Predictor:
@@ -202,13 +170,12 @@ def ours(train: Strokes) -> Predictor:
         KnownContact(
             inputs=one.inputs(volt)[felt],
             force_n=one.force_n[felt],
-            weight=np.ones(int(felt.sum())),
             place=one.place_mm,
         )
         for one in train
         for felt in [one.force_n >= _LEAST_N]
     ]
-    law, reach = ForceLaw(learn_population(contacts)), float(ndtri(0.5 + LEVEL / 2))
+    law, reach = ForceLaw(learn_population(contacts)), interval_reach(LEVEL)
 
     def predict(one: Stroke) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
         log_n, sd = law.log_force(one.inputs(volt))

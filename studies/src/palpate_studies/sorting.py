@@ -7,7 +7,6 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from palpate.cli.options import TargetForceOption
 from palpate.estimate.measurement import Measurement
 from palpate.produce.identify.identifier import Identifier, label_identity
 from palpate.produce.sorting.conditions import Evidence, OneOf, Within
@@ -23,20 +22,21 @@ from palpate.produce.sorting.score import (
     where_it_belongs,
 )
 from palpate_studies.identify import (
+    NEAREST_MEAN,
     CratesOption,
+    Guess,
     ItemsOption,
     SensorsOption,
     against_learners,
     answers,
     crates_of,
     identifiers,
+    learn_nearest_mean,
     summed,
 )
-from palpate_studies.identify_baselines import Guess, guesses
 from palpate_studies.identify_data import (
     SORTED_GRASPS,
     CrateItemGrasps,
-    squeeze_in_words,
     write_crates,
 )
 from palpate_studies.report import StudyReport, Table, as_command
@@ -75,13 +75,12 @@ def report(
     sensors: SensorsOption = 1,
     items: ItemsOption = 2,
     crates: CratesOption = None,
-    target_force_n: TargetForceOption = None,
 ) -> StudyReport:
     """Sort mixed crates with strangers among them; purity and items per hour of each way.
 
     Example: palpate study sorting --out reports
     """
-    return judge(crates_of(crates, sensors=sensors, items=items, target_force_n=target_force_n))
+    return judge(crates_of(crates, sensors=sensors, items=items))
 
 
 command = as_command(report)
@@ -101,9 +100,7 @@ def sort_crates(
 def _sorted_by_all(crate: Sequence[CrateItemGrasps], *, book: RuleBook) -> dict[str, list[Placed]]:
     teaching = [item for item in crate if item.teaches]
     sorting = [item for item in crate if not item.teaches]
-    done = {
-        method: _by_guess(sorting, guess, book=book) for method, guess in guesses(teaching).items()
-    }
+    done = {NEAREST_MEAN: _by_guess(sorting, learn_nearest_mean(teaching), book=book)}
     for name, known in identifiers(teaching).items():
         for most in range(1, book.most_grasps + 1):
             method = f"{name}, " + ("one grasp" if most == 1 else f"up to {most} grasps")
@@ -181,27 +178,13 @@ def judge(crates: Sequence[CrateItemGrasps], *, book: RuleBook = BOOK) -> StudyR
         provenance=(
             f"Simulated: {len(sorting)} items sorted, a quarter of them strangers; taught and "
             "measured as in `palpate study identify`. Right is where the rules would send the item "
-            "if everything of it were known. " + squeeze_in_words(crates),
+            "if everything of it were known.",
             f"Items per hour count {CARRY_S:g} s to bring and carry away an item and {TURN_S:g} s "
             "to turn it for another grasp: assumed, not simulated.",
             f"Pressed beyond their yield in up to {SORTED_GRASPS} grasps: {damaged} of "
             f"{len(sorting)} items.",
         ),
-        tables=[
-            Table.of(
-                "Purity of what a rule put into a bin, and what it costs",
-                summary,
-                {
-                    "level": "{level}",
-                    "method": "{method}",
-                    "purity, %": "{purity:.0p}",
-                    "left for hand, %": "{left_over:.0p}",
-                    "grasps per item": "{grasps_per_item:.2f}",
-                    "items per hour": "{items_per_hour:.0f}",
-                    "of them right in a bin": "{sorted_right_per_hour:.0f}",
-                },
-            )
-        ],
+        tables=[Table.of("Purity of what a rule put into a bin, and what it costs", summary)],
         payload={
             "study": "sorting",
             "simulated": True,

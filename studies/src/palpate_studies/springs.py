@@ -21,7 +21,7 @@ STUDY = LineStudy(
     figure="figure10b",
     reading="mean change",
     published_r_squared=0.96,
-    ratings=tuple(SETUPS.values()),
+    ratings=SETUPS,
     rated="stiffness (N/mm)",
 )
 SIZE_MM, REPEATS = 45.0, 10
@@ -37,7 +37,11 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
     setups = [drawn(name, seed=SEED) for name in SETUPS]
     conditions = {
         f"closed by {closure_mm:g} mm": settled_readings(
-            setups, width_mm=SIZE_MM - closure_mm, repeats=repeats, sensors=sensors
+            setups,
+            reading=STUDY.reading,
+            width_mm=SIZE_MM - closure_mm,
+            repeats=repeats,
+            sensors=sensors,
         )
         for closure_mm in CLOSURES_MM
     }

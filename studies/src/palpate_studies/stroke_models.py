@@ -1,32 +1,188 @@
-"""Models that follow a touch: a clock, a static law, ridge, boosted trees, and the law of palpate.
+"""Real touches of a sheet with a load cell, and models that follow them.
 
-Each model is learned from training touches and returns, for a test touch, ln force at every sample
-with the half width of its interval. What else it knows is `told`: nothing, the other attempts at
-the same place, or the force once in this touch.
+The models are a clock, a static law, boosted trees, and the law of palpate. Each is learned from
+training touches and returns, for a test touch, ln force at every sample with the half width of its
+interval. What else it knows is `told`: nothing, the other attempts at the same place, or the force
+once in this touch.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
-from scipy.special import ndtri
+from numpy.typing import NDArray
 
 from palpate import ForceLaw
 from palpate.arrays import FloatArray
-from palpate.errors import needing
+from palpate.errors import InputError
 from palpate.estimate.force_law import INPUTS, Population
-from palpate_studies.force_learning import KnownContact, learn_population
-from palpate_studies.stroke_data import Touch
+from palpate.estimate.force_states import log_reading, states_of
+from palpate_studies.baselines.told_everything import boosted_trees
+from palpate_studies.force_learning import KnownContact, interval_reach, learn_population
+from palpate_studies.recordings import read_runs
 
+Mask: TypeAlias = NDArray[np.bool_]
+#: Forces from here on are scored.
+SMALLEST_N = 0.5
+#: A touch whose highest conductance is less than this many times that at rest is off the sheet.
+LEAST_RISE = 5.0
+#: The rest reading is the median over this long, until this long before the touch; a touch is
+#: followed from there.
+_REST_S, _BEFORE_S = 1.0, 0.1
+#: A touch begins where the reading, as `log_reading` gives it, is above this: a rise of 20 %. The
+#: time since is counted in logarithms, from about a sample on.
+_CONTACT, _SINCE_S = float(log_reading(0.2)), 0.01
+#: Shares of the touch's 80th percentile at which the force is measured once.
+TOLD_SHARES = {"five_percent": 0.05, "eighty_percent": 0.8}
 TOLD = ("nothing", "place", "five_percent", "eighty_percent")
 LEVEL = 0.9
 #: A clock's time step: one sample of the logger.
 _TICK_S = 0.007
-
 Prediction: TypeAlias = tuple[FloatArray, FloatArray]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Touch:
+    """One touch.
+
+    Attributes
+    ----------
+    recording_id, sensor, pin, attempt : str
+        As in the file; the parts of the name.
+    touch : int
+        Number of the place.
+    time_s : ndarray, shape (n_times,)
+        Since contact.
+    inputs : ndarray, shape (n_times, n_inputs)
+        See `force_states`; then the highest reading so far and the time since contact.
+    log_force : ndarray, shape (n_times,)
+        Of the load cell; forces below 0.1 N count as that.
+    phase : ndarray of str, shape (n_times,)
+        As in the file.
+    scored : ndarray of bool, shape (n_times,)
+        In contact, with 0.5 N and more.
+    told : mapping of str to int
+        Sample at which the force is measured once.
+    """
+
+    recording_id: str
+    sensor: str
+    pin: str
+    attempt: str
+    touch: int
+    time_s: FloatArray
+    inputs: FloatArray
+    log_force: FloatArray
+    phase: NDArray[np.str_]
+    scored: Mask
+    told: dict[str, int]
+
+    @property
+    def place(self) -> tuple[str, str, int]:
+        """The key that the attempts share."""
+        return (self.sensor, self.pin, self.touch)
+
+    @property
+    def weight(self) -> FloatArray:
+        """How much each sample counts in a fit: unloading is short, and half of the task."""
+        return np.where(self.phase == "unloading", 2.0, 1.0)
+
+    def after(self, told: str) -> Mask:
+        """Return the scored samples after the force was measured; all where it is not."""
+        if told not in self.told:
+            return self.scored
+        return self.scored & (np.arange(len(self.scored)) > self.told[told])
+
+
+def read_strokes(path: Path) -> list[Touch]:
+    """Read recordings of touches and cut them.
+
+    Raises
+    ------
+    InputError
+        If the file can't be used or holds no touch of the sheet.
+    """
+    touches: list[Touch] = []
+    for run in read_runs(
+        path,
+        keys=("recording_id", "touch"),
+        text=("recording_id", "phase"),
+        numbers=("time_s", "resistance_ohm", "force_n", "touch"),
+    ):
+        name = str(run["recording_id"][0])
+        if name.count("-") < 2:
+            raise InputError(f"{path}: recording {name!r} is not named sensor-pin-attempt")
+        time_s, ohm = run["time_s"], run["resistance_ohm"]
+        if (np.diff(time_s) <= 0).any() or (ohm <= 0).any():
+            raise InputError(
+                f"{path}: recording {name!r}: time_s must rise and resistance be above 0"
+            )
+        touches += _touch(name, int(run["touch"][0]), time_s, ohm, run["force_n"], run["phase"])
+    if not touches:
+        raise InputError(f"{path}: no touch in it raises the conductance {LEAST_RISE:g} times")
+    return touches
+
+
+def _touch(
+    name: str,
+    number: int,
+    time_s: FloatArray,
+    ohm: FloatArray,
+    force_n: FloatArray,
+    phase: NDArray[np.str_],
+) -> list[Touch]:
+    touched = np.flatnonzero(phase != "rest")
+    if not len(touched):
+        return []
+    since_s = time_s - time_s[touched[0]]
+    resting = (since_s < -_BEFORE_S) & (since_s > -_BEFORE_S - _REST_S)
+    if not resting.any():
+        return []
+    rest_ohm = float(np.median(ohm[resting]))
+    if rest_ohm / ohm[touched].min() < LEAST_RISE:
+        return []
+    used = since_s > -_BEFORE_S - _REST_S
+    since_s, ohm, force_n, phase = since_s[used], ohm[used], force_n[used], phase[used]
+    inside = np.flatnonzero(phase != "rest")
+    high_n = float(np.percentile(force_n[inside], 80))
+    sensor, pin, attempt = name.rsplit("-", 2)
+    return [
+        Touch(
+            recording_id=name,
+            sensor=sensor,
+            pin=pin,
+            attempt=attempt,
+            touch=number,
+            time_s=since_s,
+            inputs=_touch_inputs(since_s, log_reading(rest_ohm / ohm - 1)),
+            log_force=np.log(np.maximum(force_n, 0.1)),
+            phase=phase,
+            scored=(phase != "rest") & (force_n >= SMALLEST_N),
+            told={
+                told: int(inside[np.flatnonzero(force_n[inside] >= share * high_n)[0]])
+                for told, share in TOLD_SHARES.items()
+            },
+        )
+    ]
+
+
+def _touch_inputs(time_s: FloatArray, reading: FloatArray) -> FloatArray:
+    """Return the states, and what a touch as a whole shows: how high it rose, since when it lasts.
+
+    Contact is where the reading shows it, not the load cell.
+    """
+    shown = np.flatnonzero(reading > _CONTACT)
+    contact_s = time_s[shown[0]] if len(shown) else time_s[-1]
+    lasting = np.log(np.maximum(time_s - contact_s, 0.0) + _SINCE_S)
+    states = states_of(time_s, reading)
+    return np.column_stack([states, np.maximum.accumulate(reading), lasting])
+
+
 Others: TypeAlias = Sequence[Touch]
 #: From a touch and the other attempts at its place to a prediction.
 Follower: TypeAlias = Callable[[Touch, Others], Prediction]
@@ -137,10 +293,8 @@ def _inputs(touch: Touch, told: str) -> FloatArray:
 
 def trees(train: Others, told: str) -> Follower:
     """Learn boosted trees on the same inputs; knowing the place, given by the mean of it."""
-    with needing("gradient boosting", extra="produce"):
-        from sklearn.ensemble import HistGradientBoostingRegressor
-    machine = HistGradientBoostingRegressor(
-        loss="absolute_error", max_iter=100, max_leaf_nodes=15, min_samples_leaf=40, random_state=0
+    machine = boosted_trees(
+        loss="absolute_error", max_iter=100, max_leaf_nodes=15, min_samples_leaf=40
     )
 
     def seen(touch: Touch, others: Others) -> FloatArray:
@@ -164,27 +318,6 @@ def trees(train: Others, told: str) -> Follower:
     )
 
 
-def ridge(train: Others, told: str) -> Follower:
-    """Learn a ridge on the same inputs; knowing the place, with the mean error there."""
-
-    def basis(touch: Touch) -> FloatArray:
-        return np.column_stack([_inputs(touch, told), np.ones(len(touch.time_s))])
-
-    x = _pooled(train, told, basis)
-    y = _pooled(train, told, lambda one: one.log_force - _origin(one, told))
-    weighed = x * _pooled(train, told, lambda one: one.weight)[:, None]
-    line = np.linalg.solve(weighed.T @ x + 1e-3 * len(x) * np.eye(x.shape[1]), weighed.T @ y)
-
-    def follow(touch: Touch, others: Others) -> FloatArray:
-        value = basis(touch) @ line + _origin(touch, told)
-        if told == "place" and others:
-            left = _pooled(others, told, lambda one: one.log_force - basis(one) @ line)
-            return np.asarray(value + float(np.median(left)))
-        return np.asarray(value)
-
-    return _with_interval(follow, train, told)
-
-
 def ours(train: Others, told: str) -> Follower:
     """Learn the population of `palpate.ForceLaw`; the place or one force updates the law."""
     population = _population(tuple(train))
@@ -202,7 +335,7 @@ def ours(train: Others, told: str) -> Follower:
             at = touch.told[told]
             law.update(touch.inputs[at, :INPUTS], force_n=np.exp(touch.log_force[at]))
         value, sd = law.log_force(touch.inputs[:, :INPUTS])
-        return value, float(ndtri(0.5 + LEVEL / 2)) * sd
+        return value, interval_reach(LEVEL) * sd
 
     return follow
 
@@ -229,7 +362,6 @@ MODELS: Mapping[str, Learner] = {
     "constant": constant,
     "clock": clock,
     "static": static,
-    "ridge": ridge,
     "trees": trees,
     "ours": ours,
 }

@@ -14,10 +14,20 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate_studies.protocol.paired import compare
+from palpate_studies.recordings import leave_out
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import group
-from palpate_studies.stroke_data import SMALLEST_N, Mask, Touch, read_strokes
-from palpate_studies.stroke_models import LEVEL, MODELS, TOLD, Others, others_of
+from palpate_studies.stroke_models import (
+    LEVEL,
+    MODELS,
+    SMALLEST_N,
+    TOLD,
+    Mask,
+    Others,
+    Touch,
+    others_of,
+    read_strokes,
+)
 
 PHASES = ("loading", "holding", "unloading")
 #: Name of a band of force -> its ends, newtons.
@@ -57,11 +67,16 @@ def report(
     """
     touches = read_strokes(recordings)
     if test_recordings is None:
-        splits, how = _sensors_out(touches, path=recordings), "each sensor in turn left out"
+        splits, how = leave_out(touches, lambda one: one.sensor), "each sensor in turn left out"
+        if len(splits) < 2:
+            raise InputError(
+                f"{recordings}: one sensor, nothing to learn from when it is left out; "
+                "give --test-recordings"
+            )
     else:
-        splits = [(touches, read_strokes(test_recordings))]
+        splits = [("", touches, read_strokes(test_recordings))]
         how = f"learned from, {test_recordings} followed"
-    scored = [one for train, tested in splits for one in _score(train, tested)]
+    scored = [one for _, train, tested in splits for one in _score(train, tested)]
     summary = _summary(scored)
     columns = {"all": ("all", "all"), "unloading": ("unloading", "all")}
     columns |= {f"{band} N": ("all", band) for band in BANDS}
@@ -105,22 +120,6 @@ def report(
 
 
 command = as_command(report)
-
-
-def _sensors_out(touches: Others, *, path: Path) -> list[tuple[Others, Others]]:
-    """Return the touches of the other sensors with those of each."""
-    sensors = list(dict.fromkeys(one.sensor for one in touches))
-    if len(sensors) < 2:
-        raise InputError(
-            f"{path}: one sensor, nothing to learn from when it is left out; give --test-recordings"
-        )
-    return [
-        (
-            [one for one in touches if one.sensor != sensor],
-            [one for one in touches if one.sensor == sensor],
-        )
-        for sensor in sensors
-    ]
 
 
 def _score(train: Others, tested: Others) -> Iterator[Scored]:

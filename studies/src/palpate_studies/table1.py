@@ -18,7 +18,7 @@ from palpate.signal.transient import WAIT_S
 from palpate_studies.bootstrap import bootstrap_interval
 from palpate_studies.misfit import Entry, missed, sentence
 from palpate_studies.report import StudyReport, Table, as_command
-from palpate_studies.twin_holds import twin_holds
+from palpate_studies.twin_session import twin_holds
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -149,23 +149,21 @@ def _entries(
 
 
 def error_table(family: str, errors: Mapping[str, Sequence[Mapping[str, float | None]]]) -> Table:
-    """Return the errors of the study's JSON as its table, inputs marked."""
-    rows = []
-    for index, cutoff_s in enumerate(CUTOFFS_S):
-        cells = [f"{cutoff_s:g}"]
-        for method, row in ((method, errors[method][index]) for method in errors):
+    """Return the errors of the study's JSON next to the published ones, inputs marked."""
+    rows = list[dict[str, Any]]()
+    for method, each in errors.items():
+        for index, row in enumerate(each):
             if method in PUBLISHED:
-                used = cutoff_s in CALIBRATION_INPUTS[family].get(method, ())
-                cells.append(f"{PUBLISHED[method][index]:g}{'*' if used else ''}")
+                used = row["cutoff_s"] in CALIBRATION_INPUTS[family].get(method, ())
+                cell = f"{PUBLISHED[method][index]:g}" + "*" * used
+                rows.append({**row, "of": f"{method}, published", "cell": cell})
             low, high = row["mean_abs_error_low_percent"], row["mean_abs_error_high_percent"]
             interval = "" if low is None else f" ({low:.1f}-{high:.1f})"
-            cells.append(f"{row['mean_abs_error_percent']:.1f}{interval}")
-        rows.append(cells)
-    columns = ["cut-off, s"]
-    for method in errors:
-        columns += [f"{method}, published"] * (method in PUBLISHED) + [f"{method}, ours"]
+            cell = f"{row['mean_abs_error_percent']:.1f}{interval}"
+            rows.append({**row, "of": f"{method}, ours", "cell": cell})
     title = f"Family {family}: mean |error|, percent of the settled relative change"
-    return Table(title=title, columns=tuple(columns), rows=rows)
+    lead = {"cut-off, s": "{cutoff_s:g}"}
+    return Table.wide(title, rows, lead, over="of", form="{cell}")
 
 
 def figure_5(holds: Sequence[Hold]) -> Figure:

@@ -9,9 +9,11 @@ from palpate_studies.equal_width import (
     CLOSURE_MM,
     SEED,
     SENSORS,
+    as_json,
+    cells_of,
+    draw_curves,
     settled_readings,
 )
-from palpate_studies.held_curves import draw_curves
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
 from palpate_studies.twin_session import drawn
@@ -25,7 +27,6 @@ PUBLISHED = {
 }
 #: The sheets are 40 mm thick, in their holder.
 WIDTH_MM, REPEATS = 40.0 - CLOSURE_MM, 10
-READING = "mean change"
 
 
 def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
@@ -36,18 +37,23 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
     names = tuple(PUBLISHED)
     found = settled_readings(
         [drawn(name, seed=SEED) for name in names],
+        reading="mean change",
         width_mm=WIDTH_MM,
         repeats=repeats,
         sensors=sensors,
     )
     rows = [
-        [name, PUBLISHED[name][2], "{:g} ± {:g}".format(*PUBLISHED[name][:2])]
-        + [found[level].cell(READING, index) for level in LEVELS]
+        [
+            name,
+            PUBLISHED[name][2],
+            "{:g} ± {:g}".format(*PUBLISHED[name][:2]),
+            *cells_of(found, index),
+        ]
         for index, name in enumerate(names)
     ]
     # Sensors on which a stiffer sheet changed more, for all four.
     ordered = {
-        level: int(np.sum(np.all(np.diff(found[level].means(READING), axis=0) < 0, axis=0)))
+        level: int(np.sum(np.all(np.diff(found[level].mean(axis=2), axis=0) < 0, axis=0)))
         for level in LEVELS
     }
     return StudyReport(
@@ -74,7 +80,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             "origin": "twin",
             "width_mm": WIDTH_MM,
             "published": {name: list(values[:2]) for name, values in PUBLISHED.items()},
-            "levels": {level: found[level].to_dict(READING) for level in LEVELS},
+            "levels": as_json(found, names),
             "sensors_in_order": ordered,
         },
         figures={

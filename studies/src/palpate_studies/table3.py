@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 from palpate_studies.equal_width import (
     CLOSURE_MM,
     SEED,
     SENSORS,
     LineStudy,
+    draw_curves,
     settled_readings,
 )
-from palpate_studies.held_curves import draw_curves
 from palpate_studies.report import StudyReport, as_command
 from palpate_studies.twin_session import drawn
 
@@ -32,7 +33,7 @@ STUDY = LineStudy(
     figure="figure9c",
     reading="largest change",
     published_r_squared=0.92,
-    ratings=tuple(rating for rating, _, _ in PUBLISHED.values()),
+    ratings={name: float(rating) for name, (rating, _, _) in PUBLISHED.items()},
     rated="grip strength (lbs)",
     published_values=tuple(mean for _, mean, _ in PUBLISHED.values()),
 )
@@ -49,16 +50,16 @@ def report(
     """
     balls = {name: replace(drawn(name, seed=SEED), size_mm=SIZE_MM) for name in PUBLISHED}
     width_mm, each = SIZE_MM - CLOSURE_MM, list(balls.values())
-    held = settled_readings(each, width_mm=width_mm, repeats=repeats, sensors=sensors, fixture=True)
-    placed_again = settled_readings(
-        each, width_mm=width_mm, repeats=repeats, sensors=sensors, fixture=True, replace_each=True
+    readings = partial(
+        settled_readings, each, reading=STUDY.reading, width_mm=width_mm, sensors=sensors
     )
-    free = settled_readings(each, width_mm=width_mm, repeats=free_repeats, sensors=sensors)
     return STUDY.report(
         {
-            "in a fixture, once": held,
-            "in a fixture, placed again each time": placed_again,
-            "laid anywhere, once": free,
+            "in a fixture, once": readings(repeats=repeats, fixture=True),
+            "in a fixture, placed again each time": readings(
+                repeats=repeats, fixture=True, replace_each=True
+            ),
+            "laid anywhere, once": readings(repeats=free_repeats),
         },
         main="in a fixture, placed again each time",
         provenance=[

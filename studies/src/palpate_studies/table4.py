@@ -64,7 +64,25 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             "words under Table 4.",
             *(sentence(misfit[level], of=f"Table 4 by the level {level}") for level in LEVELS),
         ],
-        tables=[line_table(level, lines[level]) for level in LEVELS],
+        tables=[
+            Table.of(
+                "Median sensor (lowest to highest), next to the published entry",
+                [
+                    {"level": level, "sheet": name}
+                    | {
+                        label: f"{np.median(v):.3g} ({v.min():.3g} to {v.max():.3g}), {printed:g}"
+                        for label, printed, v in zip(
+                            ("R^2", "slope, N/%", "intercept, N"),
+                            PUBLISHED[name],
+                            each.T[:3],
+                            strict=True,
+                        )
+                    }
+                    for level in LEVELS
+                    for name, each in lines[level].items()
+                ],
+            )
+        ],
         payload={
             "study": "table4",
             "origin": "twin",
@@ -120,23 +138,6 @@ def _intercepts(lines: Mapping[str, FloatArray]) -> dict[str, int]:
     """Count the fits, and those whose intercept has the other sign than the printed one."""
     signs = [np.sign(found[:, 2]) != np.sign(PUBLISHED[name][2]) for name, found in lines.items()]
     return {"fits": sum(map(len, signs)), "other_sign": int(np.sum(signs))}
-
-
-def line_table(level: str, lines: Mapping[str, FloatArray]) -> Table:
-    """Return the fits of each sheet, shape (sensors, 4), next to the published ones."""
-    rows = []
-    for name, published in PUBLISHED.items():
-        cells = [name]
-        for printed, values in zip(published, lines[name].T, strict=False):
-            middle, low, high = np.median(values), values.min(), values.max()
-            cells += [f"{printed:g}", f"{middle:.3g} ({low:.3g} to {high:.3g})"]
-        rows.append(cells)
-    columns = ["sheet"]
-    for label in ("R^2", "slope, N/%", "intercept, N"):
-        columns += [f"{label}, published", f"{label}, twin"]
-    return Table(
-        title=f"Level {level}: median sensor (lowest to highest)", columns=tuple(columns), rows=rows
-    )
 
 
 def draw(found: Mapping[str, Mapping[str, list[list[Reading]]]]) -> Figure:

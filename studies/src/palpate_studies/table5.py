@@ -25,8 +25,7 @@ from palpate_studies.bootstrap import bootstrap_interval
 from palpate_studies.misfit import Entry, missed, sentence
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
-from palpate_studies.twin_holds import CLOSURES_MM, MATERIALS, hold_each
-from palpate_studies.twin_session import SETTLED_MEAN_S, stack
+from palpate_studies.twin_session import CLOSURES_MM, MATERIALS, SETTLED_MEAN_S, hold_each, stack
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -94,21 +93,7 @@ def report(
             "don't fit its newtons and are left out. Nothing of Table 5 was used to set the twin.",
             *(sentence(misfit[level], of=f"Table 5 by the level {level}") for level in LEVELS),
         ),
-        tables=[
-            Table.of(
-                f"Error of the settled force, {count} grasps of each level",
-                rows,
-                {
-                    "level": "{level}",
-                    "technique": "{technique}",
-                    "of the settled reading, N": "{mean_abs_error_n:.3f}",
-                    "ratio": "{ratio:.3f}",
-                    "of the load cell, N": "{mean_abs_error_of_force_n:.2f}",
-                    "published, N": "{published_n:.3f}",
-                    "published ratio": "{published_ratio:.3f}",
-                },
-            )
-        ],
+        tables=[Table.of(f"Error of the settled force, {count} grasps of each level", rows)],
         payload={
             "study": "table5",
             "rows": rows,

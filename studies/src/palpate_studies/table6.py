@@ -28,13 +28,9 @@ if TYPE_CHECKING:
 #: Row -> method and cut-off; the last row is the mean of the last half second.
 ROWS: dict[str, tuple[str, float]] = {
     "exponential, 2.5 s": ("exponential", 2.5),
-    "recorded, 2.5 s": ("recorded", 2.5),
-    "ours, 1 s": ("relaxation", 1.0),
     "ours, 2.5 s": ("relaxation", 2.5),
     "recorded, 20 s": ("recorded", 20.0),
 }
-#: Published entries that the twin's apple was set by.
-CALIBRATION_INPUTS = (("recorded, 20 s", "before"), ("recorded, 20 s", "after"))
 #: Variants of what lies between the fingers.
 VARIANTS = {"free": grasp_free, "supported": grasp_supported}
 
@@ -87,31 +83,13 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             + "; an apple of 200 g that slides at 0.5 takes up 1 N.",
         ],
         tables=[
-            *(
-                Table.wide(
-                    f"{variant}: mean relative change of an apple, percent (* calibration input)",
-                    [one for one in entries if one["variant"] == variant],
-                    {"row": "{row}", "column": "{column}", "published": _published},
-                    over="level",
-                    form="{cell}",
-                )
-                for variant in VARIANTS
-            ),
-            Table(
-                title="Within twice the published sd",
-                columns=("apple", "level", "entries", "met", "missed"),
-                rows=[
-                    [
-                        variant,
-                        level,
-                        str(len(found)),
-                        str(sum(one["met"] for one in found.values())),
-                        "; ".join(name for name, one in found.items() if not one["met"]) or "-",
-                    ]
-                    for variant, each in met.items()
-                    for level, found in each.items()
-                ],
-            ),
+            Table.wide(
+                "Mean relative change of an apple, percent",
+                [{**one, "apple": f"{one['variant']}, {one['level']}"} for one in entries],
+                {"row": "{row}", "column": "{column}", "published": _published},
+                over="apple",
+                form="{cell}",
+            )
         ],
         payload={
             "study": "table6",
@@ -142,8 +120,7 @@ def _published(entry: Any) -> str:
     row, column = entry["row"], entry["column"]
     if row not in PUBLISHED:
         return ""
-    mark = " *" if (row, column) in CALIBRATION_INPUTS else ""
-    return "{:.3g} ± {:.2g}".format(*PUBLISHED[row][COLUMNS.index(column)]) + mark
+    return "{:.3g} ± {:.2g}".format(*PUBLISHED[row][COLUMNS.index(column)])
 
 
 def _met(entries: list[dict[str, Any]]) -> dict[str, dict[str, dict[str, Any]]]:

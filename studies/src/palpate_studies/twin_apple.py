@@ -7,22 +7,213 @@ axis to the tangent in a direction t),
 
 an oval with the five lobes of an apple. A flat finger in direction t touches p'(t) off the axis
 of closing, on a radius of curvature p + p''; two opposite fingers are p(t) + p(t + 180) apart.
+
+Where a finger presses, a bruise is softer and flat, and moves load elsewhere. A face is a bed of
+springs under a round surface (Winkler) whose contact has the radius of Hertz, a
+(a**2 = D d / 2 for a side that gives way by d, D the diameter of curvature). The pressure where the
+gap to the finger would be g goes as
+
+    c * max(1 - D g / a**2, 0),    g = r**2 / D + dent - least gap
+
+In the bruise the springs are softer: flesh of depth h and modulus E' on sound flesh of modulus E,
+strained down to about a, gives way as 1/c = 1 + (h / a) (E / E' - 1). Depth and dent fall from the
+middle of the bruise to its rim as a paraboloid does. Pad and sheet spread every bit of the contact
+over 8 mm.
+
+Both fingers carry the same force; what soft flesh doesn't carry its surroundings do, on the pixels
+or around them. So a bruise moves load more than it takes any away.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.ranges import log_uniform, uniform
-from palpate_studies.apple_faces import Face, Faces, Patch, first_touch
 from palpate_studies.fruit_ranges import APPLES, AppleRanges, BruiseRanges
 
+if TYPE_CHECKING:
+    from palpate.twin.placement import PixelGrid
+
+#: Places in a line across a contact, and how far they go, in radii of a sound contact: a flat one
+#: with a dent of 0.8 of the flattening is 2.2 times as wide.
+_PLACES, _REACH = 21, 2.4
+#: How far pad and sheet spread a load, mm: as `mechanics.pixel_shares` has it for the paper's
+#: pixels. Finer pixels see no sharper for being fine.
+_SPREAD_MM = 8.0
+#: Half of what pads give way by in the middle of their range: they follow a surface by this much.
+_PAD_MM = 0.15
+#: By how much a side gives way, mm, where stiffnesses are compared: the middle of what grasps use.
+_USUAL_SIDE_MM = 0.5
+#: Contacts of one face closer than this are taken for one, mm.
+_STEP_MM = 0.005
+#: How far from a bruise the place of first touch is looked for, mm.
+_BESIDE_MM = 10.0
 #: Beyond this distance from a bruise no contact with a finger reaches it, mm.
 _CONTACT_MM = 20.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Patch:
+    """A bruise as one finger meets it."""
+
+    #: Where its middle lies from the contact point, on the surface.
+    along_mm: float
+    across_mm: float
+    #: Reach on the surface, and depth under its middle.
+    radius_mm: float
+    depth_mm: float
+    #: Modulus of bruised flesh over that of sound flesh.
+    softness: float
+    #: By how much its middle lies below the round surface.
+    dent_mm: float
+
+    def profile(self, along_mm: FloatArray, across_mm: FloatArray) -> FloatArray:
+        """Return 1 in the middle, 0 from the rim on."""
+        off_mm2 = (along_mm - self.along_mm) ** 2 + (across_mm - self.across_mm) ** 2
+        return np.maximum(1.0 - off_mm2 / self.radius_mm**2, 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Face:
+    """Where one finger meets the fruit."""
+
+    #: Diameter of the sphere that fits the surface here.
+    curvature_mm: float
+    #: Stiffness of the flesh here over the fruit's own.
+    firmness: float
+    #: Where the finger touches first, along and across from the axis of closing: fruit is no ball.
+    contact_mm: tuple[float, float]
+    #: The bruise, if there is one near.
+    patch: Patch | None = None
+
+    def stiffness(self, fruit_mm: float) -> float:
+        """Return the stiffness of this side over that of a round, sound one of the fruit's size."""
+        sound = contact(replace(self, patch=None), _USUAL_SIDE_MM).pressure.sum()
+        # Hertz: force goes as the root of the radius of curvature.
+        curved = math.sqrt(self.curvature_mm / fruit_mm)
+        share = contact(self, _USUAL_SIDE_MM).pressure.sum() / sound
+        return float(self.firmness * curved * share)
+
+
+@dataclass(frozen=True, slots=True)
+class FaceContact:
+    """Pressure on one face: places along and across from the contact point, and what is there.
+
+    `pressure` has shape (along, across) and is 1 in the middle of a sound contact.
+    """
+
+    along_mm: FloatArray
+    across_mm: FloatArray
+    pressure: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Faces:
+    """Both sides of a fruit between two fingers; `fruit_mm` is its mean diameter."""
+
+    faces: tuple[Face, Face]
+    fruit_mm: float
+
+    @property
+    def stiffness(self) -> float:
+        """Stiffness of the whole over that of a round, sound fruit."""
+        return float((sum(_give(self)) / 2.0) ** -1.5)
+
+    def pixel_shares(
+        self, deformation_mm: float, *, grid: PixelGrid, off_centre_mm: tuple[float, float]
+    ) -> FloatArray:
+        """Return the share of its finger's force that each pixel carries, shape (pixels,).
+
+        Those of a sound face add up to 1, as for all objects; those of a bruised one may not.
+        """
+        shares, give = np.zeros(grid.finger.size), _give(self)
+        for finger, face in enumerate(self.faces):
+            mine = grid.finger == finger
+            side_mm = max(deformation_mm, 0.0) * give[finger] / sum(give)
+            # Rounded, so that the many moments of a hold share one contact.
+            side_mm = _STEP_MM * round(side_mm / _STEP_MM)
+            middle_mm = (
+                grid.along_mm[mine] - off_centre_mm[0] - face.contact_mm[0],
+                grid.across_mm[mine] - off_centre_mm[1] - face.contact_mm[1],
+            )
+            caught = _caught(contact(face, side_mm), middle_mm, pitch_mm=grid.pitch_mm)
+            if_sound = caught
+            if face.patch is not None:
+                sound = contact(replace(face, patch=None), side_mm)
+                if_sound = _caught(sound, middle_mm, pitch_mm=grid.pitch_mm)
+            shares[mine] = caught / max(if_sound.sum(), 1e-12)
+        return shares
+
+
+@lru_cache(maxsize=512)
+def contact(face: Face, side_mm: float) -> FaceContact:
+    """Return the contact of a face that gives way by `side_mm`."""
+    radius_mm = math.sqrt(0.5 * face.curvature_mm * (side_mm + _PAD_MM))
+    line = np.linspace(-_REACH * radius_mm, _REACH * radius_mm, _PLACES)
+    if face.patch is None:
+        return FaceContact(line, line, np.maximum(1.0 - _round(line, line) / radius_mm**2, 0.0))
+    least_mm, *touched = first_touch(face)
+    along, across = line + touched[0], line + touched[1]
+    profile = face.patch.profile(along[:, None], across)
+    gap_mm2 = _round(along, across) + face.curvature_mm * (face.patch.dent_mm * profile - least_mm)
+    deep = np.minimum(face.patch.depth_mm * profile / radius_mm, 1.0)
+    give = 1.0 + deep * (1.0 / face.patch.softness - 1.0)
+    return FaceContact(along, across, np.maximum(1.0 - gap_mm2 / radius_mm**2, 0.0) / give)
+
+
+@lru_cache(maxsize=256)
+def first_touch(face: Face) -> tuple[float, float, float]:
+    """Return how much later than a round fruit a finger touches, and where: mm along and across."""
+    if face.patch is None:
+        return 0.0, 0.0, 0.0
+    reach_mm = face.patch.radius_mm + _BESIDE_MM
+    line = np.linspace(-reach_mm, reach_mm, 61)
+    gap_mm = _round(line, line) / face.curvature_mm
+    gap_mm = gap_mm + face.patch.dent_mm * face.patch.profile(line[:, None], line)
+    along, across = np.unravel_index(np.argmin(gap_mm), gap_mm.shape)
+    return float(gap_mm[along, across]), float(line[along]), float(line[across])
+
+
+def _round(along_mm: FloatArray, across_mm: FloatArray) -> FloatArray:
+    """Return the squared distance of pairs of places from the contact point."""
+    return np.asarray(along_mm[:, None] ** 2 + across_mm**2)
+
+
+def _caught(
+    found: FaceContact, middle_mm: tuple[FloatArray, FloatArray], *, pitch_mm: float
+) -> FloatArray:
+    """Return the share of a contact's force that each pixel catches, shape (pixels,).
+
+    Each bit is spread with the density 3/4 (1 - t**2) over |t| < 1 in both directions; pixels are a
+    pitch wide.
+    """
+    along, across = (
+        _overlap(middle[:, None] - place, pitch_mm=pitch_mm)
+        for middle, place in zip(middle_mm, (found.along_mm, found.across_mm), strict=True)
+    )
+    return np.asarray(np.sum(along @ found.pressure * across, axis=1) / found.pressure.sum())
+
+
+def _overlap(apart_mm: FloatArray, *, pitch_mm: float) -> FloatArray:
+    """Return the share of a spread load that a pixel catches whose middle is this far from it."""
+    edges = apart_mm[..., None] + np.array([0.5, -0.5]) * pitch_mm
+    t = np.clip(edges / _SPREAD_MM, -1.0, 1.0)
+    below = 0.25 * (3.0 * t - t**3)
+    return np.asarray(below[..., 0] - below[..., 1])
+
+
+@lru_cache(maxsize=256)
+def _give(faces: Faces) -> tuple[float, float]:
+    """Return how far each side gives way under one force: F = K d ** 1.5 on both."""
+    one, other = (face.stiffness(faces.fruit_mm) ** (-2 / 3) for face in faces.faces)
+    return one, other
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,9 +19,58 @@ from palpate_studies.protocol.parts import Learned
 #: Rows of numbers, shape (cases, numbers) -> what is asked, shape (cases,).
 Answer: TypeAlias = Callable[[FloatArray], FloatArray]
 RIDGE, TREES = "ridge", "trees"
+#: In place of a spread of nothing.
+_TINY = 1e-9
 LEARNERS = {RIDGE: "ridge given everything", TREES: "boosted trees given everything"}
-#: Penalties that the ridge chooses from by itself, on what it learns from.
-_PENALTIES = np.geomspace(0.1, 1e3, 9)
+
+
+def boosted_trees(**settings: Any) -> Any:
+    """Return gradient boosting of trees, not fitted yet.
+
+    Raises
+    ------
+    MissingExtraError
+        If scikit-learn is not installed.
+    """
+    with needing("gradient boosting", extra="produce"):
+        from sklearn.ensemble import HistGradientBoostingRegressor
+    return HistGradientBoostingRegressor(random_state=0, **settings)
+
+
+def scaled_ridge(penalty: float | None = None) -> Any:
+    """Return ridge regression on standardised inputs; without a penalty it chooses one itself.
+
+    Raises
+    ------
+    MissingExtraError
+        If scikit-learn is not installed.
+    """
+    with needing("ridge regression", extra="produce"):
+        from sklearn.linear_model import Ridge, RidgeCV
+        from sklearn.pipeline import make_pipeline
+        from sklearn.preprocessing import StandardScaler
+    ridge = RidgeCV(np.geomspace(0.1, 1e3, 9)) if penalty is None else Ridge(penalty)
+    return make_pipeline(StandardScaler(), ridge)
+
+
+def weighted_ridge(
+    rows: FloatArray, truth: FloatArray, weight: FloatArray, penalty: float
+) -> Answer:
+    """Fit a ridge on standardised numbers, in which each case counts by its weight.
+
+    Examples
+    --------
+    >>> rows = np.arange(10.0).reshape(5, 2)
+    >>> weighted_ridge(rows, rows[:, 0], np.ones(5), 1e-6)(rows).round(3).tolist()
+    [0.0, 2.0, 4.0, 6.0, 8.0]
+    """
+    share = weight / weight.sum()
+    middle, level = share @ rows, float(share @ truth)
+    spread = np.sqrt(share @ (rows - middle) ** 2) + _TINY
+    unit = (rows - middle) / spread
+    square = unit.T @ (share[:, None] * unit) + penalty * np.eye(unit.shape[1])
+    slope = np.linalg.solve(square, unit.T @ (share * (truth - level)))
+    return lambda some: np.asarray(level + ((some - middle) / spread) @ slope)
 
 
 def learned(name: str, rows: FloatArray, *, asked: ArrayLike, seen: Sequence[str]) -> Learned[Any]:
@@ -50,24 +99,16 @@ def learned(name: str, rows: FloatArray, *, asked: ArrayLike, seen: Sequence[str
     >>> found.on(["b"])(np.array([[6.0, 7.0]])).round(0).tolist()
     [20.0]
     """
-    with needing("a rival that learns", extra="produce"):
-        from sklearn.ensemble import HistGradientBoostingRegressor
-        from sklearn.linear_model import RidgeCV
-        from sklearn.pipeline import make_pipeline
-        from sklearn.preprocessing import StandardScaler
-    model = {
-        RIDGE: lambda: make_pipeline(StandardScaler(), RidgeCV(_PENALTIES)),
-        TREES: lambda: HistGradientBoostingRegressor(
-            max_iter=300, learning_rate=0.05, max_leaf_nodes=15, random_state=0
-        ),
-    }[name]()
+    model = (
+        scaled_ridge()
+        if name == RIDGE
+        else boosted_trees(max_iter=300, learning_rate=0.05, max_leaf_nodes=15)
+    )
     return Learned(found=model.fit(rows, np.asarray(asked)).predict, seen=frozenset(seen))
 
 
-def left_out(
-    name: str, rows: FloatArray, *, asked: ArrayLike, specimens: Sequence[str]
-) -> FloatArray:
-    """Return what is answered for each row by what was learned on all other specimens.
+def left_out(rows: FloatArray, *, asked: ArrayLike, specimens: Sequence[str]) -> FloatArray:
+    """Return the answers for each row by trees that learned on all other specimens.
 
     Shape (cases,); NaN where there is no other specimen.
     """
@@ -77,6 +118,6 @@ def left_out(
         others = of != one
         if others.any():
             seen = of[others].tolist()
-            answer = learned(name, rows[others], asked=truth[others], seen=seen).on([one])
+            answer = learned(TREES, rows[others], asked=truth[others], seen=seen).on([one])
             found[~others] = answer(rows[~others])
     return found

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from palpate.sensor.wire import Decoder
 from palpate.sensor.wire_messages import FrameMessage
-from palpate_studies.benchmarks.protocol import Measured, Ratio, side_by_side_s
-from palpate_studies.benchmarks.running import command_of
+from palpate_studies.benchmarks.running import Measured, Ratio, command_of, side_by_side_s
 from palpate_studies.board_bytes import encode_message
 
 ROWS, COLS = 4, 2
@@ -29,14 +28,9 @@ def measure(full: bool) -> Measured:
     counts = np.random.default_rng(0).integers(
         0, 0xAA, (50_000 if full else 10_000, ROWS, COLS), dtype=np.uint16
     )
-    return Measured(
-        ratios=[
-            _compared(counts, piece, peer)
-            for piece in PIECES
-            for peer in ("readline of CSV", FLEXITAC)
-        ],
-        notes=("All read from memory; neither peer has a checksum, a number or a time.",),
-    )
+    peers = ("readline of CSV", FLEXITAC)
+    ratios = [_compared(counts, piece, peer) for piece in PIECES for peer in peers]
+    return ratios, ["All read from memory; neither peer has a checksum, a number or a time."]
 
 
 command = command_of("frames")

@@ -1,20 +1,78 @@
-"""The command of a benchmark: measure and report."""
+"""The frame of a benchmark: ratios to named peers, their table and JSON, and its command.
+
+A benchmark is a file with a function `measure(full)`, which takes whether to measure the full sizes
+and returns its ratios and notes, and a row in `palpate_studies.catalogue`.
+"""
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
-from typing import Annotated
+import platform
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from statistics import median
+from typing import Annotated, TypeAlias
 
+import numpy as np
+import scipy
 import typer
 
 from palpate.cli.options import JsonOption
-from palpate_studies.benchmarks.report import report_of
 from palpate_studies.catalogue import BENCHMARKS
-from palpate_studies.report import OutOption
+from palpate_studies.report import OutOption, StudyReport, Table
 
 #: The benchmark that stands for all others.
 ALL = "all"
+COLUMNS = ("what", "size", "peer", "palpate", "peer's", "times as good", "wanted")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ratio:
+    """One piece of work, by palpate and by a peer in the same run; less is better."""
+
+    #: What is done, and how much of it.
+    what: str
+    size: int
+    of: str
+    peer: str
+    #: Seconds that it took; None of a peer that is not installed.
+    ours: float
+    theirs: float | None
+    unit: str = "s"
+    #: How many times as good as the peer it must be; None where the peer is only for comparison.
+    wanted: float | None = None
+    #: Remedy where the peer is not installed.
+    install: str = ""
+
+    @property
+    def times(self) -> float | None:
+        """Return how many times as good as the peer palpate is."""
+        return None if self.theirs is None else self.theirs / self.ours
+
+    @property
+    def missed(self) -> bool:
+        """Return whether it is measurably less than wanted."""
+        return self.times is not None and self.wanted is not None and self.times < self.wanted
+
+
+#: Ratios, and what else must be known to read them: what is simulated or scaled.
+Measured: TypeAlias = tuple[Sequence[Ratio], Sequence[str]]
+
+
+def side_by_side_s(*acts: Callable[[], object], repeats: int) -> list[float]:
+    """Return the median processor time of each act, s.
+
+    They take turns, so that a machine that is busy for a while is busy for all of them.
+    """
+    taken: list[list[float]] = [[] for _ in acts]
+    for _ in range(repeats):
+        for act, times in zip(acts, taken, strict=True):
+            started_s = time.process_time()
+            act()
+            times.append(time.process_time() - started_s)
+    return [median(times) for times in taken]
 
 
 def command_of(name: str) -> Callable[..., None]:
@@ -30,7 +88,7 @@ def command_of(name: str) -> Callable[..., None]:
         names = [one for one in BENCHMARKS if one != ALL] if name == ALL else [name]
         measured = {one: importlib.import_module(BENCHMARKS[one][0]).measure(full) for one in names}
         report_of(measured, full=full).emit(as_json=as_json, out=out)
-        if any(ratio.missed for one in measured.values() for ratio in one.ratios):
+        if any(ratio.missed for ratios, _ in measured.values() for ratio in ratios):
             raise typer.Exit(1)
 
     command.__doc__ = f"""{BENCHMARKS[name][1]}.
@@ -41,3 +99,81 @@ def command_of(name: str) -> Callable[..., None]:
     Example: palpate bench {"" if name == ALL else name + " "}--json
     """
     return command
+
+
+command = command_of(ALL)
+
+
+def report_of(measured: Mapping[str, Measured], *, full: bool) -> StudyReport:
+    """Return a table of each benchmark, and one JSON document."""
+    return StudyReport(
+        name="bench",
+        title="palpate next to its peers",
+        provenance=[
+            f"{machine()}.",
+            "Processor time of this process, palpate and its peer taking turns; "
+            "more than 1 is better than the peer.",
+            *(f"{name}: {note}" for name, (_, notes) in measured.items() for note in notes),
+        ],
+        tables=[
+            Table(title=f"{name}: {BENCHMARKS[name][1]}", columns=COLUMNS, rows=[*map(row, ratios)])
+            for name, (ratios, _) in measured.items()
+        ],
+        payload={
+            "machine": machine(),
+            "full": full,
+            "benchmarks": [
+                {
+                    "name": name,
+                    "what": BENCHMARKS[name][1],
+                    "ratios": [
+                        asdict(one) | {"times": one.times, "missed": one.missed} for one in ratios
+                    ],
+                    "notes": list(notes),
+                }
+                for name, (ratios, notes) in measured.items()
+            ],
+        },
+    )
+
+
+def row(ratio: Ratio) -> tuple[str, ...]:
+    """Return the cells of a table that people read."""
+    return (
+        ratio.what,
+        f"{ratio.size:,} {ratio.of if ratio.size > 1 else ratio.of.removesuffix('s')}",
+        ratio.peer,
+        _seconds(ratio.ours),
+        "not installed" if ratio.theirs is None else _seconds(ratio.theirs),
+        ratio.install if ratio.times is None else _three_digits(ratio.times),
+        "" if ratio.wanted is None else _three_digits(ratio.wanted) + ", missed" * ratio.missed,
+    )
+
+
+def _three_digits(ratio: float) -> str:
+    """Return a ratio in three digits.
+
+    Examples
+    --------
+    >>> _three_digits(0.08333), _three_digits(2412.3)
+    ('0.0833', '2,412')
+    """
+    return f"{ratio:,.0f}" if ratio >= 1000 else f"{ratio:.3g}"
+
+
+def _seconds(amount: float) -> str:
+    if amount >= 1:
+        return f"{amount:.3g} s"
+    return f"{1e3 * amount:.3g} ms" if amount >= 1e-3 else f"{1e6 * amount:.3g} µs"
+
+
+def machine() -> str:
+    """Return the processor and the versions that figures depend on."""
+    cpu_info = Path("/proc/cpuinfo")
+    lines = cpu_info.read_text().splitlines() if cpu_info.exists() else []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    cpu = names[0] if names else platform.processor() or platform.machine()
+    return (
+        f"{cpu}, {len(names) or '?'} cores; Python {platform.python_version()}, "
+        f"NumPy {np.__version__}, SciPy {scipy.__version__}"
+    )

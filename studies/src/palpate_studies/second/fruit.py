@@ -19,8 +19,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate_studies.apple_faces import Face, Patch
-from palpate_studies.twin_apple import Apple
+from palpate_studies.twin_apple import Apple, Face, Patch
 from palpate_studies.twin_avocado import Avocado
 
 #: Reach of the sound core, as a share of the bruise's; where the rim begins to fall.

@@ -1,12 +1,18 @@
-"""Things between the fingers whose force follows no law that an estimator here was written for."""
+"""Things and crate items whose force follows no law that an estimator was written for.
+
+Fixed before anything was scored on them. In a second crate the sizes of a kind crowd at both ends
+of its range, which is no normal distribution; everything but shells has a skin on softer flesh and
+a core (`layered`), so that its stiffness depends on how far it is pressed.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from palpate.twin.crate import CRATE_STRANGERS, CRATE_TAUGHT, CrateItem
 from palpate.twin.objects import TwinObject
 
 #: A skin this thick, mm, and this many times as stiff as the flesh under it; a core from here on.
@@ -17,6 +23,33 @@ _FOAM_EXPONENT = 2.5
 _DOUGH_SHARES, _DOUGH_TIMES_S = (0.25, 0.15, 0.10), (0.08, 0.6, 20.0)
 #: Points of a curve, and how far a drawn one goes, mm.
 _POINTS, _UP_TO_MM = 60, 15.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OtherItem(CrateItem):
+    """An item whose sides have a skin; shells stay as they are."""
+
+    def side(self, turn: int) -> TwinObject:
+        """Return the item as it lies after this many turns."""
+        lies = CrateItem.side(self, turn)
+        return lies if lies.contact == "linear" else layered(lies)
+
+
+def other_item(item: CrateItem) -> OtherItem:
+    """Return an item of the second population in place of one of the first.
+
+    Examples
+    --------
+    >>> from palpate.twin.crate import draw_crate
+    >>> sizes = [other_item(item).mean.size_mm for item in draw_crate(["kiwi"] * 200, seed=1)]
+    >>> sum(47.5 < size < 52.5 for size in sizes) < 80
+    True
+    """
+    low, high = {**CRATE_TAUGHT, **CRATE_STRANGERS}[item.kind].size_mm
+    place = (item.mean.size_mm - low) / (high - low)
+    size_mm = low + (high - low) * float(np.sin(0.5 * np.pi * place) ** 2)
+    known = {field.name: getattr(item, field.name) for field in fields(CrateItem)}
+    return OtherItem(**known | {"mean": replace(item.mean, size_mm=size_mm)})
 
 
 def other_thing(thing: TwinObject, *, number: int) -> TwinObject:
