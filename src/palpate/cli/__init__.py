@@ -12,7 +12,8 @@ import typer
 
 import palpate
 from palpate.cli.lazy_group import HELP, Entry, LazyGroup
-from palpate.errors import InputError, PalpateError
+from palpate.cli.options import opt
+from palpate.errors import PalpateError
 
 _STUDIES, _ARCHIVE = ("palpate-studies", "studies"), ("palpate-archive", "archive")
 #: Heading of the help -> its verbs -> what they do: the first paragraph of the function of that
@@ -64,29 +65,15 @@ VERBS = {
     for heading, verbs in GROUPS.items()
     for verb, summary in verbs.items()
 }
-#: Verbs of version 0.1 that are options now.
-REMOVED = {
-    "recover": "palpate inspect FILE --recover FILE",
-    "identify": "palpate sort --identify ITEM",
-}
-
-
-class _Palpate(LazyGroup):
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        if args[0] in REMOVED:
-            raise InputError(f"{args[0]}: use `{REMOVED[args[0]]}`")
-        return super().resolve_command(ctx, args)
 
 
 def build_app() -> LazyGroup:
     """Assemble the command from its verbs."""
-    app = typer.Typer(cls=_Palpate, name="palpate", no_args_is_help=True, rich_markup_mode=HELP)
+    app = typer.Typer(cls=LazyGroup, name="palpate", no_args_is_help=True, rich_markup_mode=HELP)
 
     @app.callback()
     def root(
-        version: Annotated[
-            bool, typer.Option("--version", help="Print the version.", callback=_version)
-        ] = False,
+        version: Annotated[bool, opt("--version", "Print the version.", callback=_version)] = False,
     ) -> None:
         """Examine produce by touch with a cheap resistive pressure sensor on any gripper."""
 

@@ -12,36 +12,33 @@ from rich.markup import escape
 
 from palpate.cli import options as option
 from palpate.cli.items import open_store
-from palpate.cli.options import JsonOption, StoreOption
+from palpate.cli.options import JsonOption, StoreOption, opt
 from palpate.cli.output import print_json
 from palpate.errors import InputError
-from palpate.produce.bruise.examination import ItemBruise, SideVerdict, examine_item, learn_from
+from palpate.produce.bruise.examination import ItemBruise, examine_item, learn_from
 from palpate.produce.bruise.model import BruiseModel, default_model
 from palpate.produce.store import Store
 from palpate.terminal_table import print_table
 
 
 def bruise(
-    item: Annotated[
-        str,
-        typer.Argument(help="Which item; grasped before.", autocompletion=option.complete_items),
-    ],
+    item: option.ItemArgument,
     store: StoreOption = None,
     learn: Annotated[
         bool,
-        typer.Option(
+        opt(
             "--learn",
-            help="Learn from the items of its kind that people called bruised or sound, instead "
+            "Learn from the items of its kind that people called bruised or sound, instead "
             "of the simulated sides that come with palpate.",
         ),
     ] = False,
     bruised_share: Annotated[
         float,
-        typer.Option(
-            help="Fraction of sides expected to be bruised before anything is measured.",
+        opt(
+            "--bruised-share FRACTION",
+            "Fraction of sides expected to be bruised before anything is measured.",
             min=0.0001,
             max=0.9999,
-            metavar="FRACTION",
         ),
     ] = 0.5,
     as_json: JsonOption = False,
@@ -92,11 +89,6 @@ def _learn(store: Store, item: str) -> BruiseModel:
     return learn_from(store, kind=kind)
 
 
-def _places(side: SideVerdict) -> str:
-    """Return the pixels that may lie on the bruise, rows and columns counted from 1."""
-    return ", ".join(f"{row + 1}/{column + 1}" for row, column in side.pixels)
-
-
 def _print(item: str, found: ItemBruise) -> None:
     console = Console(highlight=False)
     verdict, note = "bruised" if found.bruised else "sound", " (simulated)" * found.simulated
@@ -107,10 +99,13 @@ def _print(item: str, found: ItemBruise) -> None:
             str(side.grasps),
             f"{100 * side.probability:.0f}",
             side.against,
-            _places(side) * (side.probability >= 0.5),
+            ", ".join(f"{row + 1}/{column + 1}" for row, column in side.pixels)
+            if side.probability >= 0.5
+            else "",
         )
         for side in found.sides
     ]
+    # Rows and columns are counted from 1.
     columns = (">side", ">grasps", ">bruised, %", "compared with", "pixels, if it is")
     print_table(columns, rows, console=console)
     changes = {

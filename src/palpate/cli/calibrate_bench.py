@@ -61,20 +61,17 @@ def has_load_cell(rig: str) -> bool:
 
 
 @contextmanager
-def open_bench(
-    rig: str, *, seed: int, ask: Callable[[str], None], placements: int = 1
-) -> Iterator[GuidedBench]:
+def open_bench(rig: str, *, seed: int, placements: int = 1) -> Iterator[GuidedBench]:
     """Open the bench of a rig: the twin's, or a board's with a gripper, which is left open.
 
     `rig`: name of a rig, or a rig file with `[load_cells]`.
-    `ask`: shows the user of a real rig what to do, and returns when it is done.
     `placements`: how often the load cell will be placed, all steps together.
     Raises `InputError` if the rig file is at fault, or its fingers are driven by pressure;
     `DeviceError` if the rig has no load cell, equipment is missing, or a load cell does not read
     well.
     """
     if not (rig.endswith(".toml") and has_load_cell(rig)):
-        yield open_twin_bench(rig, seed=seed)
+        yield open_twin_bench(rig, seed)
         return
 
     # Steps count their own runs from 0; the person who places the cell sees one running count.
@@ -82,7 +79,7 @@ def open_bench(
     with open_board_bench(Path(rig)) as opened:
 
         def tared(what: str) -> None:
-            ask(f"{what}, then Enter")
+            ask_user(f"{what}, then Enter")
             opened.cell.tare()
 
         def placed(what: str) -> None:
@@ -99,7 +96,7 @@ def open_bench(
         )
 
 
-def open_twin_bench(rig: str, *, seed: int) -> GuidedBench:
+def open_twin_bench(rig: str, seed: int) -> GuidedBench:
     """Open the bench of a simulated rig.
 
     Raises `DeviceError` if the rig isn't one of the simulated ones with rigid fingers.

@@ -6,16 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from palpate.cli.calibrate_bench import (
     GuidedBench,
-    ask_user,
     calibration_file,
     earlier_calibration,
     open_bench,
 )
-from palpate.cli.options import CalibrationOption, JsonOption, RigOption, SeedOption
+from palpate.cli.options import CalibrationOption, JsonOption, RigOption, SeedOption, opt
 from palpate.cli.output import print_json
 from palpate.errors import InputError
 from palpate.estimate.compliance import Compliance
@@ -30,10 +27,7 @@ _UP_TO_N, _REPEATS = 15.0, 3
 
 def compliance(
     block_mm: Annotated[
-        float,
-        typer.Option(
-            "--block-mm", help="Size of the rigid block with the load cell.", metavar="MM"
-        ),
+        float, opt("--block-mm MM", "Size of the rigid block with the load cell.")
     ] = 40.0,
     rig: RigOption = "",
     out: CalibrationOption = None,
@@ -48,7 +42,7 @@ def compliance(
     Example: palpate calibrate compliance --block-mm 40 --out pad-3.json
     """
     path = calibration_file(rig, out)
-    with open_bench(rig, seed=seed, ask=ask_user) as guided:
+    with open_bench(rig, seed=seed) as guided:
         made = _measure(guided, block_mm=block_mm, rig=rig, out=path)
     block = made.block
     give = Compliance.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)

@@ -8,10 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from palpate.cli.calibrate_bench import now_text
-from palpate.cli.options import JsonOption
+from palpate.cli.options import JsonOption, opt
 from palpate.cli.output import print_json
 from palpate.errors import InputError
 from palpate.estimate.damage import NOMINAL_RATE
@@ -32,23 +30,19 @@ _FEWEST = 12
 
 def damage(
     curves: Annotated[
-        Path,
-        typer.Option(help="Closings: columns grasp_id, closure_mm, force_n.", metavar="CSV"),
+        Path, opt("--curves CSV", "Closings: columns grasp_id, closure_mm, force_n.")
     ],
     index: Annotated[
-        Path,
-        typer.Option(
-            help="Their ruptures: columns grasp_id, fruit, rupture_force_n.", metavar="CSV"
-        ),
+        Path, opt("--index CSV", "Their ruptures: columns grasp_id, fruit, rupture_force_n.")
     ],
-    out: Annotated[Path, typer.Option(help="File to make.")] = Path("damage.json"),
+    out: Annotated[Path, opt("--out", "File to make.")] = Path("damage.json"),
     rate_percent: Annotated[
         float,
-        typer.Option(
+        opt(
+            "--rate-percent PERCENT",
+            "Such produce that may be damaged at the limit.",
             min=0.01,
             max=50.0,
-            metavar="PERCENT",
-            help="Such produce that may be damaged at the limit.",
         ),
     ] = 100 * NOMINAL_RATE,
     as_json: JsonOption = False,

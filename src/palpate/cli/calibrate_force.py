@@ -7,11 +7,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import typer
-from rich.console import Console
-from rich.progress import Progress
 
 from palpate.cli import options as option
 from palpate.cli.calibrate_bench import (
@@ -23,8 +21,8 @@ from palpate.cli.calibrate_bench import (
     now_text,
     open_bench,
 )
-from palpate.cli.options import JsonOption
-from palpate.cli.output import print_json, say
+from palpate.cli.options import JsonOption, opt
+from palpate.cli.output import print_json, progress, say
 from palpate.cli.sensor_source import open_source
 from palpate.clock import RealClock
 from palpate.errors import CalibrationError, InputError
@@ -51,27 +49,21 @@ def force(
     rig: option.RigOption = "",
     loads: Annotated[
         Path | None,
-        typer.Option(
-            help="Dead weights in order, such as 1.5, 4, 9 N: column load_n.", metavar="CSV"
-        ),
+        opt("--loads CSV", "Dead weights in order, such as 1.5, 4, 9 N: column load_n."),
     ] = None,
     tolerance_percent: Annotated[
         float,
-        typer.Option(
-            "--tolerance",
-            help="Dead weights: half interval, percent, at which no more are asked for.",
+        opt(
+            "--tolerance PERCENT",
+            "Dead weights: half interval, percent, at which no more are asked for.",
             min=0.0,
-            metavar="PERCENT",
         ),
     ] = 0.0,
     out: option.CalibrationOption = None,
-    plot: Annotated[
-        Path | None, typer.Option(help="Draw readings and law.", metavar="FILE")
-    ] = None,
-    dpi: option.DpiOption = None,
+    plot: option.PlotOption = None,
     law: Annotated[
         Literal["power", "line"],
-        typer.Option(help="line: the paper's, from the mean relative change (Table 4)."),
+        opt("--law", "line: the paper's, from the mean relative change (Table 4)."),
     ] = "power",
     seed: option.SeedOption = 0,
     as_json: option.JsonOption = False,
@@ -84,7 +76,7 @@ def force(
     Example: palpate calibrate force --rig sim-rigid --seed 3 --out pad-3.json
     """
     path = calibration_file(rig, out)
-    check_plot(plot, dpi=dpi)
+    check_plot(plot)
     if loads is None and has_load_cell(rig):
         made, course = _calibrate_by_cell(rig, seed=seed, out=path), None
     else:
@@ -93,7 +85,7 @@ def force(
         made = with_line_law(made)
     made.save(path)
     if plot is not None:
-        save_figure(force_calibration_figure(made), plot, dpi=dpi)
+        save_figure(force_calibration_figure(made), plot)
     if as_json:
         document = _document(made, path=path)
         if course is not None:
@@ -105,40 +97,19 @@ def force(
             print(f"Written: {plot}")
 
 
-class _Shown:
-    """A bar of placements on standard error, which gives way to questions."""
-
-    def __init__(self, placements: int) -> None:
-        self._bar = Progress(console=Console(stderr=True), transient=True)
-        self._task = self._bar.add_task("settled holds", total=placements)
-
-    def __enter__(self) -> Self:
-        self._bar.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.stop()
-
-    def ask(self, what: str) -> None:
-        """Ask for something to be done, and wait; a bar that is redrawn would wipe that out."""
-        self._bar.stop()
-        ask_user(what)
-        self._bar.start()
-
-    def show(self, what: str, *, advance: int = 0) -> None:
-        """Show what is being done, and by how many placements the work has advanced."""
-        self._bar.update(self._task, description=what, advance=advance)
-
-
 def _calibrate_by_cell(rig: str, *, seed: int, out: Path) -> Calibration:
     """Read settled holds on the load cell and fit the laws of a grasp to them."""
-    shown = _Shown(len(HOLDS_N))
-    with open_bench(rig, seed=seed, ask=shown.ask, placements=len(HOLDS_N)) as guided, shown:
+    placements = len(HOLDS_N)
+    with (
+        open_bench(rig, seed=seed, placements=placements) as guided,
+        # A bar that is redrawn would wipe out what a person is asked to do.
+        progress("settled holds", total=placements, quiet=not guided.simulated) as show,
+    ):
         bench, layout = guided.bench, guided.bench.array.layout
         earlier = earlier_calibration(out, layout=layout, simulated=guided.simulated)
 
         def placed(run: int) -> None:
-            shown.show(f"settled holds, placement {run + 1}", advance=1)
+            show(run + 1)
             guided.reseat(run)
 
         rest = measure_rest(bench)
@@ -160,23 +131,19 @@ def _document(made: Calibration, *, path: Path) -> dict[str, Any]:
         "simulated": made.origin == "simulated",
         "pairs": len(made.force.force_n),
         "force_law": made.force_law,
-        "hysteresis_seen": _find_hysteresis(made),
+        "hysteresis_seen": bool(made.held_out.get("unloading_seen", False)),
         "expected_error_percent": made.held_out.get("error_percent", {}),
         "expected_early_error_percent": made.held_out.get("early_error_percent", {}),
         "expected_error_of": made.held_out.get("of"),
     }
 
 
-def _find_hysteresis(made: Calibration) -> bool:
-    return bool(made.held_out.get("unloading_seen", False))
-
-
 def _print(made: Calibration, *, path: Path) -> None:
     simulated = " (simulated)" if made.origin == "simulated" else ""
     law = made.force_law["law"]
     print(f"{path}{simulated}: force law {law}, {len(made.force.force_n)} pairs")
-    seen = "seen and learned" if _find_hysteresis(made) else "not seen, left out"
-    print(f"hysteresis: {seen}")
+    seen = made.held_out.get("unloading_seen", False)
+    print(f"hysteresis: {'seen and learned' if seen else 'not seen, left out'}")
     print(f"expected error of {made.held_out['of']}, on placements or loads left out of the fit:")
     early = made.held_out.get("early_error_percent", {})
     for force, error in made.held_out["error_percent"].items():
@@ -306,14 +273,9 @@ _LEAST_COUNTS = 1000.0
 
 
 def cell(
-    rig: Annotated[str, typer.Option(help="A rig file with a board.", metavar="TOML")],
-    known_n: Annotated[
-        float,
-        typer.Option("--known-n", help="The weight, newtons (kg * 9.81).", metavar="NEWTONS"),
-    ],
-    cell: Annotated[
-        int, typer.Option(help="Which load cell of the board.", min=0, max=1, metavar="N")
-    ] = 0,
+    rig: Annotated[str, opt("--rig TOML", "A rig file with a board.")],
+    known_n: Annotated[float, opt("--known-n NEWTONS", "The weight, newtons (kg * 9.81).")],
+    cell: Annotated[int, opt("--cell N", "Which load cell of the board.", min=0, max=1)] = 0,
     as_json: JsonOption = False,
 ) -> None:
     """Weigh a known weight on one load cell; prints the line for the rig file.
@@ -322,18 +284,6 @@ def cell(
     """
     if not (math.isfinite(known_n) and known_n > 0):
         raise InputError(f"--known-n must be above 0 newtons, not {known_n:g}")
-    known = _read_scales(rig, cell=cell)
-    newtons_per_count = known_n / _measure_counts(rig, cell=cell, known_n=known_n)
-    line = [*known[:cell], newtons_per_count, *known[cell + 1 :]]
-    if as_json:
-        print_json({"rig": rig, "cell": cell, "newtons_per_count": line})
-        return
-    print("[load_cells]")
-    print(f"newtons_per_count = [{', '.join(f'{scale:.6g}' for scale in line)}]")
-
-
-def _read_scales(rig: str, *, cell: int) -> tuple[float, ...]:
-    """Return what the rig file states already."""
     if not rig.endswith(".toml"):
         raise InputError(f"rig {rig!r} is simulated; give a rig file whose [array] is a board")
     known = load_cells_stated(Path(rig)) or ()
@@ -341,11 +291,6 @@ def _read_scales(rig: str, *, cell: int) -> tuple[float, ...]:
         raise InputError(
             f"--cell {cell}: calibrate cell 0 first and put its [load_cells] into {rig}"
         )
-    return known
-
-
-def _measure_counts(rig: str, *, cell: int, known_n: float) -> float:
-    """Return by how many counts the weight moves the cell."""
     clock = RealClock()
     with closing(open_source(rig=rig)) as source:
         board = board_with_cells(source.array)
@@ -358,4 +303,9 @@ def _measure_counts(rig: str, *, cell: int, known_n: float) -> float:
             f"load cell {cell} moved by {loaded - empty:.0f} counts only; does the weight lie on "
             "it, and is it this cell? (--cell)"
         )
-    return loaded - empty
+    line = [*known[:cell], known_n / (loaded - empty), *known[cell + 1 :]]
+    if as_json:
+        print_json({"rig": rig, "cell": cell, "newtons_per_count": line})
+        return
+    print("[load_cells]")
+    print(f"newtons_per_count = [{', '.join(f'{scale:.6g}' for scale in line)}]")

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 from rich.console import Console
 
 from palpate.cli import options as option
 from palpate.cli.calibrate_bench import DEFAULT_FILE, earlier_calibration, new_calibration
+from palpate.cli.options import opt
 from palpate.cli.output import print_json, say
 from palpate.cli.sensor_source import open_source
 from palpate.errors import CalibrationError
@@ -30,19 +30,11 @@ def rest(
     rig: option.SensorOption = None,
     port: option.PortOption = None,
     out: option.CalibrationOption = None,
-    new: Annotated[
-        bool, typer.Option("--new", help="Start a new file: the sensor was changed.")
-    ] = False,
+    new: Annotated[bool, opt("--new", "Start a new file: the sensor was changed.")] = False,
     empty: Annotated[
-        bool,
-        typer.Option(
-            "--empty",
-            help="Nothing presses, though temperature, humidity or wear moved it.",
-        ),
+        bool, opt("--empty", "Nothing presses, though temperature, humidity or wear moved it.")
     ] = False,
-    duration_s: Annotated[
-        float, typer.Option("--duration", help="How long.", min=1.0, metavar="SECONDS")
-    ] = 5.0,
+    duration_s: Annotated[float, opt("--duration SECONDS", "How long.", min=1.0)] = 5.0,
     as_json: option.JsonOption = False,
 ) -> None:
     """Take the rest values of every pixel; refused when something presses or moves.

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from palpate.cli.options import opt
 from palpate.cli.output import say
 from palpate.cli.settle_source import HoldSource
 from palpate.errors import InputError
@@ -23,13 +24,8 @@ def settling(
     recordings: Annotated[
         list[Path], typer.Argument(help="Recordings or holds files, or folders of them.")
     ],
-    rig: Annotated[
-        str | None, typer.Option("--rig", help="Rig file that is to keep them.", metavar="FILE")
-    ] = None,
-    out: Annotated[Path | None, typer.Option(help="Holds file to write, .csv or .parquet.")] = None,
-    shortest_s: Annotated[
-        float, typer.Option("--shortest", help="Holds that end earlier are left out, s.", min=1.0)
-    ] = _SHORTEST_S,
+    rig: Annotated[str | None, opt("--rig FILE", "Rig file that is to keep them.")] = None,
+    out: Annotated[Path | None, opt("--out", "Holds file to write, .csv or .parquet.")] = None,
 ) -> None:
     """Keep the settled holds of recordings, for `palpate settle --learn-from` or `--rig`.
 
@@ -50,7 +46,7 @@ def settling(
     kept = _read(HoldSource(paths=[place]), place) if rig and place.exists() else []
     for path in files:
         cut = _read(source, path)
-        long = [hold for hold in cut if hold.time_s[-1] >= shortest_s - 0.5]
+        long = [hold for hold in cut if hold.time_s[-1] >= _SHORTEST_S - 0.5]
         names = {hold.hold_id for hold in cut}, {hold.hold_id for hold in long}
         say(f"{path}: {len(names[0])} holds, {len(names[1])} long enough")
         if again := names[1] & {hold.hold_id for hold in kept}:
@@ -58,8 +54,7 @@ def settling(
         kept += long
     if not kept:
         raise InputError(
-            f"{recordings[0]}: no hold lasts {shortest_s:g} s; hold for longer while recording, or "
-            "give --shortest"
+            f"{recordings[0]}: no hold lasts {_SHORTEST_S:g} s; hold for longer while recording"
         )
     rows = write_export(place, hold_tables(kept), to="csv" if place.suffix == ".csv" else "parquet")
     print(f"{place}: {len({hold.hold_id for hold in kept})} holds, {rows} rows")

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli import options as option
+from palpate.cli.options import opt
 from palpate.cli.output import progress
 from palpate.errors import InputError
 
@@ -41,8 +42,7 @@ def demo(
         str, typer.Argument(help="recordings or packhouse.", autocompletion=option.complete_demos)
     ],
     out: Annotated[
-        Path | None,
-        typer.Option(help="Folder to write into; demo-NAME by default.", metavar="DIR"),
+        Path | None, opt("--out DIR", "Folder to write into; demo-NAME by default.")
     ] = None,
 ) -> None:
     """Write simulated files to try palpate on.

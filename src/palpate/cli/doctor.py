@@ -15,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from palpate.cli import options as option
+from palpate.cli.options import opt
 from palpate.cli.output import CARD_FRAME, print_card, print_json, say
 from palpate.cli.sensor_source import SensorSource, open_source
 from palpate.errors import InputError
@@ -31,17 +32,13 @@ def doctor(
     rig: option.SensorOption = None,
     port: option.PortOption = None,
     recording: Annotated[
-        Path | None,
-        typer.Option(help="Judge a recording instead; it must begin at rest.", metavar="FILE"),
+        Path | None, opt("--recording FILE", "Judge a recording instead; it must begin at rest.")
     ] = None,
     duration_s: Annotated[
-        float,
-        typer.Option(
-            "--duration", help="How long at rest to judge by.", min=1.0, metavar="SECONDS"
-        ),
+        float, opt("--duration SECONDS", "How long at rest to judge by.", min=1.0)
     ] = 10.0,
     press: Annotated[
-        bool, typer.Option("--press", help="Then press each pixel in turn: finds swapped wires.")
+        bool, opt("--press", "Then press each pixel in turn: finds swapped wires.")
     ] = False,
     as_json: option.JsonOption = False,
 ) -> None:
@@ -82,7 +79,7 @@ def _examine_source(source: SensorSource, *, duration_s: float, press: bool) -> 
     also: tuple[Finding, ...] = ()
     if press:
         frames = iter(lambda: source.array.read(timeout_s=FRAME_TIMEOUT_S), None)
-        whole, also = _follow_presses(frames, rest=rest, layout=layout, prompt=_prompt)
+        whole, also = _follow_presses(frames, rest=rest, layout=layout, prompt=say)
     health = examine(
         rest,
         layout=layout,
@@ -131,7 +128,8 @@ def _follow_presses(
     for frame in frames:
         if watch.expected is not None and watch.expected != asked:
             asked = watch.expected
-            prompt(f"press pixel {pixel_name(*asked)} (finger {layout.finger_of_row[asked[0]]})")
+            where = f"pixel {pixel_name(*asked)} (finger {layout.finger_of_row[asked[0]]})"
+            prompt(f"press {where}, hold it for a moment, let go")
         ohm = pixel_resistance_ohm(frame.counts, layout=layout, oversampling=frame.oversampling)
         watch.see(frame.time_s, ohm)
         taken.append(frame)
@@ -139,10 +137,6 @@ def _follow_presses(
             break
     watch.give_up()
     return FrameColumns.of(taken), tuple(order_findings(watch.presses, layout=layout))
-
-
-def _prompt(text: str) -> None:
-    say(f"{text}, hold it for a moment, let go")
 
 
 _MARKS = {Severity.FAULT: "[bold red]✗[/]", Severity.ADVICE: "[yellow]![/]"}

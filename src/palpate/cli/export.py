@@ -8,6 +8,7 @@ from typing import Annotated, Literal, TypeAlias
 import typer
 
 from palpate.cli.lazy_group import entry_point
+from palpate.cli.options import opt
 from palpate.cli.output import say
 from palpate.errors import InputError, RecordingError
 from palpate.files import check_new
@@ -23,32 +24,24 @@ def export(
         list[Path], typer.Argument(help="An .mcap recording; with --lerobot any number of grasps.")
     ],
     to: Annotated[
-        ExportForm | None,
-        typer.Option(help="Form of the file. [default: by --out's ending, or csv]"),
+        ExportForm | None, opt("--to", "Form of the file. [default: by --out's ending, or csv]")
     ] = None,
-    holds: Annotated[
-        bool, typer.Option("--holds", help="Cut out the holds, for `palpate settle`.")
-    ] = False,
+    holds: Annotated[bool, opt("--holds", "Cut out the holds, for `palpate settle`.")] = False,
     unit: Annotated[
-        HoldUnit, typer.Option(help="Holds as relative change or as resistance.")
+        HoldUnit, opt("--unit", "Holds as relative change or as resistance.")
     ] = "percent",
-    out: Annotated[
-        Path | None, typer.Option(help="File to write. [default: next to FILE]", metavar="FILE")
-    ] = None,
+    out: Annotated[Path | None, opt("--out FILE", "File to write. [default: next to FILE]")] = None,
     lerobot: Annotated[
-        Path | None,
-        typer.Option(help="Write recorded grasps as a LeRobot data set, v3.0.", metavar="DIR"),
+        Path | None, opt("--lerobot DIR", "Write recorded grasps as a LeRobot data set, v3.0.")
     ] = None,
     task: Annotated[
         str | None,
-        typer.Option(help="With --lerobot: what was done, in words. [default: by each recording]"),
+        opt("--task", "With --lerobot: what was done, in words. [default: by each recording]"),
     ] = None,
     fps: Annotated[
         int | None,
-        typer.Option(
-            help="With --lerobot: ticks per second. [default: the first recording's]",
-            min=1,
-            metavar="HZ",
+        opt(
+            "--fps HZ", "With --lerobot: ticks per second. [default: the first recording's]", min=1
         ),
     ] = None,
 ) -> None:
@@ -67,13 +60,7 @@ def export(
         raise InputError("--task and --fps are for --lerobot; name its folder, or leave them out")
     if len(files) > 1:
         raise InputError(f"{files[1]}: one recording at a time, except with --lerobot")
-    _export_table(files[0], to=to, holds=holds, unit=unit, out=out)
-
-
-def _export_table(
-    file: Path, *, to: ExportForm | None, holds: bool, unit: HoldUnit, out: Path | None
-) -> None:
-    form = _form(to, out)
+    file, form = files[0], _form(to, out)
     target = out or file.parent / (file.stem + (f".holds.{form}" if holds else f".{form}"))
     check_new(target)
     if holds:

@@ -9,9 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Literal
 
-import typer
-
-from palpate.cli.options import JsonOption
+from palpate.cli.options import JsonOption, opt
 from palpate.cli.output import print_json, say
 from palpate.clock import RealClock
 from palpate.errors import DeviceError, DeviceNotFoundError, InputError
@@ -22,19 +20,19 @@ from palpate.sensor.ports import ask_identity, serial_ports
 
 def flash(
     port: Annotated[
-        str | None, typer.Option(help="Serial port; by default the one found by USB id.")
+        str | None, opt("--port", "Serial port; by default the one found by USB id.")
     ] = None,
     board: Annotated[
-        Literal["mega2560", "uno", "nano"], typer.Option(help="Which Arduino it is.")
+        Literal["mega2560", "uno", "nano"], opt("--board", "Which Arduino it is.")
     ] = "mega2560",
     baud: Annotated[
         int,
-        typer.Option(
-            help="Speed it will talk at: 1000000, 500000, 250000 or 115200; a Mega also 9600."
+        opt(
+            "--baud", "Speed it will talk at: 1000000, 500000, 250000 or 115200; a Mega also 9600."
         ),
     ] = 1_000_000,
     image: Annotated[
-        Path | None, typer.Option(help="Another image (Intel hex) than the one installed.")
+        Path | None, opt("--image", "Another image (Intel hex) than the one installed.")
     ] = None,
 ) -> None:
     """Write the firmware with avrdude, verify it, and ask the board what it runs.

@@ -16,6 +16,7 @@ from palpate.cli.options import (
     ExtraOption,
     MethodOption,
     StepOption,
+    opt,
     paper_settings,
 )
 from palpate.cli.output import print_json, say
@@ -50,35 +51,22 @@ def grasp(
     target_force_n: option.TargetForceOption = None,
     expect_size_mm: Annotated[
         float | None,
-        typer.Option(
-            "--expect-size",
-            help="Approximate thickness: the approach is faster.",
-            metavar="MM",
-            min=1.0,
-        ),
+        opt("--expect-size MM", "Approximate thickness: the approach is faster.", min=1.0),
     ] = None,
     calibration: Annotated[
         Path | None,
-        typer.Option(
-            help="Use this calibration of the sensor in place of the rig's own.", metavar="FILE"
-        ),
+        opt("--calibration FILE", "Use this calibration of the sensor in place of the rig's own."),
     ] = None,
     damage: option.DamageOption = None,
     kind: Annotated[
-        str | None,
-        typer.Option(help="With --damage: what is grasped, where known.", metavar="NAME"),
+        str | None, opt("--kind NAME", "With --damage: what is grasped, where known.")
     ] = None,
     pull_n: Annotated[
-        float | None,
-        typer.Option(
-            "--pull-n", help="Judge whether such a pull is secure.", min=0.01, metavar="NEWTONS"
-        ),
+        float | None, opt("--pull-n NEWTONS", "Judge whether such a pull is secure.", min=0.01)
     ] = None,
     friction: Annotated[
         float | None,
-        typer.Option(
-            help="With --pull-n: coefficient between pads and object.", min=0.01, metavar="NUMBER"
-        ),
+        opt("--friction NUMBER", "With --pull-n: coefficient between pads and object.", min=0.01),
     ] = None,
     method: MethodOption = "palpate",
     step_mm: StepOption = None,
@@ -87,22 +75,20 @@ def grasp(
     cutoff_s: CutoffOption = None,
     as_json: option.JsonOption = False,
     record: Annotated[
-        Path | None, typer.Option(help="Record the grasp to a new .mcap file.", metavar="FILE")
+        Path | None, opt("--record FILE", "Record the grasp to a new .mcap file.")
     ] = None,
     item: Annotated[
         str | None,
-        typer.Option(
-            help="Keep the grasp in the store, as one of this item.",
-            metavar="ITEM",
+        opt(
+            "--item ITEM",
+            "Keep the grasp in the store, as one of this item.",
             autocompletion=option.complete_items,
         ),
     ] = None,
     store: option.StoreOption = None,
     angle_deg: Annotated[
         float | None,
-        typer.Option(
-            help="With --item: which side of it faces the first finger.", metavar="DEGREES"
-        ),
+        opt("--angle-deg DEGREES", "With --item: which side of it faces the first finger."),
     ] = None,
 ) -> None:
     """Close on an unknown object, measure size, force and stiffness, and release it.
@@ -117,7 +103,6 @@ def grasp(
     from palpate.grasp.planning import plan_grasp
     from palpate.grasp.pull import judge_pull
     from palpate.grasp.runner import run_grasp
-    from palpate.grasp.verdict import verdict
     from palpate.rig import open_rig
     from palpate.rig.file import with_calibration
     from palpate.rig.recorded import record_grasp
@@ -193,10 +178,9 @@ def grasp(
                 document["pull"] = pull.to_dict()
             print_json(document)
         else:
-            summary = verdict(result, target_force_n=target_force_n)
             print_card(
                 result,
-                summary=summary,
+                target_force_n=target_force_n,
                 title=f"[bold]{devices.subject or 'unknown object'}[/] on {devices.name}",
                 simulated=devices.simulated,
                 seed=seed,

@@ -11,12 +11,10 @@ from rich.text import Text
 from palpate.cli.output import print_card as print_frame
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.verdict import verdict
 from palpate.settling.result import Status
 from palpate.terminal_table import make_table
 
-_BAR = 20
-#: Narrower terminals have no room for the bars next to the numbers.
-_WIDE = 80
 #: Name of the measurement, label with its unit, digits after the point.
 _ROWS = (
     ("size_mm", "Size, mm", 1),
@@ -38,14 +36,15 @@ _NOTES = {
 def print_card(
     result: GraspResult,
     *,
-    summary: Mapping[str, object],
     title: str,
     simulated: bool,
     seed: int | None,
+    target_force_n: float | None = None,
     truth: Mapping[str, object] | None = None,
     limited: Mapping[str, object] | None = None,
 ) -> None:
     """Print the card on standard output; `limited` is what a learned damage limit did."""
+    summary = verdict(result, target_force_n=target_force_n)
     damaged = truth is not None and bool(truth["damaged"])
     good = result.outcome is Outcome.HELD and not damaged
     headline = Text(str(summary["text"]).capitalize(), style="bold green" if good else "bold red")
@@ -59,7 +58,7 @@ def print_card(
     if damaged:
         damage = "The object was damaged: its force passed the yield."
         parts.append(Text(damage, style="bold red"))
-    parts += [None, _measurements(result, truth, bars=console.width >= _WIDE), None]
+    parts += [None, _measurements(result, truth), None]
     parts.append(_timings(result))
     if limited is not None:
         parts.append(Text(_limit_text(limited)))
@@ -75,11 +74,9 @@ def print_card(
     )
 
 
-def _measurements(result: GraspResult, truth: Mapping[str, object] | None, *, bars: bool) -> Table:
-    columns = ["", ">value", "90 % interval"]
-    if truth is not None:
-        columns += [""] * bars + [">[green]▼[/] true"]
-    table = make_table(columns)
+def _measurements(result: GraspResult, truth: Mapping[str, object] | None) -> Table:
+    """Return the table of measurements; a true value is green inside the interval, else red."""
+    table = make_table(["", ">value", "90 % interval", *[">true"] * (truth is not None)])
     for column in table.columns:
         column.no_wrap = True
     table.columns[2].justify = "center"
@@ -88,46 +85,23 @@ def _measurements(result: GraspResult, truth: Mapping[str, object] | None, *, ba
         if measured is None:
             table.add_row(label, "-")
             continue
-        note = _note(measured)
-        cells = [
-            f"{label} [yellow]*[/]" if note else label,
-            f"[bold]{measured.value:.{digits}f}[/]" if measured.number else "-",
-            f"{measured.low:.{digits}f} … {measured.high:.{digits}f}"
-            if measured.number
-            else measured.text(digits=digits),
-        ]
-        if truth is not None:
-            true = truth.get(name)
-            known = float(true) if isinstance(true, int | float) else None
-            cells += [_bar(measured, known) if measured.number else ""] * bars
-            cells += ["-" if known is None else f"{known:.{digits}f}"]
-        table.add_row(*cells)
+        value, interval = "-", measured.text(digits=digits)
+        if measured.number:
+            value = f"[bold]{measured.value:.{digits}f}[/]"
+            interval = f"{measured.low:.{digits}f} … {measured.high:.{digits}f}"
+        true = "-"
+        if truth is not None and isinstance(known := truth.get(name), int | float):
+            true = f"{known:.{digits}f}"
+            if measured.number:
+                is_inside = measured.low <= known <= measured.high
+                true = f"[{'green' if is_inside else 'red'}]{true}[/]"
+        note = " [yellow]*[/]" if _note(measured) else ""
+        table.add_row(label + note, value, interval, *[true] * (truth is not None))
     return table
 
 
 def _note(measured: Measurement) -> str:
     return measured.reason or _NOTES.get(measured.status, str(measured.status))
-
-
-def _bar(measured: Measurement, true: float | None) -> str:
-    """Draw interval, estimate and truth on one line: `├──●──┤` and `▼` for the truth."""
-    marks = [measured.low, measured.middle, measured.high, *([] if true is None else [true])]
-    low, high = min(marks), max(marks)
-    margin = 0.08 * (high - low) or 1.0
-    low, span = low - margin, high - low + 2 * margin
-
-    def column(value: float) -> int:
-        return min(_BAR - 1, int(_BAR * (value - low) / span))
-
-    cells = [" "] * _BAR
-    left, right = column(measured.low), column(measured.high)
-    cells[left : right + 1] = "─" * (right + 1 - left)
-    cells[left], cells[right] = "├", "┤"
-    cells[column(measured.middle)] = "●"
-    if true is not None:
-        inside = measured.low <= true <= measured.high
-        cells[column(true)] = f"[{'green' if inside else 'red'}]▼[/]"
-    return "".join(cells)
 
 
 def _timings(result: GraspResult) -> Text:

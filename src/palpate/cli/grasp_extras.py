@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from palpate.cli.options import refuse_options
 from palpate.cli.output import say
 from palpate.errors import InputError, StoreError
 from palpate.grasp.document import limit_document
@@ -142,9 +143,8 @@ def open_store_entry(
     if the local store can't be used.
     """
     if item_id is None:
-        for option, value in (("--store", store), ("--angle-deg", angle_deg)):
-            if value is not None:
-                raise InputError(f"{option} {value}: name the item with --item NAME")
+        given = {"--store": store, "--angle-deg": angle_deg}
+        refuse_options(given, why="name the item with --item NAME")
         return None
     from palpate.produce.records import Item
     from palpate.produce.store import Store

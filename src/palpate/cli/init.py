@@ -9,6 +9,7 @@ from typing import Annotated, cast
 
 import typer
 
+from palpate.cli.options import opt
 from palpate.errors import InputError
 from palpate.files import atomic_path
 from palpate.sensor.array import IdleLines
@@ -37,40 +38,41 @@ _SERVO: dict[str, str | float] = {
 def init(
     file: Annotated[Path, typer.Argument(help="The new rig file.")] = Path("rig.toml"),
     port: Annotated[
-        str | None, typer.Option(help="Serial port, or `auto` to look for the board each time.")
+        str | None, opt("--port", "Serial port, or `auto` to look for the board each time.")
     ] = None,
     layout: Annotated[
-        str | None, typer.Option(help="rigid-2x2, soft-3x2, or rows x columns such as 4x4.")
+        str | None, opt("--layout", "rigid-2x2, soft-3x2, or rows x columns such as 4x4.")
     ] = None,
-    reference_ohm: Annotated[float | None, typer.Option(help="The divider's resistor.")] = None,
+    reference_ohm: Annotated[
+        float | None, opt("--reference-ohm", "The divider's resistor.")
+    ] = None,
     taxel_leg: Annotated[
-        str | None,
-        typer.Option(help="upper: the pixel lies at the supply; lower: at ground."),
+        str | None, opt("--taxel-leg", "upper: the pixel lies at the supply; lower: at ground.")
     ] = None,
     gripper: Annotated[
         str | None,
-        typer.Option(
-            help="none, dynamixel, pneumatic (the board's regulator), servo (a hobby servo on the "
+        opt(
+            "--gripper KIND",
+            "none, dynamixel, pneumatic (the board's regulator), servo (a hobby servo on the "
             "board), or module:function that opens yours.",
-            metavar="KIND",
         ),
     ] = None,
     gripper_port: Annotated[
-        str | None, typer.Option(help="Serial port of a dynamixel gripper's servo.")
+        str | None, opt("--gripper-port", "Serial port of a dynamixel gripper's servo.")
     ] = None,
     idle_lines: Annotated[
         str | None,
-        typer.Option(help="floating: two multiplexers; held: rows on the Mega's pins; isolated."),
+        opt("--idle-lines", "floating: two multiplexers; held: rows on the Mega's pins; isolated."),
     ] = None,
     fingers: Annotated[
         int | None,
-        typer.Option(help="Fingers that the rows of a layout such as 6x3 are on. [default: 1]"),
+        opt("--fingers", "Fingers that the rows of a layout such as 6x3 are on. [default: 1]"),
     ] = None,
-    rate_hz: Annotated[float, typer.Option(help="Frames per second.")] = 250.0,
+    rate_hz: Annotated[float, opt("--rate-hz", "Frames per second.")] = 250.0,
     baud: Annotated[
-        int, typer.Option(help="Speed that the firmware was built for.", min=1)
+        int, opt("--baud", "Speed that the firmware was built for.", min=1)
     ] = 1_000_000,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+    force: Annotated[bool, opt("--force", "Replace an existing file.")] = False,
 ) -> None:
     """Write a rig file.
 
@@ -83,10 +85,17 @@ def init(
     if file.exists() and not force:
         raise InputError(f"{file} exists; give another name, or --force to replace it")
     check_rate(rate_hz)
-    array: dict[str, str | float | bool] = {"port": _port(port)}
+    boards = [found.device for found in serial_ports() if found.board is not None]
+    likely = boards[0] if len(boards) == 1 else _ANY_PORT
+    array: dict[str, str | float | bool] = {"port": _ask("Serial port", port, likely)}
     array |= _pixels(layout, fingers) | _divider(reference_ohm, taxel_leg, idle_lines)
     array |= {"rate_hz": rate_hz, "baud": baud}
-    _check_pixels(array)
+    layout_named(
+        str(array["layout"]),
+        reference_ohm=float(array["reference_ohm"]),
+        idle_lines=cast(IdleLines, array["idle_lines"]),
+        fingers=int(array.get("fingers", 1)),
+    )
     hand = _hand(gripper, gripper_port)
     array |= {key: True for kind, key in _SHARED.items() if hand.get("open") == _GRIPPERS[kind]}
     text = rig_text(array, gripper=hand, calibration=f"{file.stem}-calibration.json")
@@ -95,11 +104,6 @@ def init(
     print(f"Written: {file}\nNext: palpate doctor --rig {file}")
     rest = "force and compliance to grasp with it" if hand else "force to read newtons"
     print(f"Then: palpate calibrate rest --rig {file}, and {rest}")
-
-
-def _port(port: str | None) -> str:
-    likely = [found.device for found in serial_ports() if found.board is not None]
-    return _ask("Serial port", port, likely[0] if len(likely) == 1 else _ANY_PORT)
 
 
 def _pixels(layout: str | None, fingers: int | None) -> dict[str, str | float | bool]:
@@ -117,7 +121,13 @@ def _divider(
     reference_ohm: float | None, taxel_leg: str | None, idle_lines: str | None
 ) -> dict[str, str | float | bool]:
     """Return how the pixels are wired and read."""
-    resistor = _ohm(_ask("Reference resistor, ohm", reference_ohm, "4700"))
+    resistor = _ask("Reference resistor, ohm", reference_ohm, "4700")
+    try:
+        ohm = float(resistor)
+    except ValueError as error:
+        raise InputError(
+            f"--reference-ohm {resistor}: give the resistor in ohm, e.g. 4700"
+        ) from error
     leg = _ask("Pixel at the supply (upper) or at ground (lower)", taxel_leg, "upper")
     if leg not in ("upper", "lower"):
         raise InputError(f"--taxel-leg {leg}: give upper or lower")
@@ -126,16 +136,7 @@ def _divider(
         idle_lines,
         "floating",
     )
-    return {"reference_ohm": resistor, "taxel_leg": leg, "idle_lines": idle}
-
-
-def _check_pixels(array: dict[str, str | float | bool]) -> None:
-    layout_named(
-        str(array["layout"]),
-        reference_ohm=float(array["reference_ohm"]),
-        idle_lines=cast(IdleLines, array["idle_lines"]),
-        fingers=int(array.get("fingers", 1)),
-    )
+    return {"reference_ohm": ohm, "taxel_leg": leg, "idle_lines": idle}
 
 
 def _hand(kind: str | None, port: str | None) -> dict[str, str | float]:
@@ -206,10 +207,3 @@ def _ask(question: str, given: str | float | None, default: str) -> str:
         return default
     answer: str = typer.prompt(question, default=default, err=True)
     return answer.strip()
-
-
-def _ohm(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError as error:
-        raise InputError(f"--reference-ohm {text}: give the resistor in ohm, e.g. 4700") from error

@@ -6,9 +6,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
-from palpate.cli.options import DpiOption, JsonOption
+from palpate.cli import options as option
+from palpate.cli.options import JsonOption, opt
 from palpate.cli.output import print_json, say
 from palpate.errors import InputError
 from palpate.files import check_new
@@ -20,19 +19,15 @@ from palpate.recording.reader import summarise_recording
 
 
 def inspect(
-    file: Annotated[Path, typer.Argument(help="An .mcap recording, finished or not.")],
+    file: option.RecordingArgument,
     as_json: JsonOption = False,
-    plot: Annotated[
-        Path | None,
-        typer.Option(help="Draw pixels, gripper and events: .png, .svg or .pdf.", metavar="FILE"),
-    ] = None,
-    dpi: DpiOption = None,
+    plot: option.PlotOption = None,
     recover: Annotated[
         Path | None,
-        typer.Option(
-            help="Write every intact message as a finished recording, which is then shown; the "
+        opt(
+            "--recover FILE",
+            "Write every intact message as a finished recording, which is then shown; the "
             "recording's own name replaces it.",
-            metavar="FILE",
         ),
     ] = None,
 ) -> None:
@@ -43,12 +38,15 @@ def inspect(
 
     Example: palpate inspect run.mcap --recover run-whole.mcap
     """
-    check_plot(plot, dpi=dpi)
+    check_plot(plot)
     if recover is not None:
         _recover(file, recover)
         file = recover
     if plot is not None:
-        _draw(file, plot, dpi=dpi)
+        recording = load_recording(file)
+        if recording.time_s.size == 0:
+            raise InputError(f"{file}: no frame in it, so there is nothing to draw")
+        save_figure(recording_figure(recording, title=file.name), plot)
     state = FileState()
     with RecordingReader(file) as reader:
         summary = summarise_recording(reader, state=state)
@@ -87,13 +85,6 @@ def _recover(file: Path, out: Path) -> None:
             f"{found.unread_bytes} bytes at the end are not)"
         )
     say(report)
-
-
-def _draw(file: Path, plot: Path, *, dpi: int | None) -> None:
-    recording = load_recording(file)
-    if recording.time_s.size == 0:
-        raise InputError(f"{file}: no frame in it, so there is nothing to draw")
-    save_figure(recording_figure(recording, title=file.name), plot, dpi=dpi)
 
 
 def _text(found: dict[str, Any]) -> str:

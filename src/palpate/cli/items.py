@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from palpate.cli import options as option
-from palpate.cli.options import BatchOption, DayOption, JsonOption, StoreOption
+from palpate.cli.options import BatchOption, DayOption, JsonOption, StoreOption, opt
 from palpate.cli.output import (
     CARD_FRAME,
     SIMULATED,
@@ -42,6 +42,7 @@ _SETTABLE = ("kind", "batch", "label")
 #: Grasps and verdicts shown on a page: the last ones.
 _SHOWN = 20
 _MARK = "[yellow]~[/]"
+VERDICT_COLUMNS = ("about", "verdict", ">probability", "why")
 
 
 def items(
@@ -49,28 +50,25 @@ def items(
         str | None, typer.Argument(help="One item's page.", autocompletion=option.complete_items)
     ] = None,
     store: StoreOption = None,
-    kind: Annotated[str | None, typer.Option(help="Only items of this kind.")] = None,
+    kind: Annotated[str | None, opt("--kind", "Only items of this kind.")] = None,
     batch: BatchOption = None,
     day: DayOption = None,
-    limit: Annotated[int, typer.Option(help="List at most this many.", min=1, metavar="N")] = 50,
+    limit: Annotated[int, opt("--limit N", "List at most this many.", min=1)] = 50,
     changes: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="Set kind, batch or label of ITEM.", metavar="NAME=TEXT"),
+        list[str] | None, opt("--set NAME=TEXT", "Set kind, batch or label of ITEM.")
     ] = None,
     labels: Annotated[
         list[str] | None,
-        typer.Option(
-            "--say",
-            help="Record what ITEM is today: ripeness, bruise, identity or bin. palpate learns "
-            "from it.",
-            metavar="ABOUT=TEXT",
+        opt(
+            "--say ABOUT=TEXT",
+            "Record what ITEM is today: ripeness, bruise, identity or bin. palpate learns from it.",
         ),
     ] = None,
     export: Annotated[
         Path | None,
-        typer.Option(
-            help="Write the grasps to FILE.parquet, and the verdicts to FILE.verdicts.parquet.",
-            metavar="FILE",
+        opt(
+            "--export FILE",
+            "Write the grasps to FILE.parquet, and the verdicts to FILE.verdicts.parquet.",
         ),
     ] = None,
     as_json: JsonOption = False,
@@ -110,6 +108,17 @@ def open_store(where: str | None, *, create: bool = False) -> Iterator[Store]:
             store.away = error
         if store.away is not None:
             say(f"palpate: {store.away}; this is from {store.local_name}, without other stations")
+
+
+def find_batch(store: Store, batch: str) -> tuple[Item, ...]:
+    """Return the items of a batch.
+
+    Raises `InputError` if there is none.
+    """
+    found = store.of_batch(batch)
+    if not found:
+        raise InputError(f"--batch {batch}: no item of this batch in {store.name}")
+    return found
 
 
 def day_bounds(text: str) -> tuple[date, datetime, datetime]:
@@ -295,25 +304,25 @@ def _grasps(page: ItemHistory) -> Table:
 
 
 def _verdicts(page: ItemHistory) -> Table:
-    return make_table(
-        ("given", "about", "verdict", ">probability", "why"),
-        [
-            (
-                time_text(one.given_at),
-                str(one.about),
-                Text(one.text, style="bold"),
-                percent_text(one.probability),
-                Text(explain_verdict(one)),
-            )
-            for one in page.verdicts[-_SHOWN:]
-        ],
-    )
+    rows = [
+        (time, about, Text(text, style="bold"), probability, Text(why))
+        for time, about, text, probability, why in verdict_rows(page.verdicts[-_SHOWN:])
+    ]
+    return make_table(("given", *VERDICT_COLUMNS), rows)
 
 
-def explain_verdict(verdict: Verdict) -> str:
-    """Return the reason of a verdict."""
-    by_person = "given by a person" if verdict.source is Source.PERSON else ""
-    return verdict.explanation or by_person
+def verdict_rows(verdicts: Iterable[Verdict]) -> Iterator[tuple[str, str, str, str, str]]:
+    """Yield a row for each verdict: the time, then `VERDICT_COLUMNS`."""
+    for one in verdicts:
+        by_person = "given by a person" if one.source is Source.PERSON else ""
+        why = one.explanation or by_person
+        yield (
+            time_text(one.given_at),
+            str(one.about),
+            one.text,
+            percent_text(one.probability),
+            why,
+        )
 
 
 def _value(measured: Measurement | None, digits: int) -> str:

@@ -15,6 +15,7 @@ from rich.live import Live
 from palpate.cli import options as option
 from palpate.cli.live_reading import LiveReading, pace_frames
 from palpate.cli.live_view import DRAW_HZ, LiveView
+from palpate.cli.options import host_and_port, opt
 from palpate.cli.output import say
 from palpate.cli.sensor_source import SensorSource, open_source
 from palpate.clock import Clock, RealClock
@@ -42,26 +43,15 @@ def live(
         ),
     ] = None,
     foxglove: Annotated[
-        bool,
-        typer.Option(
-            "--foxglove", help="Send all of it to Foxglove, too (docs: See it in Foxglove)."
-        ),
+        bool, opt("--foxglove", "Send all of it to Foxglove, too (docs: See it in Foxglove).")
     ] = False,
     rig: option.SensorOption = None,
     port: option.PortOption = None,
     duration_s: Annotated[
         float,
-        typer.Option(
-            "--duration",
-            help="How long. [default: until Ctrl-C]",
-            min=0.1,
-            metavar="SECONDS",
-            show_default=False,
-        ),
+        opt("--duration SECONDS", "How long. [default: until Ctrl-C]", min=0.1, show_default=False),
     ] = math.inf,
-    force: Annotated[
-        bool, typer.Option("--force", help="Newtons now, by the rig's force calibration.")
-    ] = False,
+    force: Annotated[bool, opt("--force", "Newtons now, by the rig's force calibration.")] = False,
 ) -> None:
     """Show pixels, contact, rate and losses in the terminal.
 
@@ -112,20 +102,6 @@ def _follow_force(source: SensorSource) -> FollowsForce:
     return force_now(calibration.force)
 
 
-def host_and_port(address: str) -> tuple[str, int]:
-    """Split HOST:PORT.
-
-    Raises `InputError` if it is not one.
-
-    >>> host_and_port("[::1]:8765")
-    ('::1', 8765)
-    """
-    host, _, port = address.rpartition(":")
-    if not host or not port.isdecimal() or int(port) > 65535:
-        raise InputError(f"--foxglove {address}: give HOST:PORT, like 127.0.0.1:8765")
-    return host.strip("[]"), int(port)
-
-
 class LiveStream:
     """Sends a reading at every frame.
 
@@ -138,7 +114,7 @@ class LiveStream:
         from palpate.foxglove.server import FoxgloveServer
 
         source = reading.source
-        host, port = host_and_port(address)
+        host, port = host_and_port(address, option="--foxglove")
         self._reading, self._clock = reading, clock
         self._zero_unix_ns = self._wall_zero_unix_ns(clock.now_s())
         self._server = FoxgloveServer(

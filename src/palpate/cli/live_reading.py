@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 import numpy as np
 
@@ -33,10 +33,11 @@ _STALE_PERIODS, _STALE_S = 5.0, 0.1
 
 #: A silent sensor is shown as such, so a read must not wait long.
 _WAIT_S = 0.2
-#: Close quickly to a touch, then slowly to each depth, keep it, and open: shares of the gripper's
-#: greatest rate, percent, seconds.
-_APPROACH, _SQUEEZE, _TOUCH_PERCENT = 0.3, 0.02, -3.0
-_DEPTHS_PERCENT, _KEEP_S, _OPEN_S = (-30.0, -50.0), 4.0, 5.0
+#: Close fast to a touch, then slowly to two depths: fraction of the gripper's greatest rate, mean
+#: relative change, percent, and the time that it is kept, seconds.
+_STEPS = ((0.3, -3.0, 0.0), (0.02, -30.0, 4.0), (0.02, -50.0, 4.0))
+#: Time that the gripper stays open, seconds.
+_OPEN_S = 5.0
 
 
 class LiveReading:
@@ -143,7 +144,8 @@ def pace_frames(source: SensorSource, *, clock: Clock) -> Iterator[Frame | None]
                 yield source.array.read(timeout_s=_WAIT_S)
             except DeviceTimeoutError:
                 yield None
-    squeeze = Squeeze(source.gripper, rest_ohm=source.calibration.rest_ohm)
+    squeezing, rest_ohm = squeeze(source.gripper), source.calibration.rest_ohm
+    next(squeezing)
     first_s, start_s = None, clock.now_s()
     while True:
         frame = source.array.read(timeout_s=1.0)
@@ -152,45 +154,32 @@ def pace_frames(source: SensorSource, *, clock: Clock) -> Iterator[Frame | None]
         ohm = pixel_resistance_ohm(
             frame.counts, layout=source.array.layout, oversampling=frame.oversampling
         )
-        squeeze.see(frame.time_s, ohm)
+        change = mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm))
+        squeezing.send((frame.time_s, float(change)))
         yield frame
 
 
-class Squeeze:
-    """Closes a simulated gripper in two steps, opens it, and begins again."""
+def squeeze(gripper: Gripper) -> Generator[None, tuple[float, float], None]:
+    """Close a simulated gripper in steps, keep it closed, open it, and begin again.
 
-    def __init__(self, gripper: Gripper, *, rest_ohm: FloatArray) -> None:
-        self._gripper, self._rest_ohm = gripper, rest_ohm
-        self._depths = list(_DEPTHS_PERCENT)
-        self._until_s: float | None = None
-        self._touched = self._closing = False
-
-    def see(self, time_s: float, ohm: FloatArray) -> None:
-        """Take a frame's resistances, and command what is next."""
-        change = float(mean_change(relative_change_percent(ohm, rest_ohm=self._rest_ohm)))
-        if self._until_s is None:
-            self._until_s = time_s + _OPEN_S
-        if time_s < self._until_s:
-            return
-        if not self._closing:
-            self._close() if self._depths else self._open(time_s)
-        elif not self._touched and change < _TOUCH_PERCENT:
-            self._touched = True
-            self._close()
-        elif change < self._depths[0] or not self._gripper.state().moving:
-            # Deep enough, or as far as this gripper goes.
-            del self._depths[0]
-            self._gripper.stop()
-            self._closing, self._until_s = False, time_s + _KEEP_S
-
-    def _close(self) -> None:
-        limits = self._gripper.limits
-        closed = limits.lowest if limits.drive == "width" else limits.highest
-        rate = limits.fastest * (_SQUEEZE if self._touched else _APPROACH)
-        self._gripper.command(GripperCommand(target=closed, rate=rate))
-        self._closing = True
-
-    def _open(self, time_s: float) -> None:
-        self._gripper.release()
-        self._depths, self._touched = list(_DEPTHS_PERCENT), False
-        self._until_s = time_s + _OPEN_S
+    Takes the time and the mean relative change, percent, of each frame.
+    """
+    limits = gripper.limits
+    closed = limits.lowest if limits.drive == "width" else limits.highest
+    time_s, change = yield
+    while True:
+        gripper.release()
+        until_s = time_s + _OPEN_S
+        for rate, depth_percent, keep_s in _STEPS:
+            while time_s < until_s:
+                time_s, change = yield
+            gripper.command(GripperCommand(target=closed, rate=rate * limits.fastest))
+            is_moving = True
+            while is_moving and change > depth_percent:
+                time_s, change = yield
+                is_moving = gripper.state().moving
+            if keep_s:
+                gripper.stop()
+            until_s = time_s + keep_s
+        while time_s < until_s:
+            time_s, change = yield

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 
-import numpy as np
-from numpy.typing import NDArray
 from rich.align import Align
 from rich.columns import Columns
 from rich.console import Group, RenderableType
@@ -14,21 +12,20 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from palpate.arrays import FloatArray
 from palpate.cli.live_reading import LiveReading
-from palpate.estimate.measurement import Measurement
+from palpate.plots.pixel_colors import DEEPEST_PERCENT, is_dark, pixel_color
 from palpate.sensor.array import Frame
 from palpate.signal.relative import finger_means, mean_change
 
 DRAW_HZ = 10.0
-#: Depth at which colour and curve end; the curve's span, and one of its columns, seconds.
-_DEEPEST_PERCENT, _CURVE_COLUMNS, _COLUMN_S = 80.0, 64, 0.25
+#: Columns of the curve, and the span of one, seconds.
+_CURVE_COLUMNS, _COLUMN_S = 64, 0.25
 #: A pixel about to come loose reads a hundred times its rest value: more digits add nothing.
 _HIGHEST_PERCENT = 999
 #: Widest matrix -> characters per pixel: it must fit a terminal of eighty. Below four, color alone.
 _CELL_WIDTHS = ((4, 11), (8, 7), (16, 4), (32, 2), (64, 1))
 _BLOCKS = " ▁▂▃▄▅▆▇█"
-#: From rest to deep: dark blue, magenta, orange, pale yellow (points of matplotlib's inferno).
-_COLORS = np.array([[20, 18, 46], [101, 21, 110], [212, 72, 66], [250, 193, 39], [252, 255, 164]])
 
 
 class LiveView:
@@ -42,7 +39,16 @@ class LiveView:
     def add(self, frame: Frame) -> None:
         """Take a frame."""
         self._reading.add(frame)
-        self._extend_curve(frame.time_s)
+        change = self._reading.change_percent
+        if change is None:
+            return
+        deep = -float(mean_change(change))
+        column = int(frame.time_s / _COLUMN_S)
+        if column == self._column and self._curve:
+            self._curve[-1] = deep
+        else:
+            self._curve.append(deep)
+        self._column = column
 
     def render(self) -> RenderableType:
         """Draw."""
@@ -57,18 +63,6 @@ class LiveView:
             expand=False,
         )
 
-    def _extend_curve(self, time_s: float) -> None:
-        change = self._reading.change_percent
-        if change is None:
-            return
-        deep = -float(mean_change(change))
-        column = int(time_s / _COLUMN_S)
-        if column == self._column and self._curve:
-            self._curve[-1] = deep
-        else:
-            self._curve.append(deep)
-        self._column = column
-
     def _body(self) -> RenderableType:
         change = self._reading.change_percent
         if change is None:
@@ -81,7 +75,7 @@ class LiveView:
         ]
         return Group(Columns(maps, padding=(0, 4)), Text(""), self._aggregate(change))
 
-    def _finger(self, change: NDArray[np.float64], finger: int, mean: float) -> RenderableType:
+    def _finger(self, change: FloatArray, finger: int, mean: float) -> RenderableType:
         rows = [
             row for row in range(self._layout.rows) if self._layout.finger_of_row[row] == finger
         ]
@@ -95,7 +89,7 @@ class LiveView:
         head = Text.from_markup(f"finger {finger}   {_percent(mean)}   {state}")
         return Group(head, grid)
 
-    def _cell(self, change: NDArray[np.float64], row: int, col: int, *, tall: bool) -> Text:
+    def _cell(self, change: FloatArray, row: int, col: int, *, tall: bool) -> Text:
         assert self._reading.ohm is not None
         value, ohm = float(change[row, col]), float(self._reading.ohm[row, col])
         if math.isnan(value):
@@ -103,22 +97,28 @@ class LiveView:
             style = "bold white on dark_red"
         else:
             words = f"{min(round(value), _HIGHEST_PERCENT):+d} %"
-            style = _style(-value / _DEEPEST_PERCENT)
+            red, green, blue = pixel_color(value)
+            ink = "white" if is_dark(value) else "black"
+            style = f"{ink} on rgb({red},{green},{blue})"
         width = next(width for cols, width in _CELL_WIDTHS if self._layout.cols <= cols)
         blank = " " * width
         shown = words if width >= 7 else words.removesuffix(" %") if width >= 4 else ""
         middle = f"{shown:^{width}}"
         return Text(f"{blank}\n{middle}\n{blank}" if tall else middle, style=style)
 
-    def _aggregate(self, change: NDArray[np.float64]) -> RenderableType:
+    def _aggregate(self, change: FloatArray) -> RenderableType:
         mean = float(mean_change(change))
         curve = "".join(_block(deep) for deep in self._curve).rjust(_CURVE_COLUMNS)
         head = Text.from_markup(f"mean relative change [bold]{_percent(mean)}[/]")
-        span = f"0 to -{_DEEPEST_PERCENT:.0f} %, last {_CURVE_COLUMNS * _COLUMN_S:.0f} s"
+        span = f"0 to -{DEEPEST_PERCENT:.0f} %, last {_CURVE_COLUMNS * _COLUMN_S:.0f} s"
         lines = [head, Text(curve, style="dark_orange"), Text(span, style="dim")]
-        if self._reading.force_n is not None:
-            newtons = _newtons(self._reading.force_n, touching=bool(self._reading.touching))
-            lines.append(Text.from_markup(f"force now [bold]{newtons}[/]"))
+        if (force := self._reading.force_n) is not None:
+            # Without a contact only the upper end is known.
+            newtons = f"[bold]at most {force.high:.2f} N[/], no contact"
+            if self._reading.touching:
+                ends = f"{force.low:.2f} to {force.high:.2f}, {force.level:.0%}"
+                newtons = f"[bold]{force.value:.2f} N[/] ({ends})"
+            lines.append(Text.from_markup(f"force now {newtons}"))
         return Group(*lines)
 
     def _link(self) -> RenderableType:
@@ -137,13 +137,6 @@ class LiveView:
         )
 
 
-def _newtons(force: Measurement, *, touching: bool) -> str:
-    """Return a force with its interval; without a contact only the upper end is known."""
-    if not touching:
-        return f"at most {force.high:.2f} N[/], no contact[bold]"
-    return f"{force.value:.2f} N[/] ({force.low:.2f} to {force.high:.2f}, {force.level:.0%})[bold]"
-
-
 def _percent(mean: float) -> str:
     """Return a mean over pixels as text of one width; "no pixel" where none reads."""
     return "no pixel" if math.isnan(mean) else f"{min(mean, _HIGHEST_PERCENT):+6.1f} %"
@@ -153,15 +146,4 @@ def _block(deep: float) -> str:
     """Return the column of the curve for a depth; a gap where no pixel read."""
     if math.isnan(deep):
         return " "
-    return _BLOCKS[round(min(max(deep / _DEEPEST_PERCENT, 0.0), 1.0) * (len(_BLOCKS) - 1))]
-
-
-def _style(depth: float) -> str:
-    """Return a colour for a share of the deepest change, with ink that can be read on it."""
-    place = min(max(depth, 0.0), 1.0) * (len(_COLORS) - 1)
-    below = min(int(place), len(_COLORS) - 2)
-    red, green, blue = (
-        _COLORS[below] + (place - below) * (_COLORS[below + 1] - _COLORS[below])
-    ).astype(int)
-    ink = "black" if 0.3 * red + 0.6 * green + 0.1 * blue > 120 else "white"
-    return f"{ink} on rgb({red},{green},{blue})"
+    return _BLOCKS[round(min(max(deep / DEEPEST_PERCENT, 0.0), 1.0) * (len(_BLOCKS) - 1))]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
@@ -14,6 +14,23 @@ from palpate.errors import InputError
 
 if TYPE_CHECKING:
     from palpate.grasp.paper import Paper
+
+
+def opt(usage: str, text: str, **settings: Any) -> Any:
+    """Return an option: its name and the placeholder of its value, and its help.
+
+    `usage`: as the help prints it, such as ``--out FILE``.
+    `settings`: further ones of `typer.Option`.
+    """
+    name, _, metavar = usage.partition(" ")
+    return typer.Option(name, help=text, metavar=metavar or None, **settings)
+
+
+def refuse_options(given: Mapping[str, object], *, why: str) -> None:
+    """Raise `InputError` if one of these options, by name, has a value."""
+    for name, value in given.items():
+        if value is not None:
+            raise InputError(f"{name} {value}: {why}")
 
 
 #: Items offered at most: a shell lists them all at once.
@@ -59,6 +76,20 @@ def complete_items(context: typer.Context, incomplete: str) -> list[str]:
     return _filter_names(known, incomplete)[:_MOST_ITEMS]
 
 
+def host_and_port(text: str, *, option: str) -> tuple[str, int]:
+    """Return host and port of an option; a port alone is one of this machine.
+
+    Raises `InputError` if the text is neither.
+
+    >>> host_and_port("[::1]:8765", option="--foxglove"), host_and_port("0", option="--opcua")
+    (('::1', 8765), ('127.0.0.1', 0))
+    """
+    host, _, port = text.rpartition(":")
+    if not (port.isascii() and port.isdecimal()) or int(port) > 65535:
+        raise InputError(f"{option} {text}: give HOST:PORT or PORT, such as 127.0.0.1:4840")
+    return host.strip("[]") or "127.0.0.1", int(port)
+
+
 _FILE, _VARIABLE = Path("rig.toml"), "PALPATE_RIG"
 
 
@@ -89,11 +120,10 @@ def _choose_rig(rig: str) -> str:
 #: Give it the default "": ./rig.toml, then $PALPATE_RIG, then the simulated rig.
 RigOption: TypeAlias = Annotated[
     str,
-    typer.Option(
-        "--rig",
-        help="A rig file, or a built-in rig. By default ./rig.toml, then $PALPATE_RIG, then "
+    opt(
+        "--rig NAME_OR_TOML",
+        "A rig file, or a built-in rig. By default ./rig.toml, then $PALPATE_RIG, then "
         "sim-rigid (simulated).",
-        metavar="NAME_OR_TOML",
         autocompletion=complete_rigs,
         callback=_choose_rig,
         show_default=False,
@@ -101,25 +131,14 @@ RigOption: TypeAlias = Annotated[
 ]
 
 #: Give it the default False.
-JsonOption: TypeAlias = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
+JsonOption: TypeAlias = Annotated[bool, opt("--json", "Print one JSON document.")]
 
 #: Give it the default 20.
-HorizonOption: TypeAlias = Annotated[
-    float, typer.Option("--horizon", help="Time of the settled value.", metavar="SECONDS")
-]
+HorizonOption: TypeAlias = Annotated[float, opt("--horizon SECONDS", "Time of the settled value.")]
 
 #: Give it the default False.
 QuietOption: TypeAlias = Annotated[
-    bool,
-    typer.Option("--quiet", help="No progress bar (nor is there one without a terminal)."),
-]
-
-#: Give it the default None.
-DpiOption: TypeAlias = Annotated[
-    int | None,
-    typer.Option(
-        "--dpi", help="Dots per inch of a .png plot; 300 by default.", min=30, max=2400, metavar="N"
-    ),
+    bool, opt("--quiet", "No progress bar (nor is there one without a terminal).")
 ]
 
 
@@ -134,10 +153,9 @@ def _check_force(target_force_n: float | None) -> float | None:
 #: Give it the default None.
 TargetForceOption: TypeAlias = Annotated[
     float | None,
-    typer.Option(
-        "--target-force-n",
-        help="Grip force to reach; a gentle squeeze by default.",
-        metavar="NEWTONS",
+    opt(
+        "--target-force-n NEWTONS",
+        "Grip force to reach; a gentle squeeze by default.",
         callback=_check_force,
     ),
 ]
@@ -145,31 +163,42 @@ TargetForceOption: TypeAlias = Annotated[
 #: Give it the default None.
 StoreOption: TypeAlias = Annotated[
     str | None,
-    typer.Option(
-        "--store",
-        help="The store of items: a file, or the URL of a PostgreSQL database. By default "
+    opt(
+        "--store FILE_OR_URL",
+        "The store of items: a file, or the URL of a PostgreSQL database. By default "
         "$PALPATE_STORE, then palpate-items.sqlite in this folder.",
-        metavar="FILE_OR_URL",
         show_default=False,
     ),
 ]
 
 #: Give them the default None.
-BatchOption: TypeAlias = Annotated[
-    str | None, typer.Option("--batch", help="Items of this batch.", metavar="NAME")
-]
+BatchOption: TypeAlias = Annotated[str | None, opt("--batch NAME", "Items of this batch.")]
 DayOption: TypeAlias = Annotated[
-    str | None,
-    typer.Option("--day", help="Items grasped on this day, here: 2026-05-01.", metavar="DATE"),
+    str | None, opt("--day DATE", "Items grasped on this day, here: 2026-05-01.")
+]
+
+#: One item of the store.
+ItemArgument: TypeAlias = Annotated[
+    str,
+    typer.Argument(help="The item; grasped before.", metavar="ITEM", autocompletion=complete_items),
+]
+
+#: Give it the default None.
+PlotOption: TypeAlias = Annotated[
+    Path | None, opt("--plot FILE", "Draw it: a file that ends in .png, .svg or .pdf.")
+]
+
+#: Of a recording.
+RecordingArgument: TypeAlias = Annotated[
+    Path, typer.Argument(help="An .mcap recording, finished or not.")
 ]
 
 #: Give it the default None.
 ObjectOption: TypeAlias = Annotated[
     str | None,
-    typer.Option(
-        "--object",
-        help="Simulated rigs: the object between the fingers; by default drawn by the seed.",
-        metavar="NAME",
+    opt(
+        "--object NAME",
+        "Simulated rigs: the object between the fingers; by default drawn by the seed.",
         autocompletion=complete_objects,
     ),
 ]
@@ -177,80 +206,52 @@ ObjectOption: TypeAlias = Annotated[
 #: Give it the default None.
 DamageOption: TypeAlias = Annotated[
     Path | None,
-    typer.Option(
-        "--damage",
-        help="Stay below the force that such produce withstands: a file of `palpate calibrate "
-        "damage`.",
-        metavar="FILE",
+    opt(
+        "--damage FILE",
+        "Stay below the force that such produce withstands: a file of `palpate calibrate damage`.",
     ),
 ]
 
 #: Give it the default 0.
 SeedOption: TypeAlias = Annotated[
-    int, typer.Option("--seed", help="Simulated rigs: seed of all that is random.", min=0)
+    int, opt("--seed", "Simulated rigs: seed of all that is random.", min=0)
 ]
 
 # Of every verb that reads a sensor: a rig, or a board on a port. Give them the default None.
 SensorOption: TypeAlias = Annotated[
     str | None,
-    typer.Option(
-        "--rig",
-        help="Name of a rig, or a rig file.",
-        metavar="NAME_OR_TOML",
-        autocompletion=complete_rigs,
-    ),
+    opt("--rig NAME_OR_TOML", "Name of a rig, or a rig file.", autocompletion=complete_rigs),
 ]
 PortOption: TypeAlias = Annotated[
     str | None,
-    typer.Option(
-        help="Serial port of a 2x2 board with 4700 ohm; a rig file describes others.",
-        metavar="PORT",
-    ),
+    opt("--port PORT", "Serial port of a 2x2 board with 4700 ohm; a rig file describes others."),
 ]
 
 #: Of calibrations. Give it the default None.
 CalibrationOption: TypeAlias = Annotated[
     Path | None,
-    typer.Option(
-        "--out",
-        help="File to make or renew. By default the rig file's, or calibration.json.",
-        metavar="FILE",
-    ),
+    opt("--out FILE", "File to make or renew. By default the rig file's, or calibration.json."),
 ]
 
 
 Method: TypeAlias = Literal["palpate", "paper"]
 
 MethodOption: TypeAlias = Annotated[
-    Method, typer.Option(help="paper: fixed steps to contact, an exponential, a line for force.")
+    Method, opt("--method", "paper: fixed steps to contact, an exponential, a line for force.")
 ]
 StepOption: TypeAlias = Annotated[
-    float | None,
-    typer.Option(
-        "--step-mm", help="Paper's method: closing step before contact. [default: 1]", metavar="MM"
-    ),
+    float | None, opt("--step-mm MM", "Paper's method: closing step before contact. [default: 1]")
 ]
 EpsilonOption: TypeAlias = Annotated[
     float | None,
-    typer.Option(
-        "--epsilon",
-        help="Paper's method: mean change of contact, %. [default: -10]",
-        metavar="PERCENT",
-    ),
+    opt("--epsilon PERCENT", "Paper's method: mean change of contact, %. [default: -10]"),
 ]
 ExtraOption: TypeAlias = Annotated[
-    float | None,
-    typer.Option(
-        "--extra-mm", help="Paper's method: closing after contact. [default: 0]", metavar="MM"
-    ),
+    float | None, opt("--extra-mm MM", "Paper's method: closing after contact. [default: 0]")
 ]
 CutoffOption: TypeAlias = Annotated[
     float | None,
-    typer.Option(
-        "--cutoff",
-        help="Paper's method: seconds to the prediction. [default: 2.5]",
-        metavar="SECONDS",
-    ),
+    opt("--cutoff SECONDS", "Paper's method: seconds to the prediction. [default: 2.5]"),
 ]
 
 

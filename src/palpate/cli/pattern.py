@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 import typer
 from rich.console import Console
 
-from palpate.cli.options import JsonOption
+from palpate.cli.options import JsonOption, opt
 from palpate.cli.output import print_json
 from palpate.errors import InputError
 from palpate.fabrication.design import PRESETS, Cutter, SensorDesign
@@ -32,12 +32,12 @@ Size: TypeAlias = float | None
 
 
 def pattern(
-    out: Annotated[Path, typer.Option(help="Folder for the files; made if absent.", metavar="DIR")],
+    out: Annotated[Path, opt("--out DIR", "Folder for the files; made if absent.")],
     preset: Annotated[
-        str, typer.Option(help="Start from paper-2x2, paper-3x2 or so101.", metavar="NAME")
+        str, opt("--preset NAME", "Start from paper-2x2, paper-3x2 or so101.")
     ] = "paper-2x2",
     name: Annotated[
-        str | None, typer.Option(help="Stem of the files; the preset's by default.", metavar="NAME")
+        str | None, opt("--name NAME", "Stem of the files; the preset's by default.")
     ] = None,
     rows: Annotated[int | None, _number("Pixels along the finger.", None, "N")] = None,
     cols: Annotated[int | None, _number("Pixels across it.", None, "N")] = None,
@@ -45,7 +45,7 @@ def pattern(
         str | None, _number("Size of a pixel: 7, or 7x9 for width x height.", None, "WxH")
     ] = None,
     shape: Annotated[
-        Shape, typer.Option(help="Of the pixels: rectangle, rounded or circle.", metavar="SHAPE")
+        Shape, opt("--shape SHAPE", "Of the pixels: rectangle, rounded or circle.")
     ] = "rectangle",
     corner: Annotated[float, _number("Corner radius of rounded pixels.")] = 1.5,
     gap: Annotated[Size, _number("Between pixels.")] = None,
@@ -62,7 +62,7 @@ def pattern(
     min_feature: Annotated[float, _number("Narrowest strip.", _CUTTER)] = 1.0,
     min_gap: Annotated[float, _number("Narrowest gap.", _CUTTER)] = 0.5,
     sheet: Annotated[str, _number("Cutting area.", _CUTTER, "WxH")] = "296x298",
-    dxf: Annotated[bool, typer.Option("--dxf", help="Write DXF files as well.")] = False,
+    dxf: Annotated[bool, opt("--dxf", "Write DXF files as well.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Draw the cut files of a sensor: base, copper, Velostat, copper and cover.
@@ -99,11 +99,11 @@ def pattern(
     check_design(design, cutter=cutter)
     drawn = lay_out(design)
     check_pattern(drawn, cutter=cutter)
-    files = _write_files(drawn, out, dxf=dxf)
+    document = _document(drawn, _write_files(drawn, out, dxf=dxf))
     if as_json:
-        print_json(_document(drawn, files))
+        print_json(document)
     else:
-        _print(drawn, files)
+        _print(document, folder=out)
 
 
 def _corner_mm(design: SensorDesign, *, shape: Shape, corner_mm: float) -> float:
@@ -137,34 +137,28 @@ def _size(text: str, *, option: str) -> tuple[float, float]:
 
 
 def _write_files(drawn: Pattern, folder: Path, *, dxf: bool) -> list[Path]:
-    """Write every file whole or not at all; return them in order."""
+    """Write every file whole or not at all, sheets as SVG and where wanted as DXF."""
+    if dxf:
+        require_dxf()
+    folder.mkdir(parents=True, exist_ok=True)
+    files = []
     stem = drawn.design.name
-    sheets = {f"{stem}-{layer.name}": CutFile.of_layer(drawn, layer) for layer in drawn.layers()}
-    files = _write_cut_files(sheets, folder, dxf=dxf)
+    for layer in drawn.layers():
+        sheet = CutFile.of_layer(drawn, layer)
+        files.append(folder / f"{stem}-{layer.name}.svg")
+        with atomic_path(files[-1]) as partial:
+            partial.write_text(sheet.as_svg(), encoding="utf-8")
+        if dxf:
+            files.append(folder / f"{stem}-{layer.name}.dxf")
+            with atomic_path(files[-1]) as partial:
+                sheet.write_dxf(partial)
     files.append(folder / f"{stem}.svg")
     with atomic_path(files[-1]) as partial:
         partial.write_text(draw_combined_svg(drawn), encoding="utf-8")
     return files
 
 
-def _write_cut_files(sheets: dict[str, CutFile], folder: Path, *, dxf: bool) -> list[Path]:
-    """Write sheets by the stems of their files, as SVG and where wanted as DXF."""
-    if dxf:
-        require_dxf()
-    folder.mkdir(parents=True, exist_ok=True)
-    files = []
-    for stem, sheet in sheets.items():
-        files.append(folder / f"{stem}.svg")
-        with atomic_path(files[-1]) as partial:
-            partial.write_text(sheet.as_svg(), encoding="utf-8")
-        if dxf:
-            files.append(folder / f"{stem}.dxf")
-            with atomic_path(files[-1]) as partial:
-                sheet.write_dxf(partial)
-    return files
-
-
-def _document(drawn: Pattern, files: list[Path]) -> dict[str, object]:
+def _document(drawn: Pattern, files: list[Path]) -> dict[str, Any]:
     """Return the JSON document: lengths in mm."""
     return {
         "name": drawn.design.name,
@@ -197,26 +191,27 @@ def _document(drawn: Pattern, files: list[Path]) -> dict[str, object]:
     }
 
 
-def _print(drawn: Pattern, files: list[Path]) -> None:
+def _print(document: dict[str, Any], *, folder: Path) -> None:
     """Print the layers, the pixels, and how far apart two marks must be."""
     console = Console(highlight=False)
     layers = [
-        (layer.name, layer.material, "mirrored" if layer.mirrored else "as is", layer.why)
-        for layer in drawn.layers()
+        (row["name"], row["material"], "mirrored" if row["mirrored"] else "as is", row["why"])
+        for row in document["layers"]
     ]
     print_table(("layer", "material", "file shows it", "because it is"), layers, console=console)
     console.print()
     pixels = [
         (
-            f"R{p.row} C{p.col}",
-            *(f"{value:.2f}" for value in (*p.body.centre, p.contact.width * p.contact.height)),
+            f"R{row['row']} C{row['col']}",
+            *(f"{row[name]:.2f}" for name in ("x_mm", "y_mm", "contact_mm2")),
         )
-        for p in drawn.pixels
+        for row in document["pixels"]
     ]
-    print_table(("pixel", ">x, mm", ">y, mm", ">contact, mm²"), pixels, console=console)
-    apart_mm = drawn.marks[1][0] - drawn.marks[0][0]
+    columns = ("pixel", ">x, mm", ">y, mm", ">contact, mm²")
+    print_table(columns, pixels, console=console)
+    marks, sheet = document["marks_mm"], document["sheet_mm"]
     console.print(
-        f"Sheet {drawn.width:.2f} x {drawn.height:.2f} mm; after import the upper marks must be "
-        f"{apart_mm:.2f} mm apart, centre to centre.\nWritten: {len(files)} files in "
-        f"{files[0].parent}"
+        f"Sheet {sheet['width']:.2f} x {sheet['height']:.2f} mm; after import the upper marks must "
+        f"be {marks[1][0] - marks[0][0]:.2f} mm apart, centre to centre.\n"
+        f"Written: {len(document['files'])} files in {folder}"
     )

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from palpate.cli.options import JsonOption
+from palpate.cli.options import JsonOption, opt
 from palpate.cli.output import print_json, say
 from palpate.errors import InputError
 from palpate.files import atomic_path, check_new
@@ -42,8 +42,9 @@ def qualify(
     ],
     tolerance: Annotated[
         float | None,
-        typer.Option(
-            help="Difference that is accepted, in the reference's unit. [default: the reference's "
+        opt(
+            "--tolerance",
+            "Difference that is accepted, in the reference's unit. [default: the reference's "
             "own scatter on one item]",
             min=1e-9,
             show_default=False,
@@ -51,28 +52,25 @@ def qualify(
     ] = None,
     limit: Annotated[
         list[float] | None,
-        typer.Option(help="Limit between two grades, in the reference's unit; repeat for more."),
+        opt("--limit", "Limit between two grades, in the reference's unit; repeat for more."),
     ] = None,
     cost: Annotated[
         tuple[float, float],
-        typer.Option(
-            help="With --limit: cost of an item graded one grade too high, and too low.",
-            metavar="HIGH LOW",
+        opt(
+            "--cost HIGH LOW",
+            "With --limit: cost of an item graded one grade too high, and too low.",
         ),
     ] = (1.0, 1.0),
-    unit: Annotated[str, typer.Option(help="Unit of the reference, for tables.")] = "",
-    grasp_s: Annotated[
-        float, typer.Option(help="Time of one grasp.", min=0.0, metavar="SECONDS")
-    ] = 15.0,
+    unit: Annotated[str, opt("--unit", "Unit of the reference, for tables.")] = "",
+    grasp_s: Annotated[float, opt("--grasp-s SECONDS", "Time of one grasp.", min=0.0)] = 15.0,
     handling_s: Annotated[
-        float, typer.Option(help="Time of an item apart from its grasps.", min=0.0)
+        float, opt("--handling-s", "Time of an item apart from its grasps.", min=0.0)
     ] = 5.0,
     level: Annotated[
-        float, typer.Option(help="Probability of the intervals.", min=0.5, max=0.999)
+        float, opt("--level", "Probability of the intervals.", min=0.5, max=0.999)
     ] = 0.9,
     report: Annotated[
-        Path | None,
-        typer.Option(help="Also write a page to print and sign.", metavar="FILE.html"),
+        Path | None, opt("--report FILE.html", "Also write a page to print and sign.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

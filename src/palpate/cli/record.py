@@ -12,20 +12,19 @@ from typing import Annotated
 import typer
 
 from palpate.cli import options as option
+from palpate.cli.options import opt
 from palpate.cli.output import say
-from palpate.clock import Clock, RealClock
+from palpate.clock import RealClock
 from palpate.errors import InputError
-from palpate.gripper.interface import Gripper
-from palpate.recording import LoadCells, RecordingInfo, RecordingWriter
+from palpate.recording import LoadCells, RecordingWriter
 from palpate.recording.writer import capture
 from palpate.rig import Rig, open_rig
-from palpate.rig.recorded import clock_zero_unix_ns, firmware_version, recording_info
+from palpate.rig.recorded import recording_info
 from palpate.rig.sensor_only import SensorRig, names_no_gripper, open_sensor
 from palpate.sensor.array import PressureArray, link_counters
 from palpate.sensor.board_array import open_board
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import NO_READING
-from palpate.version import __version__
 
 
 def record(
@@ -33,8 +32,7 @@ def record(
     rig: option.SensorOption = None,
     port: option.PortOption = None,
     duration_s: Annotated[
-        float | None,
-        typer.Option("--duration", help="How long. [default: until Ctrl-C]", metavar="SECONDS"),
+        float | None, opt("--duration SECONDS", "How long. [default: until Ctrl-C]")
     ] = None,
     seed: option.SeedOption = 0,
 ) -> None:
@@ -51,19 +49,10 @@ def record(
         raise InputError(f"--duration {duration_s:g}: must be above 0")
     rig = option.rig_or_port(rig, port)
     with ExitStack() as stack:
-        gripper: Gripper | None = None
-        clock: Clock = RealClock()
-        array: PressureArray
-        if rig is None:
-            board = open_board(port=port)
-            stack.callback(board.close)
-            array, name, info = board, board.name, _board_info(board)
-        else:
-            opened = _open_rig(rig, seed=seed, endless=duration_s is None)
-            stack.callback(opened.close)
-            array, clock, info = opened.array, opened.clock, recording_info(opened, seed=seed)
-            name = f"{rig} (simulated)" if opened.simulated else rig
-            gripper = opened.gripper
+        opened = _open_rig(rig, port=port, seed=seed, endless=duration_s is None)
+        stack.callback(opened.close)
+        array, gripper, info = opened.array, opened.gripper, recording_info(opened, seed=seed)
+        name = f"{opened.name} (simulated)" if opened.simulated else opened.name
         # Before the file: a signal while that is begun or finished must not tear it either.
         stopped = stack.enter_context(_stop_signals())
         writer = stack.enter_context(RecordingWriter(file, info=info))
@@ -71,20 +60,29 @@ def record(
         capture(
             array,
             writer=writer,
-            clock=clock,
+            clock=opened.clock,
             duration_s=math.inf if duration_s is None else duration_s,
             load_cells=_load_cell_reader(array),
             gripper=lambda: None if gripper is None else gripper.state(),
             stopped=stopped,
             report=say,
         )
-    say(f"{file}: {_link_text(array)}")
+    count = link_counters(array)
+    say(
+        f"{file}: recorded"
+        if count is None
+        else f"{file}: {count.frames} frames, {count.lost} lost, {count.corrupt} corrupt, "
+        f"{count.late} late, {count.reconnects} reconnects"
+    )
     if stopped():
         raise KeyboardInterrupt
 
 
-def _open_rig(name: str, *, seed: int, endless: bool) -> Rig | SensorRig:
-    """Open a rig, with its gripper where it has one."""
+def _open_rig(name: str | None, *, port: str | None, seed: int, endless: bool) -> Rig | SensorRig:
+    """Open a rig, with its gripper where it has one; the board on a port where it has no name."""
+    if name is None:
+        board = open_board(port=port)
+        return SensorRig(name=board.name, array=board, clock=RealClock(), calibration=None)
     if name.endswith(".toml") and names_no_gripper(Path(name)):
         return open_sensor(Path(name))
     rig = open_rig(name, seed=seed)
@@ -92,16 +90,6 @@ def _open_rig(name: str, *, seed: int, endless: bool) -> Rig | SensorRig:
         rig.close()
         raise InputError(f"--rig {name} is simulated and would never end: give a --duration")
     return rig
-
-
-def _board_info(array: PressureArray) -> RecordingInfo:
-    return RecordingInfo(
-        layout=array.layout,
-        origin="hardware",
-        firmware_version=firmware_version(array),
-        versions={"palpate": __version__},
-        clock_zero_unix_ns=clock_zero_unix_ns(),
-    )
 
 
 def _load_cell_reader(array: PressureArray) -> Callable[[], LoadCells | None]:
@@ -119,16 +107,6 @@ def _load_cell_reader(array: PressureArray) -> Callable[[], LoadCells | None]:
         return LoadCells(time_s=array.newest_s, raw=tuple(cell.raw for cell in cells))
 
     return read
-
-
-def _link_text(array: PressureArray) -> str:
-    count = link_counters(array)
-    if count is None:
-        return "recorded"
-    return (
-        f"{count.frames} frames, {count.lost} lost, {count.corrupt} corrupt, "
-        f"{count.late} late, {count.reconnects} reconnects"
-    )
 
 
 @contextmanager

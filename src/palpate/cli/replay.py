@@ -6,15 +6,13 @@ import json
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
+from palpate.cli import options as option
 from palpate.cli.grasp_card import print_card
-from palpate.cli.options import CutoffOption, EpsilonOption, JsonOption, Method, paper_settings
+from palpate.cli.options import CutoffOption, EpsilonOption, JsonOption, Method, opt, paper_settings
 from palpate.cli.output import print_json
 from palpate.clock import Clock, ManualClock, RealClock
 from palpate.errors import InputError
 from palpate.grasp.decide_again import decide_again, read_by_paper
-from palpate.grasp.verdict import verdict
 from palpate.recording import PacedClock, RecordingReader, Replay
 from palpate.recording.replay import observations
 
@@ -23,19 +21,16 @@ _SLOWEST = 0.001
 
 
 def replay(
-    file: Annotated[Path, typer.Argument(help="An .mcap recording, finished or not.")],
+    file: option.RecordingArgument,
     speed: Annotated[
         float | None,
-        typer.Option(
-            help="1 is as it was recorded. [default: as fast as possible]", metavar="NUMBER"
-        ),
+        opt("--speed NUMBER", "1 is as it was recorded. [default: as fast as possible]"),
     ] = None,
     frames: Annotated[
-        bool, typer.Option("--frames", help="Print the frames instead of the grasp's result.")
+        bool, opt("--frames", "Print the frames instead of the grasp's result.")
     ] = False,
     method: Annotated[
-        Method | None,
-        typer.Option(help="paper: read any grasp as the paper's method would.", metavar="NAME"),
+        Method | None, opt("--method NAME", "paper: read any grasp as the paper's method would.")
     ] = None,
     epsilon_percent: EpsilonOption = None,
     cutoff_s: CutoffOption = None,
@@ -74,7 +69,6 @@ def replay(
         info = source.info
         print_card(
             result,
-            summary=verdict(result, target_force_n=None),
             title=f"[bold]{file.name}[/], {info.rig or info.layout.name}",
             simulated=info.origin != "hardware",
             seed=info.seed,

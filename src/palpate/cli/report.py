@@ -5,17 +5,23 @@ from __future__ import annotations
 import re
 import zlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import date
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 
 from palpate.cli import options as option
-from palpate.cli.items import day_bounds, explain_verdict, open_store
-from palpate.cli.options import BatchOption, DayOption, StoreOption
+from palpate.cli.items import (
+    VERDICT_COLUMNS,
+    day_bounds,
+    find_batch,
+    open_store,
+    verdict_rows,
+)
+from palpate.cli.options import BatchOption, DayOption, StoreOption, opt
 from palpate.cli.output import percent_text, say, time_text
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
@@ -35,6 +41,9 @@ from palpate.plots.style import require_plots
 from palpate.produce.records import About, Grasp, Source
 from palpate.produce.store.item_history import ItemHistory, item_page, item_pages
 from palpate.settling.result import Status
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: Name, caption, unit, digits.
 _QUANTITIES = (
@@ -62,8 +71,7 @@ def report(
     day: DayOption = None,
     store: StoreOption = None,
     out: Annotated[
-        Path | None,
-        typer.Option(help="File to write. [default: report-NAME.html]", metavar="FILE"),
+        Path | None, opt("--out FILE", "File to write. [default: report-NAME.html]")
     ] = None,
 ) -> None:
     """Write a web page about an item, a batch or a day.
@@ -82,10 +90,7 @@ def report(
         if item is not None:
             text = _item_report(item_page(known, item), store=known.name)
         elif batch is not None:
-            items = known.of_batch(batch)
-            if not items:
-                raise InputError(f"{known.name}: no items of batch {batch!r}")
-            pages = item_pages(known, items)
+            pages = item_pages(known, find_batch(known, batch))
             text = _many_report(f"Batch {batch}", pages, store=known.name, day=None)
         else:
             of, since, until = day_bounds(asked[0])
@@ -118,21 +123,18 @@ def _item_report(page: ItemHistory, *, store: str) -> str:
     if page.firmness_rank is not None:
         chips.append(page.firmness_rank.text)
     body: list[Part] = [_item_tiles(page)]
-    if figures := _item_figures(page):
-        body.append(figures)
+    figures = {
+        caption: history_figure(page, name, label=f"{caption.lower()} ({unit})")
+        for name, caption, unit, _ in _QUANTITIES[:4]
+        if page.latest(name) is not None
+    }
+    if (pixels := pixels_figure(page.grasps)) is not None:
+        figures["Change of each pixel at the answer, %, by side"] = pixels
+    if figures:
+        body.append(_inline(figures))
     if page.verdicts:
-        verdicts = [
-            (
-                time_text(one.given_at),
-                str(one.about),
-                one.text,
-                percent_text(one.probability),
-                explain_verdict(one),
-            )
-            for one in reversed(page.verdicts[-_MOST_ROWS:])
-        ]
-        columns = ("when", "about", "verdict", ">probability", "why")
-        body.append(PageTable("Verdicts", columns, verdicts))
+        verdicts = list(verdict_rows(reversed(page.verdicts[-_MOST_ROWS:])))
+        body.append(PageTable("Verdicts", ("when", *VERDICT_COLUMNS), verdicts))
     if page.grasps:
         rows = [_grasp_row(grasp) for grasp in reversed(page.grasps[-_MOST_ROWS:])]
         caption = f"Grasps (the last {_MOST_ROWS} of {count})" if count > _MOST_ROWS else "Grasps"
@@ -163,18 +165,6 @@ def _item_tiles(page: ItemHistory) -> dict[str, tuple[str, str, str]]:
                 below = "given by a person"
             tiles[str(about).capitalize()] = (verdict.text, "", below)
     return tiles
-
-
-def _item_figures(page: ItemHistory) -> _Figures:
-    figures = {
-        caption: history_figure(page, name, label=f"{caption.lower()} ({unit})")
-        for name, caption, unit, _ in _QUANTITIES[:4]
-        if page.latest(name) is not None
-    }
-    pixels = pixels_figure(page.grasps)
-    if pixels is not None:
-        figures["Change of each pixel at the answer, %, by side"] = pixels
-    return [(caption, inline_svg(figure, label=caption)) for caption, figure in figures.items()]
 
 
 def _grasp_row(grasp: Grasp) -> list[str]:
@@ -250,24 +240,27 @@ def _count_verdicts(pages: Sequence[ItemHistory], about: About) -> Counter[str]:
     return Counter(one.text for page in pages if (one := page.latest_verdict(about)))
 
 
-def _many_figures(
-    pages: Sequence[ItemHistory], grasps: Sequence[Grasp], *, day: date | None
-) -> _Figures:
-    figures = {
-        "Softening: stiffness of each item over its days": (
-            softening_figure(pages) if day is None else None
-        ),
-        "Grasps over the day": None if day is None else hours_figure(grasps),
-        "Size and stiffness, by kind": size_stiffness_figure(pages),
-    }
-    for about, caption in ((About.RIPENESS, "Ripeness"), (About.BIN, "Bins")):
-        if counts := _count_verdicts(pages, about):
-            figures[caption] = counts_figure(counts.most_common(8))
+def _inline(figures: Mapping[str, Figure | None]) -> _Figures:
     return [
         (caption, inline_svg(figure, label=caption))
         for caption, figure in figures.items()
         if figure is not None
     ]
+
+
+def _many_figures(
+    pages: Sequence[ItemHistory], grasps: Sequence[Grasp], *, day: date | None
+) -> _Figures:
+    figures: dict[str, Figure | None] = {}
+    if day is None:
+        figures["Softening: stiffness of each item over its days"] = softening_figure(pages)
+    else:
+        figures["Grasps over the day"] = hours_figure(grasps)
+    figures["Size and stiffness, by kind"] = size_stiffness_figure(pages)
+    for about, caption in ((About.RIPENESS, "Ripeness"), (About.BIN, "Bins")):
+        if counts := _count_verdicts(pages, about):
+            figures[caption] = counts_figure(counts.most_common(8))
+    return _inline(figures)
 
 
 def _items_table(pages: Sequence[ItemHistory]) -> PageTable:

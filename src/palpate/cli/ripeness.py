@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from functools import cache
 from typing import Annotated
 
 import numpy as np
@@ -14,8 +14,8 @@ from rich.console import Console
 from rich.text import Text
 
 from palpate.cli import options as option
-from palpate.cli.items import open_store
-from palpate.cli.options import BatchOption, DpiOption, JsonOption, StoreOption
+from palpate.cli.items import find_batch, open_store
+from palpate.cli.options import BatchOption, JsonOption, StoreOption, opt
 from palpate.cli.output import percent_text, print_json, say
 from palpate.errors import InputError
 from palpate.plots.style import check_plot, save_figure
@@ -52,22 +52,17 @@ def ripeness(
     store: StoreOption = None,
     reference: Annotated[
         str | None,
-        typer.Option(
-            help="Item that never changes (a rubber ball), grasped on each day: it "
+        opt(
+            "--reference ITEM",
+            "Item that never changes (a rubber ball), grasped on each day: it "
             "separates drift of the sensor from softening.",
-            metavar="ITEM",
         ),
     ] = None,
     stages: Annotated[
-        str, typer.Option(help="Stages as people label them, firmest first.", metavar="A,B,...")
+        str, opt("--stages A,B,...", "Stages as people label them, firmest first.")
     ] = _DEFAULT_STAGES,
-    ripe: Annotated[
-        str, typer.Option(help="The stage that is waited for.", metavar="STAGE")
-    ] = "ripe",
-    plot: Annotated[
-        Path | None, typer.Option(help="Draw the days of one item.", metavar="FILE")
-    ] = None,
-    dpi: DpiOption = None,
+    ripe: Annotated[str, opt("--ripe STAGE", "The stage that is waited for.")] = "ripe",
+    plot: option.PlotOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Report how ripe items are and when they will be ripe.
@@ -79,7 +74,7 @@ def ripeness(
     Example: palpate ripeness A17 --reference ball --plot a17.png
     """
     names = _names(stages, ripe=ripe)
-    check_plot(plot, dpi=dpi)
+    check_plot(plot)
     with open_store(store) as known:
         asked = _select_items(known, items or [], batch=batch)
         if plot is not None and len(asked) != 1:
@@ -93,7 +88,7 @@ def ripeness(
         from palpate.plots.ripeness import item_figure
 
         figure = item_figure(judged[0].history, judged[0].ripeness, rule=judged[0].rule)
-        save_figure(figure, plot, dpi=dpi)
+        save_figure(figure, plot)
     if as_json:
         print_json({"items": [one.to_dict() for one in judged]})
     else:
@@ -114,10 +109,7 @@ def _names(stages: str, *, ripe: str) -> tuple[str, ...]:
 def _select_items(store: Store, items: list[str], *, batch: str | None) -> list[Item]:
     found = [store.item(item) for item in items]
     if batch is not None:
-        of_batch = store.of_batch(batch)
-        if not of_batch:
-            raise InputError(f"--batch {batch}: no item of this batch in {store.name}")
-        found += [item for item in of_batch if item.item_id not in items]
+        found += [item for item in find_batch(store, batch) if item.item_id not in items]
     if not found:
         raise InputError("name an item, or --batch; `palpate items` lists them")
     return found
@@ -165,29 +157,34 @@ class _Judged:
 
 
 class _Judge:
-    """Rules and drifts learned from the store, once for each kind and gripper."""
+    """Judges items by the labelled ones of their kind, learned once for each kind and gripper."""
 
     def __init__(
         self, store: Store, *, reference: str | None, stages: tuple[str, ...], ripe: str
     ) -> None:
-        self._store, self._reference = store, reference
-        self._stages, self._ripe = stages, ripe
-        self._drifts: dict[Drive, Drift | None] = {}
-        self._rules: dict[tuple[str, Drive], RipenessRule | InputError] = {}
+        self._store, self._stages, self._ripe = store, stages, ripe
+        self._drift_of = cache(
+            lambda drive: None if reference is None else drift_of(store, reference, drive=drive)
+        )
+        self._rule_of = cache(self._learn_rule)
 
     def judge(self, item: Item) -> _Judged:
         """Judge one item by labelled ones of its kind, grasped by the same kind of fingers."""
         grasps = self._store.grasps_of(item.item_id)
         drive = drive_of(grasps, item_id=item.item_id)
-        if drive not in self._drifts:
-            self._drifts[drive] = (
-                None
-                if self._reference is None
-                else drift_of(self._store, self._reference, drive=drive)
-            )
-        drift = self._drifts[drive]
+        drift = self._drift_of(drive)
         history = history_of(grasps, item_id=item.item_id, drive=drive, drift=drift)
-        rule = self._find_rule(item, drive)
+        try:
+            if item.kind is None:
+                raise InputError(
+                    f"its kind is not known (palpate items {item.item_id} --set kind=...)"
+                )
+            rule: RipenessRule | None = self._rule_of(item.kind, drive)
+        except InputError as why:
+            if drive == "pressure" or self._stages != tuple(_DEFAULT_STAGES.split(",")):
+                raise
+            say(f"palpate ripeness: {item.item_id} by its own first day: {why}")
+            rule = None
         return _Judged(
             item=item,
             history=history,
@@ -196,31 +193,10 @@ class _Judge:
             drift=drift,
         )
 
-    def _find_rule(self, item: Item, drive: Drive) -> RipenessRule | None:
-        """Return the rule that labels of its kind give; None where its own first day must do."""
-        if item.kind is None:
-            found: RipenessRule | InputError = InputError(
-                f"its kind is not known (palpate items {item.item_id} --set kind=...)"
-            )
-        else:
-            key = (item.kind, drive)
-            if key not in self._rules:
-                self._rules[key] = self._learn_rule(*key)
-            found = self._rules[key]
-        if not isinstance(found, InputError):
-            return found
-        if drive == "pressure" or self._stages != tuple(_DEFAULT_STAGES.split(",")):
-            raise found
-        say(f"palpate ripeness: {item.item_id} by its own first day: {found}")
-        return None
-
-    def _learn_rule(self, kind: str, drive: Drive) -> RipenessRule | InputError:
-        try:
-            return learn_rule(
-                self._store, kind=kind, drive=drive, stages=self._stages, drift=self._drifts[drive]
-            )
-        except InputError as why:
-            return why
+    def _learn_rule(self, kind: str, drive: Drive) -> RipenessRule:
+        return learn_rule(
+            self._store, kind=kind, drive=drive, stages=self._stages, drift=self._drift_of(drive)
+        )
 
 
 def _print(judged: Sequence[_Judged]) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import socket
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from palpate.cli import options as option
-from palpate.cli.calibrate_bench import GuidedBench, open_twin_bench
+from palpate.cli.calibrate_bench import open_twin_bench
+from palpate.cli.options import host_and_port, opt
 from palpate.cli.output import say
 from palpate.errors import DeviceError, InputError, needing
 from palpate.estimate.damage_file import DamageFile
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     # Each is an extra.
     from palpate.dashboard.server import LineOpener
     from palpate.line.machine import Line, Machine
+    from palpate.line.modbus import ModbusStation
+    from palpate.line.opcua import OpcUaStation
     from palpate.mqtt.publisher import Publisher
     from palpate.produce.sorting.rules import RuleBook
 
@@ -31,51 +34,48 @@ def serve(
     object_name: option.ObjectOption = None,
     seed: option.SeedOption = 0,
     speed: Annotated[
-        float, typer.Option(help="Simulated rigs: speed relative to real time.", min=0.1, max=20.0)
+        float, opt("--speed", "Simulated rigs: speed relative to real time.", min=0.1, max=20.0)
     ] = 1.0,
     folder: Annotated[
-        Path,
-        typer.Option(
-            help="Where recordings go, and calibrations of simulated rigs.", metavar="DIR"
-        ),
+        Path, opt("--folder DIR", "Where recordings go, and calibrations of simulated rigs.")
     ] = Path("palpate-data"),
     store: option.StoreOption = None,
     damage: option.DamageOption = None,
     rules: Annotated[
         Path | None,
-        typer.Option(
-            help="Show which bin each named item goes to: a rules file as `palpate sort` reads it.",
-            metavar="FILE",
+        opt(
+            "--rules FILE",
+            "Show which bin each named item goes to: a rules file as `palpate sort` reads it.",
         ),
     ] = None,
     host: Annotated[
-        str, typer.Option(help="Address to listen at; beyond the loopback --token is needed.")
+        str, opt("--host", "Address to listen at; beyond the loopback --token is needed.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="0 takes a free one.", min=0, max=65535)] = 8080,
+    port: Annotated[int, opt("--port", "0 takes a free one.", min=0, max=65535)] = 8080,
     token: Annotated[
         str | None,
-        typer.Option(help="Password for visitors.", envvar="PALPATE_TOKEN", show_envvar=True),
+        opt("--token", "Password for visitors.", envvar="PALPATE_TOKEN", show_envvar=True),
     ] = None,
     mqtt: Annotated[
         Path | None,
-        typer.Option(
-            help="Publish results and state to the broker that this file describes "
+        opt(
+            "--mqtt FILE",
+            "Publish results and state to the broker that this file describes "
             "(docs: Connect a packhouse).",
-            metavar="FILE",
         ),
     ] = None,
     opcua: Annotated[
         str | None,
-        typer.Option(
-            help="Serve OPC UA; beyond the loopback encrypted, with --token as the password.",
-            metavar="[HOST:]PORT",
+        opt(
+            "--opcua [HOST:]PORT",
+            "Serve OPC UA; beyond the loopback encrypted, with --token as the password.",
         ),
     ] = None,
     modbus: Annotated[
         str | None,
-        typer.Option(
-            help="Serve Modbus TCP, which has no password: every client that reaches it can grasp.",
-            metavar="[HOST:]PORT",
+        opt(
+            "--modbus [HOST:]PORT",
+            "Serve Modbus TCP, which has no password: every client that reaches it can grasp.",
         ),
     ] = None,
 ) -> None:
@@ -101,7 +101,7 @@ def serve(
         object_name=object_name,
         seed=seed,
         speed=speed,
-        benches={"sim-rigid": open_simulated_bench},
+        benches={"sim-rigid": open_twin_bench},
         damage=None if damage is None else DamageFile.load(damage),
         damage_path=damage,
         rules=None if rules is None else _rules(rules),
@@ -112,7 +112,7 @@ def serve(
         host=host.strip("[]"),
         port=port,
         token=token,
-        announce=_announce,
+        announce=lambda address: print(f"palpate serve: {address}  (Ctrl-C ends it)", flush=True),
         publisher=None if mqtt is None else _publisher(mqtt, store=store),
         lines=open_lines(opcua=opcua, modbus=modbus, token=token, folder=folder),
     )
@@ -138,15 +138,6 @@ def _rules(path: Path) -> RuleBook:
     return read_rules(path)
 
 
-def _announce(address: str) -> None:
-    print(f"palpate serve: {address}  (Ctrl-C ends it)", flush=True)
-
-
-def open_simulated_bench(rig: str, seed: int) -> GuidedBench:
-    """Open the bench with a load cell of a simulated rig."""
-    return open_twin_bench(rig, seed=seed)
-
-
 def open_lines(
     *, opcua: str | None, modbus: str | None, token: str | None, folder: Path
 ) -> list[LineOpener]:
@@ -157,58 +148,52 @@ def open_lines(
     """
     openers: list[LineOpener] = []
     if opcua is not None:
-        openers.append(_opcua(*_address("--opcua", opcua), token=token, folder=folder))
+        from palpate.line.opcua import USER, OpcUaStation
+
+        host, port = _free_address("--opcua", opcua)
+        if host not in _LOOPBACK and not token:
+            raise InputError(
+                f"--opcua {host}:{port}: others could drive the hand; add --token, the password of "
+                f"user {USER}"
+            )
+        station = partial(OpcUaStation, password=token, folder=folder)
+        text = "OPC UA at opc.tcp://{}:{}/palpate"
+        openers.append(_opener(station, host=host, port=port, text=text))
     if modbus is not None:
-        openers.append(_modbus(*_address("--modbus", modbus)))
+        from palpate.line.modbus import ModbusStation
+
+        host, port = _free_address("--modbus", modbus)
+        openers.append(_opener(ModbusStation, host=host, port=port, text="Modbus TCP at {}:{}"))
     return openers
 
 
-def _address(option: str, text: str) -> tuple[str, int]:
-    """Return host and port of ``[HOST:]PORT``; refuse a port that is taken.
-
-    >>> _address("--opcua", "0")
-    ('127.0.0.1', 0)
-    """
-    host, _, port = text.rpartition(":")
-    if not port.isascii() or not port.isdigit() or int(port) > 65535:
-        raise InputError(f"{option} {text}: give [HOST:]PORT, such as 4840 or 0.0.0.0:4840")
-    host = host.strip("[]") or "127.0.0.1"
+def _free_address(option: str, text: str) -> tuple[str, int]:
+    """Return host and port of ``[HOST:]PORT``; refuse a port that is taken."""
+    host, port = host_and_port(text, option=option)
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     # Before anything is opened: once the devices are, a fault would leave them running.
     with socket.socket(family) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            probe.bind((host, int(port)))
+            probe.bind((host, port))
         except OSError as error:
             raise DeviceError(f"{option} {text}: {error.strerror}; give another") from error
-    return host, int(port)
+    return host, port
 
 
-def _opcua(host: str, port: int, *, token: str | None, folder: Path) -> LineOpener:
-    from palpate.line.opcua import USER, OpcUaStation
-
-    if host not in _LOOPBACK and not token:
-        raise InputError(
-            f"--opcua {host}:{port}: others could drive the hand; add --token, the password of "
-            f"user {USER}"
-        )
-
-    async def opener(machine: Machine) -> Line:
-        station = OpcUaStation(machine, password=token, folder=folder)
-        at = await station.start(host, port)
-        say(f"palpate serve: OPC UA at opc.tcp://{host}:{at}/palpate")
-        return station
-
-    return opener
-
-
-def _modbus(host: str, port: int) -> LineOpener:
-    from palpate.line.modbus import ModbusStation
+def _opener(
+    station_of: Callable[[Machine], OpcUaStation | ModbusStation],
+    *,
+    host: str,
+    port: int,
+    text: str,
+) -> LineOpener:
+    """Return what starts a station and prints its address; `text` has places for host and port."""
 
     async def opener(machine: Machine) -> Line:
-        station = ModbusStation(machine)
+        station = station_of(machine)
         at = await station.start(host, port)
-        say(f"palpate serve: Modbus TCP at {host}:{at}")
+        say(f"palpate serve: {text.format(host, at)}")
         return station
 
     return opener

@@ -6,7 +6,8 @@ import csv
 import json
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,9 @@ from rich.markup import escape
 from palpate.cli.settle_source import HoldSource
 from palpate.errors import InputError
 from palpate.files import atomic_path, check_place, csv_cell, keep_inputs
+from palpate.holds.cutting import CutColumn
 from palpate.holds.table_files import pyarrow_for
-from palpate.plots.settle import MOST_OVERVIEWS, Overview, Panel, settle_figure
+from palpate.plots.settle import MOST_OVERVIEWS, Panel, settle_figure
 from palpate.plots.style import save_figure
 from palpate.scoring.predictions import Prediction
 from palpate.scoring.table import (
@@ -35,15 +37,16 @@ OUT_ENDINGS = (".json", ".csv", ".parquet")
 ROWS_SHOWN = 10
 
 
-def check_outputs(*, plot: Path | None, out: Path | None, inputs: Sequence[Path]) -> None:
-    """Refuse, before the work, files that can't or mustn't be written after it."""
-    if out is not None:
-        if out.suffix.lower() not in OUT_ENDINGS:
-            raise InputError(f"--out {out}: name a file that ends in .json, .csv or .parquet")
-        check_place(out)
-        keep_inputs(out, inputs=inputs)
-        if out.suffix.lower() == ".parquet":
-            pyarrow_for("--out FILE.parquet")
+def check_out(out: Path | None, *, inputs: Sequence[Path]) -> None:
+    """Refuse, before the work, a file that can't or mustn't be written after it."""
+    if out is None:
+        return
+    if out.suffix.lower() not in OUT_ENDINGS:
+        raise InputError(f"--out {out}: name a file that ends in .json, .csv or .parquet")
+    check_place(out)
+    keep_inputs(out, inputs=inputs)
+    if out.suffix.lower() == ".parquet":
+        pyarrow_for("--out FILE.parquet")
 
 
 def write(document: ScoreTable, out: Path) -> None:
@@ -82,9 +85,7 @@ def draw(
     source: HoldSource,
     plot: Path,
     *,
-    dpi: int | None,
     methods: Mapping[str, SettlingMethod],
-    level: float,
 ) -> None:
     """Draw the holds with the median, the 90th percentile and the largest error.
 
@@ -100,67 +101,50 @@ def draw(
         "largest error": len(order) - 1,
     }
     # Later names win where a short file has the same hold in several places.
-    wanted = {_key(order[place]): (name, order[place]) for name, place in places.items()}
+    wanted = {
+        (row.source, row.hold_id, row.channel): (name, row)
+        for name, row in ((name, order[place]) for name, place in places.items())
+    }
     panels = {}
     for file in source.files():
         for hold in source.holds(file, until_s=document.horizon_s):
             key = (str(file), hold.hold_id, hold.channel)
             if key in wanted:
                 name, row = wanted[key]
-                title = f"{name}{_error_text(row)}\n{hold.hold_id} {hold.channel or ''}"
+                error = ""
+                if np.isfinite(row.error_percent):
+                    percent = f"{row.error_percent:+.2g}".replace("-", "\N{MINUS SIGN}")
+                    error = f": {row.method} {percent} %"
+                title = f"{name}{error}\n{hold.hold_id} {hold.channel or ''}"
                 panels[key] = Panel(title=title, hold=hold, cutoff_s=row.cutoff_s)
     figure = settle_figure(
         [panels[key] for key in wanted],
         methods=methods,
         horizon_s=document.horizon_s,
-        level=level,
-        overviews=_overviews(source),
+        level=document.level,
+        overviews=list(islice(_overviews(source), MOST_OVERVIEWS)),
     )
-    save_figure(figure, plot, dpi=dpi)
+    save_figure(figure, plot)
 
 
-def _overviews(source: HoldSource) -> list[Overview]:
-    """Return the first few recordings with the places where they were cut."""
-    found: list[Overview] = []
+def _overviews(source: HoldSource) -> Iterator[tuple[str, CutColumn]]:
+    """Yield recordings with their titles and the places where they were cut."""
     for file in source.recordings():
         for column in source.columns(file):
-            if len(found) == MOST_OVERVIEWS:
-                return found
             if column.time_s.size:
-                title = f"{file.name}, {column.column}: {len(column.spans)} holds"
-                found.append(
-                    Overview(
-                        title=title,
-                        time_s=column.time_s,
-                        values=column.values,
-                        unit=column.unit,
-                        spans=column.spans,
-                    )
-                )
-    return found
+                yield f"{file.name}, {column.column}: {len(column.spans)} holds", column
 
 
-def _key(row: Prediction) -> tuple[str, str, str | None]:
-    return row.source, row.hold_id, row.channel
-
-
-def _error_text(row: Prediction) -> str:
-    if not np.isfinite(row.error_percent):
-        return ""
-    percent = f"{row.error_percent:+.2g}".replace("-", "\N{MINUS SIGN}")
-    return f": {row.method} {percent} %"
-
-
-def print_tables(document: ScoreTable, *, level: float, written: Sequence[Path]) -> None:
+def print_tables(document: ScoreTable, *, written: Sequence[Path]) -> None:
     """Print what was predicted; then, where holds reach the horizon, how far off that was."""
     console = Console(width=None if sys.stdout.isatty() else PIPED_WIDTH)
-    _print_holds(document, console, level=level)
+    _print_holds(document, console)
     for method in dict.fromkeys(row.method for row in document.predictions):
         counts = Counter(str(r.status) for r in document.predictions if r.method == method)
         by_status = ", ".join(f"{n} {status}" for status, n in counts.most_common())
         console.print(f"Status of {method}: {by_status}", highlight=False)
     if any(np.isfinite(row.settled) for row in document.predictions):
-        print_scores(document.summary(), console, level=level)
+        print_scores(document.summary(), console, level=document.level)
     else:
         console.print(
             f"No hold lasts until {document.horizon_s:g} s, so there is nothing to score against."
@@ -178,7 +162,7 @@ def print_tables(document: ScoreTable, *, level: float, written: Sequence[Path])
         console.print(f"Written: {path}", highlight=False, soft_wrap=True)
 
 
-def _print_holds(document: ScoreTable, console: Console, *, level: float) -> None:
+def _print_holds(document: ScoreTable, console: Console) -> None:
     """Print the holds of the first method, those furthest off or least sure."""
     rows = [r for r in document.predictions if r.method == document.predictions[0].method]
     scored = any(np.isfinite(row.settled) for row in rows)
@@ -202,8 +186,8 @@ def _print_holds(document: ScoreTable, console: Console, *, level: float) -> Non
     cells = [[row[heading.lstrip(">")] for heading in headings] for row in shown]
     print_table(headings, cells, console=console)
     console.print(
-        f"[dim]±: half-width of the {level:.0%} interval, in % of the settled value, where known, "
-        "else of the predicted one[/dim]",
+        f"[dim]±: half-width of the {document.level:.0%} interval, in % of the settled value, "
+        "where known, else of the predicted one[/dim]",
         highlight=False,
     )
 

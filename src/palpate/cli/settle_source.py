@@ -25,6 +25,8 @@ from palpate.signal.circuit import Divider
 RECORDING_ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".log", ".gz", ".xlsx", ".parquet", ".mcap")
 
 
+#: No hold of 20 s is sampled that slowly, seconds.
+_SLOWEST_S = 4.0
 #: Place of the sensor in its divider.
 Leg: TypeAlias = Literal["upper", "lower"]
 
@@ -90,22 +92,40 @@ class HoldSource:
 
         A file of a folder without any is skipped with a line on standard error.
         """
+        is_known = file in self._warned
+        for hold in self._read(file, until_s=until_s, progress=progress):
+            if not is_known and len(hold.time_s) > 1:
+                step_s = float(np.median(np.diff(hold.time_s)))
+                if is_known := step_s > _SLOWEST_S:
+                    say(
+                        f"palpate: {file}: hold {hold.hold_id} has a sample every {step_s:g} s; "
+                        "time_s is in seconds, are these milliseconds?"
+                    )
+            yield hold
+        self._warned.add(file)
+
+    def _read(
+        self, file: Path, *, until_s: float, progress: Callable[[float], None] | None
+    ) -> Iterator[Hold]:
         if self._is_holds(file):
             for hold in iterate_holds(file, until_s=until_s, progress=progress):
                 yield replace(hold, unit=self.reading.unit or hold.unit)
             return
         try:
-            for column in self.columns(file):
-                yield from column.holds
+            if _is_mcap(file):
+                holds = _from_mcap(file, self.reading)
+            else:
+                holds = [hold for column in self.columns(file) for hold in column.holds]
         except PalpateError as error:
             if file in self.paths:
                 raise
             self._warn(file, f"{error} (skipped)")
-        self._warned.add(file)
+            return
+        yield from holds
 
     def recordings(self) -> list[Path]:
-        """Return the files that are cut into holds."""
-        return [file for file in self.files() if not self._is_holds(file)]
+        """Return the tables that are cut into holds."""
+        return [file for file in self.files() if not (self._is_holds(file) or _is_mcap(file))]
 
     def _is_holds(self, file: Path) -> bool:
         return self.reading.is_about_units() and is_holds_file(file)
@@ -115,8 +135,6 @@ class HoldSource:
 
         Raises `InputError` if it can't be read, or no sensor has a hold.
         """
-        if _starts_with(file, MCAP_MAGIC):
-            return [_from_mcap(file, self.reading)]
         options = self.reading
         found: list[CutColumn] = []
         remarks: list[str] = []
@@ -138,7 +156,12 @@ class HoldSource:
                     raise InputError(explain_no_hold(str(file), columns))
                 remarks.append(explain_no_hold(readings.name, columns))
             else:
-                remarks += _remarks(columns)
+                remarks += [
+                    f"{column.column}: {remark}"
+                    for column in columns
+                    for remark in (*column.remarks, column.reason)
+                    if remark
+                ]
             found += columns
         if not any(column.holds for column in found):
             raise InputError(f"{file}: no hold in any of its {len(recordings)} recordings")
@@ -150,15 +173,6 @@ class HoldSource:
     def _warn(self, file: Path, remark: str) -> None:
         if file not in self._warned:
             say(f"palpate: {file}: {remark.removeprefix(f'{file}: ')}")
-
-
-def _remarks(columns: Sequence[CutColumn]) -> list[str]:
-    return [
-        f"{column.column}: {remark}"
-        for column in columns
-        for remark in (*column.remarks, column.reason)
-        if remark
-    ]
 
 
 def is_holds_file(file: Path) -> bool:
@@ -194,15 +208,15 @@ def _recordings_in(folder: Path) -> list[Path]:
     )
 
 
-def _starts_with(file: Path, magic: bytes) -> bool:
+def _is_mcap(file: Path) -> bool:
     try:
         with file.open("rb") as stream:
-            return stream.read(len(magic)) == magic
+            return stream.read(len(MCAP_MAGIC)) == MCAP_MAGIC
     except OSError:
         return False
 
 
-def _from_mcap(file: Path, reading: ReadingOptions) -> CutColumn:
+def _from_mcap(file: Path, reading: ReadingOptions) -> list[Hold]:
     """Return the holds of a recording of our own, as `palpate export --holds` cuts them."""
     if not reading.is_about_units():
         raise InputError(
@@ -211,11 +225,9 @@ def _from_mcap(file: Path, reading: ReadingOptions) -> CutColumn:
         )
     unit: Literal["percent", "ohm"] = "ohm" if reading.unit == "ohm" else "percent"
     try:
-        holds = cut_recorded_holds(load_recording(file), unit=unit, name=file.stem)
+        return cut_recorded_holds(load_recording(file), unit=unit, name=file.stem)
     except RecordingError as error:
         raise InputError(f"{file}: {error}") from error
-    none = np.zeros(0)
-    return CutColumn(column="", time_s=none, values=none, unit=unit, spans=[], holds=holds)
 
 
 def divider_of(

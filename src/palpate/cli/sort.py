@@ -20,6 +20,8 @@ from palpate.cli.options import (
     SeedOption,
     StoreOption,
     TargetForceOption,
+    opt,
+    refuse_options,
 )
 from palpate.cli.output import print_json, progress
 from palpate.cli.sort_report import SortReport
@@ -34,40 +36,34 @@ from palpate.terminal_table import print_table
 
 
 def sort(
-    rules: Annotated[
-        Path | None, typer.Option(help="The rules, a TOML file.", metavar="FILE")
-    ] = None,
+    rules: Annotated[Path | None, opt("--rules FILE", "The rules, a TOML file.")] = None,
     identify: Annotated[
         str | None,
-        typer.Option(
-            help="In place of sorting: report of which kind this item of the store is, and keep "
+        opt(
+            "--identify ITEM",
+            "In place of sorting: report of which kind this item of the store is, and keep "
             "the answer with it. Exits with 1 if it is unknown.",
-            metavar="ITEM",
             autocompletion=option.complete_items,
         ),
     ] = None,
     rig: Annotated[
         str | None,
-        typer.Option(
-            help="Grasp with this rig: sim-rigid brings a simulated crate, any other takes the "
+        opt(
+            "--rig NAME_OR_TOML",
+            "Grasp with this rig: sim-rigid brings a simulated crate, any other takes the "
             "names of items from standard input, one a line. Without it: items of the store, by "
             "the grasps they had; nothing is written.",
-            metavar="NAME_OR_TOML",
         ),
     ] = None,
     damage: DamageOption = None,
     target_force_n: TargetForceOption = None,
     store: StoreOption = None,
     batch: BatchOption = None,
-    items: Annotated[
-        int, typer.Option(help="Size of the simulated crate.", min=1, metavar="N")
-    ] = 12,
+    items: Annotated[int, opt("--items N", "Size of the simulated crate.", min=1)] = 12,
     taught: Annotated[
         int,
-        typer.Option(
-            help="Simulated items of each kind to label, where the store is empty.",
-            min=3,
-            metavar="N",
+        opt(
+            "--taught N", "Simulated items of each kind to label, where the store is empty.", min=3
         ),
     ] = 6,
     seed: SeedOption = 0,
@@ -86,12 +82,12 @@ def sort(
 
     Example: palpate sort --rules rules.toml --rig sim-rigid --items 12 --seed 1
     """
+    grasping: dict[str, object] = {"--damage": damage, "--target-force-n": target_force_n}
     if identify is not None:
-        unused: dict[str, object] = {"--rules": rules, "--rig": rig, "--batch": batch}
-        unused |= {"--damage": damage, "--target-force-n": target_force_n}
-        for option, given in unused.items():
-            if given is not None:
-                raise InputError(f"{option} {given}: --identify takes an item of the store alone")
+        refuse_options(
+            {"--rules": rules, "--rig": rig, "--batch": batch, **grasping},
+            why="--identify takes an item of the store alone",
+        )
         _identify(identify, store=store, as_json=as_json)
         return
     if rules is None:
@@ -99,9 +95,7 @@ def sort(
     book = read_rules(rules)
     limit = None if damage is None else DamageFile.load(damage).model
     if rig is None:
-        for name, value in (("--damage", damage), ("--target-force-n", target_force_n)):
-            if value is not None:
-                raise InputError(f"{name} {value}: nothing is grasped; name a --rig")
+        refuse_options(grasping, why="nothing is grasped; name a --rig")
         report = SortReport(book=book, dry=True)
         sort_from_store(report, rules=rules, store=store, batch=batch)
     else:

@@ -12,7 +12,7 @@ from rich.markup import escape
 from palpate.cli.output import print_json
 from palpate.produce.sorting.rules import RuleBook
 from palpate.produce.sorting.run import Sorted
-from palpate.produce.sorting.score import CARRY_S, TURN_S, Placed, Score, score_sorting
+from palpate.produce.sorting.score import CARRY_S, TURN_S, Placed, score_sorting
 from palpate.terminal_table import print_table
 
 
@@ -26,40 +26,38 @@ class SortReport:
     dry: bool
     #: Takes how many items are done.
     show: Callable[[float], None] | None = None
-    #: In order.
-    done: list[Sorted] = field(default_factory=list)
+    _simulated: bool = False
+    _rows: list[dict[str, Any]] = field(default_factory=list)
     _placed: list[Placed] = field(default_factory=list)
 
     def add(self, done: Sorted, *, belongs: str | None) -> None:
         """Take in one item; `belongs` is its true bin, where a simulation knows it."""
-        self.done.append(done)
-        self._placed.append(
-            Placed(
-                bin=done.decision.bin,
-                belongs=belongs,
-                grasps=len(done.grasps),
-                grasping_s=done.grasping_s,
-            )
+        placed = Placed(
+            bin=done.decision.bin,
+            belongs=belongs,
+            grasps=len(done.grasps),
+            grasping_s=done.grasping_s,
         )
+        self._placed.append(placed)
+        self._rows.append(_row(done, placed))
+        self._simulated |= any(grasp.simulated for grasp in done.grasps)
         if self.show is not None:
-            self.show(len(self.done))
+            self.show(len(self._rows))
 
     def emit(self, *, as_json: bool) -> None:
         """Print all of it."""
-        found = score_sorting(self._placed, book=self.book) if self._placed else None
+        document = self._document()
         if as_json:
-            print_json(self._document(found))
+            print_json(document)
+        elif document["rows"]:
+            self._print(document)
         else:
-            self._show(found)
+            print("no item came")
 
-    @property
-    def _simulated(self) -> bool:
-        return any(grasp.simulated for one in self.done for grasp in one.grasps)
-
-    def _document(self, found: Score | None) -> dict[str, Any]:
-        rows = [_row(one, placed) for one, placed in zip(self.done, self._placed, strict=True)]
+    def _document(self) -> dict[str, Any]:
         summary: dict[str, Any] | None = None
-        if found is not None:
+        if self._placed:
+            found = score_sorting(self._placed, book=self.book)
             summary = {
                 "items": found.items,
                 "left_over": found.left_over,
@@ -74,54 +72,49 @@ class SortReport:
         return {
             "simulated": self._simulated,
             "dry_run": self.dry,
-            "rows": rows,
+            "rows": self._rows,
             "summary": summary,
             "assumed": None if self.dry else {"carry_s": CARRY_S, "turn_s": TURN_S},
         }
 
-    def _show(self, found: Score | None) -> None:
+    def _print(self, document: dict[str, Any]) -> None:
         console = Console(highlight=False)
-        if found is None:
-            console.print("no item came")
-            return
         rows = []
-        for one, placed in zip(self.done, self._placed, strict=True):
-            wrong = placed.belongs is not None and placed.belongs != placed.bin
-            note = f" [red](truly: {escape(str(placed.belongs))})[/red]" if wrong else ""
-            chance = one.decision.probability
+        for one in document["rows"]:
+            wrong = one["belongs"] not in (None, one["bin"])
+            note = f" [red](truly: {escape(one['belongs'])})[/red]" if wrong else ""
+            chance = one["probability"]
             rows.append(
                 (
-                    f"[bold]{escape(one.item_id)}[/bold]",
-                    escape(one.decision.bin),
+                    f"[bold]{escape(one['item_id'])}[/bold]",
+                    escape(one["bin"]),
                     "-" if chance is None else f"{100 * chance:.0f}",
-                    escape(one.decision.why.partition(": ")[2]) + note,
+                    escape(one["why"].partition(": ")[2]) + note,
                 )
             )
         print_table(("item", "bin", ">probability, %", "reason"), rows, console=console)
         console.print()
-        judged = found.purity is not None
+        summary = document["summary"]
+        is_judged = summary["purity"] is not None
         bins = [
-            (escape(name), str(count), *[str(right)] * judged)
-            for name, (count, right) in found.bins.items()
+            (escape(name), str(one["items"]), *[str(one["right"])] * is_judged)
+            for name, one in summary["bins"].items()
         ]
-        print_table(("bin", ">items", *[">right"] * judged), bins, console=console)
-        console.print(self._last_line(found), markup=False)
-
-    def _last_line(self, found: Score) -> str:
-        parts = [f"{100 * found.left_over:.0f} % left for {self.book.default_bin!r}"]
-        if found.purity is not None:
-            parts.insert(0, f"{100 * found.purity:.0f} % of what went to a bin belongs there")
+        print_table(("bin", ">items", *[">right"] * is_judged), bins, console=console)
+        parts = [f"{100 * summary['left_over']:.0f} % left for {self.book.default_bin!r}"]
+        if is_judged:
+            parts.insert(0, f"{100 * summary['purity']:.0f} % of what went to a bin belongs there")
         if self.dry:
             parts.append("dry run: nothing was grasped or written")
         else:
-            parts.append(f"{found.grasps_per_item:.1f} grasps per item")
+            parts.append(f"{summary['grasps_per_item']:.1f} grasps per item")
             parts.append(
-                f"{found.items_per_hour:.0f} items per hour, assuming {CARRY_S:g} s handling and "
-                f"{TURN_S:g} s turning per item"
+                f"{summary['items_per_hour']:.0f} items per hour, assuming {CARRY_S:g} s handling "
+                f"and {TURN_S:g} s turning per item"
             )
         if self._simulated:
             parts.append("simulated")
-        return "; ".join(parts)
+        console.print("; ".join(parts), markup=False)
 
 
 def _row(one: Sorted, placed: Placed) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Protocol
+from typing import TypeAlias
 
 from palpate.cli.items import open_store
 from palpate.cli.output import say
@@ -20,7 +20,7 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.planning import plan_grasp
 from palpate.produce.identify.identifier import Identifier
 from palpate.produce.identify.kinds import identity_verdict, learn_kinds, touches_of
-from palpate.produce.records import Item, Verdict
+from palpate.produce.records import Grasp, Item, Verdict
 from palpate.produce.sorting.hand import SortingHand, TimedGrasp
 from palpate.produce.sorting.rules import RuleBook, decide
 from palpate.produce.sorting.rules_file import check_kinds
@@ -96,12 +96,15 @@ def sort_with_rig(
                 name,
                 book=report.book,
                 identifier=identifier,
-                grasp=partial(_grasp_and_store, name, supply, kept),
+                grasp=partial(_grasp, name, supply, kept),
                 kind=kind,
                 verdicts=verdicts,
             )
             if kept is not None:
-                _store_verdicts(done, kept, now=supply.hand.now())
+                now = supply.hand.now()
+                if done.identity is not None and done.identity.grasps:
+                    kept.add_verdict(identity_verdict(name, done.identity, given_at=now))
+                kept.add_verdict(bin_verdict(done, given_at=now))
             report.add(done, belongs=supply.belongs(name, book=report.book))
         if kept is not None and (waiting := kept.send_or_explain()):
             say(f"palpate: {waiting}")
@@ -138,40 +141,26 @@ def _check_measurable(book: RuleBook, supply: Supply, *, rules: Path) -> None:
 
 def _teach(supply: SimulatedCrate, kept: Store | None) -> Identifier:
     """Grasp labelled items of each kind, so that there is something to go by."""
-    count = len(supply.teaching)
-    say(f"teaching with {count} labelled items (simulated) ...")
+    say(f"teaching with {len(supply.teaching)} labelled items (simulated) ...")
     found = []
-    for item in supply.iterate_labelled():
-        timed: list[TimedGrasp] = []
-        for turn in range(_TAUGHT_GRASPS):
-            size = timed[-1].grasp.measurements.get("size_mm") if timed else None
-            timed.append(_grasp(item.item_id, supply, turn=turn, size=size))
-        grasps = [one.grasp for one in timed]
+    for item in supply.teaching.values():
         if kept is not None:
-            kept.add_item(item)
-            kept.add_grasps(grasps, calibration=supply.calibration)
+            kept.add_item(Item(item_id=item.item_id, kind=item.kind, batch="taught"))
+        grasps: list[Grasp] = []
+        for turn in range(_TAUGHT_GRASPS):
+            size = grasps[-1].measurements.get("size_mm") if grasps else None
+            grasps.append(_grasp(item.item_id, supply, kept, turn, size).grasp)
         found.append((str(item.kind), touches_of(grasps)))
     return Identifier(found)
 
 
-def _grasp_and_store(
+def _grasp(
     name: str, supply: Supply, kept: Store | None, turn: int, size: Measurement | None
 ) -> TimedGrasp:
-    """Grasp an item and store the grasp before the next one, which may fail."""
-    timed = _grasp(name, supply, turn=turn, size=size)
-    if kept is not None:
-        kept.add_grasp(timed.grasp, calibration=supply.calibration)
-    return timed
+    """Lay an item, grasp it and store the grasp before the next one, which may fail.
 
-
-def _store_verdicts(done: Sorted, kept: Store, *, now: datetime) -> None:
-    if done.identity is not None and done.identity.grasps:
-        kept.add_verdict(identity_verdict(done.item_id, done.identity, given_at=now))
-    kept.add_verdict(bin_verdict(done, given_at=now))
-
-
-def _grasp(name: str, supply: Supply, *, turn: int, size: Measurement | None) -> TimedGrasp:
-    """Lay an item and grasp it; equipment that fails, or a person who stops it, ends it all."""
+    Equipment that fails, or a person who stops it, ends it all.
+    """
     supply.lay(name, turn=turn)
     timed = supply.hand.grasp(name, expected=size)
     outcome = str(timed.grasp.outcome)
@@ -179,6 +168,8 @@ def _grasp(name: str, supply: Supply, *, turn: int, size: Measurement | None) ->
         raise KeyboardInterrupt
     if outcome in _BROKEN:
         raise DeviceError(f"while grasping {name} {_BROKEN[outcome]}; run `palpate doctor`")
+    if kept is not None:
+        kept.add_grasp(timed.grasp, calibration=supply.calibration)
     return timed
 
 
@@ -186,36 +177,6 @@ def _grasp(name: str, supply: Supply, *, turn: int, size: Measurement | None) ->
 _STRANGERS_SHARE = 1 / 6
 #: The rig that comes with a crate of the twin.
 _SIMULATED = "sim-rigid"
-
-
-class Supply(Protocol):
-    """Items, one after the other, and the hand that grasps them."""
-
-    @property
-    def hand(self) -> SortingHand:
-        """The hand."""
-        ...
-
-    @property
-    def calibration(self) -> str:
-        """The calibration's text."""
-        ...
-
-    def names(self) -> Iterator[str]:
-        """Yield the items as they come."""
-        ...
-
-    def lay(self, name: str, *, turn: int) -> None:
-        """Place an item between the open fingers, after this many turns."""
-        ...
-
-    def belongs(self, name: str, *, book: RuleBook) -> str | None:
-        """Return the bin that an item truly belongs to; None where nobody knows."""
-        ...
-
-    def close(self) -> None:
-        """Let go of the devices."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -234,11 +195,6 @@ class SimulatedCrate:
     def names(self) -> Iterator[str]:
         """Yield the items of the crate."""
         yield from self.crate
-
-    def iterate_labelled(self) -> Iterator[Item]:
-        """Yield what teaches, as a person would label it."""
-        for item in self.teaching.values():
-            yield Item(item_id=item.item_id, kind=item.kind, batch="taught")
 
     def lay(self, name: str, *, turn: int) -> None:
         """Lay an item between the fingers."""
@@ -288,6 +244,10 @@ class NamedByLine:
     def close(self) -> None:
         """Let go of the devices."""
         self.rig.close()
+
+
+#: Items, one after the other, and the hand that grasps them.
+Supply: TypeAlias = SimulatedCrate | NamedByLine
 
 
 def open_supply(

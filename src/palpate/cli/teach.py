@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-import numpy as np
 import typer
 from rich.console import Console
 from rich.markup import escape
 
 from palpate.cli.items import add_label, open_store
-from palpate.cli.options import JsonOption, StoreOption
+from palpate.cli.options import JsonOption, StoreOption, opt, refuse_options
 from palpate.cli.output import percent_text, print_json
 from palpate.errors import InputError
 from palpate.produce.records import About
@@ -42,17 +41,16 @@ def teach(
     question: Annotated[Question, typer.Argument(help="The subject of the labels.")],
     table: Annotated[
         Path | None,
-        typer.Option(
-            help="Learn from a CSV with columns item_id, label and numbers, in place of the store.",
-            metavar="FILE",
+        opt(
+            "--table FILE",
+            "Learn from a CSV with columns item_id, label and numbers, in place of the store.",
         ),
     ] = None,
     kind: Annotated[
-        str | None, typer.Option(help="Learn from items of this kind of the store.")
+        str | None, opt("--kind", "Learn from items of this kind of the store.")
     ] = None,
     say: Annotated[
-        list[str] | None,
-        typer.Option(help="First label an item of the store; repeat.", metavar="ITEM=LABEL"),
+        list[str] | None, opt("--say ITEM=LABEL", "First label an item of the store; repeat.")
     ] = None,
     store: StoreOption = None,
     as_json: JsonOption = False,
@@ -66,9 +64,8 @@ def teach(
     """
     about = _ABOUT[question]
     if table is not None:
-        for option, given in (("--kind", kind), ("--say", say), ("--store", store)):
-            if given:
-                raise InputError(f"{option}: --table {table} is learned from alone")
+        given = {"--kind": kind, "--say": say and say[0], "--store": store}
+        refuse_options(given, why=f"--table {table} is learned from alone")
         known = read_labelled(table)
     else:
         with open_store(store, create=bool(say)) as opened:
@@ -81,15 +78,15 @@ def teach(
             known = labelled_of(opened, about, kind=kind)
     learner = known.learn(strangers=question is Question.KIND)
     score = learner.score()
-    blank = known.unlabelled()
-    rows = known.rows[np.array(blank, dtype=int)]
-    chances = learner.probabilities(rows) if blank else np.zeros((0, 1))
-    named = [
-        {"item_id": known.items[row], "label": label, "probability": float(chance.max())}
-        for row, label, chance in zip(
-            blank, learner.predict(rows) if blank else [], chances, strict=True
-        )
-    ]
+    named: list[dict[str, Any]] = []
+    if blank := known.unlabelled():
+        rows = known.rows[blank]
+        named = [
+            {"item_id": known.items[row], "label": str(label), "probability": float(chance.max())}
+            for row, label, chance in zip(
+                blank, learner.predict(rows), learner.probabilities(rows), strict=True
+            )
+        ]
     if as_json:
         print_json(
             {
@@ -125,8 +122,8 @@ def teach(
         print_table(
             ("item", "label", ">probability"),
             [
-                (escape(known.items[row]), escape(str(one["label"])), percent_text(chance.max()))
-                for row, one, chance in zip(blank, named, chances, strict=True)
+                (escape(one["item_id"]), escape(one["label"]), percent_text(one["probability"]))
+                for one in named
             ],
             console=console,
         )

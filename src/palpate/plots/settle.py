@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.holds import Hold, settled_value
+from palpate.holds.cutting import CutColumn
 from palpate.plots.style import GREY, INK, legend_below, log_axis, look_of, new_figure
 from palpate.settling.result import SettlingMethod
 
@@ -58,40 +58,17 @@ class Panel:
     cutoff_s: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Overview:
-    """A whole recording, and where its holds are.
-
-    Attributes
-    ----------
-    title : str
-        Stands above it.
-    time_s, values : ndarray, shape (n_times,)
-        The recording.
-    unit : str or None
-        Of its values, where it is known.
-    spans : sequence of tuple of float
-        Beginning and end of each hold, seconds.
-    """
-
-    title: str
-    time_s: NDArray[np.float64]
-    values: NDArray[np.float64]
-    unit: str | None
-    spans: Sequence[tuple[float, float]]
-
-
 def settle_figure(
     panels: Sequence[Panel],
     *,
     methods: Mapping[str, SettlingMethod],
     horizon_s: float,
     level: float,
-    overviews: Sequence[Overview] = (),
+    overviews: Sequence[tuple[str, CutColumn]] = (),
 ) -> Figure:
     """Draw a few holds with the forecast of every method; the first method also gets its band.
 
-    Recordings that the holds were cut from stand above them.
+    Recordings that the holds were cut from are above them, each with its title.
     """
     above = len(overviews)
     columns = max(min(3, len(panels)), 2 if above else 1)
@@ -99,8 +76,8 @@ def settle_figure(
     with new_figure(
         rows=rows, columns=columns, width_in=0.8 + 3.4 * columns, height_in=0.8 + 2.6 * rows
     ) as (figure, grid):
-        for row, overview in enumerate(overviews):
-            _draw_overview(figure, grid[row], overview)
+        for row, (title, recording) in zip(grid, overviews, strict=False):
+            _draw_overview(figure, row, title, recording)
         axes = grid[above:]
         letters = int((figure.get_figwidth() / columns - _AXIS_IN) / _LETTER_IN)
         for axis, panel in zip(axes.flat, panels, strict=False):
@@ -131,22 +108,22 @@ def _value_label(unit: str | None) -> str:
     return VALUE_LABELS.get(unit, f"value ({unit})")
 
 
-def _draw_overview(figure: Figure, row: Any, overview: Overview) -> None:
+def _draw_overview(figure: Figure, row: Any, title: str, recording: CutColumn) -> None:
     """Draw a recording over the width of a row of the grid, its holds shaded and numbered."""
     for axis in row:
         axis.remove()
     axis = figure.add_subplot(row[0].get_gridspec()[row[0].get_subplotspec().rowspan.start, :])
-    kept = slice(None, None, max(1, overview.time_s.size // OVERVIEW_POINTS))
-    axis.plot(overview.time_s[kept], overview.values[kept], color=INK, lw=0.7)
-    low, high = float(overview.values.min()), float(overview.values.max())
+    kept = slice(None, None, max(1, recording.time_s.size // OVERVIEW_POINTS))
+    axis.plot(recording.time_s[kept], recording.values[kept], color=INK, lw=0.7)
+    low, high = float(recording.values.min()), float(recording.values.max())
     if low > 0 and high > LOGARITHMIC_FROM * low:
         log_axis(axis.yaxis)
-    for number, (begin_s, end_s) in enumerate(overview.spans, start=1):
+    for number, (begin_s, end_s) in enumerate(recording.spans, start=1):
         axis.axvspan(begin_s, end_s, color="#0072B2", alpha=0.2, lw=0)
         axis.annotate(str(number), (begin_s, 0.97), xycoords=("data", "axes fraction"), va="top")
-    axis.set_title(overview.title, loc="left")
+    axis.set_title(title, loc="left")
     axis.set_xlabel("time of the recording (s)")
-    axis.set_ylabel(_value_label(overview.unit))
+    axis.set_ylabel(_value_label(recording.unit))
 
 
 def _draw_panel(

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from contextvars import ContextVar
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -187,14 +185,13 @@ def require_plots() -> None:
     del mpl
 
 
-def check_plot(path: Path | None, *, dpi: int | None = None) -> None:
-    """Refuse, before any work, a plot that can't be drawn, or can't be written as it was asked for.
+def check_plot(path: Path | None) -> None:
+    """Refuse, before any work, a plot that can't be drawn or written.
 
     Raises
     ------
     InputError
-        If the ending is not one of `PLOT_ENDINGS`, the folder does not exist, or dots per inch are
-        given for a file that has none, or for no plot at all.
+        If the ending is not one of `PLOT_ENDINGS`, or the folder does not exist.
     MissingExtraError
         If matplotlib is not installed.
 
@@ -203,18 +200,10 @@ def check_plot(path: Path | None, *, dpi: int | None = None) -> None:
     >>> check_plot(Path("plot.bmp"))
     Traceback (most recent call last):
     palpate.errors.InputError: plot.bmp: a plot ends in .png, .svg or .pdf
-    >>> check_plot(Path("plot.svg"), dpi=600)
-    Traceback (most recent call last):
-    palpate.errors.InputError: --dpi 600: only .png has dots; plot.svg is sharp at any size
     """
-    if path is None:
-        if dpi is not None:
-            raise InputError(f"--dpi {dpi}: it is for --plot FILE.png; give that, or leave it out")
-        return
-    _check_plot_path(path)
-    if dpi is not None and path.suffix.lower() != ".png":
-        raise InputError(f"--dpi {dpi}: only .png has dots; {path} is sharp at any size")
-    require_plots()
+    if path is not None:
+        _check_plot_path(path)
+        require_plots()
 
 
 def _check_plot_path(path: Path) -> None:
@@ -222,39 +211,6 @@ def _check_plot_path(path: Path) -> None:
         raise InputError(f"{path}: a plot ends in .png, .svg or .pdf")
     if not path.parent.is_dir():
         raise InputError(f"{path}: no folder {path.parent}; make it first")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FigureFiles:
-    """The files that are written of each figure of a study."""
-
-    #: Of `PLOT_ENDINGS`.
-    endings: tuple[str, ...] = PLOT_ENDINGS
-    #: Dots per inch of the PNG file; None: `DPI`.
-    dpi: int | None = None
-
-
-EVERY_FORMAT = FigureFiles()
-#: What the command line asked for. The options are the verb's, so that no study has to have them.
-FIGURE_FILES: ContextVar[FigureFiles] = ContextVar("FIGURE_FILES", default=EVERY_FORMAT)
-
-
-@contextmanager
-def figure_files(files: FigureFiles) -> Iterator[None]:
-    """Have `save_figures` write these files."""
-    before = FIGURE_FILES.set(files)
-    try:
-        yield
-    finally:
-        FIGURE_FILES.reset(before)
-
-
-def save_figures(figure: Figure, stem: Path) -> None:
-    """Write a figure of a study in every format that was asked for, all by default."""
-    files = FIGURE_FILES.get()
-    for ending in files.endings:
-        dpi = files.dpi if ending == ".png" else None
-        save_figure(figure, stem.with_name(stem.name + ending), dpi=dpi)
 
 
 def save_figure(figure: Figure, path: Path, *, dpi: int | None = None) -> None:

@@ -18,6 +18,7 @@ import typer
 from palpate.cli.options import JsonOption
 from palpate.errors import InputError, needing
 from palpate.files import atomic_path
+from palpate_studies.figure_files import save_figures
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -261,7 +262,7 @@ class StudyReport:
             path.write_text("\n\n".join(body) + "\n")
         for name, write in self.files.items():
             write(out / name)
-        from palpate.plots.style import letter_panels, save_figures
+        from palpate.plots.style import letter_panels
 
         for stem, draw in self.figures.items():
             with needing("a figure", extra="plots"):

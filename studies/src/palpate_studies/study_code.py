@@ -19,7 +19,12 @@ _ROOTS = {
     for package in (palpate, palpate_studies)
 }
 #: What words, tables and figures are made of; no figure depends on it.
-_SHOWING = ("palpate.cli", "palpate.plots", "palpate_studies.report")
+_SHOWING = (
+    "palpate.cli",
+    "palpate.plots",
+    "palpate_studies.figure_files",
+    "palpate_studies.report",
+)
 
 
 def code_hash(study: str) -> str:

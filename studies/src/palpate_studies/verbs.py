@@ -8,10 +8,10 @@ from typing import Annotated, Any, Literal, TypeAlias
 import typer
 
 from palpate.cli.lazy_group import HELP, Entry, LazyGroup, load_command
-from palpate.cli.options import DpiOption, QuietOption
+from palpate.cli.options import QuietOption
 from palpate.cli.output import progress
 from palpate.errors import InputError
-from palpate.plots.style import EVERY_FORMAT, FigureFiles, figure_files
+from palpate_studies.figure_files import EVERY_FORMAT, FigureFiles, figure_files
 
 FigureFormat: TypeAlias = Literal["pdf", "svg", "png"]
 #: The benchmark that runs without a name.
@@ -49,7 +49,12 @@ def study(
         FigureFormat | None,
         typer.Option("--format", help="With --out: figures in this format alone."),
     ] = None,
-    dpi: DpiOption = None,
+    dpi: Annotated[
+        int | None,
+        typer.Option(
+            help="Dots per inch of .png figures; 300 by default.", min=30, max=2400, metavar="N"
+        ),
+    ] = None,
     quiet: QuietOption = False,
 ) -> None:
     """Regenerate a table or figure next to the published one.

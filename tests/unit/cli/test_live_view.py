@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from palpate.cli import build_app, run
-from palpate.cli.live_reading import LiveReading, Squeeze
+from palpate.cli.live_reading import LiveReading, squeeze
 from palpate.cli.live_view import LiveView
 from palpate.cli.sensor_source import SensorSource
 from palpate.clock import ManualClock
@@ -155,13 +155,14 @@ def test_a_simulated_rig_is_squeezed_and_let_go(kind: str) -> None:
         gripper="soft" if kind == "soft" else "rigid",
     )
     array, rest_ohm = TwinArray(world), world.pixel_resistance_ohm(0.0)
-    squeeze = Squeeze(TwinGripper(world), rest_ohm=rest_ohm)
+    squeezing = squeeze(TwinGripper(world))
+    next(squeezing)
     mean = []
     for _ in range(15 * 90):
         frame = array.read(timeout_s=1.0)
         ohm = resistance_ohm(frame.counts, divider=world.layout.divider)
-        squeeze.see(frame.time_s, ohm)
         mean.append(float(mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm))))
+        squeezing.send((frame.time_s, mean[-1]))
     assert -75 < min(mean) < -40
     assert max(mean[int(np.argmin(mean)) :]) > -5
     assert max(mean[: 15 * 5]) > -5

@@ -11,7 +11,7 @@ import pytest
 import typer
 
 import palpate
-from palpate.cli import REMOVED, build_app, run
+from palpate.cli import build_app, run
 
 SCRIPT = (sys.executable, "-c", "from palpate.cli import main; main()")
 CARD = ("grasp", "--seed", "1", "--object", "rigid-block")
@@ -35,15 +35,6 @@ def test_usage_errors_are_sentences(wrong: str, capsys: pytest.CaptureFixture[st
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert (". Try `palpate --help`." in said) or ("? Try `palpate --help`." in said)
-
-
-@pytest.mark.parametrize("arguments", [["run.mcap"], ["A17", "--store", "s"], ["--help"]])
-@pytest.mark.parametrize(("verb", "use"), REMOVED.items())
-def test_removed_verb_typed_names_what_to_use(
-    verb: str, use: str, arguments: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(build_app(), [verb, *arguments], name="palpate") == 2
-    assert capsys.readouterr().err == f"palpate: {verb}: use `{use}`\n"
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])

@@ -208,7 +208,7 @@ def test_an_earlier_report_is_not_written_over(capsys: pytest.CaptureFixture[str
         ((), "name one thing to report on: ITEM, --batch NAME or --day DATE"),
         (("i0", "--batch", "Monday"), "name one thing to report on"),
         (("i9",), "no item 'i9'"),
-        (("--batch", "Tuesday"), "no items of batch 'Tuesday'"),
+        (("--batch", "Tuesday"), "--batch Tuesday: no item of this batch"),
         (("--day", "2020-01-01"), "no grasps on 2020-01-01"),
         (("--day", "May"), "--day May: not a date"),
         (("i0", "--out", "no/page.html"), "there is no folder no; make it first"),

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from tests.closings import write_damage_file
 
-from palpate.cli.serve import open_simulated_bench
+from palpate.cli.calibrate_bench import open_twin_bench
 from palpate.dashboard.device_process import DeviceProcess
 from palpate.dashboard.jobs import BenchOpener, CellBench
 from palpate.dashboard.messages import (
@@ -93,7 +93,7 @@ class Page:
 
 
 @contextmanager
-def devices_at_work(open_bench: BenchOpener = open_simulated_bench) -> Iterator[Page]:
+def devices_at_work(open_bench: BenchOpener = open_twin_bench) -> Iterator[Page]:
     ours, theirs = Pipe()
     devices = DeviceProcess(theirs, benches={"sim-rigid": open_bench})
     thread = threading.Thread(target=devices.run)
