@@ -122,7 +122,9 @@ def settle(
     mean: Annotated[
         bool, opt("--mean", "With --rest: predict the mean of all columns, as in the paper.")
     ] = False,
-    plot: option.PlotOption = None,
+    plot: Annotated[
+        Path | None, opt("--plot FILE", "Draw cuts, typical and worst holds: .png, .svg or .pdf.")
+    ] = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
     out: Annotated[
