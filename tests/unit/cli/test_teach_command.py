@@ -133,7 +133,7 @@ def test_teach_learns_each_question_from_the_store(
         (("grade", "--table", "none.csv"), "can't be read"),
         (("grade", "--table", "bare.csv"), "no column of numbers"),
         (("grade", "--table", "few.csv"), "each label needs at least 1 labelled item"),
-        (("grade", "--table", "few.csv", "--kind", "kiwi"), "--kind: --table few.csv"),
+        (("grade", "--table", "few.csv", "--kind", "kiwi"), "--kind kiwi: --table few.csv"),
         (("bruise", "--store", "store.sqlite"), "items of which kind?"),
         (("grade", "--store", "store.sqlite", "--say", "A1"), "must be ITEM=LABEL"),
         (("grade", "--store", "store.sqlite", "--say", "B1=I"), "no item 'B1'"),
