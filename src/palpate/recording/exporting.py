@@ -253,7 +253,7 @@ def _still_stretches(recording: Recording, change: FloatArray) -> list[tuple[flo
         starts = [float(at_s[k]) for k in turns if not moved[k]]
     else:
         shown, at_s = mean_change(change), recording.time_s
-        stops = starts = [spike.time_s for spike in actuation_spikes(at_s, shown)]
+        stops = starts = actuation_spikes(at_s, shown)
         if not stops:  # a weight laid on a sensor without a gripper
             contacts = find_contacts(at_s, shown, unit="percent").holds
             return [(contact.start_s, contact.end_s) for contact in contacts]

@@ -84,7 +84,7 @@ class LogLaw:
         for peak in np.unique(window.peak):
             rows = np.flatnonzero(window.peak == peak)
             first = window.first[rows[0]]
-            if window.stop - first < _MIN_SAMPLES:
+            if time_s.size - first < _MIN_SAMPLES:
                 continue
             log_time = np.log(time_s[first:] - time_s[peak] + self.from_s)
             centred = log_time - log_time.mean()

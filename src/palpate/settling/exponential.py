@@ -78,7 +78,7 @@ def fit_exponential(
     status = np.array([Status.TOO_SHORT] * n_holds, dtype=object)
     come = np.abs(values[np.arange(n_holds), window.peak] - last)
     for first, rows in window.grids():
-        if window.stop - first < MIN_SAMPLES:
+        if time_s.size - first < MIN_SAMPLES:
             continue
         since_first = time_s[first:] - time_s[first]
         ordinates = values[rows, first:] - last[rows, None]

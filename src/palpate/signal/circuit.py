@@ -8,7 +8,6 @@ Accuracy Definitions").
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Literal
 
 import numpy as np
@@ -49,20 +48,12 @@ class Divider:
         return self.reference_ohm * 1.5 / (self.full_scale - 1.5)
 
 
-class PixelFault(IntEnum):
-    """Meaning of a reading at the end of the converter's range."""
-
-    NONE = 0
-    OPEN = 1
-    SHORT = 2
-
-
 def resistance_ohm(counts: ArrayLike, *, divider: Divider, oversampling: int = 1) -> FloatArray:
     """Convert counts to the pixel's resistance.
 
     With the pixel in the upper leg R = R_ref (N / c - 1), in the lower R = R_ref c / (N - c), where
-    c is the mean count of one conversion. Readings at the ends of the range are not guessed: an
-    open pixel is inf, a short one 0; `pixel_faults` names them.
+    c is the mean count of one conversion. Where every conversion hit an end of the range nothing is
+    guessed: an open pixel is inf, a short one 0.
 
     Source: ATmega2560 datasheet, "ADC Conversion Result".
 
@@ -74,32 +65,20 @@ def resistance_ohm(counts: ArrayLike, *, divider: Divider, oversampling: int = 1
     >>> resistance_ohm([[512, 256, 0]], divider=Divider(reference_ohm=10e3)).tolist()
     [[10000.0, 30000.0, inf]]
     """
-    fraction = _fraction(counts, divider, oversampling)
-    faults = pixel_faults(counts, divider=divider, oversampling=oversampling)
-    inside = np.where(faults == PixelFault.NONE, fraction, 0.5)
-    ratio = (1.0 - inside) / inside if divider.taxel_leg == "upper" else inside / (1.0 - inside)
-    ohm = np.where(faults == PixelFault.OPEN, np.inf, divider.reference_ohm * ratio)
-    return np.where(faults == PixelFault.SHORT, 0.0, ohm)
-
-
-def pixel_faults(
-    counts: ArrayLike, *, divider: Divider, oversampling: int = 1
-) -> NDArray[np.uint8]:
-    """Find open and short pixels: those where every conversion hit the end of the range.
-
-    Returns values of `PixelFault`, uint8, in the same shape.
-
-    >>> pixel_faults([[0, 512, 1023]], divider=Divider()).tolist()
-    [[1, 0, 2]]
-    """
-    counts = np.asarray(counts)
+    counts = np.asarray(counts, dtype=np.float64)
     top = oversampling * (divider.full_scale - 1)
+    if counts.size and not (counts.min() >= 0 and counts.max() <= top):
+        raise ValueError(
+            f"counts from {counts.min():g} to {counts.max():g} don't fit {oversampling} "
+            f"conversion(s) of {divider.adc_bits} bit (0 to {top}); check the layout's divider"
+        )
     at_ground, at_supply = counts == 0, counts == top
+    fraction = counts / (oversampling * divider.full_scale)
+    inside = np.where(at_ground | at_supply, 0.5, fraction)
     upper = divider.taxel_leg == "upper"
-    faults = np.zeros(counts.shape, dtype=np.uint8)
-    faults[at_ground if upper else at_supply] = PixelFault.OPEN
-    faults[at_supply if upper else at_ground] = PixelFault.SHORT
-    return faults
+    ratio = (1.0 - inside) / inside if upper else inside / (1.0 - inside)
+    ohm = np.where(at_ground if upper else at_supply, np.inf, divider.reference_ohm * ratio)
+    return np.where(at_supply if upper else at_ground, 0.0, ohm)
 
 
 def ohm_to_volts(taxel_ohm: ArrayLike, *, divider: Divider) -> FloatArray:
@@ -127,7 +106,7 @@ def volts_to_counts(
     return counts
 
 
-def resolution_ohm(taxel_ohm: ArrayLike, *, divider: Divider, oversampling: int = 1) -> FloatArray:
+def resolution_ohm(taxel_ohm: ArrayLike, *, divider: Divider) -> FloatArray:
     """Return by how many ohms one count moves the reading, at a resistance.
 
     It is (R + R_ref)^2 / (R_ref N), in either leg, and smallest relative to R where R = R_ref.
@@ -138,17 +117,5 @@ def resolution_ohm(taxel_ohm: ArrayLike, *, divider: Divider, oversampling: int 
     18.36
     """
     resistance = np.asarray(taxel_ohm, dtype=np.float64)
-    steps = divider.reference_ohm * divider.full_scale * oversampling
+    steps = divider.reference_ohm * divider.full_scale
     return np.asarray((resistance + divider.reference_ohm) ** 2 / steps)
-
-
-def _fraction(counts: ArrayLike, divider: Divider, oversampling: int) -> FloatArray:
-    """Return counts as a share of the supply voltage."""
-    counts = np.asarray(counts, dtype=np.float64)
-    top = oversampling * (divider.full_scale - 1)
-    if counts.size and not (counts.min() >= 0 and counts.max() <= top):
-        raise ValueError(
-            f"counts from {counts.min():g} to {counts.max():g} don't fit {oversampling} "
-            f"conversion(s) of {divider.adc_bits} bit (0 to {top}); check the layout's divider"
-        )
-    return counts / (oversampling * divider.full_scale)

@@ -22,27 +22,14 @@ _FORGET = 0.02
 
 
 class EventKind(StrEnum):
-    """The kind of an event."""
+    """The kind of an event of one finger."""
 
-    SPIKE = "spike"
     CONTACT = "contact"
     REMOVAL = "removal"
     SLIP = "slip"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SignalEvent:
-    """Something that happened."""
-
-    #: What.
-    kind: EventKind
-    #: Time of the first sample that shows it.
-    time_s: float
-    #: On which finger, where it is seen per finger.
-    finger: int | None = None
-
-
-def actuation_spikes(time_s: ArrayLike, change_percent: ArrayLike) -> list[SignalEvent]:
+def actuation_spikes(time_s: ArrayLike, change_percent: ArrayLike) -> list[float]:
     """Find the spikes upward in resistance that each movement of the fingers makes.
 
     A spike begins where the signal is more than 3 % above its lowest value of the last 0.3 s, and
@@ -50,23 +37,22 @@ def actuation_spikes(time_s: ArrayLike, change_percent: ArrayLike) -> list[Signa
     which also rises but stays up, counts as one.
 
     `time_s`, `change_percent`, shape (n_times,): times and mean relative change.
-    Returns them in order of time.
+    Returns the time of the first sample of each.
 
-    >>> events = actuation_spikes([0.0, 0.1, 0.2, 0.3], [0.0, 0.0, 8.0, 1.0])
-    >>> [(event.kind.value, event.time_s) for event in events]
-    [('spike', 0.2)]
+    >>> actuation_spikes([0.0, 0.1, 0.2, 0.3], [0.0, 0.0, 8.0, 1.0])
+    [0.2]
     """
     time, signal = np.asarray(time_s, float), np.asarray(change_percent, float)
-    events: list[SignalEvent] = []
+    spikes: list[float] = []
     rising, first = False, 0
     for index, now_s in enumerate(time):
         while time[first] < now_s - _WITHIN_S:
             first += 1
         rise = signal[index] - np.min(signal[first : index + 1])
         if not rising and rise > _RISE_PERCENT:
-            events.append(SignalEvent(kind=EventKind.SPIKE, time_s=float(now_s)))
+            spikes.append(float(now_s))
         rising = rise > _RISE_PERCENT or (rising and rise > 0.5 * _RISE_PERCENT)
-    return events
+    return spikes
 
 
 @dataclass(frozen=True, slots=True)

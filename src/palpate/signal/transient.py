@@ -16,7 +16,7 @@ WAIT_S = 0.5
 class HoldWindow:
     """Where the peak of each hold is, and which samples an equation-3 fit may use.
 
-    The samples of hold i are ``time_s[first[i]:stop]``. On shared sampling times they depend on the
+    The samples of hold i are ``time_s[first[i]:]``. On shared sampling times they depend on the
     peak alone, so that holds with the same `peak` share one grid.
     """
 
@@ -24,16 +24,9 @@ class HoldWindow:
     peak: NDArray[np.intp]
     #: Shape (n_holds,). Its time, t_p.
     peak_s: NDArray[np.float64]
-    #: Shape (n_holds,). Index of the first sample at or after t_p + t_a; equal to `stop` if there
-    #: is none.
+    #: Shape (n_holds,). Index of the first sample at or after t_p + t_a; the number of samples if
+    #: there is none.
     first: NDArray[np.intp]
-    #: Number of samples at or before the cut-off t_c.
-    stop: int
-
-    @property
-    def samples(self) -> NDArray[np.intp]:
-        """Number of samples in each window, shape (n_holds,)."""
-        return self.stop - self.first
 
     def grids(self) -> Iterator[tuple[int, NDArray[np.intp]]]:
         """Yield each first sample that occurs, and which holds have it."""
@@ -71,29 +64,23 @@ def peak_index(values: ArrayLike) -> NDArray[np.intp]:
     return peak
 
 
-def hold_window(
-    time_s: ArrayLike, values: ArrayLike, *, wait_s: float = WAIT_S, cutoff_s: float | None = None
-) -> HoldWindow:
-    """Find the peak of each hold and the samples from t_p + t_a to t_c.
+def hold_window(time_s: ArrayLike, values: ArrayLike, *, wait_s: float = WAIT_S) -> HoldWindow:
+    """Find the peak of each hold and the samples from t_p + t_a on.
 
     Source: Paper, equation 3.
 
-    `time_s`, shape (n_times,): strictly increasing sampling times that the holds share, seconds.
-    `values`, shape (n_holds, n_times): samples; those after the cut-off are not looked at.
+    `time_s`, shape (n_times,): strictly increasing sampling times that the holds share, up to the
+        cut-off t_c, seconds.
+    `values`, shape (n_holds, n_times): samples.
     `wait_s`: t_a, counted from the peak.
-    `cutoff_s`: t_c, on the time axis of `time_s`; all samples by default.
-    Raises `ValueError` if no sample lies at or before the cut-off.
 
-    >>> window = hold_window([0.0, 0.2, 0.4, 0.8, 1.0], [[1.0, 3.0, 2.0, 0.5, 0.2]], cutoff_s=0.9)
-    >>> window.peak_s.tolist(), window.first.tolist(), window.stop
-    ([0.2], [3], 4)
+    >>> window = hold_window([0.0, 0.2, 0.4, 0.8], [[1.0, 3.0, 2.0, 0.5]])
+    >>> window.peak_s.tolist(), window.first.tolist()
+    ([0.2], [3])
     """
     times = np.asarray(time_s, dtype=np.float64)
-    stop = len(times) if cutoff_s is None else int(np.searchsorted(times, cutoff_s, side="right"))
-    if stop == 0:
-        raise ValueError(f"no sample at or before the cut-off of {cutoff_s} s")
-    peak = peak_index(np.asarray(values)[:, :stop])
+    peak = peak_index(values)
     peak_s = times[peak]
     # The slack takes sums like 0.2 + 0.5 against a sampling time printed as 0.7.
-    first = times[:stop].searchsorted(peak_s + wait_s - 1e-9)
-    return HoldWindow(peak=peak, peak_s=peak_s, first=first, stop=stop)
+    first = times.searchsorted(peak_s + wait_s - 1e-9)
+    return HoldWindow(peak=peak, peak_s=peak_s, first=first)

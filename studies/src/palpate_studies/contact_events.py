@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
-from palpate.signal.events import ContactState, SignalEvent, watch_contact
+from palpate.signal.events import ContactState, EventKind, watch_contact
 from palpate.signal.relative import CONTACT_PERCENT
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SignalEvent:
+    """What happened on a finger, at the first sample that shows it."""
+
+    kind: EventKind
+    time_s: float
+    finger: int
 
 
 def running_median(values: ArrayLike, *, length: int) -> FloatArray:

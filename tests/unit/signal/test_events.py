@@ -6,8 +6,6 @@ import numpy as np
 
 from palpate.signal.events import (
     ContactState,
-    EventKind,
-    SignalEvent,
     actuation_spikes,
     watch_contact,
 )
@@ -15,19 +13,19 @@ from palpate.signal.events import (
 TIME_S = np.arange(0, 10, 1 / 15)
 
 
-def contact_events(time_s: np.ndarray, finger_percent: np.ndarray) -> list[SignalEvent]:
+def contact_events(time_s: np.ndarray, finger_percent: np.ndarray) -> list[tuple[float, str, int]]:
     """Watch each finger's change, sample by sample."""
     events, states = [], [ContactState()] * finger_percent.shape[1]
     for now_s, changes in zip(time_s, finger_percent, strict=True):
         for finger, change in enumerate(changes):
             states[finger], kind = watch_contact(states[finger], float(change))
             if kind is not None:
-                events.append(SignalEvent(kind=kind, time_s=float(now_s), finger=finger))
+                events.append((float(now_s), kind.value, finger))
     return events
 
 
-def kinds(events: list) -> list[tuple[str, int | None]]:
-    return [(event.kind.value, event.finger) for event in events]
+def kinds(events: list[tuple[float, str, int]]) -> list[tuple[str, int]]:
+    return [(kind, finger) for _, kind, finger in events]
 
 
 def grasp() -> np.ndarray:
@@ -40,8 +38,8 @@ def test_contact_and_removal_of_each_finger() -> None:
     fingers = np.stack([grasp(), np.zeros_like(TIME_S)], axis=1)
     events = contact_events(TIME_S, fingers)
     assert kinds(events) == [("contact", 0), ("removal", 0)]
-    assert 2.0 <= events[0].time_s <= 2.2
-    assert 8.0 <= events[1].time_s <= 8.2
+    assert 2.0 <= events[0][0] <= 2.2
+    assert 8.0 <= events[1][0] <= 8.2
 
 
 def test_slip_is_a_partial_loss() -> None:
@@ -74,10 +72,9 @@ def test_spikes_of_closing_and_opening() -> None:
     for start_s in (1.7, 7.9):
         after_s = TIME_S - start_s
         signal = signal + np.where(after_s >= 0, 15 * np.exp(-after_s / 0.1), 0.0)
-    events = actuation_spikes(TIME_S, signal)
-    assert [event.kind for event in events] == [EventKind.SPIKE] * 2
-    assert abs(events[0].time_s - 1.7) < 0.1
-    assert abs(events[1].time_s - 7.9) < 0.1
+    closed_s, opened_s = actuation_spikes(TIME_S, signal)
+    assert abs(closed_s - 1.7) < 0.1
+    assert abs(opened_s - 7.9) < 0.1
 
 
 def test_quiet_noise_has_no_spikes() -> None:
@@ -88,5 +85,5 @@ def test_quiet_noise_has_no_spikes() -> None:
 def test_everything_is_causal() -> None:
     fingers = np.stack([grasp(), 0.5 * grasp()], axis=1)
     cut = 100
-    before = [event for event in contact_events(TIME_S, fingers) if event.time_s < TIME_S[cut]]
+    before = [event for event in contact_events(TIME_S, fingers) if event[0] < TIME_S[cut]]
     assert contact_events(TIME_S[:cut], fingers[:cut]) == before
