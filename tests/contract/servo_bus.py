@@ -26,7 +26,6 @@ from palpate.twin.world import World
 _HEADER = b"\xff\xff\xfd\x00"
 _PING, _READ, _WRITE, _REBOOT, _STATUS = 0x01, 0x02, 0x03, 0x08, 0x55
 _GOALS = (x.GOAL_PWM, x.GOAL_CURRENT, x.GOAL_POSITION, x.PROFILE_VELOCITY)
-_TEMPERATURE_C, _SUPPLY_V = 35, 12.0
 #: Profile velocity of a servo that was given none, in its own units.
 _FASTEST = 200
 
@@ -223,8 +222,6 @@ class ServoBus:
         self._put(x.PRESENT_CURRENT, current)
         turned = self._turns() * round(self._fingers.angle_rad(width_mm) / x.RAD_PER_TICK)
         self._put(x.PRESENT_POSITION, x.CENTRE_TICK + turned + self.position_error)
-        self._put(x.PRESENT_VOLTAGE, round(_SUPPLY_V / x.VOLT_PER_UNIT))
-        self._put(x.PRESENT_TEMPERATURE, _TEMPERATURE_C)
 
     def _look(self, time_s: float) -> None:
         """Do what the servo does by itself: stop without a host, and give way at its limit."""

@@ -203,11 +203,9 @@ def test_overload_is_told_and_cleared_on_request(
         with pytest.raises(DeviceError, match=r"overheating, overload; its torque is off"):
             ask()
     gripper.stop()
-    assert x.HardwareError.OVERLOAD in gripper.health().errors
     before_s = world.clock.now_s()
     gripper.clear_errors()
     assert world.clock.now_s() > before_s, "a servo that restarts is given time"
-    assert not gripper.health().errors
     close_slowly(gripper)
     assert gripper.state().moving
 
@@ -247,8 +245,6 @@ def test_limits_and_watchdog_are_set(
     wanted[x.PROFILE_ACCELERATION] = 0
     assert {one: bus.value(one) for one in wanted} == wanted
     assert math.isnan(gripper.state().current_ma) == (model_number == 1060)
-    assert gripper.health().temperature_c == 35.0
-    assert gripper.health().supply_v == pytest.approx(12.0)
     gripper.close()
     bus.close()
 

@@ -25,7 +25,7 @@ from palpate.grasp.state import GraspState
 from palpate.gripper.interface import Gripper, GripperCommand, GripperLimits, GripperState
 from palpate.recording import RecordingWriter, load_recording
 from palpate.rig import open_rig
-from palpate.rig.recorded import open_grasp_recording, record_grasp
+from palpate.rig.recorded import record_grasp
 from palpate_lerobot.episode import read_grasp
 
 TARGET_N = 2.0
@@ -98,14 +98,8 @@ def test_the_commands_decided_again_are_those_that_were_sent(tmp_path: Path) -> 
     rig = open_rig("sim-rigid", seed=5)
     hand = NotingGripper(rig.gripper)
     plan = plan_grasp(rig.calibration, gripper=hand, target_force_n=TARGET_N)
-    with open_grasp_recording(file, rig=rig, seed=5, target_force_n=TARGET_N) as writer:
-        run_grasp(
-            plan,
-            array=rig.array,
-            gripper=hand,
-            clock=rig.clock,
-            subscribers=[lambda seen: writer.add_observation(seen.frame, gripper=seen.gripper)],
-        )
+    with record_grasp(file, rig=rig, plan=plan, damage=None) as recorder:
+        run_grasp(plan, array=rig.array, gripper=hand, clock=rig.clock, subscribers=[recorder])
     track = read_grasp(file)
     assert len(hand.sent) > 10
     for at_s, sent in hand.sent:

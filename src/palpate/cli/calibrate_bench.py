@@ -76,17 +76,17 @@ def open_bench(rig: str, *, seed: int, placements: int = 1) -> Iterator[GuidedBe
 
     # Steps count their own runs from 0; the person who places the cell sees one running count.
     number = count(1)
-    with open_board_bench(Path(rig)) as opened:
+    with open_board_bench(Path(rig)) as (bench, cell):
 
         def tared(what: str) -> None:
             ask_user(f"{what}, then Enter")
-            opened.cell.tare()
+            cell.tare()
 
         def placed(what: str) -> None:
             tared(f"{what} between the open fingers, touching neither")
 
         yield GuidedBench(
-            bench=opened.bench,
+            bench=bench,
             reseat=lambda _: placed(
                 f"placement {next(number)} of {placements}: the load cell, with another face"
             ),

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass
 
 from palpate.clock import Clock, RealClock
 from palpate.errors import DeviceError, InputError
@@ -26,15 +25,6 @@ _STOPPED_S, _STOPPED_POLL_S = 0.3, 0.01
 #: No servo of these turns faster (rad/s), and readings may have this error (rad): a position that
 #: it can't have reached since the last one is another's answer, or a fault of its encoder.
 _FASTEST_RAD_PER_S, _SLACK_RAD = 12.0, 0.2
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ServoHealth:
-    """The servo's own report."""
-
-    temperature_c: float
-    supply_v: float
-    errors: x.HardwareError
 
 
 class DynamixelGripper:
@@ -168,14 +158,6 @@ class DynamixelGripper:
     def release(self) -> None:
         """Open fully."""
         self.command(GripperCommand(target=self.limits.highest, rate=self.limits.fastest))
-
-    def health(self) -> ServoHealth:
-        """Return temperature, supply and hardware errors."""
-        return ServoHealth(
-            temperature_c=float(self._line.read(x.PRESENT_TEMPERATURE)),
-            supply_v=self._line.read(x.PRESENT_VOLTAGE) * x.VOLT_PER_UNIT,
-            errors=self._line.errors(),
-        )
 
     def clear_errors(self) -> None:
         """Reboot the servo and set it up again: for the user to ask, once the cause is gone.
@@ -374,7 +356,7 @@ def open_gripper(
             pwm_limit_percent=pwm_limit_percent,
             watchdog_s=watchdog_s,
         )
-        if clear_errors and gripper.health().errors:
+        if clear_errors and line.errors():
             gripper.clear_errors()
     except (DeviceError, InputError):
         line.close()

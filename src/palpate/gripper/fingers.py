@@ -85,8 +85,6 @@ class HingedJaw:
 
     #: From the servo's axis to the middle of the pad, mm.
     jaw_mm: float
-    #: Opening at angle 0: 0 where the pads touch there.
-    offset_mm: float = 0.0
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.jaw_mm) and self.jaw_mm > 0):
@@ -95,11 +93,11 @@ class HingedJaw:
     @property
     def reach_mm(self) -> tuple[float, float]:
         """Smallest and largest opening: closed, and half a turn open."""
-        return self.offset_mm, self.offset_mm + 2 * self.jaw_mm
+        return 0.0, 2 * self.jaw_mm
 
     def width_mm(self, angle_rad: float) -> float:
         """Return the opening at an angle from closed."""
-        return self.offset_mm + 2 * self.jaw_mm * math.sin(angle_rad / 2)
+        return 2 * self.jaw_mm * math.sin(angle_rad / 2)
 
     def angle_rad(self, width_mm: float) -> float:
         """Return the angle from closed at an opening.
@@ -109,7 +107,7 @@ class HingedJaw:
         low, high = self.reach_mm
         if not low <= width_mm <= high:
             raise ValueError(f"{width_mm:g} mm is outside the jaw's {low:g} to {high:g} mm")
-        return 2 * math.asin((width_mm - self.offset_mm) / (2 * self.jaw_mm))
+        return 2 * math.asin(width_mm / (2 * self.jaw_mm))
 
     def steepest_mm_per_rad(self, from_mm: float, to_mm: float) -> float:
         """Return the largest change of opening per radian on a way: at its narrower end."""

@@ -38,8 +38,6 @@ MOVING = Register(122, 1)
 MOVING_STATUS = Register(123, 1)
 PRESENT_CURRENT = Register(126, 2, signed=True)
 PRESENT_POSITION = Register(132, 4, signed=True)
-PRESENT_VOLTAGE = Register(144, 2)
-PRESENT_TEMPERATURE = Register(146, 1)
 
 #: Below this address values are kept without power, and only change while the torque is off.
 EEPROM_END = 64
@@ -51,7 +49,6 @@ RAD_PER_TICK = 2 * pi / 4096
 CENTRE_TICK = 2048
 RAD_PER_S_PER_VELOCITY = 0.229 * 2 * pi / 60
 WATCHDOG_STEP_S, LONGEST_WATCHDOG = 0.02, 127
-VOLT_PER_UNIT = 0.1
 #: Bits of `DRIVE_MODE`: positions rise clockwise; `PROFILE_VELOCITY` is the milliseconds of a
 #: movement, not its speed.
 REVERSE, TIME_BASED = 0x01, 0x04

@@ -89,12 +89,12 @@ def read_table_file(path: Path) -> Table:
     return table_of_arrays(arrays, name=name)
 
 
-def pyarrow_for(what: str, *, extra: str = "data") -> Any:
+def pyarrow_for(what: str) -> Any:
     """Return pyarrow with its Parquet part, for what needs it.
 
     Raises `MissingExtraError` if it is not installed.
     """
-    with needing(what, extra=extra):
+    with needing(what, extra="data"):
         import pyarrow
         import pyarrow.parquet
     return pyarrow
@@ -127,7 +127,7 @@ def open_parquet(file: BinaryIO, *, name: str) -> Iterator[Any]:
         ) from error
 
 
-def parquet_pieces(parquet: Any, columns: Sequence[str], *, name: str = "") -> Iterator[Table]:
+def parquet_pieces(parquet: Any, columns: Sequence[str]) -> Iterator[Table]:
     """Yield columns of what `open_parquet` gave, some thousand rows at a time.
 
     Numbers that are missing are None.
@@ -137,7 +137,7 @@ def parquet_pieces(parquet: Any, columns: Sequence[str], *, name: str = "") -> I
     start = 0
     for batch in parquet.iter_batches(batch_size=table.ROWS_AT_A_TIME, columns=list(columns)):
         found = {column: _cells(batch.column(column), column) for column in columns}
-        yield Table(name=name, columns=found, place=partial(_row_after, start))
+        yield Table(name="", columns=found, place=partial(_row_after, start))
         start += batch.num_rows
 
 

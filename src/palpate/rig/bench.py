@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 from palpate.clock import Clock, RealClock
@@ -18,19 +17,11 @@ from palpate.sensor.array import PressureArray
 _POLL_S = 0.05
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BoardBench:
-    """Devices of a real rig, the hand open and the load cells at zero."""
-
-    #: The devices.
-    bench: Bench
-    #: The bench's load cell, to be set to zero again where it is placed again.
-    cell: BoardLoadCell
-
-
 @contextmanager
-def open_board_bench(path: Path) -> Iterator[BoardBench]:
+def open_board_bench(path: Path) -> Iterator[tuple[Bench, BoardLoadCell]]:
     """Open the bench of a rig file with `[load_cells]`; at the end, however it comes, the hand too.
+
+    Yields the bench, and its load cell, to be set to zero again where it is placed again.
 
     The calibration that the file names need not be there yet.
 
@@ -57,7 +48,7 @@ def open_board_bench(path: Path) -> Iterator[BoardBench]:
 @contextmanager
 def bench_of(
     array: PressureArray, *, gripper: Gripper, clock: Clock, newtons_per_count: tuple[float, ...]
-) -> Iterator[BoardBench]:
+) -> Iterator[tuple[Bench, BoardLoadCell]]:
     """Open the hand, set the load cells to zero, and leave the hand open at the end.
 
     Nobody knows how large the thing between the fingers is: the slow way begins at the open hand.
@@ -78,7 +69,7 @@ def bench_of(
         array=array, gripper=gripper, cell=cell, clock=clock, start=gripper.limits.target(0.0)
     )
     try:
-        yield BoardBench(bench=bench, cell=cell)
+        yield bench, cell
     finally:
         _open(gripper, clock=clock)
 

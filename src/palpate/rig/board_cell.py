@@ -21,6 +21,8 @@ _OLD_S = 0.2
 #: Output settles 50 ms after a load at 80 readings a second, 400 ms at 10 (HX711 data sheet, table
 #: of electrical characteristics). The sheet is read 420 ms after a step: 10 a second are too few.
 _LEAST_HZ = 40.0
+#: Readings are averaged over this; at 80 a second their numbers wrap after 3 s.
+_MEAN_S = 1.0
 #: 24 bits with a sign.
 _LOWEST, _HIGHEST = -(2**23), 2**23 - 1
 
@@ -91,20 +93,17 @@ class BoardLoadCell:
         raise _silence_error(int(np.argmax(ages_s)))
 
 
-def mean_counts(
-    array: SerialArray, *, cells: Sequence[int], clock: Clock, duration_s: float = 1.0
-) -> list[float]:
+def mean_counts(array: SerialArray, *, cells: Sequence[int], clock: Clock) -> list[float]:
     """Return the mean reading of load cells over the next second, counts.
 
     `array`: the board; frames that waited are read and dropped.
     `cells`: which cells, 0 or 1.
-    `duration_s`: at most 3 s: the numbers of readings wrap at 256.
     Raises `DeviceError` if the board is silent, or a cell gives no reading, none that is new, too
     few a second, or one at the end of its range.
     """
     begin_s = clock.now_s()
     raw, samples = list[list[int]](), list[list[int]]()
-    while array.read(timeout_s=FRAME_TIMEOUT_S).time_s < begin_s + duration_s:
+    while array.read(timeout_s=FRAME_TIMEOUT_S).time_s < begin_s + _MEAN_S:
         found = array.load_cells
         if array.newest_s < begin_s:
             continue
@@ -117,10 +116,10 @@ def mean_counts(
         samples.append([found[cell].sample for cell in cells])
     if len(raw) < 2:
         raise DeviceError(
-            f"hardly a frame from {array.name} in {duration_s:g} s; is it set to 1 frame a second?"
+            f"hardly a frame from {array.name} in {_MEAN_S:g} s; is it set to 1 frame a second?"
         )
     for cell, first, last in zip(cells, samples[0], samples[-1], strict=True):
-        readings_hz = (last - first) % 256 / duration_s
+        readings_hz = (last - first) % 256 / _MEAN_S
         if readings_hz == 0:
             raise _silence_error(cell)
         if readings_hz < _LEAST_HZ:

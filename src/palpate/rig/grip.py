@@ -104,11 +104,6 @@ class Grip:
         return self._result.settled_percent
 
     @property
-    def settled_force_n(self) -> Measurement | None:
-        """Grip force at the 20 s horizon."""
-        return self._result.force_n
-
-    @property
     def force_n(self) -> Measurement | None:
         """Grip force now; the settled force once the object is no longer held."""
         if self.is_holding and self._reading is not None:

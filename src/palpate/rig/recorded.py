@@ -10,7 +10,6 @@ from pathlib import Path
 
 from palpate.errors import DeviceError
 from palpate.grasp.estimator import Observation
-from palpate.grasp.paper import Paper
 from palpate.grasp.plan import Plan
 from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult, Outcome
@@ -20,37 +19,6 @@ from palpate.rig.sensor_only import SensorRig
 from palpate.sensor.array import PressureArray
 from palpate.sensor.serial_array import SerialArray
 from palpate.version import __version__
-
-
-def open_grasp_recording(
-    path: Path,
-    *,
-    rig: Rig,
-    seed: int,
-    target_force_n: float | None,
-    expect_size_mm: float | None = None,
-    damage: str | None = None,
-    kind: str = "",
-    paper: Paper | None = None,
-) -> RecordingWriter:
-    """Begin the recording of a grasp: with what its decisions rest on, for a replay.
-
-    That is the gripper's limits, the target, the expected size, the text of a damage file with its
-    kind, and the settings of the paper's method.
-
-    Raises `RecordingError` if the file exists or can't be made; `DeviceError` if the board is gone.
-    """
-    info = recording_info(rig, seed=seed)
-    info = replace(
-        info,
-        gripper=rig.gripper.limits,
-        target_force_n=target_force_n,
-        expect_size_mm=expect_size_mm,
-        damage=damage,
-        kind=kind,
-        paper=None if paper is None else paper.as_text(),
-    )
-    return RecordingWriter(path, info=info)
 
 
 class GraspRecorder:
@@ -81,22 +49,23 @@ class GraspRecorder:
 def record_grasp(
     path: Path, *, rig: Rig, plan: Plan, damage: str | None
 ) -> Iterator[GraspRecorder]:
-    """Yield the recorder of one grasp, to a new recording.
+    """Yield the recorder of one grasp, to a new recording with what its decisions rest on.
+
+    So a replay can decide it again.
 
     `damage`: text of the damage file that the plan uses.
-
     Raises `RecordingError` if the file exists or can't be made; `DeviceError` if the board is gone.
     """
-    with open_grasp_recording(
-        path,
-        rig=rig,
-        seed=rig.seed or 0,
+    info = replace(
+        recording_info(rig, seed=rig.seed or 0),
+        gripper=rig.gripper.limits,
         target_force_n=plan.target_force_n,
         expect_size_mm=plan.expect_size_mm,
         damage=damage,
         kind=plan.kind,
-        paper=plan.paper,
-    ) as writer:
+        paper=None if plan.paper is None else plan.paper.as_text(),
+    )
+    with RecordingWriter(path, info=info) as writer:
         yield GraspRecorder(writer)
 
 

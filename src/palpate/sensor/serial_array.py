@@ -53,8 +53,6 @@ class SerialArray:
         Frames per second to ask for.
     oversampling : int
         Conversions summed per pixel, 1 to 64.
-    settle_us : int
-        Wait after each multiplexer step.
     contents : Contents
         What to send besides pixels.
     reopen : callable, optional
@@ -75,7 +73,6 @@ class SerialArray:
         layout: ArrayLayout,
         rate_hz: float = 250.0,
         oversampling: int = 1,
-        settle_us: int = 20,
         contents: Contents = Contents.PIXELS,
         reopen: Callable[[], ByteStream] | None = None,
     ) -> None:
@@ -85,7 +82,7 @@ class SerialArray:
         self._port = FramePort(stream, clock=clock, reopen=reopen)
         self._setup: tuple[Command, ...] = (
             Stop(),
-            SetLayout(rows=layout.rows, cols=layout.cols, settle_us=settle_us),
+            SetLayout(rows=layout.rows, cols=layout.cols),
             SetOversampling(conversions=oversampling),
             SetRate(rate_hz=rate_hz),
             Identify(),

@@ -87,8 +87,7 @@ class FirmwareBoard:
     """An Arduino that runs an image; time passes only in `run_until`.
 
     `board`: mega2560, uno or nano.
-    `elf`: image to run; the board's for `baud` by default.
-    `baud`: speed of the serial line.
+    `baud`: speed of the serial line, for which the image was built.
     `seed`: seed of the converter's noise.
     `boot_loader`: Intel hex of the boot loader that it starts in, as a bought board does; none by
         default.
@@ -99,14 +98,13 @@ class FirmwareBoard:
         self,
         board: str = "mega2560",
         *,
-        elf: Path | None = None,
         baud: int = 1_000_000,
         seed: int = 0,
         boot_loader: Path | None = None,
     ) -> None:
         self._board: int | None = None
         self._library = _library()
-        path = elf or BUILD / IMAGES[board, baud].replace(".hex", ".elf")
+        path = BUILD / IMAGES[board, baud].replace(".hex", ".elf")
         if not path.is_file():
             raise DeviceNotFoundError(
                 f"no firmware image at {path}: install gcc-avr, avr-libc and binutils-avr, then "
@@ -166,18 +164,17 @@ class FirmwareBoard:
         )
         return self._bytes[:size].tobytes(), self._cycles[:size] / CLOCK_HZ
 
-    def set_pixels_mv(self, voltages_mv: ArrayLike, *, over_s: float = 0.0) -> None:
-        """Move the divider's output to new values, in a straight line over `over_s`.
+    def set_pixels_mv(self, voltages_mv: ArrayLike) -> None:
+        """Set the divider's output.
 
         `voltages_mv`, shape (rows, cols): what the converter sees with each row and column
             selected; the rest sees 0.
-        `over_s`: 0 is at once.
         """
         wanted = np.asarray(voltages_mv, dtype=np.float32)
         pixels = np.zeros((_SIDE, _SIDE), dtype=np.float32)
         pixels[: wanted.shape[0], : wanted.shape[1]] = wanted
-        arrival = round((self.now_s() + over_s) * CLOCK_HZ)
-        self._library.board_set_pixels(self._board, pixels.ctypes.data, arrival)
+        now = self._library.board_cycle(self._board)
+        self._library.board_set_pixels(self._board, pixels.ctypes.data, now)
 
     def set_noise_mv(self, noise_mv: float) -> None:
         """Set the standard deviation of the converter's noise."""

@@ -188,10 +188,10 @@ def test_the_bench_opens_the_hand_and_leaves_it_open_whatever_happens(desk: Desk
     def closes_and_fails() -> None:
         with bench_of(
             desk.array, gripper=gripper, clock=desk.clock, newtons_per_count=(1e-5, 1e-5)
-        ) as opened:
+        ) as (bench, _):
             widths.append(gripper.state().width_mm)
-            assert opened.bench.start == gripper.limits.highest
-            assert opened.bench.cell.read_n() == 0
+            assert bench.start == gripper.limits.highest
+            assert bench.cell.read_n() == 0
             gripper.command(GripperCommand(target=30.0, rate=60.0))
             desk.clock.sleep_s(0.5)
             raise DeviceError("load cell 0 is stuck")

@@ -6,9 +6,11 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+from palpate.grasp.estimator import Observation
+from palpate.grasp.planning import plan_grasp
 from palpate.recording import load_recording
 from palpate.rig import open_rig
-from palpate.rig.recorded import firmware_version, open_grasp_recording, recording_info
+from palpate.rig.recorded import firmware_version, record_grasp, recording_info
 
 
 def test_a_simulated_rig_gives_its_seed_and_no_time_of_day() -> None:
@@ -34,8 +36,10 @@ def test_a_real_rig_gives_the_time_of_day_and_no_seed() -> None:
 def test_of_a_grasp_it_keeps_what_a_replay_needs_to_decide_again(tmp_path: Path) -> None:
     rig = open_rig("sim-soft", seed=3)
     file = tmp_path / "grasp.mcap"
-    with open_grasp_recording(file, rig=rig, seed=3, target_force_n=4.0) as writer:
-        writer.add_observation(rig.array.read(timeout_s=1.0), gripper=rig.gripper.state())
+    plan = plan_grasp(rig.calibration, gripper=rig.gripper, target_force_n=4.0)
+    with record_grasp(file, rig=rig, plan=plan, damage=None) as recorder:
+        frame = rig.array.read(timeout_s=1.0)
+        recorder(Observation(frame=frame, gripper=rig.gripper.state()))
     info = load_recording(file).info
     assert info.gripper == rig.gripper.limits
     assert info.target_force_n == 4.0
