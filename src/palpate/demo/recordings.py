@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.files import atomic_path
 from palpate.gripper.interface import GripperCommand
 from palpate.signal.circuit import resistance_ohm
@@ -31,26 +29,34 @@ def write_recordings(folder: Path) -> list[Path]:
     converter whose divider has a resistor of 4700 ohm. `two-pads.csv`: two pixels, Unix time.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for number, (name, head, rows) in enumerate(
-        (
-            ("ohm.csv", ("time_s", "resistance_ohm"), _ohm_rows),
-            ("counts.csv", ("ms", "A0"), _count_rows),
-            ("two-pads.csv", ("timestamp", "left_ohm", "right_ohm"), _pair_rows),
-        )
-    ):
-        obj = draw_object(np.random.default_rng([_SEED, number]), "ecoflex-10")
-        world = World(obj, seed=_SEED + number, level="lab")
-        time_s, counts = _record(world, touch_mm=obj.size_mm)
-        path = folder / name
-        with atomic_path(path) as temporary:
-            _write(temporary, head, rows(time_s, counts, world))
-        written.append(path)
-    return written
+    (time_s, _, ohm), (logged_s, counts, _), (both_s, _, both_ohm) = map(_record, range(3))
+    tables = {
+        "ohm.csv": ("time_s,resistance_ohm", ["%.3f", "%.1f"], [time_s, ohm[:, 0]]),
+        "counts.csv": ("ms,A0", ["%.0f", "%.0f"], [1000 * logged_s, counts[:, 0]]),
+        "two-pads.csv": (
+            "timestamp,left_ohm,right_ohm",
+            ["%.3f", "%.1f", "%.1f"],
+            [1.7e9 + both_s, both_ohm[:, 0], both_ohm[:, -1]],
+        ),
+    }
+    for name, (head, form, columns) in tables.items():
+        with atomic_path(folder / name) as temporary:
+            np.savetxt(
+                temporary,
+                np.column_stack(columns),
+                fmt=form,
+                delimiter=",",
+                header=f"# {_SIMULATED}\n{head}",
+                comments="",
+                newline="\r\n",
+            )
+    return [folder / name for name in tables]
 
 
-def _record(world: World, *, touch_mm: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return times and counts of the whole session, shapes (frames,) and (frames, pixels)."""
+def _record(number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return times, counts and ohms of one session, shapes (frames,) and (frames, pixels)."""
+    obj = draw_object(np.random.default_rng([_SEED, number]), "ecoflex-10")
+    world, touch_mm = World(obj, seed=_SEED + number, level="lab"), obj.size_mm
     array, gripper = TwinArray(world), TwinGripper(world)
     time_s, counts = [], []
 
@@ -70,38 +76,6 @@ def _record(world: World, *, touch_mm: float) -> tuple[NDArray[np.float64], NDAr
         gripper.command(GripperCommand(target=touch_mm + _GAP_MM, rate=_SPEED_MM_PER_S))
         read_for(_PAUSE_S)
     array.close()
-    return np.array(time_s) - time_s[0], np.stack(counts)
-
-
-def _ohm_of(counts: NDArray[np.float64], world: World) -> NDArray[np.float64]:
-    return np.asarray(resistance_ohm(counts, divider=world.layout.divider))
-
-
-def _ohm_rows(
-    time_s: NDArray[np.float64], counts: NDArray[np.float64], world: World
-) -> Iterable[Sequence[str]]:
-    for t, ohm in zip(time_s, _ohm_of(counts, world)[:, 0], strict=True):
-        yield f"{t:.3f}", f"{ohm:.1f}"
-
-
-def _count_rows(
-    time_s: NDArray[np.float64], counts: NDArray[np.float64], world: World
-) -> Iterable[Sequence[str]]:
-    for t, count in zip(time_s, counts[:, 0], strict=True):
-        yield f"{1000 * t:.0f}", f"{count:.0f}"
-
-
-def _pair_rows(
-    time_s: NDArray[np.float64], counts: NDArray[np.float64], world: World
-) -> Iterable[Sequence[str]]:
-    ohm = _ohm_of(counts, world)
-    for t, left, right in zip(1.7e9 + time_s, ohm[:, 0], ohm[:, -1], strict=True):
-        yield f"{t:.3f}", f"{left:.1f}", f"{right:.1f}"
-
-
-def _write(path: Path, head: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        file.write(f"# {_SIMULATED}\n")
-        table = csv.writer(file)
-        table.writerow(head)
-        table.writerows(rows)
+    read = np.stack(counts)
+    ohm = np.asarray(resistance_ohm(read, divider=world.layout.divider))
+    return np.array(time_s) - time_s[0], read, ohm

@@ -18,7 +18,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Message, Metadata, Schema
+from mcap.records import Channel, Message, Metadata
 from mcap.writer import MCAP0_MAGIC
 
 from palpate.errors import RecordingError
@@ -28,13 +28,13 @@ LARGEST_RECORD_BYTES = 32 << 20
 _HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _CHUNK_HEAD = struct.Struct("<QQQI")
-_WANTED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA}
+_WANTED = {Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA}
 
 #: What malformed content can raise while it is taken apart.
 MALFORMED = (struct.error, McapError, ValueError, OverflowError)
 
 
-McapRecord = Schema | Channel | Metadata | Message
+McapRecord = Channel | Metadata | Message
 
 
 @dataclass(slots=True, kw_only=True)
@@ -116,12 +116,8 @@ def _record(opcode: int, body: bytes) -> McapRecord:
         channel_id, sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(body)
         data = body[_MESSAGE_HEAD.size :]
         return Message(channel_id, log_time, data, publish_time, sequence)
-    kinds: dict[int, type[Channel | Schema | Metadata]] = {
-        Opcode.CHANNEL: Channel,
-        Opcode.SCHEMA: Schema,
-        Opcode.METADATA: Metadata,
-    }
-    record: McapRecord = kinds[opcode].read(ReadDataStream(io.BytesIO(body)))
+    kind = Channel if opcode == Opcode.CHANNEL else Metadata
+    record: McapRecord = kind.read(ReadDataStream(io.BytesIO(body)))
     return record
 
 

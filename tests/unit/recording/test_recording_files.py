@@ -280,7 +280,7 @@ def test_metadata_of_a_gripper_that_cannot_move_is_refused(change: dict[str, flo
 def test_a_missing_file_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"gone\.mcap: can't be opened: No such file"):
         RecordingReader(tmp_path / "gone.mcap")
-    with pytest.raises(RecordingError, match=r"gone\.mcap: No such file"):
+    with pytest.raises(RecordingError, match=r"gone\.mcap: can't be opened: No such file"):
         recover(tmp_path / "gone.mcap", tmp_path / "out.mcap")
 
 
