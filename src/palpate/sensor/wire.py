@@ -11,6 +11,7 @@ import struct
 import zlib
 from collections.abc import Callable
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 
@@ -70,6 +71,8 @@ _COMMANDS: dict[type[Command], tuple[CommandType, str]] = {
     SetServoTravel: (CommandType.SERVO_TRAVEL, "HH"),
     SetServo: (CommandType.SERVO, "HH"),
 }
+#: Data of a frame besides the pixels, in their order.
+_EXTRA = {Contents.LOAD_CELLS: LOADS, Contents.PRESSURE: PRESSURE, Contents.SERVO: SERVO}
 _ALL_CONTENTS = int(Contents.LOAD_CELLS | Contents.PRESSURE | Contents.SERVO)
 
 
@@ -155,17 +158,12 @@ def encode_command(command: Command, *, tag: int = 0) -> bytes:
         raise ValueError(f"{command} with tag {tag} can't be sent: {error}") from error
 
 
-def _as_sent(sequence: int, time_us: int, _stream: int) -> tuple[int, int]:
-    return sequence, time_us
-
-
 def unpack_frame(
-    payload: bytes, *, place: Callable[[int, int, int], tuple[int, int]] = _as_sent
+    payload: bytes, *, place: Callable[[int, int, int], tuple[int, int]] | None = None
 ) -> FrameMessage | None:
     """Return the frame in `payload`, or None if it isn't one.
 
-    `place` turns the 32-bit sequence and time and the stream into unwrapped sequence and time; it
-    is called for valid frames only.
+    `place`: unwraps sequence and time, given both and the stream; called for valid frames only.
     """
     if len(payload) < FRAME_HEAD.size:
         return None
@@ -173,52 +171,41 @@ def unpack_frame(
     sequence, time_us, stream, oversampling, sides, contents, status = head
     rows, cols = (sides >> 4) + 1, (sides & 0x0F) + 1
     end = FRAME_HEAD.size + 2 * rows * cols
-    if not 1 <= oversampling <= MAX_OVERSAMPLING:
+    extra: dict[str, Any] | None = {}
+    if contents or len(payload) != end:
+        extra = _unpack_extra(payload, end, contents)
+    if extra is None or not 1 <= oversampling <= MAX_OVERSAMPLING:
         return None
-    loads: tuple[CellSample, ...] = ()
-    set_kpa = read_kpa = servo_us = None
-    if contents:
-        if contents > _ALL_CONTENTS or len(payload) != end + _extra_size(contents):
-            return None
-        loads, set_kpa, read_kpa, servo_us = _unpack_extra(payload, end, contents)
-    elif len(payload) != end:
-        return None
-    pixels = np.ndarray((rows, cols), "<u2", payload, FRAME_HEAD.size)
-    sequence, time_us = place(sequence, time_us, stream)
+    if place is not None:
+        sequence, time_us = place(sequence, time_us, stream)
     return FrameMessage(
         sequence=sequence,
         time_us=time_us,
         stream=stream,
         oversampling=oversampling,
         status=status,
-        counts=pixels,
-        load_cells=loads,
-        pressure_set_kpa=set_kpa,
-        pressure_kpa=read_kpa,
-        servo_us=servo_us,
+        counts=np.ndarray((rows, cols), "<u2", payload, FRAME_HEAD.size),
+        **extra,
     )
 
 
-def _extra_size(contents: int) -> int:
-    sizes = zip(Contents, (LOADS.size, PRESSURE.size, SERVO.size), strict=True)
-    return sum(size for part, size in sizes if contents & part)
-
-
-def _unpack_extra(
-    payload: bytes, offset: int, contents: int
-) -> tuple[tuple[CellSample, ...], float | None, float | None, int | None]:
-    loads: tuple[CellSample, ...] = ()
-    set_kpa = read_kpa = servo_us = None
-    if contents & Contents.LOAD_CELLS:
-        raw_0, sample_0, raw_1, sample_1 = LOADS.unpack_from(payload, offset)
-        loads = (CellSample(raw=raw_0, sample=sample_0), CellSample(raw=raw_1, sample=sample_1))
-        offset += LOADS.size
-    if contents & Contents.PRESSURE:
-        set_kpa, read_kpa = (pa / 1e3 for pa in PRESSURE.unpack_from(payload, offset))
-        offset += PRESSURE.size
-    if contents & Contents.SERVO:
-        (servo_us,) = SERVO.unpack_from(payload, offset)
-    return loads, set_kpa, read_kpa, servo_us
+def _unpack_extra(payload: bytes, at: int, contents: int) -> dict[str, Any] | None:
+    """Return what follows a frame's pixels, by field; None if it is not what `contents` states."""
+    parts = [part for part in _EXTRA if contents & part]
+    if contents > _ALL_CONTENTS or len(payload) != at + sum(_EXTRA[part].size for part in parts):
+        return None
+    extra: dict[str, Any] = {}
+    for part in parts:
+        values = _EXTRA[part].unpack_from(payload, at)
+        at += _EXTRA[part].size
+        if part is Contents.LOAD_CELLS:
+            cells = zip(values[::2], values[1::2], strict=True)
+            extra["load_cells"] = tuple(CellSample(raw=raw, sample=n) for raw, n in cells)
+        elif part is Contents.PRESSURE:
+            extra["pressure_set_kpa"], extra["pressure_kpa"] = (pa / 1e3 for pa in values)
+        else:
+            (extra["servo_us"],) = values
+    return extra
 
 
 def unpack_ack(payload: bytes) -> Ack | None:

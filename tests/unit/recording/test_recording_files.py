@@ -284,15 +284,6 @@ def test_a_missing_file_is_one_line(tmp_path: Path) -> None:
         recover(tmp_path / "gone.mcap", tmp_path / "out.mcap")
 
 
-def test_of_two_recorders_on_one_new_path_one_is_refused(
-    tmp_path: Path, info: RecordingInfo
-) -> None:
-    path = tmp_path / "run.mcap"
-    path.touch()  # as the other one has just done
-    with pytest.raises(RecordingError, match="exists already and is not overwritten"):
-        RecordingWriter(path, info=info)
-
-
 def test_a_finished_recording_is_on_the_disk_and_carries_its_checksums(
     tmp_path: Path,
     info: RecordingInfo,

@@ -10,7 +10,6 @@ import pytest
 from palpate.sensor.wire import (
     encode_command,
     unpack_ack,
-    unpack_frame,
     unpack_identity,
 )
 from palpate.sensor.wire_messages import (
@@ -83,30 +82,10 @@ def test_a_cut_identity_or_a_name_that_is_no_text_is_none() -> None:
     assert unpack_identity(payload + b"\xff") is None
 
 
-def test_a_frame_with_everything_comes_back() -> None:
-    got = unpack_frame(pack_frame(FRAME))
-    assert got is not None
-    assert got.counts.tolist() == [[0, 65472]]
-    assert got.load_cells == FRAME.load_cells
-    assert (got.pressure_set_kpa, got.pressure_kpa) == (50.0, 49.951)
-    assert (got.oversampling, got.status, got.stream) == (64, 0x10, 1)
-
-
 @pytest.mark.parametrize("shape", [(17, 1), (1, 17), (0, 1)])
 def test_a_frame_that_no_board_scans_is_refused(shape: tuple[int, int]) -> None:
     with pytest.raises(ValueError, match="must be 1 to 16"):
         pack_frame(replace(FRAME, counts=np.zeros(shape, dtype=np.uint16)))
-
-
-def test_a_refused_frame_is_not_placed() -> None:
-    placed: list[int] = []
-
-    def place(sequence: int, time_us: int, _: int) -> tuple[int, int]:
-        placed.append(sequence)
-        return sequence, time_us
-
-    assert unpack_frame(pack_frame(FRAME)[:-1], place=place) is None
-    assert placed == []
 
 
 @pytest.mark.parametrize(

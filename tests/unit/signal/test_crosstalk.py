@@ -70,10 +70,6 @@ def test_readings_agree_with_a_generic_circuit_solver(shape: tuple[int, int], he
         assert readings[row, col] == pytest.approx(circuit, rel=1e-9)
 
 
-def test_equal_pixels_of_two_by_two_read_a_quarter_low() -> None:
-    assert floating_readings_ohm(np.full((2, 2), 1000.0)) == pytest.approx(750.0)
-
-
 def test_equal_pixels_of_sixteen_by_sixteen_read_88_percent_low() -> None:
     # Foster: the sum of reading x conductance over all pixels is the number of lines less one.
     assert floating_readings_ohm(np.full((16, 16), 1000.0)) == pytest.approx(1000.0 * 31 / 256)
