@@ -23,7 +23,6 @@ from palpate.recording.contents import Event, GripperTrack, Recording
 from palpate.recording.reader import RecordingReader
 from palpate.sensor.array import ArrayLayout, Frame
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
-from palpate.signal.events import actuation_spikes
 from palpate.signal.relative import (
     CONTACT_PERCENT,
     largest_change,
@@ -198,8 +197,7 @@ def cut_recorded_holds(
     """Cut out every hold of at least a second in which something was touched.
 
     A hold begins when the gripper's movement ends (time 0) and lasts until it moves again. Where
-    no movement was recorded, it begins at an actuation spike and lasts until the next one; without
-    spikes, at a contact.
+    no movement was recorded, contacts are found in the readings.
 
     `recording`: with about a second of rest before the first contact.
     `unit` ("percent" or "ohm"): relative change against the rest at the beginning, or resistance.
@@ -244,19 +242,18 @@ def _rest_ohm(recording: Recording, ohm: FloatArray) -> FloatArray:
 
 def _still_stretches(recording: Recording, change: FloatArray) -> list[tuple[float, float]]:
     """Return start and end of every stretch without movement that follows a movement."""
-    end_s = float(recording.time_s[-1])
     moved, at_s = _find_moves(recording.gripper), recording.gripper.time_s
-    if moved.any():
-        turns = np.flatnonzero(np.diff(moved.astype(np.int8)))
-        stops = [float(at_s[k + recording.gripper.moving[k]]) for k in turns if moved[k]]
-        # A frame after the last still state may have been scanned in motion.
-        starts = [float(at_s[k]) for k in turns if not moved[k]]
-    else:
-        shown, at_s = mean_change(change), recording.time_s
-        stops = starts = actuation_spikes(at_s, shown)
-        if not stops:  # a weight laid on a sensor without a gripper
-            contacts = find_contacts(at_s, shown, unit="percent").holds
-            return [(contact.start_s, contact.end_s) for contact in contacts]
+    if not moved.any():
+        shown = mean_change(change)
+        usable = _select_increasing(recording.time_s, -np.inf, np.inf)
+        usable = usable[np.isfinite(shown[usable])]
+        found = find_contacts(recording.time_s[usable], shown[usable], unit="percent")
+        return [(contact.start_s, contact.end_s) for contact in found.holds]
+    turns = np.flatnonzero(np.diff(moved.astype(np.int8)))
+    stops = [float(at_s[k + recording.gripper.moving[k]]) for k in turns if moved[k]]
+    # A frame after the last still state may have been scanned in motion.
+    starts = [float(at_s[k]) for k in turns if not moved[k]]
+    end_s = float(recording.time_s[-1])
     ends = [min((s for s in starts if s > stop), default=end_s) for stop in stops]
     return [
         (stop, end) for stop, end in zip(stops, ends, strict=True) if end - stop >= SHORTEST_HOLD_S

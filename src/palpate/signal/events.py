@@ -1,9 +1,4 @@
-"""Events in a stream of relative changes: actuation spikes, contact, removal, slip.
-
-All of it is causal: an event at a sample rests on that sample and those before it, so a whole
-recording and a live stream give the same answer. Signals have shape (n_times,) or, where stated,
-(n_times, fingers); times are in seconds and strictly increasing.
-"""
+"""Contact, removal and slip in a stream of relative changes, sample by sample."""
 
 from __future__ import annotations
 
@@ -11,12 +6,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from palpate.signal.relative import CONTACT_PERCENT
 
-#: Height and steepness that make a spike; the height is several times the noise.
-_RISE_PERCENT, _WITHIN_S = 3.0, 0.3
 #: Share by which the change held follows a signal that rises, per sample.
 _FORGET = 0.02
 
@@ -27,32 +19,6 @@ class EventKind(StrEnum):
     CONTACT = "contact"
     REMOVAL = "removal"
     SLIP = "slip"
-
-
-def actuation_spikes(time_s: ArrayLike, change_percent: ArrayLike) -> list[float]:
-    """Find the spikes upward in resistance that each movement of the fingers makes.
-
-    A spike begins where the signal is more than 3 % above its lowest value of the last 0.3 s, and
-    ends when it falls back below half of that. Opening makes a spike as well as closing; a release,
-    which also rises but stays up, counts as one.
-
-    `time_s`, `change_percent`, shape (n_times,): times and mean relative change.
-    Returns the time of the first sample of each.
-
-    >>> actuation_spikes([0.0, 0.1, 0.2, 0.3], [0.0, 0.0, 8.0, 1.0])
-    [0.2]
-    """
-    time, signal = np.asarray(time_s, float), np.asarray(change_percent, float)
-    spikes: list[float] = []
-    rising, first = False, 0
-    for index, now_s in enumerate(time):
-        while time[first] < now_s - _WITHIN_S:
-            first += 1
-        rise = signal[index] - np.min(signal[first : index + 1])
-        if not rising and rise > _RISE_PERCENT:
-            spikes.append(float(now_s))
-        rising = rise > _RISE_PERCENT or (rising and rise > 0.5 * _RISE_PERCENT)
-    return spikes
 
 
 @dataclass(frozen=True, slots=True)

@@ -82,11 +82,12 @@ def test_steps_between_two_states_are_movements(tmp_path: Path) -> None:
     assert hold.time_s[-1] == pytest.approx(2.96)
 
 
-def test_without_a_gripper_holds_begin_at_actuation_spikes(tmp_path: Path) -> None:
+def test_without_a_gripper_holds_begin_at_contacts(tmp_path: Path) -> None:
     recording = load_recording(write(tmp_path / "run.mcap", grasp(gripper=False)))
-    (hold, *_) = cut_recorded_holds(recording)
+    (hold, *_) = holds = cut_recorded_holds(recording)
+    assert {one.hold_id for one in holds} == {"hold-1"}
     assert hold.channel == "mean"
-    assert 3.0 < hold.time_s[-1] < 3.6
+    assert 2.6 < hold.time_s[-1] < 3.0
 
 
 @pytest.mark.parametrize(

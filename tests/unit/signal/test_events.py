@@ -1,4 +1,4 @@
-"""Spikes, contact, slip and removal."""
+"""Contact, slip and removal."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import numpy as np
 
 from palpate.signal.events import (
     ContactState,
-    actuation_spikes,
     watch_contact,
 )
 
@@ -65,21 +64,6 @@ def test_dead_samples_change_nothing() -> None:
     signal = grasp()[:, None].copy()
     signal[40:43] = np.nan
     assert kinds(contact_events(TIME_S, signal)) == [("contact", 0), ("removal", 0)]
-
-
-def test_spikes_of_closing_and_opening() -> None:
-    signal = grasp()
-    for start_s in (1.7, 7.9):
-        after_s = TIME_S - start_s
-        signal = signal + np.where(after_s >= 0, 15 * np.exp(-after_s / 0.1), 0.0)
-    closed_s, opened_s = actuation_spikes(TIME_S, signal)
-    assert abs(closed_s - 1.7) < 0.1
-    assert abs(opened_s - 7.9) < 0.1
-
-
-def test_quiet_noise_has_no_spikes() -> None:
-    noise = np.random.default_rng(1).normal(scale=0.3, size=TIME_S.size)
-    assert actuation_spikes(TIME_S, noise) == []
 
 
 def test_everything_is_causal() -> None:
