@@ -45,8 +45,6 @@ LOADING_PER_KNEE = 1.5
 STILL_SHARE = 0.1
 #: ... unless that is less than this share of what its first third moved: it still settles.
 SLOWING_SHARE = 0.5
-#: A contact keeps at least this share of what its movement reached; a tap or a bump comes back.
-STAYS_SHARE = 0.5
 #: Parts into which a hold is divided to see whether it settles.
 JUDGED_PARTS = 12
 #: In the last second before a contact the reading moves by at most this share of it.
@@ -264,7 +262,7 @@ def find_contacts(time_s: FloatArray, values: FloatArray, *, unit: str | None = 
     rises, began_loaded = _side_of_load(shape, unit)
     toward = 1.0 if rises else -1.0
     height = heights(values)
-    loaded = [_comes_to_load(stretch, shape, toward) for stretch in shape.stretches]
+    loaded = [toward * (s.level - s.before) >= shape.step for s in shape.stretches]
     loaded[0] = False
     for place, stretch in enumerate(shape.stretches):
         rest = next((k for k in range(place, len(loaded)) if not loaded[k]), None)
@@ -306,14 +304,6 @@ def _side_of_load(shape: ContactOutline, unit: str | None) -> tuple[bool, bool]:
     return begins_low, False
 
 
-def _comes_to_load(stretch: Stretch, shape: ContactOutline, toward: float) -> bool:
-    """Return whether a movement leads to load and stays there: a tap comes back."""
-    inside = (shape.time_s >= stretch.onset_s) & (shape.time_s <= stretch.begin_s)
-    reached = toward * (shape.height[inside] - stretch.before)
-    stayed = toward * (stretch.level - stretch.before)
-    return bool(stayed >= shape.step and stayed >= STAYS_SHARE * reached.max())
-
-
 def _find_loading_end_s(
     stretch: Stretch, toward: float, *, time_s: FloatArray, height: FloatArray
 ) -> float:
@@ -344,8 +334,6 @@ def _explain_refusal(
         return _TOO_BRIEF
     if readings < FEWEST_READINGS:
         return _TOO_FEW
-    if held_s < stretch.begin_s - stretch.onset_s:
-        return "it moves for longer than it stands"
     if not _is_still_before(stretch, last, shape):
         return "the reading moves before the contact too"
     return _explain_unsettled(stretch, shape, start_s)
