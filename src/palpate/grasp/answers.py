@@ -24,7 +24,7 @@ from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.size import ContactPoint, contact_point
 from palpate.estimate.soft_stiffness import soft_stiffness
-from palpate.grasp.config import READING, SETTLE
+from palpate.grasp.config import APPROACH, READING, SETTLE
 from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan
 from palpate.settling.percent import as_percent, of_rest
@@ -139,24 +139,54 @@ def is_certain(settled: Settled, *, plan: Plan) -> bool:
 def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan) -> dict[str, Any]:
     """Return size, stiffness and firmness at the settled force, by field of the result.
 
-    What the hand can't measure is left out.
+    What the hand can't measure is left out; what was touched has a firmness.
     """
-    point = None
-    if plan.bend is None:
-        point = None if plan.give is None else _contact_point(estimate, plan, plan.give)
-        if point is None:
-            return {}
-    found: dict[str, Any] = {"stiffness_n_per_mm": None, "firmness": None}
+    found: dict[str, Any] = {}
+    if plan.give is not None and plan.bend is None:
+        point = _contact_point(estimate, plan, plan.give)
+        if point is not None:
+            found["size_mm"] = _size(point, plan, plan.give)
     stiffness = measure_stiffness(estimate, force, plan=plan)
+    if stiffness is None:
+        stiffness = _stiffness_from_travel(estimate, force, plan)
     if stiffness is not None:
         found["firmness"] = firmness_index(stiffness)
         # A bound where it may be anything.
         reason = _RIGID_FINGERS if plan.bend is None else _SOFT_FINGERS
         bounded = stiffness.or_bound(reason, least=SOFTEST_N_PER_MM, most=STIFFEST_N_PER_MM)
         found["stiffness_n_per_mm"] = bounded
-    if point is not None and plan.give is not None:
-        found["size_mm"] = _size(point, plan, plan.give)
     return found
+
+
+def _stiffness_from_travel(
+    estimate: ContactEstimate, force: Measurement, plan: Plan
+) -> Measurement | None:
+    """Return what the settled force and the travel since the touch leave possible.
+
+    For a touch so faint that too few steps show a curve. The object gave way by no more than the
+    hand closed since nothing was felt, and by no less than since both fingers surely pressed, less
+    what the hand itself gives.
+    """
+    give = plan.give if plan.bend is None else plan.bend.give
+    if give is None or not estimate.steps:
+        return None
+    unfelt = [
+        step.closure for step in estimate.steps if step.touch.deepest_percent > READING.felt_percent
+    ]
+    pressed = [
+        step.closure for step in estimate.steps if step.touch.shared_percent <= plan.hint_percent
+    ]
+    begin = unfelt[-1] if unfelt else estimate.steps[0].closure - APPROACH.overrun_steps * plan.step
+    longest_mm = mm_per_unit(plan) * (estimate.closure - begin)
+    surely_mm = mm_per_unit(plan) * (estimate.closure - pressed[0]) if pressed else 0.0
+    shortest_mm = surely_mm - float(give.give_mm(force.high))
+    low, high = (
+        min(max(force_n / max(way_mm, 1e-6), SOFTEST_N_PER_MM), STIFFEST_N_PER_MM)
+        for force_n, way_mm in ((force.low, longest_mm), (force.high, shortest_mm))
+    )
+    return Measurement(
+        value=math.sqrt(low * high), low=low, high=high, unit="n_per_mm", level=force.level
+    )
 
 
 def force_when_settled(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -> Measurement:

@@ -64,3 +64,16 @@ def test_a_step_leaves_room_for_how_late_the_hand_stops() -> None:
         for rate in (0.0, 20.0)
     )
     assert (still, moving) == (pytest.approx(2.0), pytest.approx(1.6))
+
+
+def test_largest_step_of_a_known_damage_limit_stays_below_it() -> None:
+    step = largest_step(
+        force_high_n=5.0, steepest_n=5.0, rate=0.0, damage_low_n=8.0, limits=SafetyLimits()
+    )
+    assert step == pytest.approx(0.6)
+
+
+def test_stale_after_never_less_than_a_hiccup_of_the_scheduler() -> None:
+    limits = SafetyLimits()
+    assert limits.stale_after_s(1 / 250) == limits.stale_floor_s
+    assert limits.stale_after_s(0.1) == pytest.approx(0.5)
