@@ -27,7 +27,7 @@ PRESENT_CURRENT = Register(69, 2)
 #: What a state needs lies in one run, so it is read in one packet.
 STATE_BEGIN, STATE_END = 56, 71
 #: Sign bits of what is measured.
-POSITION_SIGN, LOAD_SIGN, CURRENT_SIGN = 15, 10, 15
+POSITION_SIGN, CURRENT_SIGN = 15, 15
 
 TICKS = 4096
 RAD_PER_TICK = 2 * pi / TICKS

@@ -53,7 +53,6 @@ class PlantState:
     finger_mm: float
     pull_n: float = 0.0
     slide: Slide = AT_REST
-    touch_n: tuple[float, ...] = ()
 
     @property
     def force_n(self) -> float:
@@ -166,7 +165,6 @@ class Plant:
             finger_mm=finger_mm,
             pull_n=state.pull_n,
             slide=slide,
-            touch_n=state.touch_n,
         )
         return self._without_object(following) if slide.lost else following
 
@@ -297,13 +295,10 @@ class Plant:
     def _load_n(
         self, state: PlantState, closure_mm: float, force_n: float, placement: Placement
     ) -> FloatArray:
-        """Return the load of every pixel: of the object, and of a hand that touches a finger."""
-        load_n = self._unloaded_n
-        if state.touch_n:
-            load_n = self._spread_touch_n(state.touch_n)
+        """Return the load of every pixel."""
         pushed_n = self._push_n(state, closure_mm, placement)
         if state.obj is None or max(force_n, pushed_n) <= 0:
-            return load_n
+            return self._unloaded_n
         along_mm, across_mm = placement.off_centre_mm
         share = pixel_shares(
             state.obj,
@@ -312,18 +307,8 @@ class Plant:
             off_centre_mm=(along_mm + state.slide.slid_mm, across_mm),
         )
         if force_n <= 0:
-            return load_n + np.where(
-                self.grid.finger == placement.first_finger, pushed_n * share, 0.0
-            )
-        return load_n + force_n * share
-
-    def _spread_touch_n(self, touch_n: tuple[float, ...]) -> FloatArray:
-        """Return the load of every pixel of a hand that touches the fingers."""
-        load_n = self._unloaded_n.copy()
-        for finger, force_n in enumerate(touch_n):
-            mine = self.grid.finger == finger
-            load_n[mine] += force_n / mine.sum()
-        return load_n
+            return np.where(self.grid.finger == placement.first_finger, pushed_n * share, 0.0)
+        return force_n * share
 
     def _push_n(self, state: PlantState, closure_mm: float, placement: Placement) -> float:
         """Return what the first finger feels of an object that it pushes to the middle."""

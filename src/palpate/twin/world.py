@@ -168,19 +168,17 @@ class World:
         *,
         time_s: float | None = None,
         fixture: bool = False,
-        pushed_in: bool = False,
     ) -> None:
         """Take the object away and put another (or none) between the fingers.
 
-        Taking away works at any time; a new object needs fingers open beyond it, unless it is
-        pushed in between them by force. In a fixture it lies near the centre of the pixels and
-        between the fingers, otherwise anywhere.
+        Taking away works at any time; a new object needs fingers open beyond it. In a fixture it
+        lies near the centre of the pixels and between the fingers, otherwise anywhere.
 
         Raises `ValueError` if the fingers are closer than the new object is large.
         """
         now = self._at(self.clock.now_s() if time_s is None else time_s)
         width_mm = now.motion.width_mm(now.time_s)
-        if obj is not None and obj.size_mm >= width_mm and not pushed_in:
+        if obj is not None and obj.size_mm >= width_mm:
             raise ValueError(
                 f"{obj.name} is {obj.size_mm:.1f} mm and the fingers are at {width_mm:.1f} mm; "
                 "open them first"
@@ -214,13 +212,6 @@ class World:
         now = self._at(self.clock.now_s() if time_s is None else time_s)
         if now.obj is not None:
             self._restart(replace(now, pull_n=N_PER_G * now.obj.mass_g + more_n))
-
-    def touch(self, force_n: float, *, finger: int = 0, time_s: float | None = None) -> None:
-        """Press a hand on the sheet of one finger, from now on; 0 takes it away."""
-        now = self._at(self.clock.now_s() if time_s is None else time_s)
-        touches = list(now.touch_n or (0.0,) * (1 + max(self.layout.finger_of_row)))
-        touches[finger] = force_n
-        self._restart(replace(now, touch_n=tuple(touches)))
 
     @property
     def dropped(self) -> bool:

@@ -81,25 +81,12 @@ def test_what_slides_holds_less() -> None:
     assert later.speed_mm_per_s > 10.0
 
 
-def test_pushed_in_between_closed_fingers() -> None:
+def test_nothing_fits_between_closed_fingers() -> None:
     world = World(None, seed=2)
     world.drive(50.0, rate=30.0)
     world.clock.sleep_s(3.0)
     with pytest.raises(ValueError, match="open them first"):
         world.place(fruit())
-    world.place(fruit(), pushed_in=True)
-    assert world.force_n(3.5) > 1.0
-
-
-def test_a_hand_touches_one_finger_alone() -> None:
-    world = World(None, seed=2)
-    rest = world.pixel_resistance_ohm(0.5)
-    world.touch(3.0, finger=1, time_s=0.5)
-    pressed = world.pixel_resistance_ohm(1.5) / rest
-    assert (pressed[:2] == 1.0).all()
-    assert (pressed[2:] < 0.9).all()
-    world.touch(0.0, finger=1, time_s=1.5)
-    assert np.abs(world.pixel_resistance_ohm(60.0) / rest - 1).max() < 0.02
 
 
 def test_one_finger_comes_first_and_feels_what_it_pushes() -> None:
