@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout
-from palpate.sensor.pixel_resistance import solve_pixels
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.circuit import resistance_ohm
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
@@ -28,10 +28,11 @@ def test_pixels_are_found_again(layout: ArrayLayout, oversampling: int, worst: f
             counts.append(world.scan(time_s))
             truth.append(world.pixel_resistance_ohm(time_s))
         read = resistance_ohm(counts, divider=layout.divider, oversampling=oversampling)
-        solved = solve_pixels(counts, layout=wired, oversampling=oversampling)
-        assert solved.solved.all()
-        good = ~solved.ill_conditioned
+        solved = pixel_resistance_ohm(counts, layout=wired, oversampling=oversampling)
+        assert not np.isnan(solved).any()
+        # A pixel that carries less than a tenth of its reading's conductance is lost in rounding.
+        good = read / truth > 0.1
         raw += list(np.abs(read / truth - 1)[good])
-        unmixed += list(np.abs(solved.resistance_ohm / truth - 1)[good])
+        unmixed += list(np.abs(solved / truth - 1)[good])
     assert np.median(raw) > 0.3
     assert np.max(unmixed) < worst

@@ -12,16 +12,19 @@ from numpy.typing import ArrayLike
 from palpate.arrays import FloatArray
 from palpate.sensor.array import ArrayLayout
 from palpate.signal.circuit import resistance_ohm
-from palpate.signal.crosstalk import UnmixedPixels, unmix_floating, unmix_held
+from palpate.signal.crosstalk import unmix_floating, unmix_held
 
 
-def solve_pixels(counts: ArrayLike, *, layout: ArrayLayout, oversampling: int = 1) -> UnmixedPixels:
-    """Solve the counts of frames to pixel resistances, with the uncertainty of each.
+def pixel_resistance_ohm(
+    counts: ArrayLike, *, layout: ArrayLayout, oversampling: int = 1
+) -> FloatArray:
+    """Return the resistance of each pixel: inf where open or hidden, 0 where short.
+
+    NaN where no resistances explain the readings.
 
     `counts`, shape (..., rows, cols): readings, summed over `oversampling` conversions.
     `layout`: divider, resistance in series, and what idle lines do.
-    In what it returns `ill_conditioned` marks pixels that the others hide; without shared lines,
-    none. Raises `ValueError` if counts don't fit the layout's pixels or converter.
+    Raises `ValueError` if counts don't fit the layout's pixels or converter.
 
     Four equal pixels behind two bare multiplexers read a quarter low:
 
@@ -30,9 +33,8 @@ def solve_pixels(counts: ArrayLike, *, layout: ArrayLayout, oversampling: int = 
     >>> counts = [[582, 582], [582, 582]]
     >>> resistance_ohm(counts, divider=bare.divider)[0, 0].round().item()
     3569.0
-    >>> solved = solve_pixels(counts, layout=bare)
-    >>> solved.resistance_ohm[0, 0].round().item(), bool(solved.ill_conditioned.any())
-    (4759.0, False)
+    >>> pixel_resistance_ohm(counts, layout=bare)[0, 0].round().item()
+    4759.0
     """
     counts = np.asarray(counts)
     if counts.shape[-2:] != (layout.rows, layout.cols):
@@ -47,19 +49,4 @@ def solve_pixels(counts: ArrayLike, *, layout: ArrayLayout, oversampling: int = 
         return unmix_floating(ohm)
     if layout.idle_lines == "held":
         return unmix_held(ohm, reference_ohm=layout.divider.reference_ohm + layout.line_ohm)
-    solved = np.ones(ohm.shape[:-2], dtype=bool)
-    return UnmixedPixels(resistance_ohm=ohm, error_gain=np.ones(ohm.shape), solved=solved)
-
-
-def pixel_resistance_ohm(
-    counts: ArrayLike, *, layout: ArrayLayout, oversampling: int = 1
-) -> FloatArray:
-    """Return the resistance of each pixel: inf where open or hidden, 0 where short.
-
-    NaN where no resistances explain the readings. Parameters and errors as in `solve_pixels`.
-
-    >>> from palpate.sensor.array import RIGID_LAYOUT
-    >>> pixel_resistance_ohm([[512, 256]] * 4, layout=RIGID_LAYOUT)[0].tolist()
-    [4700.0, 14100.0]
-    """
-    return solve_pixels(counts, layout=layout, oversampling=oversampling).resistance_ohm
+    return ohm

@@ -15,13 +15,9 @@ must be subtracted before.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-#: Above this gain a 1 % error of the readings makes the pixel uncertain by more than 10 %.
-ILL_CONDITIONED_GAIN = 10.0
 #: A pixel that carries less than this share of its reading's conductance can't be distinguished
 #: from open.
 _HIDDEN_SHARE = 1e-5
@@ -31,26 +27,6 @@ _MAX_STEPS = 60
 _MOST_COUPLINGS = 1 << 22
 
 _Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class UnmixedPixels:
-    """Pixel resistances solved back from the readings of a matrix."""
-
-    #: Shape (..., rows, cols). inf where the pixel is open, or so resistive that the detours hide
-    #: it.
-    resistance_ohm: _Array
-    #: Same shape. Relative error of the pixel per relative error of independent readings (root sum
-    #: of squares): 1 without leak, inf where the pixel is hidden.
-    error_gain: _Array
-    #: Shape (...). False where no resistances explain the frame's readings; the pixels concerned
-    #: are NaN: all with floating lines, those of one column with held ones.
-    solved: NDArray[np.bool_]
-
-    @property
-    def ill_conditioned(self) -> NDArray[np.bool_]:
-        """Where the readings show little about the pixel: gain above 10, or nothing at all."""
-        return np.asarray(~(self.error_gain <= ILL_CONDITIONED_GAIN))
 
 
 def floating_readings_ohm(resistance_ohm: ArrayLike) -> _Array:
@@ -79,7 +55,7 @@ def floating_readings_ohm(resistance_ohm: ArrayLike) -> _Array:
     return np.where(cut_off, np.inf, readings).reshape(resistance.shape)
 
 
-def unmix_floating(readings_ohm: ArrayLike) -> UnmixedPixels:
+def unmix_floating(readings_ohm: ArrayLike) -> _Array:
     """Solve the readings of a matrix with floating idle lines back to pixel resistances.
 
     With T the voltages across all pixels per ampere through each selected one, the readings are
@@ -89,30 +65,24 @@ def unmix_floating(readings_ohm: ArrayLike) -> UnmixedPixels:
     given up as hidden and the others are solved without it.
 
     `readings_ohm`, shape (..., rows, cols): readings; inf is an open circuit, 0 a short.
-    Returns resistances with the gain of reading errors, batched as the input.
-    Raises `ValueError` if a reading is negative or NaN.
+    Returns resistances, batched as the input: inf where the pixel is open or hidden, NaN in a frame
+    whose readings no resistances explain. Raises `ValueError` if a reading is negative or NaN.
 
-    >>> unmixed = unmix_floating([[75.0, 75.0], [75.0, 75.0]])
-    >>> unmixed.resistance_ohm.round(6).tolist(), bool(unmixed.solved)
-    ([[100.0, 100.0], [100.0, 100.0]], True)
+    >>> unmix_floating([[75.0, 75.0], [75.0, 75.0]]).round(6).tolist()
+    [[100.0, 100.0], [100.0, 100.0]]
     """
     readings = _not_negative(readings_ohm)
     rows, cols = readings.shape[-2:]
     flat = readings.reshape(-1, rows * cols)
-    resistance, gain = np.empty(flat.shape), np.empty(flat.shape)
-    solved = np.empty(len(flat), dtype=bool)
+    resistance = np.empty(flat.shape)
     at_once = max(1, _MOST_COUPLINGS // (rows * cols) ** 2)
     for start in range(0, len(flat), at_once):
         part = slice(start, start + at_once)
-        resistance[part], gain[part], solved[part] = _solve_floating(flat[part], (rows, cols))
-    return UnmixedPixels(
-        resistance_ohm=resistance.reshape(readings.shape),
-        error_gain=gain.reshape(readings.shape),
-        solved=solved.reshape(readings.shape[:-2]),
-    )
+        resistance[part] = _solve_floating(flat[part], (rows, cols))
+    return resistance.reshape(readings.shape)
 
 
-def unmix_held(readings_ohm: ArrayLike, *, reference_ohm: float) -> UnmixedPixels:
+def unmix_held(readings_ohm: ArrayLike, *, reference_ohm: float) -> _Array:
     """Solve the readings of a matrix with idle rows held at a rail back to pixel resistances.
 
     With y the pixel's share of the supply across the reference resistor, y = g / (g_ref + column
@@ -120,27 +90,16 @@ def unmix_held(readings_ohm: ArrayLike, *, reference_ohm: float) -> UnmixedPixel
 
     `readings_ohm`, shape (..., rows, cols): readings as the divider's formula gives them; inf is an
     open circuit, 0 a short.
-    A column is unsolved where its shares reach the whole supply, as with a short.
+    Returns resistances; NaN in a column whose shares reach the whole supply, as with a short.
 
-    >>> unmix_held([[2000.0], [2000.0]], reference_ohm=1000.0).resistance_ohm.round(6).tolist()
+    >>> unmix_held([[2000.0], [2000.0]], reference_ohm=1000.0).round(6).tolist()
     [[1000.0], [1000.0]]
     """
     readings = _not_negative(readings_ohm)
     share = reference_ohm / (reference_ohm + readings)
     left = 1.0 - share.sum(axis=-2, keepdims=True)
-    keep = left > 0
     with np.errstate(divide="ignore", invalid="ignore"):
-        resistance = reference_ohm * left / share
-        # d ln R = (1 - y) d ln r, plus y (1 - y) / left d ln r for every pixel of the column.
-        slope = share * (1.0 - share) / left
-        own = 1.0 - share + slope
-        others = np.sum(slope**2, axis=-2, keepdims=True) - slope**2
-        gain = np.sqrt(own**2 + others)
-    return UnmixedPixels(
-        resistance_ohm=np.where(keep, resistance, np.nan),
-        error_gain=np.where(keep, gain, np.nan),
-        solved=np.asarray(np.all(keep, axis=(-2, -1))),
-    )
+        return np.where(left > 0, reference_ohm * left / share, np.nan)
 
 
 def _not_negative(ohm: ArrayLike) -> _Array:
@@ -159,10 +118,8 @@ def _positive(ohm: ArrayLike) -> _Array:
     return values
 
 
-def _solve_floating(
-    flat: _Array, shape: tuple[int, int]
-) -> tuple[_Array, _Array, NDArray[np.bool_]]:
-    """Return resistances, error gains and whether solved, of frames of shape (batch, pixels)."""
+def _solve_floating(flat: _Array, shape: tuple[int, int]) -> _Array:
+    """Return resistances of frames of shape (batch, pixels)."""
     rows, cols = shape
     measured = np.isfinite(flat) & (flat > 0)
     ceiling = 1e6 * np.max(np.where(measured, flat, 0.0), axis=1, keepdims=True, initial=1.0)
@@ -170,8 +127,6 @@ def _solve_floating(
     log_target = np.log(np.clip(flat, floor, ceiling))
     log_g = np.log((rows + cols - 1) / (rows * cols)) - log_target
     hidden = np.zeros(flat.shape, dtype=bool)
-    gain = np.full(flat.shape, np.nan)
-    solved = np.zeros(len(flat), dtype=bool)
     active = np.arange(len(flat))
     for _ in range(_MAX_STEPS):
         error, sharing = _mismatch(log_g[active], log_target[active], shape=shape)
@@ -179,22 +134,16 @@ def _solve_floating(
         error[hidden[active]] = 0.0
         sharing = _without(sharing, hidden[active])
         done = np.max(np.abs(error), axis=1) < _TOLERANCE
-        if done.any():
-            inverse = np.linalg.inv(sharing[done])
-            gain[active[done]] = np.sqrt(np.sum(inverse**2, axis=2))
-            solved[active[done]] = True
-            active, error, sharing = active[~done], error[~done], sharing[~done]
+        active, error, sharing = active[~done], error[~done], sharing[~done]
         if not len(active):
             break
         step = np.linalg.solve(sharing, error[:, :, None])[:, :, 0]
         log_g[active] += np.clip(step, -1.0, 1.0)
-    resistance = np.exp(-log_g)
+    resistance: _Array = np.exp(-log_g)
     resistance[hidden | np.isinf(flat)] = np.inf
     resistance[flat == 0] = 0.0
-    gain[hidden] = np.inf
-    resistance[~solved] = np.nan
-    gain[~solved] = np.nan
-    return resistance, gain, solved
+    resistance[active] = np.nan
+    return resistance
 
 
 def _line_coupling(conductance: _Array) -> _Array:

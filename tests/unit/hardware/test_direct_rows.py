@@ -42,7 +42,7 @@ def read_all(ohm: float, *, rows: int, cols: int, pin_ohm: float) -> tuple[float
     for row, col in np.ndindex(pixels.shape):
         reads[row, col], drawn = read_pixel(pixels, row, col, pin_ohm)
         amperes = max(amperes, drawn)
-    solved = unmix_held(reads - MUX_OHM, reference_ohm=REFERENCE_OHM + MUX_OHM).resistance_ohm
+    solved = unmix_held(reads - MUX_OHM, reference_ohm=REFERENCE_OHM + MUX_OHM)
     return float(np.abs(solved / ohm - 1.0).max()), amperes
 
 

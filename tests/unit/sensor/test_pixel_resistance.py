@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tests.held_readings import held_readings_ohm
 
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, IdleLines
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm, solve_pixels
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.circuit import Divider, ohm_to_volts, resistance_ohm, volts_to_counts
 from palpate.signal.crosstalk import floating_readings_ohm
 
@@ -43,8 +43,8 @@ def test_isolated_lines_are_the_divider_less_the_series_resistance(line_ohm: flo
 def test_floating_lines_are_solved_back(line_ohm: float) -> None:
     ohm = pixels(5)
     read = floating_readings_ohm(ohm) + line_ohm
-    found = solve_pixels(counts_of(read), layout=layout("floating", line_ohm=line_ohm))
-    assert found.resistance_ohm == pytest.approx(ohm, rel=1e-4)
+    found = pixel_resistance_ohm(counts_of(read), layout=layout("floating", line_ohm=line_ohm))
+    assert found == pytest.approx(ohm, rel=1e-4)
     assert np.abs(resistance_ohm(counts_of(read), divider=FINE) / ohm - 1).max() > 0.3
 
 
@@ -56,17 +56,8 @@ def test_held_lines_are_solved_back_with_a_multiplexer_in_each_column() -> None:
     line = conductance / (conductance.sum(axis=-2, keepdims=True) + to_ground)
     adc = line * FINE.reference_ohm * to_ground
     counts = volts_to_counts(FINE.supply_v * adc, divider=FINE)
-    found = solve_pixels(counts, layout=layout("held", line_ohm=line_ohm))
-    assert found.solved.all()
-    assert found.resistance_ohm == pytest.approx(ohm, rel=1e-3)
-
-
-def test_a_hidden_pixel_is_flagged_and_the_others_are_not() -> None:
-    ohm = np.full((4, 2), 100.0)
-    ohm[2, 1] = 50_000.0
-    found = solve_pixels(counts_of(floating_readings_ohm(ohm)), layout=layout("floating"))
-    assert np.argwhere(found.ill_conditioned).tolist() == [[2, 1]]
-    assert not solve_pixels(counts_of(ohm), layout=layout("isolated")).ill_conditioned.any()
+    found = pixel_resistance_ohm(counts, layout=layout("held", line_ohm=line_ohm))
+    assert found == pytest.approx(ohm, rel=1e-3)
 
 
 def test_a_short_spoils_its_column_alone_where_lines_are_held() -> None:
