@@ -7,9 +7,12 @@ from dataclasses import replace
 import pytest
 
 from palpate.estimate.damage import DamageModel
+from palpate.grasp.config import SQUEEZE
 from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan
+from palpate.grasp.safety_filter import filter_command
 from palpate.grasp.step_size import close_by
+from palpate.gripper.interface import GripperCommand
 
 
 def felt(*, first: float, second: float, force_n: float) -> ContactEstimate:
@@ -38,3 +41,16 @@ def test_one_finger_alone_does_not_squeeze(
     careful = replace(plan, damage=damage, target_force_n=4.0)
     estimate = felt(first=first, second=second, force_n=force_n)
     assert (close_by(estimate, 0.25, careful) is not None) == goes_on
+
+
+def test_step_from_the_first_touch_is_no_longer_than_what_the_softest_fruit_shows(
+    plan: Plan, damage: DamageModel
+) -> None:
+    careful = replace(plan, damage=damage, target_force_n=4.0)
+    begun = felt(first=-5.0, second=-5.0, force_n=0.9)
+    touched = replace(begun, steps=begun.steps[:1], closure=20.0, sent=20.0)
+    command = filter_command(GripperCommand(target=50.0, rate=5.0), touched, careful)
+    assert command is not None
+    way_mm = careful.gripper.highest - 20.0 - command.target
+    longest_mm = 2 * SQUEEZE.sure_n * (1.0 / careful.steepest_n + 1.0 / SQUEEZE.soft_n_per_mm)
+    assert longest_mm - 2 * careful.resolution <= way_mm <= longest_mm
