@@ -42,7 +42,7 @@ _LEAST = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Score:
+class LearnedScore:
     """How well items are named by models that did not see them."""
 
     #: How many items.
@@ -165,12 +165,12 @@ class LabelLearner:
             for index, stranger in zip(best, rejected, strict=True)
         ]
 
-    def score(self) -> Score:
+    def score(self) -> LearnedScore:
         """Return how well the known rows are named by models that did not see their items."""
         best = np.argmax(self._held_out, axis=1)
         right = float(np.mean(best == self._truth))
         pairs = Counter(zip(self._truth.tolist(), best.tolist(), strict=True))
-        return Score(
+        return LearnedScore(
             items=len(set(self._items.tolist())),
             right=right,
             right_by_chance=max(np.bincount(self._truth).tolist()) / len(self._truth),
