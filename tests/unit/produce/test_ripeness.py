@@ -379,39 +379,6 @@ def test_grasps_without_gains_are_believed_as_they_are() -> None:
     assert (drift.force.left_out, drift.force.usual_gain) == (0.0, 0.0)
 
 
-def test_a_servo_that_warms_up_does_not_soften_the_fruit_of_later_hours() -> None:
-    rng = np.random.default_rng(7)
-    ball = [
-        ball_at(
-            math.exp(-0.1 * hour + 0.03 * rng.standard_normal()), day=day + (hour + k / 100) / 24
-        )
-        for day in (0, 1, 2)
-        for hour in (0.0, 1.0)
-        for k in range(10)
-    ]
-    drift = Drift.learn(ball, drive="width")
-    assert np.max(np.abs(drift.moved)) < 0.02
-    early, late, night = (
-        drift.correct(math.log(3.0), grasp=grasp("fruit", 3.0, day=1 + hour / 24))
-        for hour in (0.0, 1.0, 12.0)
-    )
-    # A force read a tenth too small makes fruit as much too soft, to the 2/3rd power.
-    assert late - early == pytest.approx(2.0 / 3.0 * 0.1, abs=0.02)
-    assert night == pytest.approx(0.5 * (early + late), abs=0.01)
-
-
-def test_grasps_at_one_time_say_nothing_of_warming() -> None:
-    rng = np.random.default_rng(8)
-    ball = [
-        ball_at(math.exp(0.05 * rng.standard_normal()), day=day + 0.001 * k)
-        for day in (0, 1, 2)
-        for k in range(6)
-    ]
-    force = Drift.learn(ball, drive="width").force
-    assert force is not None
-    assert abs(force.warming(1.0)) < 0.001
-
-
 def test_a_worn_sensor_is_advised_about() -> None:
     ball = [ball_at(value, day=day) for value, day in ((1.0, 0), (1.02, 0), (0.5, 5), (0.52, 5))]
     assert "calibrate force again" in Drift.learn(ball, drive="width").advice

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import uuid
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from palpate.produce.records import About, Drive, Grasp, Source, Verdict
 from palpate.produce.ripeness.firmness import DAY_S, DayFelt, by_day, firmness_of
 from palpate.produce.ripeness.reference_object import Drift
 from palpate.produce.ripeness.rule import Ripeness, RipenessRule, judge_by_first_day
+from palpate.sensor.calibration import Calibration
 
 if TYPE_CHECKING:
     from palpate.produce.store import Store
@@ -202,11 +202,9 @@ def _give(store: Store, grasps: Sequence[Grasp], *, drive: Drive) -> Compliance 
     known = [grasp.calibration_id for grasp in grasps if grasp.calibration_id is not None]
     if drive != "width" or not known:
         return None
-    block = json.loads(store.calibration(known[0])).get("block", {})
     try:
-        return Compliance.fit(
-            block["force_n"], width_mm=block["width_mm"], block_mm=block["block_mm"]
-        )
-    except (CalibrationError, KeyError, ValueError):
+        block = Calibration.from_text(store.calibration(known[0])).block
+        return Compliance.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
+    except (CalibrationError, ValueError):
         # Made without a block: then drift is taken to affect every fruit alike.
         return None

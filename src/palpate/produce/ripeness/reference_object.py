@@ -10,16 +10,11 @@ a millimetre, where the object's stiffness is known to a tenth. Fingers driven b
 firmness by how the load is shared, and the reference's apparent change of it is subtracted as it
 is.
 
-The grasps of the reference also show how far to believe a servo's current next to the sheet, and
-how its warming up changes the forces of a morning. At one width the force on the reference is
-always the same, so the width at which a grasp held shows the error of the force read. With many
-grasps, the error has two parts:
-
-- The part that goes with the gain from the servo's current (`palpate.produce.ripeness.closing`) is
-  the current's. That share of the gain is left out, down to the sheet alone where that repeats
-  better.
-- The part that goes with the time of day is a servo that warms up, shown by grasps before the fruit
-  and after it.
+The grasps of the reference also show how far to believe a servo's current next to the sheet. At one
+width the force on the reference is always the same, so the width at which a grasp held shows the
+error of the force read. The part that goes with the gain from the servo's current
+(`palpate.produce.ripeness.closing`) is the current's. That share of the gain is left out, down to
+the sheet alone where that repeats better.
 """
 
 from __future__ import annotations
@@ -30,7 +25,6 @@ from dataclasses import dataclass
 from datetime import datetime
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
@@ -56,8 +50,6 @@ _ADVISED = 0.3
 _STEEPER = 1.25
 #: Grasps further apart than this, in hours, are of another morning.
 _MORNING_H = 6.0
-#: Before anything was felt: a warming servo changes by this much, in ln force and an hour.
-_WARMING_SD_PER_H = 0.05
 #: Gains that differ by less than this (variance) give the other measurement no weight.
 _NO_WEIGHT = 1e-8
 _HOUR_S = 3600.0
@@ -92,11 +84,16 @@ class Drift:
         Raises `InputError` if it was felt on fewer than two days.
         """
         used = [grasp for grasp in grasps if grasp.drive == drive]
-        give_mm_per_n = 0.0 if give is None else _slope_mm_per_n(give)
-        force = (
-            None if drive == "pressure" else ForceRead.by_width(used, give_mm_per_n=give_mm_per_n)
-        )
-        read = _firmness(used) if force is None else force.read
+        give_mm_per_n, force = 0.0, None
+        if drive == "width":
+            if give is not None:
+                around_mm = give.give_mm([0.9 * RIPENESS_N, 1.1 * RIPENESS_N])
+                give_mm_per_n = float(np.diff(around_mm)[0] / (0.2 * RIPENESS_N))
+            force = ForceRead.by_width(used, give_mm_per_n=give_mm_per_n)
+            read = force.read
+        else:
+            felt = ((grasp.taken_at, firmness_of(grasp)) for grasp in used)
+            read = tuple((at, firmness) for at, firmness in felt if firmness is not None)
         days = by_day(read)
         if len(days) < 2:
             kept = " with its width kept" if drive == "width" else ""
@@ -123,14 +120,9 @@ class Drift:
         )
 
     def at(self, when: datetime) -> float:
-        """Return the change at a time: between days in a line, before and after them constant.
-
-        Within a morning on which the reference was felt, what warms up is in it.
-        """
+        """Return the change at a time: between days in a line, before and after them constant."""
         day = (when - self.first_at).total_seconds() / DAY_S
-        moved = float(np.interp(day, self.days, self.moved))
-        since_h = 24.0 * min((day - one for one in self.days), key=abs)
-        return moved if self.force is None else moved + self.force.warming(since_h)
+        return float(np.interp(day, self.days, self.moved))
 
     def correct(self, firmness: float, *, grasp: Grasp) -> float:
         """Return the firmness of a grasp as the sensor would have read it on the first day.
@@ -160,15 +152,6 @@ class Drift:
         )
 
 
-def _firmness(grasps: Sequence[Grasp]) -> list[tuple[datetime, float]]:
-    """Return the firmness of each grasp that gives one."""
-    return [
-        (grasp.taken_at, firmness)
-        for grasp in grasps
-        if (firmness := firmness_of(grasp)) is not None
-    ]
-
-
 def _smooth(day: FloatArray, moved: FloatArray, *, variance: FloatArray) -> FloatArray:
     """Return the expected drift of each day, given what was read on all of them.
 
@@ -188,25 +171,17 @@ def _smooth(day: FloatArray, moved: FloatArray, *, variance: FloatArray) -> Floa
     return np.concatenate([[0.0], weight @ np.array(drifts) / weight.sum()])
 
 
-def _slope_mm_per_n(give: Compliance) -> float:
-    around = give.give_mm([0.9 * RIPENESS_N, 1.1 * RIPENESS_N])
-    return float(np.diff(around)[0] / (0.2 * RIPENESS_N))
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceRead:
     """Errors of the forces read on a reference object."""
 
-    #: ln of the force read over the true one in each grasp, but for a constant, without what is
-    #: named below.
+    #: ln of the force read over the true one in each grasp, but for a constant, and without the
+    #: share of the current's gain below.
     read: tuple[tuple[datetime, float], ...]
     #: Share that is left out of what the servo's current adds to the sheet, and ln of the gain that
     #: it gives a contact on average, which stays.
     left_out: float
     usual_gain: float
-    #: How ln force changes over a morning, and as far from its middle as this was felt.
-    warming_per_h: float
-    reach_h: float
 
     @classmethod
     def by_width(cls, grasps: Sequence[Grasp], *, give_mm_per_n: float) -> ForceRead:
@@ -223,7 +198,7 @@ class ForceRead:
             and (firmness := firmness_of(grasp)) is not None
         ]
         if not felt:
-            return cls(read=(), left_out=0.0, usual_gain=0.0, warming_per_h=0.0, reach_h=0.0)
+            return cls(read=(), left_out=0.0, usual_gain=0.0)
         first = by_day((grasp.taken_at, firmness) for grasp, _, _, firmness in felt)[0]
         way_mm_per_n = give_mm_per_n + math.exp(-first.firmness) / _STEEPER
         off = np.array([_off(width, force, way_mm_per_n) for _, width, force, _ in felt])
@@ -232,22 +207,11 @@ class ForceRead:
         hours = np.array([(one - at[0]).total_seconds() / _HOUR_S for one in at])
         left_out, usual_gain = _leave_out(off, gain=gain, hours=hours), float(gain.mean())
         off = off - left_out * (gain - usual_gain)
-        since_h = _since_middle(hours)
-        warming_per_h = _warming(off, since_h=since_h, hours=hours)
-        off = off - warming_per_h * since_h
         return cls(
             read=tuple(zip(at, (off - off[0]).tolist(), strict=True)),
             left_out=left_out,
             usual_gain=usual_gain,
-            warming_per_h=warming_per_h,
-            reach_h=float(np.sqrt(np.mean(since_h**2))),
         )
-
-    def warming(self, since_h: float) -> float:
-        """Return the change of ln force read, this many hours after the middle of a morning."""
-        if abs(since_h) > _MORNING_H:
-            return 0.0
-        return self.warming_per_h * min(max(since_h, -self.reach_h), self.reach_h)
 
     def current_excess(self, grasp: Grasp) -> float:
         """Return the part of ln force, added by the servo's current, that is to be left out."""
@@ -269,30 +233,3 @@ def _leave_out(off: FloatArray, *, gain: FloatArray, hours: FloatArray) -> float
     near = np.diff(hours) < _MORNING_H
     apart, gains = np.diff(off)[near], np.diff(gain)[near]
     return min(max(float(apart @ gains) / max(float(gains @ gains), _NO_WEIGHT), 0.0), 1.0)
-
-
-def _mornings(hours: FloatArray) -> NDArray[np.int64]:
-    """Return the number of each grasp's morning."""
-    return np.cumsum(np.diff(hours, prepend=hours[0]) > _MORNING_H)
-
-
-def _since_middle(hours: FloatArray) -> FloatArray:
-    """Return the hours since the mean time of each grasp's morning."""
-    return hours - _means(hours, hours=hours)
-
-
-def _means(values: FloatArray, *, hours: FloatArray) -> FloatArray:
-    """Return for each grasp the mean over its morning."""
-    number = _mornings(hours)
-    return np.asarray((np.bincount(number, values) / np.bincount(number))[number])
-
-
-def _warming(off: FloatArray, *, since_h: FloatArray, hours: FloatArray) -> float:
-    """Return the slope over the hours that all mornings share, leant on none."""
-    moved = off - _means(off, hours=hours)
-    freedom = off.size - np.unique(_mornings(hours)).size - 1
-    if freedom < 1:
-        return 0.0
-    free = moved - since_h * (moved @ since_h) / max(float(since_h @ since_h), _NO_WEIGHT)
-    doubt = float(free @ free) / freedom / _WARMING_SD_PER_H**2
-    return float(moved @ since_h) / max(float(since_h @ since_h) + doubt, _NO_WEIGHT)
