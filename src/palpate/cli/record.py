@@ -18,9 +18,9 @@ from palpate.clock import RealClock
 from palpate.errors import InputError
 from palpate.recording import LoadCells, RecordingWriter
 from palpate.recording.writer import capture
-from palpate.rig import Rig, open_rig
+from palpate.rig import Rig
 from palpate.rig.recorded import recording_info
-from palpate.rig.sensor_only import SensorRig, names_no_gripper, open_sensor
+from palpate.rig.sensor_only import SensorRig, open_rig_or_sensor
 from palpate.sensor.array import PressureArray, link_counters
 from palpate.sensor.board_array import open_board
 from palpate.sensor.serial_array import SerialArray
@@ -83,9 +83,7 @@ def _open_rig(name: str | None, *, port: str | None, seed: int, endless: bool) -
     if name is None:
         board = open_board(port=port)
         return SensorRig(name=board.name, array=board, clock=RealClock(), calibration=None)
-    if name.endswith(".toml") and names_no_gripper(Path(name)):
-        return open_sensor(Path(name))
-    rig = open_rig(name, seed=seed)
+    rig = open_rig_or_sensor(name, seed=seed)
     if rig.simulated and endless:
         rig.close()
         raise InputError(f"--rig {name} is simulated and would never end: give a --duration")

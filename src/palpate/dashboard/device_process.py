@@ -12,7 +12,6 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from pathlib import Path
 
 from palpate.clock import ManualClock
 from palpate.dashboard.jobs import (
@@ -57,9 +56,8 @@ from palpate.dashboard.telemetry import Telemetry
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
 from palpate.grasp.requests import Requests
 from palpate.recording import RecordingWriter
-from palpate.rig import Rig, open_rig
 from palpate.rig.recorded import recording_info
-from palpate.rig.sensor_only import SensorRig, names_no_gripper, open_sensor
+from palpate.rig.sensor_only import open_rig_or_sensor
 from palpate.sensor.health import Health
 from palpate.sensor.serial_array import SerialArray
 from palpate.twin.paced_array import PacedArray
@@ -293,7 +291,7 @@ class DeviceProcess:
 
     def _open(self, order: OpenRig) -> None:
         self._let_go()
-        rig = _open_rig(order)
+        rig = open_rig_or_sensor(order.name, object_name=order.object_name, seed=order.seed)
         paced = isinstance(rig.clock, ManualClock)
         self._context = context = JobContext(
             rig=rig,
@@ -370,9 +368,3 @@ class DeviceProcess:
         if text != self._troubled:
             self._troubled = text
             self._telemetry.note(Trouble(text))
-
-
-def _open_rig(order: OpenRig) -> Rig | SensorRig:
-    if order.name.endswith(".toml") and names_no_gripper(Path(order.name)):
-        return open_sensor(Path(order.name))
-    return open_rig(order.name, object_name=order.object_name, seed=order.seed)

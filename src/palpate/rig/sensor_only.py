@@ -9,6 +9,7 @@ from pathlib import Path
 from palpate.clock import Clock, RealClock
 from palpate.errors import CalibrationError
 from palpate.recording.contents import Origin
+from palpate.rig import Rig, open_rig
 from palpate.rig.file import check_layout, open_stated, read_stated
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import Calibration
@@ -39,22 +40,12 @@ class SensorRig:
         self.array.close()
 
 
-def names_no_gripper(path: Path) -> bool:
-    """Return whether a rig file describes a sensor alone.
-
-    Raises `InputError` if it can't be read.
-    """
-    stated = read_stated(path)
-    return "use" not in stated and "gripper" not in stated
-
-
-def open_sensor(path: Path) -> SensorRig:
-    """Open the sensor of a rig file that names no gripper.
-
-    Raises `InputError` if the file lacks or misnames something; `CalibrationError` if the
-    calibration can't be read, or is of another sensor; `DeviceError` if the sensor isn't there.
-    """
-    stated = read_stated(path)
+def open_rig_or_sensor(name: str, *, object_name: str | None = None, seed: int) -> Rig | SensorRig:
+    """Open a rig as `open_rig` does, or the sensor of a rig file that names no gripper."""
+    path = Path(name)
+    stated = read_stated(path) if name.endswith(".toml") else {"use": name}
+    if "use" in stated or "gripper" in stated:
+        return open_rig(name, object_name=object_name, seed=seed)
     array: PressureArray = open_stated(path, "array", stated.get("array"))
     file, calibration = path.parent / str(stated.get("calibration", "")), None
     try:
