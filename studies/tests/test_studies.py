@@ -61,7 +61,7 @@ REPORTS: dict[str, Callable[[], StudyReport]] = {
     "slip": lambda: slip.report(events=4, hours=0.1),
     "speed": lambda: speed.report(sensors=1, repeats=1),
     "table5": lambda: table5.report(sensors=1, repeats=1),
-    "stiffness": lambda: stiffness.report(grasps=4),
+    "stiffness": lambda: stiffness.report(grasps=4, repeats=3),
     "size": lambda: size.report(sensors=1, first_sensor=300, berries=2),
     "ripeness": lambda: ripeness.report(sensors=1, fruits=4, second=True),
     "harvest": lambda: harvest.judge(harvest.pulls(harvest.FIRST_SEED - 4, level="lab")),
