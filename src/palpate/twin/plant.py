@@ -113,13 +113,9 @@ class Plant:
             ruptured=False,
         )
 
-    def surround(self, environment: Environment) -> None:
-        """Change the surroundings, at once."""
-        self.environment = environment
-
     def placement(self, placed: int, contacts: int) -> Placement:
         """Return what chance gave to the n-th object and contact."""
-        return self.placements.of(placed, contacts, environment=self.environment)
+        return self.placements.of(placed, contacts, self.environment)
 
     def next_node(self, state: PlantState) -> PlantState:
         """Advance to the next node."""

@@ -224,7 +224,7 @@ class World:
         `environment.cycles` counts what was before this world's own contacts.
         """
         now = self._at(self.clock.now_s() if time_s is None else time_s)
-        self._plant.surround(environment)
+        self._plant.environment = environment
         self._restart(now)
 
     # -- what is there ----------------------------------------------------------------------------
