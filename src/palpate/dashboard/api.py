@@ -139,16 +139,13 @@ def _act(api: FastAPI, app_state: AppState) -> None:
     @api.post("/grasp", status_code=202, responses=_refusals(400, 409))
     async def grasp(wanted: GraspRequest) -> GraspBegun:
         """Begin a grasp; the object is held until it is released, for a minute at most."""
-        try:
-            with _check_allowed():
-                return GraspBegun(recording=await app_state.grasp(DRIVER, **wanted.model_dump()))
-        except InputError as error:
-            raise HTTPException(422, str(error)) from error
+        with _answering(bad_value=422):
+            return GraspBegun(recording=await app_state.grasp(DRIVER, **wanted.model_dump()))
 
     @api.post("/release", status_code=202, responses=_refusals(409))
     async def release() -> Released:
         """Give the object back, or open the hand; later states show when it is open."""
-        with _check_allowed():
+        with _answering():
             await app_state.release(DRIVER)
         return Released(accepted=True)
 
@@ -170,19 +167,13 @@ def _act(api: FastAPI, app_state: AppState) -> None:
 
 
 @contextmanager
-def _check_allowed() -> Iterator[None]:
+def _answering(*, bad_value: int = 404) -> Iterator[None]:
     try:
         yield
     except CommandRefusedError as error:
         raise HTTPException(409, str(error)) from error
-
-
-@contextmanager
-def _answering() -> Iterator[None]:
-    try:
-        yield
     except InputError as error:
-        raise HTTPException(404, str(error)) from error
+        raise HTTPException(bad_value, str(error)) from error
     except PalpateError as error:
         raise HTTPException(503, str(error)) from error
 

@@ -103,8 +103,8 @@ class DeviceClient:
     Parameters
     ----------
     on_update : callable
-        Called from a thread of its own with every update, and with `Lost` when the process ends.
-    benches : dict, optional
+        Called from a thread of its own with every update, and with `DevicesLost` at the end.
+    benches : dict
         Opens the bench with a load cell, by the rig's name; functions of modules.
     """
 
@@ -112,14 +112,14 @@ class DeviceClient:
         self,
         on_update: Callable[[Update | DevicesLost], None],
         *,
-        benches: dict[str, BenchOpener] | None = None,
+        benches: dict[str, BenchOpener],
     ) -> None:
         # Spawned: a fork of a process with threads may hang.
         context = multiprocessing.get_context("spawn")
         self._on_update = on_update
         self._connection, theirs = context.Pipe()
         self._process = context.Process(
-            target=run_devices, args=(theirs, benches or {}), name="palpate-devices"
+            target=run_devices, args=(theirs, benches), name="palpate-devices"
         )
         self._process.start()
         theirs.close()

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from palpate.produce.identify.identifier import Identifier
     from palpate.produce.records import Grasp, Verdict
     from palpate.produce.sorting.rules import RuleBook
-    from palpate.produce.sorting.run import Sorted
     from palpate.produce.store import Store
     from palpate.produce.store.item_history import ItemHistory
     from palpate.produce.store.sender import Sender
@@ -115,6 +114,10 @@ class ItemStore:
 
     def _place(self, grasp: Grasp, *, item_id: str, is_stored: bool) -> dict[str, Any]:
         """Apply the rules to the item, and describe it; a decision on a stored grasp is stored."""
+        from palpate.produce.sorting.rules import decide
+        from palpate.produce.sorting.run import Sorted, bin_verdict, evidence_of
+        from palpate.produce.store import Store
+
         rules = self._rules
         try:
             known = self._read(lambda store: _Known.of(store, item_id, rules=rules)) or _Known()
@@ -122,14 +125,25 @@ class ItemStore:
             if rules is None:
                 return placed
             grasps = known.grasps if is_stored else (*known.grasps, grasp)
-            done = _sort(item_id, known, rules=rules, grasps=grasps)
+            evidence = evidence_of(
+                grasps, identifier=known.identifier, kind=known.kind, verdicts=known.verdicts
+            )
+            decision = decide(rules, evidence)
             if grasp.outcome is not Outcome.HELD:
                 return placed | {"bin": None}
             if is_stored:
-                self._store_bin(done)
+                done = Sorted(
+                    item_id=item_id,
+                    decision=decision,
+                    identity=evidence.identity,
+                    size_mm=evidence.size_mm,
+                    grasps=grasps,
+                    grasping_s=0.0,
+                )
+                with Store.open(self._where) as store:
+                    store.add_verdict(bin_verdict(done, given_at=datetime.now(UTC)))
         except PalpateError as error:
             return self.describe_unplaced(item_id, why=str(error))
-        decision = done.decision
         return placed | {
             "bin": {
                 "name": decision.bin,
@@ -145,13 +159,6 @@ class ItemStore:
         item = {"id": item_id, "kind": None, "stage": None, "bruised": None}
         placed: dict[str, Any] = {} if self._rules is None else {"bin": None}
         return placed | ({"item": item} if item_id else {}) | {"why": why}
-
-    def _store_bin(self, done: Sorted) -> None:
-        from palpate.produce.sorting.run import bin_verdict
-        from palpate.produce.store import Store
-
-        with Store.open(self._where) as store:
-            store.add_verdict(bin_verdict(done, given_at=datetime.now(UTC)))
 
     def pages(self, *, limit: int) -> tuple[ItemHistory, ...]:
         """Return the pages of items, the last met first; none where there is no store yet.
@@ -250,24 +257,6 @@ class _Known:
         from palpate.produce.store.item_history import item_facts
 
         return item_facts(item_id, kind=self.kind, verdicts=self.verdicts)
-
-
-def _sort(item_id: str, known: _Known, *, rules: RuleBook, grasps: tuple[Grasp, ...]) -> Sorted:
-    """Decide on an item by these grasps, as `palpate sort` does."""
-    from palpate.produce.sorting.rules import decide
-    from palpate.produce.sorting.run import Sorted, evidence_of
-
-    evidence = evidence_of(
-        grasps, identifier=known.identifier, kind=known.kind, verdicts=known.verdicts
-    )
-    return Sorted(
-        item_id=item_id,
-        decision=decide(rules, evidence),
-        identity=evidence.identity,
-        size_mm=evidence.size_mm,
-        grasps=grasps,
-        grasping_s=0.0,
-    )
 
 
 def _read_grasp(

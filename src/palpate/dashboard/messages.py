@@ -279,8 +279,6 @@ class LinkStatus:
     age_s: float = float("nan")
     #: Whether `age_s` is more than five periods, and more than 100 ms.
     stale: bool = True
-    #: Frames that came too fast to be drawn. They are missing nowhere else.
-    undrawn: int = 0
     #: Time between two frames in this process, over the last thousand: 99th percentile,
     #: longest.
     period_p99_s: float = float("nan")

@@ -19,10 +19,6 @@ from palpate.dashboard.viewer import Viewer
 from palpate.plots.pixel_colors import DEEPEST_PERCENT, FALL, RISE, css_gradient
 
 _STATIC = Path(__file__).parent / "static"
-_STAGE = (_STATIC / "stage.html").read_text(encoding="utf-8")
-_STOP = (_STATIC / "stop.html").read_text(encoding="utf-8")
-_SOUND = (_STATIC / "sound.html").read_text(encoding="utf-8")
-_OPERATE = (_STATIC / "operate.html").read_text(encoding="utf-8")
 #: What tabs are called, and the address of each.
 TABS = {
     "Set up": "/",
@@ -66,7 +62,7 @@ def build_page(
     with ui.element("div").classes("page"):
         with ui.element("div").classes("stage"):
             _alerts(app_state, viewer)
-            ui.html(_STAGE, sanitize=False).classes("stage")
+            _static_html("stage.html", classes="stage")
         with ui.element("aside").classes("card panel"):
             _panel(app_state, viewer, tab=tab, item_id=item_id, recording=recording)
     ui.timer(_REFRESH_S, viewer.refresh)
@@ -82,7 +78,7 @@ def build_operator_page(
     _header(app_state, viewer, other=("/", "Full page"), sound=True)
     with ui.element("div").classes("operator"):
         _alerts(app_state, viewer)
-        ui.html(_OPERATE, sanitize=False).classes("contents")
+        _static_html("operate.html")
         with ui.element("div").classes("item") as item:
             item_field(app_state, viewer, label="Next item")
         viewer.show_with_gripper(item)
@@ -97,7 +93,7 @@ def _begin(app_state: AppState, client: Client, *, script: str) -> Viewer:
     if script == "live.js":
         ui.add_head_html(_UPLOT)
     # Apart from all that the framework draws, moves and takes away.
-    ui.add_body_html(_STOP)
+    ui.add_body_html((_STATIC / "stop.html").read_text(encoding="utf-8"))
     ui.add_body_html(f'<script type="module" src="/static/{script}"></script>')
     # Not before its browser is there: what only fetched the page must not drive.
     client.on_connect(lambda: app_state.session.join(client.id, tab=client.tab_id))
@@ -105,6 +101,12 @@ def _begin(app_state: AppState, client: Client, *, script: str) -> Viewer:
     viewer = Viewer(app_state.session, viewer_id=client.id)
     ui.on("press", lambda event: viewer.pressed(event.args))
     return viewer
+
+
+def _static_html(name: str, *, classes: str = "contents") -> None:
+    """Add a file of HTML that the page's scripts fill."""
+    html = (_STATIC / name).read_text(encoding="utf-8")
+    ui.html(html, sanitize=False).classes(classes)
 
 
 def _header(
@@ -120,23 +122,12 @@ def _header(
         dark.set_value(not is_dark)
 
     with ui.element("header").classes("bar"):
-        brand = '<h1 class="brand">palpate<small id="rig-name"></small></h1>'
-        ui.html(brand, sanitize=False).classes("contents")
-        badge = '<span id="simulated" class="badge-sim hidden">SIMULATED</span>'
-        ui.html(badge, sanitize=False).classes("contents")
-        ui.element("div").classes("grow")
-        ui.html(
-            '<span id="link" class="pill num" data-state="waiting"><span class="dot"></span>'
-            '<span id="link-text">connecting</span><span id="link-age"></span></span>'
-            '<span id="link-state" class="visually-hidden" role="status"></span>',
-            sanitize=False,
-        )
+        _static_html("header.html")
         who = ui.label().classes("pill").props("id=who")
-        take = ui.button("Take over", on_click=viewer.take_over, color=None)
-        take.classes("btn plain small").props("flat no-caps id=take-over")
+        take = viewer.button("Take over", viewer.take_over, props="id=take-over", small=True)
         ui.link(other[1], other[0]).classes("pill")
         if sound:
-            ui.html(_SOUND, sanitize=False).classes("contents")
+            _static_html("sound.html")
         shade = ui.button(icon="contrast", on_click=turn, color=None)
         shade.classes("btn plain small").props("flat id=shade")
         shade.props["aria-label"] = "Light or dark"
@@ -159,11 +150,7 @@ def _header(
 
 
 def _alerts(app_state: AppState, viewer: Viewer) -> None:
-    ui.html(
-        '<div id="trouble" class="alert bad hidden" role="alert">'
-        '<span id="trouble-text"></span></div>',
-        sanitize=False,
-    ).classes("contents")
+    _static_html("trouble.html")
     with ui.element("div").classes("alert guide").props("id=guide role=status") as box:
         text = ui.label()
         bar = ui.linear_progress(value=0.0, show_value=False)

@@ -64,8 +64,7 @@ def item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
     item.props("outlined dense clearable maxlength=80 autocomplete=off input-class=scanned")
     item.on("keydown.enter", js_handler="(event) => event.target.select()")
     with item.add_slot("append"):
-        again = ui.button(on_click=lambda: name(form.last_item_id), color=None)
-        again.classes("btn plain small").props("flat no-caps id=same-item")
+        again = viewer.button("", lambda: name(form.last_item_id), props="id=same-item", small=True)
     viewer.enable_for_driver(item)
 
     def show() -> None:
@@ -115,12 +114,11 @@ def grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
     with ui.element("div").classes("panel-foot") as foot:
         go = ui.button("Grasp", on_click=grasp, color=None).classes("btn main")
         go.props('flat no-caps id=grasp aria-keyshortcuts="F8"')
-        back = ui.button("Release", on_click=viewer.release, color=None)
-        back.classes("btn plain").style("font-size: 19px")
-        back.props('flat no-caps id=release aria-keyshortcuts="F9"')
+        viewer.enable_when_allowed(go, Action.GRASP)
+        shortcut = 'id=release aria-keyshortcuts="F9"'
+        back = viewer.button("Release", viewer.release, props=shortcut, action=Action.RELEASE)
+        back.style("font-size: 19px")
     viewer.show_with_gripper(foot)
-    viewer.enable_when_allowed(go, Action.GRASP)
-    viewer.enable_when_allowed(back, Action.RELEASE)
 
 
 def _recording(app_state: AppState, viewer: Viewer) -> None:
@@ -175,6 +173,4 @@ def _rig(app_state: AppState, viewer: Viewer) -> None:
             )
         )
 
-    button = ui.button("Use this rig", on_click=use, color=None)
-    button.classes("btn plain").props("flat no-caps id=use-rig")
-    viewer.enable_when_allowed(button, Action.OPEN)
+    viewer.button("Use this rig", use, props="id=use-rig", action=Action.OPEN)

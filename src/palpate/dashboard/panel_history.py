@@ -122,20 +122,16 @@ def run_panel(app_state: AppState, viewer: Viewer) -> None:
             ui.label("Kept in the folder of the recordings.").classes("what muted")
             ui.link("Save as CSV", "/grasps.csv").classes("pill").props("id=run-csv download")
         rows = ui.html("", sanitize=False).classes("w-full").props("id=run")
-    shown = [-1]
 
-    def show() -> None:
-        """Show the run again when a grasp was added."""
-        if app_state.history.version == shown[0]:
-            return
-        shown[0] = app_state.history.version
+    def show(version: int) -> None:
+        """Show the run as it is now."""
         counts.set_content(
             counts_html(app_state.history, rules=app_state.settings.rules is not None)
         )
         listed = [entry_html(entry) for entry in app_state.history.recent]
         rows.set_content("".join(listed) or "<p>None yet.</p>")
 
-    viewer.on_refresh(show)
+    viewer.on_change(lambda: app_state.history.version, show)
 
 
 def counts_html(history: History, *, rules: bool) -> str:

@@ -100,10 +100,12 @@ class _Row(ui.element):
                 ui.label(file.stem)
                 self._ended = ui.html("", sanitize=False)
                 self._about = ui.label().classes("muted")
-            button = ui.button("Replay", color=None)
-            button.on_click(lambda: viewer.order(Play(file=file, speed=speed.value)))
-            button.classes("btn plain small").props("flat no-caps")
-            viewer.enable_when_allowed(button, Action.PLAY)
+            viewer.button(
+                "Replay",
+                lambda: viewer.order(Play(file=file, speed=speed.value)),
+                small=True,
+                action=Action.PLAY,
+            )
             more = ui.button(icon="more_vert", on_click=lambda: care.open(file), color=None)
             more.classes("btn plain small").props("flat")
             more.props["aria-label"] = f"More about {file.stem}"
@@ -137,15 +139,16 @@ class _Care:
         self._file, self._speed = Path(), speed
         with ui.dialog() as self._dialog, ui.card().classes("care"):
             self._dialog.props["aria-label"] = "A recording"
-            replay = self._button("Replay", self._replay)
-            viewer.enable_when_allowed(replay, Action.PLAY)
+            viewer.button("Replay", self._replay, small=True, action=Action.PLAY)
             self._name = ui.input("Name").props("outlined dense maxlength=80").classes("w-full")
             self._asked = ui.label().classes("note").props("role=status")
             with ui.element("div").classes("two"):
-                self._button("Download", self._download)
-                self._button("Rename", self._rename, gated=True)
-                self._delete_button = self._button("Delete", self._delete, gated=True)
-                self._button("Close", self._dialog.close)
+                viewer.button("Download", self._download, small=True)
+                viewer.button("Rename", self._rename, small=True, action=Action.FILES)
+                self._delete_button = viewer.button(
+                    "Delete", self._delete, small=True, action=Action.FILES
+                )
+                viewer.button("Close", self._dialog.close, small=True)
         self._dialog.on_value_change(lambda event: self._address(is_open=event.value))
 
     def open(self, file: Path) -> None:
@@ -154,13 +157,6 @@ class _Care:
         self._name.set_value(file.stem)
         self._ask("")
         self._dialog.open()
-
-    def _button(self, text: str, act: Callable[[], object], *, gated: bool = False) -> ui.button:
-        button = ui.button(text, on_click=act, color=None).props("flat no-caps")
-        button.classes("btn plain small")
-        if gated:
-            self._viewer.enable_when_allowed(button, Action.FILES)
-        return button
 
     def _address(self, *, is_open: bool) -> None:
         path = f"/recordings/{quote(self._file.name)}" if is_open else "/recordings"

@@ -30,13 +30,12 @@ def calibrate_panel(app_state: AppState, viewer: Viewer) -> None:
             "What each pixel reads with nothing on it. Take everything off the sensor and "
             "leave it alone for some seconds; a gripper opens first."
         )
-        rest = ui.button(
+        viewer.button(
             "Take the rest values",
-            on_click=lambda: viewer.order(CalibrateRest(file=app_state.calibration_file())),
-            color=None,
+            lambda: viewer.order(CalibrateRest(file=app_state.calibration_file())),
+            props="id=calibrate-rest",
+            action=Action.CALIBRATE,
         )
-        rest.classes("btn plain").props("flat no-caps id=calibrate-rest")
-        viewer.enable_when_allowed(rest, Action.CALIBRATE)
         heading("2. Force")
         _force(app_state, viewer)
         _result(app_state, viewer)
@@ -60,9 +59,9 @@ def _force(app_state: AppState, viewer: Viewer) -> None:
                 return
         viewer.order(CalibrateForce(file=app_state.calibration_file(), loads_n=weights))
 
-    button = ui.button("Calibrate the force", on_click=start, color=None)
-    button.classes("btn plain").props("flat no-caps id=calibrate-force")
-    viewer.enable_when_allowed(button, Action.CALIBRATE)
+    button = viewer.button(
+        "Calibrate the force", start, props="id=calibrate-force", action=Action.CALIBRATE
+    )
 
     def explain() -> None:
         """Show how newtons are measured on the rig that is open."""
@@ -99,22 +98,16 @@ def _numbers(text: str) -> list[float]:
 
 def _result(app_state: AppState, viewer: Viewer) -> None:
     box = ui.html("", sanitize=False).props("id=calibrated")
-    shown: list[Calibrated | CalibrationFailure | None] = [None]
+    devices = app_state.session.devices
 
-    def show() -> None:
-        """Show how the last calibration ended, once."""
-        devices = app_state.session.devices
-        ended = devices.calibration_failure or devices.calibrated
-        if ended is shown[0]:
-            return
-        shown[0] = ended
+    def show(ended: Calibrated | CalibrationFailure | None) -> None:
         match ended:
             case Calibrated():
                 box.set_content(panel_html("calibrated", made=ended))
             case CalibrationFailure():
                 box.set_content(panel_html("failure", failure=ended))
 
-    viewer.on_refresh(show)
+    viewer.on_change(lambda: devices.calibration_failure or devices.calibrated, show)
 
 
 def _force_in_use(app_state: AppState) -> None:
@@ -161,21 +154,17 @@ def doctor_panel(app_state: AppState, viewer: Viewer) -> None:
             "Open, shorted, stuck, noisy and drifting pixels, lost frames, a reference "
             "resistor that does not fit. Nothing may touch the sensor for 10 s."
         )
-        button = ui.button("Examine", on_click=lambda: viewer.order(Examine()), color=None)
-        button.classes("btn plain").props("flat no-caps id=examine")
-        viewer.enable_when_allowed(button, Action.EXAMINE)
+        viewer.button(
+            "Examine",
+            lambda: viewer.order(Examine()),
+            props="id=examine",
+            action=Action.EXAMINE,
+        )
         box = ui.html("", sanitize=False).props("id=health")
-    shown: list[Health | None] = [None]
-
-    def show() -> None:
-        """Show a report when there is a new one."""
-        health = app_state.session.devices.health
-        if health is None or health is shown[0]:
-            return
-        shown[0] = health
-        box.set_content(report(health))
-
-    viewer.on_refresh(show)
+    viewer.on_change(
+        lambda: app_state.session.devices.health,
+        lambda health: box.set_content("" if health is None else report(health)),
+    )
 
 
 def report(health: Health) -> str:

@@ -72,7 +72,8 @@ class PlaybackClock:
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._start_s, self._end_s, self._now_s = start_s, end_s, now_s
-        self._speed, self._paused = speed, False
+        #: Seconds of the recording in a second, and whether it is paused; set by the methods.
+        self.speed, self.paused = speed, False
         self._anchor_s, self._wall_s = start_s, now_s()
         self._lock = threading.Lock()
 
@@ -81,16 +82,6 @@ class PlaybackClock:
         """The recording's time now."""
         with self._lock:
             return self._at_s()
-
-    @property
-    def speed(self) -> float:
-        """Seconds of the recording in a second."""
-        return self._speed
-
-    @property
-    def paused(self) -> bool:
-        """Whether it is paused."""
-        return self._paused
 
     def seek(self, time_s: float) -> None:
         """Go on from this time of the recording."""
@@ -101,18 +92,18 @@ class PlaybackClock:
         """Pause, or go on; from the end it restarts."""
         with self._lock:
             at_s = self._at_s()
-            again = self._paused and not paused and at_s >= self._end_s
+            again = self.paused and not paused and at_s >= self._end_s
             self._anchor_s, self._wall_s = self._start_s if again else at_s, self._now_s()
-            self._paused = paused
+            self.paused = paused
 
     def set_speed(self, speed: float) -> None:
         """Set the speed from now on."""
         with self._lock:
             self._anchor_s, self._wall_s = self._at_s(), self._now_s()
-            self._speed = speed
+            self.speed = speed
 
     def _at_s(self) -> float:
-        passed_s = 0.0 if self._paused else self._speed * (self._now_s() - self._wall_s)
+        passed_s = 0.0 if self.paused else self.speed * (self._now_s() - self._wall_s)
         return self._within(self._anchor_s + passed_s)
 
     def _within(self, time_s: float) -> float:

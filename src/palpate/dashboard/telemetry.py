@@ -43,7 +43,6 @@ class _Tally:
 
     frames: int = 0
     lost: int = 0
-    undrawn: int = 0
     sequence: int | None = None
     arrived_s: float = math.nan
     period_s: float = math.nan
@@ -149,7 +148,6 @@ class Telemetry:
                 tally.period_s = wall_s if math.isnan(old_s) else 0.9 * old_s + 0.1 * wall_s
             tally.frames += 1
             tally.sequence, tally.arrived_s = frame.sequence, now_s
-            tally.undrawn += len(self._frames) == self._frames.maxlen
             self._frames.append((frame, gripper))
             self._recent.append((frame.time_s, frame.sequence))
             while frame.time_s - self._recent[0][0] > _RATE_S:
@@ -210,7 +208,6 @@ class Telemetry:
             rate_hz=(recent[-1][1] - recent[0][1]) / span_s if span_s > 0 else math.nan,
             age_s=age_s,
             stale=not age_s <= _STALE.stale_after_s(period_s),
-            undrawn=tally.undrawn,
         )
 
 

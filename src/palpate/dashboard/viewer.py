@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
+from typing import TypeVar
 
 from nicegui import ui
 from nicegui.elements.mixins.disableable_element import DisableableElement
@@ -15,6 +16,7 @@ from palpate.dashboard.messages import Action, Order, Request
 from palpate.dashboard.session import Session
 from palpate.errors import InputError
 
+_Value = TypeVar("_Value")
 #: What moves the hand is refused when its press arrives later than this; a slow server may take a
 #: second or two.
 _LATE_S = 4.0
@@ -90,6 +92,22 @@ class Viewer:
 
         return self._try(checked)
 
+    def button(
+        self,
+        text: str,
+        act: Callable[[], object],
+        *,
+        props: str = "",
+        small: bool = False,
+        action: Action | None = None,
+    ) -> ui.button:
+        """Add a button; with an action it is enabled only while that may be pressed."""
+        button = ui.button(text, on_click=act, color=None)
+        button.classes("btn plain small" if small else "btn plain").props(f"flat no-caps {props}")
+        if action is not None:
+            self.enable_when_allowed(button, action)
+        return button
+
     def enable_when_allowed(self, button: ui.button | ui.switch, action: Action) -> None:
         """Enable a button only while it may be pressed; else its tooltip shows the reason."""
         with button:
@@ -122,6 +140,18 @@ class Viewer:
         """Call this now and a few times a second; if it is of an element, as long as that lives."""
         self._refreshers.append((refresher, of))
         refresher()
+
+    def on_change(self, value: Callable[[], _Value], show: Callable[[_Value], object]) -> None:
+        """Show a value now, and again whenever it is another one."""
+        shown: list[object] = [object()]
+
+        def look() -> None:
+            found = value()
+            if found is not shown[0]:
+                shown[0] = found
+                show(found)
+
+        self.on_refresh(look)
 
     def refresh(self) -> None:
         """Bring what this viewer sees up to date."""
