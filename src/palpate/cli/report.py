@@ -39,6 +39,8 @@ from palpate.plots.many_items import (
 from palpate.plots.report_page import PageTable, Part, render_page
 from palpate.plots.style import require_plots
 from palpate.produce.records import About, Grasp, Source
+from palpate.produce.ripeness.rule import Days
+from palpate.produce.ripeness.stages import STAGES
 from palpate.produce.store.item_history import ItemHistory, item_page, item_pages
 from palpate.settling.result import Status
 
@@ -240,6 +242,25 @@ def _count_verdicts(pages: Sequence[ItemHistory], about: About) -> Counter[str]:
     return Counter(one.text for page in pages if (one := page.latest_verdict(about)))
 
 
+def _stages(pages: Sequence[ItemHistory]) -> dict[str, int]:
+    """Return the place of each stage that ripeness was judged by, the firmest first."""
+    verdicts = (one for page in pages for one in page.verdicts if one.about is About.RIPENESS)
+    judged = (one.details.get("probabilities") for one in verdicts)
+    found = [stage for one in judged if isinstance(one, Mapping) for stage in one]
+    return {stage: place for place, stage in enumerate(dict.fromkeys(found or STAGES))}
+
+
+def _days_to_ripe(page: ItemHistory) -> str:
+    """Return how long an item takes to ripen by its last verdict, in days; a dash without one."""
+    verdict = page.latest_verdict(About.RIPENESS)
+    details = {} if verdict is None else verdict.details
+    ends = [details.get(f"days_to_ripe{end}") for end in ("", "_low", "_high")]
+    value, low, high = (float(end) if isinstance(end, int | float) else None for end in ends)
+    if value is None or low is None or high is None:
+        return "-"
+    return Days(value=value, low=low, high=high).text
+
+
 def _inline(figures: Mapping[str, Figure | None]) -> _Figures:
     return [
         (caption, inline_svg(figure, label=caption))
@@ -257,9 +278,12 @@ def _many_figures(
     else:
         figures["Grasps over the day"] = hours_figure(grasps)
     figures["Size and stiffness, by kind"] = size_stiffness_figure(pages)
-    for about, caption in ((About.RIPENESS, "Ripeness"), (About.BIN, "Bins")):
-        if counts := _count_verdicts(pages, about):
-            figures[caption] = counts_figure(counts.most_common(8))
+    if stages := _count_verdicts(pages, About.RIPENESS):
+        order = _stages(pages)
+        firmest_first = sorted(stages.items(), key=lambda one: order.get(one[0], len(order)))
+        figures["Ripeness"] = counts_figure(firmest_first[:8])
+    if bins := _count_verdicts(pages, About.BIN):
+        figures["Bins"] = counts_figure(bins.most_common(8))
     return _inline(figures)
 
 
@@ -270,6 +294,7 @@ def _items_table(pages: Sequence[ItemHistory]) -> PageTable:
         for about in (About.RIPENESS, About.BRUISE, About.BIN)
         if any(page.latest_verdict(about) for page in pages)
     ]
+    is_ripening = any(_days_to_ripe(page) != "-" for page in pages)
     rows = [
         [
             page.item.item_id,
@@ -280,6 +305,7 @@ def _items_table(pages: Sequence[ItemHistory]) -> PageTable:
             _number(page.latest("firmness"), 0),
             _number(page.latest("stiffness_n_per_mm"), 2),
             *(verdict.text if (verdict := page.latest_verdict(about)) else "-" for about in abouts),
+            *([_days_to_ripe(page)] if is_ripening else []),
         ]
         for page in pages[:_MOST_ITEMS]
     ]
@@ -294,4 +320,5 @@ def _items_table(pages: Sequence[ItemHistory]) -> PageTable:
         ">firmness",
         ">stiffness, N/mm",
     ]
-    return PageTable(caption, [*columns, *map(str, abouts)], rows)
+    columns += [*map(str, abouts), *(["days to ripe"] if is_ripening else [])]
+    return PageTable(caption, columns, rows)

@@ -280,14 +280,4 @@ def _days_document(days: Days | None) -> dict[str, float | None] | None:
 
 
 def _waiting(days: Days | None) -> str:
-    if days is None:
-        return "not known without labels"
-    if days.high <= 0:
-        return "ripe, or past it"
-
-    def text(end: float) -> str:
-        if math.isinf(end):
-            return "never"
-        return f"{end:.1f}" if end >= 0.05 else "now"
-
-    return f"{text(days.value)} ({text(days.low)} to {text(days.high)})"
+    return "not known without labels" if days is None else days.text

@@ -152,6 +152,26 @@ def test_a_batch() -> None:
 
 
 @pytest.mark.usefixtures("store")
+def test_a_batch_with_ripeness_judged_shows_stages_in_order_and_the_days_to_ripe() -> None:
+    days = {"days_to_ripe": 1.25, "days_to_ripe_low": 0.0, "days_to_ripe_high": 2.5}
+    stages = {"hard": 0.1, "ripe": 0.1, "overripe": 0.8}
+    with Store.open() as store:
+        for name, stage in (("i0", "overripe"), ("i1", "overripe"), ("i2", "hard")):
+            judged = Verdict(
+                item_id=name,
+                about=About.RIPENESS,
+                text=stage,
+                given_at=NOON + timedelta(hours=9),
+                details={"probabilities": stages} | (days if name == "i2" else {}),
+            )
+            store.add_verdict(judged)
+    page = report("--batch", "Monday")
+    assert "1.2 (now to 2.5)" in page
+    bars = page[page.index("Ripeness") :]
+    assert bars.index("hard") < bars.index("overripe")
+
+
+@pytest.mark.usefixtures("store")
 def test_a_day_holds_what_was_felt_that_day_alone() -> None:
     page = report("--day", f"{NOON.astimezone():%Y-%m-%d}")
     assert "Grasps over the day" in page

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -38,6 +39,20 @@ class Days:
     value: float
     low: float
     high: float
+
+    @property
+    def text(self) -> str:
+        """The wait in words."""
+        if self.high <= 0:
+            return "ripe, or past it"
+        value, low, high = map(_end_text, (self.value, self.low, self.high))
+        return f"{value} ({low} to {high})"
+
+
+def _end_text(days: float) -> str:
+    if math.isinf(days):
+        return "never"
+    return f"{days:.1f}" if days >= 0.05 else "now"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
