@@ -217,26 +217,24 @@ class StoreReader:
     ) -> tuple[Verdict, ...]:
         """Return the verdicts on an item, oldest first."""
         query = verdict_query().where(VERDICTS.c.item_id == item_id)
-        if about is not None:
-            query = query.where(VERDICTS.c.about == str(about))
-        return self._verdicts(query, source)
+        return self._verdicts(query, about=about, source=source)
 
     def verdicts(
         self, about: About, *, source: Source | None = None, kind: str | None = None
     ) -> tuple[Verdict, ...]:
         """Return the verdicts on all items, or on those of a kind: labels to learn from."""
-        query = verdict_query().where(VERDICTS.c.about == str(about))
-        if kind is not None:
-            query = narrow(query.join(ITEMS), kind=kind)
-        return self._verdicts(query, source)
+        query = narrow(verdict_query().join(ITEMS), kind=kind)
+        return self._verdicts(query, about=about, source=source)
 
     def of_batch(self, batch: str) -> tuple[Item, ...]:
         """Return the items of a batch, the first met first."""
         return self.items(batch=batch)[::-1]
 
     def _verdicts(
-        self, query: sa.Select[tuple[object, ...]], source: Source | None
+        self, query: sa.Select[Any], *, about: About | None, source: Source | None
     ) -> tuple[Verdict, ...]:
+        if about is not None:
+            query = query.where(VERDICTS.c.about == str(about))
         if source is not None:
             query = query.where(VERDICTS.c.source == str(source))
         return self._fetch(lambda connection: read_verdicts(connection, query))
