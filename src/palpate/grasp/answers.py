@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
-from palpate.estimate.closing_stiffness import ClosingSteps, object_stiffness
+from palpate.estimate.closing_stiffness import FELT, ClosingSteps, object_stiffness
 from palpate.estimate.compliance import (
     SOFTEST_N_PER_MM,
     STIFFEST_N_PER_MM,
@@ -180,12 +180,21 @@ def _stiffness_from_travel(
     longest_mm = mm_per_unit(plan) * (estimate.closure - begin)
     surely_mm = mm_per_unit(plan) * (estimate.closure - pressed[0]) if pressed else 0.0
     shortest_mm = surely_mm - float(give.give_mm(force.high))
-    low, high = (
+    # What was felt first may have begun with as much force as faint readings scatter by.
+    begun_n = FELT * floor_n(plan)
+    own_mm = longest_mm - float(give.give_mm(force.middle))
+    low, high, value = (
         min(max(force_n / max(way_mm, 1e-6), SOFTEST_N_PER_MM), STIFFEST_N_PER_MM)
-        for force_n, way_mm in ((force.low, longest_mm), (force.high, shortest_mm))
+        for force_n, way_mm in (
+            (force.low - begun_n, longest_mm),
+            (force.high, shortest_mm),
+            (force.middle, own_mm),
+        )
     )
+    if own_mm <= 0:
+        value = math.sqrt(low * high)
     return Measurement(
-        value=math.sqrt(low * high), low=low, high=high, unit="n_per_mm", level=force.level
+        value=min(max(value, low), high), low=low, high=high, unit="n_per_mm", level=force.level
     )
 
 

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import pytest
 
+from palpate.estimate.closing_stiffness import FELT
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.answers import measure_object
+from palpate.grasp.answers import floor_n, measure_object
 from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan
 from palpate.grasp.step_size import force_now
@@ -54,11 +55,12 @@ def test_measure_object_touch_too_faint_for_a_curve_still_has_a_firmness(
         )
     )
     estimate = ContactEstimate(steps=steps, contact_s=0.0, closure=20.0 + len(readings))
-    force = Measurement(value=0.5, low=0.2, high=1.0, unit="n", level=0.9)
+    force = Measurement(value=3.0, low=2.0, high=4.0, unit="n", level=0.9)
     found = measure_object(estimate, force, plan=plan)
     stiffness, firmness = found["stiffness_n_per_mm"], found["firmness"]
     assert stiffness.value is None
-    assert stiffness.low == pytest.approx(0.2 / len(readings))
+    unseen_n = FELT * floor_n(plan)
+    assert stiffness.low == pytest.approx((2.0 - unseen_n) / len(readings))
     assert firmness.low < firmness.value < firmness.high
 
 
