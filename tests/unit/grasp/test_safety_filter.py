@@ -8,7 +8,7 @@ import pytest
 
 from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.plan import Plan
-from palpate.grasp.safety_filter import filter_command, safe_step
+from palpate.grasp.safety_filter import filter_command, safe_step, stop_here
 from palpate.gripper.interface import GripperCommand
 
 
@@ -41,3 +41,9 @@ def test_filter_command_cuts_a_wish_to_the_room_and_slows_it(plan: Plan, ceiling
 def test_filter_command_never_cuts_an_opening(plan: Plan) -> None:
     wish = GripperCommand(target=70.0, rate=60.0)
     assert filter_command(wish, pressed(20.0), plan) is wish
+
+
+def test_stop_here_of_a_lagging_hand_is_where_it_is_and_no_further(plan: Plan) -> None:
+    reported = 20.0 - 0.3
+    command = stop_here(pressed(5.0, tracking_lag=0.3), plan)
+    assert 0.0 <= command.target - plan.gripper.target(reported) < plan.resolution

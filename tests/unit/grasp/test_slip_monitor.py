@@ -1,0 +1,51 @@
+"""When a held object counts as gone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.grasp.config import GUARDS
+from palpate.grasp.estimator import ContactEstimate, Observation, Touch
+from palpate.grasp.monitors import SlipMonitor
+from palpate.grasp.phases import Phase
+from palpate.grasp.plan import Plan
+from palpate.grasp.safety import Danger
+from palpate.grasp.state import GraspState
+from palpate.gripper.interface import GripperState
+from palpate.sensor.array import Frame
+
+SEEN = Observation(
+    frame=Frame(time_s=1.0, sequence=1, counts=np.full((4, 2), 300), oversampling=1),
+    gripper=GripperState(time_s=1.0, width_mm=50.0),
+)
+
+
+def held(fraction: float, *, phase: Phase = Phase.HOLD) -> GraspState:
+    """Return a grasp whose sheet read 1 and reads this fraction of it now."""
+    touches = tuple(
+        Touch(
+            time_s=0.1 * number,
+            finger_percent=(-20.0, -20.0),
+            relative_percent=-20.0,
+            reading=fraction,
+        )
+        for number in range(12)
+    )
+    estimate = ContactEstimate(now_s=1.1, still_since_s=0.0, touches=touches, strongest=1.0)
+    return GraspState(phase=phase, estimate=estimate)
+
+
+@pytest.mark.parametrize("phase", [Phase.SQUEEZE, Phase.SETTLE, Phase.HOLD])
+def test_slip_monitor_reading_below_the_fraction_is_a_slip(plan: Plan, phase: Phase) -> None:
+    alarm = SlipMonitor(plan).check(SEEN, held(GUARDS.lost_fraction - 0.02, phase=phase))
+    assert alarm is not None
+    assert alarm.danger is Danger.SLIPPED
+
+
+def test_slip_monitor_reading_above_the_fraction_is_held(plan: Plan) -> None:
+    assert SlipMonitor(plan).check(SEEN, held(GUARDS.lost_fraction + 0.02)) is None
+
+
+def test_slip_monitor_hand_that_opens_is_not_watched(plan: Plan) -> None:
+    assert SlipMonitor(plan).check(SEEN, held(0.0, phase=Phase.RELEASE)) is None
