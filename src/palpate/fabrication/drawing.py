@@ -90,7 +90,7 @@ class CutFile:
 
 
 def draw_combined_svg(pattern: Pattern) -> str:
-    """Return all layers as Inkscape layers, seen from the cover, with names of the pads."""
+    """Return all layers as Inkscape layers, seen from the cover, with names and dimensions."""
     parts = [
         _opening(pattern.width, pattern.height),
         f"<title>{escape(pattern.design.name)}, seen from the cover</title>",
@@ -111,6 +111,9 @@ def draw_combined_svg(pattern: Pattern) -> str:
         "</g></g>",
         _group("names"),
         *_names(pattern),
+        "</g>",
+        _group("dimensions"),
+        *_dimensions(pattern),
         "</g>",
         "</svg>\n",
     ]
@@ -139,6 +142,40 @@ def _names(pattern: Pattern) -> Iterable[str]:
             f'<text x="{_mm(x)}" y="{_mm(y + 0.35 * size)}" fill="#ffffff" {style}>'
             f"R{pixel.row} C{pixel.col}</text>"
         )
+
+
+def _dimensions(pattern: Pattern) -> Iterable[str]:
+    """Draw the size of the body, mm, and write that of the pixels and their pitch below it."""
+    body, design, out = pattern.body, pattern.design, 2.0
+    style = 'font-family="sans-serif" font-size="1.6" fill="#404040"'
+    x, y = body.centre
+    across, along = body.top - out, body.right + out
+    line = (
+        f"M {_mm(body.left)} {_mm(across)} H {_mm(body.right)} "
+        f"M {_mm(along)} {_mm(body.top)} V {_mm(body.bottom)}"
+    )
+    for end in (body.left, body.right):
+        line += f" M {_mm(end)} {_mm(across - 0.7)} v 1.4"
+    for end in (body.top, body.bottom):
+        line += f" M {_mm(along - 0.7)} {_mm(end)} h 1.4"
+    yield f'<path d="{line}" fill="none" stroke="#404040" stroke-width="0.15"/>'
+    yield (
+        f'<text x="{_mm(x)}" y="{_mm(across - 0.8)}" text-anchor="middle" {style}>'
+        f"{body.width:.4g}</text>"
+    )
+    yield (
+        f'<text transform="translate({_mm(along + 2.2)} {_mm(y)}) rotate(-90)" '
+        f'text-anchor="middle" {style}>{body.height:.4g}</text>'
+    )
+    pixel, pitch = (design.pixel_width_mm, design.pixel_height_mm), design.pitch_mm
+    words = (
+        f"pixel {pixel[0]:g} x {pixel[1]:g} mm",
+        f"pitch {pitch[0]:g} x {pitch[1]:g} mm",
+    )
+    for number, text in enumerate(words):
+        below = _mm(body.bottom + 3.0 + 2.2 * number)
+        at = f'x="{_mm(pattern.width - out)}" y="{below}" text-anchor="end"'
+        yield f"<text {at} {style}>{text}</text>"
 
 
 def _paths(outlines: Iterable[Outline]) -> Iterable[str]:

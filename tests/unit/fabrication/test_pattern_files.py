@@ -199,7 +199,10 @@ def test_the_command_writes_every_file_and_says_so(
     assert len(pixels) == 6
     assert pixels[0]["contact_mm2"] == 49.0
     combined = (out / "paper-3x2.svg").read_text()
-    assert combined.count('inkscape:groupmode="layer"') == 7
+    assert combined.count('inkscape:groupmode="layer"') == 8
+    body = lay_out(PRESETS["paper-3x2"]).body
+    for words in (f">{body.width:.4g}<", f">{body.height:.4g}<", ">pitch 10 x 10 mm<"):
+        assert words in combined
     assert 'width="48.15mm"' in combined
 
 
