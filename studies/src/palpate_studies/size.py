@@ -122,7 +122,7 @@ def draw(found: Mapping[str, Sequence[Sized]], *, shown: int) -> Figure:
             axis.plot(ends, ends, color=GREY, lw=0.8)
             printed = [one.published_mm for one in some]
             true_mm = [one.true_mm for one in some]
-            axis.plot(true_mm, printed, square, color=grey, label="published way (Figure 13)")
+            axis.plot(true_mm, printed, square, color=grey, label="published method (Figure 13)")
             ours = measured(some)
             axis.errorbar(
                 [true for _, true in ours],
@@ -134,7 +134,7 @@ def draw(found: Mapping[str, Sequence[Sized]], *, shown: int) -> Figure:
                 color=blue,
                 lw=1,
                 ms=4,
-                label="ours, 90 % interval",
+                label="palpate, 90 % interval",
             )
             axis.set(xlabel="true size (mm)", xlim=ends, ylim=(ends[0] - 1, ends[1] + 1))
             axis.set_title(f"simulated, {level}: {len(some)} strawberries")
