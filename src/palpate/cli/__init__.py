@@ -39,7 +39,7 @@ GROUPS = {
         "flash": "Write the firmware with avrdude, verify it, and ask the board what it runs.",
         "doctor": "Find faulty and swapped pixels, losses and a wrong resistor.",
         "calibrate": "Make or renew a part of the calibration file.",
-        "pattern": "Draw the cut files of a sensor, or of a gripper for a hobby servo.",
+        "pattern": "Draw the cut files of a sensor: base, copper, Velostat, copper and cover.",
     },
     "Produce": {
         "items": "List items, show one, label one, or write them to Parquet.",

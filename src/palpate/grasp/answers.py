@@ -184,7 +184,7 @@ def _stiffness_from_travel(
     begun_n = FELT * floor_n(plan)
     own_mm = longest_mm - float(give.give_mm(force.middle))
     low, high, value = (
-        min(max(force_n / max(way_mm, 1e-6), SOFTEST_N_PER_MM), STIFFEST_N_PER_MM)
+        min(max(force_n / max(way_mm, 1e-3), SOFTEST_N_PER_MM), STIFFEST_N_PER_MM)
         for force_n, way_mm in (
             (force.low - begun_n, longest_mm),
             (force.high, shortest_mm),
