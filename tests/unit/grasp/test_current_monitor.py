@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.estimate.servo_force import CurrentLaw, GearFriction
+from palpate.estimate.servo_force import WARMTH_SD, CurrentLaw, GearFriction
+from palpate.grasp.config import CURRENT
 from palpate.grasp.current_monitor import CurrentMonitor
 from palpate.grasp.estimator import Touch
 from palpate.grasp.plan import Plan
@@ -341,3 +342,23 @@ def test_one_report_seen_often_is_not_stuck(calibrated: Plan) -> None:
     state = GripperState(time_s=1.0, width_mm=50.0, current_ma=GEARS_MA, moving=True)
     estimate = estimate_of(0.0, closure=24.0, still=False)
     assert [watch.check(state, estimate=estimate) for _ in range(40)] == [None] * 40
+
+
+@pytest.mark.parametrize(("fraction", "is_limit"), [(0.98, False), (1.02, True)])
+def test_force_limit_comes_where_the_current_proves_the_ceiling(
+    calibrated: Plan, fraction: float, is_limit: bool
+) -> None:
+    """Gears and noise may take their share, and a warm servo more for each newton."""
+    assert calibrated.current is not None
+    gears_ma = GEARS_MA * np.exp(CURRENT.twice_sd * 4.0 / GEARS_MA)
+    noise_ma = CURRENT.twice_sd * 6.0 / np.sqrt(CURRENT.moving_readings)
+    per_n = MA_PER_N * (1.0 + 2.0 * WARMTH_SD)
+    proven_n = fraction * calibrated.safety.force_ceiling_n
+    found = moved(
+        CurrentMonitor(calibrated),
+        gears_ma + noise_ma + per_n * proven_n,
+        closure=20.0,
+        reading=2.0 * proven_n,
+    )
+    dangers = [alarm.danger for alarm in found if alarm is not None]
+    assert (Danger.FORCE_LIMIT in dangers[:4]) == is_limit

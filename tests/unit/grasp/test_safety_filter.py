@@ -47,3 +47,12 @@ def test_stop_here_of_a_lagging_hand_is_where_it_is_and_no_further(plan: Plan) -
     reported = 20.0 - 0.3
     command = stop_here(pressed(5.0, tracking_lag=0.3), plan)
     assert 0.0 <= command.target - plan.gripper.target(reported) < plan.resolution
+
+
+def test_filter_command_room_below_the_smallest_step_sends_nothing(plan: Plan) -> None:
+    room_mm = 0.8 * plan.smallest_step
+    low = replace(
+        plan, safety=replace(plan.safety, force_ceiling_n=5.0 + room_mm * plan.steepest_n)
+    )
+    fine = replace(low, resolution=0.01 * plan.smallest_step)
+    assert filter_command(GripperCommand(target=50.0, rate=0.1), pressed(5.0), fine) is None

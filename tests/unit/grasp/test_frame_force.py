@@ -1,0 +1,26 @@
+"""Force by single frames: one spike is none, and the gain of the contact counts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from palpate.estimate.gain import Gain
+from palpate.grasp.estimator import ContactEstimate, Touch
+from palpate.grasp.plan import Plan
+
+
+def test_watched_force_of_one_spike_is_that_of_its_neighbour() -> None:
+    estimate = ContactEstimate(frames_n=((0.0, 1.0), (0.1, 1.0), (0.2, 9.0)))
+    assert estimate.watched_n == 1.0
+
+
+def test_frame_force_grows_with_the_gain_of_the_contact(plan: Plan) -> None:
+    touch = Touch(time_s=1.0, finger_percent=(-20.0, -20.0), relative_percent=-20.0, reading=4.0)
+    plain = ContactEstimate()
+    gain = Gain(log_mean=math.log(1.5), log_sd=0.1, law_sd=0.1)
+    stronger = replace(plain, gain=gain)
+    expected_n = 1.5 * plain._frame_n(touch, plan)
+    assert stronger._frame_n(touch, plan) == pytest.approx(expected_n)
