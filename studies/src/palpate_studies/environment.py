@@ -131,10 +131,10 @@ def draw(found: dict[str, list[dict[str, FloatArray]]]) -> Figure:
     """Draw each climate's readings on every sensor: absolute and relative."""
     from palpate.plots.style import BLUE, GREY, ORANGE, new_figure
 
-    shown = dict(zip(READ, (("kΩ", 1e3), ("%", 1.0)), strict=True))
+    shown = dict(zip(READ, ("ohm", "%"), strict=True))
     with new_figure(rows=2, columns=2, width_in=7.2, height_in=5.6) as (figure, axes):
         for row, level in zip(axes, LEVELS, strict=True):
-            for axis, (name, (unit, whole)) in zip(row, shown.items(), strict=True):
+            for axis, (name, unit) in zip(row, shown.items(), strict=True):
                 for climate, (label, colour) in enumerate(
                     zip(CLIMATES, (GREY, BLUE, ORANGE), strict=True)
                 ):
@@ -142,7 +142,7 @@ def draw(found: dict[str, list[dict[str, FloatArray]]]) -> Figure:
                     places = np.arange(len(each)) + 0.2 * (climate - 1)
                     axis.plot(
                         np.repeat(places, each.shape[1]),
-                        each.ravel() / whole,
+                        each.ravel(),
                         ".",
                         color=colour,
                         label=label.replace(" C", " °C"),
