@@ -17,7 +17,7 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.answers import forecast
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
-from palpate.grasp.planning import laws_of
+from palpate.grasp.planning import laws_with_memory
 from palpate.grasp.result import GraspResult, Moment
 from palpate.grasp.state import GraspState
 from palpate.sensor.calibration import Calibration
@@ -28,7 +28,7 @@ def force_laws(calibration: Calibration | None) -> ForceLaws | None:
     if calibration is None:
         return None
     try:
-        return laws_of(calibration.force)
+        return laws_with_memory(calibration.force)
     except CalibrationError:
         return None
 

@@ -155,12 +155,22 @@ def laws_of(pairs: ForcePairs) -> ForceLaws:
         If the calibration has no readings of force at the times that a grasp needs.
     """
     read_at = {since: pairs_at(pairs, since_move_s=since) for since in (DWELL_S, HORIZON_S)}
-    settled_excess, settled_n = read_at[HORIZON_S]
-    memory = ForceLaw.fit(settled_excess, force_n=settled_n)
     if not pairs.pixel_excess:
         early, settled = (PowerForceLaw.fit(x, force_n=f) for x, f in read_at.values())
-        return ForceLaws(PixelReading.sum_pixels(), early, settled, memory)
-    return ForceLaws(*fit_laws(placements_of(pairs)), memory)
+        return ForceLaws(PixelReading.sum_pixels(), early, settled)
+    return ForceLaws(*fit_laws(placements_of(pairs)))
+
+
+def laws_with_memory(pairs: ForcePairs) -> ForceLaws:
+    """Return the laws of a calibration with one that knows how a sheet lags, for `ForceNow`.
+
+    Raises
+    ------
+    CalibrationError
+        As `laws_of`.
+    """
+    excess, force_n = pairs_at(pairs, since_move_s=HORIZON_S)
+    return laws_of(pairs)._replace(memory=ForceLaw.fit(excess, force_n=force_n))
 
 
 def force_now(pairs: ForcePairs) -> FollowsForce:
@@ -176,7 +186,7 @@ def force_now(pairs: ForcePairs) -> FollowsForce:
     """
     if by_weights(pairs):
         return ForceFollower(ForceLaw.fit(list(pairs.excess), force_n=pairs.force_n))
-    return ForceNow(laws_of(pairs), early_s=DWELL_S, settled_s=HORIZON_S)
+    return ForceNow(laws_with_memory(pairs), early_s=DWELL_S, settled_s=HORIZON_S)
 
 
 def by_weights(pairs: ForcePairs) -> bool:

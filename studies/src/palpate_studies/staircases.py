@@ -20,7 +20,7 @@ from palpate.errors import CalibrationError
 from palpate.estimate.force_follower import FollowsForce, ForceFollower
 from palpate.estimate.force_now import ForceNow
 from palpate.grasp.calibrating import Bench, measure_rest
-from palpate.grasp.planning import DWELL_S, HORIZON_S, force_now, laws_of
+from palpate.grasp.planning import DWELL_S, HORIZON_S, force_now, laws_of, laws_with_memory
 from palpate.gripper.interface import GripperCommand
 from palpate.rig.simulated import calibrate_twin, twin_bench
 from palpate.sensor.calibration import ForcePairs
@@ -63,7 +63,7 @@ Run: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 #: (`live --force`); and boosted trees given all that these read, learned on other sheets.
 METHODS = ("settled", "by_time", "memory", "now", TREES)
 #: What `now` is compared with.
-RIVALS = ("settled", TREES)
+RIVALS = ("settled", "by_time", TREES)
 #: The first sheet that is tested, written down before anything was scored on it; looked at before:
 #: 60_000 to 60_059 and 61_000 to 61_059, of the second generator 96_100 on, 97_100 to 97_129 and
 #: 97_300 to 97_329. The mean of two laws was chosen on 2_500_000 to 2_500_009 of both.
@@ -154,7 +154,7 @@ def followed(
     `remade`: as in `World`. `trees`: learned on other sheets; they give no interval.
     """
     pairs, runs = _used(sensor, level=level, staircases=staircases, remade=remade)
-    laws = laws_of(pairs)
+    laws = laws_with_memory(pairs)
     assert laws.memory is not None
     found: dict[str, list[FollowedForce]] = {}
     for time_s, excess, force_n in runs:
