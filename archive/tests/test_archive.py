@@ -32,6 +32,8 @@ from palpate_archive.evaluating import (
 )
 from palpate_archive.layout import KINDS, Archive, Part
 
+pytestmark = pytest.mark.slow
+
 
 def palpate(*arguments: str) -> int:
     return run_command(build_app(), list(arguments), name="palpate")

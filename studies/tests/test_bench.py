@@ -33,6 +33,7 @@ def ratio(**changed: object) -> Ratio:
     return Ratio(**(told | changed))  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("frames_alone")
 def test_without_a_name_all_run_into_one_json_document(capsys) -> None:
     assert bench_with(["--json"]) == 0
@@ -44,6 +45,7 @@ def test_without_a_name_all_run_into_one_json_document(capsys) -> None:
     assert all(one["ours"] > 0 for one in found["ratios"])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("frames_alone")
 def test_a_peer_that_is_missing_is_named_with_its_remedy(tmp_path, capsys) -> None:
     assert bench_with(["--out", str(tmp_path)]) == 0

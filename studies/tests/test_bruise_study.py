@@ -24,6 +24,8 @@ from palpate_studies.bruise import (
 from palpate_studies.bruise_data import Examined, examine
 from palpate_studies.fruit_ranges import BRUISES
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def examined() -> list[Examined]:

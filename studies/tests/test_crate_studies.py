@@ -28,6 +28,8 @@ from palpate_studies.identify_data import (
     write_crates,
 )
 
+pytestmark = pytest.mark.slow
+
 #: Size, mm, and stiffness, N/mm, of kinds of the crate, and of a stranger.
 TAUGHT = {"egg": (44.0, 12.0), "kiwi": (50.0, 1.5), "lime": (45.0, 3.5), "apple": (63.0, 6.0)}
 STRANGER = {"grape": (18.0, 1.0)}

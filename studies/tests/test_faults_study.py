@@ -11,6 +11,8 @@ from palpate_studies.fault_devices import FAULTS
 from palpate_studies.fault_grasps import KINDS, Cell, Struck, cells, sampled, struck
 from palpate_studies.faults import judge, unexplained
 
+pytestmark = pytest.mark.slow
+
 #: Fault, phase, object, hand.
 CASES = {
     "a ground wire off": ("all pixels short", "approach", "rigid-block", "rigid"),

@@ -74,6 +74,7 @@ def test_the_report_says_simulated() -> None:
     assert "imulated" in document.title
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["rigid", "soft"])
 def test_a_soft_thing_is_not_pressed_to_its_target(kind: GripperKind) -> None:
     drawn = task(7, level="lab")
@@ -99,6 +100,7 @@ def test_percentages_are_also_given_of_everything_that_was_to_be_gripped() -> No
     assert counted["within_10_percent_of_all"] == 0.5
 
 
+@pytest.mark.slow
 def test_the_papers_line_as_feedback_says_the_target_where_it_stops() -> None:
     found = paper_loop(task(700_000, level="lab"))
     assert found.on_target_s is not None
@@ -107,6 +109,7 @@ def test_the_papers_line_as_feedback_says_the_target_where_it_stops() -> None:
     assert found.on_target_s > WAITS_S
 
 
+@pytest.mark.slow
 def test_a_learned_law_is_feedback_on_sensors_that_it_never_saw() -> None:
     laws = learned_laws([task(seed, level="lab") for seed in (700_000, 700_004, 700_008)])
     with pytest.raises(SeenBeforeError, match="lab 175000 was used"):

@@ -28,6 +28,7 @@ def means(payload: dict[str, Any], method: str) -> np.ndarray:
     return np.array([row["mean_abs_error_percent"] for row in rows])
 
 
+@pytest.mark.slow
 def test_the_fitted_family_meets_the_recorded_row(payload: dict[str, Any]) -> None:
     # 40 holds of random relaxation: one standard error is about 4 % of each entry, and the twin
     # adds what its fit did not have (the pads' own relaxation, the time that closing takes).

@@ -75,6 +75,7 @@ def test_what_a_way_does_not_measure_is_null() -> None:
     assert row["force_median_error"] is None
 
 
+@pytest.mark.slow
 def test_one_object_is_grasped_in_every_way() -> None:
     ours, paper, both, current = cycles(SAMPLE)
     assert [one.outcome for one in (ours, paper, both, current)] == ["held"] * 4
@@ -85,11 +86,13 @@ def test_one_object_is_grasped_in_every_way() -> None:
     assert current.peak_n > 1.0
 
 
+@pytest.mark.slow
 def test_a_push_that_fades_before_both_fingers_touch_is_no_falling_sheet() -> None:
     """Each finger pushed in turn; the readings fell, and the sheet was taken for lost."""
     assert ours(Sample(seed=5_800_159, level="field", kind="rigid")).outcome == "held"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("both_fingers", [False, True])
 def test_the_papers_steps_do_not_stop_at_one_finger(both_fingers: bool) -> None:
     """One finger pushes this object to the middle: its fall of 10 % alone is no contact."""
@@ -97,6 +100,7 @@ def test_the_papers_steps_do_not_stop_at_one_finger(both_fingers: bool) -> None:
     assert paper(sample, both_fingers=both_fingers).outcome == "held"
 
 
+@pytest.mark.slow
 def test_paper_method_does_not_call_a_push_by_one_finger_held() -> None:
     """The mean of all pixels falls by 10 % while one finger pushes and the other feels nothing."""
     found = paper(Sample(seed=5_900_006, level="field", kind="rigid"))

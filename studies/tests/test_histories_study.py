@@ -35,6 +35,7 @@ def history_csv(path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_history_is_worth_more_than_the_reading_now(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -75,6 +76,7 @@ def test_unusable_recordings_get_one_line(
     assert len(error.strip().splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_real_kinds_of_motion_left_out(real_data: Path) -> None:
     recordings = read_histories(real_data / "silicone_histories.csv.gz")
     tested = next(one for one in recordings if one.kind == "sawtooth")
@@ -85,6 +87,7 @@ def test_real_kinds_of_motion_left_out(real_data: Path) -> None:
     assert rms < 0.15 * np.ptp(tested.force_n)
 
 
+@pytest.mark.slow
 def test_study_with_test_recordings_scores_them_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -125,6 +125,7 @@ def test_strokes_and_ladders_become_what_the_studies_read(
     )
 
 
+@pytest.mark.slow
 def test_the_data_lines_of_the_readme_work_on_clones_of_that_form(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

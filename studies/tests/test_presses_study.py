@@ -68,6 +68,7 @@ def test_what_comes_later_changes_nothing_said_before(tmp_path: Path) -> None:
         np.testing.assert_allclose(before, after[:-20], rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_reference_is_seen_once(tmp_path: Path) -> None:
     presses = read_presses(press_csv(tmp_path / "p.csv"))
     press = presses[3]
@@ -79,6 +80,7 @@ def test_the_reference_is_seen_once(tmp_path: Path) -> None:
         assert follow(blind)[0].tolist() == follow(press)[0].tolist(), name
 
 
+@pytest.mark.slow
 def test_study_prints_one_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = press_csv(tmp_path / "p.csv")
     arguments = ["study", "presses", "--recordings", str(path), "--json"]
@@ -123,6 +125,7 @@ def real_presses(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> l
     return read_presses(path)
 
 
+@pytest.mark.slow
 def test_real_presses_of_settings_left_out(real_presses: list[Press]) -> None:
     left_out = {"pike2_sensor1", "pike1_force_10_sensor1", "pike1_force_30_sensor1"}
     known = [p for p in real_presses if p.trace.group not in left_out][::3]
@@ -143,6 +146,7 @@ def test_real_presses_of_settings_left_out(real_presses: list[Press]) -> None:
     assert 0.8 <= np.mean([np.mean(one.covered) for one in ours]) <= 0.99
 
 
+@pytest.mark.slow
 def test_study_with_test_recordings_scores_them_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

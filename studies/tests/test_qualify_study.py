@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from palpate_studies.qualify import FIGURES, Pool, check, side_pairs
 
@@ -18,6 +19,7 @@ def test_side_pairs_reads_both_sides(tmp_path: Path) -> None:
     assert np.isfinite(pairs.reference).sum() == 3
 
 
+@pytest.mark.slow
 def test_check_of_a_good_instrument_covers_its_true_figures() -> None:
     random = np.random.default_rng(1)
     truth = random.normal(1.0, 0.6, 80)

@@ -54,6 +54,7 @@ def test_a_format_that_nothing_would_show_is_refused_before_the_work(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_figures_have_the_format_and_the_dots_that_were_asked_for(tmp_path: Path) -> None:
     few = ["figure16", "--fruits", "1", "--out", str(tmp_path / "asked")]
     asked = ["study", *few, "--format", "png", "--dpi", "50"]

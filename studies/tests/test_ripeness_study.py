@@ -27,6 +27,8 @@ from palpate_studies.ripeness_scores import compared, judged, scores
 from palpate_studies.ripeness_station import DAYS, draw_labelled, run_station
 from palpate_studies.twin_avocado import Avocado, draw_avocado
 
+pytestmark = pytest.mark.slow
+
 FIRST, FEW_GRASPS = datetime(2026, 5, 4, 8, tzinfo=UTC), 3
 
 

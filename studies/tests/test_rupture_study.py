@@ -25,6 +25,7 @@ def run_study(arguments: list[str]) -> int:
     return run(app, arguments, name="palpate study rupture")
 
 
+@pytest.mark.slow
 def test_on_real_fruit_it_is_firmer_than_a_cap(
     real_data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -46,6 +47,7 @@ def test_on_real_fruit_it_is_firmer_than_a_cap(
         assert firmness["ours", rate] > firmness["cap per fruit", rate]
 
 
+@pytest.mark.slow
 def test_a_gentle_squeeze_deforms_by_less_than_what_ruptured_any_fruit(real_data: Path) -> None:
     """From the first 0.15 N on, which the force sensor of the recordings shows; 2 mm were too much.
 
@@ -63,6 +65,7 @@ def test_a_gentle_squeeze_deforms_by_less_than_what_ruptured_any_fruit(real_data
     assert np.mean(np.array(borne_mm) < 2.0) > 0.04
 
 
+@pytest.mark.slow
 def test_decisions_use_no_sample_from_after_them(real_data: Path) -> None:
     closings = read_closings(
         real_data / "fruit_rupture.csv.gz", real_data / "fruit_rupture_index.csv"
@@ -89,6 +92,7 @@ def pear_files(folder: Path, *, name: str = "p", seed: int = 1) -> tuple[Path, P
     return files
 
 
+@pytest.mark.slow
 def test_any_fruit_is_judged_by_every_method(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -139,6 +143,7 @@ def test_too_few_fruit_end_in_one_line(tmp_path: Path, capsys: pytest.CaptureFix
     assert "give more closings" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_fruit_of_two_ripenesses_is_judged_without_files(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -155,6 +160,7 @@ def test_fruit_of_two_ripenesses_is_judged_without_files(
     assert "either --curves and --index or --second" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_study_with_test_closings_judges_them_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -101,6 +101,7 @@ def test_read_kept_returns_the_origin_of_each_result(docs: Path) -> None:
     assert (one.note, two.code_sha256) == ("Evaluated once.", "0" * 64)
 
 
+@pytest.mark.slow
 def test_code_of_a_study_is_what_it_imports() -> None:
     files = {path.name for path in study_files("rupture")}
     assert {"rupture.py", "damage_learning.py", "errors.py"} <= files
@@ -166,6 +167,7 @@ def test_notes_on_the_paper_count_misses_as_the_stored_results_do() -> None:
             assert f"| Table {table}, {of} `{name}` | {fitted} | {predicted} |" in notes
 
 
+@pytest.mark.slow
 def test_claims_of_shipped_code_rest_on_the_symbol_that_a_verb_reaches() -> None:
     """The study imports the named class or function from palpate, and so does a command."""
     for row in read_claims(DOCS):

@@ -50,6 +50,7 @@ def test_a_corky_bruise_has_a_core_and_a_rim_and_a_sound_apple_stays_as_it_is() 
     assert as_drawn(sound) is sound
 
 
+@pytest.mark.slow
 def test_ripeness_pairs_ours_with_that_day_alone() -> None:
     payload = ripeness.report(sensors=1, fruits=4, second=True).payload
     assert payload["simulated"] is True

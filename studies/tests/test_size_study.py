@@ -44,6 +44,7 @@ def test_scores_of_sizes() -> None:
     assert size.scores(berries, "trees")["answered"] == 0
 
 
+@pytest.mark.slow
 def test_size_study_is_finite_and_says_simulated(tmp_path: Path) -> None:
     report = size.report(sensors=1, first_sensor=300, berries=2)
     report.write(tmp_path)
@@ -57,6 +58,7 @@ def test_size_study_is_finite_and_says_simulated(tmp_path: Path) -> None:
     check_all_fonts(tmp_path)
 
 
+@pytest.mark.slow
 def test_trees_of_the_size_see_all_that_ours_read_and_no_fruit_of_the_same_sensor() -> None:
     berries = list(sized("lab", sensors=range(300, 303), berries=3))
     errors = errors_mm(berries, "trees")

@@ -17,6 +17,7 @@ from palpate_studies.staircases import (
 )
 
 
+@pytest.mark.slow
 def test_a_sheet_is_followed_by_the_laws_of_its_calibration() -> None:
     found = followed(3, level="lab", staircases=1)
     assert list(found) == ["settled", "by_time", "memory", "now"]
@@ -27,6 +28,7 @@ def test_a_sheet_is_followed_by_the_laws_of_its_calibration() -> None:
     assert (now.value_n <= now.high_n).all()
 
 
+@pytest.mark.slow
 def test_learners_follow_sheets_that_they_never_saw() -> None:
     trees = learned_from([4, 5], level="lab", staircases=1)
     with pytest.raises(SeenBeforeError, match="4 was used"):
@@ -42,6 +44,7 @@ def test_learners_follow_sheets_that_they_never_saw() -> None:
     assert [row["rival"] for row in staircases._compared(runs)] == 2 * [*staircases.RIVALS]
 
 
+@pytest.mark.slow
 def test_what_a_learner_sees_of_a_frame_is_what_came_before_it() -> None:
     pairs = calibrate_twin(seed=3, level="lab", apart_from="").force
     time_s = np.arange(40) / 15

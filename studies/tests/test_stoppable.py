@@ -13,6 +13,7 @@ from palpate_studies.force_control import gripped
 from palpate_studies.force_control_world import learned_damage, task
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_the_study_with_the_hand_safe(
     number: signal.Signals, monkeypatch: pytest.MonkeyPatch

@@ -104,6 +104,7 @@ def test_what_comes_later_changes_nothing_said_before(touches: list[Touch]) -> N
     np.testing.assert_allclose(follow(cut, [])[0], whole[:-10], rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_study_prints_one_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("sklearn")
     path = strokes_csv(tmp_path / "s.csv")
@@ -135,6 +136,7 @@ def test_one_sensor_alone_has_nothing_to_learn_from(
     assert "nothing to learn from" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_study_with_test_recordings_scores_them_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -149,6 +151,7 @@ def test_study_with_test_recordings_scores_them_alone(
     assert {row["told"] for row in rows} == {*TOLD}
 
 
+@pytest.mark.slow
 def test_strokes_with_one_attempt_a_place_leaves_out_what_needs_two(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -41,6 +41,8 @@ from palpate_studies.catalogue import BENCHMARKS, STUDIES
 from palpate_studies.report import StudyReport
 from palpate_studies.twin_session import Session, drawn
 
+pytestmark = pytest.mark.slow
+
 NOISE_CHAINS = ("250 Hz, no filter", "250 Hz, median of 5", "250 Hz, notch 50 and 60 Hz")
 #: A unit in brackets, or a ratio that has none.
 UNIT = re.compile(r"\((%|N|ohm|mm|kPa|mV)[^)]*\)|G/G₀")

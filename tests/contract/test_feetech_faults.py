@@ -92,6 +92,7 @@ def test_it_gives_way_at_its_torque_limit() -> None:
     bus.close()
 
 
+@pytest.mark.slow
 def test_no_reply_and_damaged_replies(gripper: FeetechGripper, bus: StsBus) -> None:
     bus.spoilt = 2
     assert gripper.state().width_mm == pytest.approx(74.0, abs=0.1)
@@ -181,6 +182,7 @@ def test_what_can_not_be_opened_is_one_line(
     assert "\n" not in str(raised.value)
 
 
+@pytest.mark.slow
 def test_a_grasp_through_the_jaw(gripper: FeetechGripper, world: World) -> None:
     calibration = calibrate_twin(seed=5, level="lab", apart_from="strawberry")
     plan = plan_grasp(calibration, gripper=gripper)

@@ -75,6 +75,7 @@ def test_state_tells_its_own_quantity_alone(hand: Hand) -> None:
     assert state.time_s == hand.clock.now_s()
 
 
+@pytest.mark.slow
 def test_stop_never_closes_further(hand: Hand) -> None:
     limits = hand.gripper.limits
     target, further, rate = PLACES[limits.drive]
@@ -90,6 +91,7 @@ def test_stop_never_closes_further(hand: Hand) -> None:
     assert not state.moving
 
 
+@pytest.mark.slow
 def test_release_opens_fully(hand: Hand) -> None:
     target, _, rate = PLACES[hand.gripper.limits.drive]
     go(hand, target, 4 * rate)
@@ -100,6 +102,7 @@ def test_release_opens_fully(hand: Hand) -> None:
     assert limits.closure(hand.gripper.state()) == pytest.approx(0.0, abs=NEAR[limits.drive])
 
 
+@pytest.mark.slow
 def test_closing_lets_go_of_the_port_and_not_of_the_object(hand: Hand) -> None:
     limits = hand.gripper.limits
     target, _, rate = PLACES[limits.drive]

@@ -110,6 +110,7 @@ def test_openers_words() -> None:
 # -- in a grasp ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_grasp_through_the_board(plan: Plan, board: RegulatorBoard) -> None:
     array, gripper = on_board(board.world, board)
     held: list[Truth] = []

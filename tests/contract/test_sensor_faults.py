@@ -179,6 +179,7 @@ def struck(kind: str, row: Row, path: Path) -> tuple[Struck, GraspResult]:
     return grasp, run(kind, world, path, grasp.array, hand, watchers=[grasp.watch])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", OBJECTS)
 @pytest.mark.parametrize("name", ROWS)
 def test_a_fault_ends_the_grasp(name: str, kind: str, tmp_path: Path) -> None:
@@ -204,6 +205,7 @@ def test_a_fault_ends_the_grasp(name: str, kind: str, tmp_path: Path) -> None:
         assert world.force_n(world.clock.now_s()) > 0.0, "dropping is damage too"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", OBJECTS)
 def test_a_failing_subscriber_does_not_touch_the_grasp(kind: str, tmp_path: Path) -> None:
     def view(_: Observation) -> None:

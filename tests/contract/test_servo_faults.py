@@ -57,6 +57,7 @@ def close_slowly(gripper: DynamixelGripper) -> None:
     gripper.command(GripperCommand(target=50.0, rate=5.0))
 
 
+@pytest.mark.slow
 def test_no_reply(gripper: DynamixelGripper, bus: ServoBus) -> None:
     bus.silent = True
     for ask in (gripper.state, gripper.stop):
@@ -83,6 +84,7 @@ def test_servo_line_reply_cut_by_its_deadline_is_a_timeout(bus: ServoBus, cut_at
     line.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late_s", [0.09, 0.2, 1.0])
 def test_a_late_reply_is_no_answer_to_the_next_question(
     world: World, bus: ServoBus, late_s: float
@@ -107,6 +109,7 @@ def test_a_late_reply_is_no_answer_to_the_next_question(
     gripper.close()
 
 
+@pytest.mark.slow
 def test_a_servo_that_does_not_answer_is_left_to_its_shortest_watchdog(
     gripper: DynamixelGripper, bus: ServoBus, world: World
 ) -> None:
@@ -395,6 +398,7 @@ def test_what_can_not_be_opened_is_one_line(
     assert "\n" not in str(raised.value)
 
 
+@pytest.mark.slow
 def test_opened_by_a_rig_file(
     world: World, bus: ServoBus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -436,6 +440,7 @@ def plan() -> Plan:
     return plan
 
 
+@pytest.mark.slow
 def test_the_papers_method_through_the_servo(
     plan: Plan, gripper: DynamixelGripper, world: World
 ) -> None:
@@ -477,6 +482,7 @@ FAULTS: dict[str, tuple[Callable[[ServoBus], None], str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize("at_force_n", [None, 1.0])
 def test_a_fault_ends_the_grasp_at_once(

@@ -32,6 +32,7 @@ def check(case: Case) -> None:
     assert run(case) == near(kept)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", QUICK, ids=lambda case: case.name)
 def test_seeded_grasp_gives_the_kept_result(case: Case) -> None:
     check(case)

@@ -18,3 +18,10 @@ def firmware_built() -> None:
     root = Path(__file__).resolve().parents[2]
     for folder in ("firmware", "firmware/sim"):
         subprocess.run(["make", "-s", "-C", str(root / folder)], check=True, capture_output=True)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark every test of this folder as slow: it starts a browser, a board or a broker."""
+    for item in items:
+        if Path(__file__).parent in item.path.parents:
+            item.add_marker(pytest.mark.slow)

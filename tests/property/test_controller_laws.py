@@ -67,6 +67,7 @@ def assert_bounded(
     assert grasp_state.phase is not Phase.RELEASE
 
 
+@pytest.mark.slow
 @given(plan=plans, counts=st.lists(st.integers(0, 1023), min_size=1, max_size=40), data=st.data())
 @settings(max_examples=60, deadline=None)
 def test_any_readings_any_plan(plan: Plan, counts: list[int], data: st.DataObject) -> None:
@@ -153,6 +154,7 @@ def grasped(plan: Plan, *, seed: int, rate_hz: float) -> set[str]:
     return activities
 
 
+@pytest.mark.slow
 @given(
     plan=plans,
     seed=st.integers(0, 2**32 - 1),
@@ -166,6 +168,7 @@ def test_no_command_exceeds_the_bound_whatever_is_gripped(
     grasped(replace(plan, current=CURRENT if listens else None), seed=seed, rate_hz=rate_hz)
 
 
+@pytest.mark.slow
 def test_the_adversary_leads_through_every_activity() -> None:
     firm = replace(PLAN, target_force_n=4.0, tries=2, current=CURRENT)
     seen = set[str]().union(*(grasped(firm, seed=seed, rate_hz=15.0) for seed in range(24)))

@@ -137,6 +137,7 @@ def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", READERS)
 def test_a_spoilt_file_is_read_or_refused(name: str, texts: dict[str, str], tmp_path: Path) -> None:
     rng = random.Random(f"fuzz {name}")

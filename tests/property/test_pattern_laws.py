@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import combinations
 
+import pytest
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 from shapely.geometry import Polygon, box
@@ -77,6 +78,7 @@ def sound(pattern: Pattern) -> bool:
     return apart and covered and all(tape.contains(part) for part in (*rows, *cols, *pixels))
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(design=designs)
 def test_what_is_accepted_is_sound(design: SensorDesign) -> None:

@@ -22,6 +22,7 @@ fuzz = importlib.util.module_from_spec(specification)
 specification.loader.exec_module(fuzz)
 
 
+@pytest.mark.slow
 def test_two_thousand_damaged_recordings(tmp_path: Path) -> None:
     before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     ended = [
@@ -32,6 +33,7 @@ def test_two_thousand_damaged_recordings(tmp_path: Path) -> None:
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb < 100_000
 
 
+@pytest.mark.slow
 def test_what_is_recovered_of_damaged_recordings_is_whole(tmp_path: Path) -> None:
     recovered = tmp_path / "recovered.mcap"
     count = 0

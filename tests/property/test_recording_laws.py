@@ -25,6 +25,7 @@ EXPECTED = palpate.cut_holds(TIME_S, OHM)
 PER_SECOND = {"time_s": 1, "ms": 1000, "micros": 1_000_000}
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(
     clock=st.sampled_from(sorted(PER_SECOND)),
@@ -124,6 +125,7 @@ def damaged(chance: random.Random) -> bytes:
     return bytes(changed)
 
 
+@pytest.mark.slow
 def test_no_file_gives_anything_but_holds_or_one_line(tmp_path: Path) -> None:
     chance, refused = random.Random(20), []
     for number in range(2000):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -78,6 +79,7 @@ def test_nothing_positive_is_predicted_at_or_below_zero(
     assert (np.concatenate([estimate.value, estimate.low, estimate.high]) > 0).all()
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None)
 @given(
     st.integers(1, 40).flatmap(

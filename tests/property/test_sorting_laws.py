@@ -112,6 +112,7 @@ def evidence(draw: st.DrawFn) -> Evidence:
     )
 
 
+@pytest.mark.slow
 @given(st.lists(rules, min_size=1, max_size=4), evidence(), st.integers(1, 4))
 @settings(deadline=None, max_examples=200)
 def test_every_item_gets_a_bin_of_the_book_and_no_grasp_too_many(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import string
 from datetime import UTC, datetime, timedelta, timezone
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -97,6 +98,7 @@ verdicts = st.builds(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(item=items, grasp=grasps, verdict=verdicts)
 def test_a_record_survives_the_store(item: Item, grasp: Grasp, verdict: Verdict) -> None:

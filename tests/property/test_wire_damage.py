@@ -72,6 +72,7 @@ def _variants(frame: bytes, *, every: int, offset: int) -> list[bytes]:
     return (changed + inserted)[offset::every] + deleted
 
 
+@pytest.mark.slow
 def test_every_single_byte_change_deletion_and_insertion() -> None:
     frames = _sent(200 + 2 * AROUND)
     true = {_key(message) for message in Decoder().feed(b"".join(frames))}
@@ -113,6 +114,7 @@ def test_random_damage_in_a_long_stream(burst: int) -> None:
     assert 0 < counters.lost <= hits * (2 + burst // len(frames[0]))
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(st.data())
 def test_any_chunking_gives_the_same(data: st.DataObject) -> None:

@@ -57,6 +57,7 @@ def run_line(line: str) -> int:
     return 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", EXECUTED)
 def test_every_block_of_the_page_runs(
     page: str,

@@ -23,6 +23,7 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
     return run_example
 
 
+@pytest.mark.slow
 def test_own_gripper_grasps_and_measures(run: Any, capsys: pytest.CaptureFixture[str]) -> None:
     run("own_gripper.py")
     said = capsys.readouterr().out
@@ -43,6 +44,7 @@ def test_own_gripper_is_open_after_its_grasp(run: Any) -> None:
     assert rig.gripper.state().width_mm == pytest.approx(rig.gripper.limits.highest, abs=0.5)
 
 
+@pytest.mark.slow
 def test_offline_analysis_prints_settled_values_and_scores_and_draws(
     run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -72,6 +74,7 @@ def test_offline_analysis_takes_a_recording_of_ones_own(
     assert "simulated" not in said
 
 
+@pytest.mark.slow
 def test_understand_prediction_draws_its_four_pictures(
     run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -82,6 +85,7 @@ def test_understand_prediction_draws_its_four_pictures(
     assert float(errors["relaxation"]) < float(errors["exponential"]) < float(errors["recorded"])
 
 
+@pytest.mark.slow
 def test_pick_and_place_shows_newtons_on_the_way_and_places(
     run: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -94,6 +98,7 @@ def test_pick_and_place_shows_newtons_on_the_way_and_places(
     assert lines[-1] == "held (simulated)"
 
 
+@pytest.mark.slow
 def test_learn_from_grasps_trains_a_policy_that_the_cap_keeps_gentle(
     run: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -96,6 +96,7 @@ def test_each_schema_has_a_command_that_it_is_tested_on() -> None:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "command"), COMMANDS)
 def test_the_output_is_as_the_schema_has_it(
     name: str,

@@ -82,6 +82,7 @@ def test_help_of_the_grasp_verb_loads_nothing_that_a_grasp_needs() -> None:
     assert done.stdout.strip() == "set()"
 
 
+@pytest.mark.slow
 def test_running_a_grasp_loads_no_distributions() -> None:
     """`scipy.stats` takes longer to load than a grasp takes to plan."""
     program = (

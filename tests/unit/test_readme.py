@@ -24,6 +24,7 @@ PATHS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", PATHS, ids=["recordings", "board", "fruit"])
 def test_each_path_works_as_typed_in_an_empty_folder(
     path: str,
@@ -44,6 +45,7 @@ def test_each_path_works_as_typed_in_an_empty_folder(
     assert "Traceback" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_make_demo_ends_with_numbers_and_a_picture(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -28,6 +28,8 @@ from palpate.rig import open_rig
 from palpate.rig.recorded import record_grasp
 from palpate_lerobot.episode import read_grasp
 
+pytestmark = pytest.mark.slow
+
 TARGET_N = 2.0
 DATA, EPISODES = "data/chunk-000/file-000.parquet", "meta/episodes/chunk-000/file-000.parquet"
 

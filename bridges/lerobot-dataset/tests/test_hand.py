@@ -16,6 +16,8 @@ from palpate.rig import Rig, open_rig
 from palpate.sensor.array import Frame
 from palpate_lerobot.hand import PolicyHand, learned_limit_n
 
+pytestmark = pytest.mark.slow
+
 CLOSED = {"width_mm": 5.0, "rate_mm_per_s": 60.0}
 OPEN = {"width_mm": 74.0, "rate_mm_per_s": 60.0}
 

@@ -8,6 +8,7 @@ import pytest
 from tests.unit.test_docs_commands import test_every_block_of_the_page_runs as run_page
 
 
+@pytest.mark.slow
 def test_the_page_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

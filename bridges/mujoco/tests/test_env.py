@@ -84,6 +84,7 @@ def run_with(gl: str, *lines: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_library("EGL") is None, reason="libEGL is not installed")
 def test_gymnasiums_own_check_passes_with_pictures_too() -> None:
     done = run_with(

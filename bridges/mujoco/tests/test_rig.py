@@ -24,6 +24,8 @@ from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject, draw_object
 from palpate_mujoco import MujocoWorld
 
+pytestmark = pytest.mark.slow
+
 SEED = 3
 
 

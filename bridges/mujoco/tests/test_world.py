@@ -51,6 +51,7 @@ def test_contacts_give_way_little_whatever_they_touch(name: str) -> None:
     assert 0.0 < both_sides_mm / force_n < 0.04
 
 
+@pytest.mark.slow
 def test_a_fruit_relaxes_and_a_spring_does_not() -> None:
     spring, fruit = squeezed("springs-4"), squeezed("tomato")
     for world, least, most in ((spring, 0.99, 1.001), (fruit, 0.6, 0.97)):
@@ -119,6 +120,7 @@ def test_asking_for_the_truth_changes_nothing() -> None:
     assert asked.scan(asked.now_s()).tolist() == left.scan(left.now_s()).tolist()
 
 
+@pytest.mark.slow
 def test_truth_is_what_the_hold_comes_to() -> None:
     world = squeezed("tomato", wait_s=0.0)
     foreseen = world.truth()
@@ -133,6 +135,7 @@ def test_truth_is_what_the_hold_comes_to() -> None:
     assert world.truth().force_n == foreseen.force_n
 
 
+@pytest.mark.slow
 def test_a_berry_that_is_crushed_is_damaged() -> None:
     for by_mm, damaged in ((15.0, True), (2.0, False)):
         world = squeezed("strawberry", by_mm=by_mm)

@@ -12,6 +12,8 @@ from palpate.cli import build_app, run
 from palpate.produce.records import About, Item, Source
 from palpate.produce.store import Store
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def filled(packhouse: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -53,6 +53,7 @@ def test_force_file_holds_everything(made: Path) -> None:
     assert found.force_law["residual_sd"] > 0
 
 
+@pytest.mark.slow
 def test_force_names_its_plot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plot = tmp_path / "pad.png"
     assert call("force", "--out", str(tmp_path / "pad.json"), "--plot", str(plot)) == 0
@@ -146,6 +147,7 @@ def test_bad_loads_leave_the_old_calibration(
     assert path.read_bytes() == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", ["rest", "force", "compliance"])
 def test_a_place_that_can_not_be_written_to_is_refused_before_the_work(
     step: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -177,6 +179,7 @@ def test_nobody_lays_weights_on_a_simulated_rig(
     assert "simulated" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_settling_takes_long_holds_only(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

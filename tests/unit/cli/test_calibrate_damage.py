@@ -22,6 +22,7 @@ def damage_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_damage_file(tmp_path_factory.mktemp("damage"), melons=20)
 
 
+@pytest.mark.slow
 def test_real_fruit_is_learned_and_its_copy_left_out(
     real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -101,6 +102,7 @@ def test_a_folder_that_is_not_there_is_named(
     assert message.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_the_limit_keeps_a_kiwi_whole_that_its_target_would_damage(
     damage_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -123,6 +125,7 @@ def test_the_limit_keeps_a_kiwi_whole_that_its_target_would_damage(
     assert told["truth"]["peak_force_n"] < 0.7 * without["truth"]["peak_force_n"]
 
 
+@pytest.mark.slow
 def test_its_recording_is_decided_again_with_the_limit(
     damage_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -137,6 +140,7 @@ def test_its_recording_is_decided_again_with_the_limit(
         assert again[name] == live[name]
 
 
+@pytest.mark.slow
 def test_the_card_says_what_the_limit_did(
     damage_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -146,6 +150,7 @@ def test_the_card_says_what_the_limit_did(
     assert "(unknown kind, 60 closings)" in card
 
 
+@pytest.mark.slow
 def test_a_kind_that_bears_more_is_given_a_higher_limit(
     damage_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

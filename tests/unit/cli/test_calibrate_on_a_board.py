@@ -124,6 +124,7 @@ def test_a_weight_that_lies_elsewhere_is_noticed(
     assert "moved by 0 counts only" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_compliance_on_a_board_with_two_cells(
     bench: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

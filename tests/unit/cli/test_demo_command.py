@@ -16,6 +16,7 @@ def palpate(*arguments: str) -> int:
     return run(build_app(), list(arguments), name="palpate")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["recordings", "packhouse"])
 def test_what_it_proposes_works_as_typed(
     name: str,
@@ -55,6 +56,7 @@ def test_demo_packhouse_measures_every_fruit_on_the_twin(packhouse: Path) -> Non
     assert all(grasp.pixel_settled_percent is not None for grasp in grasps)
 
 
+@pytest.mark.slow
 def test_recordings_are_labelled_simulated(tmp_path: Path) -> None:
     assert palpate("demo", "recordings", "--out", str(tmp_path)) == 0
     tables = sorted(tmp_path.glob("*.csv"))

@@ -96,6 +96,7 @@ def flash(*arguments: object) -> int:
     return run(build_app(), ["flash", *map(str, arguments)], name="palpate")
 
 
+@pytest.mark.slow
 def test_writes_and_asks_the_board(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

@@ -11,6 +11,8 @@ import pytest
 from palpate.cli import build_app, run
 from palpate.recording import load_recording
 
+pytestmark = pytest.mark.slow
+
 
 def grasp(*arguments: str) -> int:
     return run(build_app(), ["grasp", *arguments], name="palpate")

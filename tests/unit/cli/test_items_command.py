@@ -71,6 +71,7 @@ def filled() -> None:
         )
 
 
+@pytest.mark.slow
 def test_a_grasp_of_an_item_is_kept_with_its_calibration(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -89,6 +90,7 @@ def test_a_grasp_of_an_item_is_kept_with_its_calibration(
         assert (None if measured is None else measured.to_dict()) == number
 
 
+@pytest.mark.slow
 def test_grasp_with_shared_store_away_is_kept_in_the_local_file(
     capsys: pytest.CaptureFixture[str], folder: Path
 ) -> None:
@@ -123,6 +125,7 @@ def test_item_has_its_place_on_the_firmness_scale_of_its_kind(
     assert ("firmer than 75 % of 8 of its kind" in capsys.readouterr().out) == (rank is not None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", [(), ("--json",)])
 def test_the_result_is_on_the_screen_before_the_store_is_asked(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, form: tuple[str, ...]
@@ -138,6 +141,7 @@ def test_the_result_is_on_the_screen_before_the_store_is_asked(
     assert "SIMULATED" in shown[0].upper()
 
 
+@pytest.mark.slow
 def test_grasp_that_the_local_store_refuses_exits_with_3(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, folder: Path
 ) -> None:

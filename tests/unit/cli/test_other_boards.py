@@ -72,6 +72,7 @@ def desk(
     _BOARDS.clear()
 
 
+@pytest.mark.slow
 def test_a_board_of_another_maker_reaches_newtons(
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -114,6 +115,7 @@ def test_a_board_of_another_maker_reaches_newtons(
     assert abs(mean["error_percent"]) < 15.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "is_there", "status", "words"),
     [

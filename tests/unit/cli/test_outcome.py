@@ -37,6 +37,7 @@ def test_usage_errors_are_sentences(wrong: str, capsys: pytest.CaptureFixture[st
     assert (". Try `palpate --help`." in said) or ("? Try `palpate --help`." in said)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
 def test_output_in_a_poor_encoding_has_question_marks(encoding: str) -> None:
     done = subprocess.run(
@@ -121,6 +122,7 @@ def test_ctrl_c_at_a_question_is_a_stop(
     assert "palpate: stopped" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_narrow_terminal_shows_every_number() -> None:
     done = subprocess.run(
         [*SCRIPT, *CARD],

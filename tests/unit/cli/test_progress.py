@@ -46,6 +46,7 @@ def on_a_terminal(arguments: list[str], *, folder: Path) -> tuple[str, bytes]:
     return out, shown
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("more", "bar"), [([], True), (["--quiet"], False), (["--json"], False)], ids=str
 )

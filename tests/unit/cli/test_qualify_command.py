@@ -56,6 +56,7 @@ def test_qualify_json_holds_every_figure(
     assert figure["low"] < figure["value"] < figure["high"] < 1.0
 
 
+@pytest.mark.slow
 def test_qualify_report_is_written_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, page = write_readings(tmp_path / "readings.csv"), tmp_path / "page.html"
     assert qualify(str(file), "--limit", "13", "--report", str(page)) == 0

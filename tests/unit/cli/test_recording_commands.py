@@ -208,6 +208,7 @@ def test_record_needs_its_port(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert not (tmp_path / "new.mcap").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -239,6 +240,7 @@ def test_record_from_a_rig_file_without_a_gripper(
     assert f"no port {port}" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_rig_s_recording_with_the_file_whole(tmp_path: Path) -> None:
     path = tmp_path / "new.mcap"
     command = [sys.executable, "-c", "from palpate.cli import main; main()", "record", str(path)]

@@ -13,6 +13,8 @@ from tests.unit.recording.test_recording_files import file_limit
 from palpate.cli import build_app, run
 from palpate.recording import FileState, RecordingReader
 
+pytestmark = pytest.mark.slow
+
 MAIN = "from palpate.cli import main; main()"
 
 

@@ -181,6 +181,7 @@ def test_a_day_holds_what_was_felt_that_day_alone() -> None:
     checked(page)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("store")
 def test_both_lights_and_paper_are_thought_of() -> None:
     page = report("i0")

@@ -23,6 +23,7 @@ def grasp(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str
     return status, shown.out, shown.err
 
 
+@pytest.mark.slow
 def test_simulation_that_nobody_asked_for_is_labelled(capsys: pytest.CaptureFixture[str]) -> None:
     _, out, err = grasp(capsys)
     assert "SIMULATED" in out

@@ -36,6 +36,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_batch_is_judged_item_by_item(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert palpate("--batch", "Monday", "--store", str(made), "--reference", "ball", "--json") == 0
     items = json.loads(capsys.readouterr().out)["items"]
@@ -56,6 +57,7 @@ def test_a_batch_is_judged_item_by_item(made: Path, capsys: pytest.CaptureFixtur
     assert {"hard", "overripe"} <= {item["stage"] for item in items}
 
 
+@pytest.mark.slow
 def test_ripeness_below_the_confidence_names_the_items(
     made: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -69,6 +71,7 @@ def test_ripeness_below_the_confidence_names_the_items(
     assert f"below 90 % probability: {', '.join(named)}; more grasps on the same day" in said
 
 
+@pytest.mark.slow
 def test_one_item_is_explained_drawn_and_remembered(
     made: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -83,6 +86,7 @@ def test_one_item_is_explained_drawn_and_remembered(
     assert kept[-1].text in said
 
 
+@pytest.mark.slow
 def test_drift_that_nobody_takes_out_makes_fruit_look_riper(
     made: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -124,6 +128,7 @@ def test_a_first_day_without_labels_is_an_assumption_and_not_kept(
         assert alone.verdicts_of("new") == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -147,6 +152,7 @@ def test_mistakes_are_one_line(
     assert "\n" not in shown
 
 
+@pytest.mark.slow
 def test_the_example_prints_its_batch_and_draws_it(
     made: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

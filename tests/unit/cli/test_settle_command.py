@@ -233,6 +233,7 @@ def test_out_never_writes_over_what_is_read(
     assert other.read_bytes() == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
 def test_plot_is_drawn(holds_csv: Path, tmp_path: Path, ending: str) -> None:
     plot = tmp_path / f"plot.{ending}"
@@ -251,6 +252,7 @@ def test_tables_for_people(holds_csv: Path, capsys: pytest.CaptureFixture[str]) 
         assert said in captured.out
 
 
+@pytest.mark.slow
 def test_values_are_shown_with_their_units(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -363,6 +365,7 @@ def test_a_folder_and_no_file_at_all(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_real_holds_give_finite_predictions(
     real_data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

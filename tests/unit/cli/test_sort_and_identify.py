@@ -264,6 +264,7 @@ def test_an_unknown_batch_says_so(palpate: Palpate, store: Path, rules: Path) ->
     assert "batch 'x' holds no item that was grasped" in err
 
 
+@pytest.mark.slow
 def test_a_simulated_crate_is_grasped_and_kept(palpate: Palpate, tmp_path: Path) -> None:
     path, store = tmp_path / "size.toml", tmp_path / "crate.sqlite"
     path.write_text(BY_SIZE)
@@ -285,6 +286,7 @@ def test_a_simulated_crate_is_grasped_and_kept(palpate: Palpate, tmp_path: Path)
             assert row["size_mm"]["low"] < row["size_mm"]["value"]
 
 
+@pytest.mark.slow
 def test_a_simulated_crate_learns_from_labelled_items_of_the_store(
     palpate: Palpate, store: Path, rules: Path
 ) -> None:
@@ -295,6 +297,7 @@ def test_a_simulated_crate_learns_from_labelled_items_of_the_store(
     assert re.search(r"crate-3-001 +strangers", out)
 
 
+@pytest.mark.slow
 def test_items_before_other_fingers_are_named_line_by_line(
     palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -311,6 +314,7 @@ def test_items_before_other_fingers_are_named_line_by_line(
         assert kept.grasps_of("A17")
 
 
+@pytest.mark.slow
 def test_a_damage_file_makes_the_hand_gentler_and_a_target_firmer(
     palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -344,6 +348,7 @@ def test_how_hard_to_press_needs_a_hand(palpate: Palpate, tmp_path: Path, rules:
     assert "force ceiling" in err
 
 
+@pytest.mark.slow
 def test_soft_fingers_can_not_decide_on_class_or_size(palpate: Palpate, tmp_path: Path) -> None:
     path = tmp_path / "size.toml"
     path.write_text(BY_SIZE)
@@ -354,6 +359,7 @@ def test_soft_fingers_can_not_decide_on_class_or_size(palpate: Palpate, tmp_path
     assert "line 4: asks for class or size, and fingers driven by pressure measure neither" in err
 
 
+@pytest.mark.slow
 def test_equipment_that_fails_ends_the_sorting_with_3(
     palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

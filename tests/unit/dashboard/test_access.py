@@ -248,6 +248,7 @@ def test_right_token_after_wrong_ones_from_its_address_waits_a_turn_and_is_let_i
     assert len(waits.waited_s) == 3, "nobody else waits"
 
 
+@pytest.mark.slow
 def test_guesses_without_pause_are_hardly_looked_at() -> None:
     waits = Waits()
     gate = gate_with(waits=waits)

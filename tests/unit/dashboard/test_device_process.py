@@ -122,6 +122,7 @@ def opened() -> Iterator[Page]:
         yield page
 
 
+@pytest.mark.slow
 def test_a_grasp_from_order_to_release_with_every_frame_recorded(
     opened: Page, tmp_path: Path
 ) -> None:
@@ -142,6 +143,7 @@ def test_a_grasp_from_order_to_release_with_every_frame_recorded(
     assert decided == sorted(decided)
 
 
+@pytest.mark.slow
 def test_a_grasp_keeps_to_the_damage_file_and_its_recording_has_it(
     opened: Page, tmp_path: Path
 ) -> None:
@@ -225,6 +227,7 @@ def test_no_order_outlives_a_stop(opened: Page, tmp_path: Path) -> None:
     assert not second.recording.exists()
 
 
+@pytest.mark.slow
 def test_what_fails_while_a_stop_is_on_its_way_has_failed(tmp_path: Path) -> None:
     stop_was_heard = threading.Event()
 
@@ -298,6 +301,7 @@ def test_rest_is_calibrated_into_the_file_and_used(opened: Page, tmp_path: Path)
     assert any(isinstance(note, FrameSource) for note in since), "the next order finds its link"
 
 
+@pytest.mark.slow
 def test_the_force_is_calibrated_on_the_simulated_cell(opened: Page, tmp_path: Path) -> None:
     ended = opened.done(CalibrateForce(file=tmp_path / "calibration.json"))
     assert isinstance(ended.found, Calibrated)
@@ -334,6 +338,7 @@ def test_the_doctor_finds_a_sound_twin_healthy(opened: Page) -> None:
     assert ended.found.pixels.rest_ohm.shape == (4, 2)
 
 
+@pytest.mark.slow
 def test_what_is_watched_is_recorded_without_a_gap(opened: Page, tmp_path: Path) -> None:
     file = tmp_path / "watched.mcap"
     opened.send(Record(file))
@@ -356,6 +361,7 @@ def test_a_recording_that_exists_is_refused_in_words(opened: Page, tmp_path: Pat
     assert taken.read_bytes() == b"something else"
 
 
+@pytest.mark.slow
 def test_a_replay_decides_again_and_stays_until_confirmed(opened: Page, tmp_path: Path) -> None:
     order = GraspOrder(target_force_n=None, recording=tmp_path / "grasp.mcap")
     opened.send(order)
@@ -387,6 +393,7 @@ def played_to(page: Page, wanted: Callable[[Playing], bool]) -> Playing:
     return found[0]
 
 
+@pytest.mark.slow
 def test_a_replay_is_paused_moved_and_known_as_a_whole(opened: Page, tmp_path: Path) -> None:
     order = GraspOrder(target_force_n=None, recording=tmp_path / "grasp.mcap")
     opened.send(order)

@@ -98,6 +98,7 @@ def test_the_page_of_an_item_shows_every_grasp_and_says_simulated(
     assert "<b>berry" not in page
 
 
+@pytest.mark.slow
 def test_item_without_a_stiffness_in_numbers_has_no_figure_of_it(
     recording: Path, tmp_path: Path
 ) -> None:
@@ -192,6 +193,7 @@ def test_a_store_that_cannot_be_used_gives_no_bin_and_the_reason(
     assert str(broken) in placed["why"]
 
 
+@pytest.mark.slow
 def test_ripening_is_drawn_for_an_item_whose_kind_was_labelled(tmp_path: Path) -> None:
     where = str(tmp_path / "items.sqlite")
     stages = ("hard", "conditioned", "ripe", "overripe")

@@ -123,6 +123,7 @@ def felt(low: float, value: float, high: float) -> Measurement:
     return Measurement(value=value, low=low, high=high, unit="n_per_mm", level=0.9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [0.01, 0.1])
 def test_bound_lets_no_more_objects_be_damaged_than_it_says(rate: float) -> None:
     """Fruit whose compliance is felt to 0.07 mm/N, about a fifth; the promise holds on average."""
@@ -147,6 +148,7 @@ def test_bound_falls_with_the_rate_and_with_what_is_not_known(model: DamageModel
     assert strict.bound_n(sharp, kind="plum") > 0
 
 
+@pytest.mark.slow
 def test_an_object_unlike_any_that_was_learned_from_is_taken_for_the_likest(
     model: DamageModel,
 ) -> None:

@@ -79,6 +79,7 @@ def test_a_schema_keeps_to_what_foxglove_reads(topic: str) -> None:
             assert field["items"]["type"] in KNOWN_TYPES
 
 
+@pytest.mark.slow
 def test_a_recording_has_numbers_where_the_layout_plots_them(tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     options = ["--rig", "sim-rigid", "--duration", "1"]

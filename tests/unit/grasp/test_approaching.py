@@ -49,6 +49,7 @@ def test_what_a_sheet_remembers_is_no_touch(plan: Plan, bench: Any) -> None:
     assert result.size_mm.low <= bench.size_mm <= result.size_mm.high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", ["lab", "field"])
 def test_slowing_down_before_an_expected_size_is_no_touch(level: str) -> None:
     """Resistances rise with the speed of the fingers, and fall as they slow down or by noise."""
@@ -75,6 +76,7 @@ def test_slowing_down_before_an_expected_size_is_no_touch(level: str) -> None:
     assert felt_s[True][0] <= felt_s[False][0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate_hz", [15.0, 250.0])
 def test_a_hand_that_expects_a_size_feels_again_before_the_object_can_be_there(
     rate_hz: float,

@@ -93,6 +93,7 @@ def test_block_pairs_are_of_the_drive(kind: Any) -> None:
     assert np.all(np.diff(block.force_n) > 0)
 
 
+@pytest.mark.slow
 def test_a_calibration_fits_its_own_kind_of_hand() -> None:
     rigid = calibrate_twin(seed=3, level="lab", apart_from="apple")
     with pytest.raises(CalibrationError, match="driven by pressure: its calibration needs 4"):

@@ -36,6 +36,7 @@ def rigid() -> Calibration:
     return calibrate_twin(seed=4, level="lab", apart_from="")
 
 
+@pytest.mark.slow
 def test_current_while_closing_is_a_line_in_force(rigid: Calibration) -> None:
     assert rigid.current is not None
     law = CurrentLaw.fit(rigid.current)
@@ -77,6 +78,7 @@ def test_plan_listens_to_the_current_where_it_was_calibrated(rigid: Calibration)
     assert plan_grasp(replace(rigid, current=None), gripper=gripper).current is None
 
 
+@pytest.mark.slow
 def test_two_blocks_tell_how_soft_fingers_close() -> None:
     made = calibrate_twin(seed=7, level="field", apart_from="", kind="soft")
     assert made.current is None

@@ -56,6 +56,7 @@ def test_the_sheets_own_creep_takes_its_place(plan: Plan) -> None:
     assert reading.high / reading.low < 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_forecast_of_the_change_follows_the_creep_that_the_calibration_knows(seed: int) -> None:
     """Simulated soft fingers, gently; the forecast by shapes alone was 15 to 30 % too deep."""

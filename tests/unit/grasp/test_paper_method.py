@@ -13,6 +13,8 @@ from palpate.errors import RecordingError
 from palpate.grasp.paper import Paper
 from palpate.twin.firmware import BUILD
 
+pytestmark = pytest.mark.slow
+
 Capture = pytest.CaptureFixture[str]
 
 

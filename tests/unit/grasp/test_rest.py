@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
@@ -92,6 +93,7 @@ def test_a_sheet_that_never_rests_is_read_by_the_old_values(plan: Plan, bench: A
     assert result.outcome is Outcome.HELD
 
 
+@pytest.mark.slow
 def test_field_sheet_in_other_weather_tells_the_size() -> None:
     """A hot day: the sheet reads a third less at rest than when it was calibrated."""
     calibration = calibrate_twin(seed=172, level="field", apart_from="strawberry")

@@ -163,6 +163,7 @@ def test_it_comes_back_in_safe_goes_and_less_far_than_it_stood(
     assert result.force_n.value == pytest.approx(4.0, rel=0.1)
 
 
+@pytest.mark.slow
 def test_soft_fingers_on_a_sheet_that_reads_too_little_press_as_their_pressure_shows() -> None:
     """A sensor of level field whose sheet alone read 2 N where there were 10."""
     seed = 710_148
@@ -182,6 +183,7 @@ def test_soft_fingers_on_a_sheet_that_reads_too_little_press_as_their_pressure_s
     assert world.truth().peak_force_n < 3.5
 
 
+@pytest.mark.slow
 def test_soft_fingers_whose_calibration_shows_no_compliance_measure_no_force() -> None:
     """Blocks that were read at nearly the same pressure at every force."""
     calibration = calibrate_twin(seed=7, level="lab", apart_from="tomato", kind="soft")

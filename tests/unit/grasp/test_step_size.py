@@ -87,6 +87,7 @@ def test_close_by_any_step_does_not_pass_the_bound_beyond_the_target(
     assert force_n + way * slope_n(estimate, aimed) < 1.5 * 2.0 + 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "seed", "kind", "rate_hz", "target_n"),
     [

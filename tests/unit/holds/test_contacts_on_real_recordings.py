@@ -55,6 +55,7 @@ def cut_presses(real_data: Path) -> tuple[int, int, np.ndarray]:
     return total, beside, np.array(errors)
 
 
+@pytest.mark.slow
 def test_real_presses_are_found_and_nothing_else(
     cut_presses: tuple[int, int, np.ndarray],
 ) -> None:
@@ -74,6 +75,7 @@ def test_real_holds_begin_with_the_plateau_of_force_and_end_with_it(
     assert np.quantile(np.abs(end_s), 0.95) < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "column"),
     [

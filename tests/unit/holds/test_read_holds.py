@@ -136,6 +136,7 @@ BAD_BYTES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "content", "said"), [(n, *b) for n, b in BAD_BYTES.items()], ids=BAD_BYTES.keys()
 )
@@ -242,6 +243,7 @@ def peak_memory(path: Path) -> int:
         tracemalloc.stop()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("one_hold", [False, True], ids=["many holds", "one endless hold"])
 def test_memory_does_not_grow_with_the_file(tmp_path: Path, one_hold: bool) -> None:
     peaks = []

@@ -130,6 +130,7 @@ def test_the_same_holds_whatever_the_form(
     assert [hold.rsplit(":", 1)[1] for hold in holds] == ["1", "2", "3"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "per_ohm", "unit"),
     [
@@ -371,6 +372,7 @@ def test_holds_begin_where_loading_ends_and_end_where_the_fingers_open() -> None
     assert open_s - 0.1 <= end_s <= open_s + 0.05
 
 
+@pytest.mark.slow
 def test_a_plot_shows_where_it_cut(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, plot = tmp_path / "r.csv", tmp_path / "cut.svg"
     path.write_text(FORMS["plain.csv"])
@@ -378,6 +380,7 @@ def test_a_plot_shows_where_it_cut(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "r.csv, resistance_ohm: 3 holds" in plot.read_text()
 
 
+@pytest.mark.slow
 def test_every_touch_of_the_demo_recordings_is_found(tmp_path: Path) -> None:
     for path, columns in zip(write_recordings(tmp_path), (1, 1, 2), strict=True):
         assert len(palpate.cut_holds(palpate.read_recording(path))) == 4 * columns
@@ -417,6 +420,7 @@ def test_workbook_that_states_a_wrong_size_is_read_whole(tmp_path: Path, stated:
     assert found.time_s.size == TIME_S.size
 
 
+@pytest.mark.slow
 def test_what_excel_needs_is_named_where_it_is_missing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -45,11 +45,13 @@ def document(**measurements: Measurement) -> dict[str, Any]:
     return epcis_document(history, created_at=AT)
 
 
+@pytest.mark.slow
 def test_epcis_document_is_read_by_others_as_it_was_written() -> None:
     written = document(size_mm=SIZE, force_n=FORCE)
     assert read_epcis(written) == written["epcisBody"]["eventList"]
 
 
+@pytest.mark.slow
 def test_epcis_document_with_a_wrong_field_is_refused_by_others() -> None:
     written = document(size_mm=SIZE)
     written["epcisBody"]["eventList"][0]["action"] = "SQUEEZE"

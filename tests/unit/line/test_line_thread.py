@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
+import pytest
 from asyncua import Client
 from pymodbus.client import AsyncModbusTcpClient
 from tests.loop.test_line import OpcUa, free_port, registers
@@ -18,6 +19,7 @@ from palpate.dashboard.transport import LoopThread
 from palpate.line import modbus
 
 
+@pytest.mark.slow
 def test_controllers_are_answered_while_the_pages_are_busy(tmp_path: Path) -> None:
     opcua_port, modbus_port = free_port(), free_port()
     app = SimpleNamespace(router=SimpleNamespace(on_startup=[], on_shutdown=[]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -19,6 +20,7 @@ def empty(store: Store) -> list[str]:
     return found
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(sizes=st.lists(st.integers(0, 5), max_size=12), most=st.integers(1, 6))
 def test_outbox_keeps_the_newest_in_order_and_counts_the_others(

@@ -24,6 +24,7 @@ def written(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_text_in_svg_is_text_with_one_kind_of_minus(written: Path) -> None:
     text = (written / "plot.svg").read_text()
     assert "change of resistance, %" in text
@@ -32,12 +33,14 @@ def test_text_in_svg_is_text_with_one_kind_of_minus(written: Path) -> None:
     assert not [label for label in labels if re.match(r"-\d", label)]
 
 
+@pytest.mark.slow
 def test_fonts_in_pdf_can_be_edited(written: Path) -> None:
     document = (written / "plot.pdf").read_bytes()
     assert b"/FontType 42" in document or b"/Type0" in document
     assert b"/Type3" not in document
 
 
+@pytest.mark.slow
 def test_an_axis_within_one_decade_has_numbers(written: Path) -> None:
     labels = re.findall(r"<text[^>]*>([^<]*)</text>", (written / "plot.svg").read_text())
     assert {"1", "2", "5"} <= set(labels)

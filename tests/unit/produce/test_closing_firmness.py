@@ -27,6 +27,8 @@ from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 
+pytestmark = pytest.mark.slow
+
 GIVE = Compliance(
     slope_mm_per_n=0.2, pad_mm=(0.0,) * 5, zero_mm=0.3, residual_mm=0.02, largest_force_n=15.0
 )

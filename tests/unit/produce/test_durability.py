@@ -88,6 +88,7 @@ def test_the_database_waits_for_the_disk(tmp_path: Path) -> None:
     assert asked == {"synchronous": 2, "journal_mode": "wal", "foreign_keys": 1}
 
 
+@pytest.mark.slow
 def test_a_frozen_server_loses_no_grasp_and_hangs_nobody(
     postgresql_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

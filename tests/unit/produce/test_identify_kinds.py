@@ -44,6 +44,7 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(4)
 
 
+@pytest.mark.slow
 def test_identify_known_kinds_named_and_seldom_rejected(rng: np.random.Generator) -> None:
     known = Identifier(labelled(rng))
     found = [(kind, known.identify(grasps(rng, kind))) for kind in KINDS for _ in range(100)]
@@ -114,6 +115,7 @@ def test_learner_each_method_names_items_not_seen(rng: np.random.Generator, meth
     assert known.probabilities(unseen).sum(axis=1) == pytest.approx(np.ones(len(unseen)))
 
 
+@pytest.mark.slow
 def test_learner_rows_of_an_item_stay_on_one_side(rng: np.random.Generator) -> None:
     # Labels that only the item's name explains: rows of one item are twins, items are noise.
     names = [str(number) for number in range(40)]

@@ -44,6 +44,7 @@ def test_measure_many_items_finds_what_was_put_in() -> None:
     )
 
 
+@pytest.mark.slow
 def test_agreement_intervals_cover_the_ceiling_as_often_as_they_say() -> None:
     ceiling = BETWEEN**2 / (BETWEEN**2 + REFERENCE_SD**2)
     found = [
@@ -62,6 +63,7 @@ def test_agreement_without_a_second_reading_does_not_know_the_ceiling() -> None:
     assert found.figures["r_squared"].value > 0.5
 
 
+@pytest.mark.slow
 def test_effort_counts_readings_time_and_items() -> None:
     demand = Demand(tolerance=1.0)
     found = agreement_of(made_readings(4000, seed=3), demand)
@@ -87,6 +89,7 @@ def test_effort_of_unrelated_readings_has_no_number_of_grasps() -> None:
     assert effort.items_per_hour is None
 
 
+@pytest.mark.slow
 def test_confusion_counts_every_pair_once() -> None:
     readings = made_readings(50, seed=5)
     found = agreement_of(readings, Demand(tolerance=1.0, limits=(9.0, 11.0)))

@@ -147,6 +147,7 @@ def test_mornings_that_begin_earlier_are_days_of_their_own() -> None:
     assert [day.grasps for day in days] == [2, 2, 1]
 
 
+@pytest.mark.slow
 def test_courses_are_learned_from_items_that_softened(rule: RipenessRule) -> None:
     assert rule.course.hard == pytest.approx(HARD, abs=0.15)
     assert rule.course.soft == pytest.approx(SOFT, abs=0.15)
@@ -439,6 +440,7 @@ def store() -> Store:
     return kept
 
 
+@pytest.mark.slow
 def test_the_store_teaches_and_remembers(store: Store) -> None:
     learned = learn_rule(store, kind="avocado", drive="width", stages=STAGES)
     history = history_of(store.grasps_of("A17"), item_id="A17", drive="width")

@@ -26,6 +26,8 @@ from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.world import World
 from palpate_studies.twin_avocado import draw_avocado
 
+pytestmark = pytest.mark.slow
+
 BEND = SoftFingerCompliance(
     mm_per_kpa=1.4,
     give=Compliance(

@@ -54,6 +54,7 @@ def waiting(store: Store) -> int:
     return int(found)
 
 
+@pytest.mark.slow
 def test_history_has_the_grasps_of_every_station(
     postgresql_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -110,6 +111,7 @@ def test_item_set_here_leaves_the_columns_set_elsewhere(
         assert one.item("A17") == expected
 
 
+@pytest.mark.slow
 def test_records_sent_twice_are_in_the_shared_store_once(
     postgresql_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -155,6 +157,7 @@ def server() -> Iterator[PostgresqlProcess]:
             yield running
 
 
+@pytest.mark.slow
 def test_server_stopped_and_started_loses_nothing_and_keeps_the_order(
     server: PostgresqlProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -66,6 +66,7 @@ def hand(table: CrateTable) -> SortingHand:
     )
 
 
+@pytest.mark.slow
 def test_it_measures_and_takes_a_known_size_into_account(
     table: CrateTable, hand: SortingHand
 ) -> None:

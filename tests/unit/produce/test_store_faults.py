@@ -249,6 +249,7 @@ def test_the_default_is_the_variable_then_a_file_here(
     assert (tmp_path / "palpate-items.sqlite").exists()
 
 
+@pytest.mark.slow
 def test_a_server_that_refuses_or_lacks_the_database(postgresql_server: str) -> None:
     url = f"postgresql://postgres@/{{}}?host={postgresql_server}"
     with pytest.raises(StoreError, match="no such database on the server") as refused:

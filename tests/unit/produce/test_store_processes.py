@@ -14,6 +14,8 @@ import pytest
 
 from palpate.produce.store import Store
 
+pytestmark = pytest.mark.slow
+
 WRITER = Path(__file__).with_name("store_writer.py")
 KILLS = 20
 WRITERS, GRASPS = 10, 10

@@ -61,6 +61,7 @@ def test_the_title_says_simulated_unless_it_was_hardware(recording):
     assert title(real) == "run (hardware)"
 
 
+@pytest.mark.slow
 def test_a_silence_after_the_last_frame_is_in_the_picture(recording, tmp_path):
     silent = Event(time_s=float(recording.time_s[-1]) + 30.0, name="silent")
     cut = dataclasses.replace(recording, events=(silent,))

@@ -184,6 +184,7 @@ def test_a_damaged_chunk_costs_only_itself(recorded: Path, messages: list[Record
     assert strict_count(recorded) == len(read)
 
 
+@pytest.mark.slow
 def test_a_killed_process_loses_less_than_a_second(tmp_path: Path) -> None:
     rng = np.random.default_rng(20)
     paths = [tmp_path / f"{k}.mcap" for k in range(20)]

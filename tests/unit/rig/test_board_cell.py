@@ -73,6 +73,7 @@ def desk() -> Iterator[Desk]:
     desk.board.unplug()
 
 
+@pytest.mark.slow
 def test_forces_are_the_mean_of_two_cells_above_their_zeros(desk: Desk) -> None:
     cell = desk.cell(1e-5, -2e-5)
     desk.board.raw = [40_000, -9_000]

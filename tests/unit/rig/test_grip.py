@@ -14,6 +14,8 @@ from palpate.recording import load_recording
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.world import World
 
+pytestmark = pytest.mark.slow
+
 
 def open_tomato() -> palpate.Rig:
     return palpate.open_rig("sim-rigid", object_name="tomato", seed=4)

@@ -6,11 +6,15 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from palpate.grasp.estimator import Observation
 from palpate.grasp.planning import plan_grasp
 from palpate.recording import load_recording
 from palpate.rig import open_rig
 from palpate.rig.recorded import firmware_version, record_grasp, recording_info
+
+pytestmark = pytest.mark.slow
 
 
 def test_a_simulated_rig_gives_its_seed_and_no_time_of_day() -> None:

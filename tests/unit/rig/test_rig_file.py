@@ -63,6 +63,7 @@ colour = 'red'
 """
 
 
+@pytest.mark.slow
 def test_devices_by_module_and_function(bench: SimpleNamespace, tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(BENCH)
@@ -75,6 +76,7 @@ def test_devices_by_module_and_function(bench: SimpleNamespace, tmp_path: Path) 
         open_rig(str(path))
 
 
+@pytest.mark.slow
 def test_use_with_a_calibration_takes_it_in_place_of_the_rigs_own(tmp_path: Path) -> None:
     other = open_rig("sim-rigid", object_name="tomato", seed=6).calibration
     other.save(tmp_path / "pad.json")
@@ -88,6 +90,7 @@ def test_use_with_a_calibration_takes_it_in_place_of_the_rigs_own(tmp_path: Path
         open_rig(str(path))
 
 
+@pytest.mark.slow
 def test_a_calibration_of_another_wiring_is_refused(bench: SimpleNamespace, tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(
@@ -100,6 +103,7 @@ def test_a_calibration_of_another_wiring_is_refused(bench: SimpleNamespace, tmp_
     assert bench.closed == ["hand", "array"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stated", "message"),
     [

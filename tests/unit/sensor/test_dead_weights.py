@@ -78,6 +78,7 @@ def test_weights_are_read_when_settled() -> None:
     assert found.pairs.excess[3] > found.pairs.excess[2] > found.pairs.excess[1]
 
 
+@pytest.mark.slow
 def test_loads_that_never_settle_are_refused() -> None:
     bench = Bench()
 

@@ -300,6 +300,7 @@ def test_a_silent_board_is_not_pinged(bench: Bench) -> None:
     assert array.read(timeout_s=1.0).sequence > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drift_ppm", [-4000.0, 0.0, 50.0, 4000.0])
 def test_device_time_is_followed_with_its_drift(bench: Bench, drift_ppm: float) -> None:
     array = connect(bench, bench.board(drift_ppm=drift_ppm))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from palpate.holds import Hold
 from palpate.settling.baselines import Recorded
@@ -24,6 +25,7 @@ def holds(count: int, *, seed: int, scale: float = 1.0) -> list[Hold]:
     return found
 
 
+@pytest.mark.slow
 def test_intervals_cover_new_holds_at_their_level() -> None:
     values = np.stack([hold.values for hold in holds(400, seed=2)])
     settled = values[:, (TIME_S >= 19.5) & (TIME_S <= 20)].mean(axis=1)

@@ -164,6 +164,7 @@ def score(file: Path, *, cutoff_s: float) -> Array:
     return np.array(rows, dtype=np.float64)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cutoff_s", "median_percent", "p90_percent", "half_width_percent"),
     [(1.0, 2.4, 7.0, 9.0), (2.5, 1.3, 4.2, 5.0), (5.0, 0.85, 3.2, 3.2)],
@@ -182,18 +183,21 @@ def test_real_silicone_holds(
     assert covered.mean() >= 0.87
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("cutoff_s", "median_percent"), [(1.0, 6.0), (2.5, 5.0), (5.0, 4.0)])
 def test_real_velostat_holds(real_data: Path, cutoff_s: float, median_percent: float) -> None:
     error, _, _ = score(real_data / "holds_velostat.csv.gz", cutoff_s=cutoff_s).T
     assert np.median(error) < median_percent
 
 
+@pytest.mark.slow
 def test_from_two_seconds_on_no_real_hold_is_half_its_value_off(real_data: Path) -> None:
     for name in ("holds_cbsilicone.csv.gz", "holds_velostat.csv.gz"):
         for cutoff_s in (2.0, 3.0, 7.0, 15.0):
             assert score(real_data / name, cutoff_s=cutoff_s)[:, 0].max() < 50.0
 
 
+@pytest.mark.slow
 def test_calibration_on_other_specimens_covers_and_narrows(real_data: Path) -> None:
     holds = list(read_holds(real_data / "holds_cbsilicone.csv.gz"))
     others = [h for h in holds if h.hold_id.startswith("1_10_E")]

@@ -59,6 +59,7 @@ def test_between_fingers_that_keep_their_force_it_creeps(at_s: float) -> None:
     assert squeeze.elastic_n == pytest.approx(2.0 * crept, rel=3e-3)
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(share=st.floats(0.0, 0.5), closure=st.floats(0.1, 4.0), give=st.floats(0.0, 5.0))
 def test_the_longer_it_is_held_the_less_force_is_left(
