@@ -223,9 +223,8 @@ def as_table(claims: Sequence[Claim]) -> str:
     rows = [
         (
             one.claim + (f" ({one.note})" if one.note else ""),
-            f"`{one.code.rpartition(':')[2]}`, `{one.study}`",
-            one.count,
-            one.held,
+            f"`{one.study}`",
+            f"{one.count}; {one.held}",
             one.ours,
             f"{one.rival} ({one.rival_name})",
             one.difference or "not paired",
@@ -234,7 +233,7 @@ def as_table(claims: Sequence[Claim]) -> str:
         )
         for one in claims
     ]
-    head = ("claim", "code, study", "n", "held out by", "palpate", "strongest baseline")
+    head = ("claim", "study", "n; held out by", "palpate", "strongest baseline")
     return _markdown((*head, "difference (90 %)", "better", "second generator"), rows)
 
 
