@@ -121,7 +121,12 @@ def _keys(opener: Callable[..., object], *described: Callable[..., object], **ot
     return _table(
         ("key", "value", "default", "meaning"),
         (
-            (f"`{name}`", in_words(hints[name]), _default(one.default), meanings[name])
+            (
+                f"`{name}`",
+                in_words(hints[name]).removeprefix("a ").removeprefix("one of "),
+                _default(one.default),
+                meanings[name],
+            )
             for name, one in parameters.items()
             # Not from the file: the open array is handed over.
             if name != "array"
