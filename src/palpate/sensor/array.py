@@ -1,4 +1,4 @@
-"""A frame of pixel readings, the layout that gives it meaning, and what a sensor must offer."""
+"""Frames of pixel readings, their layout, and the interface of a sensor."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class ArrayLayout:
         return np.repeat(on_finger[:, None], self.cols, axis=1)
 
     def difference(self, other: ArrayLayout) -> str:
-        """Return in words what this layout has otherwise than `other`; empty where they read alike.
+        """Describe how this layout differs from `other`; empty if both give the same readings.
 
         Names don't count.
 
@@ -149,7 +149,7 @@ class Frame:
 
 
 def wrong_counts(frame: Frame, *, layout: ArrayLayout) -> str | None:
-    """Return what is impossible in a frame by its layout and converter; None if nothing is.
+    """Describe a reading that layout and converter cannot give; None if all are possible.
 
     >>> frame = Frame(time_s=0.0, sequence=0, counts=np.full((4, 2), 1024))
     >>> wrong_counts(frame, layout=RIGID_LAYOUT)
@@ -174,7 +174,7 @@ def wrong_counts(frame: Frame, *, layout: ArrayLayout) -> str | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkCounters:
-    """What happened on the link to a board so far."""
+    """Frames, losses and errors counted on the link to a board."""
 
     #: Frames received.
     frames: int = 0
@@ -192,7 +192,7 @@ class LinkCounters:
     drift_ppm: float | None = None
 
     def since(self, before: LinkCounters) -> LinkCounters:
-        """Return what was counted after `before`; the drift is the present one."""
+        """Return the counts since `before`, with the present drift."""
         counted = {
             f.name: getattr(self, f.name) - getattr(before, f.name)
             for f in fields(self)
@@ -222,11 +222,11 @@ class PressureArray(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of the source; calling it again does nothing."""
+        """Release the source; calling it again does nothing."""
         ...
 
 
 def link_counters(array: PressureArray) -> LinkCounters | None:
-    """Return what happened on the link of an array; None where it has no link."""
+    """Return the counters of an array's link; None for an array without one."""
     counters = getattr(array, "counters", None)
     return counters if isinstance(counters, LinkCounters) else None

@@ -1,4 +1,4 @@
-"""A board's pressure array by the words of a user: port, layout, resistor, rate.
+"""A board's pressure array, opened by port, layout, resistor and rate.
 
 `open_board` is what a rig file names for its `[array]`.
 """
@@ -115,7 +115,7 @@ def _wiring(layout: ArrayLayout, wiring: dict[str, Any]) -> ArrayLayout:
 
 
 def check_rate(rate_hz: float) -> None:
-    """Refuse a number that no board could take for a rate.
+    """Refuse a frame rate that is not positive and finite.
 
     Raises `InputError` if it is not above 0, or without end.
     """

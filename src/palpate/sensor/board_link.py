@@ -73,11 +73,11 @@ class BoardLink:
         self._next_command()
 
     def listen(self) -> None:
-        """Send nothing until the board is heard, or `RESTART_S` have passed: it may be starting."""
+        """Send nothing until the board sends, or for `RESTART_S`: it may be starting."""
         self._listen_until_s = self._clock.now_s() + RESTART_S
 
     def poll(self) -> list[FrameMessage]:
-        """Take what has come, send what is due; return the frames, if all commands are answered.
+        """Receive bytes, send due commands; return frames once all commands are answered.
 
         Raises `DeviceError` if the port is gone, or the board refuses a command or does not answer.
         """
@@ -174,7 +174,7 @@ class BoardLink:
 
 
 def least_delay_s(identity: BoardIdentity, *, pixels: int, oversampling: int) -> float:
-    """Return the time from the start of a scan to its last byte, as the board's identity gives it.
+    """Return the time from the start of a scan to its last byte.
 
     `identity`: conversion and settle times, and the speed of the link.
     """

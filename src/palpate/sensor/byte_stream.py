@@ -1,4 +1,4 @@
-"""A serial port as plain bytes, and what can be wrong with opening one."""
+"""A serial port as plain bytes, and the errors of opening one."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class ByteStream(Protocol):
         ...
 
     def read_waiting(self) -> bytes:
-        """Return all bytes that have come, without waiting; none is b"".
+        """Return all received bytes without waiting; b"" if there are none.
 
         Raises `DeviceError` if the port is gone.
         """
@@ -38,7 +38,7 @@ class ByteStream(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of the port; calling it again does nothing."""
+        """Release the port; calling it again does nothing."""
         ...
 
 
@@ -59,7 +59,7 @@ class SerialStream:
             raise _why_not(port, error) from error
 
     def read_waiting(self) -> bytes:
-        """Return all bytes that have come, without waiting."""
+        """Return all received bytes without waiting."""
         try:
             return bytes(self._serial.read(_READ_BYTES))
         except (serial.SerialException, OSError) as error:
@@ -73,7 +73,7 @@ class SerialStream:
             raise DeviceError(_port_error(self.name)) from error
 
     def close(self) -> None:
-        """Let go of the port; calling it again does nothing."""
+        """Release the port; calling it again does nothing."""
         self._serial.close()
 
 
@@ -82,7 +82,7 @@ def _port_error(port: str) -> str:
 
 
 def _why_not(port: str, error: serial.SerialException) -> DeviceError:
-    """Return in one line why a port can't be opened, and what helps."""
+    """Return in one line the reason why a port can't be opened, and the remedy."""
     code = error.errno
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         return DeviceNotFoundError(

@@ -213,7 +213,7 @@ class Calibration:
 
     @classmethod
     def from_text(cls, text: str, *, where: str = "calibration") -> Calibration:
-        """Read what `as_text` wrote, such as the calibration kept in a recording.
+        """Read the output of `as_text`, such as the calibration in a recording.
 
         Parameters
         ----------
@@ -266,7 +266,7 @@ def _one_length(pairs: Any, *, what: str, apart_from: Sequence[str] = ()) -> Non
 
 
 def _rows_on_one_line(text: str) -> str:
-    """Put lists of numbers on one line each: a person reads the file, and diffs it."""
+    """Write each list of numbers on one line, which keeps the file readable."""
     lines: list[str] = []
     for line in text.splitlines():
         inner = line.strip()

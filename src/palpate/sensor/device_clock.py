@@ -1,4 +1,4 @@
-"""Device time to host time, from nothing but when frames arrived."""
+"""Device time to host time, from the arrival times of frames."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class DeviceClock:
 
     @property
     def drift_ppm(self) -> float:
-        """How much longer a host second is than the board's, parts per million."""
+        """Drift of the board's clock against the host's, parts per million."""
         return self._slope * 1e6
 
     def to_host_s(self, device_s: float, *, arrival_s: float) -> float:

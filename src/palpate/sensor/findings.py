@@ -1,4 +1,4 @@
-"""All findings of a health check, and what to do about each: the one list."""
+"""All findings of a health check, each with its remedy."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import StrEnum
 
 
 class Severity(StrEnum):
-    """How bad a finding is: a fault makes the sensor unhealthy, advice does not."""
+    """Severity of a finding: a fault makes the sensor unhealthy, advice does not."""
 
     FAULT = "fault"
     ADVICE = "advice"
@@ -56,7 +56,7 @@ CHECKS: dict[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is wrong.
+    """One fault or piece of advice.
 
     >>> found = Finding("late", "7 frames late", severity=Severity.ADVICE)
     >>> found.check
@@ -78,7 +78,7 @@ class Finding:
 
     @property
     def check(self) -> str:
-        """What to check."""
+        """The remedy."""
         return CHECKS[self.code]
 
 

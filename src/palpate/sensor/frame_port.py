@@ -1,4 +1,4 @@
-"""The port that a board's frames come from: waits for the next, reopens it after an unplug."""
+"""The port of a board's frames, reopened after an unplug."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LATE_PERIODS, _LATE_S = 5, 0.1
 
 
 class FramePort:
-    """A port, and the frames that came from it and were not read yet.
+    """A port, and its frames that have not been read yet.
 
     `reopen`: opens the port again after an unplug, raising `DeviceError` while it can't; without
     it, an unplugged board is lost for good.
@@ -45,7 +45,7 @@ class FramePort:
         period_s: float,
         silence: Callable[[], DeviceError],
     ) -> Frame:
-        """Return the next frame, oldest first; `fetch` puts those that have come in `waiting`.
+        """Return the next frame, oldest first; `fetch` adds received ones to `waiting`.
 
         Raises what `silence` returns if none came in time, `DeviceTimeoutError` while unplugged.
         """
@@ -77,7 +77,7 @@ class FramePort:
         self.stream, self._tried_s = None, self._clock.now_s()
 
     def try_again(self) -> ByteStream | None:
-        """Return the port if an attempt was due and it could be opened.
+        """Reopen the port if an attempt is due; return it if that worked.
 
         Raises `DeviceNotFoundError` if it was closed.
         """
@@ -96,7 +96,7 @@ class FramePort:
         return self.stream
 
     def close(self) -> None:
-        """Let go of the port; calling it again does nothing."""
+        """Release the port; calling it again does nothing."""
         self._reopen = None
         if self.stream is not None:
             self.stream.close()

@@ -134,7 +134,7 @@ class Health:
 
     @property
     def healthy(self) -> bool:
-        """Whether nothing but advice was found."""
+        """Whether no fault was found."""
         return all(finding.severity is not Severity.FAULT for finding in self.findings)
 
 
@@ -207,7 +207,7 @@ def _refuse_unfit(stretch: FrameColumns, *, layout: ArrayLayout) -> None:
 
 
 def _unrest(ohm: FloatArray, *, known_ohm: FloatArray | None) -> list[Finding]:
-    """Report if the stretch would be refused as rest; NaN for pixels that don't count."""
+    """Report a stretch that is not at rest; NaN marks pixels that don't count."""
     if np.isnan(ohm).all(axis=0).all():
         return []
     try:
@@ -269,7 +269,7 @@ def _measure_link(
 
 
 def _link_findings(link: LinkReadings, *, asked_hz: float | None) -> Iterator[Finding]:
-    """Yield what is wrong with the link.
+    """Yield the findings on the link.
 
     `asked_hz`: the rate that the board was set to, where known.
     """

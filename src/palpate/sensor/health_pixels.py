@@ -142,7 +142,7 @@ def _verdicts(
 def _find_changed(
     readings: PixelReadings, known_ohm: FloatArray
 ) -> tuple[BoolArray, str, FloatArray]:
-    """Compare with the calibration; what all pixels share is climate or load."""
+    """Compare with the calibration, without the change that all pixels share (climate or load)."""
     change = relative_change_percent(readings.rest_ohm, rest_ohm=known_ohm)
     own = 100.0 * ((100.0 + change) / (100.0 + _typical(change)) - 1.0)
     text = "rests {} % from its calibrated value, more than the others"
@@ -155,7 +155,7 @@ def _name(code: str, mask: BoolArray, text: str, values: FloatArray) -> Iterator
 
 
 def group_pixels(mask: BoolArray) -> Iterator[tuple[str, BoolArray]]:
-    """Yield the pixels of a mask by name: all of them, whole rows, whole columns, single ones.
+    """Yield the pixels of a mask by name: all, whole rows or columns, single ones.
 
     >>> mask = np.array([[True, True], [False, False], [True, False]])
     >>> [where for where, _ in group_pixels(mask)]
@@ -180,13 +180,13 @@ def group_pixels(mask: BoolArray) -> Iterator[tuple[str, BoolArray]]:
 
 
 def _typical(values: FloatArray) -> float:
-    """Return the median of the pixels that read; NaN where none does."""
+    """Return the median of the working pixels; NaN without one."""
     kept = values[np.isfinite(values) & (values != 0)]
     return float(np.median(kept)) if kept.size else math.nan
 
 
 def at_ends(mean_counts: FloatArray, *, layout: ArrayLayout) -> tuple[BoolArray, BoolArray]:
-    """Return where counts are at the open end of the range, and where at the short end."""
+    """Return masks of counts at the open end and at the short end of the range."""
     at_ground = np.asarray(mean_counts <= _END_COUNTS)
     at_supply = np.asarray(mean_counts >= layout.divider.full_scale - 1 - _END_COUNTS)
     upper = layout.divider.taxel_leg == "upper"
@@ -196,7 +196,7 @@ def at_ends(mean_counts: FloatArray, *, layout: ArrayLayout) -> tuple[BoolArray,
 def _interruptions(
     mean_counts: FloatArray, *, layout: ArrayLayout
 ) -> tuple[FloatArray, FloatArray]:
-    """Count drops to an end of the range, and jumps within it, per pixel."""
+    """Count each pixel's drops to an end of the range and jumps within it."""
     dead = np.logical_or(*at_ends(mean_counts, layout=layout))
     # Near an end of the range a reading touches it by noise alone.
     middle = np.median(mean_counts, axis=0)
@@ -214,7 +214,7 @@ def _interruptions(
 def _find_stuck(
     mean_counts: FloatArray, steps_per_count: int, *, sound: BoolArray, layout: ArrayLayout
 ) -> BoolArray:
-    """Find pixels that stand still although their neighbours' noise should move them.
+    """Find pixels without noise where that of the others should show.
 
     A reading in the middle of a step stays there while its noise is within half a step. The noise
     is taken as the least of the moving pixels', less where this one is less sensitive.

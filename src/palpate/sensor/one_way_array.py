@@ -1,4 +1,4 @@
-"""A pressure array on a board that only sends: no numbers, no times, no checksums on its line.
+"""A pressure array on a board that sends bare readings: no numbers, times or checksums.
 
 What can be detected is counted: frames that do not parse by their decoder, frames that are missing
 by the time between their neighbours. A changed digit or byte can't be.
@@ -38,12 +38,12 @@ class FrameDecoder(Protocol):
 
     @property
     def corrupt(self) -> int:
-        """Lines or frames given up so far."""
+        """Number of rejected lines or frames."""
         ...
 
     @property
     def fault(self) -> str:
-        """What was wrong with the last one given up, with the remedy; empty before one."""
+        """Fault of the last rejected one, with the remedy; empty before one."""
         ...
 
     def feed(self, data: bytes) -> list[Counts]:
@@ -130,7 +130,7 @@ class OneWayArray:
 
     @property
     def counters(self) -> LinkCounters:
-        """What happened on the link so far; losses are those that gaps in time show."""
+        """Counters of the link; losses are inferred from gaps in time."""
         return LinkCounters(
             frames=self._frames,
             lost=self._lost,
@@ -159,11 +159,11 @@ class OneWayArray:
         )
 
     def close(self) -> None:
-        """Let go of the port; calling it again does nothing."""
+        """Release the port; calling it again does nothing."""
         self._port.close()
 
     def _fetch(self) -> None:
-        """Take what has come; follow an unplug."""
+        """Receive frames; reconnect after an unplug."""
         now_s, stream = self._clock.now_s(), self._port.stream
         if stream is None:
             if self._port.try_again() is not None:
@@ -208,7 +208,7 @@ class OneWayArray:
 
 
 class _Timing:
-    """The period of frames, and how many are missing between those that came."""
+    """The period of frames, and the number missing between received ones."""
 
     def __init__(self) -> None:
         #: None before it is known.
@@ -218,7 +218,7 @@ class _Timing:
         self._gap = self._regular_s = 0.0
 
     def add(self, elapsed_s: float, *, frames: int) -> int:
-        """Take the time since the last frame, and the frames that came then.
+        """Add the time since the last frame, and the frames received then.
 
         Returns the frames that a gap hid, once those after it have come in time: frames that were
         only delayed come together.

@@ -128,7 +128,7 @@ def follow_port(
 
 
 def ask_identity(stream: ByteStream, *, clock: Clock) -> BoardIdentity:
-    """Ask what is behind a port, and close it.
+    """Return the identity of the board at a port, and close the port.
 
     Raises `DeviceError` if it does not answer as palpate's firmware does.
     """

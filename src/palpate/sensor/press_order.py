@@ -1,4 +1,4 @@
-"""Are the pixels wired in order? One pixel after the other is pressed, and must be the one to fall.
+"""The check of the pixels' order: each is pressed, and must fall most.
 
 The watch is fed frames and names the pixel to press next; it has no clock and no I/O, so a
 recording of presses is judged as live ones are.
@@ -28,7 +28,7 @@ _RELEASED_SHARE, _CALM_S = 0.5, 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Press:
-    """One pixel that was to be pressed, and the one that fell most; None if none did in time."""
+    """The requested pixel, and the one that fell most; None without one in time."""
 
     expected: PixelPlace
     answered: PixelPlace | None
@@ -63,7 +63,7 @@ class PressWatch:
 
     @property
     def expected(self) -> PixelPlace | None:
-        """Which pixel to press now; None when done, or while the last is to be let go."""
+        """The pixel to press now; None when done, or until the last is released."""
         waiting = self._leader is None or self._depth == 0.0
         return self._wanted[0] if self._wanted and waiting else None
 
@@ -74,7 +74,7 @@ class PressWatch:
 
     @property
     def presses(self) -> tuple[Press, ...]:
-        """The presses so far."""
+        """The presses until now."""
         return tuple(self._presses)
 
     def see(self, time_s: float, ohm: FloatArray) -> None:
@@ -93,7 +93,7 @@ class PressWatch:
             self._await_press(time_s, change)
 
     def give_up(self) -> None:
-        """Count every press still to come as unanswered: the frames have ended."""
+        """Count the remaining presses as unanswered: the frames have ended."""
         self._presses += [Press(expected=pixel, answered=None) for pixel in self._wanted]
         self._wanted.clear()
 

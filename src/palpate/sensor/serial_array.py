@@ -128,7 +128,7 @@ class SerialArray:
 
     @property
     def load_cells(self) -> tuple[CellSample, ...]:
-        """Raw readings that came with the newest frame; empty unless asked for."""
+        """Raw readings of the newest frame; empty unless requested."""
         return self._load_cells
 
     @property
@@ -138,7 +138,7 @@ class SerialArray:
 
     @property
     def counters(self) -> LinkCounters:
-        """What happened on the link so far."""
+        """Counters of the link."""
         return replace(
             self._decoder.counters,
             late=self._port.late,
@@ -218,7 +218,7 @@ class SerialArray:
         self._take(self._link.ask(ceiling))
 
     def close(self) -> None:
-        """Stop the stream and let go of the port; calling it again does nothing."""
+        """Stop the stream and release the port; calling it again does nothing."""
         link, self._link = self._link, None
         try:
             if link is not None:
@@ -229,7 +229,7 @@ class SerialArray:
             self._port.close()
 
     def _fetch(self) -> None:
-        """Take what has come; follow resets and unplugs."""
+        """Receive frames; reconnect after resets and unplugs."""
         now_s = self._clock.now_s()
         if self._link is None:
             if (stream := self._port.try_again()) is not None:
@@ -278,7 +278,7 @@ class SerialArray:
         self._port.waiting.append(self._last)
 
     def _enter(self, message: FrameMessage) -> None:
-        """Begin to follow a stream: numbers go on, the clocks are compared afresh."""
+        """Follow a new stream: frame numbers continue, the clocks are compared again."""
         self._stream_number = message.stream
         floor_s = 0.0
         if self.identity is not None:

@@ -119,7 +119,7 @@ class LineDecoder:
         return self._counts(values)
 
     def _select(self, values: list[float]) -> list[float]:
-        """Return the pixels of a line, if it is as long as others: two alike show the length."""
+        """Return the pixels of a line of the usual length, which two equal lines establish."""
         assert self._columns is not None
         if len(values) == self._last_width >= max(self._columns):
             self._width = self._width or len(values)

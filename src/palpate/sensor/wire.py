@@ -129,7 +129,7 @@ def pack(kind: int, payload: bytes) -> bytes:
 
 
 def unpack(stuffed: bytes | bytearray) -> tuple[int, bytes] | None:
-    """Return type and payload of a packet given without its final zero; None if it is damaged."""
+    """Return type and payload of a packet without its final zero; None if damaged."""
     packet = unstuff(stuffed)
     if packet is None or len(packet) < _OVERHEAD:
         return None
@@ -190,7 +190,7 @@ def unpack_frame(
 
 
 def _unpack_extra(payload: bytes, at: int, contents: int) -> dict[str, Any] | None:
-    """Return what follows a frame's pixels, by field; None if it is not what `contents` states."""
+    """Return the fields after a frame's pixels; None if they contradict `contents`."""
     parts = [part for part in _EXTRA if contents & part]
     if contents > _ALL_CONTENTS or len(payload) != at + sum(_EXTRA[part].size for part in parts):
         return None
@@ -265,7 +265,7 @@ def unpack_identity(payload: bytes) -> BoardIdentity | None:
 
 
 class Decoder:
-    """Turns the bytes of a board into messages; feed it whatever came, in any pieces.
+    """Turns the bytes of a board, in any pieces, into messages.
 
     It keeps at most `MAX_STUFFED_BYTES` between calls. Only whole packets with the right length
     and CRC-32 are taken; the rest is counted. Sequence and time are unwrapped within a stream,
@@ -291,7 +291,7 @@ class Decoder:
 
     @property
     def counters(self) -> LinkCounters:
-        """The counts so far; the cut-off piece before the very first zero is no corrupt packet."""
+        """Counters of the link; the fragment before the first zero is not a corrupt packet."""
         return LinkCounters(
             frames=self._frames, lost=self._lost, corrupt=self._corrupt, restarts=self._restarts
         )
@@ -335,7 +335,7 @@ class Decoder:
         return None
 
     def _place(self, sequence: int, time_us: int, stream: int) -> tuple[int, int]:
-        """Count a frame and what is missing before it; return its unwrapped sequence and time."""
+        """Count a frame and the losses before it; return its unwrapped sequence and time."""
         ahead = (sequence - self._expected) % _WRAP
         if stream != self._stream or ahead >= _WRAP // 2:
             self._enter(stream, sequence=sequence)
@@ -349,7 +349,7 @@ class Decoder:
         return self._expected - 1, self._time_us
 
     def _account(self, ack: Ack | None) -> Ack | None:
-        """Count what is missing before an answer: it states which frames went before it."""
+        """Count losses before an answer, which states the frames sent before it."""
         if ack is None or ack.stream == 0:
             return ack
         if ack.stream != self._stream:

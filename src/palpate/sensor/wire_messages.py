@@ -251,7 +251,7 @@ class SetPressure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetCeiling:
-    """Set the reading (0 to 1023 per conversion) at which the board vents by itself; 0 is off."""
+    """Set the reading per conversion, 0 to 1023, at which the board vents; 0 is off."""
 
     counts: int
 
