@@ -1,4 +1,4 @@
-"""The `palpate` command: a table of verbs, each loaded when it is asked for."""
+"""The `palpate` command: a table of verbs, each loaded when it is called."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ _EQUIPMENT = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 
 def run(app: Any, arguments: Sequence[str], *, name: str) -> int:
-    """Run a Typer app or its command; turn every foreseen failure into one line and an exit status.
+    """Run a Typer app; turn each expected failure into one line and an exit status.
 
     Returns 0 done, 1 the answer is no, 2 bad usage or input, 3 equipment, 130 stopped by Ctrl-C.
     """

@@ -62,7 +62,7 @@ def has_load_cell(rig: str) -> bool:
 
 @contextmanager
 def open_bench(rig: str, *, seed: int, placements: int = 1) -> Iterator[GuidedBench]:
-    """Open the bench of a rig: the twin's, or a board's with a gripper, which is left open.
+    """Open the bench of a rig: the twin's, or a board's with a gripper.
 
     `rig`: name of a rig, or a rig file with `[load_cells]`.
     `placements`: how often the load cell will be placed, all steps together.
@@ -119,7 +119,7 @@ def open_twin_bench(rig: str, seed: int) -> GuidedBench:
 
 
 def calibration_file(rig: str, out: Path | None) -> Path:
-    """Return the file that a step goes into: the one given, else the rig file's, else the default.
+    """Return the output file of a step: the given one, the rig file's or the default.
 
     Raises `InputError` if the rig file can't be read, or the calibration could not be written in
     the end.
@@ -132,7 +132,7 @@ def calibration_file(rig: str, out: Path | None) -> Path:
 
 
 def earlier_calibration(path: Path, *, layout: ArrayLayout, simulated: bool) -> Calibration | None:
-    """Return the existing calibration in a file that is to be renewed, None if there is none.
+    """Return the calibration in a file that is to be renewed; None without one.
 
     Raises `CalibrationError` if the file is of another sensor, or can't be read.
     """
@@ -153,7 +153,7 @@ def earlier_calibration(path: Path, *, layout: ArrayLayout, simulated: bool) -> 
 
 
 def new_calibration(layout: ArrayLayout, *, rest: RestValues, simulated: bool) -> Calibration:
-    """Return a calibration that knows the rest alone."""
+    """Return a calibration of rest values alone."""
     return Calibration(
         sensor_id=layout.name,
         origin="simulated" if simulated else "hardware",

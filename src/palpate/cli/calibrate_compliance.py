@@ -1,4 +1,4 @@
-"""`palpate calibrate compliance`: how far pads, fingers and servo deflect, and its current."""
+"""`palpate calibrate compliance`: compliance of pads, fingers and servo; the servo's current."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def compliance(
 
 
 def _measure(guided: GuidedBench, *, block_mm: float, rig: str, out: Path) -> Calibration:
-    """Close on the block, for the way and then for the current; then with the hand empty."""
+    """Close on the block, for travel and for current, then with the hand empty."""
     bench = guided.bench
     limits = bench.gripper.limits
     if not limits.lowest < block_mm < limits.highest:

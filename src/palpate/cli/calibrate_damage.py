@@ -84,7 +84,7 @@ def _learn(closings: list[FruitClosing], *, files: tuple[Path, ...], rate: float
 
 
 def _limit_n(made: DamageFile, kind: str) -> float:
-    """Return the force that a grasp keeps below where the stiffness is the kind's middle one."""
+    """Return the force limit of a grasp at the kind's median stiffness."""
     middle = math.exp(made.model.strengths[kind].log_stiffness)
     felt = Measurement(value=middle, low=0.9 * middle, high=1.1 * middle, unit="n_per_mm")
     return made.model.bound_n(felt, kind=kind)
@@ -127,7 +127,7 @@ def _print(made: DamageFile, *, path: Path) -> None:
 
 
 def _verdict(made: DamageFile) -> list[str]:
-    """Return what a user should know before relying on it."""
+    """Return the caveats of the limit."""
     remarks = []
     for kind, one in made.held_out.items():
         who = kind or "produce of any kind"

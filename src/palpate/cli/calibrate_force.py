@@ -156,7 +156,7 @@ def _percent(error: float | None) -> str:
 
 
 class Course:
-    """The law after each weight, and what is left of its intervals.
+    """The law after each weight, with the width of its intervals.
 
     `tolerance_percent`: half of the interval at 1.5, 4 and 9 N at which no more is asked for; 0
     asks for every weight.
@@ -179,7 +179,7 @@ class Course:
         return most_useful_n(self._law)
 
     def take(self, excess: float, load_n: float) -> None:
-        """Take a settled reading, and print what it narrowed."""
+        """Add a settled reading, and print the narrowed intervals."""
         self._known.append((excess, load_n))
         readings, loads_n = zip(*self._known, strict=True)
         self._law = ForceLaw.fit(readings, force_n=loads_n)

@@ -1,4 +1,4 @@
-"""`palpate calibrate rest`: what each pixel reads with nothing on it."""
+"""`palpate calibrate rest`: the reading of each pixel without load."""
 
 from __future__ import annotations
 

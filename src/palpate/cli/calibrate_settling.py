@@ -27,7 +27,7 @@ def settling(
     rig: Annotated[str | None, opt("--rig FILE", "Rig file that is to keep them.")] = None,
     out: Annotated[Path | None, opt("--out", "Holds file to write, .csv or .parquet.")] = None,
 ) -> None:
-    """Keep the settled holds of recordings, for `palpate settle --learn-from` or `--rig`.
+    """Collect the settled holds of recordings, for `palpate settle --learn-from` or `--rig`.
 
     With --rig FILE they are added to those that the rig has, next to its calibration.
 
@@ -61,7 +61,7 @@ def settling(
 
 
 def place_of_holds(rig: str) -> Path:
-    """Return where a rig keeps its settled holds: next to its calibration.
+    """Return the path of a rig's settled holds, next to its calibration.
 
     Raises `InputError` if `rig` is no rig file: simulated rigs keep nothing.
     """

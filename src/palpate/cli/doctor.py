@@ -1,4 +1,4 @@
-"""`palpate doctor`: is the sensor healthy, and if not, what to check."""
+"""`palpate doctor`: the faults of a sensor, with their remedies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`palpate flash`: put palpate's firmware on an Arduino Mega 2560, Uno or Nano."""
+"""`palpate flash`: write palpate's firmware to an Arduino Mega 2560, Uno or Nano."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`palpate grasp`: close on an unknown object and report what it is like."""
+"""`palpate grasp`: close on an unknown object and report its properties."""
 
 from __future__ import annotations
 

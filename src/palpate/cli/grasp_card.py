@@ -1,4 +1,4 @@
-"""The result card of a grasp: what was measured, how sure, and on the twin how right."""
+"""The result card of a grasp: values, intervals, and the twin's own values."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def print_card(
     truth: Mapping[str, object] | None = None,
     limited: Mapping[str, object] | None = None,
 ) -> None:
-    """Print the card on standard output; `limited` is what a learned damage limit did."""
+    """Print the card on standard output; `limited`: the effect of a learned damage limit."""
     summary = verdict(result, target_force_n=target_force_n)
     damaged = truth is not None and bool(truth["damaged"])
     good = result.outcome is Outcome.HELD and not damaged
@@ -115,7 +115,7 @@ def _timings(result: GraspResult) -> Text:
 
 
 def _limit_text(limit: Mapping[str, object]) -> str:
-    """Return what the limit was and did, in a line for the card."""
+    """Return the limit and its effect as a line of the card."""
     who = limit["kind"] or "unknown kind"
     learned = f"{who}, {limit['closings']} closings"
     if limit["low_n"] is None:

@@ -42,7 +42,7 @@ class Limit:
         self._low_n = state.estimate.damage_low_n
 
     def to_dict(self, result: GraspResult) -> dict[str, object]:
-        """Return what the limit was and did, as in the JSON of the grasp."""
+        """Return the limit and its effect, as in the JSON of the grasp."""
 
         return limit_document(
             self._file, path=self._path, kind=self.kind, low_n=self._low_n, result=result
@@ -50,7 +50,7 @@ class Limit:
 
 
 def open_limit(path: Path | None, *, kind: str | None) -> Limit | None:
-    """Return the limit that a user asks for, None for none.
+    """Return the requested limit, or None.
 
     Raises `InputError` if a kind is given without a file, or is not in it; `CalibrationError` if
     the file can't be used.
@@ -78,7 +78,7 @@ class StoreEntry:
         self._record: tuple[Grasp, str] | None = None
 
     def watch(self, plan: Plan) -> Watcher:
-        """Return what is to watch the controller's beliefs of a grasp with this plan."""
+        """Return the watchers of a grasp with this plan."""
         from palpate.produce.ripeness.closing import ClosingWatch
 
         self._closing = ClosingWatch(plan)
@@ -110,7 +110,7 @@ class StoreEntry:
         return {"item_id": self._item_id, "grasp_id": grasp.grasp_id}
 
     def item_document(self) -> dict[str, object]:
-        """Return what the store knows of the item, for the JSON."""
+        """Return the item's record in the store, for the JSON."""
         from palpate.produce.store.item_history import item_facts
 
         items = self._store.items_named([self._item_id])
@@ -137,7 +137,7 @@ class StoreEntry:
 def open_store_entry(
     stack: ExitStack, *, item_id: str | None, store: str | None, angle_deg: float | None
 ) -> StoreEntry | None:
-    """Open the local store before anything moves; None where no item is named.
+    """Open the local store before the hand moves; None without an item.
 
     Raises `InputError` if the item can't be named so, or there is a store and no item; `StoreError`
     if the local store can't be used.

@@ -200,7 +200,7 @@ def rig_text(
 
 
 def _ask(question: str, given: str | float | None, default: str) -> str:
-    """Return what the option gave, else the answer, else the default."""
+    """Return the option's value, else the answer, else the default."""
     if given is not None:
         return str(given)
     if not sys.stdin.isatty():

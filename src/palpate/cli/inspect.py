@@ -1,4 +1,4 @@
-"""`palpate inspect FILE`: what a recording holds, whether it is whole, and its recovery."""
+"""`palpate inspect FILE`: content, completeness and recovery of a recording."""
 
 from __future__ import annotations
 

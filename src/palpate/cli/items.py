@@ -161,7 +161,7 @@ def _label(store: Store, item_id: str, *, changes: list[str], labels: list[str])
 
 
 def add_label(store: Store, item_id: str, *, about: About, text: str) -> None:
-    """Store what a person says an item is now, with its last grasp."""
+    """Store a person's label of an item, with its last grasp."""
     grasps = store.grasps_of(item_id)
     store.add_verdict(
         Verdict(

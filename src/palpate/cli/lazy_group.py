@@ -1,4 +1,4 @@
-"""Groups of commands whose modules are loaded when one of them is asked for."""
+"""Groups of commands whose modules are loaded on first use."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Entry(NamedTuple):
 
 
 class LazyGroup(TyperGroup):
-    """A group that knows the names and summaries of its commands, and loads the one that runs."""
+    """A group of commands by name and summary, which loads the one that runs."""
 
     def offer(self, entries: Mapping[str, Entry]) -> None:
         """Add commands."""
@@ -52,7 +52,7 @@ class LazyGroup(TyperGroup):
         return self.commands[name]
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Load the command that is asked for."""
+        """Load the requested command."""
         if args[0] in self.commands:
             self.load(args[0])
         return super().resolve_command(ctx, args)
@@ -80,7 +80,7 @@ def load_command(name: str, entry: Entry) -> Any:
 
 
 def entry_point(group: str, name: str, package: str, folder: str, *, wanted: str) -> EntryPoint:
-    """Return what one of palpate's own packages brings.
+    """Return the entry point of one of palpate's own packages.
 
     Raises `InputError` if the package is not installed.
     """

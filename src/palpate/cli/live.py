@@ -92,7 +92,7 @@ def live(
 
 
 def _follow_force(source: SensorSource) -> FollowsForce:
-    """Return what follows the force by the source's calibration."""
+    """Return the force tracker of the source's calibration."""
     calibration = source.find_calibration()
     if calibration is None:
         raise InputError(
@@ -131,7 +131,7 @@ class LiveStream:
         self._next_link_s = -math.inf
 
     def add(self, frame: Frame | None) -> None:
-        """Send what the reading knows since this frame; None where none came for a while."""
+        """Publish the reading after this frame; None after a pause."""
         time_s = self._clock.now_s() if frame is None else frame.time_s
         if self._reading.frames == 1 and self._reading.source.simulated:
             # The twin's clock is its own, and is held to the pace of the wall's from here on.
@@ -159,7 +159,7 @@ class LiveStream:
             self._server.force(frame.time_s, reading.force_n)
 
     def _events(self, time_s: float, *, silent: bool) -> Iterator[Event]:
-        """Yield what has changed: touches, losses, silence."""
+        """Yield new events: touches, losses, silence."""
         reading = self._reading
         if silent != self._silent:
             yield Event(time_s=time_s, name="silent" if silent else "back")

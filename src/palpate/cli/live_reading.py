@@ -1,4 +1,4 @@
-"""Frames of `palpate live` at the pace of the clock, and the state at each: pixels, force, link."""
+"""Frames of `palpate live` in real time, with pixels, force and link at each."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _OPEN_S = 5.0
 
 
 class LiveReading:
-    """Takes frames, and knows what the last ones mean.
+    """State of the sensor after the latest frames.
 
     `rest_ohm`, shape (rows, cols): calibrated rest values; None takes them from the first second.
     `clock`: the clock on the wall, for the age of the last frame.
@@ -109,12 +109,12 @@ class LiveReading:
 
     @property
     def age_s(self) -> float:
-        """Time since the last frame came; NaN before the first."""
+        """Time since the last frame; NaN before the first."""
         return self._clock.now_s() - self._arrived_s
 
     @property
     def stale(self) -> bool:
-        """Whether frames should have come since."""
+        """Whether the next frame is overdue."""
         period_s = 1.0 / self.rate_hz if self.rate_hz > 0 else 0.0
         return not self.age_s <= max(_STALE_S, _STALE_PERIODS * period_s)
 
@@ -133,7 +133,7 @@ class LiveReading:
 
 
 def pace_frames(source: SensorSource, *, clock: Clock) -> Iterator[Frame | None]:
-    """Yield frames as they come; None where none came for a while.
+    """Yield frames as they arrive; None after a pause.
 
     `source`: an open sensor. A simulated one is held back to the pace of `clock`.
     `clock`: the clock on the wall.
@@ -160,7 +160,7 @@ def pace_frames(source: SensorSource, *, clock: Clock) -> Iterator[Frame | None]
 
 
 def squeeze(gripper: Gripper) -> Generator[None, tuple[float, float], None]:
-    """Close a simulated gripper in steps, keep it closed, open it, and begin again.
+    """Close a simulated gripper in steps, hold, open it, and repeat.
 
     Takes the time and the mean relative change, percent, of each frame.
     """

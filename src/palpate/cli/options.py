@@ -111,7 +111,7 @@ def rig_or_port(rig: str | None, port: str | None) -> str | None:
 
 
 def _choose_rig(rig: str) -> str:
-    """Return the rig asked for, the stated one, or the twin, whose output always says so."""
+    """Return the requested rig, the folder's, or the twin, whose output is labelled."""
     from palpate.rig import DEFAULT_RIG
 
     return rig or rig_of_environment() or DEFAULT_RIG
@@ -265,7 +265,7 @@ _PAPER = {
 
 
 def paper_settings(method: Method, **settings: float | None) -> Paper | None:
-    """Return the settings that a user asks for, None for the default method.
+    """Return the settings of the paper's method; None for the default method.
 
     `settings`: of `palpate.grasp.paper.Paper`; None is its default.
     Raises `InputError` if one is out of its range, or given without the paper's method.

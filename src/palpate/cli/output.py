@@ -1,4 +1,4 @@
-"""What verbs print: one JSON document, tables that fit the terminal, and cards."""
+"""Output of the verbs: one JSON document, tables that fit the terminal, cards."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def percent_text(fraction: float | None) -> str:
 def progress(
     title: str, *, total: float | None = None, quiet: bool = False
 ) -> Iterator[Callable[[float], None]]:
-    """Show a bar where standard error is a terminal; yield a function that takes how much is done.
+    """Show a progress bar on a terminal; yield the function that advances it.
 
     `total`: when it is done; without it the bar shows only that work continues, and for how long.
     """

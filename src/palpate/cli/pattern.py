@@ -192,7 +192,7 @@ def _document(drawn: Pattern, files: list[Path]) -> dict[str, Any]:
 
 
 def _print(document: dict[str, Any], *, folder: Path) -> None:
-    """Print the layers, the pixels, and how far apart two marks must be."""
+    """Print the layers, the pixels, and the distance of two marks."""
     console = Console(highlight=False)
     layers = [
         (row["name"], row["material"], "mirrored" if row["mirrored"] else "as is", row["why"])

@@ -128,7 +128,7 @@ Document = dict[str, Any]
 def qualification_document(
     found: Agreement, effort: Effort, demand: Demand, *, unit: str, items: int, pairs: int
 ) -> Document:
-    """Return the JSON of a qualification; null for what can't be had."""
+    """Return the JSON of a qualification; null for unknown values."""
 
     def known(value: float) -> float | None:
         return value if math.isfinite(value) else None
@@ -159,7 +159,7 @@ def qualification_document(
 
 
 def rows_of(document: Document) -> list[tuple[str, str, str]]:
-    """Return a qualification as rows: what, value with unit, interval."""
+    """Return a qualification as rows of quantity, value with unit, and interval."""
     unit = f" {document['unit']}" if document["unit"] else ""
     rows = []
     for name, figure in document["figures"].items():
@@ -178,7 +178,7 @@ def rows_of(document: Document) -> list[tuple[str, str, str]]:
 
 
 def demands_of(document: Document) -> list[tuple[str, str]]:
-    """Return what a demand costs, as rows."""
+    """Return the cost of the demands, as rows."""
     unit = f" {document['unit']}" if document["unit"] else ""
     hour = document["items_per_hour"]
     return [
@@ -197,7 +197,7 @@ def demands_of(document: Document) -> list[tuple[str, str]]:
 
 
 def count_text(document: Document, instrument: str) -> str:
-    """Return how many readings of the reference or grasps are needed, or why none is known."""
+    """Return the number of readings or grasps needed, or why it is unknown."""
     if document["scatter"][instrument]["within"] is None:
         return "not known: no item was read twice"
     needed = document["grasps_needed" if instrument == "grasp" else "reference_readings_needed"]

@@ -79,7 +79,7 @@ def record(
 
 
 def _open_rig(name: str | None, *, port: str | None, seed: int, endless: bool) -> Rig | SensorRig:
-    """Open a rig, with its gripper where it has one; the board on a port where it has no name."""
+    """Open a rig with its gripper, if any, or else the board on a port."""
     if name is None:
         board = open_board(port=port)
         return SensorRig(name=board.name, array=board, clock=RealClock(), calibration=None)
@@ -91,7 +91,7 @@ def _open_rig(name: str | None, *, port: str | None, seed: int, endless: bool) -
 
 
 def _load_cell_reader(array: PressureArray) -> Callable[[], LoadCells | None]:
-    """Return what reads each new pair of load-cell readings once."""
+    """Return a function that reads each new pair of load-cell readings once."""
     seen: list[int] = []
 
     def read() -> LoadCells | None:
@@ -109,7 +109,7 @@ def _load_cell_reader(array: PressureArray) -> Callable[[], LoadCells | None]:
 
 @contextmanager
 def _stop_signals() -> Iterator[Callable[[], bool]]:
-    """Yield a function that returns whether Ctrl-C or SIGTERM came, so that neither cuts a file."""
+    """Yield a check for Ctrl-C and SIGTERM, so that neither truncates a file."""
     came: list[int] = []
     before = {
         number: signal.signal(number, lambda number, _: came.append(number))

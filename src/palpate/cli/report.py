@@ -180,14 +180,14 @@ def _grasp_row(grasp: Grasp) -> list[str]:
 
 
 def _number(measured: Measurement | None, digits: int) -> str:
-    """Return a value, marked where its interval does not keep its full promise."""
+    """Return a value, marked if its status is not `ok`."""
     if measured is None:
         return "-"
     return f"{_fix(measured.middle, digits)}{'' if measured.status is Status.OK else ' *'}"
 
 
 def _fix(value: float, digits: int) -> str:
-    """Return a number with a minus that is no hyphen.
+    """Return a number with a typographic minus.
 
     >>> _fix(-45.04, 1)
     '\N{MINUS SIGN}45.0'
@@ -243,7 +243,7 @@ def _count_verdicts(pages: Sequence[ItemHistory], about: About) -> Counter[str]:
 
 
 def _stages(pages: Sequence[ItemHistory]) -> dict[str, int]:
-    """Return the place of each stage that ripeness was judged by, the firmest first."""
+    """Return the rank of each stage of ripeness, the firmest first."""
     verdicts = (one for page in pages for one in page.verdicts if one.about is About.RIPENESS)
     judged = (one.details.get("probabilities") for one in verdicts)
     found = [stage for one in judged if isinstance(one, Mapping) for stage in one]
@@ -251,7 +251,7 @@ def _stages(pages: Sequence[ItemHistory]) -> dict[str, int]:
 
 
 def _days_to_ripe(page: ItemHistory) -> str:
-    """Return how long an item takes to ripen by its last verdict, in days; a dash without one."""
+    """Return the days to ripe of an item's last verdict; a dash without one."""
     verdict = page.latest_verdict(About.RIPENESS)
     details = {} if verdict is None else verdict.details
     ends = [details.get(f"days_to_ripe{end}") for end in ("", "_low", "_high")]

@@ -1,4 +1,4 @@
-"""`palpate ripeness`: what days of grasps show of an item, and when it will be ripe."""
+"""`palpate ripeness`: stage and days to ripe, from days of grasps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a command takes its frames from: a rig, a rig file, or a board on a port."""
+"""Sources of frames for a command: a rig, a rig file, or a board on a port."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from palpate.sensor.serial_array import SerialArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorSource:
-    """An open array and what is known about it."""
+    """An open array with its origin and calibration."""
 
     #: For titles.
     name: str
@@ -44,7 +44,7 @@ class SensorSource:
         return None if board is None else board.rate_hz
 
     def events(self) -> LinkCounters:
-        """Return the counts of the link so far; zero where the source has no link."""
+        """Return the counters of the link; zeros for a source without one."""
         return link_counters(self.array) or LinkCounters()
 
     def rest_ohm(self) -> NDArray[np.float64] | None:
@@ -88,7 +88,7 @@ class SensorSource:
         return FrameColumns.of(taken)
 
     def close(self) -> None:
-        """Let go of the devices."""
+        """Release the devices."""
         self.array.close()
         if self.gripper is not None:
             self.gripper.close()

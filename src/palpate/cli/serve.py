@@ -119,7 +119,7 @@ def serve(
 
 
 def _publisher(file: Path, *, store: str | None) -> Publisher:
-    """Connect to a broker; results wait for it in the store."""
+    """Connect to a broker; results wait in the store until it acknowledges them."""
     from palpate.mqtt.broker import read_broker
     from palpate.mqtt.publisher import Publisher
 
@@ -129,7 +129,7 @@ def _publisher(file: Path, *, store: str | None) -> Publisher:
 
 
 def _rules(path: Path) -> RuleBook:
-    """Read the rules; they are of use with the store alone."""
+    """Read the sorting rules, which need the store."""
     with needing("--rules", extra="produce"):
         import sqlalchemy
     del sqlalchemy
@@ -141,7 +141,7 @@ def _rules(path: Path) -> RuleBook:
 def open_lines(
     *, opcua: str | None, modbus: str | None, token: str | None, folder: Path
 ) -> list[LineOpener]:
-    """Return what opens the protocols that were asked for.
+    """Return the openers of the requested protocols.
 
     Raises `InputError` if an address is wrong, or OPC UA would be open to others without a token;
     `DeviceError` if a port is taken.
@@ -188,7 +188,7 @@ def _opener(
     port: int,
     text: str,
 ) -> LineOpener:
-    """Return what starts a station and prints its address; `text` has places for host and port."""
+    """Return a function that starts a station and prints its address by `text`."""
 
     async def opener(machine: Machine) -> Line:
         station = station_of(machine)

@@ -69,7 +69,7 @@ def write(document: ScoreTable, out: Path) -> None:
 
 
 def rank_by_error(predictions: Sequence[Prediction]) -> list[int]:
-    """Return indices, furthest off first; without settled values the widest interval comes first.
+    """Return indices by error, largest first; without settled values by width of the interval.
 
     Those with neither come last, in their own order.
     """
@@ -136,7 +136,7 @@ def _overviews(source: HoldSource) -> Iterator[tuple[str, CutColumn]]:
 
 
 def print_tables(document: ScoreTable, *, written: Sequence[Path]) -> None:
-    """Print what was predicted; then, where holds reach the horizon, how far off that was."""
+    """Print the predictions, then the errors of holds that reach the horizon."""
     console = Console(width=None if sys.stdout.isatty() else PIPED_WIDTH)
     _print_holds(document, console)
     for method in dict.fromkeys(row.method for row in document.predictions):
@@ -163,7 +163,7 @@ def print_tables(document: ScoreTable, *, written: Sequence[Path]) -> None:
 
 
 def _print_holds(document: ScoreTable, console: Console) -> None:
-    """Print the holds of the first method, those furthest off or least sure."""
+    """Print the holds of the first method with the largest errors or widest intervals."""
     rows = [r for r in document.predictions if r.method == document.predictions[0].method]
     scored = any(np.isfinite(row.settled) for row in rows)
     order = rank_by_error(rows)[:ROWS_SHOWN]

@@ -1,4 +1,4 @@
-"""Where the holds of `palpate settle` come from: holds files, recordings of any form, folders."""
+"""Sources of holds for `palpate settle`: holds files, recordings, folders."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ class HoldSource:
         return self.reading.is_about_units() and is_holds_file(file)
 
     def columns(self, file: Path) -> list[CutColumn]:
-        """Return the sensors of a recording, cut; warn once of what the user should know about it.
+        """Return the sensors of a recording, cut into holds; warn once about each remark.
 
         Raises `InputError` if it can't be read, or no sensor has a hold.
         """
@@ -176,7 +176,7 @@ class HoldSource:
 
 
 def is_holds_file(file: Path) -> bool:
-    """Return whether a file has the columns of a holds file, by its header.
+    """Return whether a file's header has the columns of a holds file.
 
     What can't be read more than once (a pipe) counts as one.
     """
@@ -233,7 +233,7 @@ def _from_mcap(file: Path, reading: ReadingOptions) -> list[Hold]:
 def divider_of(
     adc_bits: int | None, reference_ohm: float | None, leg: Leg | None, *, unit: str | None
 ) -> Divider | None:
-    """Return the circuit that counts were read through, where the user describes it."""
+    """Return the divider that the options describe; None without them."""
     if adc_bits is None and reference_ohm is None and leg is None:
         return None
     if adc_bits is None or reference_ohm is None or leg is None:
@@ -252,7 +252,7 @@ def divider_of(
 
 
 def cut_at(text: str) -> CutAt:
-    """Return what --cut asks for."""
+    """Return the value of --cut."""
     if text == "auto":
         return "auto"
     if text == "none":
@@ -267,7 +267,7 @@ def cut_at(text: str) -> CutAt:
 
 
 def rest_stretch(text: str | None, *, mean: bool, unit: str | None) -> tuple[float, float] | None:
-    """Return the stretch that --rest asks for."""
+    """Return the stretch of --rest."""
     if text is None:
         if mean:
             raise InputError("--mean: give --rest START:END too, a stretch without load")

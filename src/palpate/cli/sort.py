@@ -1,4 +1,4 @@
-"""`palpate sort`: which bin each item goes to and why, or what one item of the store is."""
+"""`palpate sort`: the bin of each item with the reason, or the kind of one item."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def sort(
 
 
 def _identify(item: str, *, store: str | None, as_json: bool) -> None:
-    """Identify an item by size and stiffness and keep the answer with it; exit with 1 if unknown.
+    """Identify an item by size and stiffness and store the answer; exit 1 if unknown.
 
     Raises `InputError` if no grasp of it measured both, or too few items are labelled.
     """

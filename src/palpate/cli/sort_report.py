@@ -31,7 +31,7 @@ class SortReport:
     _placed: list[Placed] = field(default_factory=list)
 
     def add(self, done: Sorted, *, belongs: str | None) -> None:
-        """Take in one item; `belongs` is its true bin, where a simulation knows it."""
+        """Add one decision; `belongs`: its true bin, known in a simulation."""
         placed = Placed(
             bin=done.decision.bin,
             belongs=belongs,

@@ -1,4 +1,4 @@
-"""The two ways of sorting: items that the store holds, and items before a hand."""
+"""Sorting of items in the store, and of items in front of a hand."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def sort_from_store(
 def sort_with_rig(
     report: SortReport, supply: Supply, *, rules: Path, store: str | None, batch: str | None
 ) -> None:
-    """Grasp what comes and decide; keep all of it where there is a store.
+    """Grasp and decide on each item; store both if there is a store.
 
     Raises `InputError` if the rules ask for what this hand can't measure, or kinds were not taught;
     `DeviceError` if a device fails.
@@ -118,7 +118,7 @@ def _learn_kinds(
     labelled: Collection[str] = (),
     guess: bool = True,
 ) -> Identifier | None:
-    """Learn from the store what the rules ask for, where there is anything to guess."""
+    """Learn kinds from the store if the rules need them."""
     if not book.asks("class"):
         return None
     identifier = learn_kinds(kept) if guess else None
@@ -140,7 +140,7 @@ def _check_measurable(book: RuleBook, supply: Supply, *, rules: Path) -> None:
 
 
 def _teach(supply: SimulatedCrate, kept: Store | None) -> Identifier:
-    """Grasp labelled items of each kind, so that there is something to go by."""
+    """Grasp labelled items of each kind, as the training set."""
     say(f"teaching with {len(supply.teaching)} labelled items (simulated) ...")
     found = []
     for item in supply.teaching.values():
@@ -157,7 +157,7 @@ def _teach(supply: SimulatedCrate, kept: Store | None) -> Identifier:
 def _grasp(
     name: str, supply: Supply, kept: Store | None, turn: int, size: Measurement | None
 ) -> TimedGrasp:
-    """Lay an item, grasp it and store the grasp before the next one, which may fail.
+    """Place an item, grasp it and store the grasp.
 
     Equipment that fails, or a person who stops it, ends it all.
     """
@@ -197,23 +197,23 @@ class SimulatedCrate:
         yield from self.crate
 
     def lay(self, name: str, *, turn: int) -> None:
-        """Lay an item between the fingers."""
+        """Place an item between the fingers."""
         item = self.crate[name] if name in self.crate else self.teaching[name]
         self.table.bring(item, turn=turn)
 
     def belongs(self, name: str, *, book: RuleBook) -> str | None:
-        """Return where the rules would send the item if all of it were known."""
+        """Return the bin by the rules for the item's true properties."""
         item = self.crate[name]
         return where_it_belongs(book, kind=item.kind, taught=item.taught, size_mm=item.mean.size_mm)
 
     def close(self) -> None:
-        """Let go of the devices."""
+        """Release the devices."""
         self.table.array.close()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedByLine:
-    """Items before real fingers: each line of standard input is the name of one that lies there.
+    """Items in front of a real hand, named by lines of standard input.
 
     A bar-code reader that types what it reads will do.
     """
@@ -232,17 +232,17 @@ class NamedByLine:
             yield name
 
     def lay(self, name: str, *, turn: int) -> None:
-        """Ask for the item to be turned, where it was grasped already."""
+        """Ask to turn an item that was grasped before."""
         if turn:
             say(f"{name}: unsure; turn it, then press Enter:")
             sys.stdin.readline()
 
     def belongs(self, name: str, *, book: RuleBook) -> str | None:
-        """Return None: the true bin is not known."""
+        """Return None: the true bin is unknown."""
         return None
 
     def close(self) -> None:
-        """Let go of the devices."""
+        """Release the devices."""
         self.rig.close()
 
 
@@ -259,7 +259,7 @@ def open_supply(
     target_force_n: float | None,
     damage: DamageModel | None,
 ) -> Supply:
-    """Open the rig of a name; the simulated one is calibrated as by a user, with a crate drawn.
+    """Open a rig; calibrate a simulated one and draw its crate.
 
     Raises `InputError` or `DeviceError` if there is no such rig, or it does not open.
     """
