@@ -77,7 +77,7 @@ class ServoBus:
         self.late_s, self.deaf, self.position_error = 0.0, False, 0
         self.forgetful = set[x.Register]()
         self._heard_s = world.clock.now_s()
-        self._table = bytearray(x.STATE_END)
+        self._table = bytearray(x.STATE[1])
         self._put(x.MODEL_NUMBER, model_number)
         self._put(x.OPERATING_MODE, x.Mode.POSITION)
         self._put(x.PWM_LIMIT, x.FULL_PWM)

@@ -14,16 +14,15 @@ from tests.contract.servo_bus import LineEnd
 from palpate.gripper import sts_series as sts
 from palpate.gripper.fingers import HingedJaw
 from palpate.gripper.interface import GripperCommand
-from palpate.gripper.x_series import Register
+from palpate.gripper.packets import Register
 from palpate.twin.devices import TwinGripper
 from palpate.twin.world import World
 
 _HEADER = b"\xff\xff"
 _PING, _READ, _WRITE = 0x01, 0x02, 0x03
 _BAD_INSTRUCTION = 0x40
-#: Grip force at which it gives way at full torque (2.9 N m on a jaw of 70 mm), and its noise-free
-#: supply and temperature.
-_FULL_FORCE_N, _SUPPLY, _TEMPERATURE = 41.0, 74, 33
+#: Grip force at which it gives way at full torque (2.9 N m on a jaw of 70 mm).
+_FULL_FORCE_N = 41.0
 _FASTEST = 3400
 
 
@@ -79,7 +78,7 @@ class StsBus:
         self._closed, self._id = closed_tick, servo_id
         self.silent, self.spoilt, self.state = False, 0, sts.State(0)
         self.forgetful = set[Register]()
-        self._table = bytearray(sts.STATE_END)
+        self._table = bytearray(sts.STATE[1])
         self._put(sts.MODEL_NUMBER, model_number)
         self._put(sts.TORQUE_LIMIT, sts.FULL_TORQUE)
         self._lock, self._looking = threading.RLock(), False
@@ -152,7 +151,7 @@ class StsBus:
     def _go(self) -> None:
         if not self._get(sts.TORQUE_ENABLE):
             return
-        goal = sts.decode_signed(self._get(sts.GOAL_POSITION), sign_bit=sts.POSITION_SIGN)
+        goal = self._get(sts.GOAL_POSITION)
         target_mm = self._jaw.width_mm((goal - self._closed) * sts.RAD_PER_TICK)
         now_mm = self._world.drive_value(self._world.clock.now_s())
         turn = abs(goal - self._closed - self._jaw.angle_rad(now_mm) / sts.RAD_PER_TICK)
@@ -167,8 +166,6 @@ class StsBus:
         turned = round(self._jaw.angle_rad(width_mm) / sts.RAD_PER_TICK)
         self._put(sts.PRESENT_POSITION, self._closed + turned)
         self._put(sts.PRESENT_CURRENT, round(abs(state.current_ma) / sts.MA_PER_UNIT))
-        self._put(sts.PRESENT_VOLTAGE, _SUPPLY)
-        self._put(sts.PRESENT_TEMPERATURE, _TEMPERATURE)
         self._put(sts.MOVING, state.moving)
 
     def _look(self, time_s: float) -> None:
@@ -186,7 +183,7 @@ class StsBus:
 
     def _get(self, register: Register) -> int:
         run = self._table[register.address : register.address + register.size]
-        return int.from_bytes(run, "little")
+        return register.decode(bytes(run))
 
     def _put(self, register: Register, value: int) -> None:
         end = register.address + register.size

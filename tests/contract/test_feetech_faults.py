@@ -15,9 +15,8 @@ from palpate.grasp.runner import run_grasp
 from palpate.gripper import sts_series as sts
 from palpate.gripper.feetech import FeetechGripper, open_gripper
 from palpate.gripper.interface import GripperCommand
-from palpate.gripper.packets import PROTOCOL_1
+from palpate.gripper.packets import PROTOCOL_1, Register
 from palpate.gripper.servo_line import ServoLine
-from palpate.gripper.x_series import Register
 from palpate.rig.simulated import calibrate_twin
 from palpate.twin.devices import TwinArray
 from palpate.twin.world import World

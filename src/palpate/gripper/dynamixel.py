@@ -12,22 +12,22 @@ from contextlib import suppress
 from palpate.clock import Clock, RealClock
 from palpate.errors import DeviceError, InputError
 from palpate.gripper import x_series as x
+from palpate.gripper.bus_servo import BusServoGripper
 from palpate.gripper.fingers import CrankFingers
-from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
-from palpate.gripper.servo_line import REPLY_S, RefusedError, ServoLine, value_at
+from palpate.gripper.interface import GripperLimits, GripperState
+from palpate.gripper.packets import Register, RegisterRun
+from palpate.gripper.servo_line import REPLY_S, RefusedError, ServoLine
 
 #: Fingers of the WidowX 250s: 15 to 37 mm from the middle, each (its robot description).
 WIDOWX_LIMITS = GripperLimits(drive="width", lowest=30.0, highest=74.0, fastest=60.0)
 #: After a reboot the servo needs this long before it answers (e-Manual: below 0.5 s).
 _REBOOT_S, _REBOOT_POLL_S = 2.0, 0.1
-#: A stop is confirmed by readings that report standing still, within this time.
-_STOPPED_S, _STOPPED_POLL_S = 0.3, 0.01
 #: No servo of these turns faster (rad/s), and readings may have this error (rad): a position that
 #: it can't have reached since the last one is another's answer, or a fault of its encoder.
 _FASTEST_RAD_PER_S, _SLACK_RAD = 12.0, 0.2
 
 
-class DynamixelGripper:
+class DynamixelGripper(BusServoGripper):
     """A `Gripper` behind a servo line.
 
     Parameters
@@ -56,6 +56,9 @@ class DynamixelGripper:
         what it is set to.
     """
 
+    RAD_PER_S = x.RAD_PER_S_PER_VELOCITY
+    STATE, POSITION, MOVEMENT = x.STATE, x.PRESENT_POSITION, (x.MOVING_STATUS, x.PROFILE_ONGOING)
+
     def __init__(
         self,
         line: ServoLine,
@@ -67,8 +70,7 @@ class DynamixelGripper:
         pwm_limit_percent: float = 60.0,
         watchdog_s: float = 0.5,
     ) -> None:
-        self.limits = limits
-        self._line, self._clock, self._fingers = line, clock, fingers
+        super().__init__(line, clock=clock, fingers=fingers, limits=limits, zero_tick=x.CENTRE_TICK)
         self._current_limit_ma, self._pwm_limit_percent = current_limit_ma, pwm_limit_percent
         self._watchdog = _watchdog_steps(watchdog_s)
         self._last: tuple[float, int] | None = None
@@ -86,78 +88,42 @@ class DynamixelGripper:
 
         Raises `DeviceError` if it does not answer, or a hardware error has switched its torque off.
         """
-        run = self._line.read_run(x.STATE_BEGIN, x.STATE_END - x.STATE_BEGIN)
+        run = self._read()
         self._refuse_errors()
-        current = value_at(run, x.PRESENT_CURRENT, x.STATE_BEGIN)
         unit = self.model.ma_per_unit
         return GripperState(
             time_s=self._clock.now_s(),
             width_mm=self._width_mm(self._check_reading(run)),
             # A positive current turns towards larger positions (e-Manual, "Present Current"), and
             # those open the fingers: closing reads negative.
-            current_ma=math.nan if unit is None else -current * unit,
-            moving=_is_moving(run),
+            current_ma=math.nan if unit is None else -run.value(x.PRESENT_CURRENT) * unit,
+            moving=self._is_on_its_way(run) or bool(run.value(x.MOVING)),
         )
-
-    def command(self, wanted: GripperCommand) -> GripperCommand:
-        """Send the fingers to a width; return what was sent, in whole steps of the servo.
-
-        The rate returned is the mean over the way: the servo turns evenly, the fingers don't.
-
-        Raises `DeviceError` if it does not answer, or a hardware error has switched its torque off.
-        """
-        wanted = self.limits.clamp(wanted)
-        now_mm = self._width_mm(self._line.read(x.PRESENT_POSITION))
-        self._refuse_errors()
-        tick = self._tick(wanted.target)
-        sent_mm = self._width_mm(tick)
-        steepest = self._fingers.steepest_mm_per_rad(self._within(now_mm), sent_mm)
-        # 0 would mean as fast as it can.
-        velocity = max(int(wanted.rate / steepest / x.RAD_PER_S_PER_VELOCITY), 1)
-        self._write_goal(x.PROFILE_VELOCITY, velocity)
-        self._write_goal(x.GOAL_POSITION, tick)
-        turn_rad = abs(self._fingers.angle_rad(sent_mm) - self._angle_rad(now_mm))
-        takes_s = turn_rad / (velocity * x.RAD_PER_S_PER_VELOCITY)
-        mean = abs(sent_mm - now_mm) / takes_s if takes_s > 0 else wanted.rate
-        return GripperCommand(target=sent_mm, rate=mean)
 
     def stop(self) -> None:
         """Stop where it is, if it moves: a new goal would only loosen a grip that holds.
 
-        Raises `DeviceError` if no reading confirms that it stands still. A servo that does not
-        answer is left to its watchdog, which is set to its shortest.
+        Raises `DeviceError` if no reading confirms that it stands still; then it is left to its
+        watchdog, which is set to its shortest.
         """
-        until_s = self._clock.now_s() + _STOPPED_S
         try:
-            while self._halt() and self._clock.now_s() < until_s:
-                self._clock.sleep_s(_STOPPED_POLL_S)
-            if not self._halt():
-                return
+            super().stop()
         except DeviceError:
             with suppress(DeviceError):
                 self._line.write_blindly(x.BUS_WATCHDOG, 1)
             raise
-        raise DeviceError(
-            f"{self._line.name} was told to stop but still moves after {_STOPPED_S:g} s; take its "
-            "supply away"
-        )
 
-    def _halt(self) -> bool:
-        """Make where it is its goal, if it moves; return whether it does."""
-        run = self._line.read_run(x.STATE_BEGIN, x.STATE_END - x.STATE_BEGIN)
-        if not value_at(run, x.MOVING_STATUS, x.STATE_BEGIN) & x.PROFILE_ONGOING:
-            return False
+    def _start(self, tick: int, *, velocity: int, now: int) -> None:
+        self._write_goal(x.PROFILE_VELOCITY, velocity)
+        self._write_goal(x.GOAL_POSITION, tick)
+
+    def _hold(self, tick: int) -> None:
         try:
-            self._line.write(x.GOAL_POSITION, value_at(run, x.PRESENT_POSITION, x.STATE_BEGIN))
+            self._line.write(x.GOAL_POSITION, tick)
         except RefusedError as refused:
             # The watchdog has stopped it already.
             if refused.code != x.PacketError.DATA_RANGE:
                 raise
-        return True
-
-    def release(self) -> None:
-        """Open fully."""
-        self.command(GripperCommand(target=self.limits.highest, rate=self.limits.fastest))
 
     def clear_errors(self) -> None:
         """Reboot the servo and set it up again: for the user to ask, once the cause is gone.
@@ -176,10 +142,6 @@ class DynamixelGripper:
                     raise
         self._refuse_errors()
         self._set_up()
-
-    def close(self) -> None:
-        """Let go of the port; the servo holds its place. Calling it again does nothing."""
-        self._line.close()
 
     def _set_up(self) -> None:
         """Set mode, limits and watchdog, and read them back before the first command."""
@@ -220,7 +182,7 @@ class DynamixelGripper:
             line.write(register, value)
         line.confirm(started)
 
-    def _write_goal(self, register: x.Register, value: int) -> None:
+    def _write_goal(self, register: Register, value: int) -> None:
         """Write a goal; where the watchdog has stopped the servo meanwhile, arm it again."""
         try:
             self._line.write(register, value)
@@ -231,9 +193,9 @@ class DynamixelGripper:
             self._line.write(x.BUS_WATCHDOG, self._watchdog)
             self._line.write(register, value)
 
-    def _check_reading(self, run: bytes) -> int:
+    def _check_reading(self, run: RegisterRun) -> int:
         """Return the position of a reading, if the servo can have come there since the last one."""
-        now_s, tick = self._clock.now_s(), value_at(run, x.PRESENT_POSITION, x.STATE_BEGIN)
+        now_s, tick = self._clock.now_s(), run.value(self.POSITION)
         last, self._last = self._last, (now_s, tick)
         if last is None:
             return tick
@@ -255,25 +217,6 @@ class DynamixelGripper:
                 f"{self._line.name}: {names}; its torque is off until it is rebooted. Take the "
                 "cause away, then open it with clear_errors = true in the rig file"
             )
-
-    def _width_mm(self, tick: int) -> float:
-        return self._fingers.width_mm((tick - x.CENTRE_TICK) * x.RAD_PER_TICK)
-
-    def _tick(self, width_mm: float) -> int:
-        return x.CENTRE_TICK + round(self._fingers.angle_rad(width_mm) / x.RAD_PER_TICK)
-
-    def _angle_rad(self, width_mm: float) -> float:
-        return self._fingers.angle_rad(self._within(width_mm))
-
-    def _within(self, width_mm: float) -> float:
-        low, high = self._fingers.reach_mm
-        return min(max(width_mm, low), high)
-
-
-def _is_moving(run: bytes) -> bool:
-    """Whether a reading shows that the servo turns, or is on its way."""
-    ongoing = value_at(run, x.MOVING_STATUS, x.STATE_BEGIN) & x.PROFILE_ONGOING
-    return bool(ongoing or value_at(run, x.MOVING, x.STATE_BEGIN))
 
 
 def _watchdog_steps(watchdog_s: float) -> int:

@@ -10,18 +10,17 @@ from __future__ import annotations
 from palpate.clock import Clock, RealClock
 from palpate.errors import DeviceError, InputError
 from palpate.gripper import sts_series as sts
+from palpate.gripper.bus_servo import BusServoGripper
 from palpate.gripper.fingers import HingedJaw
-from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
+from palpate.gripper.interface import GripperLimits, GripperState
 from palpate.gripper.packets import PROTOCOL_1
-from palpate.gripper.servo_line import REPLY_S, ServoLine, value_at
+from palpate.gripper.servo_line import REPLY_S, ServoLine
 
-#: A stop is confirmed by readings that report standing still, within this time.
-_STOPPED_S, _STOPPED_POLL_S = 0.3, 0.01
 #: Of the jaw, mm/s: half a turn of it takes the servo about a second.
 _FASTEST_MM_PER_S = 60.0
 
 
-class FeetechGripper:
+class FeetechGripper(BusServoGripper):
     """A `Gripper` behind a line of Feetech servos.
 
     Parameters
@@ -51,6 +50,9 @@ class FeetechGripper:
         If the servo does not answer, is of an unknown kind or in another mode, or protects itself.
     """
 
+    RAD_PER_S = sts.RAD_PER_TICK
+    STATE, POSITION, MOVEMENT = sts.STATE, sts.PRESENT_POSITION, (sts.MOVING, 1)
+
     def __init__(
         self,
         line: ServoLine,
@@ -69,9 +71,10 @@ class FeetechGripper:
             raise InputError(f"torque_limit_percent {torque_limit_percent:g}: must be 1 to 100")
         if not 0.05 <= leash_s <= 2.0:
             raise InputError(f"leash_s {leash_s:g}: must be 0.05 to 2 s")
-        self.limits = limits
-        self._line, self._clock, self._jaw = line, clock, jaw
-        self._closed, self._opens, self._leash_s = closed_tick, opens, leash_s
+        super().__init__(
+            line, clock=clock, fingers=jaw, limits=limits, zero_tick=closed_tick, opens=opens
+        )
+        self._leash_s = leash_s
         ends = [self._tick(width_mm) for width_mm in (limits.lowest, limits.highest)]
         if min(ends) < 0 or max(ends) >= sts.TICKS:
             raise InputError(
@@ -88,71 +91,34 @@ class FeetechGripper:
         Raises `DeviceError` if it does not answer, or protects itself.
         """
         run = self._read()
-        tick = _position(run)
-        turning = bool(value_at(run, sts.MOVING, sts.STATE_BEGIN))
+        self._refuse_errors()
+        tick, turning = run.value(self.POSITION), self._is_on_its_way(run)
         held_back = self._sent != self._target
         if held_back:
             self._send(self._apply_leash(tick))
         # Held back and standing in two states: something is in the way.
         moving = turning or (held_back and not self._stood)
         self._stood = not turning
-        current = sts.decode_signed(
-            value_at(run, sts.PRESENT_CURRENT, sts.STATE_BEGIN), sign_bit=sts.CURRENT_SIGN
-        )
         return GripperState(
             time_s=self._clock.now_s(),
             width_mm=self._width_mm(tick),
-            current_ma=abs(current) * sts.MA_PER_UNIT,
+            current_ma=abs(run.value(sts.PRESENT_CURRENT)) * sts.MA_PER_UNIT,
             moving=moving,
         )
 
-    def command(self, wanted: GripperCommand) -> GripperCommand:
-        """Send the jaw to a width; return what was sent, in whole steps of the servo.
-
-        Raises `DeviceError` if it does not answer, or protects itself.
-        """
-        wanted = self.limits.clamp(wanted)
-        now = _position(self._read())
-        now_mm = min(max(self._width_mm(now), self._jaw.reach_mm[0]), self._jaw.reach_mm[1])
-        tick = self._tick(wanted.target)
-        sent_mm = self._width_mm(tick)
-        steepest = self._jaw.steepest_mm_per_rad(now_mm, sent_mm)
-        # 0 would mean as fast as it can.
-        self._velocity = max(int(wanted.rate / steepest / sts.RAD_PER_TICK), 1)
-        self._target, self._stood = tick, False
-        self._line.write(sts.GOAL_VELOCITY, self._velocity)
-        self._send(self._apply_leash(now))
-        takes_s = abs(tick - now) / self._velocity
-        mean = abs(sent_mm - now_mm) / takes_s if takes_s > 0 else wanted.rate
-        return GripperCommand(target=sent_mm, rate=min(mean, wanted.rate))
-
     def stop(self) -> None:
-        """Stop where it is, if it moves: a new goal would only loosen a grip that holds.
-
-        Raises `DeviceError` if no reading confirms that it stands still.
-        """
+        """Stop where it is, and be sent on no further; see `BusServoGripper.stop`."""
         self._target = self._sent
-        until_s = self._clock.now_s() + _STOPPED_S
-        while True:
-            run = self._line.read_run(sts.STATE_BEGIN, sts.STATE_END - sts.STATE_BEGIN)
-            if not value_at(run, sts.MOVING, sts.STATE_BEGIN):
-                return
-            if self._clock.now_s() >= until_s:
-                raise DeviceError(
-                    f"{self._line.name} was told to stop but still moves after {_STOPPED_S:g} s; "
-                    "take its supply away"
-                )
-            self._target = _position(run)
-            self._send(self._target)
-            self._clock.sleep_s(_STOPPED_POLL_S)
+        super().stop()
 
-    def release(self) -> None:
-        """Open fully."""
-        self.command(GripperCommand(target=self.limits.highest, rate=self.limits.fastest))
+    def _start(self, tick: int, *, velocity: int, now: int) -> None:
+        self._target, self._velocity, self._stood = tick, velocity, False
+        self._line.write(sts.GOAL_VELOCITY, velocity)
+        self._send(self._apply_leash(now))
 
-    def close(self) -> None:
-        """Let go of the port; the servo holds its place. Calling it again does nothing."""
-        self._line.close()
+    def _hold(self, tick: int) -> None:
+        self._target = tick
+        self._send(tick)
 
     def _set_up(self, torque_limit: int) -> None:
         line = self._line
@@ -165,18 +131,17 @@ class FeetechGripper:
             raise DeviceError(
                 f"{line.name} is in operating mode {mode}; set it to {sts.POSITION_MODE} (position)"
             )
-        here = _position(self._read())
+        here = self._read().value(self.POSITION)
+        self._refuse_errors()
         line.write(sts.TORQUE_LIMIT, torque_limit)
         line.write(sts.ACCELERATION, 0)
         # An old goal would be gone to as soon as there is torque.
-        self._target = here
-        self._send(here)
+        self._hold(here)
         line.confirm({sts.TORQUE_LIMIT: torque_limit, sts.ACCELERATION: 0})
         line.write(sts.TORQUE_ENABLE, 1)
         line.confirm({sts.TORQUE_ENABLE: 1})
 
-    def _read(self) -> bytes:
-        run = self._line.read_run(sts.STATE_BEGIN, sts.STATE_END - sts.STATE_BEGIN)
+    def _refuse_errors(self) -> None:
         if self._line.alerted:
             reported = sts.State(self._line.alerted)
             names = ", ".join((one.name or str(one.value)).lower() for one in reported)
@@ -184,7 +149,6 @@ class FeetechGripper:
                 f"{self._line.name} protects itself: {names}; let it cool or take the load away, "
                 "then switch its supply off and on"
             )
-        return run
 
     def _apply_leash(self, now: int) -> int:
         """Return how far it may be sent from `now`: to the end if it opens."""
@@ -197,18 +161,6 @@ class FeetechGripper:
     def _send(self, tick: int) -> None:
         self._line.write(sts.GOAL_POSITION, tick)
         self._sent = tick
-
-    def _width_mm(self, tick: int) -> float:
-        return self._jaw.width_mm(self._opens * (tick - self._closed) * sts.RAD_PER_TICK)
-
-    def _tick(self, width_mm: float) -> int:
-        turned = self._jaw.angle_rad(width_mm) / sts.RAD_PER_TICK
-        return self._closed + self._opens * round(turned)
-
-
-def _position(run: bytes) -> int:
-    value = value_at(run, sts.PRESENT_POSITION, sts.STATE_BEGIN)
-    return sts.decode_signed(value, sign_bit=sts.POSITION_SIGN)
 
 
 def open_gripper(

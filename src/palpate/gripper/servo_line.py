@@ -10,8 +10,8 @@ from itertools import cycle
 from typing import Any
 
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, needing
-from palpate.gripper.packets import PROTOCOL_2, Packets
-from palpate.gripper.x_series import HARDWARE_ERROR, HardwareError, PacketError, Register
+from palpate.gripper.packets import PROTOCOL_2, Packets, Register, RegisterRun
+from palpate.gripper.x_series import HARDWARE_ERROR, HardwareError, PacketError
 
 #: A packet that is lost or damaged once is asked for again; a servo that is gone stays silent.
 _TRIES = 3
@@ -92,12 +92,12 @@ class ServoLine:
 
     def read(self, register: Register) -> int:
         """Return the value of a register."""
-        return value_at(self.read_run(register.address, register.size), register, register.address)
+        return self.read_run(register.address, register.size).value(register)
 
-    def read_run(self, address: int, size: int) -> bytes:
-        """Return `size` bytes of the control table from `address` on."""
+    def read_run(self, begin: int, size: int) -> RegisterRun:
+        """Return `size` bytes of the control table from address `begin` on."""
         place = self._layout.place
-        return self._ask(_READ, place(address) + place(size), answer=size)
+        return RegisterRun(begin, self._ask(_READ, place(begin) + place(size), answer=size))
 
     def write(self, register: Register, value: int) -> None:
         """Write a register.
@@ -225,12 +225,6 @@ class ServoLine:
             raise DeviceError(
                 f"{self.name}: the port is gone; plug it in again and check the servo's power"
             ) from error
-
-
-def value_at(run: bytes, register: Register, begin: int) -> int:
-    """Return the value of a register from a run of the control table that begins at `begin`."""
-    at = register.address - begin
-    return int.from_bytes(run[at : at + register.size], "little", signed=register.signed)
 
 
 def _reason(code: int) -> str:

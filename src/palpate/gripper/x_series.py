@@ -8,16 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from math import pi
-from typing import NamedTuple
 
-
-class Register(NamedTuple):
-    """Address, size in bytes, and whether the value is signed."""
-
-    address: int
-    size: int
-    signed: bool = False
-
+from palpate.gripper.packets import Register
 
 MODEL_NUMBER = Register(0, 2)
 DRIVE_MODE = Register(10, 1)
@@ -42,7 +34,7 @@ PRESENT_POSITION = Register(132, 4, signed=True)
 #: Below this address values are kept without power, and only change while the torque is off.
 EEPROM_END = 64
 #: What a state needs lies in one run, so it is read in one packet.
-STATE_BEGIN, STATE_END = 122, 147
+STATE = 122, 147
 
 RAD_PER_TICK = 2 * pi / 4096
 #: Middle of the travel: the horn's angle 0.
