@@ -14,7 +14,12 @@ from palpate.cli.options import JsonOption, opt
 from palpate.cli.output import print_json
 from palpate.errors import InputError
 from palpate.fabrication.design import PRESETS, Cutter, SensorDesign
-from palpate.fabrication.drawing import CutFile, draw_combined_svg, require_dxf
+from palpate.fabrication.drawing import (
+    draw_combined_svg,
+    draw_layer_svg,
+    require_dxf,
+    write_layer_dxf,
+)
 from palpate.fabrication.pattern import Pattern, lay_out
 from palpate.fabrication.refusals import check_design, check_pattern
 from palpate.files import atomic_path
@@ -144,14 +149,13 @@ def _write_files(drawn: Pattern, folder: Path, *, dxf: bool) -> list[Path]:
     files = []
     stem = drawn.design.name
     for layer in drawn.layers():
-        sheet = CutFile.of_layer(drawn, layer)
         files.append(folder / f"{stem}-{layer.name}.svg")
         with atomic_path(files[-1]) as partial:
-            partial.write_text(sheet.as_svg(), encoding="utf-8")
+            partial.write_text(draw_layer_svg(drawn, layer), encoding="utf-8")
         if dxf:
             files.append(folder / f"{stem}-{layer.name}.dxf")
             with atomic_path(files[-1]) as partial:
-                sheet.write_dxf(partial)
+                write_layer_dxf(drawn, layer, partial)
     files.append(folder / f"{stem}.svg")
     with atomic_path(files[-1]) as partial:
         partial.write_text(draw_combined_svg(drawn), encoding="utf-8")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
@@ -25,68 +24,49 @@ LOOKS: dict[str, tuple[str, float, str]] = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CutFile:
-    """Lines to cut from one sheet, as the cutter sees it, mm."""
+def draw_layer_svg(pattern: Pattern, layer: Layer) -> str:
+    """Return what is cut from one sheet, as the cutter sees it: hairlines in millimetres."""
+    side = "mirrored" if layer.mirrored else "not mirrored"
+    return "\n".join(
+        [
+            _opening(pattern.width, pattern.height),
+            f"<title>{escape(f'{pattern.design.name} {layer.name}')}</title>",
+            f"<desc>{escape(f'{layer.material}, {side}: {layer.why}')}. Millimetres.</desc>",
+            '<g fill="none" stroke="#d00000" stroke-width="0.1">',
+            *_paths(_list_cuts(pattern, layer)),
+            "</g>",
+            "</svg>\n",
+        ]
+    )
 
-    title: str
-    #: What it is cut from, and which side is up.
-    description: str
-    width: float
-    height: float
-    outlines: tuple[Outline, ...]
 
-    @classmethod
-    def of_layer(cls, pattern: Pattern, layer: Layer) -> CutFile:
-        """Return the cut file of a layer of a sensor, mirrored where it must be."""
-        outlines = (*layer.parts, *pattern.mark_outlines)
-        side = "mirrored" if layer.mirrored else "not mirrored"
-        return cls(
-            title=f"{pattern.design.name} {layer.name}",
-            description=f"{layer.material}, {side}: {layer.why}",
-            width=pattern.width,
-            height=pattern.height,
-            outlines=tuple(o.mirror(pattern.width) for o in outlines)
-            if layer.mirrored
-            else outlines,
+def write_layer_dxf(pattern: Pattern, layer: Layer, path: Path) -> None:
+    """Write the same lines as the SVG has, y up as DXF has it.
+
+    Arcs stay arcs (polylines with bulges), the unit is stated as millimetres.
+    """
+    require_dxf()
+    from ezdxf import units
+    from ezdxf.document import Drawing
+
+    document = Drawing.new("R2010")
+    document.units = units.MM
+    document.layers.add(layer.name, color=1)
+    space = document.modelspace()
+    for outline in _list_cuts(pattern, layer):
+        space.add_lwpolyline(
+            [(v.x, pattern.height - v.y, -v.bulge) for v in outline.vertices],
+            format="xyb",
+            close=True,
+            dxfattribs={"layer": layer.name},
         )
+    document.saveas(path)
 
-    def as_svg(self) -> str:
-        """Return hairlines in millimetres."""
-        return "\n".join(
-            [
-                _opening(self.width, self.height),
-                f"<title>{escape(self.title)}</title>",
-                f"<desc>{escape(self.description)}. Millimetres.</desc>",
-                '<g fill="none" stroke="#d00000" stroke-width="0.1">',
-                *_paths(self.outlines),
-                "</g>",
-                "</svg>\n",
-            ]
-        )
 
-    def write_dxf(self, path: Path) -> None:
-        """Write the same lines as the SVG has, y up as DXF has it.
-
-        Arcs stay arcs (polylines with bulges), the unit is stated as millimetres.
-        """
-        require_dxf()
-        from ezdxf import units
-        from ezdxf.document import Drawing
-
-        document = Drawing.new("R2010")
-        document.units = units.MM
-        name = self.title.rpartition(" ")[2]
-        document.layers.add(name, color=1)
-        space = document.modelspace()
-        for outline in self.outlines:
-            space.add_lwpolyline(
-                [(v.x, self.height - v.y, -v.bulge) for v in outline.vertices],
-                format="xyb",
-                close=True,
-                dxfattribs={"layer": name},
-            )
-        document.saveas(path)
+def _list_cuts(pattern: Pattern, layer: Layer) -> list[Outline]:
+    """Return the lines of a layer and its marks, mirrored where its other side is up."""
+    cuts = [*layer.parts, *pattern.mark_outlines]
+    return [cut.mirror(pattern.width) for cut in cuts] if layer.mirrored else cuts
 
 
 def draw_combined_svg(pattern: Pattern) -> str:

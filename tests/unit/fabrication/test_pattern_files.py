@@ -17,7 +17,7 @@ from shapely.ops import unary_union
 
 from palpate.cli import build_app, run
 from palpate.fabrication.design import PRESETS, Cutter, SensorDesign
-from palpate.fabrication.drawing import CutFile
+from palpate.fabrication.drawing import draw_layer_svg
 from palpate.fabrication.pattern import MARK_MM, Pattern, lay_out
 from palpate.fabrication.refusals import check_design, check_pattern
 
@@ -71,7 +71,7 @@ def cut_layers(pattern: Pattern, tmp_path: Path) -> dict[str, tuple[list[Polygon
     """Return per layer its parts and its marks, turned back to how the sensor is seen."""
     layers = {}
     for layer in pattern.layers():
-        shapes = polygons(CutFile.of_layer(pattern, layer).as_svg(), tmp_path)
+        shapes = polygons(draw_layer_svg(pattern, layer), tmp_path)
         if layer.mirrored:
             shapes = [affinity.scale(s, xfact=-1, origin=(pattern.width / 2, 0)) for s in shapes]
         layers[layer.name] = (shapes[: len(layer.parts)], shapes[len(layer.parts) :])
@@ -108,9 +108,7 @@ def test_an_independent_reader_finds_every_pixel_at_its_size_and_place(
 def test_marks_lie_at_the_same_place_in_every_file(design: SensorDesign, tmp_path: Path) -> None:
     pattern = lay_out(design)
     as_cut = {
-        layer.name: polygons(CutFile.of_layer(pattern, layer).as_svg(), tmp_path)[
-            len(layer.parts) :
-        ]
+        layer.name: polygons(draw_layer_svg(pattern, layer), tmp_path)[len(layer.parts) :]
         for layer in pattern.layers()
     }
     places = {
