@@ -1,1 +1,1 @@
-"""The grasp: a pure controller, what keeps it safe, and the loop that runs it."""
+"""The grasp: a pure controller, its safety checks, and the loop that runs it."""

@@ -1,4 +1,4 @@
-"""From what was felt to the answer: settled value, force, size and stiffness, with intervals."""
+"""The answers of a grasp: settled value, force, size and stiffness, with intervals."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan)
 def _stiffness_from_travel(
     estimate: ContactEstimate, force: Measurement, plan: Plan
 ) -> Measurement | None:
-    """Return what the settled force and the travel since the touch leave possible.
+    """Bound the stiffness by the settled force and the travel since the touch.
 
     For a touch so faint that too few steps show a curve. The object gave way by no more than the
     hand closed since nothing was felt, and by no less than since both fingers surely pressed, less
@@ -199,7 +199,7 @@ def _stiffness_from_travel(
 
 
 def force_when_settled(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -> Measurement:
-    """Convert the settled reading to newtons, and weigh in what the gripper itself felt.
+    """Convert the settled reading to newtons, combined with the gripper's own measurement.
 
     Doubts add in ln force: the law's own scatter, use of the sheet since, and what the forecast
     leaves open, carried through the law.
@@ -296,7 +296,7 @@ def _size(size: ContactPoint, plan: Plan, give: Compliance) -> Measurement:
 def measure_stiffness(
     estimate: ContactEstimate, force: Measurement, *, plan: Plan
 ) -> Measurement | None:
-    """Return the object's secant stiffness at a force, if the hand can and felt enough."""
+    """Return the object's secant stiffness at a force, if it can be measured."""
     found = _closing_curve(estimate, plan)
     if found is None:
         return None
@@ -338,7 +338,7 @@ def _closing_curve(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingSteps,
 def _read(
     steps: Sequence[ClosingStep], estimate: ContactEstimate, plan: Plan
 ) -> tuple[FloatArray, NDArray[np.bool_], ForceEstimate]:
-    """Return opening of each step (mm or -kPa), whether it was felt, and its early force."""
+    """Return each step's opening (mm or -kPa), whether a contact was detected, and early force."""
     reading = [step.touch.reading for step in steps]
     shared_percent = np.array([step.touch.shared_percent for step in steps])
     read = estimate.gain.apply_to(plan.early_law.force_n(reading, level=plan.level))
@@ -357,7 +357,7 @@ def _opening(plan: Plan, closure: float) -> float:
 
 
 def mm_per_unit(plan: Plan) -> float:
-    """Return how far the fingers close for a unit of the drive, mm per mm or kPa."""
+    """Return the closing travel per unit of the drive, mm per mm or kPa."""
     return 1.0 if plan.bend is None else plan.bend.mm_per_kpa
 
 
@@ -370,7 +370,7 @@ def sheet_forces_n(
 
 
 def _from_touch(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingStep, ...]:
-    """Return the steps from just before the first sure touch on; none if there is none.
+    """Return the steps from the one before the first certain touch; none without one.
 
     Drift can look like a faint touch long before the real one: no more than two steps of it.
     """

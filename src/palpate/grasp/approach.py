@@ -1,4 +1,4 @@
-"""The approach: at speed until something is felt, back, and then finely until it is a touch."""
+"""The approach: closing at speed until a contact, then again in fine steps."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from palpate.gripper.interface import GripperCommand
 
 
 def approach(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Take the rest values, then close until both fingers surely feel something."""
+    """Measure the rest values, then close until both fingers are in contact."""
     return _ACTIVITIES[state.attempt.activity](state, plan)
 
 
 def touch_finely(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Close step by step, from the rest values on, until both fingers feel something."""
+    """Measure the rest values, then close step by step until both fingers are in contact."""
     estimate, attempt = state.estimate, state.attempt
     if estimate.rest_ohm is None:
         return _continue(state, plan) if take_rest(state, plan=plan) else None
@@ -65,7 +65,7 @@ def touch_finely(state: GraspState, plan: Plan) -> GripperCommand | None:
 
 
 def _continue(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Close on: finely while it may be that something presses, at speed where nothing was felt."""
+    """Continue closing: in fine steps near a possible contact, otherwise at speed."""
     estimate, attempt = state.estimate, state.attempt
     felt = bool(estimate.touches) and estimate.now.deepest_percent <= READING.felt_percent
     # A weak thing may not bear a whole step more; what it bears is not known yet.
@@ -87,7 +87,7 @@ def _continue(state: GraspState, plan: Plan) -> GripperCommand | None:
 
 
 def _is_pressed(estimate: ContactEstimate, plan: Plan) -> bool:
-    """Whether there is force enough for a grip, though a finger feels little.
+    """Whether the force is enough for a grip, although one finger shows little.
 
     One finger alone may only push the object to the middle; with that much force it does not.
     """
@@ -120,7 +120,7 @@ def end_attempt(state: GraspState, plan: Plan) -> GripperCommand:
 
 
 def wait(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Stand open until it is time to try again, or somebody touches a finger."""
+    """Wait with the hand open until the next try, or until a finger is touched."""
     opened = state.estimate.closure <= plan.step / 2
     if not opened or state.in_this_s < plan.dwell_s:
         return None
@@ -132,7 +132,7 @@ def wait(state: GraspState, plan: Plan) -> GripperCommand | None:
 
 
 def abort_insensitive(state: GraspState, plan: Plan) -> GripperCommand:
-    """Open: the calibration can't exclude that the little that is felt is too much already."""
+    """Open: by the calibration even the least detectable force may be too much."""
     state.add_fault(
         f"by this calibration a faint touch could be {state.estimate.force_high_n:.1f} N, and "
         f"{plan.safety.force_ceiling_n:g} N is the most allowed; calibrate the force again"
@@ -193,7 +193,7 @@ def _near(plan: Plan) -> float:
 
 
 def continue_sweep(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Go on closing, a little ahead of where the hand is; stop where something is felt."""
+    """Continue closing, with the target slightly ahead of the hand; stop at a contact."""
     estimate, sweep = state.estimate, state.estimate.sweep
     assert sweep is not None
     # A hand that stands still shakes nothing: its position shows that it did not arrive.
@@ -226,7 +226,7 @@ def _look(state: GraspState, command: GripperCommand | None) -> GripperCommand |
 
 
 def _command_s(estimate: ContactEstimate, *, frames: float) -> float:
-    """Return how far ahead a command of a sweep reaches, in time.
+    """Return the time that a sweep's command reaches ahead, s.
 
     If no more comes, the hand stops of its own.
     """
@@ -234,7 +234,7 @@ def _command_s(estimate: ContactEstimate, *, frames: float) -> float:
 
 
 def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Where the sweep ended, stand and look: a touch of both fingers, of one, or nothing."""
+    """Classify the end of a sweep: contact of both fingers, of one, or of none."""
     estimate, attempt = state.estimate, state.attempt
     if estimate.still_s < APPROACH.stand_s or not estimate.touches:
         return None
@@ -272,7 +272,7 @@ def _go_back(estimate: ContactEstimate, travel: float, plan: Plan) -> GripperCom
 
 
 def _unfelt_rows(now: Touch, plan: Plan) -> tuple[int, ...]:
-    """Return the rows of pixels on fingers that feel nothing: where the next touch will come.
+    """Return the rows of pixels on fingers without contact.
 
     One finger alone pushes the object to the middle, and its own pixels change on the way.
     """
@@ -281,7 +281,7 @@ def _unfelt_rows(now: Touch, plan: Plan) -> tuple[int, ...]:
 
 
 def _leave_touch(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Where the hand came back to nothing is held: what is read there is the sheet's residual.
+    """Record the residual of the sheet where the hand came back without an object.
 
     Where both fingers read more than a hint, it has not come back far enough; and where it has come
     back as far as it may and reads most of the touch, that has nothing to do with the fingers.

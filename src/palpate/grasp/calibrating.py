@@ -1,4 +1,4 @@
-"""Calibration by the steps that a user makes: rest, closing on a load cell, closing on a block."""
+"""Calibration by guided steps: rest, closing on a load cell, closing on a block."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def measure_force(
     dwell_s: float,
     horizon_s: float = 20.0,
 ) -> ForcePairs:
-    """Close on a load cell in steps and pair its force with what the sheet reads.
+    """Close on a load cell in steps and pair its force with readings of the sheet.
 
     Each run is a fresh placement of the cell. A run closes step by step, as a grasp does, reading
     every step after `dwell_s`; at each force of its list it stands still until `horizon_s` and
@@ -160,7 +160,7 @@ def measure_force(
 def measure_block(
     bench: Bench, *, block_mm: float, up_to_n: float, repeats: int, dwell_s: float
 ) -> BlockPairs:
-    """Close on a rigid block of known size that carries the load cell, and note the closings."""
+    """Close on a rigid block of known size with the load cell, and record the closings."""
     limits = bench.gripper.limits
     reported: list[float] = []
     force_n: list[float] = []
@@ -184,7 +184,7 @@ def measure_block(
 
 @contextmanager
 def _opening_after(bench: Bench) -> Iterator[None]:
-    """Open the hand at the end, whatever ends it: nothing stays pressed while nobody looks."""
+    """Open the hand at the end, after an error too: nothing stays pressed unattended."""
     try:
         yield
     finally:
@@ -200,7 +200,7 @@ def _release(bench: Bench) -> None:
 def _climb(
     bench: Bench, rest: RestBaseline, level_n: float, *, dwell_s: float, horizon_s: float
 ) -> tuple[list[Reading], bool]:
-    """Close step by step to a force and settle there; return the readings, and whether it did."""
+    """Close step by step to a force and settle; return the readings and the success."""
     readings: list[Reading] = []
     moved_s, room = bench.clock.now_s(), True
     while room and bench.cell.read_n() < level_n:
@@ -218,7 +218,7 @@ def _climb(
 
 
 def _open(bench: Bench) -> None:
-    """Open just beyond what lies between the fingers."""
+    """Open just beyond the object between the fingers."""
     if bench.gripper.limits.closure(bench.gripper.state()) > _before(bench):
         _drive(bench, _before(bench))
     # The opening's own spike and the sheet's memory of the last load have to fade: after 3 s a

@@ -40,7 +40,7 @@ def measure_current(bench: Bench, *, up_to_n: float, repeats: int) -> CurrentPai
 
 
 def measure_gears(bench: Bench, *, sweeps: int = 3) -> CurrentPairs | None:
-    """Close the empty hand, first slowly and all the way, then in short steps; read the current.
+    """Close the empty hand slowly, then in short steps, and read the current.
 
     The slow closings show where on the way the gears take more; the steps, how much that differs
     from one movement to the next. Returns None where the gripper reports no current.

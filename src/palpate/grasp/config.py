@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """How frames and reports become an estimate.
+    """From frames and reports to an estimate.
 
     now_s : 0.05 to 0.3 s, guess. Span of the frames whose mean is read as now.
     now_frames : 2 to 6 frames, guess. Fewest frames that are read as now.
     quiet_s : 0.2 to 0.5 s, twin. A movement's spike, and the sheet's answer, are over.
     lag_s : 0.06 to 0.12 s, twin. A pixel hides its fall under a rising load.
-    felt_percent : -3 to -0.5 %, twin. A larger fall is a touch (ten times a mean's noise).
+    felt_percent : -3 to -0.5 %, twin. A larger fall is a contact (ten times a mean's noise).
     report_steps : 1 to 4 steps, datasheet. Error of a report, in steps of the drive.
     """
 
@@ -65,7 +65,7 @@ class Approach:
 
 @dataclass(frozen=True, slots=True)
 class TouchDetection:
-    """A touch seen while the hand moves at one speed.
+    """Detection of a contact while the hand moves at constant speed.
 
     history_s : 0.4 to 1 s, twin. Readings compared with.
     latest_s : 0.004 to 0.07 s, guess. Readings taken as now.
@@ -89,7 +89,7 @@ class TouchDetection:
 
 @dataclass(frozen=True, slots=True)
 class Squeeze:
-    """How far to close next.
+    """Size of the next closing step.
 
     force_fraction : 0.5 to 1 1, twin. Of the missing force that one step may add.
     beyond_fraction : 0.2 to 1 1, guess. Of a step once the force is there.
@@ -154,7 +154,7 @@ class Settle:
 
 @dataclass(frozen=True, slots=True)
 class Guards:
-    """What ends a grasp: the thresholds of the monitors of sheet, gripper and grip.
+    """Thresholds of the monitors of sheet, gripper and grip.
 
     patience_s : 1 to 10 s, guess. A sheet comes to rest; the first frames come; a pixel moves.
     sheet_factor : 2 to 4 1, twin. Drift of a sheet's rest.
@@ -204,7 +204,7 @@ class Guards:
 
 @dataclass(frozen=True, slots=True)
 class Pixels:
-    """Which pixels have failed.
+    """Thresholds of failed pixels.
 
     frames : 2 to 4 frames, study faults.
         At an end of the range, or equal; no more are alike in a sensor that flickers.
@@ -233,7 +233,7 @@ class Pixels:
 
 @dataclass(frozen=True, slots=True)
 class Current:
-    """What the servo's current proves.
+    """Thresholds of the evidence in the servo's current.
 
     sd : 4 to 6 sd, study faults. A rise that one movement shows is believed.
     twice_sd : 2.5 to 4 sd, study faults. Two in a row are believed.

@@ -88,7 +88,7 @@ class GraspController:
 
 
 def closes_too_far(state: GraspState, plan: Plan) -> bool:
-    """Return whether a hand that closes presses more than it was sent on for before it stops."""
+    """Return whether a closing hand exceeds the force intended for its last command."""
     estimate = state.estimate
     moving = estimate.still_since_s is None and estimate.closure < estimate.sent
     closing = state.phase is Phase.SQUEEZE or state.activity == Phase.SETTLE

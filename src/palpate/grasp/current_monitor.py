@@ -1,4 +1,4 @@
-"""An upper check of the force that does not use the sheet: the servo's current, at all times.
+"""A second check of the force at all times: the servo's current.
 
 The current of a closing servo covers the friction of its gears and the grip. At rest, friction may
 carry part of the grip either way, but never makes the servo draw more than while closing. So a
@@ -90,7 +90,7 @@ class CurrentMonitor:
         return Alarm(danger=Danger.GRIPPER_FAULT, words=words)
 
     def _least_n(self, readings: deque[tuple[float, float]], *, deviations: float) -> float:
-        """Return the force that is there for sure."""
+        """Return the lower bound of the force."""
         law = self._plan.current
         if law is None or not readings:
             return 0.0
@@ -171,7 +171,7 @@ class CurrentMonitor:
         return Alarm(danger=Danger.UNSEEN_FORCE, words=words)
 
     def _unseen(self, estimate: ContactEstimate) -> Alarm | None:
-        """Compare the last movement, and the hand as it stands, with what the sheet shows."""
+        """Compare the current of the last movement, and at rest, with the sheet."""
         if estimate.still_s < READING.quiet_s or not estimate.touches:
             return None
         if self._plan.current is None:

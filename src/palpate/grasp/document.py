@@ -40,7 +40,7 @@ def grasp_document(
 def limit_document(
     file: DamageFile, *, path: Path, kind: str, low_n: float, result: GraspResult
 ) -> dict[str, object]:
-    """Return what a learned limit was and did.
+    """Return a learned limit and its effect.
 
     `low_n` is the limit of this object, newtons; infinite where its closing did not show it.
     """

@@ -1,4 +1,4 @@
-"""From a frame and the gripper's report to what is known of the contact, once a frame."""
+"""The estimate of the contact, updated by each frame and report of the gripper."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Touch:
 
     @property
     def shared_percent(self) -> float:
-        """The fall of the finger that feels less: one alone may only push the object."""
+        """The fall of the less loaded finger: one alone may only push the object."""
         return max(self.finger_percent)
 
     @property
@@ -81,7 +81,7 @@ class ClosingStep:
 
 @dataclass(slots=True, kw_only=True)
 class HandMotion:
-    """Frames and movements of the whole grasp: what an attempt hands on to the next.
+    """Frames and movements of the whole grasp, shared by its attempts.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class HandMotion:
 
     @property
     def lasted_s(self) -> float:
-        """How long the grasp has taken so far, seconds."""
+        """Duration of the grasp until now, seconds."""
         return 0.0 if self.began_s is None else self.now_s - self.began_s
 
     @property
@@ -133,7 +133,7 @@ class HandMotion:
 
 @dataclass(slots=True, kw_only=True)
 class ContactEstimate(HandMotion):
-    """What is known of the contact after a frame; made new for each attempt.
+    """The estimate of the contact after a frame; each attempt starts a new one.
 
     Attributes
     ----------
@@ -197,7 +197,7 @@ class ContactEstimate(HandMotion):
 
     @property
     def rise_n_per_s(self) -> float:
-        """How fast the last frames show the force to rise, N/s: one alone may be a spike."""
+        """Rate of rise of the force in the last frames, N/s: one alone may be a spike."""
         if len(self.frames_n) < _RISE_FRAMES:
             return 0.0
         (then_s, then_n), (now_s, _) = self.frames_n[0], self.frames_n[-1]
@@ -223,7 +223,7 @@ class ContactEstimate(HandMotion):
         self.peak_force_n = max(self.peak_force_n, force_n)
 
     def count(self, frame: Frame) -> None:
-        """Count a frame and note its time; what it shows is not taken in."""
+        """Count a frame and record its time, without using its readings."""
         gap = 0 if self.last_sequence is None else frame.sequence - self.last_sequence - 1
         self.began_s = frame.time_s if self.began_s is None else self.began_s
         self.now_s, self.last_sequence = frame.time_s, frame.sequence
@@ -273,7 +273,7 @@ class ContactEstimate(HandMotion):
     def _touch(
         self, time_s: float, rest_ohm: FloatArray, ohm: NDArray[np.float64], plan: Plan
     ) -> Touch:
-        """Read a frame, less what the sheet keeps of an earlier touch."""
+        """Read a frame, less the sheet's residual of an earlier contact."""
         change = relative_change_percent(ohm, rest_ohm=rest_ohm)
         fingers = _finite(finger_means(change, finger_of_row=plan.layout.finger_of_row))
         relative_percent = float(_finite(mean_change(change)))
@@ -295,7 +295,7 @@ class ContactEstimate(HandMotion):
         )
 
     def _frame_n(self, touch: Touch, plan: Plan) -> float:
-        """Return the grip force by one frame: the smaller of what the two laws of the sheet read.
+        """Return the grip force of one frame: the smaller of the sheet's two laws.
 
         Whether the load is new or has settled is not known of a frame, and too small an answer
         stops the hand a moment later, not a healthy grasp.
@@ -327,5 +327,5 @@ def closure_of(target: float, plan: Plan) -> float:
 
 
 def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return `nan_to_num` of values; what is finite already needs none of its many steps."""
+    """Return `nan_to_num` of values, faster for finite ones."""
     return values if np.isfinite(values).all() else np.nan_to_num(values)

@@ -1,4 +1,4 @@
-"""Monitors of a grasp: each looks at one thing after every frame, and explains what is wrong.
+"""Monitors of a grasp: each checks one danger after every frame.
 
 A monitor is a class with `check`; add one to the lists below (what the sheet shows of the grip) or
 in `runner` (what only the runner sees). Those of the pixels, of the servo's current and of the
@@ -24,10 +24,10 @@ _HOLDING = (Phase.SQUEEZE, Phase.SETTLE, Phase.HOLD)
 
 
 class Monitor(Protocol):
-    """One thing that may go wrong."""
+    """A check for one danger."""
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
-        """Return what is wrong after a frame, if anything.
+        """Return the alarm after a frame, if any.
 
         `state`: the grasp with that frame taken in.
         """
@@ -75,7 +75,7 @@ class CeilingMonitor:
         self._plan = plan
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
-        """Return a force above the ceiling: of two frames in a row, or of the last step."""
+        """Return an alarm for a force above the ceiling, in two frames or the last step."""
         estimate, ceiling_n = state.estimate, self._plan.safety.force_ceiling_n
         if estimate.force_n <= ceiling_n:
             return None
@@ -84,7 +84,7 @@ class CeilingMonitor:
 
 
 class SlipMonitor:
-    """Opens the hand where the sheet no longer feels what it felt in this grip."""
+    """Opens the hand when the sheet no longer shows the object."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
@@ -105,13 +105,13 @@ class SlipMonitor:
 
 
 class FingersMonitor:
-    """Holds still where one finger feels a grip and the other nothing: a grip presses both."""
+    """Holds still when one finger shows a grip and the other none: a grip presses both."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
-        """Return that one finger feels a grip alone."""
+        """Return an alarm if one finger alone shows a grip."""
         estimate, plan = state.estimate, self._plan
         gripping = state.phase in _HOLDING or state.activity == Activity.CONFIRM
         if not gripping or estimate.still_s < plan.dwell_s:

@@ -63,7 +63,7 @@ class Paper:
 
     @classmethod
     def from_text(cls, text: str) -> Paper:
-        """Read what `as_text` wrote.
+        """Read the output of `as_text`.
 
         Raises `RecordingError` if it can't be read.
         """

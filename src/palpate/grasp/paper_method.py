@@ -72,7 +72,7 @@ def with_line_law(recorded: Calibration) -> Calibration:
 
 
 def close_until_mean(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Take the rest values, then close step by step until the mean of all pixels has fallen."""
+    """Measure the rest values, then close step by step until the mean has fallen."""
     if state.attempt.activity is Activity.WAIT:
         return wait(state, plan)
     estimate = state.estimate
@@ -93,7 +93,7 @@ def close_until_mean(state: GraspState, plan: Plan) -> GripperCommand | None:
 
 
 def note_size(state: GraspState, plan: Plan, *, before: float) -> None:
-    """Put the width before contact into the result: the paper's size; `before`: its closure."""
+    """Set the size of the result to the width before contact; `before`: its closure."""
     if plan.give is None:
         return
     zero_mm, width_mm = plan.give.zero_mm, plan.gripper.target(before)
@@ -108,7 +108,7 @@ def note_size(state: GraspState, plan: Plan, *, before: float) -> None:
 
 
 def close_by_extra(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Close further by the fixed amount, as far as that is safe."""
+    """Close further by the fixed amount, if that is safe."""
     assert plan.paper is not None
     extra_mm = plan.paper.extra_mm
     state.enter(Phase.SETTLE)
@@ -116,7 +116,7 @@ def close_by_extra(state: GraspState, plan: Plan) -> GripperCommand | None:
 
 
 def settle_exponentially(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Wait for the cutoff, then predict the settled mean, and from it the force by the line."""
+    """Wait for the cut-off, then predict the settled mean and the force by the line."""
     assert plan.paper is not None
     estimate = state.estimate
     if estimate.now_s - estimate.moved_s < plan.paper.cutoff_s or not estimate.touches:

@@ -20,7 +20,7 @@ class Phase(StrEnum):
 
 
 class Activity(StrEnum):
-    """What a grasp does within a state.
+    """The activity of a grasp within a state.
 
     In `approach` the hand sweeps at speed until something is felt, looks there, touches finely and
     confirms the contact; where nothing was there it waits, open, for the next attempt. In `settle`

@@ -1,4 +1,4 @@
-"""Pixels that fail during a grasp: open, shorted, stuck, or pressed beyond what can be read."""
+"""Pixels that fail during a grasp: open, shorted, stuck, or beyond the range."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SEE_DOCTOR = "run `palpate doctor`"
 
 
 class PixelMonitor:
-    """Watches the pixels that the calibration knows; what it did not read is not missed.
+    """Watches the pixels that worked in the calibration.
 
     A pixel that jumps to an end of its range makes a frame doubtful, and is an alarm at its second
     frame. A short is never taken for no load: it differs from a sheet pressed beyond the
@@ -59,13 +59,13 @@ class PixelMonitor:
 
     @property
     def doubtful(self) -> bool:
-        """Whether a pixel has just jumped to an end of its range: nothing is decided on that."""
+        """Whether a pixel has just jumped to an end of its range, which decides nothing."""
         sudden = (self._ended > 0) & ~self._pressed
         return bool((self._known & ((self._opened > 0) | sudden)).any())
 
     @property
     def beyond(self) -> str | None:
-        """The remark on pixels that a load has brought to the end of their range, if any."""
+        """The remark on pixels that the load has saturated, if any."""
         if not (self._known & self._pressed).any():
             return None
         return (
@@ -149,7 +149,7 @@ class PixelMonitor:
         return f"pixel {pixel_name(row, col)}"
 
     def _count_alike(self, *, alike: bool) -> None:
-        """Count frames that repeat the one before; a run that has ended shows what is usual."""
+        """Count repeated frames; a finished run shows the usual number."""
         self._frames += 1
         if alike:
             self._alike += 1

@@ -1,4 +1,4 @@
-"""The task, the sensor and the bounds of a grasp: all that the controller may know."""
+"""The task, the sensor and the bounds of a grasp: the controller's inputs."""
 
 from __future__ import annotations
 
@@ -182,5 +182,5 @@ class Plan:
 
     @property
     def no_push_n(self) -> float:
-        """Force that one finger alone does not reach while it pushes an object to the middle, N."""
+        """Force above that of one finger pushing an object to the middle, N."""
         return 0.5 * self.gentle_force_n

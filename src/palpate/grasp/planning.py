@@ -132,7 +132,7 @@ def plan_grasp(
 
 
 def check_target_force(force_n: float | None, *, name: str) -> None:
-    """Refuse a force that no grasp may reach; `name` stands in the message.
+    """Refuse a force above the ceiling; `name` appears in the message.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def check_target_force(force_n: float | None, *, name: str) -> None:
 
 
 def laws_of(pairs: ForcePairs) -> ForceLaws:
-    """Return the reading and its early and settled law; by pixel where the calibration kept them.
+    """Return the reading with its early and settled law, by pixel if calibrated so.
 
     Raises
     ------
@@ -162,7 +162,7 @@ def laws_of(pairs: ForcePairs) -> ForceLaws:
 
 
 def laws_with_memory(pairs: ForcePairs) -> ForceLaws:
-    """Return the laws of a calibration with one that knows how a sheet lags, for `ForceNow`.
+    """Return the laws of a calibration and one with the sheet's lag, for `ForceNow`.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def laws_with_memory(pairs: ForcePairs) -> ForceLaws:
 
 
 def force_now(pairs: ForcePairs) -> FollowsForce:
-    """Return what follows the force from frames alone, by the laws that a grasp reads.
+    """Return the force tracker from frames alone, by the laws of a grasp.
 
     Dead weights give settled readings only: there it is `ForceLaw`, which knows from other sensors
     how a sheet lags.
@@ -231,7 +231,7 @@ def with_force_law(recorded: Calibration) -> Calibration:
 
 
 def _creep(pairs: ForcePairs, reading: PixelReading) -> OwnCreep | None:
-    """Return how far the sheet crept at each hold, from soon after the last step to the end."""
+    """Return the sheet's creep in each hold, from the last step to the end."""
     since_s, run = np.array(pairs.since_move_s), np.array(pairs.run)
     excess = np.array(pairs.pixel_excess if pairs.pixel_excess else pairs.excess)
     seen = reading.reading(excess.reshape(since_s.size, 1, -1))

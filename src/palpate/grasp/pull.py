@@ -11,7 +11,7 @@ from palpate.estimate.measurement import Measurement
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PullVerdict:
-    """What friction holds against a pull along the pads.
+    """The verdict on a pull along the pads against friction.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class PullVerdict:
 
 
 def judge_pull(force: Measurement | None, *, pull_n: float, friction: float) -> PullVerdict:
-    """Compare a pull with what the measured grip force holds.
+    """Compare a pull with the friction of the measured grip force.
 
     Both fingers carry: an object slides at twice the friction times the grip force. The verdict
     takes the ends of the force's interval, so it is as sure as that.

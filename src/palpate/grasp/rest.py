@@ -46,7 +46,7 @@ def take_rest(state: GraspState, *, plan: Plan) -> bool:
 
 
 def strange_rest(rest_ohm: FloatArray, *, plan: Plan) -> str | None:
-    """Return why rest values can't be this sheet's, whatever the weather; None if they can.
+    """Return why rest values can't be this sheet's, in any climate; None if they can.
 
     They are compared with the calibration's: the median over the pixels, then each pixel.
 

@@ -1,4 +1,4 @@
-"""The only control loop: it owns the devices, and leaves the gripper safe whatever happens."""
+"""The only control loop: it owns the devices and always leaves the gripper safe."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _FEWEST_INTERVALS = 3
 
 
 class _Feed:
-    """Frames that are fresh, or an error: nothing is decided on what the sensor felt long ago."""
+    """Fresh frames only: an old one is an error."""
 
     def __init__(self, array: PressureArray, *, clock: Clock, plan: Plan) -> None:
         self._array, self._clock, self._safety = array, clock, plan.safety
@@ -50,7 +50,7 @@ class _Feed:
         self._intervals_s = deque[float](maxlen=GUARDS.intervals)
 
     def next(self, hand: _Hand, estimate: ContactEstimate) -> Frame | Alarm:
-        """Return the next frame, or what the hand does wrong while it is waited for."""
+        """Return the next frame, or the hand's alarm during the wait."""
         stale_after_s = GUARDS.patience_s
         if len(self._intervals_s) >= _FEWEST_INTERVALS:
             stale_after_s = self._safety.stale_after_s(median(self._intervals_s))
@@ -96,7 +96,7 @@ class _Feed:
 
 
 class _Hand:
-    """The gripper, checked against its commands and against what its current shows."""
+    """The gripper, with checks of its movement and current."""
 
     def __init__(self, gripper: Gripper, *, plan: Plan) -> None:
         self._gripper, self._plan = gripper, plan
@@ -124,7 +124,7 @@ class _Hand:
     def check(
         self, state: GripperState, estimate: ContactEstimate, *, now_s: float
     ) -> Alarm | None:
-        """Return what is wrong: it is not where it was sent, or presses more than it may."""
+        """Return an alarm if the hand is not at its target or presses too hard."""
         complaint = None
         if self._following is not None:
             complaint = self._following.complaint(
@@ -206,7 +206,7 @@ def run_grasp(
     watchers: Sequence[Watcher] = (),
     requests: Requests | None = None,
 ) -> GraspResult:
-    """Run one grasp to its end; afterwards the gripper stands still or is open.
+    """Run one grasp to its end; afterwards the gripper is still or open.
 
     Ctrl-C, SIGTERM and `requests.stop` end the grasp with outcome `stopped`; a silent or lost
     array, a pixel that fails, and a sheet that does not show what the gripper presses with
@@ -279,7 +279,7 @@ def run_grasp(
 def _apply_alarm(
     alarm: Alarm, controller: GraspController, command: GripperCommand | None
 ) -> GripperCommand | None:
-    """End the grasp as an alarm asks; a hand that opens or has ended follows its own command.
+    """End the grasp by an alarm's reaction, unless the hand opens already or has ended.
 
     Raises `DeviceError` if it is the gripper that failed: nothing more is sent to it than a stop.
     """

@@ -1,4 +1,4 @@
-"""Safety of a grasp: the force ceiling, the largest safe step, stale frames, what a stop means."""
+"""Safety of a grasp: force ceiling, largest safe step, stale frames, reactions."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Danger(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alarm:
-    """A danger that a monitor has seen, and the line that explains it (may be empty)."""
+    """A detected danger, with a line that explains it (may be empty)."""
 
     danger: Danger
     words: str = ""
@@ -96,7 +96,7 @@ class SafetyLimits:
                 raise ValueError(f"{name} must be positive, not {getattr(self, name)}")
 
     def stale_after_s(self, period_s: float) -> float:
-        """Return the age at which frames that should come every `period_s` are stale, seconds."""
+        """Return the age at which frames of period `period_s` are stale, seconds."""
         return max(self.stale_periods * period_s, self.stale_floor_s)
 
 
@@ -148,7 +148,7 @@ _OPENING = (Danger.FORCE_LIMIT, Danger.UNSEEN_FORCE, Danger.SLIPPED, Danger.TIME
 def reaction(
     danger: Danger, *, phase: Phase, drive: Literal["width", "pressure"] = "width"
 ) -> Reaction:
-    """Return what a stop means.
+    """Return the reaction to a danger.
 
     Too much force opens the hand, whatever it was doing, and so do a force that the sheet does not
     show, an object that is gone, and a grasp that takes too long. For any other reason a

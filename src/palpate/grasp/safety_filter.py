@@ -1,4 +1,4 @@
-"""The last word on every command: how far a hand may close from where it reports to be."""
+"""The safety filter of every command: the largest closing from the reported position."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _EXACT = 1e-9
 def filter_command(
     wish: GripperCommand | None, estimate: ContactEstimate, plan: Plan
 ) -> GripperCommand | None:
-    """Return what is safe of a wish; None where that is no movement. An opening is never cut.
+    """Return the safe part of a command; None for no movement. An opening is never cut.
 
     What is cut takes as long as the wish would have: it comes more slowly, and so overruns less.
     """
@@ -40,7 +40,7 @@ def filter_command(
 
 
 def safe_step(estimate: ContactEstimate, plan: Plan) -> float:
-    """Return how far the hand may close, whatever it meets, from where it reports to be."""
+    """Return the largest closing that is safe on any object."""
     safe = largest_step(
         force_high_n=estimate.force_high_n,
         steepest_n=plan.steepest_n,
@@ -52,7 +52,7 @@ def safe_step(estimate: ContactEstimate, plan: Plan) -> float:
 
 
 def _largest_blind_step(estimate: ContactEstimate, plan: Plan) -> float:
-    """Return how far closing may go on while nothing is known of the damage limit.
+    """Return the largest step while the damage limit is unknown.
 
     Counted from the first force that can't be drift: below it no step teaches anything of a limit.
     One finger that feels a little alone only pushes the object to the middle: that is no squeeze.
@@ -71,7 +71,7 @@ def _largest_blind_step(estimate: ContactEstimate, plan: Plan) -> float:
 
 
 def quantize_target(closure: float, plan: Plan, *, within: bool = False) -> float:
-    """Return the target of a closure in whole steps of the drive: the nearest, or none further.
+    """Round the target of a closure to the drive's steps, to the nearest or down.
 
     A gripper would round it itself, but then a replay would not know.
     """

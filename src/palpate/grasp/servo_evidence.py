@@ -60,7 +60,7 @@ def force_by_gripper(estimate: ContactEstimate, plan: Plan) -> MeasuredForce | N
 def _force_by_pressure(
     estimate: ContactEstimate, plan: Plan, bend: SoftFingerCompliance
 ) -> MeasuredForce | None:
-    """Return the force of fingers driven by pressure, from how far it would have closed them.
+    """Return the force of pressure-driven fingers, from the closing that it prevented.
 
     They give way far more than what they grip, so the force follows from the pressure since the
     touch. Where they touched lies between the last step without a touch and where the sheet's
@@ -103,7 +103,7 @@ def _has_caught_up(force_n: FloatArray, plan: Plan) -> FloatArray:
 
 
 def _between(at: FloatArray, closure: FloatArray, force_n: FloatArray) -> FloatArray:
-    """Return the sheet's force at closures between its steps, and beyond the last one."""
+    """Interpolate the sheet's force between its steps, and extrapolate beyond the last."""
     found = np.interp(at, closure, force_n)
     if closure.size > 1:
         # Corrections go beyond the staircase: there the force goes on as its last steps did.

@@ -1,4 +1,4 @@
-"""The settled force: where it should be, and the corrections up, or down and back from below."""
+"""The settled force and its corrections, upwards or by easing and closing again."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from palpate.gripper.interface import GripperCommand
 
 
 def settle(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Stand still until the settled force is known, and correct it."""
+    """Wait until the settled force is known, and correct it."""
     return _ACTIVITIES[state.correction.activity](state, plan)
 
 
 def await_forecast(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Stand until the settled force is known well enough, or is clearly not the target."""
+    """Wait until the settled force is precise enough, or clearly misses the target."""
     estimate, correction = state.estimate, state.correction
     if estimate.still_s >= plan.dwell_s and correction.count:
         read_step(estimate, plan)
@@ -70,7 +70,7 @@ def adjust(state: GraspState, plan: Plan) -> GripperCommand | None:
 
 
 def ease(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Come back from below to where the settled force should be right."""
+    """Close again from below to the closure of the target force."""
     if state.estimate.still_s < plan.confirm_s:
         return None
     wish = come_back(state, plan)
@@ -87,7 +87,7 @@ _ACTIVITIES = {Activity.FORECAST: await_forecast, Activity.ADJUST: adjust, Activ
 
 
 def goal_n(plan: Plan) -> float:
-    """Return the force that the plan is after."""
+    """Return the target force of the plan."""
     target_n = plan.gentle_force_n if plan.target_force_n is None else plan.target_force_n
     return max(target_n, plan.lift_force_n or 0.0)
 
@@ -120,7 +120,7 @@ def gentle_goal(estimate: ContactEstimate, plan: Plan) -> tuple[float, str]:
 
 
 def missing_n(force: Measurement, plan: Plan) -> float:
-    """Return by how much a settled force falls short of the target, or of being sure to lift."""
+    """Return the force missing to the target, or to a certain lift."""
     of_target_n = 0.0 if plan.target_force_n is None else plan.target_force_n - force.middle
     if plan.lift_force_n is None:
         return of_target_n
@@ -132,12 +132,12 @@ def _lacks(force: Measurement, plan: Plan) -> bool:
 
 
 def is_below_target(force: Measurement, plan: Plan) -> bool:
-    """Whether a settled force falls short by more than is tolerated, or is not sure to lift."""
+    """Whether a settled force is too small for the target or a certain lift."""
     return _lacks(force, plan) or not lifts(force, plan)
 
 
 def is_above_target(force: Measurement, plan: Plan) -> bool:
-    """Whether a settled force is above the target by more than is tolerated, and may be less."""
+    """Whether a settled force exceeds the tolerance above the target and may be reduced."""
     if plan.target_force_n is None:
         return False
     wanted_n = goal_n(plan)
@@ -147,12 +147,12 @@ def is_above_target(force: Measurement, plan: Plan) -> bool:
 
 
 def lifts(force: Measurement, plan: Plan) -> bool:
-    """Whether a settled force is sure to lift the object, if it is to be lifted."""
+    """Whether a settled force is certain to lift the object, if a lift is planned."""
     return plan.lift_force_n is None or force.low >= plan.lift_force_n
 
 
 def _is_limited(estimate: ContactEstimate, force: Measurement, plan: Plan) -> bool:
-    """Whether the damage limit forbids some of what is missing."""
+    """Whether the damage limit forbids part of the missing force."""
     if plan.damage is None:
         return False
     if math.isinf(estimate.damage_low_n):
@@ -177,7 +177,7 @@ def _note_on_target(state: GraspState, force: Measurement, plan: Plan) -> None:
 def press_on(
     state: GraspState, force: Measurement, plan: Plan, *, missing_n: float
 ) -> GripperCommand | None:
-    """Close by what raises the settled force by as much as is missing; None if nothing is safe."""
+    """Close by the step that adds the missing force; None if no step is safe."""
     correction, trial = state.correction, copy(state.estimate)
     slope, fruitless = slope_n(trial, plan), math.inf
     _take_settled(trial, force)
@@ -200,7 +200,7 @@ def press_on(
 
 
 def ease_off(state: GraspState, force: Measurement, plan: Plan, *, goal_n: float) -> GripperCommand:
-    """Open well beyond where the force will be what it should, to come back from below.
+    """Open well below the target force, to close again from below.
 
     The sheet's answer to unloading was not calibrated, nor the backlash of the gears.
     """

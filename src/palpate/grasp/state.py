@@ -1,4 +1,4 @@
-"""What a grasp knows and does at one moment: the object that the states share and watchers get."""
+"""The state of a grasp, shared by its phases and given to watchers."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class GraspState:
 
     @property
     def activity(self) -> str:
-        """Return the state, or what is done within it."""
+        """Return the activity within the phase, or else the phase."""
         local = {Phase.APPROACH: self.attempt.activity, Phase.SETTLE: self.correction.activity}
         return str(local.get(self.phase, self.phase))
 
@@ -113,13 +113,13 @@ class GraspState:
 
     @property
     def touched_s(self) -> float:
-        """When the object was first touched, as far as that is known."""
+        """Time of the first contact, if known."""
         times_s = (self.attempt.felt_s, self.estimate.contact_s, self.estimate.moved_s)
         return next(time_s for time_s in times_s if time_s is not None)
 
     @property
     def final_result(self) -> GraspResult:
-        """The result, with what the frames and forces of the grasp were."""
+        """The result, with frames and forces of the grasp."""
         estimate = self.estimate
         return replace(
             self.result,
@@ -138,7 +138,7 @@ class GraspState:
         )
 
     def enter(self, phase: Phase | Activity, *, note: str | None = None) -> None:
-        """Begin a state, or an activity in it; note the moment in the result if `note` names it."""
+        """Begin a phase or activity; `note` names its moment in the result."""
         if note is not None:
             self.note(note)
         self.since_s = self.estimate.now_s
@@ -155,7 +155,7 @@ class GraspState:
         self.result = replace(self.result, moments=(*self.result.moments, moment))
 
     def add_fault(self, words: str) -> None:
-        """Add a line to what went wrong."""
+        """Add a line to the faults."""
         self.result = replace(self.result, faults=(*self.result.faults, words))
 
     def release(self, plan: Plan, outcome: Outcome) -> GripperCommand:
@@ -166,7 +166,7 @@ class GraspState:
         return GripperCommand(target=plan.gripper.target(0.0), rate=plan.gripper.fastest)
 
     def notice_fingers(self) -> None:
-        """Note what single fingers feel while the hand stands still."""
+        """Record contact events of single fingers while the hand is still."""
         if self.estimate.still_s < READING.quiet_s or not self.estimate.touches:
             return
         felt = self.estimate.now.finger_percent
@@ -182,7 +182,7 @@ class GraspState:
         self.attempt.fingers = tuple(found)
 
     def take_answer(self, settled: Settled, *, plan: Plan) -> Measurement:
-        """Put the settled force into the result, and return it."""
+        """Set the settled force of the result, and return it."""
         felt = force_by_gripper(self.estimate, plan)
         force = force_when_settled(settled, felt=felt, plan=plan)
         self.estimate.peak_force_n = max(self.estimate.peak_force_n, force.middle)

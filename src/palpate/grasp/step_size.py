@@ -1,4 +1,4 @@
-"""How far to close next, by what the last steps showed; the safety filter may cut it."""
+"""The size of the next closing step, before the safety filter."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LISTENED_FRAMES = 3.0
 
 
 def approach_step(plan: Plan) -> float:
-    """Return the step before contact: such that not even a rigid object gets more than the target.
+    """Return the step before contact that keeps even a rigid object below the target.
 
     Where a damage limit is sought it is half as long: a sheet feels nothing of a faint force, and a
     weak thing may not bear what the last step adds to that. Without a target it is the plan's.
@@ -36,7 +36,7 @@ def approach_step(plan: Plan) -> float:
 
 
 def read_step(estimate: ContactEstimate, plan: Plan) -> None:
-    """Read the force now, its upper bound and the damage limit, once for each step of the closing.
+    """Read the force, its upper bound and the damage limit, once a closing step.
 
     Read again later, the sheet has crept: the early law would call that force. Where the hand came
     back to, the sheet keeps some of the earlier load.
@@ -83,7 +83,7 @@ def force_now(estimate: ContactEstimate, plan: Plan) -> Measurement:
 def close_by(
     estimate: ContactEstimate, step: float, plan: Plan, *, lasting_s: float = 0.0
 ) -> GripperCommand | None:
-    """Return the wish to close by a step; None if what is safe of it is not worth a movement.
+    """Return the command of a closing step; None if its safe part is too small.
 
     A servo whose current is read takes at least `lasting_s` for it, and some frames.
     """
@@ -99,7 +99,7 @@ def close_by(
 
 
 def _step_to_bound(estimate: ContactEstimate, plan: Plan) -> float:
-    """Return how far closing may go on before the force could be far above the target."""
+    """Return the step before the force could be far above the target."""
     if plan.target_force_n is None or not estimate.force_n > 0:
         return math.inf
     target_n = max(plan.target_force_n, plan.lift_force_n or 0.0)
@@ -108,7 +108,7 @@ def _step_to_bound(estimate: ContactEstimate, plan: Plan) -> float:
 
 
 def squeeze_step(estimate: ContactEstimate, plan: Plan, *, goal_n: float) -> float:
-    """Return the step that should raise the force by a fixed amount, or by more far from the goal.
+    """Return the step that raises the force by a fixed amount, more far from the target.
 
     The first steps after a touch are fine, and none goes much further than the fingers have pressed
     already: how steeply the force rises is known only as far as it was felt.
@@ -140,7 +140,7 @@ def squeeze_step(estimate: ContactEstimate, plan: Plan, *, goal_n: float) -> flo
 
 
 def squeeze_depth(estimate: ContactEstimate, plan: Plan) -> float:
-    """Return how far the hand has closed since it grips the object, mm or kPa.
+    """Return the closing since the hand grips the object, mm or kPa.
 
     From where the force began, by how steeply it rises. A faint touch of one finger alone is no
     squeeze, it may only push.
@@ -155,7 +155,7 @@ def squeeze_depth(estimate: ContactEstimate, plan: Plan) -> float:
 
 
 def deformation_mm(estimate: ContactEstimate, plan: Plan) -> float:
-    """Return how far the object has given way: the squeeze without the hand's own compliance."""
+    """Return the object's deformation: the squeeze less the hand's own compliance."""
     depth_mm = squeeze_depth(estimate, plan) * mm_per_unit(plan)
     give = plan.give if plan.bend is None else plan.bend.give
     return depth_mm if give is None else depth_mm - float(give.give_mm(estimate.force_n))
@@ -167,7 +167,7 @@ def slope_high_n(estimate: ContactEstimate, plan: Plan) -> float:
 
 
 def slope_n(estimate: ContactEstimate, plan: Plan) -> float:
-    """Return how steeply the force rises, N per mm or kPa: as it did over the last steps.
+    """Return the slope of the force over the last steps, N per mm or kPa.
 
     Short of where the hand met the object at speed it is no less than the force there shows. A rise
     that noise alone could make shows no slope, nor does one that began before the grip. Without any
@@ -201,7 +201,7 @@ def _sure_n(force_n: float) -> float:
 
 
 def _slope_bound_n(estimate: ContactEstimate, plan: Plan) -> float:
-    """Return the steepest slope that steps without a sure rise leave possible, N per mm or kPa.
+    """Return the largest slope consistent with steps without a certain rise, N per mm or kPa.
 
     Travel counts from the first force that can't be drift, and from the last step at which one
     finger still felt nothing: until then the other one alone pushed the object to the middle.

@@ -1,4 +1,4 @@
-"""Closing at speed until something is felt: how fast, how far ahead, and what a touch looks like.
+"""Closing at speed until a contact: speed, reach of commands, detection.
 
 Every movement makes the resistance of all pixels rise while it lasts and a little longer. At a
 steady speed that rise is steady, so a touch is a change of any pixel against its own last few
@@ -37,7 +37,7 @@ def blind_s(period_s: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sweep:
-    """A constant-speed closing motion, and what was read during it lately.
+    """A constant-speed closing motion with its latest readings.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class Sweep:
         return len(latest) == many and all(np.array_equal(latest[0], one) for one in latest)
 
     def touched(self, current: CurrentLaw | None) -> bool:
-        """Whether something is felt now, by a pixel or by the servo."""
+        """Whether a pixel or the servo shows a contact now."""
         time_s = np.array(self.time_s)
         now = time_s > time_s[-1] - TOUCH.latest_s
         before = time_s < time_s[-1] - READING.lag_s
@@ -138,7 +138,7 @@ class Sweep:
     def _pulls(
         self, current: CurrentLaw, *, now: NDArray[np.bool_], before: NDArray[np.bool_]
     ) -> bool:
-        """Whether the servo pulls harder than on the way so far."""
+        """Whether the servo pulls harder than before."""
         gears_ma = np.array(self.gears_ma)
         known = np.isfinite(gears_ma)
         now, before = now & known, before & known

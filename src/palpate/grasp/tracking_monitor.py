@@ -1,4 +1,4 @@
-"""Whether the gripper goes where it was sent: what it reports, compared with its command."""
+"""Whether the gripper follows its commands, by its reports."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _UNITS = {"width": "mm", "pressure": "kPa"}
 def unbelievable(
     state: GripperState, *, limits: GripperLimits, before: GripperState | None = None
 ) -> str | None:
-    """Return what is impossible in a gripper's report; None if nothing is.
+    """Describe an impossible value in a gripper's report; None if all are possible.
 
     >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
     >>> unbelievable(GripperState(time_s=0.0, width_mm=30.0), limits=limits)
@@ -93,7 +93,7 @@ class Following:
     def glance_s(
         self, *, now_s: float, limits: GripperLimits, safety: SafetyLimits
     ) -> float | None:
-        """Return how often a hand that closes by width must be looked at; None once it is done.
+        """Return the interval of checks of a closing hand; None once it is done.
 
         In that time it could pass its target by what is allowed. Pressure comes with the frames.
         """
@@ -102,7 +102,7 @@ class Following:
         return every_s if closes and now_s <= self.ends_s + 2 * every_s else None
 
     def idle(self, state: GripperState, *, now_s: float, limits: GripperLimits) -> bool | None:
-        """Return whether the hand has stayed where it was; None where it is too early to know.
+        """Return whether the hand has not moved; None if it is too early to know.
 
         >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
         >>> way = Following(begin=40.0, target=30.0, ends_s=0.5, due_s=0.9, rate=20.0)
@@ -123,7 +123,7 @@ class Following:
     def complaint(
         self, state: GripperState, *, now_s: float, limits: GripperLimits, safety: SafetyLimits
     ) -> str | None:
-        """Return what is wrong, if anything: closed beyond the target, or not there in time."""
+        """Return the fault, if any: closed beyond the target, or late."""
         reported, unit = limits.reading_of(state), _UNITS[limits.drive]
         past, astray = safety.past_mm, safety.astray_mm
         if limits.drive == "pressure":
@@ -144,7 +144,7 @@ class Following:
 
 
 class SpeedWatch:
-    """Compares how far a hand has closed with what its commands allow.
+    """Compares the closing of a hand with that of its commands.
 
     A single short step may be over before it is seen, so what a hand closes too much adds up over
     the commands of a closing, and whatever time allows it is taken off.
@@ -170,7 +170,7 @@ class SpeedWatch:
         self._rate = self._ahead = 0.0
 
     def complaint(self, state: GripperState, *, way: Following | None) -> str | None:
-        """Take the next report; return what is wrong with its speed, if anything.
+        """Add the next report; return the fault of its speed, if any.
 
         `way`: the command in force since the last report, if there was one.
         """

@@ -37,7 +37,7 @@ def outcome_text(outcome: Outcome) -> str:
 
 
 def firmness(stiffness: Measurement) -> str:
-    """Return how firm an object is: one word, two where the interval spans more, or a bound.
+    """Return the firmness in words: one, two for a wide interval, or a bound.
 
     A bound that every object meets is none.
 
