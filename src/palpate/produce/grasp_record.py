@@ -1,4 +1,4 @@
-"""The stored record of a grasp: result, change of each pixel, the calibration behind both."""
+"""The stored record of a grasp: result, change of each pixel, calibration."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def make_grasp_record(
 
 
 def answers_of(result: GraspResult) -> dict[str, Measurement]:
-    """Return what a grasp answered, bounds included, by its name in the store."""
+    """Return the answers of a grasp, bounds included, by their names in the store."""
     found = ((name, getattr(result, name)) for name in _ANSWERED)
     return {name: value for name, value in found if value is not None}
 
@@ -78,7 +78,7 @@ def answers_of(result: GraspResult) -> dict[str, Measurement]:
 def hold_measurements(
     observations: Sequence[Observation], *, result: GraspResult, drive: Drive
 ) -> dict[str, Measurement]:
-    """Return width (mm) or pressure (kPa) at the answer, by its name; nothing if there was none.
+    """Return width (mm) or pressure (kPa) at the answer, by name; empty without an answer.
 
     It is what the gripper reports, with its own zero, over the same moments as the pixels; the
     interval holds all of these reports. One hand meets one object at one place of its way, so the

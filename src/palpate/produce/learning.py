@@ -134,7 +134,7 @@ class LabelLearner:
 
     @property
     def items_missing(self) -> int:
-        """Labelled items still missing before anything can be called unknown; 5 % needs 19."""
+        """Number of labelled items missing before an item can be unknown; 5 % needs 19."""
         known = len(set(self._items.tolist()))
         return max(math.ceil(1.0 / FALSE_REJECT - 1e-9) - 1 - known, 0)
 
@@ -192,7 +192,7 @@ class LabelLearner:
             return list(parts.split(self._table, self._truth, self._items))
 
     def _fit_model(self, name: str, rows: Any) -> Any:
-        """Return a pipeline fitted to some rows; None where they have one label, or are too few."""
+        """Return a pipeline fitted to some rows; None for one label or too few rows."""
         truth = self._truth[rows]
         if not 1 < len(np.unique(truth)) < len(truth):
             return None

@@ -1,6 +1,6 @@
-"""Records that are kept: items, grasps with their measurements, and verdicts on them.
+"""Stored records: items, grasps with their measurements, and verdicts.
 
-Plain values; `Store` keeps them. Times are aware and in UTC.
+Plain values, stored by `Store`. Times are aware and in UTC.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class About(StrEnum):
 
 
 class Source(StrEnum):
-    """Who gave a verdict. Verdicts of people are what the others are learned from."""
+    """The author of a verdict. People's verdicts are the training labels."""
 
     PALPATE = "palpate"
     PERSON = "person"
@@ -100,7 +100,7 @@ class Item:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grasp:
-    """One grasp of one item, with what it measured.
+    """One grasp of one item, with its measurements.
 
     Raises `InputError` if a value is out of its kind, not finite, or a time has no zone.
 
@@ -258,7 +258,7 @@ def as_uuid(text: str, *, what: str) -> str:
 
 
 def as_json_values(details: Mapping[str, object]) -> dict[str, object]:
-    """Return details as they will come back from the store."""
+    """Return details as the store returns them."""
     try:
         # As it will come back: tuples are lists in JSON, keys are text.
         found: dict[str, object] = json.loads(json.dumps(dict(details), allow_nan=False))
@@ -286,7 +286,7 @@ def check_measurement(name: str, measurement: Measurement, *, units: Mapping[str
 def even_rows(
     rows: Sequence[Sequence[float | None]], *, what: str
 ) -> tuple[tuple[float | None, ...], ...]:
-    """Return rows of one length as plain values; refuse others, and what is not finite."""
+    """Return finite rows of one length as plain values; refuse others."""
     if len({len(row) for row in rows}) != 1:
         raise InputError(f"{what}: every row needs the same number of pixels")
     for row in rows:

@@ -1,4 +1,4 @@
-"""Labels that people gave, as a table to learn from: kind, bruise, ripeness or grade."""
+"""People's labels as a table to learn from: kind, bruise, ripeness or grade."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def read_labelled(path: str | os.PathLike[str]) -> LabelledTable:
 
 
 def labelled_of(store: Store, about: About, *, kind: str | None) -> LabelledTable:
-    """Return what the store's grasps and people's labels give to learn from.
+    """Return the table of the store's grasps with people's labels.
 
     `about`: identity and bin (a grade) have a row an item, those without a label too; ripeness one
         for each labelled day of an item grasped by fingers driven by width; bruise one for each
@@ -106,7 +106,7 @@ def _item_rows(store: Store, about: About, *, kind: str | None) -> _Rows:
 
 
 def _means(grasps: Sequence[Grasp]) -> list[float]:
-    """Return the means of what held grasps measured; empty where one quantity is missing."""
+    """Return the mean measurements of held grasps; empty if a quantity is missing."""
     found = []
     for name in _GRADE_FEATURES:
         values = [

@@ -1,4 +1,4 @@
-"""Bruises of items in the store: which grasps are compared, and what people's labels teach."""
+"""Bruises of items in the store: comparison of grasps, learning from labels."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class ItemBruise:
         )
 
     def verdict(self, item_id: str, *, given_at: datetime) -> Verdict:
-        """Return the form that the store keeps."""
+        """Return the verdict as stored."""
         return Verdict(
             item_id=item_id,
             about=About.BRUISE,
@@ -127,7 +127,7 @@ def examine_item(
     bruised_share: float = 0.5,
     given_at: datetime,
 ) -> ItemBruise:
-    """Judge an item by its last visit, keep the verdict, and return it.
+    """Judge an item by its last visit, store the verdict, and return it.
 
     `bruised_share`: fraction of sides expected to be bruised before anything is felt.
     Raises `InputError` if there is no such item, no grasp of it recorded pixels, or there is
@@ -196,7 +196,7 @@ def _judge_side(
 
 
 def learn_from(store: Store, *, kind: str) -> BruiseModel:
-    """Learn from items of a kind that people called bruised or sound.
+    """Learn from items of a kind labelled bruised or sound.
 
     Raises `InputError` if there are too few; `MissingExtraError` if scikit-learn is not installed.
     """
@@ -208,7 +208,7 @@ def learn_from(store: Store, *, kind: str) -> BruiseModel:
 
 
 def labelled_sides(store: Store, *, kind: str) -> dict[str, LabelledTable]:
-    """Return the sides of items of a kind that people called bruised or sound, by reference.
+    """Return the labelled sides of a kind's items, bruised or sound, by reference.
 
     Of a bruised item the grasp that the label names counts, or else the last one before it: label
     it when you have just felt its bruised side. Of a sound item all sides count.
@@ -253,7 +253,7 @@ def in_visits(grasps: Sequence[Grasp]) -> list[list[Grasp]]:
 
 
 def sound_grasps(store: Store, *, kind: str | None, without: str) -> list[Grasp]:
-    """Return grasps of items of a kind that people called sound, the last met first.
+    """Return grasps of a kind's items labelled sound, newest first.
 
     What has no kind has no class.
     """
@@ -267,12 +267,12 @@ def sound_grasps(store: Store, *, kind: str | None, without: str) -> list[Grasp]
 
 
 def pixels_of(grasp: Grasp) -> FloatArray:
-    """Return what each pixel felt, NaN where it is out of use, shape (rows, cols)."""
+    """Return the change of each pixel, NaN for faulty ones, shape (rows, cols)."""
     return np.array(grasp.pixel_settled_percent, dtype=np.float64)
 
 
 def _labels(store: Store, *, kind: str) -> dict[str, Verdict]:
-    """Return the last word of a person on each item, in the order of the first."""
+    """Return the last label of each item, in the order of the first."""
     return {
         verdict.item_id: verdict
         for verdict in store.verdicts(About.BRUISE, source=Source.PERSON, kind=kind)
@@ -305,7 +305,7 @@ def _side(grasp: Grasp, *, visits: Sequence[Sequence[Grasp]], sound: Sequence[Gr
 
 
 def _record_of(angle_deg: float, *, visits: Sequence[Sequence[Grasp]]) -> list[Grasp]:
-    """Return the earliest visit's grasps of a side, none if the last visit is the first with it."""
+    """Return the grasps of a side on its earliest visit; none without an earlier visit."""
     for visit in visits[:-1]:
         same = [
             one

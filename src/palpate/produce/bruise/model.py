@@ -35,7 +35,7 @@ _SIMULATED = Path(__file__).with_name("simulated.json")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Side:
-    """How one grasp of a side loaded the pixels, and the references it may be compared with."""
+    """The load of one grasp of a side on the pixels, and its references."""
 
     shape: LoadShape
     #: By their names in `REFERENCES`: those that there are.
@@ -44,7 +44,7 @@ class Side:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BruiseModel:
-    """What known sides teach."""
+    """The judge of bruises, learned from labelled sides."""
 
     #: Which sides, in words; simulated where they were.
     learned_on: str
@@ -102,7 +102,7 @@ class BruiseModel:
 
 
 def table_sides(sides: Sequence[tuple[str, bool, Side]]) -> dict[str, LabelledTable]:
-    """Return the contrasts of known sides to each reference that any of them has.
+    """Return the contrasts of labelled sides to each available reference.
 
     `sides`: of each its item, whether it is bruised, and how it was felt.
     """
@@ -128,7 +128,7 @@ def _contrast_table(
 
 
 def simulated_sides() -> tuple[str, dict[str, LabelledTable]]:
-    """Return the simulated sides that come with palpate, by reference, after what they are."""
+    """Return the labels and the simulated sides that ship with palpate, by reference."""
     document = json.loads(_SIMULATED.read_text())
     return document["learned_on"], {
         name: _contrast_table(
@@ -143,7 +143,7 @@ def simulated_sides() -> tuple[str, dict[str, LabelledTable]]:
 
 @lru_cache(maxsize=1)
 def default_model() -> BruiseModel:
-    """Return what the simulated sides that come with palpate teach.
+    """Return the model learned from the simulated sides that ship with palpate.
 
     Raises `MissingExtraError` if scikit-learn is not installed.
     """

@@ -1,4 +1,4 @@
-"""How load lies on two facing fingers, in eight numbers, and how it differs from a reference.
+"""Distribution of the load on two facing fingers, in eight numbers, and its contrasts.
 
 A sound, round side spreads its load over the pixels of a finger nearly as a product of one factor
 along and one across: its position moves the load, but alike on both fingers. A bruise moves it on
@@ -121,7 +121,7 @@ def middle_of(shapes: Sequence[LoadShape], *, with_width: bool) -> LoadShape:
 
 
 def contrast(shape: LoadShape, reference: LoadShape) -> FloatArray:
-    """Return what is judged of a grasp against a reference, shape (17,).
+    """Return the features of a grasp against a reference, shape (17,).
 
     Mean load; the sizes of the eight numbers; cube roots of their even products of three; and by
     how much wider the item was at contact (0 where that is not known).

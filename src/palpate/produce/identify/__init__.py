@@ -1,1 +1,1 @@
-"""The kind of an item, identified from its grasps, or that it is none of the labelled ones."""
+"""The kind of an item, identified from its grasps, or unknown."""

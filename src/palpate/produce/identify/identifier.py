@@ -137,7 +137,7 @@ class Identity:
 
 
 def label_identity(kind: str) -> Identity:
-    """Return the identity of an item that a person labelled.
+    """Return the identity of a labelled item.
 
     >>> label_identity("kiwi").confidence
     1.0

@@ -1,4 +1,4 @@
-"""Kinds learned from the store, and the identity of an item kept there."""
+"""Kinds learned from the store, and stored identities of items."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ def learn_kinds(store: Store, *, without: str | None = None) -> Identifier:
 
 
 def touches_of(grasps: Iterable[Grasp]) -> tuple[FloatArray, ...]:
-    """Return the points of those grasps that held the item and measured what kinds differ in."""
+    """Return the points of grasps that held the item and measured size and stiffness."""
     found = (touch_of(one.measurements) for one in grasps if one.outcome is Outcome.HELD)
     return tuple(touch for touch in found if touch is not None)
 
 
 def identity_verdict(item_id: str, identity: Identity, *, given_at: datetime) -> Verdict:
-    """Put what an item is into the form that the store keeps."""
+    """Return an identity as a verdict of the store."""
     return Verdict(
         item_id=item_id,
         about=About.IDENTITY,
@@ -70,7 +70,7 @@ def identity_verdict(item_id: str, identity: Identity, *, given_at: datetime) ->
 
 
 def explain_identity(identity: Identity) -> str:
-    """Return a sentence that states what an item is and how sure that is.
+    """Return a sentence with the item's kind and its probability.
 
     >>> probability = {"kiwi": 0.9, "tomato": 0.1}
     >>> one = Identity(kind="kiwi", probability=probability, usual=0.4, rejected=False, grasps=1)

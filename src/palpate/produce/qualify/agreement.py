@@ -22,7 +22,7 @@ _LIMITS = float(norm.ppf(0.975))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Demand:
-    """What a buyer asks of the instrument.
+    """A buyer's demands on the instrument.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Demand:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """A figure with its interval by the bootstrap over items; NaN where it can't be had."""
+    """A figure with its interval by the bootstrap over items; NaN if unknown."""
 
     value: float
     low: float = math.nan
@@ -54,7 +54,7 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Agreement:
-    """What the readings show.
+    """Agreement of grasps with the reference, from paired readings.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ FIGURES = {
 
 
 def agreement_of(readings: PairedReadings, demand: Demand) -> Agreement:
-    """Return how far grasps agree with the reference, and the ceiling of any instrument.
+    """Return the agreement of grasps with the reference, and the ceiling of any instrument.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def agreement_of(readings: PairedReadings, demand: Demand) -> Agreement:
 
 
 def measure(readings: PairedReadings, demand: Demand) -> Agreement:
-    """Return what the readings show, without intervals; arguments as `agreement_of`."""
+    """Return the figures of the agreement without intervals; arguments as `agreement_of`."""
     reference = scatter_of(readings.reference, readings.item)
     raw = scatter_of(readings.grasp, readings.item)
     paired = readings.paired
@@ -225,7 +225,7 @@ def _share(values: NDArray[np.bool_]) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Effort:
-    """What a demand costs.
+    """The number of readings, grasps and items that a demand needs.
 
     Attributes
     ----------
@@ -248,7 +248,7 @@ class Effort:
 
 
 def effort_of(found: Agreement, demand: Demand, *, grasp_s: float, handling_s: float) -> Effort:
-    """Return what a demand costs.
+    """Return the number of readings, grasps and items that a demand needs.
 
     Parameters
     ----------

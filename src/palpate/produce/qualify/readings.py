@@ -1,4 +1,4 @@
-"""Paired readings of the same items: a reference instrument's, and what grasps measured."""
+"""Paired readings of the same items by a reference instrument and by grasps."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class PairedReadings:
         return np.isfinite(self.reference) & np.isfinite(self.grasp)
 
     def select(self, chosen: NDArray[np.intp]) -> PairedReadings:
-        """Return the readings of these items, in this order; one may come more than once."""
+        """Return the readings of these items, in this order; repeats are allowed."""
         order = np.argsort(self.item, kind="stable")
         starts = np.searchsorted(self.item[order], np.arange(self.items + 1))
         rows = [order[starts[item] : starts[item + 1]] for item in chosen]

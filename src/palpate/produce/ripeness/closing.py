@@ -61,19 +61,19 @@ CONTACT_N = 1.0
 
 
 class ClosingWatch:
-    """Watches one grasp for what its closing shows: firmness or width at contact, and the gain."""
+    """Watches the closing of one grasp: firmness or width at contact, and the gain."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
         self._held: GraspState | None = None
 
     def see(self, grasp_state: GraspState) -> None:
-        """Take what the controller makes of the next observation."""
+        """Add the controller's next state."""
         if grasp_state.phase is Phase.HOLD:
             self._held = grasp_state
 
     def list_measurements(self) -> dict[str, Measurement]:
-        """Return what was measured, by its name; nothing where the item was not held."""
+        """Return the measurements by name; empty if the item was not held."""
         if self._held is None:
             return {}
         found = {
@@ -85,7 +85,7 @@ class ClosingWatch:
 
 
 def closing_firmness(grasp_state: GraspState, *, plan: Plan) -> Measurement | None:
-    """Return the secant stiffness at 5 N of the round body that fits a closing; None if none does.
+    """Return the secant stiffness at 5 N by a Hertz fit of a closing, or None.
 
     `grasp_state`: what the controller knew when it gave its answer.
     """
@@ -201,7 +201,7 @@ def contact_width(grasp_state: GraspState, *, plan: Plan) -> Measurement | None:
 def width_at_contact(
     pressure_kpa: FloatArray, *, force_n: FloatArray, bend: SoftFingerCompliance
 ) -> float:
-    """Return the width, mm, at which the force last rose above a newton, between steps in a line.
+    """Return the width, mm, at which the force last rose above a newton, interpolated.
 
     `pressure_kpa`, shape (n,): steps of a closing.
     `force_n`, shape (n,): force read at each of them.
@@ -227,7 +227,7 @@ def width_at_contact(
 
 
 def sheet_gain(grasp_state: GraspState, *, plan: Plan) -> Measurement:
-    """Return the gain of a contact: 1 where nothing but the sheet was asked.
+    """Return the gain of a contact: 1 if the sheet alone was used.
 
     `grasp_state`: what the controller knew when it gave its answer.
     """
@@ -243,7 +243,7 @@ def sheet_gain(grasp_state: GraspState, *, plan: Plan) -> Measurement:
 
 
 def log_gain(grasp: Grasp) -> float | None:
-    """Return the logarithm of the gain that was kept of a grasp; None where none was."""
+    """Return the logarithm of a grasp's stored gain, or None."""
     kept = grasp.measurements.get(SHEET_GAIN)
     return None if kept is None else math.log(kept.middle)
 

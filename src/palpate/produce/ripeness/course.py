@@ -42,7 +42,7 @@ _USUAL_PACE_DAYS, _USUAL_NOISE_SHARE = 1.0, 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Course:
-    """How one kind softens, as felt by one rig."""
+    """The softening of one kind, as measured by one rig."""
 
     #: Mean levels of firmness between which it falls.
     hard: float
@@ -63,7 +63,7 @@ class Course:
 
     @classmethod
     def learn(cls, items: Sequence[Sequence[DayFelt]]) -> Course:
-        """Learn from items that were felt on several days (maximum of the marginal likelihood).
+        """Learn from items grasped on several days (maximum of the marginal likelihood).
 
         Raises `InputError` if there are too few, or none of them softened.
         """
@@ -162,20 +162,20 @@ class Courses:
 
 
 def _time_left(day: ArrayLike, halfway_day: FloatArray, pace_days: FloatArray) -> FloatArray:
-    """Return what is left of the fall on each day of each course, shape (courses, days)."""
+    """Return the remaining fall on each day of each course, shape (courses, days)."""
     since = np.asarray(day, dtype=float) - halfway_day[:, None]
     return np.asarray(0.5 * (1.0 - np.tanh(0.5 * since / pace_days[:, None])))
 
 
 def _beginning(felt: FloatArray, last_day: float) -> dict[str, float]:
-    """Return beliefs before learning, from the range of all that was felt."""
+    """Return the prior, from the range of all firmness values."""
     low, high = (float(level) for level in np.quantile(felt, [0.05, 0.95]))
     fall = max(high - low, 1e-3)
     return {"low": low, "high": high, "fall": fall, "last_day": max(last_day, 1.0)}
 
 
 def _grasp_sd(items: Sequence[Sequence[DayFelt]]) -> float:
-    """Return the pooled scatter from grasp to grasp of one day; 0 where none was grasped twice."""
+    """Return the pooled scatter of grasps within a day; 0 without repeats."""
     days = [day for item in items for day in item if day.grasps > 1]
     freedom = sum(day.grasps - 1 for day in days)
     squared = sum((day.grasps - 1) * day.spread**2 for day in days)

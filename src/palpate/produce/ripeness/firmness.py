@@ -1,4 +1,4 @@
-"""How firm a grasp found an item: one number that falls as it softens, whatever the gripper.
+"""Firmness of an item by a grasp: one number that falls as it softens.
 
 Fingers driven by width measure the item's stiffness. Fingers driven by pressure measure no
 deformation; but a soft item lies against more of the pad than a hard one does under the same force
@@ -44,7 +44,7 @@ class DayFelt:
 
 
 def firmness_of(grasp: Grasp) -> float | None:
-    """Return the firmness that a grasp found; None if it did not hold or measure the item.
+    """Return the firmness by a grasp; None if it did not hold or measure the item.
 
     Fingers driven by width: ln of the stiffness in N/mm as it would be at 5 N: by the whole closing
     (`palpate.produce.ripeness.closing`), or, where that was not kept, from the answer (round bodies
@@ -88,7 +88,7 @@ def firmness_of(grasp: Grasp) -> float | None:
 
 
 def minus_log_sharing(percent: ArrayLike) -> float | None:
-    """Return -ln of (sum of excess)^2 / sum of excess^2, the number of pixels that share alike.
+    """Return -ln of (sum of excess)^2 / sum of excess^2, the effective number of pixels.
 
     `percent`, shape (rows, cols): relative change of each pixel; NaN for one out of use.
 

@@ -46,7 +46,7 @@ class FirmnessHistory:
         return (when - self.grasps[0].taken_at).total_seconds() / DAY_S
 
     def nearest_day(self, when: datetime) -> int:
-        """Return the number of the day felt nearest to a time."""
+        """Return the number of the measured day nearest to a time."""
         at = self.day_of(when)
         return min(range(len(self.days)), key=lambda k: abs(self.days[k].day - at))
 
@@ -64,7 +64,7 @@ def drive_of(grasps: Sequence[Grasp], *, item_id: str) -> Drive:
 def history_of(
     grasps: Sequence[Grasp], *, item_id: str, drive: Drive, drift: Drift | None = None
 ) -> FirmnessHistory:
-    """Return what a kind of gripper felt of an item; without any day where it felt nothing."""
+    """Return the firmness history of an item with one kind of gripper."""
     felt: list[tuple[Grasp, float]] = []
     for grasp in grasps:
         firmness = firmness_of(grasp) if grasp.drive == drive else None
@@ -99,7 +99,7 @@ def learn_rule(
     stages: Sequence[str],
     drift: Drift | None = None,
 ) -> RipenessRule:
-    """Learn from the items of a kind whose ripeness a person labelled.
+    """Learn from the labelled items of a kind.
 
     Raises `InputError` if there are too few, or a stage was never given.
     """
@@ -120,7 +120,7 @@ def learn_rule(
 
 
 def judge_ripeness(history: FirmnessHistory, *, rule: RipenessRule | None, ripe: str) -> Ripeness:
-    """Judge an item by a rule, or by its own first day where there is no rule.
+    """Judge an item by a rule, or by its own first day without one.
 
     Raises `InputError` if it was never felt, or there is no rule and the gripper is driven by
     pressure.
@@ -141,7 +141,7 @@ def judge_ripeness(history: FirmnessHistory, *, rule: RipenessRule | None, ripe:
 
 
 def verdict_of(ripeness: Ripeness, history: FirmnessHistory) -> Verdict:
-    """Return what the store remembers of a judgement; the same one again is the same verdict."""
+    """Return a judgement as a verdict of the store; equal judgements give equal verdicts."""
     last, days = history.grasps[-1], ripeness.days_to_ripe
     details: dict[str, object] = {
         "probabilities": dict(ripeness.probabilities),
@@ -174,7 +174,7 @@ def is_assumed(ripeness: Ripeness, history: FirmnessHistory) -> bool:
 
 
 def explanation(ripeness: Ripeness, history: FirmnessHistory) -> str:
-    """Return why, in a sentence that a person can check."""
+    """Return the reason in a sentence."""
     count, days = len(history.grasps), len(history.days)
     felt = f"felt {count} time{'s' * (count > 1)} on {days} day{'s' * (days > 1)}"
     if is_assumed(ripeness, history):
@@ -198,7 +198,7 @@ def labels_of(history: FirmnessHistory, verdicts: Iterable[Verdict]) -> list[str
 
 
 def _give(store: Store, grasps: Sequence[Grasp], *, drive: Drive) -> Compliance | None:
-    """Return how far the gripper gives way, where the store has a calibration that gives it."""
+    """Return the gripper's compliance by its stored calibration, or None."""
     known = [grasp.calibration_id for grasp in grasps if grasp.calibration_id is not None]
     if drive != "width" or not known:
         return None

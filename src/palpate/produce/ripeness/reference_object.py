@@ -1,4 +1,4 @@
-"""Drift of the sensor, separated from softening of the fruit by an object that does not change.
+"""Drift of the sensor, measured on an object that does not change.
 
 A reference object (a rubber ball, springs between plates) is grasped like the fruit, several times
 on each day. Its apparent change is the effect of wear and weather on the sensor, and is subtracted
@@ -125,7 +125,7 @@ class Drift:
         return float(np.interp(day, self.days, self.moved))
 
     def correct(self, firmness: float, *, grasp: Grasp) -> float:
-        """Return the firmness of a grasp as the sensor would have read it on the first day.
+        """Return the firmness of a grasp, corrected to the sensor's first day.
 
         Compliances add: of what a hand closes at 5 N read, its own give is taken out as of 5 N.
         Where the true force is r times that, a round fruit (Hertz) of compliance C at 5 N reads as
@@ -153,7 +153,7 @@ class Drift:
 
 
 def _smooth(day: FloatArray, moved: FloatArray, *, variance: FloatArray) -> FloatArray:
-    """Return the expected drift of each day, given what was read on all of them.
+    """Return the expected drift of each day, given the readings of all days.
 
     The first day's scatter is in the change of every later one. How much of what is read is drift
     is weighed by how probable it makes all of it (marginal likelihood).
@@ -214,7 +214,7 @@ class ForceRead:
         )
 
     def current_excess(self, grasp: Grasp) -> float:
-        """Return the part of ln force, added by the servo's current, that is to be left out."""
+        """Return the contribution of the servo's current to ln force that is left out."""
         gain = log_gain(grasp)
         return 0.0 if gain is None else self.left_out * (gain - self.usual_gain)
 

@@ -1,4 +1,4 @@
-"""The verdict on one item: its stage, how sure that is, and when it will be ripe."""
+"""The verdict on one item: its stage, the probability, and the days to ripe."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ class RipenessRule:
         labels: Sequence[Sequence[str | None]],
         stages: Sequence[str],
     ) -> RipenessRule:
-        """Learn from items felt over days, some of which a person labelled.
+        """Learn from items grasped over days, some of them labelled.
 
         `items`: each item's days.
         `labels`: stage of each item on each of its days, where a person gave one.

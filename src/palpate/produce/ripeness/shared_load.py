@@ -1,4 +1,4 @@
-"""How many pixels share the load of an item, corrected for its size and for the force.
+"""Number of pixels that share an item's load, corrected for size and force.
 
 Under the same force a soft item lies against more of the pad than a hard one does; but so does a
 larger one, and one that is pressed harder. All three act on the radius of contact through one
@@ -50,7 +50,7 @@ def fraction_of_pixels(
     layout: ArrayLayout,
     measured: Mapping[str, Measurement],
 ) -> dict[str, Measurement]:
-    """Return the number of pixels by its name; nothing where the width at contact is not known.
+    """Return the number of pixels by name; empty without the width at contact.
 
     Its interval reaches from what was read to the whole cube root.
 
@@ -78,13 +78,13 @@ def fraction_of_pixels(
 
 
 def _closing(observations: Sequence[Observation], *, until_s: float) -> Sequence[Observation]:
-    """Return what was seen until the fingers had their largest pressure."""
+    """Return the observations until the fingers' largest pressure."""
     pressure_kpa = [one.gripper.pressure_kpa for one in observations if one.frame.time_s <= until_s]
     return observations[: int(np.nanargmax(pressure_kpa)) + 1]
 
 
 def _rise(closing: Sequence[Observation], *, held: FloatArray, layout: ArrayLayout) -> float:
-    """Return the power of the force with which sharing rose over the last half of the load.
+    """Return the exponent of sharing in force over the last half of the load.
 
     It is 0 where none of the load, or no less of it, was felt in the mean up to that moment.
     """

@@ -1,1 +1,1 @@
-"""Readable rules, and what bin they send an item to."""
+"""Readable rules, and the bin that they choose for an item."""

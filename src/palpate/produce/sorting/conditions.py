@@ -1,4 +1,4 @@
-"""Conditions of a sorting rule, and what is known of an item when they are checked.
+"""Conditions of a sorting rule, and the evidence on an item.
 
 A condition asks for one of several names (kind, stage, bruise) or for a value within a range (size,
 firmness). A new one is a row of `CONDITIONS`; what it asks about is a field of `Evidence`, filled
@@ -20,7 +20,7 @@ from palpate.produce.learning import UNKNOWN
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
-    """All that is known of an item when it is to be sorted."""
+    """The evidence on an item when it is sorted."""
 
     #: What it is; None before anything was measured.
     identity: Identity | None = None
@@ -48,7 +48,7 @@ class Evidence:
         return {kind: p for kind, p in self.identity.probability.items() if kind != UNKNOWN}
 
     def describe(self, key: str) -> str:
-        """Return what is known of the item; empty if a verdict on it is missing."""
+        """Return the evidence in words; empty if a verdict is missing."""
         if key == "class":
             return "not measured" if self.identity is None else _describe_kind(self.identity)
         if key == "bruised":
@@ -76,7 +76,7 @@ class OneOf:
         return sum(chances.get(name, 0.0) for name in self.names) if chances else None
 
     def reason(self, evidence: Evidence) -> str:
-        """Return what shows that an item has one of them."""
+        """Return the evidence that an item has one of the names."""
         if self.key != "ripeness":
             return evidence.describe(self.key)
         return _likeliest({name: evidence.ripeness.get(name, 0.0) for name in self.names})
@@ -86,7 +86,7 @@ class OneOf:
         return isinstance(other, OneOf) and other.names <= self.names
 
     def common(self, other: OneOf | Within) -> str | None:
-        """Return what meets both, in words; None if nothing does."""
+        """Return the overlap of both in words; None without one."""
         both = sorted(self.names & other.names) if isinstance(other, OneOf) else []
         return f"{self.key} {', '.join(both)}" if both else None
 
@@ -116,7 +116,7 @@ class Within:
         )
 
     def reason(self, evidence: Evidence) -> str:
-        """Return what shows that its value is within."""
+        """Return the evidence that the value is within."""
         return f"{evidence.describe(self.key)} within {self.low:g} to {self.high:g}"
 
     def covers(self, other: OneOf | Within) -> bool:
@@ -124,7 +124,7 @@ class Within:
         return isinstance(other, Within) and self.low <= other.low and other.high <= self.high
 
     def common(self, other: OneOf | Within) -> str | None:
-        """Return what meets both, in words; None if nothing does."""
+        """Return the overlap of both in words; None without one."""
         if not isinstance(other, Within):
             return None
         low, high = max(self.low, other.low), min(self.high, other.high)

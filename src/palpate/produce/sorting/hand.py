@@ -64,7 +64,7 @@ class SortingHand:
     now: Callable[[], datetime]
 
     def grasp(self, item_id: str, *, expected: Measurement | None = None) -> TimedGrasp:
-        """Grasp what lies there; `expected` is its size, where an earlier grasp knows it.
+        """Grasp the item; `expected`: its size by an earlier grasp.
 
         Raises `DeviceError` if a device fails before the grasp begins; later failures are outcomes.
         """
@@ -89,7 +89,7 @@ class SortingHand:
         return TimedGrasp(grasp=grasp, lasted_s=self.clock.now_s() - began_s)
 
     def _wait_for_rest(self) -> None:
-        """Wait until the sheet no longer gives back what it remembers, or time is up."""
+        """Wait until the sheet has recovered, or time is up."""
         give_up_s = self.clock.now_s() + _LONGEST_S
         before = self._mean_ohm(_AVERAGE_S)
         while self.clock.now_s() < give_up_s:

@@ -51,7 +51,7 @@ class Rule:
         return round(low, 12), round(high, 12)
 
     def lacking(self, evidence: Evidence) -> str:
-        """Return what it asks, in words, that only a verdict which is missing would answer."""
+        """Return in words the conditions that need a missing verdict."""
         asked = (one for one in self.conditions if one.key in ASKS)
         return next((ASKS[one.key] for one in asked if one.probability(evidence) is None), "")
 
@@ -79,7 +79,7 @@ class RuleBook:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BinDecision:
-    """Where an item goes."""
+    """The bin of an item, with the reason."""
 
     #: The bin; the default one where no rule is sure.
     bin: str
@@ -94,7 +94,7 @@ class BinDecision:
 
 
 def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
-    """Apply the rules: the first that is sure of all its conditions wins.
+    """Apply the rules: the first whose conditions are probable enough wins.
 
     Where an earlier rule can't decide yet, or none is sure, another grasp is asked for, as long as
     it can help and there are grasps left. What looks unknown at its first grasp is grasped again
@@ -140,7 +140,7 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
 
 
 def _no_rule(book: RuleBook, evidence: Evidence) -> str:
-    """Return why no rule is sure: the one that came nearest, and what it lacked."""
+    """Return why no rule applies: the nearest one, and its missing probability."""
     nearest = max(book.rules, key=lambda rule: rule.probability(evidence)[1])
     low, high = nearest.probability(evidence)
     # All that is known of what any rule asks for; a known kind in any case.

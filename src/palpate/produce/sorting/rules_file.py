@@ -1,4 +1,4 @@
-"""Rules in a file that people read: TOML, every fault named by its line."""
+"""Rules in a TOML file; every error names its line."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _HEADER = re.compile(r"\s*\[\[\s*rule\s*\]\]")
 def read_rules(path: str | Path) -> RuleBook:
     """Read a rules file.
 
-    At the top stand ``default``, the bin of whatever no rule takes, and perhaps ``confidence`` and
+    At the top are ``default``, the bin of items without a rule, and optionally ``confidence`` and
     ``most_grasps``. Each ``[[rule]]`` has a ``bin`` and at least one of ``class`` and ``ripeness``
     (a name or a list of names), ``size_mm`` and ``firmness`` (``[from, to]``), ``bruised`` (true or
     false), and perhaps a ``confidence`` of its own.
@@ -67,7 +67,7 @@ def read_rules(path: str | Path) -> RuleBook:
 
 
 def check_kinds(book: RuleBook, *, taught: Collection[str], path: str | Path) -> None:
-    """Refuse a rule for a kind that nobody taught: it would never take anything.
+    """Refuse a rule for a kind without labels: it would never apply.
 
     Raises `InputError`: with the rule's line, and the kinds that are known.
     """
@@ -121,7 +121,7 @@ def _is_wider(one: Rule, other: Rule) -> bool:
 
 
 def _half_overlap(one: Rule, other: Rule) -> str | None:
-    """Return what both rules take, if they ask for the same things and neither holds the other."""
+    """Return the overlap of two rules on the same keys, if neither contains the other."""
     ours = {condition.key: condition for condition in one.conditions}
     if one.bin == other.bin or set(ours) != {condition.key for condition in other.conditions}:
         return None
@@ -133,7 +133,7 @@ def _half_overlap(one: Rule, other: Rule) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class _Section:
-    """The top of a rules file or one rule, with its lines, so that faults name their place."""
+    """The top of a rules file or one rule, with its lines for errors."""
 
     path: str
     lines: Sequence[str]
@@ -156,7 +156,7 @@ class _Section:
                 raise self.fault(f"no key {key!r} here; known are {', '.join(known)}", key=key)
 
     def read(self, key: str, reader: Callable[[Any], _Value]) -> _Value:
-        """Return a value; its reader raises `ValueError` that names what it should be."""
+        """Return a value; its reader raises `ValueError` with the expected form."""
         try:
             return reader(self.stated[key])
         except ValueError as error:

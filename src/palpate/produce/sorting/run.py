@@ -75,7 +75,7 @@ def evidence_of(
     kind: str | None = None,
     verdicts: Sequence[Verdict] = (),
 ) -> Evidence:
-    """Put together what grasps and verdicts show of an item."""
+    """Combine the evidence of grasps and verdicts on an item."""
     held = [one for one in grasps if one.outcome is Outcome.HELD]
     touches = touches_of(held)
     identity = None if kind is None else label_identity(kind)
@@ -112,7 +112,7 @@ def _is_bruised(verdict: Verdict) -> float:
 
 
 def bin_verdict(done: Sorted, *, given_at: datetime) -> Verdict:
-    """Put a decision into the form that the store keeps."""
+    """Return a decision as a verdict of the store."""
     return Verdict(
         item_id=done.item_id,
         about=About.BIN,

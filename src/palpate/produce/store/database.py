@@ -100,7 +100,7 @@ class Store(StoreReader):
         return store
 
     def add_item(self, item: Item) -> None:
-        """Add an item, or fill in what is newly known of it: None leaves what is there."""
+        """Add an item, or update its fields; None leaves a field as it is."""
         with self._write() as connection:
             write_items(connection, [item])
             self._enqueue(connection, [(item_kind(item), item.item_id)])
@@ -144,7 +144,7 @@ class Store(StoreReader):
         return is_new
 
     def send(self) -> int:
-        """Send what waits to the shared store, in order; return how many records it took.
+        """Send waiting records to the shared store, in order; return their number.
 
         Raises `StoreAwayError` if it does not answer, `StoreError` if it can't be used; what it has
         not acknowledged waits.
@@ -164,7 +164,7 @@ class Store(StoreReader):
         return sent
 
     def send_or_explain(self) -> str:
-        """Send what waits; return a line about records that still wait, empty if none do."""
+        """Send waiting records; return a line about those that remain, or an empty one."""
         try:
             self.send()
         except StoreError as error:
@@ -172,7 +172,7 @@ class Store(StoreReader):
         return ""
 
     def add_message(self, text: str, *, receiver: str, most: int) -> int:
-        """Queue a message; return how many older ones beyond `most` were dropped."""
+        """Queue a message; return the number of older ones dropped beyond `most`."""
         with self._write() as connection:
             enqueue(connection, receiver, [("message", text)])
             return drop_oldest(connection, receiver, most=most)

@@ -1,4 +1,4 @@
-"""From what a user calls a store to an open database, and its faults in one line each."""
+"""From the name of a store to an open database, with one-line errors."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def store_url(where: str | Path | None) -> sa.URL:
 
 
 def url_to_read(url: sa.URL) -> sa.URL:
-    """Return the URL of an SQLite file for reading, which may lie on a medium without writing.
+    """Return the URL of an SQLite file for reading, also on a read-only medium.
 
     SQLite wants to put helper files into the folder, and refuses one where it can't, unless the URL
     declares that nobody writes. Where a helper file exists, somebody did: then nothing is changed.
@@ -93,7 +93,7 @@ def url_to_read(url: sa.URL) -> sa.URL:
 
 
 def show_url(url: sa.URL) -> str:
-    """Return what to call a store in messages: its file, or its URL without the password."""
+    """Return a store's name for messages: its file, or its URL without the password."""
     if url.get_backend_name() == "sqlite":
         return f"store {url.database or 'in memory'}"
     return f"store {url.set(drivername='postgresql').render_as_string(hide_password=True)}"
@@ -129,7 +129,7 @@ def make_engine(url: sa.URL) -> sa.Engine:
 
 @contextmanager
 def faults_of(where: str) -> Iterator[None]:
-    """Turn what a database raises into one line.
+    """Turn the errors of a database into one line.
 
     Raises `StoreAwayError` if it does not answer now: trying later may help; `StoreError` if it
     can't be used as it is; `InputError` if a record refers to one that the store does not have.

@@ -1,4 +1,4 @@
-"""The store as Parquet: one row per grasp, and one per verdict, for pandas, DuckDB and the like."""
+"""The store as Parquet: one row per grasp, and one per verdict."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _VERDICT_COLUMNS = tuple(c.name for c in VERDICTS.c if c.name != "details")
 def export_grasps(
     path: str | os.PathLike[str], grasps: Iterable[Grasp], *, items: Iterable[Item]
 ) -> int:
-    """Write grasps with what is known of their items; return the number of rows.
+    """Write grasps with their items' fields; return the number of rows.
 
     `path`: written whole or not at all.
     `grasps`: one row each, in this order. A measurement is four columns: its value under its name,

@@ -114,7 +114,7 @@ def item_pages(store: Store, items: Sequence[Item]) -> tuple[ItemHistory, ...]:
 def item_facts(
     item_id: str, *, kind: str | None = None, verdicts: Sequence[Verdict] = ()
 ) -> dict[str, object]:
-    """Return what is known of an item, as `item` of a grasp's document: by its last verdicts.
+    """Return an item by its last verdicts, as `item` of a grasp's document.
 
     `kind`: what a person stated it to be.
 

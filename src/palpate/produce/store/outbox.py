@@ -43,7 +43,7 @@ def remove(connection: sa.Connection, numbers: Sequence[int]) -> None:
 
 
 def drop_oldest(connection: sa.Connection, receiver: str, *, most: int) -> int:
-    """Remove the rows beyond the newest `most` of a receiver; return how many those were."""
+    """Remove a receiver's rows beyond the newest `most`; return their number."""
     numbers = sa.select(OUTBOX.c.number).where(OUTBOX.c.receiver == receiver)
     last = numbers.order_by(OUTBOX.c.number.desc()).limit(1).offset(most).scalar_subquery()
     surplus = OUTBOX.delete().where(OUTBOX.c.receiver == receiver, OUTBOX.c.number <= last)

@@ -1,4 +1,4 @@
-"""A connection to PostgreSQL that waits no longer than its limit, even for a frozen back end.
+"""A connection to PostgreSQL with a time-out, even for a frozen back end.
 
 The server's own time limits do not help where the server itself hangs while the system goes on
 acknowledging what is sent to it. So each wait is limited on this side.

@@ -48,7 +48,7 @@ def read_verdicts(connection: sa.Connection, query: sa.Select[Any]) -> tuple[Ver
 def narrow(
     query: sa.Select[Any], *, kind: str | None = None, batch: str | None = None
 ) -> sa.Select[Any]:
-    """Keep the rows of items of one kind, of one batch."""
+    """Select the rows of one kind and batch."""
     if kind is not None:
         query = query.where(ITEMS.c.kind == kind)
     if batch is not None:
@@ -146,7 +146,7 @@ class StoreReader:
         return self._fetch(lambda connection: read_items(connection, query))
 
     def items_named(self, item_ids: Sequence[str]) -> tuple[Item, ...]:
-        """Return several items in the order of the names; those that are not known are left out."""
+        """Return items in the order of the names, without unknown ones."""
 
         def read(connection: sa.Connection) -> dict[str, Item]:
             parts = map(ITEMS.c.item_id.in_, _in_parts(item_ids))
@@ -157,7 +157,7 @@ class StoreReader:
         return tuple(found[name] for name in item_ids if name in found)
 
     def grasps_of(self, item_id: str) -> tuple[Grasp, ...]:
-        """Return the grasps of an item, oldest first; none for an item that is not known."""
+        """Return the grasps of an item, oldest first; none for an unknown item."""
         query = sa.select(GRASPS).where(GRASPS.c.item_id == item_id).order_by(*_IN_TIME)
         return tuple(self._fetch(lambda connection: read_grasps(connection, query)).values())
 

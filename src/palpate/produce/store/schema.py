@@ -20,7 +20,7 @@ _LOCK = 0x70616C70
 
 
 class UtcTime(sa.types.TypeDecorator[datetime]):
-    """A moment in UTC: a timestamp with time zone, and in SQLite ISO 8601 text that sorts."""
+    """A time in UTC: a timestamp with time zone, in SQLite sortable ISO 8601 text."""
 
     impl = sa.TIMESTAMP(timezone=True)
     cache_ok = True
@@ -141,7 +141,7 @@ OUTBOX = sa.Table(
 
 
 def insert(table: sa.Table, *, dialect: str) -> sqlite.Insert | postgresql.Insert:
-    """Return an insert that can state what to do where the row exists already."""
+    """Return an insert that supports a clause for existing rows."""
     return postgresql.insert(table) if dialect == "postgresql" else sqlite.insert(table)
 
 

@@ -1,4 +1,4 @@
-"""A thread that sends what waits to the shared store, so that no grasp waits for a network."""
+"""A thread that sends waiting records to the shared store."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Records to rows, in a transaction of the caller's; what is there already is left alone."""
+"""Records to rows, in the caller's transaction; existing rows stay as they are."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _GRASP_COLUMNS = tuple(f.name for f in fields(Grasp) if f.name != "measurements"
 
 
 def write_items(connection: sa.Connection, items: Iterable[Item]) -> None:
-    """Add items, or fill in what is newly known of them; none is first seen later than before."""
+    """Add items, or update their fields; the first time seen only moves earlier."""
     statement = insert(ITEMS, dialect=connection.dialect.name)
     new = statement.excluded
     known = {n: sa.func.coalesce(new[n], ITEMS.c[n]) for n in ("kind", "batch", "label")}
@@ -51,7 +51,7 @@ def calibration_id_of(text: str) -> str:
 
 
 def write_calibration(connection: sa.Connection, text: str) -> str:
-    """Keep the text of a calibration; return its id."""
+    """Store the text of a calibration; return its id."""
     calibration_id = calibration_id_of(text)
     statement = insert(CALIBRATIONS, dialect=connection.dialect.name)
     connection.execute(
