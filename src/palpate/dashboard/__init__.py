@@ -1,1 +1,1 @@
-"""The same runner in a browser: a process with the devices, a session of rules, a thin page."""
+"""The runner in a browser: a device process, a session with the rules, a thin page."""

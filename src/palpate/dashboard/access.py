@@ -1,4 +1,4 @@
-"""Who may come in: no web page from elsewhere, and beyond the loopback only with the token."""
+"""Access control: no requests of other web pages; a token beyond the loopback."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def is_loopback(host: str) -> bool:
 
 
 def check_token(host: str, token: str | None) -> None:
-    """Refuse to serve beyond the loopback without a token worth the name.
+    """Refuse to serve beyond the loopback without a token of sufficient length.
 
     Raises
     ------
@@ -163,7 +163,7 @@ class AccessControl:
         return None if found else _line(403, "that is not the token")
 
     async def _try(self, sent: str, token: str, visitor: str) -> bool | None:
-        """Return whether it is the token, once it is this visitor's turn; None if that is far."""
+        """Check the token at this visitor's turn; None if the turn is too far away."""
         wait_s = self._wrong.wait_s(visitor)
         if wait_s > _LONGEST_WAIT_S:
             return None
@@ -196,7 +196,7 @@ class AccessControl:
 
 
 class WrongTries:
-    """Counts wrong tokens by visitor, for as long as they matter.
+    """Counts recent wrong tokens by visitor.
 
     Whoever sent too many is slowed down and not refused: somebody else at the same address may have
     the right one.
@@ -213,7 +213,7 @@ class WrongTries:
         return len(self._tries.get(self._count_key(visitor), ())) >= MOST_WRONG
 
     def wait_s(self, visitor: str) -> float:
-        """Return how long a token must wait until it may be looked at, and take that turn."""
+        """Return the wait until a token may be checked, and take that turn."""
         if not self.too_many(visitor):
             return 0.0
         now_s, name = self._now_s(), self._count_key(visitor)
@@ -234,7 +234,7 @@ class WrongTries:
         tries.append(self._now_s())
 
     def _count_key(self, visitor: str) -> str:
-        """Forget what no longer matters; return the name under which a visitor is counted."""
+        """Remove expired entries; return the key of a visitor."""
         now_s = self._now_s()
         for one, tries in list(self._tries.items()):
             while tries and now_s - tries[0] > _WRONG_S:
@@ -247,7 +247,7 @@ class WrongTries:
 
 
 def _without_token(scope: Scope) -> str:
-    """Return the address that was asked for; of this site, whatever it begins with."""
+    """Return the requested address without the token, always one of this site."""
     fields = _fields(scope.get("query_string", b""))
     kept = {name: values for name, values in fields.items() if name != "token"}
     query = urlencode(kept, doseq=True)
@@ -263,7 +263,7 @@ def _line(status: int, text: str) -> Response:
 
 
 async def _form(request: Request) -> bytes | None:
-    """Return the body of a form; None for one that is too long, of which the rest is not read."""
+    """Return the body of a form; None for one that is too long."""
     body = b""
     async for part in request.stream():
         body += part
@@ -284,7 +284,7 @@ def _fields(form: bytes) -> dict[str, list[str]]:
 
 
 def _guard(send: Send) -> Send:
-    """Return what sends an answer that no other page may frame, or take for another type."""
+    """Return a `send` that forbids framing and a change of the content type."""
 
     async def send_guarded(message: ASGIMessage) -> None:
         if message["type"] == "http.response.start":

@@ -30,7 +30,7 @@ _KNOWN = ("measurement", "grasp", "state", "items", "item")
 
 
 class GraspRequest(BaseModel):
-    """What to grasp, and how hard."""
+    """Item and target force of a grasp."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -89,7 +89,7 @@ def build_api(app_state: AppState, *, token: bool) -> FastAPI:
 
 
 def _look(api: FastAPI, app_state: AppState) -> None:
-    """Add what can be asked."""
+    """Add the queries."""
 
     @api.get("/state", responses=_documents("state"))
     async def state() -> JSONResponse:
@@ -134,7 +134,7 @@ def _look(api: FastAPI, app_state: AppState) -> None:
 
 
 def _act(api: FastAPI, app_state: AppState) -> None:
-    """Add what can be ordered: the same orders that the page gives, by the same rules."""
+    """Add the orders: those of the page, with the same rules."""
 
     @api.post("/grasp", status_code=202, responses=_refusals(400, 409))
     async def grasp(wanted: GraspRequest) -> GraspBegun:

@@ -133,7 +133,7 @@ class DeviceClient:
             self._connection.send(message)
 
     def close(self) -> None:
-        """Stop what runs and end the process."""
+        """Stop the running job and end the process."""
         self.send(Shutdown())
         self._process.join(_ENDS_S)
         if self._process.is_alive():
@@ -154,7 +154,7 @@ class DeviceClient:
 def _on_its_loop(
     command: Callable[Concatenate[AppState, _Asked], _Answer],
 ) -> Callable[Concatenate[AppState, _Asked], Coroutine[Any, Any, _Answer]]:
-    """Have a command carried out on the loop of the session, whichever loop asks for it."""
+    """Run a command on the session's loop, when called from any loop."""
 
     @wraps(command)
     async def carry_out(
@@ -219,7 +219,7 @@ class AppState:
         self.session.send_order(first)
 
     def close(self) -> None:
-        """Stop what runs and end the process."""
+        """Stop the running job and end the process."""
         if self._process is not None:
             self._process.close()
 
@@ -281,7 +281,7 @@ class AppState:
         self.session.leave(driver)
 
     async def stop(self, *, patience_s: float = STOP_PATIENCE_S) -> bool:
-        """Stop what runs; return whether the devices' process confirmed it in time.
+        """Stop the running job; return whether the devices' process confirmed it in time.
 
         On any event loop: it waits for nothing but the devices.
         """
@@ -374,11 +374,11 @@ class AppState:
 
     @property
     def silent_s(self) -> float:
-        """Time since the devices' process last sent anything, seconds; 0 while it starts."""
+        """Time since the last message of the devices' process, seconds; 0 while it starts."""
         return 0.0 if self._heard_s is None else time.monotonic() - self._heard_s
 
     def glance(self) -> list[str]:
-        """Return what an idle page shows: last grasp, counts of today, age of the calibration."""
+        """Return the content of an idle page: last grasp, today's counts, calibration age."""
         source = self.session.devices.live.source
         words = self.history.glance()
         if source is not None and source.calibrated_at:
@@ -386,7 +386,7 @@ class AppState:
         return words
 
     def _keep(self, grasped: Grasped, order: GraspOrder) -> None:
-        """Keep a grasp that has just ended, and publish its result."""
+        """Store a finished grasp, and publish its result."""
         live = self.session.devices.live
         entry = entry_of(
             grasped,
@@ -424,7 +424,7 @@ class AppState:
     async def _place(
         self, place: Callable[[], Mapping[str, Any]], entry: Entry, document: dict[str, object]
     ) -> None:
-        """Store a grasp and find its bin before the result is out; a store may not answer."""
+        """Store a grasp and find its bin before its result is published."""
         devices, grasped = self.session.devices, self.session.devices.grasped
         try:
             async with asyncio.timeout(_STORE_S):
@@ -464,7 +464,7 @@ class AppState:
             listener(self._last)
 
     def _foresee(self) -> None:
-        """Find the bin of what is held as soon as it is measured: a person waits for it."""
+        """Find the bin of the held object as soon as it is measured."""
         devices, rules = self.session.devices, self.settings.rules
         order, progress, source = devices.order, devices.live.progress, devices.live.source
         if rules is None or progress is None or source is None or devices.grasped is not None:
@@ -560,6 +560,6 @@ async def publish(app_state: AppState, publisher: DocumentSink) -> None:
 
 
 def age_text(made_at: str) -> str:
-    """Return the age of what was made at a time in ISO 8601, in whole days."""
+    """Return the age in whole days since a time in ISO 8601."""
     days = (datetime.now(UTC) - datetime.fromisoformat(made_at).astimezone(UTC)).days
     return "today" if days < 1 else f"{days} day{'' if days == 1 else 's'} ago"

@@ -1,4 +1,4 @@
-"""The process that owns the devices: it watches, carries out orders, and handles a stop at once.
+"""The process that owns the devices: it watches, runs orders, and stops at once.
 
 It shares nothing with the page but a pipe. If the page's process is gone, whatever runs is stopped
 as by the stop button, and this process ends.
@@ -67,7 +67,7 @@ _WATCH_TIMEOUT_S, _LOST_S = 0.2, 0.5
 
 
 def run_devices(connection: Connection, benches: dict[str, BenchOpener]) -> None:
-    """Serve the page at the other end of a pipe until it is gone: the process's main function."""
+    """Serve the page at the other end of a pipe until it closes (the process's main)."""
     # Ctrl-C in the terminal reaches this process too; while a grasp runs, the runner handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     DeviceProcess(connection, benches=benches).run()
@@ -165,7 +165,7 @@ class DeviceProcess:
         self._arrived.set()
 
     def _stop(self, context: JobContext | None) -> None:
-        """Stop what runs, and whatever was to run next: no order may outlive a stop."""
+        """Stop the running job and drop queued orders: no order may outlive a stop."""
         with self._lock:
             dropped = list(self._orders)
             self._orders.clear()
@@ -180,7 +180,7 @@ class DeviceProcess:
             self._telemetry.note(Ended(order=order, trouble=never, stopped=True))
 
     def _next_order(self) -> Order | None:
-        """Take the next order, with requests of its own: a stop from now on is meant for it."""
+        """Take the next order, with new requests: a later stop applies to it."""
         with self._lock:
             self._arrived.clear()
             if not self._orders:
@@ -194,7 +194,7 @@ class DeviceProcess:
             self._context.requests, self._context.reacted_s = self._requests, None
 
     def _heed_stop(self) -> None:
-        """Stop the hand when that was asked for between two orders, or while one ended."""
+        """Stop the hand after a stop between two orders, or at the end of one."""
         context = self._context
         with self._lock:
             if context is None or not self._requests.stop.is_set():
@@ -266,7 +266,7 @@ class DeviceProcess:
 
     def _play(self, order: Play) -> None:
         def steered(playback: PlaybackClock) -> None:
-            """Keep the clock of the replay, for the page to seek and pause."""
+            """Store the replay's clock, so that the page can seek and pause."""
             self._playback = playback
 
         try:
@@ -281,7 +281,7 @@ class DeviceProcess:
             self._playback = None
 
     def _took_s(self) -> float | None:
-        """Return how long ago a stop was asked for, on the rig's clock; None if it was not."""
+        """Return the time since the stop request, on the rig's clock; None without one."""
         with self._lock:
             context, asked_s = self._context, self._stop_asked_s
             if context is None or asked_s is None:
@@ -312,7 +312,7 @@ class DeviceProcess:
         self._telemetry.begin(context.source(), events=context.link_events, linked=not twin)
 
     def _watch(self, context: JobContext) -> None:
-        """Read one frame and show it; record it if that was asked for."""
+        """Read and show one frame, and record it during a recording."""
         try:
             frame = context.array.read(timeout_s=_WATCH_TIMEOUT_S)
         except DeviceTimeoutError:
@@ -334,7 +334,7 @@ class DeviceProcess:
                 self._record(Record(None))
 
     def _record(self, order: Record) -> None:
-        """Begin or end a recording of what is watched."""
+        """Begin or end a recording of the watched frames."""
         try:
             if self._writer is not None:
                 self._writer.close()

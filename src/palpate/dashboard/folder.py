@@ -87,7 +87,7 @@ class Summary(NamedTuple):
 
 
 class History:
-    """Keeps the grasps in a file of the folder, and the last of them in mind.
+    """The grasps of the folder in a file, and the latest of them in memory.
 
     The file is only ever appended to: a grasp is a line, and so is the new name of a recording.
 
@@ -122,7 +122,7 @@ class History:
         return list(reversed(self._recent))
 
     def of(self, recording: str) -> Summary | None:
-        """Return the grasp of a recording; None where it holds none, or none that was kept."""
+        """Return the stored grasp of a recording, or None."""
         return self._of_recording.get(recording)
 
     def glance(self) -> list[str]:
@@ -141,7 +141,7 @@ class History:
         return words
 
     def add(self, entry: Entry) -> None:
-        """Keep a grasp.
+        """Store a grasp.
 
         Raises
         ------
@@ -195,7 +195,7 @@ class History:
             self._of_recording[entry.recording] = summary
 
     def _follow(self, before: str, after: str) -> None:
-        """Know a recording by its new name."""
+        """Replace a recording's name by the new one."""
         for first, name in list(self._names.items()):
             if name == before:
                 self._names[first] = after
@@ -215,7 +215,7 @@ class History:
         return {name: csv_cell(value) for name, value in cells.items()}
 
     def _append(self, stated: dict[str, Any]) -> None:
-        """Add a line; a line that was cut off, by a full disk or a power cut, spoils no other."""
+        """Append a line; a truncated last line (full disk, power cut) damages no other."""
         self._file.parent.mkdir(parents=True, exist_ok=True)
         with self._file.open("ab+", buffering=0) as lines:
             end = lines.seek(0, os.SEEK_END)
@@ -226,7 +226,7 @@ class History:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._file))
 
     def _state_entry(self) -> Iterator[dict[str, Any]]:
-        """Yield what each line states, oldest first; a line that was cut off states nothing."""
+        """Yield the entry of each line, oldest first, without truncated ones."""
         with suppress(OSError), self._file.open(encoding="utf-8", errors="replace") as lines:
             for line in lines:
                 with suppress(ValueError):
@@ -451,7 +451,7 @@ def delete_recording(folder: Path, name: str) -> None:
 
 
 def is_simulated(file: Path, status: os.stat_result) -> bool:
-    """Return whether a recording is of simulated frames; false for what can't be read."""
+    """Return whether a recording is simulated; false for an unreadable one."""
     return _origin(file, status.st_mtime_ns) not in ("hardware", "")
 
 

@@ -34,7 +34,7 @@ def force_laws(calibration: Calibration | None) -> ForceLaws | None:
 
 
 def gain_when_settled(force: Measurement, *, law_n: float, law: StaticLaw) -> Gain | None:
-    """Return the gain that turns what the settled law reads into a settled force.
+    """Return the gain from the settled law's reading to a settled force.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ _FEWEST, _MOST = 4, 200
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
-    """Forces that a grasp is after, and that it keeps below, newtons; None where there is none."""
+    """Target force and force limit of a grasp, newtons; None without one."""
 
     target_n: float | None = None
     damage_low_n: float | None = None

@@ -1,4 +1,4 @@
-"""The headline of a session, its colour, and the words that an operator reads from two metres."""
+"""The headline of a session, its colour, and the operator's view."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ OUTCOMES = {
 
 
 def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
-    """Return the headline: of the grasp that ended, of the one that runs, or what goes on."""
+    """Return the headline: of the last grasp, the running one, or the present activity."""
     devices, activity = session.devices, session.devices.activity
     grasped, progress = devices.grasped, devices.live.progress
     if activity is Activity.GONE:
@@ -77,7 +77,7 @@ def phase_text(phase: str) -> str:
 
 
 def kind_of(grasped: Grasped, *, target_force_n: float | None, damage_low_n: float | None) -> str:
-    """Return how a grasp ended, as a colour: nothing that went wrong is good."""
+    """Return the colour of a grasp's outcome: green only without a fault."""
     result = grasped.result
     on_target = verdict(result, target_force_n=target_force_n)["on_target"]
     if result.outcome is not Outcome.HELD or _is_damaged(grasped):
@@ -149,7 +149,7 @@ def _ended(session: Session, grasped: Grasped) -> dict[str, Any]:
 def _with_place(
     headline: dict[str, Any], result: GraspResult, devices: DeviceState
 ) -> dict[str, Any]:
-    """Let the bin be the headline, with what was measured below; amber for the default one."""
+    """Make the bin the headline, above the measurements; amber for the default one."""
     placed = devices.placed
     if headline["kind"] == "bad" or "bin" not in placed:
         return headline

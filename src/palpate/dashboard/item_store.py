@@ -1,4 +1,4 @@
-"""Items and their history on the page: grasps of a named item go to the store, its past comes back.
+"""Items and their history on the page, by the store.
 
 The store is opened for each look and each grasp: it may be away, and others use it too.
 """
@@ -113,7 +113,7 @@ class ItemStore:
         return self._place(grasp, item_id=item_id, is_stored=False)
 
     def _place(self, grasp: Grasp, *, item_id: str, is_stored: bool) -> dict[str, Any]:
-        """Apply the rules to the item, and describe it; a decision on a stored grasp is stored."""
+        """Apply the rules to the item and describe it; store the decision on a stored grasp."""
         from palpate.produce.sorting.rules import decide
         from palpate.produce.sorting.run import Sorted, bin_verdict, evidence_of
         from palpate.produce.store import Store
@@ -226,7 +226,7 @@ class ItemStore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Known:
-    """What the store holds of an item; nothing of an item without a name, or a new one."""
+    """The stored record of an item; empty for a new or unnamed one."""
 
     kind: str | None = None
     grasps: tuple[Grasp, ...] = ()
@@ -288,7 +288,7 @@ def _read_grasp(
 
 
 def _ripening(store: Store, page: ItemHistory) -> str:
-    """Draw the days of an item with the courses that its kind's labelled items teach."""
+    """Draw the days of an item with the courses of its kind's labelled items."""
     from palpate.produce.ripeness.history import (
         drive_of,
         history_of,

@@ -1,4 +1,4 @@
-"""Jobs of the devices' process, and what each works with: grasp, open, calibrate, examine."""
+"""Jobs of the devices' process: grasp, open, calibrate, examine."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class StoppedByUserError(PalpateError):
 
 
 class CellBench(Protocol):
-    """A bench with a load cell, and the hands that put it between the fingers."""
+    """A bench with a load cell, and the function that places it."""
 
     @property
     def bench(self) -> Bench:
@@ -76,7 +76,7 @@ class CellBench(Protocol):
 
     @property
     def reseat(self) -> Callable[[int], None]:
-        """Puts the load cell between the fingers for a run."""
+        """Places the load cell between the fingers for a run."""
         ...
 
 
@@ -131,7 +131,7 @@ class JobContext:
         )
 
     def link_events(self) -> LinkCounters:
-        """Return what the link has counted, where there is one."""
+        """Return the counters of the link, if there is one."""
         return link_counters(self.rig.array) or LinkCounters()
 
     def watch_array(self, array: PressureArray | None = None) -> WatchedArray:
@@ -139,7 +139,7 @@ class JobContext:
         return WatchedArray(array or self.array, gripper=self.rig.gripper, context=self)
 
     def guide(self, text: str, *, share: float | None = None, asks: bool = False) -> None:
-        """Show the user what goes on, or what to do."""
+        """Show the user the present step, or the next action."""
         self.telemetry.note(Guide(text=text, share=share, asks=asks))
 
     def stop_hand(self) -> None:
@@ -161,7 +161,7 @@ class JobContext:
         self.on_stopped()
 
     def catch_up(self) -> None:
-        """Read what waited while nobody did: nothing is decided on old frames."""
+        """Discard frames that waited: nothing is decided on old ones."""
         array, clock = self.watch_array(), self.rig.clock
         until_s = clock.now_s() + _CAUGHT_UP_S
         while clock.now_s() - array.read(timeout_s=FRAME_TIMEOUT_S).time_s > _OLD_S:
@@ -170,7 +170,7 @@ class JobContext:
 
 
 class WatchedArray:
-    """An array whose every frame is shown, until the user stops what reads it."""
+    """An array whose frames are shown, until the user stops the job."""
 
     def __init__(
         self, array: PressureArray, *, gripper: Gripper | None, context: JobContext
@@ -386,11 +386,11 @@ def calibrate_force(order: CalibrateForce, *, context: JobContext) -> Calibrated
 
 
 def _by_cell(on: CellBench, context: JobContext) -> ForcePairs:
-    """Close on a load cell, placement after placement; simulated, so as fast as it goes."""
+    """Close on a load cell at each placement, at full speed in simulation."""
     bench = replace(on.bench, array=context.watch_array(on.bench.array))
 
     def reseat(run: int) -> None:
-        """Show which placement it is, and put the load cell between the fingers again."""
+        """Show the number of the placement, and place the load cell again."""
         share = run / len(HOLDS_N)
         text = f"Placing the load cell again: {run + 1} of {len(HOLDS_N)}"
         context.guide(text, share=share)
@@ -406,7 +406,7 @@ def _weigh(loads_n: list[float], context: JobContext) -> ForcePairs:
     array, done = context.watch_array(), iter(range(len(loads_n)))
 
     def place(load_n: float) -> None:
-        """Ask for a weight, and wait for the user to confirm that it lies there."""
+        """Ask for a weight, and wait until the user confirms its placement."""
         share = next(done) / len(loads_n)
         what = "Take every weight away"
         if load_n:
@@ -423,7 +423,7 @@ def _weigh(loads_n: list[float], context: JobContext) -> ForcePairs:
 
 
 def _renew(made: Calibration, *, file: Path, context: JobContext) -> Calibrated:
-    """Keep the calibration in its file, and work with it from now on."""
+    """Store the calibration in its file, and use it from now on."""
     before = context.rig.calibration
     before_ohm = made.rest_ohm if before is None else before.rest_ohm
     file.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""What the page draws: the newest pixels, and a bounded stretch of curve, movements and band."""
+"""Data of the page's drawings: newest pixels, and bounded curve, movements and band."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """The forecast of the settled value, and of the settled force, as it was at one time."""
+    """The forecast of settled value and settled force at one time."""
 
     time_s: float
     low: float
@@ -75,7 +75,7 @@ class Band:
 
 
 class Live:
-    """Takes what the devices send; keeps what a page needs to draw."""
+    """Collects the devices' messages into the data that a page draws."""
 
     def __init__(self) -> None:
         #: Grows when the curve restarts: another source, another grasp.
@@ -88,7 +88,7 @@ class Live:
         self.open_source(None)
 
     def open_source(self, source: FrameSource | None) -> None:
-        """Frames are another source's from now on."""
+        """Start with the frames of another source."""
         self.source = source
         #: The newest frame, shape (rows, cols).
         self.percent: FloatArray | None = None
@@ -129,7 +129,7 @@ class Live:
         self._moved_s = 0.0
 
     def end_grasp(self) -> None:
-        """Keep the curve up to now and a little longer, however long the rig is watched then."""
+        """Freeze the curve shortly after now."""
         self._freeze_s = self.time_s + _AFTER_S
 
     def take_progress(self, progress: GraspProgress) -> None:
@@ -223,7 +223,7 @@ class Live:
         return self._laws is not None
 
     def is_open(self, reported: float, *, moving: bool) -> bool | None:
-        """Return whether a hand of this report is open and still; None where that is not known."""
+        """Return whether the reported hand is open and still; None if unknown."""
         limits = None if self.source is None else self.source.gripper
         if limits is None or math.isnan(reported):
             return None
@@ -296,7 +296,7 @@ class Live:
         return self._force.step(time_s, _excess(source, ohm, rest_ohm))
 
     def _move(self, time_s: float, *, reported: float, moving: bool) -> None:
-        """Note when the fingers moved; a step between two frames shows in what they report."""
+        """Record when the fingers moved, by the reports of two frames."""
         limits = None if self.source is None else self.source.gripper
         smallest = math.inf if limits is None else _SMALLEST_MOVE[limits.drive]
         since_s, self._moved_s = self._moved_s, time_s
@@ -312,11 +312,11 @@ class Live:
 
 
 def _excess(source: FrameSource, ohm: FloatArray, rest_ohm: FloatArray) -> FloatArray:
-    """Return excess conductance as in a grasp: beyond the converter's range, of its last step."""
+    """Return excess conductance as in a grasp, saturated at the converter's last step."""
     read = np.maximum(ohm, source.layout.divider.least_ohm)
     return excess_conductance(read, rest_ohm=rest_ohm)
 
 
 def finite(values: Sequence[float] | FloatArray) -> list[float | None]:
-    """Return numbers as JSON can hold them: None for what is not finite."""
+    """Return numbers for JSON: None instead of non-finite ones."""
     return [float(value) if math.isfinite(value) else None for value in values]

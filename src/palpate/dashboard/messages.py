@@ -1,4 +1,4 @@
-"""What page and devices' process send each other: orders and requests, frames and notes."""
+"""Messages between page and devices' process: orders, requests, frames, notes."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class OpenRig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GraspOrder:
-    """Close on what is there and hold it; every frame goes to the recording.
+    """Close on the object and hold it; every frame is recorded.
 
     `item_id` names the object, if its grasps are to be stored. `damage` is the text of a damage
     file whose limit the grasp respects, and `kind` the kind of produce, where known.
@@ -57,7 +57,7 @@ class GraspOrder:
 
 @dataclass(frozen=True, slots=True)
 class OpenHand:
-    """Open the hand, whatever it holds."""
+    """Open the hand, with or without an object."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,7 +92,7 @@ class Play:
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """Record what is watched to a new file; None ends the recording."""
+    """Record the watched frames to a new file; None ends the recording."""
 
     file: Path | None
 
@@ -104,7 +104,7 @@ Order: TypeAlias = (
 
 @dataclass(frozen=True, slots=True)
 class StopNow:
-    """End what runs; the hand does what the safety rules prescribe for its phase.
+    """End the running job, with the reaction of the safety rules for its phase.
 
     `number` counts the stops, so that each can be confirmed.
     """
@@ -119,7 +119,7 @@ class ReleaseNow:
 
 @dataclass(frozen=True, slots=True)
 class Confirm:
-    """The user did what a guided step asked for."""
+    """The user has completed a guided step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,21 +138,21 @@ class Seek:
 
 @dataclass(frozen=True, slots=True)
 class Pause:
-    """Pause the replay, or go on."""
+    """Pause or continue the replay."""
 
     paused: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Shutdown:
-    """The page ends: stop what runs, and end too."""
+    """The page ends: stop the running job, and end too."""
 
 
 Request: TypeAlias = StopNow | ReleaseNow | Confirm | SetSpeed | Seek | Pause | Shutdown
 
 
 def check_numbers(message: Order | Request) -> None:
-    """Refuse numbers that would end the devices' process: a browser may send anything.
+    """Refuse numbers of a browser that would end the devices' process.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def _is_within(value: object, low: float, high: float) -> bool:
 
 
 class Activity(StrEnum):
-    """What the devices are doing."""
+    """Activity of the devices."""
 
     IDLE = "no rig"
     OPENING = "opening the rig"
@@ -189,7 +189,7 @@ class Activity(StrEnum):
 
 
 class Action(StrEnum):
-    """What can be pressed, apart from stop."""
+    """Actions of the page, apart from stop."""
 
     OPEN = "open a rig"
     GRASP = "grasp"
@@ -305,7 +305,7 @@ class Began:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Guide:
-    """What the user is to do, or what goes on; `share` of the way, `asks` for a confirmation."""
+    """An instruction or progress; `share`: fraction done, `asks`: for a confirmation."""
 
     text: str
     share: float | None = None
@@ -401,7 +401,7 @@ class Trouble:
 
 @dataclass(frozen=True, slots=True)
 class BeingRecorded:
-    """What is watched is being recorded to this file; None: no more."""
+    """The file of the present recording; None after its end."""
 
     file: Path | None
 

@@ -1,4 +1,4 @@
-"""The page: what must never leave the eye on top, the stage that shows, the panel that acts."""
+"""The page: status on top, drawings on the stage, controls in the panel."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def build_page(
     item_id: str | None = None,
     recording: str | None = None,
 ) -> None:
-    """Fill the page of one viewer, with a tab of `TABS` open, and an item or a recording on it."""
+    """Fill the page of one viewer, at a tab of `TABS`, an item or a recording."""
     viewer = _begin(app_state, client, script="live.js")
     _header(app_state, viewer, other=("/operate", "Operate"))
     ui.on("seek", lambda event: viewer.request(Seek(event.args)))
@@ -72,7 +72,7 @@ def build_operator_page(
     app_state: AppState,
     client: Client,
 ) -> None:
-    """Fill the page that is read from two metres: verdict, what to do, force, three buttons."""
+    """Fill the operator's page: verdict, next step, force, three buttons."""
     viewer = _begin(app_state, client, script="operate.js")
     ui.query("body").classes("operate")
     _header(app_state, viewer, other=("/", "Full page"), sound=True)
@@ -87,7 +87,7 @@ def build_operator_page(
 
 
 def _begin(app_state: AppState, client: Client, *, script: str) -> Viewer:
-    """Add what every view has, and let the viewer in."""
+    """Add the parts of every view, and join the session."""
     ui.add_head_html('<link rel="stylesheet" href="/static/dashboard.css">')
     ui.add_head_html(_PIXEL_COLORS)
     if script == "live.js":
@@ -115,7 +115,7 @@ def _header(
     dark = ui.dark_mode(None)
 
     async def turn() -> None:
-        """Turn light into dark and back; at first it is what the browser prefers."""
+        """Switch between light and dark; the browser's preference is the default."""
         is_dark = dark.value
         if is_dark is None:
             is_dark = await ui.run_javascript(f"matchMedia('{_PREFERS_DARK}').matches")
@@ -159,7 +159,7 @@ def _alerts(app_state: AppState, viewer: Viewer) -> None:
         done.classes("btn main small").props("flat no-caps id=confirm")
 
     def guides() -> None:
-        """Show what a person is to do now, how far it is, and the button that confirms it."""
+        """Show the present instruction, its progress, and the button that confirms it."""
         devices = app_state.session.devices
         guide, source = devices.guide, devices.live.source
         if guide is not None and guide.asks and source is not None and source.replayed:
@@ -202,7 +202,7 @@ def _panel(
             run_panel(app_state, viewer)
 
     def show_item(event: GenericEventArguments) -> None:
-        """Turn to an item without leaving the page: who drives goes on driving."""
+        """Show an item without leaving the page, so that the driver stays the same."""
         tabs.set_value("Items")
         open_item(str(event.args))
 

@@ -1,4 +1,4 @@
-"""The state of a session as JSON: for machines, and with all that the page draws 15 times/s."""
+"""The state of a session as JSON, for machines and for the page."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def document(
     generation: int,
     after_s: float,
 ) -> dict[str, Any]:
-    """Return what a page needs to draw.
+    """Return the document that the page draws.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ def _past(live: Live) -> list[dict[str, Any]]:
 
 
 def _on_pixels(health: Health | None) -> list[dict[str, Any]]:
-    """Return what was found on single pixels, rows and columns, pixel by pixel."""
+    """Return the findings on pixels, rows and columns, pixel by pixel."""
     if health is None:
         return []
     rows, cols = health.pixels.rest_ohm.shape
@@ -276,7 +276,7 @@ def _measured(session: Session) -> dict[str, Any]:
 
 
 def _at_horizon(live: Live) -> dict[str, Any] | None:
-    """Return what was measured at the time that the forecast is of; None before."""
+    """Return the measured value at the forecast's horizon; None before."""
     if live.settled is None:
         return None
     percent, force = live.settled

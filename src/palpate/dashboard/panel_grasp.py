@@ -1,4 +1,4 @@
-"""What to grasp, how hard, with which rig; and the buttons that grasp and release."""
+"""The panel of item, target force and rig, with the buttons of a grasp."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _next_grasp(app_state: AppState, viewer: Viewer) -> None:
 
 
 def item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
-    """Ask for the name of the item that is grasped next: typed, scanned, or that of the last."""
+    """Ask for the next item's name: typed, scanned, or the last one."""
     form = app_state.session.form
 
     def name(item_id: str | None) -> None:
@@ -78,7 +78,7 @@ def item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
 
 
 def _kind(damage: DamageFile, form: GraspForm, viewer: Viewer) -> None:
-    """Ask what is grasped, of the kinds whose limits were learned."""
+    """Ask for the kind, of those with a learned limit."""
 
     def choose(kind: str) -> None:
         if viewer.drives:
@@ -95,11 +95,11 @@ def _kind(damage: DamageFile, form: GraspForm, viewer: Viewer) -> None:
 
 
 def grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
-    """Add the two buttons that are always in reach, at the foot of the panel or the window."""
+    """Add the two buttons at the foot of the panel or the window."""
     form = app_state.session.form
 
     def grasp() -> None:
-        """Order a grasp as the form asks for it, or show why it is refused."""
+        """Order the grasp of the form, or show why it is refused."""
         try:
             order = app_state.grasp_order(
                 target_force_n=form.target_force_n, item_id=form.item_id, kind=form.kind

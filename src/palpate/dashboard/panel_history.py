@@ -1,4 +1,4 @@
-"""The panels of what was grasped: items with their course, and the run with its counts."""
+"""The panels of past grasps: items with their course, and the run with its counts."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MOST_ITEMS = 50
 def items_panel(
     app_state: AppState, viewer: Viewer, *, item_id: str | None = None
 ) -> Callable[[str], None]:
-    """Fill the panel; `item_id` is shown first. Return what shows another."""
+    """Fill the panel with an item first; return the function that shows another."""
     with ui.element("div").classes("form"):
         heading("Items and how they ripen")
         known = {item_id: item_id} if item_id else {}
@@ -40,7 +40,7 @@ def items_panel(
     figures, drawn = [""], [("", 0, 0)]
 
     async def choose(item_id: str | None) -> None:
-        """Put an item in the address, and show its page."""
+        """Show an item's page, with the item in the address."""
         if not item_id:
             box.set_content("")
             return
@@ -86,7 +86,7 @@ def items_panel(
             await show(choice.value)
 
     def open_item(item_id: str) -> None:
-        """Choose an item, whether the list knows it yet or not."""
+        """Choose an item, in the list or not."""
         known = choice.options if isinstance(choice.options, dict) else {}
         choice.set_options({item_id: item_id} | known, value=item_id)
 
@@ -105,7 +105,7 @@ def item_label(page: ItemHistory) -> str:
 
 
 def item_html(page: ItemHistory, *, figures: str = "") -> str:
-    """Return an item's page: what it is, figures of its measurements, and its verdicts."""
+    """Return an item's page: its facts, figures of its measurements, its verdicts."""
     return panel_html("item", page=page, figures=Markup(figures))
 
 
@@ -145,7 +145,7 @@ def entry_html(entry: Entry) -> str:
 
 
 def _points(values: Sequence[float]) -> str:
-    """Return a small curve as the points of a line; empty where the grasp was too short."""
+    """Return a small curve as points of a line; empty for a short grasp."""
     if not values:
         return ""
     low, span = min(values), (max(values) - min(values)) or 1.0

@@ -82,7 +82,7 @@ _DRAWING = Lock()
 
 
 def panel_svg(draw: Callable[[], Figure], *, label: str, height_in: float = 2.3) -> str:
-    """Return a figure as SVG for the panel; `label` describes it for those who can't see it.
+    """Return a figure as SVG for the panel; `label`: its text for screen readers.
 
     Raises
     ------

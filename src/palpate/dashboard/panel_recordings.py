@@ -1,4 +1,4 @@
-"""The panel of recordings: what there is, replaying it, and keeping the folder in order."""
+"""The panel of recordings: list, replay, rename, delete."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from palpate.errors import InputError
 def recordings_panel(
     app_state: AppState, viewer: Viewer, *, name: str | None = None
 ) -> Callable[[str], None]:
-    """Fill the panel; `name` is a recording that is shown at once. Return what shows another."""
+    """Fill the panel, with a recording open; return the function that opens another."""
     with ui.element("div").classes("form"):
         heading("Recordings")
         paragraph(
@@ -40,7 +40,7 @@ def recordings_panel(
     care = _Care(app_state, viewer, speed, changed=lambda: show())
 
     async def show() -> None:
-        """Bring the list up to date, and leave every row that stays where a finger may be on it."""
+        """Update the list without moving rows that stay: a finger may be on one."""
         listed = await run.io_bound(_look, app_state)
         if listed is None or rows.is_deleted:  # the server ends, or the viewer left
             return
@@ -55,7 +55,7 @@ def recordings_panel(
         none.set_visibility(not listed)
 
     def open_recording(name: str) -> None:
-        """Ask what to do with a recording, if it is there."""
+        """Open the dialog of a recording, if it exists."""
         try:
             care.open(recording_named(app_state.settings.folder, name))
         except InputError as error:
@@ -79,7 +79,7 @@ class _Listed:
 
 
 def _look(app_state: AppState) -> list[_Listed]:
-    """Return what the folder and the history know, in a thread: a disk may be slow."""
+    """Read folder and history in a thread: a disk may be slow."""
     listed = []
     for file, status in app_state.recordings.newest():
         grasp = app_state.history.of(file.name)
@@ -152,7 +152,7 @@ class _Care:
         self._dialog.on_value_change(lambda event: self._address(is_open=event.value))
 
     def open(self, file: Path) -> None:
-        """Ask what to do with a recording."""
+        """Open the dialog of a recording."""
         self._file = file
         self._name.set_value(file.stem)
         self._ask("")

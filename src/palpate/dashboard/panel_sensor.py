@@ -168,6 +168,6 @@ def doctor_panel(app_state: AppState, viewer: Viewer) -> None:
 
 
 def report(health: Health) -> str:
-    """Return what was found as HTML."""
+    """Return the findings as HTML."""
     faults = sum(found.severity is Severity.FAULT for found in health.findings)
     return panel_html("health", health=health, faults=faults)

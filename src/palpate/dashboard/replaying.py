@@ -1,4 +1,4 @@
-"""A recording on the page: its grasp decided again as a whole, then shown at any of its moments."""
+"""A recording on the page: its grasp is decided again, then shown at any time."""
 
 from __future__ import annotations
 
@@ -84,12 +84,12 @@ class PlaybackClock:
             return self._at_s()
 
     def seek(self, time_s: float) -> None:
-        """Go on from this time of the recording."""
+        """Continue from this time of the recording."""
         with self._lock:
             self._anchor_s, self._wall_s = self._within(time_s), self._now_s()
 
     def pause(self, paused: bool) -> None:
-        """Pause, or go on; from the end it restarts."""
+        """Pause or continue; at the end, restart."""
         with self._lock:
             at_s = self._at_s()
             again = self.paused and not paused and at_s >= self._end_s
@@ -197,7 +197,7 @@ def _decide_again(
     telemetry: Telemetry,
     requests: Requests,
 ) -> _Whole | None:
-    """Go through the recording as fast as it goes, and send its curve; None if that was stopped."""
+    """Decide the recording again at full speed, and send its curve; None if stopped."""
     time_s = [frame.time_s for frame, _ in seen]
     length_s = time_s[-1] - time_s[0]
     every = math.ceil(len(seen) / min(_MOST_POINTS, max(length_s * POINTS_PER_S, 1.0)))

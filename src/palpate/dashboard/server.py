@@ -43,7 +43,7 @@ def serve(
     publisher: DocumentSink | None = None,
     lines: Sequence[LineOpener] = (),
 ) -> None:
-    """Serve the dashboard until Ctrl-C; then stop what runs and leave the hand standing still.
+    """Serve the dashboard until Ctrl-C; then stop the running job and the hand.
 
     `announce` gets the address once it can be visited, without the token; `publisher` gets every
     result and the state; `lines` serve controllers.
@@ -125,7 +125,7 @@ def _stop_route(app: FastAPI, app_state: AppState) -> None:
 
 
 def _routes(app_state: AppState) -> None:
-    """Add the pages, and what they poll."""
+    """Add the pages and the documents that they poll."""
     from fastapi.responses import FileResponse, JSONResponse, Response, StreamingResponse
     from nicegui import Client, app, ui
 
@@ -235,7 +235,7 @@ def _serve_lines(
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """Take the port before anything is opened.
+    """Bind the port before a device is opened.
 
     Raises
     ------

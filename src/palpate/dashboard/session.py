@@ -1,4 +1,4 @@
-"""The state of the devices as reported, and the rules of the page: who drives, what may be pressed.
+"""The reported state of the devices, and the rules of the page.
 
 No browser, no I/O. Anyone may look, and anyone may press stop. Everything else is for the one who
 drives; another becomes the driver only by taking over.
@@ -284,7 +284,7 @@ class Session:
 
     @property
     def shown_target_n(self) -> float | None:
-        """What the grasp on the page is after: the recorded one, else the last that was ordered."""
+        """Target force of the shown grasp: the recorded one, else the last ordered."""
         progress = self.devices.live.progress
         if self.devices.activity is Activity.REPLAYING and progress is not None:
             return progress.bounds.target_n
@@ -312,7 +312,7 @@ class Session:
         return self.driver == viewer
 
     def take_over(self, viewer: str) -> None:
-        """Let this viewer drive, whoever did before."""
+        """Make this viewer the driver."""
         self.join(viewer)
         self.driver = viewer
 
@@ -395,14 +395,14 @@ class Session:
             self.order(viewer, OpenHand())
 
     def stop(self) -> int:
-        """Stop what runs, at once, whoever asks; return the number by which it is confirmed."""
+        """Stop the running job at once, for any viewer; return the number to confirm."""
         with self.stop_lock:
             self.stops += 1
             self._send(StopNow(self.stops))
             return self.stops
 
     def request(self, viewer: str, request: Request) -> None:
-        """Change what runs: confirm a step, set the speed, move or pause the replay."""
+        """Change the running job: confirm a step, set the speed, move or pause the replay."""
         self._check(ACTIONS[type(request)], viewer)
         check_numbers(request)
         self._send(request)

@@ -1,4 +1,4 @@
-"""Frames and progress for the page: in at the pace of the loop, out at the pace of a screen.
+"""Frames and progress from the loop to the page, at the rate of a screen.
 
 The loop only appends to a bounded queue: a page that hangs, or three of them, can't hold it up.
 """
@@ -82,13 +82,13 @@ class Telemetry:
         self._thread.start()
 
     def close(self) -> None:
-        """Send what there is, and end; a page that no longer reads is not waited for."""
+        """Send the rest and end, without waiting for a page that no longer reads."""
         self._closed.set()
         self._hurry.set()
         self._thread.join(_FAREWELL_S)
 
     def note(self, note: Note, *, at_once: bool = False) -> None:
-        """Send this; notes are never dropped, and come before later frames."""
+        """Send a note: never dropped, and before later frames."""
         with self._lock:
             self._notes.append(note)
         if at_once:
@@ -101,7 +101,7 @@ class Telemetry:
         events: Callable[[], LinkCounters] = LinkCounters,
         linked: bool = True,
     ) -> None:
-        """Frames are another source's from now on; `events` returns what its link counted.
+        """Start with another source; `events` returns the counters of its link.
 
         Without a link a gap in the numbers is no loss: a twin's frames pass while nobody reads.
         """
@@ -166,7 +166,7 @@ class Telemetry:
                 return
 
     def update(self) -> Update:
-        """Return what there is to send since the last time."""
+        """Return the update since the last one."""
         with self._lock:
             notes, self._notes = tuple(self._notes), []
             frames = list(self._frames)
@@ -212,7 +212,7 @@ class Telemetry:
 
 
 def columns(frames: list[tuple[Frame, GripperState | None]], source: FrameSource) -> Frames:
-    """Return frames as columns; the gripper's are what its commands set, mm or kPa."""
+    """Return frames as columns, with the gripper's width, mm, or pressure, kPa."""
     states = [state for _, state in frames]
     limits = source.gripper
     reported = [

@@ -1,4 +1,4 @@
-"""Connections that always let a STOP in, the pages on a loop of their own, and their address."""
+"""Connections with room for a STOP, the pages' own loop, and their address."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ _FILES = ("/static/", "/_nicegui/")
 
 
 class FilesGzip(GZipMiddleware):
-    """Compresses files of the page; what is polled 15 times a second, or downloaded, is not."""
+    """Compresses files of the page, but neither polled documents nor downloads."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request."""
@@ -128,12 +128,12 @@ class LoopThread:
         self._runner.close()
 
     async def run(self, work: Awaitable[_T]) -> _T:
-        """Wait for what runs on the loop, from another one."""
+        """Run a coroutine on the loop, and wait for it from another one."""
         return await run_on(self._loop, work)
 
 
 async def run_on(loop: asyncio.AbstractEventLoop, work: Awaitable[_T]) -> _T:
-    """Wait for what runs on the loop of another thread."""
+    """Wait for a coroutine on the loop of another thread."""
 
     async def finish() -> _T:
         return await work

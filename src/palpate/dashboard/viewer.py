@@ -53,7 +53,7 @@ class Viewer:
         return self._session.driver == self._id
 
     def pressed(self, known: object) -> None:
-        """Take in what the page knew when something on it was pressed.
+        """Record the page's state at the time of a press.
 
         How many stops: a press of stop has a faster way than all others, and what was pressed
         before it may come later. When, by the clock of this server: a network that was away
@@ -72,7 +72,7 @@ class Viewer:
         self._try(lambda: self._session.release(self._id), moves=True)
 
     def request(self, request: Request) -> None:
-        """Change what runs, as `Session.request` does."""
+        """Change the running job, as `Session.request` does."""
         self._try(lambda: self._session.request(self._id, request))
 
     def take_over(self) -> None:
@@ -124,7 +124,7 @@ class Viewer:
         self.on_refresh(gated, of=button)
 
     def enable_for_driver(self, field: DisableableElement) -> None:
-        """Enable a field of the next grasp for its driver alone; others see what it holds."""
+        """Enable a field of the next grasp for the driver alone; others see its value."""
         self.on_refresh(lambda: field.set_enabled(self.drives), of=field)
 
     def show_with_gripper(self, element: ui.element) -> None:
@@ -137,7 +137,7 @@ class Viewer:
         self.on_refresh(show, of=element)
 
     def on_refresh(self, refresher: Callable[[], object], *, of: ui.element | None = None) -> None:
-        """Call this now and a few times a second; if it is of an element, as long as that lives."""
+        """Call this now and a few times a second, during the life of its element."""
         self._refreshers.append((refresher, of))
         refresher()
 
@@ -154,7 +154,7 @@ class Viewer:
         self.on_refresh(look)
 
     def refresh(self) -> None:
-        """Bring what this viewer sees up to date."""
+        """Update the view of this viewer."""
         self._refreshers = [
             (refresher, of) for refresher, of in self._refreshers if of is None or not of.is_deleted
         ]
@@ -176,7 +176,7 @@ class Viewer:
         return is_done
 
     def _check_fresh(self) -> None:
-        """Refuse what was pressed before a stop, or so long ago that nobody expects it now."""
+        """Refuse a press from before a stop, or one that is too old."""
         if self._knew_stops < self._session.stops:
             raise InputError("stopped before it began")
         late_s = self._now_s() - self._pressed_s
