@@ -65,7 +65,6 @@ def check_dashboard(palpate: str) -> None:
         text=True,
     )
     try:
-        assert server.stdout is not None
         address = server.stdout.readline().split()[2]
         with urllib.request.urlopen(address, timeout=30) as page:
             assert "<title>palpate" in page.read().decode()

@@ -368,7 +368,6 @@ def test_killed_process_stops_the_hand(world: World, bus: ServoBus) -> None:
         "print('closing', flush=True); time.sleep(60)"
     )
     host = subprocess.Popen([sys.executable, "-c", program, bus.name], stdout=subprocess.PIPE)
-    assert host.stdout is not None
     assert host.stdout.readline() == b"closing\n"
     host.send_signal(signal.SIGKILL)
     assert host.wait() == -signal.SIGKILL
@@ -450,11 +449,8 @@ def test_the_papers_method_through_the_servo(
     truth = world.truth()
     assert result.outcome is Outcome.HELD
     assert result.faults == ()
-    assert result.size_mm is not None
-    assert truth.size_mm is not None
     # The width before contact: within two steps of 1 mm, as on the twin's own fingers.
     assert abs(result.size_mm.value - truth.size_mm) < 2.0
-    assert result.settled_percent is not None
     assert result.settled_percent.value == pytest.approx(truth.settled_percent, rel=0.2)
     assert gripper.state().width_mm > 73.0
 
@@ -464,9 +460,6 @@ def test_a_grasp_through_the_servo(plan: Plan, gripper: DynamixelGripper, world:
     truth = world.truth()
     assert result.outcome is Outcome.HELD
     assert result.faults == ()
-    assert result.size_mm is not None
-    assert result.force_n is not None
-    assert truth.size_mm is not None
     assert abs(result.size_mm.value - truth.size_mm) < 1.0
     # One draw of an interval that misses one in ten: the error itself is what can be held to.
     assert abs(result.force_n.value - truth.force_n) < 0.2 * truth.force_n

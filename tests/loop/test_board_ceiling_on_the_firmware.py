@@ -165,7 +165,6 @@ def test_a_trip_is_not_forgotten_in_a_reset(rigid: Desk) -> None:
     rigid.wait(3.0)
     assert rigid.array.read(timeout_s=1.0).ceiling_tripped
     newest = rigid.array.newest()
-    assert newest is not None
     assert newest.status & BoardStatus.CEILING_TRIPPED, "the board itself keeps it"
     assert not rigid.board.safe_line
     rigid.array.arm_ceiling(900)

@@ -51,7 +51,6 @@ def serving(
         command, stdout=subprocess.PIPE, text=True, cwd=folder, env=os.environ | environment
     ) as process:
         try:
-            assert process.stdout is not None
             found = re.search(r"http://\S+", process.stdout.readline())
             assert found is not None, "it did not start"
             yield found[0], process
@@ -247,7 +246,6 @@ def test_grasp_that_ended_stays_frozen_and_can_be_zoomed_and_pointed_at(
     driver.wait_for_function("(begun) => +document.body.dataset.drawn > begun + 20", arg=begun)
     assert driver.evaluate(STRETCH) == frozen
     box = force.bounding_box()
-    assert box is not None
     middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     # The cursor is on both plots, and the hand is shown as it was then.
     driver.mouse.move(*middle)
@@ -442,7 +440,6 @@ def test_rest_is_calibrated_by_the_guide(driver: Page, folder: Path) -> None:
     expect(driver.locator("#guide")).to_contain_text("Leave the sensor alone")
     driver.evaluate("scrollTo(0, 0)")
     stop = driver.locator("#stop").bounding_box()
-    assert stop is not None
     assert stop["y"] + stop["height"] <= WIDE["height"]
     expect(driver.locator("#calibrated")).to_contain_text("Calibrated")
     expect(driver.locator("#calibrated td[title]")).to_have_count(16)
@@ -674,7 +671,6 @@ def test_beyond_the_loopback_it_wants_a_token_and_says_when_it_is_gone(
         assert "0.0.0.0" not in address
         page = come("about:blank")
         answer = page.goto(address)
-        assert answer is not None
         assert answer.status == 401
         page.get_by_label("Token").fill("wrong-horse")
         page.get_by_role("button", name="Enter", exact=True).click()

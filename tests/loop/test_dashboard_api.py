@@ -138,7 +138,6 @@ def test_the_gateway_example_fills_its_registers(
     monkeypatch.setattr(sys, "argv", ["plc_gateway.py", address, "berry-2"])
     runpy.run_path(str(ROOT / "examples" / "plc_gateway.py"), run_name="__main__")
     found = re.search(r"registers 1 1 (\d+) (\d+) (-?\d+)", capsys.readouterr().out)
-    assert found is not None
     size, force, stiffness = map(int, found.groups())
     assert 200 < size < 600
     assert 500 < force < 5000

@@ -67,7 +67,6 @@ def any_desk(request: pytest.FixtureRequest) -> Iterator[Desk]:
 @pytest.fixture(scope="module")
 def run_link() -> Callable[..., dict[str, object]]:
     spec = importlib.util.spec_from_file_location("link", ROOT / "benchmarks/firmware_link.py")
-    assert spec is not None
     assert spec.loader is not None
     module: ModuleType = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

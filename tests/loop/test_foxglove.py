@@ -42,7 +42,6 @@ def live(rig: str, *options: str) -> Iterator[str]:
 
 
 def _address(stream: IO[str] | None) -> str:
-    assert stream is not None
     line = stream.readline()
     found = re.search(r"ws://\S+:\d+", line)
     assert found is not None, line

@@ -53,7 +53,6 @@ def test_newtons_with_an_interval_at_every_frame() -> None:
     with console.capture() as shown:
         console.print(view.render())
     found = re.search(r"force now (\S+) N \((\S+) to (\S+), 90%\)", shown.get())
-    assert found is not None
     value, low, high = map(float, found.groups())
     assert true_n > 1.0
     assert low < true_n < high

@@ -73,7 +73,6 @@ def test_it_is_set_up_as_asked(
 ) -> None:
     rig = opened(closing, layout=layout, rate_hz=rate_hz, oversampling=oversampling)
     identity = rig.array.identity
-    assert identity is not None
     assert (identity.board, identity.rate_hz) == ("Arduino Mega 2560", rate_hz)
     assert (identity.rows, identity.cols) == (layout.rows, layout.cols)
     frames = rig.frames(0.5)
@@ -99,7 +98,6 @@ def test_settings_it_cannot_meet_are_refused_with_the_highest_rate_that_can(
     with pytest.raises(WireError, match=rf"can't do {rate_hz:g} frames/s .*; at most") as refused:
         Rig(layout=layout, rate_hz=rate_hz, oversampling=oversampling)
     found = re.search(r"at most ([\d.]+)$", str(refused.value))
-    assert found is not None
     highest_hz = float(found[1])
     assert highest_hz < rate_hz
     with pytest.raises(WireError, match="at most"):
@@ -129,7 +127,6 @@ def test_a_board_that_hangs_comes_back_by_its_watchdog(closing: ExitStack) -> No
     rig.board.hang()
     after = rig.frames(0.8)
     identity = rig.array.identity
-    assert identity is not None
     assert identity.reset_cause & ResetCause.WATCHDOG
     assert rig.array.counters.restarts == 1
     assert rig.board.output_kpa == 0, "nobody has asked for pressure since"

@@ -55,7 +55,6 @@ class Viewer:
     def on_top(self) -> None:
         """Check that the button is in sight, and whatever is pressed there is the button."""
         box, size = self.box, self.page.viewport_size
-        assert size is not None
         assert min(box["width"], box["height"]) >= 80
         assert box["x"] >= 0 <= box["y"]
         assert box["x"] + box["width"] <= size["width"]
@@ -140,7 +139,6 @@ def test_an_open_menu_leaves_it_and_nothing_is_chosen(one: Viewer) -> None:
     expect(one.page.get_by_role("option", name="tomato")).to_be_attached()
     one.on_top()
     menu = one.page.locator(".q-select__dialog").bounding_box()
-    assert menu is not None
     assert menu["y"] + menu["height"] <= one.box["y"]
     one.page.touchscreen.tap(*one.middle)
     one.confirmed(after=asked)
@@ -243,7 +241,6 @@ def alarmed(one: Viewer) -> None:
     expect(alarm).to_contain_text("STOP NOT DELIVERED")
     expect(alarm).to_contain_text("use the emergency stop")
     box, size = alarm.bounding_box(), one.page.viewport_size
-    assert box is not None
     assert size is not None
     assert box["width"] == pytest.approx(one.page.evaluate("document.body.clientWidth"), abs=1)
 

@@ -16,8 +16,6 @@ from palpate.recording import RecordingReader
 
 BENCHMARK = Path(__file__).resolve().parents[2] / "benchmarks" / "fuzz_recordings.py"
 specification = importlib.util.spec_from_file_location("fuzz_recordings", BENCHMARK)
-assert specification is not None
-assert specification.loader is not None
 fuzz = importlib.util.module_from_spec(specification)
 specification.loader.exec_module(fuzz)
 

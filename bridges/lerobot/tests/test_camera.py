@@ -84,7 +84,6 @@ def test_each_image_is_given_once_and_the_latest_at_any_time() -> None:
 
 def test_option_of_the_page_makes_a_camera_for_a_robot() -> None:
     found = re.search(r'--robot\.cameras="(.*)"', PAGE.read_text(encoding="utf-8"))
-    assert found is not None
     configs = draccus.parse(Cameras, args=[f"--cameras={found[1]}"]).cameras
     touch = configs["touch"]
     # LeRobot's robots refuse a camera without any of them.

@@ -83,9 +83,7 @@ def check_held(rig: Rig, *, size_mm: float) -> None:
     assert result.outcome is Outcome.HELD
     assert rig.simulated
     assert truth["size_mm"] == thing("strawberry").size_mm
-    assert result.size_mm is not None
     assert result.size_mm.value == pytest.approx(truth["size_mm"], abs=size_mm)
-    assert result.force_n is not None
     assert result.force_n.low < truth["force_n"] < result.force_n.high
     assert not truth["damaged"]
 

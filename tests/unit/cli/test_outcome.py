@@ -71,8 +71,6 @@ def test_a_reader_that_leaves_early_is_no_fault() -> None:
     with subprocess.Popen(
         [*SCRIPT, "study", "--list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
         process.stdout.close()
         assert process.stderr.read() == ""
 

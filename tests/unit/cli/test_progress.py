@@ -39,7 +39,6 @@ def on_a_terminal(arguments: list[str], *, folder: Path) -> tuple[str, bytes]:
         except OSError:  # the other end is closed: the command has ended
             break
     os.close(terminal)
-    assert done.stdout is not None
     out = done.stdout.read()
     done.stdout.close()
     assert done.wait() == 0, shown

@@ -246,7 +246,6 @@ def test_ctrl_c_ends_a_rig_s_recording_with_the_file_whole(tmp_path: Path) -> No
     command = [sys.executable, "-c", "from palpate.cli import main; main()", "record", str(path)]
     options = ["--rig", "sim-rigid", "--seed", "4", "--duration", "1e9"]
     with subprocess.Popen([*command, *options], stderr=subprocess.PIPE, text=True) as recorder:
-        assert recorder.stderr is not None
         assert "Ctrl-C ends it" in recorder.stderr.readline()
         # Well beyond the head of the file, which carries the whole calibration.
         while path.stat().st_size < 200_000:

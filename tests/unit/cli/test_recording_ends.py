@@ -33,7 +33,6 @@ def test_sigterm_ends_a_recording_with_the_file_whole(tmp_path: Path) -> None:
     command = [sys.executable, "-c", MAIN, "record", str(path), "--rig", "sim-rigid"]
     command += ["--duration", "1e9"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as recorder:
-        assert recorder.stderr is not None
         assert "recording" in recorder.stderr.readline()
         recorder.send_signal(signal.SIGTERM)
         said = recorder.stderr.read()

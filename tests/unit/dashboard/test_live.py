@@ -97,7 +97,6 @@ def test_grasp_that_ended_stays_however_long_the_rig_is_watched_after_it(live: L
 
 def test_change_is_against_the_rest_values(live: Live) -> None:
     live.add_frames(frames(1, counts=450))
-    assert live.percent is not None
     # 4700 ohm below: R goes as 1024 / counts - 1.
     assert live.percent[0, 0] == pytest.approx(100 * ((1024 / 450 - 1) / (1024 / 300 - 1) - 1))
     assert live.finger_percent(live.percent) == pytest.approx([live.percent[0, 0]] * 2)
@@ -121,7 +120,6 @@ def test_force_of_each_finger_is_its_share_of_the_reading_and_their_mean_the_gri
     live.add_frames(pressed)
     first, second = live.finger_forces_n(live.force, live.ohm)
     assert first / second == pytest.approx(3.0, rel=0.03)
-    assert live.force is not None
     assert (first + second) / 2 == pytest.approx(live.force.middle)
     live.add_frames(frames(5, from_s=1.0))
     assert live.finger_forces_n(live.force, live.ohm) == [], "an open hand presses nothing"
@@ -160,7 +158,6 @@ def test_without_rest_values_the_first_frames_are_taken() -> None:
     live.open_source(replace(SOURCE, rest_ohm=None))
     live.add_frames(frames(15))
     live.add_frames(frames(1, from_s=1.0, counts=450))
-    assert live.percent is not None
     assert live.percent[0, 0] < -40
 
 

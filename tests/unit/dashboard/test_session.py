@@ -323,14 +323,12 @@ def test_a_stopped_calibration_is_known_with_its_step_until_the_next_order(
     rehearsal.tell(Began(order=order), Guide(text="Lay 2 N on the pad", asks=True))
     rehearsal.tell(Ended(order=order, trouble="stopped on request", stopped=True))
     failure = rehearsal.session.devices.calibration_failure
-    assert failure is not None
     assert (failure.stopped, failure.step) == (True, "Lay 2 N on the pad")
     assert rehearsal.session.devices.trouble == ""
     rehearsal.tell(Began(order=order))
     assert rehearsal.session.devices.calibration_failure is None
     rehearsal.tell(Ended(order=order, trouble="no frame in 2 s"))
     failure = rehearsal.session.devices.calibration_failure
-    assert failure is not None
     assert (failure.stopped, failure.step, failure.reason) == (False, "", "no frame in 2 s")
     rehearsal.tell(Began(order=order))
     rehearsal.tell(Ended(order=order, found=CALIBRATED))

@@ -53,7 +53,6 @@ class PadAndUser:
         )
 
     def _obey(self) -> None:
-        assert self.context is not None
         for note in notes_of(self.context.telemetry):
             self.seen.append(note.text)
             if self.gives_up_at and self.gives_up_at in note.text:
@@ -113,7 +112,6 @@ def test_every_load_is_asked_for_and_the_law_is_found(pad: PadAndUser, tmp_path:
     assert asked == list(LOADS)
     saved = Calibration.load(order.file)
     assert saved.force.force_n == LOADS
-    assert pad.context.rig.calibration is not None
     assert pad.context.rig.calibration.force == saved.force
     errors = [error for error in made.held_out.values() if error is not None]
     assert errors
@@ -123,7 +121,6 @@ def test_every_load_is_asked_for_and_the_law_is_found(pad: PadAndUser, tmp_path:
 def test_a_stop_between_two_weights_leaves_the_old_calibration(
     pad: PadAndUser, tmp_path: Path
 ) -> None:
-    assert pad.context is not None
     before = pad.context.rig.calibration
     pad.gives_up_at = "Lay 2 N"
     order = CalibrateForce(file=tmp_path / "calibration.json", loads_n=LOADS)
@@ -162,7 +159,6 @@ def test_a_sensor_alone_is_calibrated_from_nothing(pad: PadAndUser, tmp_path: Pa
 
 
 def test_a_link_that_is_always_late_is_not_waited_for(pad: PadAndUser) -> None:
-    assert pad.context is not None
     pad.late_s = 0.2
     pad.context.catch_up()
     assert 1.0 < pad.clock.now_s() < 1.3

@@ -94,7 +94,6 @@ def test_a_sheet_of_unsure_exponent_leaves_the_force_less_sure() -> None:
             movement=np.zeros(8),
             tilt_sd=tilt_sd,
         )
-        assert found is not None
         return found.log_sd
 
     # Told at four fifths of the force on average: the exponent counts for a quarter.
@@ -130,7 +129,6 @@ def test_empty_hand_tells_gears_along_the_way_and_from_movement_to_movement(
     movement_sd: float,
 ) -> None:
     found = GearFriction.fit(closed_empty(movement_sd=movement_sd))
-    assert found is not None
     width_mm = np.linspace(15.0, 65.0, 200)
     assert found.mean_ma == pytest.approx(40.0, abs=max(3 * found.mean_sd_ma, 1.0))
     shape = found.at(width_mm) - found.mean_ma

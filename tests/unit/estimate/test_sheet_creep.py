@@ -21,7 +21,6 @@ def test_the_odd_placement_does_not_count() -> None:
     early = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 0.1])
     settled = early * np.exp([0.2, 0.21, 0.19, 0.2, 0.22, 0.18, 1.5])
     creep = OwnCreep.fit(early, settled=settled, early_s=0.4, settled_s=20.0)
-    assert creep is not None
     assert creep.log_mean == pytest.approx(0.2)
     assert creep.log_sd < 0.03
 

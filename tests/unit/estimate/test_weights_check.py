@@ -31,7 +31,6 @@ def test_errors_are_those_of_the_scatter_over_placements() -> None:
     found = score_left_out_placements(placements(6))
     for kind in ("early", "settled"):
         error = found[kind]["5_n"]
-        assert error is not None
         assert 3 < error < 25
 
 
@@ -64,5 +63,4 @@ def test_the_few_placements_that_reach_a_force_do_not_stand_for_all() -> None:
     )
     for kind in ("early", "settled"):
         error = found[kind]["10_n"]
-        assert error is not None
         assert 25 < error < 60

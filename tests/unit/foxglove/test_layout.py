@@ -60,7 +60,6 @@ def test_a_panel_has_only_settings_that_foxglove_knows(panel: str) -> None:
 @pytest.mark.parametrize("path", plotted())
 def test_what_is_plotted_is_a_field_of_a_channel(path: str) -> None:
     found = PATH.fullmatch(path)
-    assert found is not None
     field = CHANNELS[found["topic"]]["properties"][found["field"]]
     assert (field["type"] == "array") == (found["index"] is not None)
 
@@ -87,13 +86,11 @@ def test_a_recording_has_numbers_where_the_layout_plots_them(tmp_path: Path) -> 
     messages: dict[str, dict[str, Any]] = {}
     with file.open("rb") as stream:
         for schema, channel, message in make_reader(stream).iter_messages():
-            assert schema is not None
             assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
             messages[channel.topic] = json.loads(message.data)
     assert set(messages) == {"/frames", "/gripper"}
     for path in plotted():
         found = PATH.fullmatch(path)
-        assert found is not None
         if found["topic"] in messages:
             value = messages[found["topic"]][found["field"]]
             number = value if found["index"] is None else value[int(found["index"])]

@@ -42,10 +42,8 @@ def test_what_a_sheet_remembers_is_no_touch(plan: Plan, bench: Any) -> None:
 
     result = run_grasp(plan, array=bench, gripper=bench, clock=bench.clock, watchers=[watch])
     memory = memories[0].estimate.residual
-    assert memory is not None
     assert memory.reading > 0
     assert plan.dwell_s <= memories[0].estimate.still_s < 0.6
-    assert result.size_mm is not None
     assert result.size_mm.low <= bench.size_mm <= result.size_mm.high
 
 

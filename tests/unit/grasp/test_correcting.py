@@ -47,7 +47,6 @@ def holding(force_n: float) -> GraspState:
 def test_up_by_what_is_missing(plan: Plan) -> None:
     state = holding(4.0)
     wish = press_on(state, settled(4.0), plan, missing_n=1.0)
-    assert wish is not None
     assert plan.gripper.highest - wish.target == pytest.approx(21.0 + 1.0 / N_PER_MM, abs=0.05)
     assert state.correction.count == 1
     # An object that still relaxes presses a little harder than it will.
@@ -61,7 +60,6 @@ def test_a_correction_that_fell_short_is_believed_down_to_a_quarter_of_the_slope
     state = holding(4.0)
     state.correction.before = (20.5, 3.9)
     wish = press_on(state, settled(4.0), plan, missing_n=0.2)
-    assert wish is not None
     assert plan.gripper.highest - wish.target == pytest.approx(
         21.0 + 0.2 / (N_PER_MM / 4.0), abs=0.05
     )
@@ -71,7 +69,6 @@ def test_correction_without_effect_limits_the_next(plan: Plan) -> None:
     state = holding(4.0)
     state.correction.before = (20.9, 4.1)
     wish = press_on(state, settled(4.0), plan, missing_n=3.0)
-    assert wish is not None
     assert plan.gripper.highest - wish.target == pytest.approx(21.1, abs=0.03)
 
 
@@ -105,7 +102,6 @@ def below(force_n: float, *, return_closure: float) -> GraspState:
 def test_it_comes_back_in_half_a_second_by_what_it_reads(plan: Plan) -> None:
     state = below(3.0, return_closure=22.0)
     wish = come_back(state, plan)
-    assert wish is not None
     assert plan.gripper.highest - wish.target == pytest.approx(22.0, abs=0.05)
     assert wish.rate == pytest.approx(1.0 / 0.5)
     assert state.estimate.force_n == pytest.approx(3.0, rel=0.1)

@@ -80,7 +80,6 @@ def test_the_empty_hand_raises_no_alarm(calibrated: Plan) -> None:
 
 def test_a_force_above_the_ceiling_is_known_while_moving(calibrated: Plan) -> None:
     alarm = moved(CurrentMonitor(calibrated), of_force(22.0), closure=20.0, reading=100.0)[3]
-    assert alarm is not None
     assert alarm.danger is Danger.FORCE_LIMIT
     assert "15 N is the most allowed" in alarm.words
 
@@ -100,7 +99,6 @@ def test_a_standing_hand_above_the_ceiling_is_known(calibrated: Plan) -> None:
     found = [
         watch.check(state, estimate=estimate_of(100.0, closure=24.0, still=True)) for _ in range(6)
     ]
-    assert found[-1] is not None
     assert found[-1].danger is Danger.FORCE_LIMIT
 
 
@@ -108,7 +106,6 @@ def test_a_standing_hand_above_the_ceiling_is_known(calibrated: Plan) -> None:
 def test_a_force_that_the_sheet_does_not_show(calibrated: Plan, reading: float) -> None:
     """An object beside the sheet: known at once where it is much, else by two movements."""
     alarm = moved(CurrentMonitor(calibrated), of_force(6.0), closure=20.0, reading=reading)[-1]
-    assert alarm is not None
     assert alarm.danger is Danger.UNSEEN_FORCE
     assert "and the sheet at most" in alarm.words
 
@@ -152,7 +149,6 @@ def test_without_a_calibration_the_approach_shows_what_the_gears_take(plan: Plan
     felt = moved(watch, of_force(6.0), closure=6.0, reading=12.0)
     assert felt == [None] * 5
     alarm = moved(watch, of_force(6.0), closure=7.0)[-1]
-    assert alarm is not None
     assert alarm.danger is Danger.UNSEEN_FORCE
     assert "moved the empty hand" in alarm.words
 
@@ -196,7 +192,6 @@ def test_without_a_calibration_one_long_movement_is_enough(plan: Plan) -> None:
     closure, alarm = swept(
         CurrentMonitor(plan), lambda at: GEARS_MA + MA_PER_N * 4.0 * max(at - touch_mm, 0.0)
     )
-    assert alarm is not None
     assert alarm.danger is Danger.UNSEEN_FORCE
     assert "moved the empty hand, and the sheet shows nothing" in alarm.words
     # 60 mA more than the gears take are 3.75 N; four readings and the lag of the sheet on top.
@@ -235,7 +230,6 @@ def test_a_current_of_the_other_sign_ends_the_approach(
     plan: Plan, calibrated: Plan, known: bool
 ) -> None:
     closure, alarm = swept(CurrentMonitor(calibrated if known else plan), lambda at: -GEARS_MA)
-    assert alarm is not None
     assert alarm.danger is Danger.GRIPPER_FAULT
     assert "-40 mA while the hand closes: its driver must report it positive" in alarm.words
     assert closure < 3.0
@@ -255,7 +249,6 @@ def test_a_calibrated_current_that_is_never_reported_is_a_fault(calibrated: Plan
     watch = CurrentMonitor(calibrated)
     found = [alarm for closure in range(4) for alarm in moved(watch, np.nan, closure=closure)]
     (alarm,) = set(found) - {None}
-    assert alarm is not None
     assert alarm.danger is Danger.GRIPPER_FAULT
     assert "reports no current" in alarm.words
 
@@ -275,7 +268,6 @@ def test_a_current_that_never_changes_is_stuck(calibrated: Plan) -> None:
     watch = CurrentMonitor(calibrated)
     found = [alarm for closure in range(4) for alarm in moved(watch, 0.0, closure=closure)]
     assert found[:18] == [None] * 18
-    assert found[18] is not None
     assert found[18].danger is Danger.GRIPPER_FAULT
     assert "it is stuck" in found[18].words
 

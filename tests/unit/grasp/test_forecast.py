@@ -66,5 +66,4 @@ def test_forecast_of_the_change_follows_the_creep_that_the_calibration_knows(see
     gripper = TwinGripper(world)
     plan = plan_grasp(calibration, gripper=gripper)
     result = run_grasp(plan, array=TwinArray(world), gripper=gripper, clock=world.clock)
-    assert result.settled_percent is not None
     assert result.settled_percent.value == pytest.approx(world.truth().settled_percent, rel=0.12)

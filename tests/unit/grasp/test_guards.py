@@ -405,7 +405,6 @@ def test_a_stop_of_soft_fingers_that_hold_vents_them(plan: Plan) -> None:
     soft = GripperLimits(drive="pressure", lowest=0.0, highest=50.0, fastest=40.0)
     state = GraspState(phase=Phase.HOLD, estimate=ContactEstimate(closure=20.0, sent=20.0))
     command = GraspController(replace(plan, gripper=soft), state).stop(Alarm(danger=Danger.STOPPED))
-    assert command is not None
     assert command.target == 0.0
 
 

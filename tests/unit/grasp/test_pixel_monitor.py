@@ -67,7 +67,6 @@ def test_a_sheet_pressed_beyond_the_range_is_no_short(plan: Plan) -> None:
     assert frames[-1].max() == 1023
     found = alarms(plan, [*frames, frames[-1]], step_mm=0.3)
     assert found[:10] == [None] * 10
-    assert found[10] is not None
     assert found[10].danger is Danger.FORCE_LIMIT
 
 
@@ -95,7 +94,6 @@ def test_one_pixel_that_a_load_brings_to_the_top_is_no_alarm(plan: Plan) -> None
 
 def test_most_of_the_loaded_pixels_at_the_top_are_an_alarm(plan: Plan) -> None:
     found = alarms(plan, climbing(4), step_mm=0.3)[-1]
-    assert found is not None
     assert found.danger is Danger.FORCE_LIMIT
 
 
@@ -134,7 +132,6 @@ def test_shorts_together_are_known_in_a_standing_hand(plan: Plan, where: str, lo
     for frame in frames[3:]:
         frame[SHORTS[where]] = 1023
     alarm = alarms(plan, frames)[4]
-    assert alarm is not None
     assert alarm.danger is Danger.SENSOR_LOST
     assert "reads short" in alarm.words
 
@@ -144,14 +141,12 @@ def test_shorts_together_while_closing_are_force_unknown(plan: Plan) -> None:
     for frame in frames[3:]:
         frame[:2] = 1023
     alarm = alarms(plan, frames, moving=True)[4]
-    assert alarm is not None
     assert alarm.danger is Danger.FORCE_LIMIT
     assert "pressed beyond what can be read" in alarm.words
 
 
 def test_shorts_from_the_first_frame_on(plan: Plan) -> None:
     alarm = alarms(plan, [np.full((4, 2), 1023)] * 2)[1]
-    assert alarm is not None
     assert alarm.danger is Danger.SENSOR_LOST
 
 

@@ -26,11 +26,9 @@ def run(plan: Plan, bench: Any, *subscribers: Any) -> GraspResult:
 def test_holds_measures_and_gives_back(plan: Plan, bench: Any) -> None:
     result = run(plan, bench)
     assert result.outcome is Outcome.HELD
-    assert result.size_mm is not None
     assert result.force_n is not None
     assert result.size_mm.low <= 50.3 <= result.size_mm.high
     assert abs(result.size_mm.value - 50.3) < 0.3
-    assert result.previous_width_mm is not None
     assert 0 < result.previous_width_mm - 50.3 <= 0.5, "free, and just short of the object"
     of_the_grasp = [m.name for m in result.moments if m.finger is None]
     assert of_the_grasp == ["contact", "gave_way", "answer", "held"]

@@ -109,7 +109,6 @@ def test_current_mends_a_sheet_that_reads_otherwise_here(
     slow.gain = gain
     result, force_n = held_n(replace(doubted(plan), current=LAW), slow)
     assert force_n == pytest.approx(4.0, rel=0.15)
-    assert result.force_n is not None
     assert result.force_n.low <= force_n <= result.force_n.high
     assert result.force_n.high / result.force_n.low < 1.6
 
@@ -159,7 +158,6 @@ def test_it_comes_back_in_safe_goes_and_less_far_than_it_stood(
     result = run(close, slow, watch=watch)
     assert min(again) > min(stood)
     assert came[0] == pytest.approx(again[0], abs=plan.resolution)
-    assert result.force_n is not None
     assert result.force_n.value == pytest.approx(4.0, rel=0.1)
 
 
@@ -178,7 +176,6 @@ def test_soft_fingers_on_a_sheet_that_reads_too_little_press_as_their_pressure_s
         clock=world.clock,
     )
     assert result.outcome is Outcome.HELD
-    assert result.force_n is not None
     assert result.force_n.low < world.truth().force_n < result.force_n.high
     assert world.truth().peak_force_n < 3.5
 

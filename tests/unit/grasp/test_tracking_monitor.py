@@ -37,7 +37,6 @@ def test_it_is_late_from_when_it_is_due(limits: GripperLimits, begin: float, tar
     before, due = way.due_s - 1e-6, way.due_s
     assert way.complaint(stands, now_s=before, limits=limits, safety=SAFETY) is None
     complaint = way.complaint(stands, now_s=due, limits=limits, safety=SAFETY)
-    assert complaint is not None
     assert "is it blocked" in complaint
     there = at(limits, target)
     assert way.complaint(there, now_s=due, limits=limits, safety=SAFETY) is None
@@ -60,7 +59,6 @@ def test_running_on_is_known_at_once(
     assert way.complaint(within, now_s=1.1, limits=limits, safety=SAFETY) is None
     beyond = at(limits, target + direction * (allowed + 0.01))
     complaint = way.complaint(beyond, now_s=1.1, limits=limits, safety=SAFETY)
-    assert complaint is not None
     assert "runs on" in complaint
 
 
@@ -194,7 +192,6 @@ def test_reports_that_can_not_be() -> None:
     assert unbelievable(at(WIDTH, 74.0 + 7.0), limits=WIDTH) is not None
     assert unbelievable(at(PRESSURE, -4.9), limits=PRESSURE) is None
     words = unbelievable(at(PRESSURE, 55.1), limits=PRESSURE)
-    assert words is not None
     assert "55.1 kPa" in words
 
     def drawing(current_ma: float) -> GripperState:
@@ -204,5 +201,4 @@ def test_reports_that_can_not_be() -> None:
     assert unbelievable(drawing(-20_000.0), limits=WIDTH) is not None
     assert unbelievable(drawing(float("nan")), limits=WIDTH) is None
     lost = unbelievable(drawing(float("nan")), limits=WIDTH, before=drawing(100.0))
-    assert lost is not None
     assert "current of nan mA" in lost

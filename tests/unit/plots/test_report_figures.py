@@ -74,7 +74,6 @@ def test_what_a_person_said_is_marked() -> None:
 
 def test_pixels_are_shown_for_the_last_grasp_of_each_side() -> None:
     figure = pixels_figure([grasp(0), grasp(1), grasp(24)])
-    assert figure is not None
     assert [axis.get_title() for axis in figure.axes] == ["0°", "90°"]
     assert [text.get_text() for text in figure.axes[0].texts] == ["−30", "–", "−60", "−5"]
     assert pixels_figure([]) is None
@@ -83,7 +82,6 @@ def test_pixels_are_shown_for_the_last_grasp_of_each_side() -> None:
 def test_kinds_beyond_the_colours_share_grey() -> None:
     pages = [page(grasp(1), kind=f"kind {n % 8}") for n in range(30)]
     figure = size_stiffness_figure(pages)
-    assert figure is not None
     lines = figure.axes[0].lines
     assert [line.get_color() for line in lines].count(GREY) == 2
     assert len({line.get_color() for line in lines}) == 7
@@ -94,7 +92,6 @@ def test_kinds_beyond_the_colours_share_grey() -> None:
 def test_softening_needs_two_days() -> None:
     assert softening_figure([page(grasp(0), grasp(1))]) is None
     figure = softening_figure([page(grasp(0), grasp(48, stiffness=1.5))])
-    assert figure is not None
     assert figure.axes[0].lines[0].get_ydata().tolist() == [3.0, 1.5]
 
 

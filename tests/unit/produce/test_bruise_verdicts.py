@@ -143,7 +143,6 @@ def test_the_earlier_record_of_a_side_is_the_first_visit_with_it(store: Store) -
     found = judge(store, model)
     assert found.sides[0].against == "history"
     assert found.before_percent == pytest.approx(before.mean())
-    assert found.before_percent is not None
     assert found.sides[0].mean_percent > found.before_percent
     assert found.bruised
 

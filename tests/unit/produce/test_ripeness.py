@@ -116,8 +116,6 @@ def test_round_bodies_are_compared_at_one_force() -> None:
 def test_the_load_shared_by_more_pixels_is_a_softer_item() -> None:
     hard, soft = soft_grasp([-60, -60, -1, -1]), soft_grasp([-40, -40, -30, -30])
     felt_hard, felt_soft = firmness_of(hard), firmness_of(soft)
-    assert felt_hard is not None
-    assert felt_soft is not None
     assert felt_soft < felt_hard
     alike = soft_grasp([-50, -50, -50, -50])
     assert firmness_of(alike) == pytest.approx(-math.log(4))
@@ -169,7 +167,6 @@ def test_unseen_items_are_judged_right_and_their_intervals_cover(rule: RipenessR
             exact.append(said.stage == stage(firmness(half, count - 1)))
             wait = crossing - (count - 1)
             if wait > 0:
-                assert said.days_to_ripe is not None
                 covered.append(said.days_to_ripe.low <= wait <= said.days_to_ripe.high)
     assert np.mean(exact) > 0.88
     assert np.mean(covered) > 0.8
@@ -350,7 +347,6 @@ def test_a_current_that_errs_is_left_out_of_ball_and_fruit() -> None:
     drift = Drift.learn(
         balls(np.random.default_rng(3), sheet_sd=0.01, current_sd=0.12), drive="width"
     )
-    assert drift.force is not None
     assert drift.force.left_out > 0.9
     assert np.max(np.abs(drift.moved)) < 0.02
     # One fruit, on two mornings; without its gains it would seem to harden by a tenth.
@@ -368,7 +364,6 @@ def test_a_current_that_mends_the_sheet_is_kept() -> None:
     drift = Drift.learn(
         balls(np.random.default_rng(3), sheet_sd=0.12, current_sd=0.01), drive="width"
     )
-    assert drift.force is not None
     assert drift.force.left_out == 0.0
     assert drift.moved[1] == pytest.approx(0.15, abs=0.05)
 
@@ -376,7 +371,6 @@ def test_a_current_that_mends_the_sheet_is_kept() -> None:
 def test_grasps_without_gains_are_believed_as_they_are() -> None:
     ball = [ball_at(value, day=day) for value, day in ((1.0, 0), (1.02, 0), (0.9, 5), (0.92, 5))]
     drift = Drift.learn(ball, drive="width")
-    assert drift.force is not None
     assert (drift.force.left_out, drift.force.usual_gain) == (0.0, 0.0)
 
 

@@ -28,7 +28,6 @@ def test_grasp_holds_until_released() -> None:
         assert grip.outcome is palpate.Outcome.HELD
         held = rig.read()
         assert held.contact
-        assert held.force_n is not None
         assert held.force_n.low < 2.0 < held.force_n.high
         assert grip.size_mm is not None
         result = grip.release()
@@ -60,7 +59,6 @@ def test_an_error_in_the_block_stops_and_does_not_drop_the_object() -> None:
     (grip,) = grips
     assert grip.outcome is palpate.Outcome.STOPPED
     width = rig.gripper.state().width_mm
-    assert width is not None
     assert width < rig.gripper.limits.highest - 10.0
 
 

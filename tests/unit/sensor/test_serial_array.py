@@ -86,7 +86,6 @@ class PtyBoard(PtyPort):
             self.sent += 1
 
     def next_us(self) -> int:
-        assert self.started_us is not None
         return self.started_us + self.sent * PERIOD_US
 
     def frame(self) -> FrameMessage:
@@ -106,7 +105,6 @@ class PtyBoard(PtyPort):
             self.deaf_to -= 1
             return
         unpacked = unpack(packet)
-        assert unpacked is not None
         kind, (tag, *rest) = unpacked[0], unpacked[1]
         self.seen.append(kind)
         if len(self.seen) == self.resets_at_command:
@@ -236,7 +234,6 @@ def test_the_board_is_set_up_in_order(bench: Bench) -> None:
     assert [CommandType(kind).name for kind in board.seen] == [
         "STOP", "LAYOUT", "OVERSAMPLING", "RATE", "IDENTIFY", "CEILING", "START",
     ]  # fmt: skip
-    assert array.identity is not None
     assert array.identity.board == "pty"
     array.send(SetPressure(target_kpa=10.0, slew_kpa_per_s=20.0))
     bench.sleep_s(0.001)
