@@ -1,4 +1,4 @@
-"""What every test may use: the folder of real recordings, a PostgreSQL server, strict skips."""
+"""What every test may use: the command, real recordings, a PostgreSQL server, strict skips."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.commands import Command
 from tests.postgresql import PostgresqlProcess, programs
 
 REQUIRE_ALL = os.environ.get("PALPATE_REQUIRE_ALL") == "1"
@@ -17,6 +18,12 @@ def skip(reason: str) -> None:
     if REQUIRE_ALL:
         pytest.fail(f"would skip, and nothing may: {reason}")
     pytest.skip(reason)
+
+
+@pytest.fixture
+def palpate(capsys: pytest.CaptureFixture[str]) -> Command:
+    """Return the command `palpate`, run in this process."""
+    return Command(capsys)
 
 
 @pytest.fixture(scope="session")

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
 
 import pytest
+from tests.commands import Command
 
-from palpate.cli import build_app, run
 from palpate.produce.records import About, Item, Source
 from palpate.produce.store import Store
 
@@ -21,15 +20,8 @@ def filled(packhouse: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(shutil.copy(packhouse / "palpate-items.sqlite", tmp_path_factory.mktemp("bruise")))
 
 
-def ask(path: Path, *arguments: str) -> int:
-    return run(build_app(), ["bruise", *arguments, "--store", str(path)], name="palpate")
-
-
-def test_the_dropped_apple_is_bruised_where_it_is(
-    filled: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert ask(filled, "A17", "--json") == 1
-    found = json.loads(capsys.readouterr().out)
+def test_the_dropped_apple_is_bruised_where_it_is(filled: Path, palpate: Command) -> None:
+    found = palpate("bruise", "A17", "--json", "--store", filled, status=1).document
     assert found["bruised"]
     assert found["simulated"]
     assert "simulated" in found["learned_on"]
@@ -42,22 +34,21 @@ def test_the_dropped_apple_is_bruised_where_it_is(
 
 
 def test_a_sound_apple_is_sound_and_the_card_says_that_it_is_simulated(
-    filled: Path, capsys: pytest.CaptureFixture[str]
+    filled: Path, palpate: Command
 ) -> None:
-    assert ask(filled, "apple-1", "--bruised-share", "0.05") == 0
-    said = capsys.readouterr().out
+    said = palpate("bruise", "apple-1", "--bruised-share", "0.05", "--store", filled).out
     assert said.startswith("apple-1: sound (simulated)")
     assert "history" in said or "class" in said or "item" in said
 
 
-def test_each_answer_is_kept_with_the_item(filled: Path) -> None:
+def test_each_answer_is_kept_with_the_item(filled: Path, palpate: Command) -> None:
     def kept() -> list[str]:
         with Store.open(filled) as store:
             said = store.verdicts_of("apple-1", about=About.BRUISE, source=Source.PALPATE)
         return [verdict.text for verdict in said]
 
     before = kept()
-    assert ask(filled, "apple-1", "--bruised-share", "0.05") == 0
+    palpate("bruise", "apple-1", "--bruised-share", "0.05", "--store", filled)
     assert kept() == [*before, "sound"]
 
 
@@ -70,18 +61,12 @@ def test_each_answer_is_kept_with_the_item(filled: Path) -> None:
     ],
 )
 def test_mistakes_are_told_in_one_line(
-    filled: Path, arguments: tuple[str, ...], says: str, capsys: pytest.CaptureFixture[str]
+    filled: Path, arguments: tuple[str, ...], says: str, palpate: Command
 ) -> None:
-    assert ask(filled, *arguments) == 2
-    error = capsys.readouterr().err
-    assert says in error
-    assert len(error.strip().splitlines()) == 1
+    assert says in palpate.refused("bruise", *arguments, "--store", filled)
 
 
-def test_an_item_without_a_kind_can_not_be_learned_about(
-    filled: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_item_without_a_kind_can_not_be_learned_about(filled: Path, palpate: Command) -> None:
     with Store.open(filled) as store:
         store.add_item(Item(item_id="thing"))
-    assert ask(filled, "thing", "--learn") == 2
-    assert "has no kind" in capsys.readouterr().err
+    assert "has no kind" in palpate("bruise", "thing", "--learn", "--store", filled, status=2).err

@@ -2,43 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import typer
+from tests.commands import Command
 
-from palpate.cli import (
-    calibrate_compliance,
-    calibrate_force,
-    calibrate_rest,
-    calibrate_settling,
-    run,
-)
+from palpate.cli import build_app, calibrate_settling, run
 from palpate.cli.calibrate_bench import calibration_file, new_calibration
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import Calibration, RestValues
-
-STEPS: dict[str, Callable[..., None]] = {
-    "rest": calibrate_rest.rest,
-    "force": calibrate_force.force,
-    "compliance": calibrate_compliance.compliance,
-    "settling": calibrate_settling.settling,
-}
-
-
-def call(step: str, *arguments: str) -> int:
-    app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
-    app.command()(STEPS[step])
-    return run(app, arguments, name=f"palpate calibrate {step}")
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("calibrated") / "pad.json"
-    assert call("force", "--seed", "3", "--out", str(path)) == 0
+    words = ["calibrate", "force", "--seed", "3", "--out", str(path)]
+    assert run(build_app(), words, name="palpate") == 0
     return path
 
 
@@ -54,27 +34,25 @@ def test_force_file_holds_everything(made: Path) -> None:
 
 
 @pytest.mark.slow
-def test_force_names_its_plot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_force_names_its_plot(tmp_path: Path, palpate: Command) -> None:
     plot = tmp_path / "pad.png"
-    assert call("force", "--out", str(tmp_path / "pad.json"), "--plot", str(plot)) == 0
-    assert capsys.readouterr().out.splitlines()[-1] == f"Written: {plot}"
+    shown = palpate("calibrate", "force", "--out", tmp_path / "pad.json", "--plot", plot).out
+    assert shown.splitlines()[-1] == f"Written: {plot}"
     assert plot.stat().st_size > 10_000
 
 
 @pytest.mark.parametrize("loads", [[], ["--loads", "loads.csv"]])
 def test_force_advises_to_leave_out_only_loads_that_were_given(
-    loads: list[str], capsys: pytest.CaptureFixture[str]
+    loads: list[str], palpate: Command
 ) -> None:
-    assert call("force", "--rig", "sim-soft", *loads) == 2
-    said = capsys.readouterr().err
+    said = palpate("calibrate", "force", "--rig", "sim-soft", *loads, status=2).err
     assert "no weights can be laid on it" in said
     assert ("leave --loads out" in said) == bool(loads)
 
 
-def test_compliance_goes_into_the_same_file(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_compliance_goes_into_the_same_file(made: Path, palpate: Command) -> None:
     before = Calibration.load(made)
-    assert call("compliance", "--seed", "3", "--out", str(made), "--json") == 0
-    document = json.loads(capsys.readouterr().out)
+    document = palpate("calibrate", "compliance", "--seed", "3", "--out", made, "--json").document
     assert document["simulated"] is True
     assert 0.1 < document["fingers_mm_per_n"] < 0.4
     after = Calibration.load(made)
@@ -92,12 +70,9 @@ def test_compliance_goes_into_the_same_file(made: Path, capsys: pytest.CaptureFi
     ],
 )
 def test_compliance_refusals(
-    arguments: tuple[str, ...], status: int, message: str, capsys: pytest.CaptureFixture[str]
+    arguments: tuple[str, ...], status: int, message: str, palpate: Command
 ) -> None:
-    assert call("compliance", *arguments) == status
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
+    assert message in palpate.refused("calibrate", "compliance", *arguments, status=status)
 
 
 def of_other_sensor(path: Path) -> None:
@@ -115,13 +90,12 @@ def cut_in_half(path: Path) -> None:
     [(of_other_sensor, "give another --out"), (cut_in_half, "not whole JSON")],
 )
 def test_a_file_that_does_not_fit_stays_as_it_is(
-    tmp_path: Path, spoil: object, message: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, spoil: object, message: str, palpate: Command
 ) -> None:
     path = tmp_path / "pad.json"
     spoil(path)  # type: ignore[operator]
     before = path.read_bytes()
-    assert call("force", "--out", str(path)) == 2
-    assert message in capsys.readouterr().err
+    assert message in palpate("calibrate", "force", "--out", path, status=2).err
     assert path.read_bytes() == before
 
 
@@ -135,21 +109,31 @@ def test_a_file_that_does_not_fit_stays_as_it_is(
     ],
 )
 def test_bad_loads_leave_the_old_calibration(
-    tmp_path: Path, text: str, message: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, text: str, message: str, palpate: Command
 ) -> None:
     path, loads = tmp_path / "pad.json", tmp_path / "loads.csv"
     of_other_sensor(path)
     before = path.read_bytes()
     loads.write_text(text)
-    assert call("force", "--rig", "real.toml", "--loads", str(loads), "--out", str(path)) == 2
-    assert message in capsys.readouterr().err
+    error = palpate(
+        "calibrate",
+        "force",
+        "--rig",
+        "real.toml",
+        "--loads",
+        loads,
+        "--out",
+        path,
+        status=2,
+    ).err
+    assert message in error
     assert path.read_bytes() == before
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("step", ["rest", "force", "compliance"])
 def test_a_place_that_can_not_be_written_to_is_refused_before_the_work(
-    step: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    step: str, tmp_path: Path, palpate: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def measure(*_: object, **__: object) -> None:
         raise AssertionError("measured in vain")
@@ -157,8 +141,8 @@ def test_a_place_that_can_not_be_written_to_is_refused_before_the_work(
     monkeypatch.setattr("palpate.cli.sensor_source.SensorSource.frames", measure)
     monkeypatch.setattr("palpate.cli.calibrate_bench.open_bench", measure)
     path = tmp_path / "none" / "pad.json"
-    assert call(step, "--rig", "sim-rigid", "--out", str(path)) == 2
-    assert f"there is no folder {path.parent}" in capsys.readouterr().err
+    error = palpate("calibrate", step, "--rig", "sim-rigid", "--out", path, status=2).err
+    assert f"there is no folder {path.parent}" in error
 
 
 def test_the_rig_file_says_where_its_calibration_is(tmp_path: Path) -> None:
@@ -171,36 +155,31 @@ def test_the_rig_file_says_where_its_calibration_is(tmp_path: Path) -> None:
     assert calibration_file("sim-rigid", None) == Path("calibration.json")
 
 
-def test_nobody_lays_weights_on_a_simulated_rig(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert call("force", "--loads", str(tmp_path / "loads.csv")) == 2
-    assert "simulated" in capsys.readouterr().err
+def test_nobody_lays_weights_on_a_simulated_rig(tmp_path: Path, palpate: Command) -> None:
+    error = palpate("calibrate", "force", "--loads", tmp_path / "loads.csv", status=2).err
+    assert "simulated" in error
 
 
 @pytest.mark.slow
 def test_settling_takes_long_holds_only(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, palpate: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from palpate.holds import read_holds
 
     path, out = recorded(tmp_path), tmp_path / "fit.csv"
-    assert call("settling", str(path), "--out", str(out)) == 0
-    assert "1 long enough" in capsys.readouterr().err
+    assert "1 long enough" in palpate("calibrate", "settling", path, "--out", out).err
     held = list(read_holds(out))
     assert {hold.channel for hold in held} >= {"mean"}
     assert all(hold.time_s[-1] >= 19.5 for hold in held)
-    assert call("settling", str(path), "--out", str(tmp_path / "fit.txt")) == 2
-    assert ".csv or .parquet" in capsys.readouterr().err
+    error = palpate("calibrate", "settling", path, "--out", tmp_path / "fit.txt", status=2).err
+    assert ".csv or .parquet" in error
     monkeypatch.setattr(calibrate_settling, "_SHORTEST_S", 60.0)
-    assert call("settling", str(path), "--out", str(out)) == 2
-    assert "hold for longer" in capsys.readouterr().err
+    assert "hold for longer" in palpate("calibrate", "settling", path, "--out", out, status=2).err
 
 
 def test_a_rig_keeps_settled_holds_and_settle_learns_from_them(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, palpate: Command
 ) -> None:
-    from palpate.cli import build_app
     from palpate.holds import read_holds
 
     rig = tmp_path / "rig.toml"
@@ -212,19 +191,17 @@ def test_a_rig_keeps_settled_holds_and_settle_learns_from_them(
             "\n".join(["hold_id,time_s,value,loading_s", *rows]) + "\n"
         )
     new = str(tmp_path / "new.csv")
-    assert run(build_app(), ["settle", new, "--rig", str(rig)], name="palpate") == 2
-    assert "palpate calibrate settling" in capsys.readouterr().err
+    assert "palpate calibrate settling" in palpate("settle", new, "--rig", rig, status=2).err
     for name in ("one", "two"):
-        assert call("settling", str(tmp_path / f"{name}.csv"), "--rig", str(rig)) == 0
+        palpate("calibrate", "settling", tmp_path / f"{name}.csv", "--rig", rig)
     kept = read_holds(tmp_path / "cal-settling.csv")
     assert [(hold.hold_id, hold.loading_s) for hold in kept] == [("one", 30.0), ("two", 30.0)]
-    assert call("settling", str(tmp_path / "two.csv"), "--rig", str(rig)) == 2
-    assert "hold two is in" in capsys.readouterr().err
-    assert run(build_app(), ["settle", new, "--rig", str(rig), "--json"], name="palpate") == 0
-    [row] = json.loads(capsys.readouterr().out)["rows"]
+    error = palpate("calibrate", "settling", tmp_path / "two.csv", "--rig", rig, status=2).err
+    assert "hold two is in" in error
+    [row] = palpate("settle", new, "--rig", rig, "--json").document["rows"]
     assert abs(row["error_percent"]) < 0.2
-    assert call("settling", new, "--rig", "sim-rigid") == 2
-    assert "simulated rigs keep no holds" in capsys.readouterr().err
+    error = palpate("calibrate", "settling", new, "--rig", "sim-rigid", status=2).err
+    assert "simulated rigs keep no holds" in error
 
 
 def recorded(folder: Path) -> Path:

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.closings import write_closings, write_damage_file
+from tests.commands import Command
 
-from palpate.cli import build_app, run
 from palpate.estimate.damage_file import DamageFile
-
-
-def palpate(*arguments: str) -> int:
-    return run(build_app(), list(arguments), name="palpate")
 
 
 @pytest.fixture(scope="module")
@@ -24,15 +19,14 @@ def damage_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_real_fruit_is_learned_and_its_copy_left_out(
-    real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    real_data: Path, tmp_path: Path, palpate: Command
 ) -> None:
     options = [
         *("--curves", str(real_data / "fruit_rupture.csv.gz")),
         *("--index", str(real_data / "fruit_rupture_index.csv")),
         *("--out", str(tmp_path / "damage.json")),
     ]
-    assert palpate("calibrate", "damage", *options) == 0
-    said = capsys.readouterr().out
+    said = palpate("calibrate", "damage", *options).out
     assert "learned from 162 closings (68 banana, 32 kiwi, 62 mango)" in said
     assert "left out: banana-55, the same recording as banana-54" in said
     assert "usable: stiffness predicts the strength of banana, kiwi, mango" in said
@@ -43,18 +37,17 @@ def test_real_fruit_is_learned_and_its_copy_left_out(
         assert made.held_out[kind].error_percent < made.held_out[kind].median_error_percent
 
 
-def test_json_is_one_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_is_one_document(tmp_path: Path, palpate: Command) -> None:
     options = write_closings(tmp_path, count=20)
     out = tmp_path / "damage.json"
-    assert palpate("calibrate", "damage", *options, "--out", str(out), "--json") == 0
-    said = json.loads(capsys.readouterr().out)
+    said = palpate("calibrate", "damage", *options, "--out", out, "--json").document
     assert said["closings"] == {"kiwi": 20}
     assert said["kinds"] == ["kiwi"]
     assert said["rate"] == 0.01
     assert 0 < said["limit_at_middle_stiffness_n"]["kiwi"] < 2.0
 
 
-def test_what_says_little_is_said_to(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_says_little_is_said_to(tmp_path: Path, palpate: Command) -> None:
     """Strength without regard to stiffness; and a kind of which there are only a few."""
     rng = np.random.default_rng(1)
     curves, index = ["grasp_id,closure_mm,force_n"], ["grasp_id,fruit,rupture_force_n"]
@@ -65,54 +58,43 @@ def test_what_says_little_is_said_to(tmp_path: Path, capsys: pytest.CaptureFixtu
     (tmp_path / "curves.csv").write_text("\n".join(curves) + "\n")
     (tmp_path / "index.csv").write_text("\n".join(index) + "\n")
     files = ["--curves", str(tmp_path / "curves.csv"), "--index", str(tmp_path / "index.csv")]
-    assert palpate("calibrate", "damage", *files, "--out", str(tmp_path / "damage.json")) == 0
-    said = capsys.readouterr().out
+    said = palpate("calibrate", "damage", *files, "--out", tmp_path / "damage.json").out
     assert "plum: stiffness does not predict the strength" in said
     assert "pear: too few for a limit of its own (4)" in said
     assert "usable" not in said
 
 
-def test_too_few_end_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_too_few_end_in_one_line(tmp_path: Path, palpate: Command) -> None:
     options = write_closings(tmp_path, count=11)
     out = tmp_path / "damage.json"
-    assert palpate("calibrate", "damage", *options, "--out", str(out)) == 2
-    message = capsys.readouterr().err
-    assert "11 closings to learn from, and 12 are needed" in message
-    assert message.count("\n") == 1
+    error = palpate.refused("calibrate", "damage", *options, "--out", out)
+    assert "11 closings to learn from, and 12 are needed" in error
     assert not out.exists()
 
 
-def test_what_is_read_is_not_written_over(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_read_is_not_written_over(tmp_path: Path, palpate: Command) -> None:
     options = write_closings(tmp_path, count=12)
-    assert palpate("calibrate", "damage", *options, "--out", str(tmp_path / "index.csv")) == 2
-    assert "index.csv is read here" in capsys.readouterr().err
-    assert palpate("calibrate", "damage", *options, "--out", str(tmp_path / "damage.json")) == 0
-    assert "kiwi: too few to be judged with some left out (12)" in capsys.readouterr().out
+    error = palpate("calibrate", "damage", *options, "--out", tmp_path / "index.csv", status=2).err
+    assert "index.csv is read here" in error
+    shown = palpate("calibrate", "damage", *options, "--out", tmp_path / "damage.json").out
+    assert "kiwi: too few to be judged with some left out (12)" in shown
 
 
-def test_a_folder_that_is_not_there_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_folder_that_is_not_there_is_named(tmp_path: Path, palpate: Command) -> None:
     options = write_closings(tmp_path, count=12)
-    assert palpate("calibrate", "damage", *options, "--out", str(tmp_path / "no" / "d.json")) == 2
-    message = capsys.readouterr().err
-    assert "d.json" in message
-    assert message.count("\n") == 1
+    error = palpate.refused("calibrate", "damage", *options, "--out", tmp_path / "no" / "d.json")
+    assert "d.json" in error
 
 
 @pytest.mark.slow
 def test_the_limit_keeps_a_kiwi_whole_that_its_target_would_damage(
-    damage_file: Path, capsys: pytest.CaptureFixture[str]
+    damage_file: Path, palpate: Command
 ) -> None:
     grasp = ["grasp", "--object", "kiwi", "--seed", "1", "--target-force-n", "4", "--json"]
-    assert palpate(*grasp) == 0
-    without = json.loads(capsys.readouterr().out)
+    without = palpate(*grasp).document
     assert without["damage_limit"] is None
     assert without["truth"]["damaged"] is True
-    assert palpate(*grasp, "--damage", str(damage_file), "--kind", "kiwi") == 0
-    told = json.loads(capsys.readouterr().out)
+    told = palpate(*grasp, "--damage", damage_file, "--kind", "kiwi").document
     assert told["truth"]["damaged"] is False
     limit = told["damage_limit"]
     assert limit["kind"] == "kiwi"
@@ -127,38 +109,34 @@ def test_the_limit_keeps_a_kiwi_whole_that_its_target_would_damage(
 
 @pytest.mark.slow
 def test_its_recording_is_decided_again_with_the_limit(
-    damage_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    damage_file: Path, tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "grasp.mcap"
     told = ["--damage", str(damage_file), "--kind", "kiwi"]
     grasp = ["grasp", "--object", "kiwi", "--seed", "3", "--target-force-n", "4", "--json"]
-    assert palpate(*grasp, *told, "--record", str(path)) == 0
-    live = json.loads(capsys.readouterr().out)
-    assert palpate("replay", str(path), "--json") == 0
-    again = json.loads(capsys.readouterr().out)
+    live = palpate(*grasp, *told, "--record", path).document
+    again = palpate("replay", path, "--json").document
     for name in ("outcome", "force_n", "peak_force_n", "moments"):
         assert again[name] == live[name]
 
 
 @pytest.mark.slow
-def test_the_card_says_what_the_limit_did(
-    damage_file: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert palpate("grasp", "--seed", "1", "--damage", str(damage_file)) == 0
-    card = " ".join(capsys.readouterr().out.replace("│", " ").split())
+def test_the_card_says_what_the_limit_did(damage_file: Path, palpate: Command) -> None:
+    card = " ".join(
+        palpate("grasp", "--seed", "1", "--damage", damage_file).out.replace("│", " ").split()
+    )
     assert "Damage limit" in card
     assert "(unknown kind, 60 closings)" in card
 
 
 @pytest.mark.slow
 def test_a_kind_that_bears_more_is_given_a_higher_limit(
-    damage_file: Path, capsys: pytest.CaptureFixture[str]
+    damage_file: Path, palpate: Command
 ) -> None:
     low_n = {}
     for kind in ("kiwi", "melon"):
         told = ["--damage", str(damage_file), "--kind", kind, "--json"]
-        assert palpate("grasp", "--object", "kiwi", "--seed", "3", *told) == 0
-        limit = json.loads(capsys.readouterr().out)["damage_limit"]
+        limit = palpate("grasp", "--object", "kiwi", "--seed", "3", *told).document["damage_limit"]
         assert limit["kept_below_target"] is False
         low_n[kind] = limit["low_n"]
     assert low_n["melon"] > 2 * low_n["kiwi"]
@@ -177,10 +155,7 @@ def test_a_kind_that_bears_more_is_given_a_higher_limit(
     ],
 )
 def test_a_limit_that_cannot_be_used_ends_in_one_line(
-    damage_file: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], complaint: str
+    damage_file: Path, palpate: Command, arguments: list[str], complaint: str
 ) -> None:
     filled = [a.format(file=damage_file, folder=damage_file.parent) for a in arguments]
-    assert palpate("grasp", "--object", "kiwi", *filled) == 2
-    message = capsys.readouterr().err
-    assert complaint in message
-    assert message.count("\n") == 1
+    assert complaint in palpate.refused("grasp", "--object", "kiwi", *filled)

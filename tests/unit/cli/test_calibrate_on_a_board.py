@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,10 +9,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import typer
+from tests.commands import Command
 from tests.unit.rig.test_board_cell import Desk
 
-from palpate.cli import calibrate_compliance, calibrate_force, run
 from palpate.cli.calibrate_bench import has_load_cell, new_calibration
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import Calibration, RestValues
@@ -59,15 +57,7 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     bench.board.unplug()
 
 
-def call(command: Callable[..., None], *arguments: str) -> int:
-    app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
-    app.command()(command)
-    return run(app, arguments, name="palpate calibrate")
-
-
-def test_a_known_weight_gives_the_line_for_the_rig_file(
-    bench: Bench, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_known_weight_gives_the_line_for_the_rig_file(bench: Bench, palpate: Command) -> None:
     bench.rig.write_text(TABLES)
     bench.board.raw = [1_000, 0]
 
@@ -75,27 +65,24 @@ def test_a_known_weight_gives_the_line_for_the_rig_file(
         bench.board.raw[0] = 1_000 if "take everything off" in what else 1_000 - 2_000_000
 
     bench.does = lays
-    assert call(calibrate_force.cell, "--rig", str(bench.rig), "--known-n", "10") == 0
-    line = capsys.readouterr().out
+    line = palpate("calibrate", "cell", "--rig", bench.rig, "--known-n", "10").out
     assert line == "[load_cells]\nnewtons_per_count = [-5e-06]\n"
     assert not has_load_cell(str(bench.rig))
     bench.rig.write_text(TABLES + line)
     assert has_load_cell(str(bench.rig))
 
 
-def test_the_second_cell_joins_the_first(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_second_cell_joins_the_first(bench: Bench, palpate: Command) -> None:
     bench.rig.write_text(TABLES)
     of_cell_1 = ("--rig", str(bench.rig), "--cell", "1", "--known-n", "10", "--json")
-    assert call(calibrate_force.cell, *of_cell_1) == 2
-    assert "calibrate cell 0 first" in capsys.readouterr().err
+    assert "calibrate cell 0 first" in palpate("calibrate", "cell", *of_cell_1, status=2).err
     bench.rig.write_text(TABLES + "[load_cells]\nnewtons_per_count = [4e-6]\n")
 
     def lays(what: str) -> None:
         bench.board.raw[1] = 0 if "take everything off" in what else 1_000_000
 
     bench.does = lays
-    assert call(calibrate_force.cell, *of_cell_1) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = palpate("calibrate", "cell", *of_cell_1).document
     assert document["newtons_per_count"] == pytest.approx([4e-6, 1e-5])
 
 
@@ -107,26 +94,19 @@ def test_the_second_cell_joins_the_first(bench: Bench, capsys: pytest.CaptureFix
         (("--rig", "none.toml", "--known-n", "-1"), "above 0 newtons"),
     ],
 )
-def test_cell_refusals(
-    arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert call(calibrate_force.cell, *arguments) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
+def test_cell_refusals(arguments: tuple[str, ...], message: str, palpate: Command) -> None:
+    assert message in palpate.refused("calibrate", "cell", *arguments)
 
 
-def test_a_weight_that_lies_elsewhere_is_noticed(
-    bench: Bench, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_weight_that_lies_elsewhere_is_noticed(bench: Bench, palpate: Command) -> None:
     bench.rig.write_text(TABLES)
-    assert call(calibrate_force.cell, "--rig", str(bench.rig), "--known-n", "10") == 2
-    assert "moved by 0 counts only" in capsys.readouterr().err
+    error = palpate("calibrate", "cell", "--rig", bench.rig, "--known-n", "10", status=2).err
+    assert "moved by 0 counts only" in error
 
 
 @pytest.mark.slow
 def test_compliance_on_a_board_with_two_cells(
-    bench: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    bench: Bench, tmp_path: Path, palpate: Command
 ) -> None:
     bench.rig.write_text(TABLES + "[load_cells]\nnewtons_per_count = [5e-6, -4e-6]\n")
     out = tmp_path / "pad.json"
@@ -148,10 +128,9 @@ def test_compliance_on_a_board_with_two_cells(
     bench.board.weighed, bench.does = weighed, places
     # Without --out it is the file that the rig file names, which a grasp is going to use.
     arguments = ("--rig", str(bench.rig), "--block-mm", "40")
-    assert call(calibrate_compliance.compliance, *arguments, "--json") == 0
+    document = palpate("calibrate", "compliance", *arguments, "--json").document
     assert bench.asked[0].startswith("the rigid block with the load cell")
     assert bench.asked[1].startswith("take the block out")
-    document = json.loads(capsys.readouterr().out)
     assert document["simulated"] is False
     assert 0.1 < document["fingers_mm_per_n"] < 0.4
     made = Calibration.load(out)
@@ -160,8 +139,7 @@ def test_compliance_on_a_board_with_two_cells(
 
 
 def test_a_rig_file_without_load_cells_is_sent_to_dead_weights(
-    bench: Bench, capsys: pytest.CaptureFixture[str]
+    bench: Bench, palpate: Command
 ) -> None:
     bench.rig.write_text(TABLES)
-    assert call(calibrate_compliance.compliance, "--rig", str(bench.rig)) == 3
-    assert "dead weights" in capsys.readouterr().err
+    assert "dead weights" in palpate("calibrate", "compliance", "--rig", bench.rig, status=3).err

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.commands import Command
 
-from palpate.cli import build_app, run
 from palpate.sensor.calibration import Calibration, ForcePairs
 from palpate.twin.world import World
 
@@ -18,92 +17,77 @@ PAIRS = ForcePairs(
 )
 
 
-def calibrate(*arguments: object) -> int:
-    return run(build_app(), ["calibrate", *map(str, arguments)], name="palpate")
-
-
 def test_a_new_file_lies_where_the_rig_file_says(
-    rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+    rig_file: Callable[..., Path], palpate: Command
 ) -> None:
     rig = rig_file(seed=3)
-    assert calibrate("rest", "--rig", rig) == 0
+    shown = palpate("calibrate", "rest", "--rig", rig).out
     made = Calibration.load(rig.parent / "sensor.json")
     assert made.rest_ohm == pytest.approx(World(None, seed=3).pixel_resistance_ohm(0.0), rel=0.01)
     assert made.rest.frames >= 75
     assert made.made_at is not None
     assert 0 < min(map(min, made.rest.spread_percent)) < 1
-    shown = capsys.readouterr().out
     assert "R3 C1" in shown
     assert "Written: " in shown
 
 
 def test_renewing_keeps_what_else_the_file_holds(
-    rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+    rig_file: Callable[..., Path], palpate: Command
 ) -> None:
     rig = rig_file()
     path = rig.parent / "sensor.json"
-    assert calibrate("rest", "--rig", rig) == 0
+    palpate("calibrate", "rest", "--rig", rig)
     dated = replace(Calibration.load(path), force=PAIRS, made_at="2020-01-01T00:00:00+00:00")
     dated.save(path)
-    capsys.readouterr()
-    assert calibrate("rest", "--rig", rig, "--json") == 0
-    assert json.loads(capsys.readouterr().out)["renewed"] is True
+    assert palpate("calibrate", "rest", "--rig", rig, "--json").document["renewed"] is True
     renewed = Calibration.load(path)
     assert renewed.force == PAIRS
     assert renewed.made_at == dated.made_at
-    assert calibrate("rest", "--rig", rig, "--new") == 0
+    palpate("calibrate", "rest", "--rig", rig, "--new")
     assert Calibration.load(path).force.force_n == ()
 
 
 def test_a_loaded_sensor_is_refused_and_the_file_kept(
-    rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+    rig_file: Callable[..., Path], palpate: Command
 ) -> None:
     path = rig_file().parent / "sensor.json"
-    assert calibrate("rest", "--rig", rig_file()) == 0
+    palpate("calibrate", "rest", "--rig", rig_file())
     before = path.read_text()
-    capsys.readouterr()
-    assert calibrate("rest", "--rig", rig_file(pressed=True)) == 2
-    err = capsys.readouterr().err.strip().splitlines()[-1]
+    err = palpate("calibrate", "rest", "--rig", rig_file(pressed=True), status=2).err
+    err = err.strip().splitlines()[-1]
     assert "%" in err
     assert "palpate: " in err
     assert path.read_text() == before
 
 
 def test_who_says_that_it_is_empty_is_believed_and_the_force_kept(
-    rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+    rig_file: Callable[..., Path], palpate: Command
 ) -> None:
     rig = rig_file()
     path = rig.parent / "sensor.json"
-    assert calibrate("rest", "--rig", rig) == 0
+    palpate("calibrate", "rest", "--rig", rig)
     kept = Calibration.load(path)
     # As if the sheet had been drier then.
     drier = replace(kept.rest, ohm=tuple(tuple(1.3 * ohm for ohm in row) for row in kept.rest.ohm))
     replace(kept, force=PAIRS, rest=drier).save(path)
-    assert calibrate("rest", "--rig", rig) == 2
-    assert "--empty" in capsys.readouterr().err.strip().splitlines()[-1]
-    assert calibrate("rest", "--rig", rig, "--empty") == 0
+    error = palpate("calibrate", "rest", "--rig", rig, status=2).err.strip().splitlines()[-1]
+    assert "--empty" in error
+    palpate("calibrate", "rest", "--rig", rig, "--empty")
     renewed = Calibration.load(path)
     assert renewed.force == PAIRS
     assert renewed.rest.ohm[0][0] == pytest.approx(kept.rest.ohm[0][0], rel=0.02)
 
 
-def test_another_layout_is_refused(
-    rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_another_layout_is_refused(rig_file: Callable[..., Path], palpate: Command) -> None:
     rig = rig_file()
     path = rig.parent / "sensor.json"
-    assert calibrate("rest", "--rig", rig) == 0
+    palpate("calibrate", "rest", "--rig", rig)
     kept = Calibration.load(path)
     divider = replace(kept.layout.divider, reference_ohm=1e3)
     replace(kept, layout=replace(kept.layout, divider=divider)).save(path)
-    assert calibrate("rest", "--rig", rig) == 2
-    assert "--new" in capsys.readouterr().err
+    assert "--new" in palpate("calibrate", "rest", "--rig", rig, status=2).err
 
 
-def test_calibrate_without_a_known_step_names_the_steps(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert calibrate() == 2
-    assert "rest" in capsys.readouterr().out
-    assert calibrate("reset") == 2
-    assert "Did you mean 'rest'" in capsys.readouterr().err
+def test_calibrate_without_a_known_step_names_the_steps(palpate: Command) -> None:
+    assert "rest" in palpate("calibrate", status=2).out
+    assert "Did you mean 'rest'" in palpate("calibrate", "reset", status=2).err

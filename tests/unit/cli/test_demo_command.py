@@ -7,27 +7,19 @@ import shlex
 from pathlib import Path
 
 import pytest
+from tests.commands import Command
 
-from palpate.cli import build_app, run
 from palpate.produce.store import Store
-
-
-def palpate(*arguments: str) -> int:
-    return run(build_app(), list(arguments), name="palpate")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["recordings", "packhouse"])
 def test_what_it_proposes_works_as_typed(
-    name: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, palpate: Command
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PALPATE_STORE", raising=False)
-    assert palpate("demo", name) == 0
-    shown = capsys.readouterr().out
+    shown = palpate("demo", name).out
     assert "simulated" in shown
     proposed = shown.split("Try:\n")[1].splitlines()
     assert proposed
@@ -40,9 +32,8 @@ def test_what_it_proposes_works_as_typed(
         assert palpate(*arguments) == status, line
 
 
-def test_a_store_is_not_added_to_twice(packhouse: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert palpate("demo", "packhouse", "--out", str(packhouse)) == 2
-    assert "is there already" in capsys.readouterr().err
+def test_a_store_is_not_added_to_twice(packhouse: Path, palpate: Command) -> None:
+    assert "is there already" in palpate("demo", "packhouse", "--out", packhouse, status=2).err
 
 
 def test_demo_packhouse_measures_every_fruit_on_the_twin(packhouse: Path) -> None:
@@ -57,14 +48,13 @@ def test_demo_packhouse_measures_every_fruit_on_the_twin(packhouse: Path) -> Non
 
 
 @pytest.mark.slow
-def test_recordings_are_labelled_simulated(tmp_path: Path) -> None:
-    assert palpate("demo", "recordings", "--out", str(tmp_path)) == 0
+def test_recordings_are_labelled_simulated(tmp_path: Path, palpate: Command) -> None:
+    palpate("demo", "recordings", "--out", tmp_path)
     tables = sorted(tmp_path.glob("*.csv"))
     assert len(tables) == 3
     for table in tables:
         assert "simulated" in table.read_text(encoding="utf-8").splitlines()[0]
 
 
-def test_an_unknown_demo_names_those_there_are(capsys: pytest.CaptureFixture[str]) -> None:
-    assert palpate("demo", "circus") == 2
-    assert "recordings, packhouse" in capsys.readouterr().err
+def test_an_unknown_demo_names_those_there_are(palpate: Command) -> None:
+    assert "recordings, packhouse" in palpate("demo", "circus", status=2).err

@@ -8,20 +8,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.commands import Command
 
-from palpate.cli import build_app, run
 from palpate.sensor.findings import CHECKS
 
 ORDER = [(row, col) for row in range(4) for col in range(2)]
 
 
-def doctor(*arguments: object) -> int:
-    return run(build_app(), ["doctor", *map(str, arguments)], name="palpate")
-
-
-def test_a_healthy_rig(rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]) -> None:
-    assert doctor("--rig", rig_file(), "--json") == 0
-    captured = capsys.readouterr()
+def test_a_healthy_rig(rig_file: Callable[..., Path], palpate: Command) -> None:
+    captured = palpate("doctor", "--rig", rig_file(), "--json")
     said = json.loads(captured.out)
     assert said["healthy"] is True
     assert said["findings"] == []
@@ -31,40 +26,32 @@ def test_a_healthy_rig(rig_file: Callable[..., Path], capsys: pytest.CaptureFixt
     assert "leave the sensor alone" in captured.err
 
 
-def test_a_rig_under_load_is_unhealthy(
-    rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_rig_under_load_is_unhealthy(rig_file: Callable[..., Path], palpate: Command) -> None:
     """Closing goes on through the stretch."""
-    assert doctor("--rig", rig_file(pressed=True)) == 1
-    assert "(unrest)" in capsys.readouterr().out
+    assert "(unrest)" in palpate("doctor", "--rig", rig_file(pressed=True), status=1).out
 
 
-def test_a_recording_says_simulated(
-    record_twin: Callable[..., Path], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert doctor("--recording", record_twin()) == 0
-    out = capsys.readouterr().out
+def test_a_recording_says_simulated(record_twin: Callable[..., Path], palpate: Command) -> None:
+    out = palpate("doctor", "--recording", record_twin()).out
     assert "SIMULATED" in out
     assert "Healthy" in out
     assert "R3 C1" in out
 
 
-def test_recorded_presses_in_order(
-    record_twin: Callable[..., Path], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert doctor("--recording", record_twin(order=ORDER), "--press", "--json") == 0
-    said = json.loads(capsys.readouterr().out)
+def test_recorded_presses_in_order(record_twin: Callable[..., Path], palpate: Command) -> None:
+    said = palpate("doctor", "--recording", record_twin(order=ORDER), "--press", "--json").document
     assert said["findings"] == []
     assert said["range_measured"] is True
     assert said["range_ohm"][0] < 0.11 * said["range_ohm"][1]
 
 
 def test_recorded_presses_of_crossed_rows(
-    record_twin: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+    record_twin: Callable[..., Path], palpate: Command
 ) -> None:
     crossed = [({1: 2, 2: 1}.get(row, row), col) for row, col in ORDER]
-    assert doctor("--recording", record_twin(order=crossed), "--press", "--json") == 1
-    said = json.loads(capsys.readouterr().out)
+    said = palpate(
+        "doctor", "--recording", record_twin(order=crossed), "--press", "--json", status=1
+    ).document
     assert [(f["code"], f["where"]) for f in said["findings"]] == [
         ("swapped", "row R1"),
         ("swapped", "row R2"),
@@ -83,10 +70,9 @@ def test_recorded_presses_of_crossed_rows(
     ],
 )
 def test_mistakes_are_one_line(
-    arguments: list[str], status: int, says: str, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], status: int, says: str, palpate: Command
 ) -> None:
-    assert doctor(*arguments) == status
-    err = capsys.readouterr().err.strip()
+    err = palpate("doctor", *arguments, status=status).err.strip()
     assert says in err
     assert "\n" not in err
 

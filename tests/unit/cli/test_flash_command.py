@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+from tests.commands import Command
 from tests.conftest import skip
 
-from palpate.cli import build_app, run
 from palpate.cli.flash import meaning
 from palpate.errors import DeviceNotFoundError
 from palpate.firmware_image import IMAGES, image_path
@@ -92,26 +92,22 @@ def put_avrdude(folder: Path, monkeypatch: pytest.MonkeyPatch, *, says: str, sta
     return note
 
 
-def flash(*arguments: object) -> int:
-    return run(build_app(), ["flash", *map(str, arguments)], name="palpate")
-
-
 @pytest.mark.slow
 def test_writes_and_asks_the_board(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     board: Board,
     image: Path,
-    capsys: pytest.CaptureFixture[str],
+    palpate: Command,
 ) -> None:
     note = put_avrdude(tmp_path, monkeypatch, says="avrdude done. Thank you.", status=0)
-    assert flash("--port", board.port, "--image", image) == 0
+    shown = palpate("flash", "--port", board.port, "--image", image).out
     said = note.read_text().split()
     assert said[:6] == ["-p", "atmega2560", "-c", "wiring", "-P", board.port]
     assert said[-1] == f"flash:w:{image}:i"
     assert "-D" in said
     assert board.asked
-    assert "Arduino Mega 2560 runs palpate's firmware 1.2.3" in capsys.readouterr().out
+    assert "Arduino Mega 2560 runs palpate's firmware 1.2.3" in shown
 
 
 @pytest.mark.parametrize(
@@ -145,13 +141,16 @@ def test_a_failure_is_one_line(
     monkeypatch: pytest.MonkeyPatch,
     board: Board,
     image: Path,
-    capsys: pytest.CaptureFixture[str],
+    palpate: Command,
     says: str,
     line: str,
 ) -> None:
     put_avrdude(tmp_path, monkeypatch, says=says, status=1)
-    assert flash("--port", board.port, "--image", image) == 3
-    last = capsys.readouterr().err.strip().splitlines()[-1]
+    last = (
+        palpate("flash", "--port", board.port, "--image", image, status=3)
+        .err.strip()
+        .splitlines()[-1]
+    )
     assert board.port in last
     assert line in last
     assert not board.asked
@@ -162,35 +161,30 @@ def test_silent_failure_still_says_something() -> None:
 
 
 def test_missing_avrdude_says_what_to_install(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, palpate: Command
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert flash("--port", "/dev/ttyACM0") == 3
-    assert "sudo apt install avrdude" in capsys.readouterr().err
+    assert "sudo apt install avrdude" in palpate("flash", "--port", "/dev/ttyACM0", status=3).err
 
 
 def test_port_and_image_are_looked_at_before_anything_is_written(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    board: Board,
-    image: Path,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, board: Board, image: Path, palpate: Command
 ) -> None:
     note = put_avrdude(tmp_path, monkeypatch, says="", status=0)
-    assert flash("--port", "/dev/no-such-port", "--image", image) == 3
-    assert "no port /dev/no-such-port" in capsys.readouterr().err
+    error = palpate("flash", "--port", "/dev/no-such-port", "--image", image, status=3).err
+    assert "no port /dev/no-such-port" in error
     image.write_text(HEX.replace(":00000001FF\n", ""))
-    assert flash("--port", board.port, "--image", image) == 2
-    assert "not a whole Intel hex file" in capsys.readouterr().err
-    assert flash("--port", board.port, "--image", tmp_path / "none.hex") == 2
+    error = palpate("flash", "--port", board.port, "--image", image, status=2).err
+    assert "not a whole Intel hex file" in error
+    palpate("flash", "--port", board.port, "--image", tmp_path / "none.hex", status=2)
     assert not note.exists()
 
 
 def test_nano_with_the_older_boot_loader_is_tried_at_its_speed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, board: Board, image: Path
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, board: Board, image: Path, palpate: Command
 ) -> None:
     note = put_avrdude(tmp_path, monkeypatch, says="avrdude: not in sync: resp=0x00\n", status=1)
-    assert flash("--port", board.port, "--board", "nano", "--image", image) == 3
+    palpate("flash", "--port", board.port, "--board", "nano", "--image", image, status=3)
     said = note.read_text().split()
     assert said[:6] == ["-p", "atmega328p", "-c", "arduino", "-P", board.port]
     assert said[6:8] == ["-b", "57600"]

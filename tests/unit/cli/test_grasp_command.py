@@ -7,22 +7,16 @@ import math
 from pathlib import Path
 
 import pytest
+from tests.commands import Command
 
-from palpate.cli import build_app, run
 from palpate.recording import load_recording
 
 pytestmark = pytest.mark.slow
 
 
-def grasp(*arguments: str) -> int:
-    return run(build_app(), ["grasp", *arguments], name="palpate")
-
-
-def test_json_is_one_document_and_the_same_twice(capsys: pytest.CaptureFixture[str]) -> None:
-    assert grasp("--seed", "1", "--json") == 0
-    first = capsys.readouterr().out
-    assert grasp("--seed", "1", "--json") == 0
-    assert capsys.readouterr().out == first
+def test_json_is_one_document_and_the_same_twice(palpate: Command) -> None:
+    first = palpate("grasp", "--seed", "1", "--json").out
+    assert palpate("grasp", "--seed", "1", "--json").out == first
     said = json.loads(first)
     assert said["outcome"] == "held"
     assert said["simulated"] is True
@@ -38,11 +32,10 @@ def test_json_is_one_document_and_the_same_twice(capsys: pytest.CaptureFixture[s
 
 
 def test_card_says_simulated_and_recording_holds_every_frame(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
+    palpate: Command, tmp_path: Path
 ) -> None:
     path = tmp_path / "grasp.mcap"
-    assert grasp("--seed", "2", "--object", "springs-4", "--record", str(path)) == 0
-    card = capsys.readouterr().out
+    card = palpate("grasp", "--seed", "2", "--object", "springs-4", "--record", path).out
     assert "SIMULATED" in card
     assert "springs-4" in card
     recording = load_recording(path)
@@ -52,52 +45,46 @@ def test_card_says_simulated_and_recording_holds_every_frame(
 
 
 def test_a_damaged_object_is_reported_under_the_headline_and_not_in_green(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    palpate: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")
     wish = ["--object", "strawberry", "--seed", "3", "--target-force-n"]
-    assert grasp(*wish, "14") == 0
-    card = capsys.readouterr().out
+    card = palpate("grasp", *wish, "14").out
     begins = [line for line in card.splitlines() if "Held" in line or "damaged" in line]
     assert "damaged" in begins[1]
     assert "\x1b[1;31mHeld" in begins[0]
     assert "\x1b[1;31mThe object was damaged" in begins[1]
     assert card.startswith("\x1b[31m╭")
-    assert grasp(*wish, "2") == 0
-    assert capsys.readouterr().out.startswith("\x1b[32m╭")
+    assert palpate("grasp", *wish, "2").out.startswith("\x1b[32m╭")
 
 
 @pytest.mark.parametrize("rig", ["sim-rigid", "sim-soft"])
 @pytest.mark.parametrize("wish", [["--target-force-n", "2.5"], ["--expect-size", "40"]])
 def test_its_recording_is_decided_again_alike(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, rig: str, wish: list[str]
+    palpate: Command, tmp_path: Path, rig: str, wish: list[str]
 ) -> None:
     path = tmp_path / "grasp.mcap"
     arguments = ["--rig", rig, "--seed", "1", *wish]
-    assert grasp(*arguments, "--record", str(path), "--json") == 0
-    live = json.loads(capsys.readouterr().out)
-    assert run(build_app(), ["replay", str(path), "--json"], name="palpate") == 0
-    again = json.loads(capsys.readouterr().out)
+    live = palpate("grasp", *arguments, "--record", path, "--json").document
+    again = palpate("replay", path, "--json").document
     assert {name: again[name] for name in again.keys() & live.keys()} == {
         name: live[name] for name in again.keys() & live.keys()
     }
     assert again["force_n"] is not None
 
 
-def test_an_expected_size_comes_near_sooner(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_expected_size_comes_near_sooner(palpate: Command) -> None:
     felt_s = list[float]()
     for wish in ([], ["--expect-size", "36"]):
-        assert grasp("--object", "strawberry", "--seed", "3", *wish, "--json") == 0
-        moments = json.loads(capsys.readouterr().out)["moments"]
+        moments = palpate(
+            "grasp", "--object", "strawberry", "--seed", "3", *wish, "--json"
+        ).document["moments"]
         felt_s.append(next(m["time_s"] for m in moments if m["name"] == "contact"))
     assert felt_s[1] < felt_s[0] - 0.3
 
 
-def test_soft_fingers_tell_no_size_and_little_of_stiffness(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert grasp("--rig", "sim-soft", "--seed", "1", "--json") == 0
-    said = json.loads(capsys.readouterr().out)
+def test_soft_fingers_tell_no_size_and_little_of_stiffness(palpate: Command) -> None:
+    said = palpate("grasp", "--rig", "sim-soft", "--seed", "1", "--json").document
     assert said["outcome"] == "held"
     assert said["size_mm"] is said["previous_width_mm"] is None
     stiffness = said["stiffness_n_per_mm"]
@@ -125,10 +112,6 @@ def test_soft_fingers_tell_no_size_and_little_of_stiffness(
     ],
 )
 def test_mistakes_are_one_line(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], status: int, words: str
+    palpate: Command, arguments: list[str], status: int, words: str
 ) -> None:
-    assert grasp(*arguments) == status
-    said = capsys.readouterr()
-    assert words in said.err
-    assert said.err.count("\n") == 1
-    assert said.out == ""
+    assert words in palpate.refused("grasp", *arguments, status=status)

@@ -11,22 +11,18 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from tests.commands import Command
 
-from palpate.cli import build_app, run
 from palpate.errors import InputError
 from palpate.gripper.hobby_servo import ServoTravel, open_gripper
 from palpate.sensor.board_array import layout_named, open_board
 
 
-def init(*arguments: object) -> int:
-    return run(build_app(), ["init", *map(str, arguments)], name="palpate")
-
-
-def test_options_become_a_rig_file(tmp_path: Path) -> None:
+def test_options_become_a_rig_file(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "orchard.toml"
     options = ["--port", "/dev/ttyACM7", "--layout", "soft-3x2", "--reference-ohm", "1000"]
     options += ["--baud", "9600", "--rate-hz", "15"]
-    assert init(path, *options, "--taxel-leg", "lower", "--gripper", "my_arm:open_hand") == 0
+    palpate("init", path, *options, "--taxel-leg", "lower", "--gripper", "my_arm:open_hand")
     stated = tomllib.loads(path.read_text())
     assert stated == {
         "calibration": "orchard-calibration.json",
@@ -44,9 +40,11 @@ def test_options_become_a_rig_file(tmp_path: Path) -> None:
     }
 
 
-def test_a_hobby_servo_gets_its_travel_and_its_pulses_in_the_frames(tmp_path: Path) -> None:
+def test_a_hobby_servo_gets_its_travel_and_its_pulses_in_the_frames(
+    tmp_path: Path, palpate: Command
+) -> None:
     path = tmp_path / "rig.toml"
-    assert init(path, "--port", "auto", "--gripper", "servo") == 0
+    palpate("init", path, "--port", "auto", "--gripper", "servo")
     stated = tomllib.loads(path.read_text())
     assert stated["array"]["servo"] is True
     table = stated["gripper"]
@@ -54,9 +52,9 @@ def test_a_hobby_servo_gets_its_travel_and_its_pulses_in_the_frames(tmp_path: Pa
     assert ServoTravel(**table).mm_per_us == pytest.approx(69.0 / 1570.0)
 
 
-def test_a_matrix_of_your_own_on_two_fingers(tmp_path: Path) -> None:
+def test_a_matrix_of_your_own_on_two_fingers(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "rig.toml"
-    assert init(path, "--port", "auto", "--layout", "6x3", "--fingers", "2") == 0
+    palpate("init", path, "--port", "auto", "--layout", "6x3", "--fingers", "2")
     stated = tomllib.loads(path.read_text())["array"]
     assert (stated["layout"], stated["fingers"]) == ("6x3", 2)
     layout = layout_named(stated["layout"], fingers=stated["fingers"], pitch_mm=6.5)
@@ -69,10 +67,10 @@ def test_a_matrix_of_your_own_on_two_fingers(tmp_path: Path) -> None:
     [("none", "and force to read newtons"), ("dynamixel", "and force and compliance to grasp")],
 )
 def test_the_next_steps_are_those_of_the_rig(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], gripper: str, rest: str
+    tmp_path: Path, palpate: Command, gripper: str, rest: str
 ) -> None:
-    assert init(tmp_path / "rig.toml", "--port", "auto", "--gripper", gripper) == 0
-    assert rest in capsys.readouterr().out
+    shown = palpate("init", tmp_path / "rig.toml", "--port", "auto", "--gripper", gripper).out
+    assert rest in shown
 
 
 @pytest.mark.parametrize("pitch_mm", [0.0, -1.0, float("nan")])
@@ -81,18 +79,18 @@ def test_a_pitch_that_is_none(pitch_mm: float) -> None:
         layout_named("3x3", pitch_mm=pitch_mm)
 
 
-def test_what_it_names_exists(tmp_path: Path) -> None:
+def test_what_it_names_exists(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "rig.toml"
-    assert init(path, "--port", "/dev/no-such-port") == 0
+    palpate("init", path, "--port", "/dev/no-such-port")
     table = tomllib.loads(path.read_text())["array"]
     assert table.pop("open") == f"{open_board.__module__}:{open_board.__name__}"
     accepted = open_board.__kwdefaults__
     assert table.keys() <= accepted.keys()
 
 
-def test_soft_fingers_share_the_board(tmp_path: Path) -> None:
+def test_soft_fingers_share_the_board(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "soft.toml"
-    assert init(path, "--port", "auto", "--layout", "soft-3x2", "--gripper", "pneumatic") == 0
+    palpate("init", path, "--port", "auto", "--layout", "soft-3x2", "--gripper", "pneumatic")
     stated = tomllib.loads(path.read_text())
     assert stated["array"]["pressure"] is True
     assert stated["gripper"] == {"open": "palpate.gripper.pneumatic:open_gripper"}
@@ -100,10 +98,10 @@ def test_soft_fingers_share_the_board(tmp_path: Path) -> None:
     assert callable(getattr(importlib.import_module(module), function))
 
 
-def test_a_known_gripper_names_its_opener(tmp_path: Path) -> None:
+def test_a_known_gripper_names_its_opener(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "rig.toml"
     options = ["--gripper", "dynamixel", "--gripper-port", "/dev/ttyUSB3", "--idle-lines", "held"]
-    assert init(path, "--port", "auto", *options) == 0
+    palpate("init", path, "--port", "auto", *options)
     stated = tomllib.loads(path.read_text())
     assert stated["array"]["idle_lines"] == "held"
     table = stated["gripper"]
@@ -113,22 +111,18 @@ def test_a_known_gripper_names_its_opener(tmp_path: Path) -> None:
     assert table.keys() <= opener.__kwdefaults__.keys() | opener.__annotations__.keys()
 
 
-def test_the_rig_file_opens_its_port(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_rig_file_opens_its_port(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "rig.toml"
-    assert init(path, "--port", "/dev/no-such-port") == 0
-    assert run(build_app(), ["doctor", "--rig", str(path)], name="palpate") == 3
-    assert "no port /dev/no-such-port" in capsys.readouterr().err
+    palpate("init", path, "--port", "/dev/no-such-port")
+    assert "no port /dev/no-such-port" in palpate("doctor", "--rig", path, status=3).err
 
 
-def test_an_existing_file_is_kept_unless_forced(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_existing_file_is_kept_unless_forced(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "rig.toml"
     path.write_text("mine = 1\n")
-    assert init(path) == 2
-    assert "--force" in capsys.readouterr().err
+    assert "--force" in palpate("init", path, status=2).err
     assert path.read_text() == "mine = 1\n"
-    assert init(path, "--force", "--port", "auto") == 0
+    palpate("init", path, "--force", "--port", "auto")
     assert "port" not in tomllib.loads(path.read_text())["array"]
 
 
@@ -152,13 +146,12 @@ def test_an_existing_file_is_kept_unless_forced(
 def test_mistakes_write_nothing(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    palpate: Command,
     arguments: list[str],
     says: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert init(*arguments) == 2
-    assert says in capsys.readouterr().err
+    assert says in palpate("init", *arguments, status=2).err
     assert list(tmp_path.iterdir()) == []
 
 

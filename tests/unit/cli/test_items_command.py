@@ -10,8 +10,8 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
+from tests.commands import Command
 
-from palpate.cli import build_app, run
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
@@ -20,10 +20,6 @@ from palpate.produce.store import Store, engine
 NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
 
 #: Written by the version before.
-
-
-def palpate(*arguments: str) -> int:
-    return run(build_app(), list(arguments), name="palpate")
 
 
 @pytest.fixture(autouse=True)
@@ -72,11 +68,8 @@ def filled() -> None:
 
 
 @pytest.mark.slow
-def test_a_grasp_of_an_item_is_kept_with_its_calibration(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert palpate("grasp", "--item", "A17", "--angle-deg", "90", "--seed", "1", "--json") == 0
-    said = json.loads(capsys.readouterr().out)
+def test_a_grasp_of_an_item_is_kept_with_its_calibration(palpate: Command) -> None:
+    said = palpate("grasp", "--item", "A17", "--angle-deg", "90", "--seed", "1", "--json").document
     with Store.open(create=False) as store:
         (kept,) = store.grasps_of("A17")
         assert "palpate-calibration" in store.calibration(kept.calibration_id or "")
@@ -92,16 +85,14 @@ def test_a_grasp_of_an_item_is_kept_with_its_calibration(
 
 @pytest.mark.slow
 def test_grasp_with_shared_store_away_is_kept_in_the_local_file(
-    capsys: pytest.CaptureFixture[str], folder: Path
+    palpate: Command, folder: Path
 ) -> None:
     nowhere = f"postgresql://palpate@/items?host={folder}"
-    assert palpate("grasp", "--item", "A17", "--store", nowhere, "--seed", "1", "--json") == 0
-    out, err = capsys.readouterr()
+    out, err = palpate("grasp", "--item", "A17", "--store", nowhere, "--seed", "1", "--json")
     assert json.loads(out)["item_id"] == "A17"
     assert "no answer; check the server" in err
     assert "has the records, and the next command sends them" in err
-    assert palpate("items", "A17", "--store", nowhere, "--json") == 0
-    out, err = capsys.readouterr()
+    out, err = palpate("items", "A17", "--store", nowhere, "--json")
     assert len(json.loads(out)["grasps"]) == 1
     assert "no answer; check the server" in err
     assert "without other stations" in err
@@ -109,7 +100,7 @@ def test_grasp_with_shared_store_away_is_kept_in_the_local_file(
 
 @pytest.mark.parametrize(("others", "rank"), [(7, None), (8, {"items": 8, "softer": 0.75})])
 def test_item_has_its_place_on_the_firmness_scale_of_its_kind(
-    capsys: pytest.CaptureFixture[str], others: int, rank: dict[str, float] | None
+    palpate: Command, others: int, rank: dict[str, float] | None
 ) -> None:
     with Store.open() as store:
         for number, index in enumerate([65.0, *range(10, 10 * others + 10, 10)][: others + 1]):
@@ -119,16 +110,17 @@ def test_item_has_its_place_on_the_firmness_scale_of_its_kind(
             one = grasp(name)
             store.add_grasp(replace(one, measurements={**one.measurements, "firmness": firmness}))
         store.add_grasp(grasp("A1", days=1))
-    assert palpate("items", "A0", "--json") == 0
-    assert json.loads(capsys.readouterr().out).get("firmness_rank") == rank
-    assert palpate("items", "A0") == 0
-    assert ("firmer than 75 % of 8 of its kind" in capsys.readouterr().out) == (rank is not None)
+    assert palpate("items", "A0", "--json").document.get("firmness_rank") == rank
+    assert ("firmer than 75 % of 8 of its kind" in palpate("items", "A0").out) == (rank is not None)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("form", [(), ("--json",)])
 def test_the_result_is_on_the_screen_before_the_store_is_asked(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, form: tuple[str, ...]
+    palpate: Command,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    form: tuple[str, ...],
 ) -> None:
     shown: list[str] = []
 
@@ -137,20 +129,19 @@ def test_the_result_is_on_the_screen_before_the_store_is_asked(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Store, "add_grasp", ctrl_c)
-    assert palpate("grasp", "--item", "A17", "--seed", "1", *form) == 130
+    palpate("grasp", "--item", "A17", "--seed", "1", *form, status=130)
     assert "SIMULATED" in shown[0].upper()
 
 
 @pytest.mark.slow
 def test_grasp_that_the_local_store_refuses_exits_with_3(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, folder: Path
+    palpate: Command, monkeypatch: pytest.MonkeyPatch, folder: Path
 ) -> None:
     monkeypatch.setattr(engine, "LOCK_TIMEOUT_S", 0.05)
     Store.open().close()
     with closing(sqlite3.connect(folder / "palpate-items.sqlite", isolation_level=None)) as other:
         other.execute("BEGIN IMMEDIATE")
-        assert palpate("grasp", "--item", "A17", "--seed", "1", "--json") == 3
-    out, err = capsys.readouterr()
+        out, err = palpate("grasp", "--item", "A17", "--seed", "1", "--json", status=3)
     assert json.loads(out)["item_id"] == "A17"
     assert "locked by another program" in err
     assert "the grasp is NOT kept" in err
@@ -166,24 +157,21 @@ def test_grasp_that_the_local_store_refuses_exits_with_3(
     ],
 )
 def test_a_store_that_makes_no_sense_stops_the_grasp_before_it_begins(
-    capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], said: str
+    palpate: Command, arguments: tuple[str, ...], said: str
 ) -> None:
-    assert palpate("grasp", *arguments) == 2
-    out, err = capsys.readouterr()
+    out, err = palpate("grasp", *arguments, status=2)
     assert said in err
     assert out == ""
 
 
 @pytest.mark.usefixtures("filled")
-def test_the_list_shows_the_last_met_first(capsys: pytest.CaptureFixture[str]) -> None:
-    assert palpate("items") == 0
-    out = capsys.readouterr().out
+def test_the_list_shows_the_last_met_first(palpate: Command) -> None:
+    out = palpate("items").out
     assert out.index("K2") < out.index("A17")
     assert "2.25" in out
     assert "ripe" in out
     assert "simulated" not in out
-    assert palpate("items", "--limit", "1") == 0
-    assert "the last 1 items; --limit shows more" in capsys.readouterr().out
+    assert "the last 1 items; --limit shows more" in palpate("items", "--limit", "1").out
 
 
 @pytest.mark.usefixtures("filled")
@@ -197,20 +185,14 @@ def test_the_list_shows_the_last_met_first(capsys: pytest.CaptureFixture[str]) -
         (("--day", "2026-05-09"), []),
     ],
 )
-def test_filters(
-    capsys: pytest.CaptureFixture[str], filters: tuple[str, ...], names: list[str]
-) -> None:
-    assert palpate("items", "--json", *filters) == 0
-    found = json.loads(capsys.readouterr().out)["items"]
+def test_filters(palpate: Command, filters: tuple[str, ...], names: list[str]) -> None:
+    found = palpate("items", "--json", *filters).document["items"]
     assert [item["item_id"] for item in found] == names
 
 
 @pytest.mark.usefixtures("filled")
-def test_a_line_of_the_list_has_the_last_of_everything(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert palpate("items", "--json", "--kind", "avocado") == 0
-    (line,) = json.loads(capsys.readouterr().out)["items"]
+def test_a_line_of_the_list_has_the_last_of_everything(palpate: Command) -> None:
+    (line,) = palpate("items", "--json", "--kind", "avocado").document["items"]
     assert line["grasps"] == 2
     assert line["last_taken_at"] == "2026-05-03T12:00:00+00:00"
     assert line["stiffness_n_per_mm"]["value"] == 2.25
@@ -225,32 +207,27 @@ def test_a_line_of_the_list_has_the_last_of_everything(
 
 
 @pytest.mark.usefixtures("filled")
-def test_a_page_shows_grasps_and_what_was_said(capsys: pytest.CaptureFixture[str]) -> None:
-    assert palpate("items", "A17") == 0
-    out = capsys.readouterr().out
+def test_a_page_shows_grasps_and_what_was_said(palpate: Command) -> None:
+    out = palpate("items", "A17").out
     for words in ("batch Monday", "3.00", "2.00…4.00", "90°", "91 %", "a quarter softer"):
         assert words in out
-    assert palpate("items", "A17", "--json") == 0
-    page = json.loads(capsys.readouterr().out)
+    page = palpate("items", "A17", "--json").document
     assert [one["grasp_id"] for one in page["grasps"]]
     assert page["grasps"][0]["pixel_settled_percent"] == [[-40.0, None], [-42.0, -41.0]]
     assert page["verdicts"][0]["text"] == "ripe"
 
 
-def test_a_simulated_item_is_said_to_be(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_simulated_item_is_said_to_be(palpate: Command) -> None:
     with Store.open() as store:
         store.add_grasp(grasp("S1"))
-    assert palpate("items") == 0
-    assert "simulated on the twin" in capsys.readouterr().out
-    assert palpate("items", "S1") == 0
-    assert "SIMULATED" in capsys.readouterr().out
+    assert "simulated on the twin" in palpate("items").out
+    assert "SIMULATED" in palpate("items", "S1").out
 
 
 @pytest.mark.usefixtures("filled")
-def test_a_person_says_what_an_item_is(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_person_says_what_an_item_is(palpate: Command) -> None:
     told = ["--set", "kind=Hass avocado", "--set", "label=the dark one"]
-    assert palpate("items", "A17", *told, "--say", "ripeness=overripe") == 0
-    assert "Hass avocado" in capsys.readouterr().out
+    assert "Hass avocado" in palpate("items", "A17", *told, "--say", "ripeness=overripe").out
     with Store.open() as store:
         assert store.item("A17").batch == "Monday"
         (label,) = store.verdicts(About.RIPENESS, source=Source.PERSON)
@@ -272,29 +249,19 @@ def test_a_person_says_what_an_item_is(capsys: pytest.CaptureFixture[str]) -> No
         (("--store", "none.sqlite"), "no such file"),
     ],
 )
-def test_mistakes_are_one_line(
-    capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], said: str
-) -> None:
-    assert palpate("items", *arguments) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert said in err
-    assert err.count("\n") == 1
+def test_mistakes_are_one_line(palpate: Command, arguments: tuple[str, ...], said: str) -> None:
+    assert said in palpate.refused("items", *arguments)
 
 
-def test_an_empty_store_says_how_to_fill_it(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_empty_store_says_how_to_fill_it(palpate: Command) -> None:
     Store.open().close()
-    assert palpate("items") == 0
-    assert "`palpate grasp --item NAME` adds one" in capsys.readouterr().out
+    assert "`palpate grasp --item NAME` adds one" in palpate("items").out
 
 
 @pytest.mark.usefixtures("filled")
-def test_parquet_holds_every_grasp_with_its_item(
-    capsys: pytest.CaptureFixture[str], folder: Path
-) -> None:
+def test_parquet_holds_every_grasp_with_its_item(palpate: Command, folder: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
-    assert palpate("items", "--export", "all.parquet") == 0
-    assert "3 grasps" in capsys.readouterr().err
+    assert "3 grasps" in palpate("items", "--export", "all.parquet").err
     table = parquet.read_table(folder / "all.parquet")
     assert table["item_id"].to_pylist() == ["A17", "A17", "K2"]
     assert table["kind"].to_pylist() == ["avocado", "avocado", "kiwi"]
@@ -306,8 +273,8 @@ def test_parquet_holds_every_grasp_with_its_item(
     said = parquet.read_table(folder / "all.verdicts.parquet")
     assert said["text"].to_pylist() == ["ripe"]
 
-    assert palpate("items", "--kind", "kiwi", "--export", "kiwi.parquet") == 0
+    palpate("items", "--kind", "kiwi", "--export", "kiwi.parquet")
     assert parquet.read_table(folder / "kiwi.parquet").num_rows == 1
     assert parquet.read_table(folder / "kiwi.verdicts.parquet").num_rows == 0
-    assert palpate("items", "A17", "--export", "a17.parquet") == 0
+    palpate("items", "A17", "--export", "a17.parquet")
     assert parquet.read_table(folder / "a17.parquet").num_rows == 2

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rich.console import Console
+from tests.commands import Command
 
-from palpate.cli import build_app, run
 from palpate.cli.live_reading import LiveReading, squeeze
 from palpate.cli.live_view import LiveView
 from palpate.cli.sensor_source import SensorSource
@@ -168,10 +168,9 @@ def test_a_simulated_rig_is_squeezed_and_let_go(kind: str) -> None:
     assert max(mean[: 15 * 5]) > -5
 
 
-def test_it_ends(rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_ends(rig_file: Callable[..., Path], palpate: Command) -> None:
     arguments = ["live", "--rig", str(rig_file()), "--duration", "0.2"]
-    assert run(build_app(), arguments, name="palpate") == 0
-    assert "palpate live" in capsys.readouterr().out
+    assert "palpate live" in palpate(*arguments).out
 
 
 def test_force_is_shown_at_every_frame() -> None:
@@ -192,13 +191,10 @@ def test_force_is_shown_at_every_frame() -> None:
 
 
 def test_force_without_a_calibration_is_refused(
-    rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+    rig_file: Callable[..., Path], palpate: Command
 ) -> None:
     arguments = ["live", "--rig", str(rig_file()), "--duration", "0.2", "--force"]
-    assert run(build_app(), arguments, name="palpate") == 2
-    error = capsys.readouterr().err
-    assert "palpate calibrate force" in error
-    assert len(error.strip().splitlines()) == 1
+    assert "palpate calibrate force" in palpate.refused(*arguments)
 
 
 @pytest.mark.parametrize(
@@ -211,10 +207,7 @@ def test_force_without_a_calibration_is_refused(
     ],
 )
 def test_an_address_that_is_none_is_refused(
-    words: list[str], said: str, rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+    words: list[str], said: str, rig_file: Callable[..., Path], palpate: Command
 ) -> None:
     arguments = ["live", "--rig", str(rig_file()), "--duration", "0.2", *words]
-    assert run(build_app(), arguments, name="palpate") == 2
-    error = capsys.readouterr().err
-    assert said in error
-    assert len(error.strip().splitlines()) == 1
+    assert said in palpate.refused(*arguments)

@@ -9,32 +9,29 @@ from io import StringIO
 
 import pytest
 import typer
+from tests.commands import Command
 
-import palpate
-from palpate.cli import build_app, run
+from palpate import __version__
+from palpate.cli import run
 
 SCRIPT = (sys.executable, "-c", "from palpate.cli import main; main()")
 CARD = ("grasp", "--seed", "1", "--object", "rigid-block")
 
 
-def test_version(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(build_app(), ["--version"], name="palpate") == 0
-    assert capsys.readouterr().out == f"palpate {palpate.__version__}\n"
+def test_version(palpate: Command) -> None:
+    assert palpate("--version").out == f"palpate {__version__}\n"
 
 
-def test_without_a_verb_the_help_is_all_there_is(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(build_app(), [], name="palpate") == 2
-    captured = capsys.readouterr()
+def test_without_a_verb_the_help_is_all_there_is(palpate: Command) -> None:
+    captured = palpate(status=2)
     assert "grasp" in captured.out
     assert captured.err == ""
 
 
 @pytest.mark.parametrize("wrong", ["--nonsense", "gras"])
-def test_usage_errors_are_sentences(wrong: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(build_app(), [wrong], name="palpate") == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert (". Try `palpate --help`." in said) or ("? Try `palpate --help`." in said)
+def test_usage_errors_are_sentences(wrong: str, palpate: Command) -> None:
+    error = palpate.refused(wrong)
+    assert (". Try `palpate --help`." in error) or ("? Try `palpate --help`." in error)
 
 
 @pytest.mark.slow

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-from palpate.cli import build_app, run
+from tests.commands import Command
 
 
 def write_readings(path: Path, *, items: int = 40) -> Path:
@@ -23,16 +21,11 @@ def write_readings(path: Path, *, items: int = 40) -> Path:
     return path
 
 
-def qualify(*arguments: str) -> int:
-    return run(build_app(), ["qualify", *arguments], name="palpate")
-
-
 def test_qualify_prints_agreement_ceiling_grades_and_effort(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, palpate: Command
 ) -> None:
     file = write_readings(tmp_path / "readings.csv")
-    assert qualify(str(file), "--tolerance", "1", "--unit", "lbf", "--limit", "14") == 0
-    shown = capsys.readouterr().out
+    shown = palpate("qualify", file, "--tolerance", "1", "--unit", "lbf", "--limit", "14").out
     assert shown.startswith("40 items, 80 paired readings")
     for words in (
         "limit of agreement",
@@ -44,12 +37,9 @@ def test_qualify_prints_agreement_ceiling_grades_and_effort(
         assert words in shown
 
 
-def test_qualify_json_holds_every_figure(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_qualify_json_holds_every_figure(tmp_path: Path, palpate: Command) -> None:
     file = write_readings(tmp_path / "readings.csv")
-    assert qualify(str(file), "--json") == 0
-    document = json.loads(capsys.readouterr().out)
+    document = palpate("qualify", file, "--json").document
     assert document["items"] == 40
     assert document["tolerance"] == pytest.approx(document["scatter"]["reference"]["within"])
     figure = document["figures"]["r_squared_ceiling"]
@@ -57,15 +47,13 @@ def test_qualify_json_holds_every_figure(
 
 
 @pytest.mark.slow
-def test_qualify_report_is_written_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_qualify_report_is_written_once(tmp_path: Path, palpate: Command) -> None:
     file, page = write_readings(tmp_path / "readings.csv"), tmp_path / "page.html"
-    assert qualify(str(file), "--limit", "13", "--report", str(page)) == 0
+    palpate("qualify", file, "--limit", "13", "--report", page)
     text = page.read_text()
     assert text.count("<svg") == 2
     assert "signature" in text
-    capsys.readouterr()
-    assert qualify(str(file), "--report", str(page)) == 2
-    assert "exists already" in capsys.readouterr().err
+    assert "exists already" in palpate.refused("qualify", file, "--report", page)
 
 
 @pytest.mark.parametrize(
@@ -77,18 +65,12 @@ def test_qualify_report_is_written_once(tmp_path: Path, capsys: pytest.CaptureFi
     ],
 )
 def test_qualify_refuses_in_one_line(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    arguments: tuple[str, ...],
-    message: str,
+    tmp_path: Path, palpate: Command, arguments: tuple[str, ...], message: str
 ) -> None:
     file = write_readings(tmp_path / "readings.csv")
-    assert qualify(str(file), *arguments) == 2
-    assert message in capsys.readouterr().err
+    assert message in palpate("qualify", file, *arguments, status=2).err
 
 
-def test_qualify_too_few_items_says_how_many_it_needs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert qualify(str(write_readings(tmp_path / "few.csv", items=5))) == 2
-    assert "needs at least 8" in capsys.readouterr().err
+def test_qualify_too_few_items_says_how_many_it_needs(tmp_path: Path, palpate: Command) -> None:
+    error = palpate("qualify", write_readings(tmp_path / "few.csv", items=5), status=2).err
+    assert "needs at least 8" in error

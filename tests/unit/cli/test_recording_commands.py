@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.commands import Command
 
-from palpate.cli import build_app, run
 from palpate.gripper.interface import GripperState
 from palpate.plots.style import PAGE_WIDTH_IN
 from palpate.recording import (
@@ -24,10 +24,6 @@ from palpate.recording import (
     RecordingWriter,
 )
 from palpate.sensor.array import RIGID_LAYOUT, Frame
-
-
-def palpate(*arguments: str | Path) -> int:
-    return run(build_app(), [str(argument) for argument in arguments], name="palpate")
 
 
 @pytest.fixture
@@ -46,105 +42,88 @@ def cut(path: Path, *, share: float) -> None:
     path.write_bytes(whole[: int(len(whole) * share)])
 
 
-def test_inspect_counts(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert palpate("inspect", recorded, "--json") == 0
-    found = json.loads(capsys.readouterr().out)
+def test_inspect_counts(recorded: Path, palpate: Command) -> None:
+    found = palpate("inspect", recorded, "--json").document
     assert (found["frames"], found["frames_lost"], found["intact"]) == (100, 1, True)
     assert found["rate_hz"] == pytest.approx(50.0)
     assert (found["origin"], found["seed"], found["layout"]["rows"]) == ("twin", 3, 4)
 
 
-def test_inspect_says_simulated_and_what_is_missing(
-    recorded: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_inspect_says_simulated_and_what_is_missing(recorded: Path, palpate: Command) -> None:
     cut(recorded, share=0.6)
-    assert palpate("inspect", recorded) == 0
-    text = capsys.readouterr().out
+    text = palpate("inspect", recorded).out
     assert "twin (simulated)" in text
     assert "not finished" in text
     assert f"`palpate inspect {recorded} --recover FILE`" in text
 
 
-def test_recover_makes_it_whole(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_recover_makes_it_whole(recorded: Path, palpate: Command) -> None:
     cut(recorded, share=0.6)
-    assert palpate("inspect", recorded, "--recover", recorded, "--json") == 0
-    shown = capsys.readouterr()
+    shown = palpate("inspect", recorded, "--recover", recorded, "--json")
     assert json.loads(shown.out)["intact"] is True
     assert "everything readable is kept (0 damaged chunks" in shown.err
     copy = recorded.with_name("copy.mcap")
-    assert palpate("inspect", recorded, "--recover", copy, "--json") == 0
-    shown = capsys.readouterr()
+    shown = palpate("inspect", recorded, "--recover", copy, "--json")
     assert json.loads(shown.out)["path"] == str(copy)
     assert "was whole already" in shown.err
 
 
-def test_export_writes_beside_the_recording(recorded: Path) -> None:
-    assert palpate("export", recorded) == 0
+def test_export_writes_beside_the_recording(recorded: Path, palpate: Command) -> None:
+    palpate("export", recorded)
     with recorded.with_suffix(".csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert [int(row["r3c1_counts"]) for row in rows] == list(range(300, 400))
 
 
-def test_export_never_writes_over_a_recording(
-    recorded: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_export_never_writes_over_a_recording(recorded: Path, palpate: Command) -> None:
     before = recorded.read_bytes()
-    assert palpate("export", recorded, "--out", recorded) == 2
-    assert "ends in .csv or .parquet" in capsys.readouterr().err
-    assert palpate("export", recorded, "--to", "parquet", "--out", "run.csv") == 2
-    assert "ends in .parquet" in capsys.readouterr().err
+    error = palpate("export", recorded, "--out", recorded, status=2).err
+    assert "ends in .csv or .parquet" in error
+    error = palpate("export", recorded, "--to", "parquet", "--out", "run.csv", status=2).err
+    assert "ends in .parquet" in error
     assert recorded.read_bytes() == before
 
 
-def test_export_takes_the_form_from_the_name(recorded: Path, tmp_path: Path) -> None:
-    assert palpate("export", recorded, "--out", tmp_path / "run.parquet") == 0
+def test_export_takes_the_form_from_the_name(
+    recorded: Path, tmp_path: Path, palpate: Command
+) -> None:
+    palpate("export", recorded, "--out", tmp_path / "run.parquet")
     assert (tmp_path / "run.parquet").read_bytes().startswith(b"PAR1")
 
 
-def test_a_recording_is_called_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_is_called_one(tmp_path: Path, palpate: Command) -> None:
     table = tmp_path / "run.csv"
-    assert palpate("record", table, "--rig", "sim-rigid", "--duration", "1") == 2
-    assert "a recording ends in .mcap" in capsys.readouterr().err
+    error = palpate("record", table, "--rig", "sim-rigid", "--duration", "1", status=2).err
+    assert "a recording ends in .mcap" in error
     assert not table.exists()
 
 
-def test_settle_names_the_recording_that_has_no_rest(
-    recorded: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert palpate("settle", recorded) == 2
-    error = capsys.readouterr().err
+def test_settle_names_the_recording_that_has_no_rest(recorded: Path, palpate: Command) -> None:
+    error = palpate("settle", recorded, status=2).err
     assert f"{recorded}: no rest at the beginning" in error
     assert "Record a second of rest first" in error
 
 
 def test_recover_never_writes_over_another_recording(
-    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    recorded: Path, tmp_path: Path, palpate: Command
 ) -> None:
     other = tmp_path / "other.mcap"
     other.write_bytes(b"somebody's")
-    assert palpate("inspect", recorded, "--recover", other) == 2
-    assert "not overwritten" in capsys.readouterr().err
+    assert "not overwritten" in palpate("inspect", recorded, "--recover", other, status=2).err
     assert other.read_bytes() == b"somebody's"
-    assert palpate("inspect", recorded, "--recover", recorded) == 0
+    palpate("inspect", recorded, "--recover", recorded)
 
 
-def test_export_of_holds_names_the_file_in_its_error(
-    recorded: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert palpate("export", recorded, "--holds") == 2
-    captured = capsys.readouterr()
-    assert captured.err.startswith(f"palpate: {recorded}: no rest at the beginning")
-    assert captured.err.count("\n") == 1
+def test_export_of_holds_names_the_file_in_its_error(recorded: Path, palpate: Command) -> None:
+    assert palpate.refused("export", recorded, "--holds").startswith(
+        f"palpate: {recorded}: no rest at the beginning"
+    )
 
 
-def test_replay_plays_frames_where_nothing_was_grasped(
-    recorded: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert palpate("replay", recorded, "--json") == 0
-    frames = json.loads(capsys.readouterr().out)["frames"]
+def test_replay_plays_frames_where_nothing_was_grasped(recorded: Path, palpate: Command) -> None:
+    frames = palpate("replay", recorded, "--json").document["frames"]
     assert [frame["counts"][0][0] for frame in frames] == list(range(300, 400))
-    assert palpate("replay", recorded, "--speed", "1000") == 0
-    assert len(capsys.readouterr().out.splitlines()) == 100
+    assert len(palpate("replay", recorded, "--speed", "1000").out.splitlines()) == 100
 
 
 @pytest.mark.parametrize(
@@ -158,53 +137,39 @@ def test_replay_plays_frames_where_nothing_was_grasped(
     ],
 )
 def test_a_missing_file_is_one_line(
-    arguments: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, palpate: Command
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert palpate(*arguments) == 2
-    captured = capsys.readouterr()
-    assert captured.err.startswith("palpate: gone.mcap: ")
-    assert captured.err.count("\n") == 1
-    assert captured.out == ""
+    assert palpate.refused(*arguments).startswith("palpate: gone.mcap: ")
 
 
 def test_a_folder_is_no_recording(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, palpate: Command
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for verb in (["inspect"], ["replay"], ["export"], ["inspect", "--recover", "whole.mcap"]):
-        assert palpate(*verb, ".") == 2
-        said = capsys.readouterr().err
-        assert said.startswith("palpate: .: ")
-        assert said.endswith("Is a directory\n")
-        assert said.count("\n") == 1
+        error = palpate.refused(*verb, ".")
+        assert error.startswith("palpate: .: ")
+        assert error.endswith("Is a directory\n")
 
 
-def test_export_names_the_folder_that_is_missing(
-    recorded: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_export_names_the_folder_that_is_missing(recorded: Path, palpate: Command) -> None:
     out = recorded.parent / "gone" / "run.csv"
-    assert palpate("export", recorded, "--out", out) == 2
     said = f"palpate: {out}: there is no folder {out.parent}; make it first\n"
-    assert capsys.readouterr().err == said
+    assert palpate.refused("export", recorded, "--out", out) == said
 
 
 @pytest.mark.parametrize("speed", ["0", "-1", "inf", "nan", "1e-300", "1e-9"])
-def test_an_impossible_speed_is_refused(
-    recorded: Path, speed: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert palpate("replay", recorded, "--speed", speed) == 2
+def test_an_impossible_speed_is_refused(recorded: Path, speed: str, palpate: Command) -> None:
     said = f"palpate: --speed {float(speed):g}: must be at least 0.001\n"
-    assert capsys.readouterr().err == said
+    assert palpate.refused("replay", recorded, "--speed", speed) == said
 
 
-def test_record_needs_its_port(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_record_needs_its_port(tmp_path: Path, palpate: Command) -> None:
     port = tmp_path / "ttyACM9"
-    assert palpate("record", tmp_path / "new.mcap", "--port", port) == 3
-    assert capsys.readouterr().err.startswith(f"palpate: no port {port}")
+    assert palpate("record", tmp_path / "new.mcap", "--port", port, status=3).err.startswith(
+        f"palpate: no port {port}"
+    )
     assert not (tmp_path / "new.mcap").exists()
 
 
@@ -220,24 +185,18 @@ def test_record_needs_its_port(tmp_path: Path, capsys: pytest.CaptureFixture[str
     ],
 )
 def test_record_refuses_what_makes_no_sense(
-    options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    options: list[str], said: str, tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "new.mcap"
-    assert palpate("record", path, *options) == 2
-    captured = capsys.readouterr()
-    assert said in captured.err
-    assert captured.err.count("\n") == 1
+    assert said in palpate.refused("record", path, *options)
     assert not path.exists()
 
 
-def test_record_from_a_rig_file_without_a_gripper(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_record_from_a_rig_file_without_a_gripper(tmp_path: Path, palpate: Command) -> None:
     rig = tmp_path / "rig.toml"
     port = tmp_path / "ttyACM9"
-    assert palpate("init", rig, "--port", port) == 0
-    assert palpate("record", tmp_path / "new.mcap", "--rig", rig) == 3
-    assert f"no port {port}" in capsys.readouterr().err
+    palpate("init", rig, "--port", port)
+    assert f"no port {port}" in palpate("record", tmp_path / "new.mcap", "--rig", rig, status=3).err
 
 
 @pytest.mark.slow
@@ -264,31 +223,27 @@ def test_ctrl_c_ends_a_rig_s_recording_with_the_file_whole(tmp_path: Path) -> No
     assert info.gripper is None, "no grasp: a replay plays it and decides nothing"
 
 
-def test_ports_is_one_json_document(capsys: pytest.CaptureFixture[str]) -> None:
-    assert palpate("ports", "--json") == 0
-    assert isinstance(json.loads(capsys.readouterr().out)["ports"], list)
+def test_ports_is_one_json_document(palpate: Command) -> None:
+    assert isinstance(palpate("ports", "--json").document["ports"], list)
 
 
 @pytest.mark.parametrize("verb", ["record", "inspect", "replay", "export", "ports"])
-def test_help_shows_an_example(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert palpate(verb, "--help") == 0
-    assert "Example: palpate" in capsys.readouterr().out
+def test_help_shows_an_example(verb: str, palpate: Command) -> None:
+    assert "Example: palpate" in palpate(verb, "--help").out
 
 
-def test_inspect_draws_a_plot(recorded: Path, tmp_path: Path) -> None:
-    assert palpate("inspect", recorded, "--plot", tmp_path / "run.png") == 0
+def test_inspect_draws_a_plot(recorded: Path, tmp_path: Path, palpate: Command) -> None:
+    palpate("inspect", recorded, "--plot", tmp_path / "run.png")
     png = (tmp_path / "run.png").read_bytes()
     assert png.startswith(b"\x89PNG")
     width, _ = struct.unpack(">II", png[16:24])
     assert width == pytest.approx(300 * PAGE_WIDTH_IN, abs=3), "300 dots per inch"
 
 
-def test_inspect_refuses_to_draw_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_inspect_refuses_to_draw_nothing(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "empty.mcap"
     with RecordingWriter(path, info=RecordingInfo(layout=RIGID_LAYOUT, origin="twin")):
         pass
-    assert palpate("inspect", path, "--plot", tmp_path / "run.png") == 2
-    assert "no frame in it" in capsys.readouterr().err
+    error = palpate("inspect", path, "--plot", tmp_path / "run.png", status=2).err
+    assert "no frame in it" in error
     assert not (tmp_path / "run.png").exists()

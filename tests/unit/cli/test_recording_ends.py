@@ -8,18 +8,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.commands import Command
 from tests.unit.recording.test_recording_files import file_limit
 
-from palpate.cli import build_app, run
 from palpate.recording import FileState, RecordingReader
 
 pytestmark = pytest.mark.slow
 
 MAIN = "from palpate.cli import main; main()"
-
-
-def palpate(*arguments: str | Path) -> int:
-    return run(build_app(), [str(argument) for argument in arguments], name="palpate")
 
 
 def frames_of(path: Path) -> tuple[int, FileState]:
@@ -42,40 +38,32 @@ def test_sigterm_ends_a_recording_with_the_file_whole(tmp_path: Path) -> None:
 
 
 def test_a_disk_that_is_full_ends_it_as_equipment_that_failed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "run.mcap"
     with file_limit(130_000):
-        assert palpate("record", path, "--rig", "sim-rigid", "--duration", "60") == 3
-    began, failed = capsys.readouterr().err.splitlines()
+        printed = palpate("record", path, "--rig", "sim-rigid", "--duration", "60", status=3)
+    began, failed = printed.err.splitlines()
     assert began.startswith("recording sim-rigid")
     assert failed.startswith(f"palpate: {path}: File too large. The file lacks at most the last")
     assert "then run `palpate inspect --recover` on it" in failed
     assert frames_of(path)[0] > 0
 
 
-def test_a_disk_that_is_full_from_the_start_is_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_disk_that_is_full_from_the_start_is_one_line(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "run.mcap"
     path.symlink_to("/dev/full")
-    assert palpate("record", path, "--rig", "sim-rigid", "--duration", "1") == 3
-    assert capsys.readouterr().err.count("\n") == 1
+    palpate.refused("record", path, "--rig", "sim-rigid", "--duration", "1", status=3)
 
 
-def test_nothing_that_is_there_is_written_over(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nothing_that_is_there_is_written_over(tmp_path: Path, palpate: Command) -> None:
     recorded, table = tmp_path / "run.mcap", tmp_path / "run.csv"
-    assert palpate("record", recorded, "--rig", "sim-rigid", "--duration", "0.5") == 0
+    palpate("record", recorded, "--rig", "sim-rigid", "--duration", "0.5")
     table.write_text("mine")
-    capsys.readouterr()
     for verb in ("export", "record"):
         options = ("--rig", "sim-rigid", "--duration", "1") if verb == "record" else ()
         before = recorded.read_bytes()
-        assert palpate(verb, recorded, *options) == 2
-        error = capsys.readouterr().err
-        assert len(error.splitlines()) == 1
+        error = palpate.refused(verb, recorded, *options)
         assert "exists" in error or "there already" in error
         assert recorded.read_bytes() == before
     assert table.read_text() == "mine"

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from tests.commands import Command
 
-from palpate.cli import build_app, run
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.records import MEASURED, About, Grasp, Item, Source, Verdict
@@ -105,9 +106,15 @@ def grasp(item_id: str, *, hours: float, outcome: Outcome = Outcome.HELD) -> Gra
     )
 
 
-def report(*arguments: str) -> str:
-    assert run(build_app(), ["report", *arguments, "--out", "page.html"], name="palpate") == 0
-    return Path("page.html").read_text(encoding="utf-8")
+@pytest.fixture
+def report(palpate: Command) -> Callable[..., str]:
+    """Write a report; return its page."""
+
+    def write(*arguments: str) -> str:
+        assert "page.html: " in palpate("report", *arguments, "--out", "page.html").err
+        return Path("page.html").read_text(encoding="utf-8")
+
+    return write
 
 
 def checked(page: str) -> Checker:
@@ -122,7 +129,7 @@ def checked(page: str) -> Checker:
 
 
 @pytest.mark.usefixtures("store")
-def test_an_item(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_item(report: Callable[..., str]) -> None:
     page = report("i0")
     assert checked(page).seen.count("svg") == 4
     for words in (
@@ -137,11 +144,10 @@ def test_an_item(capsys: pytest.CaptureFixture[str]) -> None:
         "slipped",
     ):
         assert words in page
-    assert "page.html: " in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("store")
-def test_a_batch() -> None:
+def test_a_batch(report: Callable[..., str]) -> None:
     page = report("--batch", "Monday")
     assert "Softening" in page
     assert "&lt;kiwi&gt; &amp; co" in page
@@ -152,7 +158,9 @@ def test_a_batch() -> None:
 
 
 @pytest.mark.usefixtures("store")
-def test_a_batch_with_ripeness_judged_shows_stages_in_order_and_the_days_to_ripe() -> None:
+def test_a_batch_with_ripeness_judged_shows_stages_in_order_and_the_days_to_ripe(
+    report: Callable[..., str],
+) -> None:
     days = {"days_to_ripe": 1.25, "days_to_ripe_low": 0.0, "days_to_ripe_high": 2.5}
     stages = {"hard": 0.1, "ripe": 0.1, "overripe": 0.8}
     with Store.open() as store:
@@ -172,7 +180,7 @@ def test_a_batch_with_ripeness_judged_shows_stages_in_order_and_the_days_to_ripe
 
 
 @pytest.mark.usefixtures("store")
-def test_a_day_holds_what_was_felt_that_day_alone() -> None:
+def test_a_day_holds_what_was_felt_that_day_alone(report: Callable[..., str]) -> None:
     page = report("--day", f"{NOON.astimezone():%Y-%m-%d}")
     assert "Grasps over the day" in page
     assert "4.25 *" in page
@@ -183,7 +191,7 @@ def test_a_day_holds_what_was_felt_that_day_alone() -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("store")
-def test_both_lights_and_paper_are_thought_of() -> None:
+def test_both_lights_and_paper_are_thought_of(report: Callable[..., str]) -> None:
     page = report("i0")
     assert "prefers-color-scheme:dark" in page
     assert "@media print" in page
@@ -194,7 +202,7 @@ def test_both_lights_and_paper_are_thought_of() -> None:
     assert "DejaVu" not in drawn
 
 
-def test_an_item_that_was_never_grasped_has_a_page() -> None:
+def test_an_item_that_was_never_grasped_has_a_page(report: Callable[..., str]) -> None:
     with Store.open() as store:
         store.add_item(Item(item_id="new"))
     page = report("new")
@@ -202,23 +210,22 @@ def test_an_item_that_was_never_grasped_has_a_page() -> None:
     checked(page)
 
 
-def test_the_file_is_named_for_what_it_shows() -> None:
+def test_the_file_is_named_for_what_it_shows(palpate: Command) -> None:
     names = ("A17", "A/17 (left)", "A 17 (left)")
     with Store.open() as store:
         for name in names:
             store.add_item(Item(item_id=name))
     for name in names:
-        assert run(build_app(), ["report", name], name="palpate") == 0
+        palpate("report", name)
     assert Path("report-A17.html").exists()
     assert len(list(Path().glob("report-A-17-left-*.html"))) == 2
 
 
 @pytest.mark.usefixtures("store")
-def test_an_earlier_report_is_not_written_over(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_earlier_report_is_not_written_over(palpate: Command) -> None:
     page = Path("report-i0.html")
     page.write_text("mine")
-    assert run(build_app(), ["report", "i0"], name="palpate") == 2
-    assert "report-i0.html: exists already" in capsys.readouterr().err
+    assert "report-i0.html: exists already" in palpate("report", "i0", status=2).err
     assert page.read_text() == "mine"
 
 
@@ -236,9 +243,6 @@ def test_an_earlier_report_is_not_written_over(capsys: pytest.CaptureFixture[str
     ],
 )
 def test_report_mistakes_are_one_line(
-    capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], said: str
+    palpate: Command, arguments: tuple[str, ...], said: str
 ) -> None:
-    assert run(build_app(), ["report", *arguments], name="palpate") == 2
-    err = capsys.readouterr().err
-    assert said in err
-    assert err.count("\n") == 1
+    assert said in palpate.refused("report", *arguments)

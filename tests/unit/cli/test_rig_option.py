@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.commands import Command
 
-from palpate.cli import build_app, run
 from palpate.cli.options import rig_of_environment
 
 
@@ -17,28 +17,18 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def grasp(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    status = run(build_app(), ["grasp", "--seed", "2", *arguments], name="palpate")
-    shown = capsys.readouterr()
-    return status, shown.out, shown.err
-
-
 @pytest.mark.slow
-def test_simulation_that_nobody_asked_for_is_labelled(capsys: pytest.CaptureFixture[str]) -> None:
-    _, out, err = grasp(capsys)
+def test_simulation_that_nobody_asked_for_is_labelled(palpate: Command) -> None:
+    out, err = palpate("grasp", "--seed", "2")
     assert "SIMULATED" in out
     assert err == ""
 
 
 def test_the_folder_comes_before_the_environment(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    folder: Path, monkeypatch: pytest.MonkeyPatch, palpate: Command
 ) -> None:
     monkeypatch.setenv("PALPATE_RIG", "nowhere")
-    status, _, err = grasp(capsys)
-    assert status == 2
-    assert "no rig 'nowhere'" in err
+    assert "no rig 'nowhere'" in palpate.refused("grasp")
     (folder / "rig.toml").write_text('use = "sim-elsewhere"\n')
-    status, _, err = grasp(capsys)
-    assert status == 2
-    assert "no rig 'sim-elsewhere'" in err
+    assert "no rig 'sim-elsewhere'" in palpate.refused("grasp")
     assert rig_of_environment() == "rig.toml"

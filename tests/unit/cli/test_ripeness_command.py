@@ -9,17 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.commands import Command
 from tests.pdf_fonts import check_fonts
 
-from palpate.cli import build_app, run
 from palpate.produce.records import About, Item, Source
 from palpate.produce.store import Store
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "batch_ripeness.py"
-
-
-def palpate(*arguments: str) -> int:
-    return run(build_app(), ["ripeness", *arguments], name="palpate")
 
 
 @pytest.fixture(scope="module")
@@ -37,9 +33,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.slow
-def test_a_batch_is_judged_item_by_item(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert palpate("--batch", "Monday", "--store", str(made), "--reference", "ball", "--json") == 0
-    items = json.loads(capsys.readouterr().out)["items"]
+def test_a_batch_is_judged_item_by_item(made: Path, palpate: Command) -> None:
+    items = palpate(
+        "ripeness", "--batch", "Monday", "--store", made, "--reference", "ball", "--json"
+    ).document["items"]
     assert len(items) == 6
     assert all(item["simulated"] and item["basis"] == "labels" for item in items)
     for item in items:
@@ -58,25 +55,20 @@ def test_a_batch_is_judged_item_by_item(made: Path, capsys: pytest.CaptureFixtur
 
 
 @pytest.mark.slow
-def test_ripeness_below_the_confidence_names_the_items(
-    made: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ripeness_below_the_confidence_names_the_items(made: Path, palpate: Command) -> None:
     arguments = ("--batch", "Monday", "--store", str(made), "--reference", "ball")
-    assert palpate(*arguments, "--json") == 0
-    items = json.loads(capsys.readouterr().out)["items"]
+    items = palpate("ripeness", *arguments, "--json").document["items"]
     named = [item["item_id"] for item in items if item["unsure"]]
     assert named
-    assert palpate(*arguments) == 0
-    said = " ".join(capsys.readouterr().out.split())
+    said = " ".join(palpate("ripeness", *arguments).out.split())
     assert f"below 90 % probability: {', '.join(named)}; more grasps on the same day" in said
 
 
 @pytest.mark.slow
 def test_one_item_is_explained_drawn_and_remembered(
-    made: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+    made: Path, folder: Path, palpate: Command
 ) -> None:
-    assert palpate("fruit-1", "--store", str(made), "--plot", "fruit.pdf") == 0
-    said = capsys.readouterr().out
+    said = palpate("ripeness", "fruit-1", "--store", made, "--plot", "fruit.pdf").out
     assert "felt 6 times on 3 days" in said
     assert "SIMULATED" in said
     check_fonts(folder / "fruit.pdf")
@@ -87,26 +79,24 @@ def test_one_item_is_explained_drawn_and_remembered(
 
 
 @pytest.mark.slow
-def test_drift_that_nobody_takes_out_makes_fruit_look_riper(
-    made: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_drift_that_nobody_takes_out_makes_fruit_look_riper(made: Path, palpate: Command) -> None:
     def stiffness(*options: str) -> float:
-        assert palpate("fruit-5", "--store", str(made), "--json", *options) == 0
-        item = json.loads(capsys.readouterr().out)["items"][0]
+        item = palpate("ripeness", "fruit-5", "--store", made, "--json", *options).document[
+            "items"
+        ][0]
         return float(item["days"][0]["stiffness_n_per_mm"])
 
     assert stiffness() < 0.97 * stiffness("--reference", "ball")
 
 
 def test_an_item_of_no_kind_is_judged_by_its_first_day(
-    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    made: Path, tmp_path: Path, palpate: Command
 ) -> None:
     with Store.open(made, create=False) as store, Store.open(tmp_path / "one.sqlite") as alone:
         alone.add_item(Item(item_id="mine"))
         for grasp in store.grasps_of("fruit-1"):
             alone.add_grasp(replace(grasp, item_id="mine", calibration_id=None))
-    assert palpate("mine", "--store", "one.sqlite", "--json") == 0
-    shown = capsys.readouterr()
+    shown = palpate("ripeness", "mine", "--store", "one.sqlite", "--json")
     assert "by its own first day: its kind is not known" in shown.err
     item = json.loads(shown.out)["items"][0]
     assert (item["basis"], item["days_to_ripe"]) == ("first day", None)
@@ -114,14 +104,13 @@ def test_an_item_of_no_kind_is_judged_by_its_first_day(
 
 
 def test_a_first_day_without_labels_is_an_assumption_and_not_kept(
-    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    made: Path, tmp_path: Path, palpate: Command
 ) -> None:
     with Store.open(made, create=False) as store, Store.open(tmp_path / "new.sqlite") as alone:
         alone.add_item(Item(item_id="new"))
         first = store.grasps_of("fruit-1")[0]
         alone.add_grasp(replace(first, item_id="new", calibration_id=None))
-    assert palpate("new", "--store", "new.sqlite") == 0
-    said = capsys.readouterr().out
+    said = palpate("ripeness", "new", "--store", "new.sqlite").out
     assert "assumed" in said
     assert "nothing yet to compare it with" in " ".join(said.split())
     with Store.open(tmp_path / "new.sqlite", create=False) as alone:
@@ -144,10 +133,9 @@ def test_a_first_day_without_labels_is_an_assumption_and_not_kept(
     ],
 )
 def test_mistakes_are_one_line(
-    arguments: tuple[str, ...], said: str, made: Path, capsys: pytest.CaptureFixture[str]
+    arguments: tuple[str, ...], said: str, made: Path, palpate: Command
 ) -> None:
-    assert palpate(*arguments, "--store", str(made)) == 2
-    shown = capsys.readouterr().err.strip()
+    shown = palpate("ripeness", *arguments, "--store", made, status=2).err.strip()
     assert said in shown
     assert "\n" not in shown
 

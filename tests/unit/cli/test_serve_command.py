@@ -8,8 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-
-from palpate.cli import build_app, run
+from tests.commands import Command
 
 
 @pytest.mark.parametrize(
@@ -27,15 +26,12 @@ def test_what_cannot_be_served_is_refused_in_one_line(
     options: list[str],
     status: int,
     said: str,
-    capsys: pytest.CaptureFixture[str],
+    palpate: Command,
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert run(build_app(), ["serve", *options], name="palpate") == status
-    error = capsys.readouterr().err
-    assert said in error
-    assert len(error.splitlines()) == 1
+    assert said in palpate.refused("serve", *options, status=status)
     assert not list(tmp_path.iterdir())
 
 
@@ -61,14 +57,9 @@ def test_nothing_but_serving_loads_the_web() -> None:
     assert ended.stdout.strip() == "[]"
 
 
-def test_a_missing_extra_is_one_line(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_missing_extra_is_one_line(monkeypatch: pytest.MonkeyPatch, palpate: Command) -> None:
     for name in ("palpate.dashboard.server", "palpate.dashboard.access"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     for name in ("starlette", "starlette.datastructures", "fastapi", "nicegui", "uvicorn"):
         monkeypatch.setitem(sys.modules, name, None)
-    assert run(build_app(), ["serve"], name="palpate") == 2
-    said = capsys.readouterr().err
-    assert "pip install 'palpate[dashboard]'" in said
-    assert said.count("\n") == 1
+    assert "pip install 'palpate[dashboard]'" in palpate.refused("serve")

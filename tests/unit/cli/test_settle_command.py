@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-import typer
+from tests.commands import Command
 from tests.pdf_fonts import check_fonts
 
-from palpate.cli import run, settle_report
-from palpate.cli.settle import settle
+from palpate.cli import settle_report
 from palpate.demo.recordings import write_recordings
 
 ROW_KEYS = [
@@ -47,24 +46,15 @@ def holds_csv(tmp_path: Path) -> Path:
     return path
 
 
-def ran(*arguments: object) -> int:
-    app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
-    app.command()(settle)
-    return run(app, [str(argument) for argument in arguments], name="palpate settle")
+def document(palpate: Command, *arguments: object) -> dict:
+    printed = palpate("settle", *arguments, "--json")
+    assert printed.err == ""
+    assert printed.out.endswith("}\n")
+    return printed.document
 
 
-def document(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict:
-    assert ran(*arguments, "--json") == 0
-    captured = capsys.readouterr()
-    assert captured.err == ""
-    assert captured.out.endswith("}\n")
-    return json.loads(captured.out, parse_constant=pytest.fail)
-
-
-def test_json_is_one_document_in_the_public_form(
-    holds_csv: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    found = document(capsys, holds_csv)
+def test_json_is_one_document_in_the_public_form(holds_csv: Path, palpate: Command) -> None:
+    found = document(palpate, holds_csv)
     assert list(found["rows"][0])[: len(ROW_KEYS)] == ROW_KEYS
     assert list(found["summary"][0])[: len(SUMMARY_KEYS)] == SUMMARY_KEYS
     assert [row["hold_id"] for row in found["rows"]] == [
@@ -82,10 +72,8 @@ def test_json_is_one_document_in_the_public_form(
     assert found["summary"][0]["holds_with_settled_value"] == 6
 
 
-def test_figures_are_what_they_are_called(
-    holds_csv: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    found = document(capsys, holds_csv, "--method", "recorded", "--cutoff", "5", "--cutoff", "1")
+def test_figures_are_what_they_are_called(holds_csv: Path, palpate: Command) -> None:
+    found = document(palpate, holds_csv, "--method", "recorded", "--cutoff", "5", "--cutoff", "1")
     rows = [row for row in found["rows"] if row["error_percent"] is not None]
     for row in rows:
         error = 100 * (row["predicted"] - row["settled"]) / abs(row["settled"])
@@ -98,23 +86,18 @@ def test_figures_are_what_they_are_called(
     assert found["summary"][0]["coverage"] is None
 
 
-def test_several_files_and_methods_in_a_stable_order(
-    holds_csv: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_several_files_and_methods_in_a_stable_order(holds_csv: Path, palpate: Command) -> None:
     arguments = (holds_csv, holds_csv, "--method", "exponential", "--method", "recorded")
-    first = document(capsys, *arguments)
-    assert first == document(capsys, *arguments)
+    first = document(palpate, *arguments)
+    assert first == document(palpate, *arguments)
     assert len(first["rows"]) == 2 * 8 * 2
     assert [row["method"] for row in first["rows"][:2]] == ["exponential", "recorded"]
 
 
-def test_fit_on_sets_intervals_and_leaves_values(
-    holds_csv: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_fit_on_sets_intervals_and_leaves_values(holds_csv: Path, palpate: Command) -> None:
     methods = ("--method", "relaxation", "--method", "exponential", "--level", "0.5")
-    plain = document(capsys, holds_csv, *methods)
-    assert ran(holds_csv, *methods, "--fit-on", holds_csv, "--json") == 0
-    fitted = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    plain = document(palpate, holds_csv, *methods)
+    fitted = palpate("settle", holds_csv, *methods, "--fit-on", holds_csv, "--json").document
     assert [r["high"] for r in plain["rows"][::2]] != [r["high"] for r in fitted["rows"][::2]]
     assert {r["high"] for r in plain["rows"][1::2]} == {None}
     assert any(r["high"] is not None for r in fitted["rows"][1::2])
@@ -122,13 +105,13 @@ def test_fit_on_sets_intervals_and_leaves_values(
 
 
 def test_own_holds_teach_relaxation_alone(
-    holds_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    holds_csv: Path, tmp_path: Path, palpate: Command
 ) -> None:
     own = tmp_path / "own.csv"
     own.write_bytes(holds_csv.read_bytes())
     methods = ("--method", "relaxation", "--method", "exponential")
-    plain = document(capsys, holds_csv, *methods)
-    taught = document(capsys, holds_csv, *methods, "--learn-from", own)
+    plain = document(palpate, holds_csv, *methods)
+    taught = document(palpate, holds_csv, *methods, "--learn-from", own)
     errors = [
         [
             abs(r["error_percent"])
@@ -144,26 +127,22 @@ def test_own_holds_teach_relaxation_alone(
     assert rivals[0] == rivals[1]
 
 
-def test_holds_to_learn_from_are_not_those_to_predict(
-    holds_csv: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert ran(holds_csv, "--learn-from", holds_csv) == 2
-    assert "scores on holds that were learned from mean nothing" in capsys.readouterr().err
+def test_holds_to_learn_from_are_not_those_to_predict(holds_csv: Path, palpate: Command) -> None:
+    error = palpate("settle", holds_csv, "--learn-from", holds_csv, status=2).err
+    assert "scores on holds that were learned from mean nothing" in error
 
 
 def test_few_calibration_holds_and_methods_without_intervals_are_named_on_stderr(
-    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+    holds_csv: Path, palpate: Command
 ) -> None:
-    assert ran(holds_csv, "--fit-on", holds_csv) == 0
-    assert "holds reach 20 s; intervals from fewer than 20" in capsys.readouterr().err
-    assert ran(holds_csv, "--method", "recorded", "--until-half-width", "5") == 0
-    assert "recorded has no interval without --fit-on" in capsys.readouterr().err
+    error = palpate("settle", holds_csv, "--fit-on", holds_csv).err
+    assert "holds reach 20 s; intervals from fewer than 20" in error
+    error = palpate("settle", holds_csv, "--method", "recorded", "--until-half-width", "5").err
+    assert "recorded has no interval without --fit-on" in error
 
 
-def test_until_half_width_reports_the_time_of_decision(
-    holds_csv: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    found = document(capsys, holds_csv, "--until-half-width", "5")
+def test_until_half_width_reports_the_time_of_decision(holds_csv: Path, palpate: Command) -> None:
+    found = document(palpate, holds_csv, "--until-half-width", "5")
     [entry] = found["summary"]
     decided = [row["cutoff_s"] for row in found["rows"] if row["decided"]]
     assert entry["holds_decided"] == len(decided) >= 5
@@ -174,21 +153,19 @@ def test_until_half_width_reports_the_time_of_decision(
             assert (row["high"] - row["low"]) / 2 <= 0.05 * abs(row["predicted"])
 
 
-def test_a_fixed_cutoff_may_stand_beside_the_decisions(
-    holds_csv: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    found = document(capsys, holds_csv, "--until-half-width", "5", "--cutoff", "2.5")
+def test_a_fixed_cutoff_may_stand_beside_the_decisions(holds_csv: Path, palpate: Command) -> None:
+    found = document(palpate, holds_csv, "--until-half-width", "5", "--cutoff", "2.5")
     assert ["median_decision_s" in entry for entry in found["summary"]] == [False, True]
 
 
 def test_out_writes_the_same_as_json_csv_and_parquet(
-    holds_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    holds_csv: Path, tmp_path: Path, palpate: Command
 ) -> None:
-    found = document(capsys, holds_csv, "--out", tmp_path / "all.json")
+    found = document(palpate, holds_csv, "--out", tmp_path / "all.json")
     assert json.loads((tmp_path / "all.json").read_text()) == found
-    document(capsys, holds_csv, "--out", tmp_path / "rows.parquet")
+    document(palpate, holds_csv, "--out", tmp_path / "rows.parquet")
     assert pq.read_table(tmp_path / "rows.parquet").to_pylist() == found["rows"]
-    document(capsys, holds_csv, "--out", tmp_path / "rows.csv")
+    document(palpate, holds_csv, "--out", tmp_path / "rows.csv")
     with (tmp_path / "rows.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert [row["hold_id"] for row in rows] == [row["hold_id"] for row in found["rows"]]
@@ -196,74 +173,68 @@ def test_out_writes_the_same_as_json_csv_and_parquet(
     assert rows[5]["settled"] == ""
 
 
-def test_out_csv_has_no_cell_that_a_spreadsheet_runs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_out_csv_has_no_cell_that_a_spreadsheet_runs(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "holds.csv"
     rows = [f"=1+1,{t},{9 - t / 50}" for t in range(210)]
     path.write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
-    found = document(capsys, path, "--out", tmp_path / "rows.csv")
+    found = document(palpate, path, "--out", tmp_path / "rows.csv")
     assert found["rows"][0]["hold_id"] == "=1+1"
     with (tmp_path / "rows.csv").open() as stream:
         assert next(csv.DictReader(stream))["hold_id"] == "'=1+1"
 
 
 @pytest.mark.parametrize("how", [["--cutoff", "2.5"], ["--until-half-width", "2.5"]])
-def test_milliseconds_are_noticed_once(
-    how: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_milliseconds_are_noticed_once(how: list[str], tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "holds.csv"
     rows = [f"{hold},{100 * t},{9 - t / 50}" for hold in "ab" for t in range(210)]
     path.write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
-    assert ran(path, *how) == 0
-    said = capsys.readouterr().err
+    said = palpate("settle", path, *how).err
     assert said.count("a sample every 100 s; time_s is in seconds, are these milliseconds?") == 1
 
 
 @pytest.mark.parametrize("read_by", ["argument", "--fit-on"])
 def test_out_never_writes_over_what_is_read(
-    read_by: str, holds_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    read_by: str, holds_csv: Path, tmp_path: Path, palpate: Command
 ) -> None:
     other = tmp_path / "other.csv"
     other.write_bytes(holds_csv.read_bytes())
     before = other.read_bytes()
     read = (other,) if read_by == "argument" else (holds_csv, "--fit-on", other)
-    assert ran(*read, "--out", tmp_path / "." / "other.csv") == 2
-    assert "would be lost" in capsys.readouterr().err
+    error = palpate("settle", *read, "--out", tmp_path / "." / "other.csv", status=2).err
+    assert "would be lost" in error
     assert other.read_bytes() == before
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
-def test_plot_is_drawn(holds_csv: Path, tmp_path: Path, ending: str) -> None:
+def test_plot_is_drawn(holds_csv: Path, tmp_path: Path, ending: str, palpate: Command) -> None:
     plot = tmp_path / f"plot.{ending}"
-    assert ran(holds_csv, "--method", "relaxation", "--method", "recorded", "--plot", plot) == 0
+    palpate("settle", holds_csv, "--method", "relaxation", "--method", "recorded", "--plot", plot)
     magic = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[ending]
     assert plot.read_bytes().startswith(magic)
     if ending == "pdf":
         check_fonts(plot)
 
 
-def test_tables_for_people(holds_csv: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert ran(holds_csv, "--until-half-width", "5", "--method", "relaxation") == 0
-    captured = capsys.readouterr()
+def test_tables_for_people(holds_csv: Path, palpate: Command) -> None:
+    captured = palpate("settle", holds_csv, "--until-half-width", "5", "--method", "relaxation")
     assert captured.err == ""
     for said in ("Value predicted for 20 s", "relaxation", "in 90%", "± fell below 5 %", "h5"):
         assert said in captured.out
 
 
 @pytest.mark.slow
-def test_values_are_shown_with_their_units(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_values_are_shown_with_their_units(tmp_path: Path, palpate: Command) -> None:
     write_recordings(tmp_path)
-    assert ran(tmp_path / "ohm.csv", "--cutoff", "1", "--cutoff", "2.5") == 0
-    assert "Value in ohm predicted for 20 s by relaxation: 8 predictions" in capsys.readouterr().out
+    shown = palpate("settle", tmp_path / "ohm.csv", "--cutoff", "1", "--cutoff", "2.5").out
+    assert "Value in ohm predicted for 20 s by relaxation: 8 predictions" in shown
     divider = ("--adc-bits", "10", "--reference-ohm", "4700", "--sensor-leg", "upper")
-    assert ran(tmp_path / "counts.csv", *divider) == 0
-    assert "Value in ohm predicted" in capsys.readouterr().out
-    assert ran(tmp_path, "--out", tmp_path / "all.json") == 0
-    heads = next(line for line in capsys.readouterr().out.splitlines() if "cut-off" in line)
+    assert "Value in ohm predicted" in palpate("settle", tmp_path / "counts.csv", *divider).out
+    heads = next(
+        line
+        for line in palpate("settle", tmp_path, "--out", tmp_path / "all.json").out.splitlines()
+        if "cut-off" in line
+    )
     assert heads.split()[:4] == ["hold", "cut-off", "predicted", "unit"]
     rows = json.loads((tmp_path / "all.json").read_text())["rows"]
     assert {row["unit"] for row in rows} == {"ohm", "counts"}
@@ -294,13 +265,9 @@ def test_values_are_shown_with_their_units(
     ],
 )
 def test_bad_options_are_one_line_and_status_2(
-    holds_csv: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+    holds_csv: Path, palpate: Command, arguments: list[str], said: str
 ) -> None:
-    assert ran(holds_csv, *arguments) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err.count("\n") == 1
-    assert said in captured.err
+    assert said in palpate.refused("settle", holds_csv, *arguments)
 
 
 @pytest.mark.parametrize(
@@ -315,17 +282,14 @@ def test_bad_options_are_one_line_and_status_2(
     ],
 )
 def test_bad_files_are_one_line_and_status_2(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes, said: str
+    tmp_path: Path, palpate: Command, content: bytes, said: str
 ) -> None:
     path = tmp_path / "bad.csv"
     path.write_bytes(content)
     out = tmp_path / "never.json"
-    assert ran(path, "--json", "--out", out) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err.count("\n") == 1
-    assert f"{path}" in captured.err
-    assert said in captured.err
+    error = palpate.refused("settle", path, "--json", "--out", out)
+    assert f"{path}" in error
+    assert said in error
     assert not out.exists()
 
 
@@ -333,43 +297,36 @@ def test_bad_files_are_one_line_and_status_2(
     ("header", "hold"), [("hold_id,time_s,value", "A,"), ("time_s,percent", "")]
 )
 def test_values_too_large_to_work_with_are_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], header: str, hold: str
+    tmp_path: Path, palpate: Command, header: str, hold: str
 ) -> None:
     rows = (f"{hold}{number / 20},{(-1) ** number * 1.7e308}" for number in range(400))
     path = tmp_path / "huge.csv"
     path.write_text("\n".join((header, *rows)))
-    assert ran(path, "--plot", tmp_path / "plot.png") == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert f"{path}" in said
+    assert f"{path}" in palpate.refused("settle", path, "--plot", tmp_path / "plot.png")
 
 
 def test_a_pipe_is_read_once_and_refused_where_it_would_be_read_twice(
-    holds_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    holds_csv: Path, tmp_path: Path, palpate: Command
 ) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    assert ran(pipe, "--plot", tmp_path / "plot.png") == 2
-    assert "a pipe can be read only once" in capsys.readouterr().err
+    error = palpate("settle", pipe, "--plot", tmp_path / "plot.png", status=2).err
+    assert "a pipe can be read only once" in error
     writer = threading.Thread(target=lambda: pipe.write_bytes(holds_csv.read_bytes()))
     writer.start()
-    found = document(capsys, pipe)
+    found = document(palpate, pipe)
     writer.join()
     assert len(found["rows"]) == 8
 
 
-def test_a_folder_and_no_file_at_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert ran(tmp_path) == 2
-    assert "a folder" in capsys.readouterr().err
-    assert ran() == 2
-    assert capsys.readouterr().err.count("\n") == 1
+def test_a_folder_and_no_file_at_all(tmp_path: Path, palpate: Command) -> None:
+    assert "a folder" in palpate("settle", tmp_path, status=2).err
+    assert palpate("settle", status=2).err.count("\n") == 1
 
 
 @pytest.mark.slow
-def test_real_holds_give_finite_predictions(
-    real_data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    found = document(capsys, real_data / "holds_cbsilicone.csv.gz", "--cutoff", "2.5")
+def test_real_holds_give_finite_predictions(real_data: Path, palpate: Command) -> None:
+    found = document(palpate, real_data / "holds_cbsilicone.csv.gz", "--cutoff", "2.5")
     assert len(found["rows"]) == found["summary"][0]["holds"] == 131
     assert all(row["predicted"] is not None for row in found["rows"])
     assert all(row["settled"] is not None for row in found["rows"])
@@ -377,14 +334,10 @@ def test_real_holds_give_finite_predictions(
 
 @pytest.mark.parametrize("columns", [60, 80])
 def test_a_narrow_terminal_has_every_column(
-    holds_csv: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    columns: int,
+    holds_csv: Path, palpate: Command, monkeypatch: pytest.MonkeyPatch, columns: int
 ) -> None:
     monkeypatch.setattr(settle_report, "PIPED_WIDTH", columns)
-    assert ran(holds_csv) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = palpate("settle", holds_csv).out.splitlines()
     # A heading of two words may stand on two lines.
     heads = [
         f"{above} {line}".split() for above, line in itertools.pairwise(lines) if "cut-off" in line
@@ -397,9 +350,7 @@ def test_a_narrow_terminal_has_every_column(
     assert all(len(line) <= columns for line in lines)
 
 
-def test_mean_of_the_columns_is_predicted_as_one_hold(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_mean_of_the_columns_is_predicted_as_one_hold(tmp_path: Path, palpate: Command) -> None:
     time_s = np.arange(0, 26, 0.1)
     fall = np.where(time_s > 3, 0.5 - 0.1 * np.exp(-(time_s - 3) / 2), 0.0)
     rows = [
@@ -409,7 +360,7 @@ def test_mean_of_the_columns_is_predicted_as_one_hold(
     path = tmp_path / "pixels.csv"
     path.write_text("\n".join(["time_s,a_ohm,b_ohm", *rows]) + "\n")
     options = ("--rest", "0:2.5", "--mean", "--method", "exponential")
-    (row,) = document(capsys, path, *options)["rows"]
+    (row,) = document(palpate, path, *options)["rows"]
     assert row["hold_id"] == "pixels:mean change:1"
     assert row["predicted"] == pytest.approx(-35.0, abs=0.2)
     for wrong, words in (
@@ -417,20 +368,16 @@ def test_mean_of_the_columns_is_predicted_as_one_hold(
         (["--rest", "3"], "give START:END in seconds"),
         (["--rest", "0:2", "--unit", "percent"], "relative changes of ohm"),
     ):
-        assert ran(path, *wrong) == 2
-        assert words in capsys.readouterr().err
+        assert words in palpate("settle", path, *wrong, status=2).err
 
 
-def test_rows_and_summary_of_one_hold_agree(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_rows_and_summary_of_one_hold_agree(tmp_path: Path, palpate: Command) -> None:
     time_s = np.arange(0, 21, 0.1)
     values = 40.0 + 8.0 * np.exp(-time_s / 4.0)
     rows = [f"h1,{time:.1f},{value:.6f}" for time, value in zip(time_s, values, strict=True)]
     path = tmp_path / "one.csv"
     path.write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
-    assert ran(path, "--method", "relaxation", "--method", "recorded") == 0
-    shown = capsys.readouterr().out
+    shown = palpate("settle", path, "--method", "relaxation", "--method", "recorded").out
     assert "relaxation: 1 hold\n" in re.sub(r" +\n", "\n", shown)
     # The half-width is of the settled value in both tables.
     (row,) = re.findall(r"h1 .* ([\d.]+) % +[\d.]+\.\.", shown)

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.commands import Command
 
-from palpate.cli import build_app, run
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store
 
 NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
-
-
-def teach(*arguments: str | Path) -> int:
-    return run(build_app(), ["teach", *map(str, arguments)], name="palpate")
 
 
 def write_table(path: Path, *, unlabelled: int = 2) -> Path:
@@ -81,12 +76,9 @@ def store(tmp_path: Path) -> Path:
     return path
 
 
-def test_teach_table_reports_and_names_rows_without_label(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_teach_table_reports_and_names_rows_without_label(tmp_path: Path, palpate: Command) -> None:
     file = write_table(tmp_path / "grades.csv")
-    assert teach("grade", "--table", file, "--json") == 0
-    document = json.loads(capsys.readouterr().out)
+    document = palpate("teach", "grade", "--table", file, "--json").document
     assert document["features"] == ["firmness", "size_mm"]
     assert document["items"] == 22
     assert document["right"] > 0.9 > 0.6 > document["right_by_chance"]
@@ -94,18 +86,16 @@ def test_teach_table_reports_and_names_rows_without_label(
         ("A0", "soft"),
         ("A1", "firm"),
     ]
-    assert teach("grade", "--table", file) == 0
-    shown = capsys.readouterr().out
+    shown = palpate("teach", "grade", "--table", file).out
     assert "22 labelled items" in shown
     assert "named rightly when left out" in " ".join(shown.split())
 
 
-def test_teach_grade_labels_items_of_the_store_first(
-    store: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_teach_grade_labels_items_of_the_store_first(store: Path, palpate: Command) -> None:
     says = [f"--say=A{number}={('II', 'I')[number % 2]}" for number in range(12)]
-    assert teach("grade", "--kind", "avocado", *says, "--store", store, "--json") == 0
-    document = json.loads(capsys.readouterr().out)
+    document = palpate(
+        "teach", "grade", "--kind", "avocado", *says, "--store", store, "--json"
+    ).document
     assert document["items"] == 12
     assert document["right"] == 1.0
     assert {one["item_id"]: one["label"] for one in document["named"]} == {
@@ -117,10 +107,9 @@ def test_teach_grade_labels_items_of_the_store_first(
 
 @pytest.mark.parametrize(("question", "features"), [("ripeness", 1), ("bruise", 17), ("kind", 4)])
 def test_teach_learns_each_question_from_the_store(
-    store: Path, capsys: pytest.CaptureFixture[str], question: str, features: int
+    store: Path, palpate: Command, question: str, features: int
 ) -> None:
-    assert teach(question, "--kind", "avocado", "--store", store, "--json") == 0
-    document = json.loads(capsys.readouterr().out)
+    document = palpate("teach", question, "--kind", "avocado", "--store", store, "--json").document
     assert len(document["features"]) == features
     assert document["items"] == 20
     assert document["right"] > 0.9
@@ -144,14 +133,13 @@ def test_teach_bad_input_says_what_to_do(
     store: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    palpate: Command,
     arguments: tuple[str, ...],
     message: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("bare.csv").write_text("item_id,label\nA1,soft\n")
     Path("few.csv").write_text("item_id,label,firmness\nA1,soft,41\n")
-    assert teach(*arguments) == 2
-    lines = capsys.readouterr().err.strip().splitlines()
+    lines = palpate("teach", *arguments, status=2).err.strip().splitlines()
     assert len(lines) == 1
     assert message in lines[0]
