@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import sqlalchemy as sa
+from tests.factories import make_grasp
 
 from palpate.errors import InputError, StoreError
 from palpate.estimate.measurement import Measurement
@@ -49,13 +50,9 @@ def stiffness(value: float) -> Measurement:
 
 def grasp(item_id: str = "A17", *, hours: float = 0.0, value: float = 3.0) -> Grasp:
     settled = Measurement(value=-41.5, low=-43.0, high=-40.0, unit="percent", level=0.95)
-    return Grasp(
-        item_id=item_id,
+    return make_grasp(
+        item_id,
         taken_at=MORNING + timedelta(hours=hours),
-        rig="sim-rigid",
-        drive="width",
-        origin="twin",
-        outcome=Outcome.HELD,
         measurements={"stiffness_n_per_mm": stiffness(value), "settled_percent": settled},
         pixel_settled_percent=((-40.0, None), (-43.25, -41.0)),
         decision_time_s=1.25,
@@ -82,8 +79,7 @@ def test_a_grasp_comes_back_as_it_went_in(store: Store) -> None:
 
 
 def test_a_grasp_with_nothing_measured_comes_back(store: Store) -> None:
-    bare = Grasp(
-        item_id="A17",
+    bare = make_grasp(
         taken_at=MORNING,
         rig="hall.toml",
         drive="pressure",

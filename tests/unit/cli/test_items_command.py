@@ -6,20 +6,16 @@ import json
 import sqlite3
 from contextlib import closing
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
 from tests.commands import Command
+from tests.factories import NOON, make_grasp
 
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store, engine
-
-NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
-
-#: Written by the version before.
 
 
 @pytest.fixture(autouse=True)
@@ -32,13 +28,11 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def grasp(item_id: str, *, days: int = 0, value: float = 3.0) -> Grasp:
-    return Grasp(
-        item_id=item_id,
+    return make_grasp(
+        item_id,
         taken_at=NOON + timedelta(days=days),
         rig="hall.toml",
-        drive="width",
         origin="hardware" if item_id != "S1" else "twin",
-        outcome=Outcome.HELD,
         measurements={
             "stiffness_n_per_mm": Measurement(
                 value=value, low=value - 1, high=value + 1, unit="n_per_mm"

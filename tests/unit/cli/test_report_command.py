@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
 from tests.commands import Command
+from tests.factories import NOON, make_grasp
 
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
@@ -17,7 +18,6 @@ from palpate.produce.records import MEASURED, About, Grasp, Item, Source, Verdic
 from palpate.produce.store import Store
 from palpate.settling.result import Status
 
-NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
 VALUES = {"size_mm": 62.5, "force_n": 2.5, "stiffness_n_per_mm": 4.25, "settled_percent": -31.0}
 VOID = {"meta", "br", "img", "link"}
 
@@ -84,12 +84,9 @@ def store() -> None:
 
 
 def grasp(item_id: str, *, hours: float, outcome: Outcome = Outcome.HELD) -> Grasp:
-    return Grasp(
-        item_id=item_id,
+    return make_grasp(
+        item_id,
         taken_at=NOON + timedelta(hours=hours),
-        rig="sim-rigid",
-        drive="width",
-        origin="twin",
         outcome=outcome if hours else Outcome.SLIPPED,
         measurements={
             name: Measurement(

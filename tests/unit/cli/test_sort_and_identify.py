@@ -6,20 +6,20 @@ import io
 import itertools
 import json
 import re
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.closings import write_damage_file
 from tests.commands import Command
+from tests.factories import NOON, make_grasp
 
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Verdict
 from palpate.produce.store import Store
 
-NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
 KINDS = {"egg": (44.0, 12.0), "kiwi": (50.0, 1.5), "lime": (45.0, 3.5)}
 RULES = """\
 default = "by hand"
@@ -52,13 +52,10 @@ size_mm = [45, 80]
 
 def grasp(item_id: str, at: tuple[float, float], *, rng: np.random.Generator, n: int = 0) -> Grasp:
     size, stiffness = np.array(at) * np.exp(np.array([0.02, 0.1]) * rng.standard_normal(2))
-    return Grasp(
-        item_id=item_id,
+    return make_grasp(
+        item_id,
         taken_at=NOON + timedelta(minutes=n),
         rig="test",
-        drive="width",
-        origin="twin",
-        outcome=Outcome.HELD,
         measurements={
             "size_mm": Measurement(value=size, low=size - 0.4, high=size + 0.4, unit="mm"),
             "stiffness_n_per_mm": Measurement(
@@ -127,14 +124,7 @@ def test_identify_refuses_in_one_line(palpate: Command, store: Path, item: str, 
 
 
 def test_identify_needs_what_tells_kinds_apart(palpate: Command, store: Path) -> None:
-    slipped = Grasp(
-        item_id="never",
-        taken_at=NOON,
-        rig="test",
-        drive="width",
-        origin="twin",
-        outcome=Outcome.SLIPPED,
-    )
+    slipped = make_grasp("never", rig="test", outcome=Outcome.SLIPPED)
     with Store.open(store) as kept:
         kept.add_grasp(slipped)
     err = palpate("sort", "--identify", "never", "--store", store, status=2).err

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.commands import Command
+from tests.factories import NOON, make_grasp
 
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store
-
-NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
 
 
 def write_table(path: Path, *, unlabelled: int = 2) -> Path:
@@ -34,13 +32,11 @@ def grasp(
     values = {"size_mm": (60.0, "mm"), "stiffness_n_per_mm": (firmness / 10, "n_per_mm")}
     values |= {"firmness": (firmness, "index"), "settled_percent": (-40.0, "percent")}
     values |= {"firmness_n_per_mm": (firmness / 10, "n_per_mm")}
-    return Grasp(
-        item_id=item_id,
+    return make_grasp(
+        item_id,
         taken_at=NOON + timedelta(minutes=minutes),
         rig="test",
-        drive="width",
         origin="hardware",
-        outcome=Outcome.HELD,
         measurements={
             name: Measurement(value=v, low=v - 0.1, high=v + 0.1, unit=unit)
             for name, (v, unit) in values.items()

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
+from tests.factories import make_grasp
 
 from palpate.dashboard.item_store import ItemStore
 from palpate.dashboard.messages import FrameSource
@@ -223,12 +224,9 @@ def test_ripening_is_drawn_for_an_item_whose_kind_was_labelled(tmp_path: Path) -
 def felt(item_id: str, taken_at: datetime, firm: float) -> Grasp:
     """Return a grasp that measured a stiffness at 5 N."""
     measured = Measurement(value=firm, low=0.8 * firm, high=1.25 * firm, unit="n_per_mm")
-    return Grasp(
-        item_id=item_id,
+    return make_grasp(
+        item_id,
         taken_at=taken_at,
-        origin="twin",
-        rig="sim-rigid",
-        drive="width",
         outcome="held",
         measurements={"firmness_n_per_mm": measured, "stiffness_n_per_mm": measured},
     )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +16,8 @@ from palpate.estimate.damage import DamageModel, fit_damage_model
 from palpate.estimate.force import PowerForceLaw
 from palpate.estimate.strength import ClosingCurve
 from palpate.grasp.plan import Plan
+from palpate.grasp.result import GraspResult
+from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, Frame
 from palpate.settling.relaxation import Relaxation
@@ -81,6 +85,15 @@ class Bench:
 
     def close(self) -> None:
         pass
+
+    def change_frames(self, change: Callable[[Frame], Frame]) -> None:
+        """Read every frame from now on as `change` returns it."""
+        read = self.read
+        self.read = lambda *, timeout_s: change(read(timeout_s=timeout_s))  # type: ignore[method-assign]
+
+    def grasp(self, plan: Plan, **views: Any) -> GraspResult:
+        """Grasp the spring; `views` are the subscribers, watchers and requests of the loop."""
+        return run_grasp(plan, array=self, gripper=self, clock=self.clock, **views)
 
 
 @pytest.fixture

@@ -5,28 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from tests.factories import closing_steps, touch
 
 from palpate.estimate.closing_stiffness import FELT
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.answers import floor_n, measure_object
-from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
+from palpate.grasp.estimator import ClosingStep, ContactEstimate
 from palpate.grasp.plan import Plan
 from palpate.grasp.step_size import force_now
 
 
 def test_measure_object_step_whose_pixels_cancel_is_not_felt(plan: Plan) -> None:
-    steps = tuple(
-        ClosingStep(
-            closure=20.0 + 0.5 * number,
-            touch=Touch(
-                time_s=float(number),
-                finger_percent=(-20.0, -20.0),
-                relative_percent=-20.0,
-                reading=reading,
-            ),
-        )
-        for number, reading in enumerate([1.0, 0.0, 2.0, 3.0, 4.0])
-    )
+    steps = closing_steps([1.0, 0.0, 2.0, 3.0, 4.0], step_mm=0.5)
     estimate = ContactEstimate(steps=steps, contact_s=0.0, closure=22.0, force_n=2.0)
     estimate.set_force(2.0, 2.2)
     measured = measure_object(estimate, force_now(estimate, plan), plan=plan)
@@ -39,20 +29,8 @@ def test_measure_object_step_whose_pixels_cancel_is_not_felt(plan: Plan) -> None
 def test_measure_object_touch_too_faint_for_a_curve_still_has_a_firmness(
     plan: Plan, readings: list[float]
 ) -> None:
-    steps = tuple(
-        ClosingStep(
-            closure=20.0 + number,
-            touch=Touch(
-                time_s=float(number),
-                finger_percent=(percent, percent),
-                relative_percent=percent,
-                reading=reading,
-            ),
-        )
-        for number, (percent, reading) in enumerate(
-            [(0.0, 0.0), *((-5.0, reading) for reading in readings)]
-        )
-    )
+    untouched = ClosingStep(closure=20.0, touch=touch(0.0, percent=0.0, time_s=0.0))
+    steps = (untouched, *closing_steps([0.0, *readings], step_mm=1.0, percent=-5.0)[1:])
     estimate = ContactEstimate(steps=steps, contact_s=0.0, closure=20.0 + len(readings))
     force = Measurement(value=3.0, low=2.0, high=4.0, unit="n", level=0.9)
     found = measure_object(estimate, force, plan=plan)

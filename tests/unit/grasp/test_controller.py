@@ -14,13 +14,8 @@ from palpate.estimate.force import PowerForceLaw
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Outcome
-from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
-
-
-def run(plan: Plan, bench: Any, *, watch: Any = None) -> GraspResult:
-    watchers = [] if watch is None else [watch]
-    return run_grasp(plan, array=bench, gripper=bench, clock=bench.clock, watchers=watchers)
+from palpate.sensor.array import Frame
 
 
 def names(result: GraspResult) -> list[str]:
@@ -38,7 +33,7 @@ def test_the_strongest_reading_is_that_since_the_last_movement(plan: Plan, bench
             assert grasp_state.estimate.strongest == max(readings)
             fallen += readings[0] > readings[-1]
 
-    assert run(plan, bench, watch=compare).outcome is Outcome.HELD
+    assert bench.grasp(plan, watchers=[compare]).outcome is Outcome.HELD
     assert fallen, "the last reading is not always the strongest"
 
 
@@ -51,7 +46,7 @@ def test_tries_again_until_something_is_there(plan: Plan, bench: Any) -> None:
         if grasp_state.activity == Activity.WAIT:
             bench.size_mm = 50.3
 
-    result = run(replace(plan, tries=3), bench, watch=somebody)
+    result = bench.grasp(replace(plan, tries=3), watchers=[somebody])
     assert result.outcome is Outcome.HELD
     assert names(result)[0] == "nothing_there"
     closed = ["approach", "sweep", "felt", "approach"]
@@ -61,7 +56,7 @@ def test_tries_again_until_something_is_there(plan: Plan, bench: Any) -> None:
 
 def test_nothing_there_after_the_last_try(plan: Plan, bench: Any) -> None:
     bench.size_mm = 0.0
-    result = run(replace(plan, tries=2, longest_s=300.0), bench)
+    result = bench.grasp(replace(plan, tries=2, longest_s=300.0))
     assert result.outcome is Outcome.NOTHING_THERE
     assert names(result).count("nothing_there") == 2
     assert result.faults == (), "rest values are taken anew, from enough frames"
@@ -78,7 +73,7 @@ def test_a_touch_that_is_gone_when_looked_at_again_is_none(plan: Plan, bench: An
 
     # A faint touch, whose reading alone is no grip, looked at until only fresh frames count.
     longer = replace(plan, gentle_force_n=8.0, confirm_s=0.5)
-    result = run(longer, bench, watch=taken_away)
+    result = bench.grasp(longer, watchers=[taken_away])
     assert Activity.CONFIRM in entered
     assert Phase.SQUEEZE not in entered
     assert result.outcome is Outcome.NOTHING_THERE
@@ -87,7 +82,7 @@ def test_a_touch_that_is_gone_when_looked_at_again_is_none(plan: Plan, bench: An
 def test_a_law_that_cannot_tell_nothing_from_too_much_grips_nothing(plan: Plan, bench: Any) -> None:
     assert isinstance(plan.early_law, PowerForceLaw)
     coarse = replace(plan.early_law, residual_sd=0.7, floor_n=9.0)
-    result = run(replace(plan, early_law=coarse), bench)
+    result = bench.grasp(replace(plan, early_law=coarse))
     assert result.outcome is Outcome.FORCE_LIMIT
     assert "calibrate the force again" in result.faults[0]
     assert result.force_n is None
@@ -104,7 +99,7 @@ def test_waits_between_tries_unless_touched(plan: Plan, bench: Any, touched: boo
         # Touching is squeezing the pads: the spring is in the open hand for a moment.
         bench.size_mm = 76.0 if waiting and touched and grasp_state.estimate.still_s > 0.5 else 0.0
 
-    result = run(replace(plan, tries=2, wait_s=6.0, longest_s=300.0), bench, watch=hand)
+    result = bench.grasp(replace(plan, tries=2, wait_s=6.0, longest_s=300.0), watchers=[hand])
     waited_s = waiting_s[-1] - waiting_s[0]
     assert any(moment.name == "touch" for moment in result.moments) == touched
     assert waited_s < 3.0 if touched else waited_s >= 6.0
@@ -117,7 +112,7 @@ def test_holds_only_what_it_is_sure_to_lift(plan: Plan, bench: Any) -> None:
         if grasp_state.phase is Phase.HOLD:
             lifted_at_n.append(bench.force_n)
 
-    result = run(replace(plan, target_force_n=3.0, lift_force_n=4.0), bench, watch=arm)
+    result = bench.grasp(replace(plan, target_force_n=3.0, lift_force_n=4.0), watchers=[arm])
     assert result.outcome is Outcome.HELD
     assert result.force_n.low >= 4.0
     assert min(lifted_at_n) >= 4.0
@@ -127,7 +122,7 @@ def test_too_weak_to_lift_is_put_back(plan: Plan, bench: Any) -> None:
     phases = set[Phase]()
     safety = replace(plan.safety, force_ceiling_n=3.0)
     heavy = replace(plan, lift_force_n=8.0, safety=safety)
-    result = run(heavy, bench, watch=lambda grasp_state: phases.add(grasp_state.phase))
+    result = bench.grasp(heavy, watchers=[lambda grasp_state: phases.add(grasp_state.phase)])
     assert result.outcome is Outcome.TOO_WEAK
     assert Phase.HOLD not in phases
     assert bench.width_mm == 74.0
@@ -136,22 +131,20 @@ def test_too_weak_to_lift_is_put_back(plan: Plan, bench: Any) -> None:
 def test_damage_limit_stops_before_the_target(plan: Plan, bench: Any, damage: DamageModel) -> None:
     forces = list[float]()
     wanted = replace(plan, target_force_n=8.0, damage=damage)
-    result = run(wanted, bench, watch=lambda _: forces.append(bench.force_n))
+    result = bench.grasp(wanted, watchers=[lambda _: forces.append(bench.force_n)])
     assert result.outcome is Outcome.HELD
     assert "damage_limit" in names(result)
     # 2 N/mm yields near 3 N; without a limit the same hand reaches its target.
     assert 0.5 < max(forces) < 3.0
     unlimited = type(bench)()
-    run(
-        replace(plan, target_force_n=8.0),
-        unlimited,
-        watch=lambda _: forces.append(unlimited.force_n),
+    unlimited.grasp(
+        replace(plan, target_force_n=8.0), watchers=[lambda _: forces.append(unlimited.force_n)]
     )
     assert max(forces) > 7.0
 
 
 def test_on_target_is_told_before_the_answer(plan: Plan, bench: Any) -> None:
-    result = run(replace(plan, target_force_n=6.0), bench)
+    result = bench.grasp(replace(plan, target_force_n=6.0))
     at = {moment.name: moment.time_s for moment in result.moments if moment.finger is None}
     assert at["contact"] < at["on_target"] <= at["answer"]
     assert abs(result.force_n.value / 6.0 - 1) < 0.08
@@ -159,10 +152,8 @@ def test_on_target_is_told_before_the_answer(plan: Plan, bench: Any) -> None:
 
 def test_a_push_on_one_finger_is_no_contact(plan: Plan, bench: Any) -> None:
     """The first finger pushes the object for 3 mm before the other one touches it too."""
-    read = type(bench).read
 
-    def pushed(*, timeout_s: float) -> Any:
-        frame = read(bench, timeout_s=timeout_s)
+    def pushed(frame: Frame) -> Frame:
         # A sheet without any noise would count as stuck.
         frame = replace(frame, counts=np.array(frame.counts) + frame.sequence % 2)
         if bench.force_n == 0 and bench.width_mm < bench.size_mm + 3.0:
@@ -171,8 +162,8 @@ def test_a_push_on_one_finger_is_no_contact(plan: Plan, bench: Any) -> None:
             return replace(frame, counts=counts)
         return frame
 
-    bench.read = pushed
-    result = run(plan, bench)
+    bench.change_frames(pushed)
+    result = bench.grasp(plan)
     assert result.outcome is Outcome.HELD
     assert result.previous_width_mm < 51.4
     first = [m for m in result.moments if m.name == "finger_contact"]
@@ -187,23 +178,21 @@ def test_nothing_more_is_pressed_while_nothing_is_known_of_the_limit(
     forces = list[float]()
     blind = replace(plan, target_force_n=8.0, damage=damage, give=None)
     bench.n_per_mm = 0.7
-    result = run(blind, bench, watch=lambda _: forces.append(bench.force_n))
+    result = bench.grasp(blind, watchers=[lambda _: forces.append(bench.force_n)])
     assert "damage_limit" in names(result)
     touched_n = 0.5 * 0.7 / (1 + 0.7 * 0.2)
     assert max(forces) < touched_n + 0.3 + 0.7 / (1 + 0.7 * 0.2)
 
 
-def test_what_was_really_sent_is_believed(plan: Plan, bench: Any) -> None:
+def test_run_grasp_command_that_the_gripper_rounds_is_taken_as_sent(plan: Plan, bench: Any) -> None:
     """A gripper that goes to whole half millimetres only."""
     command = bench.command
     bench.command = lambda wanted: command(replace(wanted, target=round(2 * wanted.target) / 2))
     sent = list[float]()
-
-    def watch(grasp_state: GraspState) -> None:
-        if grasp_state.phase in (Phase.SQUEEZE, Phase.SETTLE):
-            sent.append(grasp_state.estimate.sent)
-
-    run(replace(plan, target_force_n=4.0), bench, watch=watch)
+    bench.grasp(
+        replace(plan, target_force_n=4.0),
+        watchers=[lambda grasp_state: sent.append(grasp_state.estimate.sent)],
+    )
     assert sent
     assert all(2 * closure == round(2 * closure) for closure in sent)
 
@@ -217,7 +206,7 @@ def test_corrections_are_steps_of_the_closing_too(plan: Plan, bench: Any) -> Non
             bench.size_mm = 49.9
         seen.append(grasp_state)
 
-    result = run(replace(plan, target_force_n=4.0), bench, watch=watch)
+    result = bench.grasp(replace(plan, target_force_n=4.0), watchers=[watch])
     assert "adjusted" in names(result)
     last = seen[-1].estimate.steps[-1]
     assert last.closure == pytest.approx(
@@ -239,10 +228,9 @@ def test_what_gives_way_under_the_closing_is_let_go(plan: Plan, bench: Any) -> N
 
     bench.read = yielding
     closures = list[float]()
-    result = run(
+    result = bench.grasp(
         replace(plan, target_force_n=6.0),
-        bench,
-        watch=lambda grasp_state: closures.append(grasp_state.estimate.closure),
+        watchers=[lambda grasp_state: closures.append(grasp_state.estimate.closure)],
     )
     assert result.outcome is Outcome.SENSOR_LOST
     assert "less and less while the hand closes on" in result.faults[0]
@@ -259,18 +247,17 @@ def test_a_sheet_that_does_not_show_the_force_is_let_go(
     plan: Plan, bench: Any, target_force_n: float, shown_n: Callable[[float], float]
 ) -> None:
     """From 3 N on it shows something else."""
-    read, peak_n = type(bench).read, [0.0]
+    peak_n = [0.0]
 
-    def turned(*, timeout_s: float) -> Any:
-        frame = read(bench, timeout_s=timeout_s)
+    def turned(frame: Frame) -> Frame:
         peak_n[0] = max(peak_n[0], bench.force_n)
         if peak_n[0] < 3.0:
             return frame
         ohm = plan.rest_ohm[0, 0] / (1 + 2 * max(shown_n(bench.force_n), 0.0) / frame.counts.size)
         return replace(frame, counts=np.full_like(frame.counts, 1024 * 4700 / (4700 + ohm)))
 
-    bench.read = turned
-    result = run(replace(plan, target_force_n=target_force_n), bench)
+    bench.change_frames(turned)
+    result = bench.grasp(replace(plan, target_force_n=target_force_n))
     assert result.outcome is Outcome.SENSOR_LOST
     assert "or more where it opens" in result.faults[0]
     assert peak_n[0] < 7.0
@@ -281,10 +268,9 @@ def test_a_sheet_that_does_not_show_the_force_is_let_go(
 def test_finger_that_reads_its_rest_while_the_other_is_pressed_ends_the_grasp(
     plan: Plan, bench: Any, finger: int, from_n: float
 ) -> None:
-    read, peak_n = bench.read, [0.0]
+    peak_n = [0.0]
 
-    def half_dead(*, timeout_s: float) -> Any:
-        frame = read(timeout_s=timeout_s)
+    def half_dead(frame: Frame) -> Frame:
         peak_n[0] = max(peak_n[0], bench.force_n)
         if peak_n[0] < from_n:
             return frame
@@ -293,8 +279,8 @@ def test_finger_that_reads_its_rest_while_the_other_is_pressed_ends_the_grasp(
         counts[finger * rows : (finger + 1) * rows] = round(at_rest)
         return replace(frame, counts=counts)
 
-    bench.read = half_dead
-    result = run(replace(plan, target_force_n=4.0), bench)
+    bench.change_frames(half_dead)
+    result = bench.grasp(replace(plan, target_force_n=4.0))
     assert result.outcome is Outcome.SENSOR_LOST
     assert f"finger {1 - finger} feels a grip and the other feels nothing" in result.faults[0]
     assert peak_n[0] < 1.1 * 4.0
@@ -315,7 +301,7 @@ def test_hold_pressed_from_outside_beyond_the_ceiling_opens_at_the_next_frames(
             pressed_s.append(grasp_state.estimate.now_s)
 
     bench.read = squeezed
-    result = run(replace(plan, hold_s=20.0), bench, watch=watch)
+    result = bench.grasp(replace(plan, hold_s=20.0), watchers=[watch])
     assert result.outcome is Outcome.FORCE_LIMIT
     assert "15 N is the most allowed" in result.faults[0]
     opened_s = next(m.time_s for m in result.moments if m.name == "force_limit")

@@ -6,17 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.factories import draw, grasp_on_twin
 
 from palpate.estimate.sheet_creep import OwnCreep
 from palpate.grasp.answers import forecast
 from palpate.grasp.estimator import ContactEstimate, Touch
 from palpate.grasp.plan import Plan
-from palpate.grasp.planning import plan_grasp
-from palpate.grasp.runner import run_grasp
 from palpate.rig.simulated import calibrate_twin
 from palpate.settling.result import Status
-from palpate.twin.devices import TwinArray, TwinGripper
-from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 
 #: Frames of a reading that falls by a fifth each: drawn out, next to nothing would be left.
@@ -61,9 +58,7 @@ def test_the_sheets_own_creep_takes_its_place(plan: Plan) -> None:
 def test_forecast_of_the_change_follows_the_creep_that_the_calibration_knows(seed: int) -> None:
     """Simulated soft fingers, gently; the forecast by shapes alone was 15 to 30 % too deep."""
     calibration = calibrate_twin(seed=seed, level="lab", apart_from="tomato", kind="soft")
-    obj = draw_object(np.random.default_rng([seed, 10]), "tomato")
+    obj = draw("tomato", seed, 10)
     world = World(obj, seed=seed, sheet_seed=seed, level="lab", gripper="soft")
-    gripper = TwinGripper(world)
-    plan = plan_grasp(calibration, gripper=gripper)
-    result = run_grasp(plan, array=TwinArray(world), gripper=gripper, clock=world.clock)
+    result = grasp_on_twin(world, calibration)
     assert result.settled_percent.value == pytest.approx(world.truth().settled_percent, rel=0.12)

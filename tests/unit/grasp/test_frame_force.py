@@ -6,9 +6,10 @@ import math
 from dataclasses import replace
 
 import pytest
+from tests.factories import touch
 
 from palpate.estimate.gain import Gain
-from palpate.grasp.estimator import ContactEstimate, Touch
+from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.plan import Plan
 
 
@@ -18,9 +19,8 @@ def test_watched_force_of_one_spike_is_that_of_its_neighbour() -> None:
 
 
 def test_frame_force_grows_with_the_gain_of_the_contact(plan: Plan) -> None:
-    touch = Touch(time_s=1.0, finger_percent=(-20.0, -20.0), relative_percent=-20.0, reading=4.0)
     plain = ContactEstimate()
     gain = Gain(log_mean=math.log(1.5), log_sd=0.1, law_sd=0.1)
     stronger = replace(plain, gain=gain)
-    expected_n = 1.5 * plain._frame_n(touch, plan)
-    assert stronger._frame_n(touch, plan) == pytest.approx(expected_n)
+    expected_n = 1.5 * plain._frame_n(touch(4.0), plan)
+    assert stronger._frame_n(touch(4.0), plan) == pytest.approx(expected_n)

@@ -10,7 +10,6 @@ import pytest
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Outcome
-from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
 
 _SQUEEZING = (Phase.SQUEEZE, Activity.FORECAST, Phase.HOLD)
@@ -25,7 +24,7 @@ def grasped(plan: Plan, bench: Any, n_per_mm: float) -> tuple[GraspResult, float
         if grasp_state.phase is not Phase.RELEASE:
             (squeeze_n if grasp_state.activity in _SQUEEZING else touch_n).append(bench.force_n)
 
-    result = run_grasp(plan, array=bench, gripper=bench, clock=bench.clock, watchers=[watch])
+    result = bench.grasp(plan, watchers=[watch])
     assert result.outcome is Outcome.HELD
     return result, max(touch_n), max(squeeze_n)
 

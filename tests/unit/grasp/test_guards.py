@@ -17,32 +17,26 @@ from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.requests import Requests
 from palpate.grasp.rest import strange_rest
-from palpate.grasp.result import GraspResult, Outcome
-from palpate.grasp.runner import run_grasp
+from palpate.grasp.result import Outcome
 from palpate.grasp.safety import FORCE_CEILING_N, Alarm, Danger, SafetyLimits
 from palpate.grasp.state import GraspState
-from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
+from palpate.gripper.interface import GripperLimits, GripperState
 from palpate.sensor.array import Frame
 
 PERIOD_S = 1 / 15
 
 
-def run(plan: Plan, bench: Any, *subscribers: Any) -> GraspResult:
-    return run_grasp(plan, array=bench, gripper=bench, clock=bench.clock, subscribers=subscribers)
-
-
 def spoil_frames(bench: Any, change: Callable[[np.ndarray], np.ndarray], *, when: Any) -> None:
     """Change the counts of every frame from when a condition first holds."""
-    read, spoilt = bench.read, list[bool]()
+    spoilt = list[bool]()
 
-    def other(*, timeout_s: float) -> Frame:
-        frame = read(timeout_s=timeout_s)
+    def other(frame: Frame) -> Frame:
         if spoilt or when():
             spoilt.append(True)
             frame = replace(frame, counts=change(frame.counts.copy()))
         return frame
 
-    bench.read = other
+    bench.change_frames(other)
 
 
 def spoil_state(bench: Any, **values: float) -> None:
@@ -70,7 +64,7 @@ def test_shorts_in_a_grip_end_it(plan: Plan, bench: Any, where: Any) -> None:
         return counts
 
     spoil_frames(bench, short, when=lambda: held(bench))
-    result = run(replace(plan, hold_s=30.0), bench)
+    result = bench.grasp(replace(plan, hold_s=30.0))
     assert result.outcome is Outcome.SENSOR_LOST
     assert "reads short" in result.faults[0]
     assert bench.force_n > 0, "dropping is damage too"
@@ -81,25 +75,23 @@ def test_all_counts_at_the_top_while_closing_open_the_hand(plan: Plan, bench: An
     bench.n_per_mm = 50.0
     peaks = list[float]()
     spoil_frames(bench, lambda counts: counts * 0 + 1023, when=lambda: bench.clock.now_s() > 1.0)
-    result = run(plan, bench, lambda _: peaks.append(bench.force_n))
+    result = bench.grasp(plan, subscribers=[lambda _: peaks.append(bench.force_n)])
     assert result.outcome in (Outcome.SENSOR_LOST, Outcome.FORCE_LIMIT)
     assert result.faults
     assert max(peaks) < 1.0
 
 
 def test_one_flicker_to_the_end_of_the_range_changes_nothing(plan: Plan, bench: Any) -> None:
-    read = bench.read
 
-    def flickering(*, timeout_s: float) -> Frame:
-        frame = read(timeout_s=timeout_s)
+    def flickering(frame: Frame) -> Frame:
         counts = frame.counts.copy()
         if frame.sequence % 20 == 0:
             counts[0, 0] = 1023
         return replace(frame, counts=counts)
 
-    bench.read = flickering
+    bench.change_frames(flickering)
     frames = list[Observation]()
-    result = run(plan, bench, frames.append)
+    result = bench.grasp(plan, subscribers=[frames.append])
     assert result.outcome is Outcome.HELD
     assert result.faults == ()
     assert result.frames == len(frames)
@@ -113,7 +105,7 @@ def test_counts_that_no_converter_gives(plan: Plan, bench: Any, counts: int) -> 
         return frame
 
     spoil_frames(bench, other, when=lambda: held(bench))
-    result = run(replace(plan, hold_s=30.0), bench)
+    result = bench.grasp(replace(plan, hold_s=30.0))
     assert result.outcome is Outcome.SENSOR_LOST
     assert f"pixel R3 C1 reads {counts}" in result.faults[0]
     assert bench.stops == 1
@@ -121,16 +113,15 @@ def test_counts_that_no_converter_gives(plan: Plan, bench: Any, counts: int) -> 
 
 def test_frames_of_another_shape(plan: Plan, bench: Any) -> None:
     spoil_frames(bench, lambda counts: counts[:2], when=lambda: bench.clock.now_s() > 3.0)
-    result = run(plan, bench)
+    result = bench.grasp(plan)
     assert result.outcome is Outcome.SENSOR_LOST
     assert "does not fit layout" in result.faults[0]
 
 
 @pytest.mark.parametrize("time_s", [math.nan, math.inf, 1e9])
 def test_frames_of_no_time(plan: Plan, bench: Any, time_s: float) -> None:
-    read = bench.read
-    bench.read = lambda *, timeout_s: replace(read(timeout_s=timeout_s), time_s=time_s)
-    result = run(plan, bench)
+    bench.change_frames(lambda frame: replace(frame, time_s=time_s))
+    result = bench.grasp(plan)
     assert result.outcome is Outcome.SENSOR_LOST
     assert bench.stops == 1
 
@@ -143,7 +134,7 @@ def test_frames_that_never_change_end_the_approach(plan: Plan, bench: Any) -> No
         return frozen[0]
 
     spoil_frames(bench, freeze, when=lambda: bench.width_mm < 66.0)
-    result = run(plan, bench)
+    result = bench.grasp(plan)
     assert result.outcome is Outcome.SENSOR_LOST
     assert "frames arrive, and are not new" in result.faults[0]
     assert 66.0 - 9 * plan.step <= bench.width_mm < 66.0
@@ -159,7 +150,7 @@ ABSURD = {
 @pytest.mark.parametrize("name", ABSURD)
 def test_rest_values_that_no_weather_makes(plan: Plan, bench: Any, name: str) -> None:
     """The calibration is of a sheet that reads otherwise: the one here can't be it."""
-    result = run(replace(plan, rest_ohm=ABSURD[name](plan.rest_ohm)), bench)
+    result = bench.grasp(replace(plan, rest_ohm=ABSURD[name](plan.rest_ohm)))
     assert result.outcome is Outcome.SENSOR_LOST
     assert "run `palpate doctor`" in result.faults[-1]
     assert bench.force_n == 0.0
@@ -190,7 +181,7 @@ def test_one_odd_interval_does_not_move_the_stale_limit(
         return replace(frame, time_s=frame.time_s + (PERIOD_S - first_s) * early)
 
     bench.read, bench.lost_after_s = odd, 4.0
-    result = run(plan, bench)
+    result = bench.grasp(plan)
     assert result.outcome is Outcome.SENSOR_LOST
     assert "no frame in 0.33 s" in result.faults[0]
 
@@ -211,7 +202,7 @@ def test_two_frames_close_together_do_not_move_the_stale_limit(plan: Plan, bench
         return replace(frame, time_s=frame.time_s - early_s)
 
     bench.read = bunched
-    result = run(plan, bench)
+    result = bench.grasp(plan)
     assert result.outcome is Outcome.HELD
     assert result.faults == ()
 
@@ -230,7 +221,7 @@ IMPOSSIBLE = {
 def test_reports_that_can_not_be(plan: Plan, bench: Any, name: str) -> None:
     values, words = IMPOSSIBLE[name]
     spoil_state(bench, **values)
-    result = run(plan, bench)
+    result = bench.grasp(plan)
     assert result.outcome is Outcome.GRIPPER_FAULT
     assert words in result.faults[0]
     assert bench.stops == 1
@@ -239,7 +230,7 @@ def test_reports_that_can_not_be(plan: Plan, bench: Any, name: str) -> None:
 def test_a_current_that_is_no_longer_reported(plan: Plan, bench: Any) -> None:
     state = bench.state
     bench.state = lambda: replace(state(), current_ma=40.0 if bench.force_n < 1.0 else math.nan)
-    result = run(plan, bench)
+    result = bench.grasp(plan)
     assert result.outcome is Outcome.GRIPPER_FAULT
     assert "a current of nan mA" in result.faults[0]
 
@@ -259,7 +250,7 @@ def test_running_past_the_target_is_known_at_once(plan: Plan, bench: Any) -> Non
         if bench.force_n > 1.0 and not sent_s:
             sent_s.append(bench.clock.now_s())
 
-    result = run(plan, bench, watch)
+    result = bench.grasp(plan, subscribers=[watch])
     assert result.outcome is Outcome.GRIPPER_FAULT
     assert "runs on" in result.faults[0]
     assert bench.clock.now_s() == pytest.approx(bench.commanded_s + PERIOD_S, abs=1e-6)
@@ -274,7 +265,7 @@ def test_a_hand_that_closes_too_fast_is_not_held(plan: Plan, bench: Any) -> None
         return wanted
 
     bench.command = faster
-    result = run(plan, bench)
+    result = bench.grasp(plan)
     assert result.outcome is Outcome.GRIPPER_FAULT
     assert "check the unit of speed in its driver" in result.faults[0]
     assert bench.force_n == 0.0
@@ -285,7 +276,7 @@ def test_a_hand_that_never_moves_is_known_after_a_few_commands(plan: Plan, bench
     """The steps are so short that each alone is within what a loaded servo may be off."""
     sent = list[Any]()
     bench.command = lambda wanted: sent.append(wanted) or wanted
-    result = run(replace(plan, step=0.2, fine_step=0.2), bench)
+    result = bench.grasp(replace(plan, step=0.2, fine_step=0.2))
     assert result.outcome is Outcome.GRIPPER_FAULT
     assert "sent on 4 times and did not move" in result.faults[0]
     assert len(sent) <= 6
@@ -305,11 +296,8 @@ def test_a_hand_that_never_moved_is_still_sent_to_open(plan: Plan, bench: Any) -
             requests.release.set()
 
     bench.command = command
-    result = run_grasp(
+    result = bench.grasp(
         replace(plan, step=0.2, fine_step=0.2),
-        array=bench,
-        gripper=bench,
-        clock=bench.clock,
         subscribers=[ask],
         requests=requests,
     )
@@ -323,15 +311,13 @@ def test_frames_from_the_future_are_taken_up_to_the_age_of_old_ones(
     plan: Plan, bench: Any, ahead_s: float, outcome: str
 ) -> None:
     """Two clocks may differ; by more than the limit of a stale frame they are not believed."""
-    read = bench.read
 
-    def ahead(*, timeout_s: float) -> Frame:
-        frame = read(timeout_s=timeout_s)
+    def ahead(frame: Frame) -> Frame:
         late = frame.sequence > 30
         return replace(frame, time_s=frame.time_s + late * ahead_s)
 
-    bench.read = ahead
-    result = run(plan, bench)
+    bench.change_frames(ahead)
+    result = bench.grasp(plan)
     assert result.outcome == outcome
     assert outcome == "held" or "s old (limit 0.33 s)" in result.faults[0]
 
@@ -360,23 +346,29 @@ def test_the_ceiling_is_where_it_is_said_to_be(
     assert (command is not None) == opens
 
 
-def test_a_grasp_that_the_ceiling_ends_says_so(plan: Plan, bench: Any) -> None:
+def test_run_grasp_force_above_the_ceiling_opens_and_says_so(plan: Plan, bench: Any) -> None:
     def shove(_: Observation) -> None:
         if bench.force_n > 0:
             bench.size_mm, bench.n_per_mm = 56.0, 50.0
 
     low = replace(plan, safety=SafetyLimits(force_ceiling_n=3.0))
-    assert "and 3 N is the most allowed" in run(low, bench, shove).faults[-1]
+    result = bench.grasp(low, subscribers=[shove])
+    assert result.outcome is Outcome.FORCE_LIMIT
+    assert "and 3 N is the most allowed" in result.faults[-1]
+    assert bench.width_mm == 74.0
 
 
-def test_a_grasp_that_takes_too_long_says_so(plan: Plan, bench: Any) -> None:
+def test_run_grasp_that_takes_too_long_opens_and_says_so(plan: Plan, bench: Any) -> None:
     bench.n_per_mm = 0.01
-    result = run(replace(plan, longest_s=6.0, hold_s=60.0), bench)
+    result = bench.grasp(replace(plan, longest_s=6.0, hold_s=60.0))
+    assert result.outcome is Outcome.TIMED_OUT
     assert result.faults[-1] == "not done within 6 s"
+    assert result.moments[-1].name == "timed_out"
+    assert bench.width_mm == 74.0
 
 
 def test_a_hold_that_outlasts_the_longest_grasp_is_held(plan: Plan, bench: Any) -> None:
-    result = run(replace(plan, longest_s=20.0, hold_s=30.0), bench)
+    result = bench.grasp(replace(plan, longest_s=20.0, hold_s=30.0))
     assert result.outcome is Outcome.HELD
     assert bench.clock.now_s() > 30.0
 
@@ -416,23 +408,3 @@ def test_an_opening_that_never_arrives_ends_after_ten_seconds(
     state = GraspState(phase=Phase.RELEASE, estimate=estimate)
     finish_release(state, plan)
     assert state.ended is done
-
-
-def test_what_the_gripper_says_that_it_was_sent_counts(plan: Plan, bench: Any) -> None:
-    """A gripper clamps commands and rounds them to its own steps."""
-    plain, answers, sent = bench.command, list[float](), list[float]()
-
-    def command(wanted: GripperCommand) -> GripperCommand:
-        rounded: GripperCommand = plain(replace(wanted, target=wanted.target + 0.03))
-        answers.append(plan.gripper.highest - rounded.target)
-        return rounded
-
-    bench.command = command
-    run_grasp(
-        plan,
-        array=bench,
-        gripper=bench,
-        clock=bench.clock,
-        watchers=[lambda state: sent.append(state.estimate.sent)],
-    )
-    assert set(answers[:5]) <= set(sent)

@@ -8,20 +8,8 @@ from typing import Any
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.requests import Requests
-from palpate.grasp.result import GraspResult, Outcome
-from palpate.grasp.runner import run_grasp
+from palpate.grasp.result import Outcome
 from palpate.grasp.state import GraspState
-
-
-def run(plan: Plan, bench: Any, requests: Requests, watcher: Any) -> GraspResult:
-    return run_grasp(
-        plan,
-        array=bench,
-        gripper=bench,
-        clock=bench.clock,
-        watchers=[watcher],
-        requests=requests,
-    )
 
 
 def test_stop_ends_the_grasp_where_the_hand_is(plan: Plan, bench: Any) -> None:
@@ -32,7 +20,7 @@ def test_stop_ends_the_grasp_where_the_hand_is(plan: Plan, bench: Any) -> None:
             requests.stop.set()
             widths.append(bench.width_mm)
 
-    result = run(plan, bench, requests, watcher)
+    result = bench.grasp(plan, requests=requests, watchers=[watcher])
     assert result.outcome is Outcome.STOPPED
     assert bench.width_mm == widths[0] < 74.0
 
@@ -44,7 +32,7 @@ def test_release_before_an_answer_opens_the_hand_and_says_stopped(plan: Plan, be
         if grasp_state.phase is Phase.SQUEEZE:
             requests.release.set()
 
-    result = run(plan, bench, requests, watcher)
+    result = bench.grasp(plan, requests=requests, watchers=[watcher])
     assert (result.outcome, bench.width_mm) == (Outcome.STOPPED, 74.0)
 
 
@@ -58,7 +46,7 @@ def test_release_of_a_held_object_is_the_end_of_a_good_grasp(plan: Plan, bench: 
         ):
             requests.release.set()
 
-    result = run(replace(plan, hold_s=60.0), bench, requests, watcher)
+    result = bench.grasp(replace(plan, hold_s=60.0), requests=requests, watchers=[watcher])
     assert (result.outcome, bench.width_mm) == (Outcome.HELD, 74.0)
     held = {moment.name: moment.time_s for moment in result.moments}
     assert 3.0 < held["held"] - held["answer"] < 3.5
@@ -68,6 +56,6 @@ def test_a_watcher_that_fails_is_left_out_and_named(plan: Plan, bench: Any) -> N
     def broken(_: GraspState) -> None:
         raise RuntimeError("no screen")
 
-    result = run(plan, bench, Requests(), broken)
+    result = bench.grasp(plan, requests=Requests(), watchers=[broken])
     assert result.outcome is Outcome.HELD
     assert [fault for fault in result.faults if "broken failed" in fault and "no screen" in fault]

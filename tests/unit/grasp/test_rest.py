@@ -7,25 +7,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.factories import draw, grasp_on_twin
 
 from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
-from palpate.grasp.planning import plan_grasp
-from palpate.grasp.result import GraspResult, Outcome
-from palpate.grasp.runner import run_grasp
+from palpate.grasp.result import Outcome
 from palpate.grasp.state import GraspState
 from palpate.rig.simulated import calibrate_twin
-from palpate.twin.devices import TwinArray, TwinGripper
-from palpate.twin.objects import draw_object
 from palpate.twin.velostat import Environment
 from palpate.twin.world import World
 
 OLD, DRIFTED = "rest values of the calibration used", "weather or wear moved the sheet"
-
-
-def run(plan: Plan, bench: Any, **views: Any) -> GraspResult:
-    return run_grasp(plan, array=bench, gripper=bench, clock=bench.clock, **views)
 
 
 def calibrated_when_dry(plan: Plan) -> Plan:
@@ -34,7 +27,7 @@ def calibrated_when_dry(plan: Plan) -> Plan:
 
 
 def test_a_sheet_that_weather_moved_feels_no_touch_before_the_thing(plan: Plan, bench: Any) -> None:
-    result = run(calibrated_when_dry(plan), bench)
+    result = bench.grasp(calibrated_when_dry(plan))
     assert result.outcome is Outcome.HELD
     assert abs(result.size_mm.value - 50.3) < 0.3
     assert any(DRIFTED in fault for fault in result.faults)
@@ -50,14 +43,14 @@ def test_it_closes_finely_until_that_is_shown(plan: Plan, bench: Any) -> None:
         ):
             closures.append(grasp_state.estimate.closure)
 
-    run(calibrated_when_dry(plan), bench, watchers=[watch])
+    bench.grasp(calibrated_when_dry(plan), watchers=[watch])
     assert max(closures) <= 1.5 * plan.step
     assert np.diff(closures).max() <= plan.fine_step + 1e-9
 
 
 def test_what_is_held_already_rises_at_once(plan: Plan, bench: Any) -> None:
     bench.size_mm, bench.n_per_mm = 75.0, 3.0
-    result = run(plan, bench)
+    result = bench.grasp(plan)
     assert any(f"{OLD}: the reading rose" in fault for fault in result.faults)
     assert result.outcome is not Outcome.NOTHING_THERE
 
@@ -71,7 +64,7 @@ def test_a_hand_that_goes_away_is_waited_for(plan: Plan, bench: Any) -> None:
         if observation.frame.time_s > 1.5:
             bench.size_mm = size_mm
 
-    result = run(plan, bench, subscribers=[let_go])
+    result = bench.grasp(plan, subscribers=[let_go])
     assert result.outcome is Outcome.HELD
     assert result.faults == ()
     assert abs(result.size_mm.value - size_mm) < 0.3
@@ -86,7 +79,7 @@ def test_a_sheet_that_never_rests_is_read_by_the_old_values(plan: Plan, bench: A
         elif grasp_state.phase is Phase.APPROACH:
             bench.size_mm = 50.3
 
-    result = run(plan, bench, watchers=[worry])
+    result = bench.grasp(plan, watchers=[worry])
     assert any(OLD in fault for fault in result.faults)
     assert result.outcome is Outcome.HELD
 
@@ -95,12 +88,10 @@ def test_a_sheet_that_never_rests_is_read_by_the_old_values(plan: Plan, bench: A
 def test_field_sheet_in_other_weather_tells_the_size() -> None:
     """A hot day: the sheet reads a third less at rest than when it was calibrated."""
     calibration = calibrate_twin(seed=172, level="field", apart_from="strawberry")
-    thing = draw_object(np.random.default_rng(5), "strawberry")
+    thing = draw("strawberry", 5)
     world = World(thing, seed=9171, sheet_seed=172, level="field")
     world.surround(Environment(temperature_c=47.0))
-    gripper = TwinGripper(world)
-    plan = plan_grasp(calibration, gripper=gripper)
-    result = run_grasp(plan, array=TwinArray(world), gripper=gripper, clock=world.clock)
+    result = grasp_on_twin(world, calibration)
     assert any(DRIFTED in fault for fault in result.faults)
     assert result.size_mm.low <= thing.size_mm <= result.size_mm.high
     assert abs(result.size_mm.value - thing.size_mm) < 1.0

@@ -13,18 +13,13 @@ from palpate.errors import DeviceError
 from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
-from palpate.grasp.result import GraspResult, Outcome
-from palpate.grasp.runner import run_grasp
-from palpate.grasp.safety import SafetyLimits
+from palpate.grasp.result import Outcome
 from palpate.grasp.state import GraspState
-
-
-def run(plan: Plan, bench: Any, *subscribers: Any) -> GraspResult:
-    return run_grasp(plan, array=bench, gripper=bench, clock=bench.clock, subscribers=subscribers)
+from palpate.sensor.array import Frame
 
 
 def test_holds_measures_and_gives_back(plan: Plan, bench: Any) -> None:
-    result = run(plan, bench)
+    result = bench.grasp(plan)
     assert result.outcome is Outcome.HELD
     assert result.force_n is not None
     assert result.size_mm.low <= 50.3 <= result.size_mm.high
@@ -39,14 +34,16 @@ def test_holds_measures_and_gives_back(plan: Plan, bench: Any) -> None:
 
 def test_target_is_reached_from_below(plan: Plan, bench: Any) -> None:
     forces: list[float] = []
-    result = run(replace(plan, target_force_n=6.0), bench, lambda _: forces.append(bench.force_n))
+    result = bench.grasp(
+        replace(plan, target_force_n=6.0), subscribers=[lambda _: forces.append(bench.force_n)]
+    )
     assert result.outcome is Outcome.HELD
     assert 0.85 * 6.0 < max(forces) < 1.1 * 6.0
 
 
 def test_nothing_there(plan: Plan, bench: Any) -> None:
     bench.size_mm = 0.0
-    result = run(plan, bench)
+    result = bench.grasp(plan)
     assert result.outcome is Outcome.NOTHING_THERE
     assert result.force_n is None
     assert result.peak_force_n is None
@@ -58,26 +55,15 @@ def test_object_taken_away(plan: Plan, bench: Any) -> None:
         if bench.force_n > 1.5 and bench.clock.now_s() > 12.0:
             bench.size_mm = 0.0
 
-    result = run(replace(plan, hold_s=10.0), bench, thief)
+    result = bench.grasp(replace(plan, hold_s=10.0), subscribers=[thief])
     assert result.outcome is Outcome.SLIPPED
-    assert bench.width_mm == 74.0
-
-
-def test_too_much_force_opens(plan: Plan, bench: Any) -> None:
-    def shove(_: Observation) -> None:
-        if bench.force_n > 0:
-            bench.size_mm, bench.n_per_mm = 56.0, 50.0
-
-    limits = SafetyLimits(force_ceiling_n=3.0)
-    result = run(replace(plan, safety=limits), bench, shove)
-    assert result.outcome is Outcome.FORCE_LIMIT
     assert bench.width_mm == 74.0
 
 
 @pytest.mark.parametrize("fault", ["lost_after_s", "gone_after_s"])
 def test_sensor_lost_while_holding_holds_still(plan: Plan, bench: Any, fault: str) -> None:
     setattr(bench, fault, 18.0)
-    result = run(replace(plan, hold_s=30.0), bench)
+    result = bench.grasp(replace(plan, hold_s=30.0))
     assert result.outcome is Outcome.SENSOR_LOST
     assert bench.force_n > 0, "dropping is damage too"
     assert bench.stops == 1
@@ -98,7 +84,7 @@ def test_sensor_lost_while_releasing_opens(plan: Plan, bench: Any) -> None:
         return command(wanted)
 
     bench.command = slow_to_open
-    result = run(plan, bench)
+    result = bench.grasp(plan)
     assert result.outcome is Outcome.SENSOR_LOST
     assert len(openings) == 2
     assert bench.width_mm == 74.0
@@ -117,7 +103,7 @@ def test_stale_frames(plan: Plan, bench: Any) -> None:
 
             bench.read = late
 
-    result = run(plan, bench, nap)
+    result = bench.grasp(plan, subscribers=[nap])
     assert result.outcome is Outcome.SENSOR_LOST
     assert "1.00 s old" in result.faults[-1]
     assert bench.stops == 1
@@ -127,16 +113,15 @@ def test_stale_frames(plan: Plan, bench: Any) -> None:
 def test_run_grasp_frame_times_that_do_not_rise_end_it(
     plan: Plan, bench: Any, back_s: float
 ) -> None:
-    read, last = bench.read, list[float]()
+    last = list[float]()
 
-    def turned(*, timeout_s: float) -> Any:
-        frame = read(timeout_s=timeout_s)
+    def turned(frame: Frame) -> Frame:
         time_s = last[-1] - back_s if len(last) == 60 else frame.time_s
         last.append(time_s)
         return replace(frame, time_s=time_s)
 
-    bench.read = turned
-    result = run(plan, bench)
+    bench.change_frames(turned)
+    result = bench.grasp(plan)
     assert result.outcome is Outcome.SENSOR_LOST
     assert "frame times do not rise" in result.faults[-1]
     assert bench.stops == 1
@@ -155,7 +140,7 @@ def test_run_grasp_any_error_of_an_array_stops_the_hand_and_is_raised(
 
     bench.read = broken
     with pytest.raises(ValueError, match="cannot reshape"):
-        run_grasp(plan, array=bench, gripper=bench, clock=bench.clock, watchers=[beliefs.append])
+        bench.grasp(plan, watchers=[beliefs.append])
     assert bench.stops == 1
 
 
@@ -165,7 +150,7 @@ def test_failing_subscriber_is_left_out_and_told(plan: Plan, bench: Any) -> None
     def broken(_: Observation) -> None:
         raise OSError("disk full")
 
-    result = run(plan, bench, broken, lambda o: seen.append(o.frame.time_s))
+    result = bench.grasp(plan, subscribers=[broken, lambda o: seen.append(o.frame.time_s)])
     assert result.outcome is Outcome.HELD
     assert result.faults == ("broken failed and was left out from then on: disk full",)
     assert len(seen) == result.frames
@@ -181,7 +166,7 @@ def test_stop_request_holds_still(plan: Plan, bench: Any, number: int) -> None:
             user_stops.append(bench.clock.now_s())
 
     user_stops: list[float] = []
-    result = run(plan, bench, user)
+    result = bench.grasp(plan, subscribers=[user])
     assert result.outcome is Outcome.STOPPED
     assert bench.clock.now_s() - user_stops[0] <= 0.1
     assert bench.force_n > 0
@@ -194,7 +179,7 @@ def test_lost_gripper_is_stopped_and_told(plan: Plan, bench: Any) -> None:
         raise DeviceError("servo 1 doesn't answer; check its power")
 
     bench.state = state
-    result = run(plan, bench)
+    result = bench.grasp(plan)
     assert result.outcome is Outcome.GRIPPER_FAULT
     assert result.faults == ("servo 1 doesn't answer; check its power",)
     assert bench.stops == 1
@@ -205,7 +190,7 @@ def test_gripper_that_can_not_even_be_stopped(plan: Plan, bench: Any) -> None:
         raise DeviceError("port gone")
 
     bench.stop = stop
-    result = run(plan, bench)
+    result = bench.grasp(plan)
     assert result.outcome is Outcome.GRIPPER_FAULT
     assert result.faults == ("the stop command failed: port gone",)
 
@@ -220,7 +205,7 @@ def test_gripper_that_does_not_follow_is_stopped(plan: Plan, bench: Any) -> None
         return wanted
 
     bench.command = jam
-    result = run(plan, bench)
+    result = bench.grasp(plan)
     assert result.outcome is Outcome.GRIPPER_FAULT
     assert "is it blocked" in result.faults[0]
     assert bench.stops == 1
@@ -228,24 +213,9 @@ def test_gripper_that_does_not_follow_is_stopped(plan: Plan, bench: Any) -> None
     assert bench.clock.now_s() - jammed_s[0] < 2 * 0.15 + 0.4 + 0.1
 
 
-def test_given_up_after_the_longest_time(plan: Plan, bench: Any) -> None:
-    bench.n_per_mm = 0.01
-    result = run(replace(plan, longest_s=6.0, hold_s=60.0), bench)
-    assert result.outcome is Outcome.TIMED_OUT
-    assert result.moments[-1].name == "timed_out"
-    assert bench.width_mm == 74.0
-
-
 def test_missing_numbers_count_as_lost(plan: Plan, bench: Any) -> None:
     def drop(observation: Observation) -> None:
         if observation.frame.sequence == 20:
             bench.sequence += 3
 
-    assert run(plan, bench, drop).frames_lost == 3
-
-
-def test_something_held_at_the_start_is_not_zeroed_away(plan: Plan, bench: Any) -> None:
-    bench.size_mm, bench.n_per_mm = 75.0, 3.0
-    result = run(plan, bench)
-    assert any("rest values of the calibration used" in fault for fault in result.faults)
-    assert result.outcome is not Outcome.NOTHING_THERE
+    assert bench.grasp(plan, subscribers=[drop]).frames_lost == 3

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.factories import draw, grasp_on_twin
 
 from palpate.estimate.compliance import Compliance
 from palpate.estimate.servo_force import CurrentLaw, GearFriction
@@ -79,11 +80,6 @@ def slow(bench: Any) -> Any:
     return Slow()
 
 
-def run(plan: Plan, bench: Any, *, watch: Any = None) -> GraspResult:
-    watchers = [] if watch is None else [watch]
-    return run_grasp(plan, array=bench, gripper=bench, clock=bench.clock, watchers=watchers)
-
-
 def held_n(plan: Plan, bench: Any) -> tuple[GraspResult, float]:
     forces = list[float]()
 
@@ -91,7 +87,7 @@ def held_n(plan: Plan, bench: Any) -> tuple[GraspResult, float]:
         if grasp_state.phase == Phase.HOLD:
             forces.append(bench.force_n)
 
-    result = run(plan, bench, watch=at_hold)
+    result = bench.grasp(plan, watchers=[at_hold])
     assert result.outcome is Outcome.HELD
     return result, forces[-1]
 
@@ -130,7 +126,7 @@ def test_too_much_is_eased_from_below(plan: Plan, slow: Any) -> None:
         phases.append(grasp_state.activity)
         forces.append(slow.force_n)
 
-    result = run(replace(plan, target_force_n=4.0), slow, watch=watch)
+    result = slow.grasp(replace(plan, target_force_n=4.0), watchers=[watch])
     names = [moment.name for moment in result.moments if moment.finger is None]
     assert "eased" in names
     assert names.index("eased") < names.index("answer")
@@ -155,7 +151,7 @@ def test_it_comes_back_in_safe_goes_and_less_far_than_it_stood(
             again.append(plan.gripper.target(grasp_state.correction.return_closure))
 
     close = replace(plan, target_force_n=4.0, safety=SafetyLimits(force_ceiling_n=ceiling_n))
-    result = run(close, slow, watch=watch)
+    result = slow.grasp(close, watchers=[watch])
     assert min(again) > min(stood)
     assert came[0] == pytest.approx(again[0], abs=plan.resolution)
     assert result.force_n.value == pytest.approx(4.0, rel=0.1)
@@ -165,16 +161,10 @@ def test_it_comes_back_in_safe_goes_and_less_far_than_it_stood(
 def test_soft_fingers_on_a_sheet_that_reads_too_little_press_as_their_pressure_shows() -> None:
     """A sensor of level field whose sheet alone read 2 N where there were 10."""
     seed = 710_148
-    fruit = draw_object(np.random.default_rng([seed, 10]), "avocado-day-3")
+    fruit = draw("avocado-day-3", seed, 10)
     calibration = calibrate_twin(seed=seed, level="field", apart_from=fruit.name, kind="soft")
     world = World(fruit, seed=seed, sheet_seed=seed, level="field", gripper="soft")
-    gripper = TwinGripper(world)
-    result = run_grasp(
-        plan_grasp(calibration, gripper=gripper, target_force_n=2.0),
-        array=TwinArray(world),
-        gripper=gripper,
-        clock=world.clock,
-    )
+    result = grasp_on_twin(world, calibration, target_force_n=2.0)
     assert result.outcome is Outcome.HELD
     assert result.force_n.low < world.truth().force_n < result.force_n.high
     assert world.truth().peak_force_n < 3.5

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.factories import touch
 
 from palpate.grasp.config import GUARDS
-from palpate.grasp.estimator import ContactEstimate, Observation, Touch
+from palpate.grasp.estimator import ContactEstimate, Observation
 from palpate.grasp.monitors import SlipMonitor
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
@@ -23,15 +24,7 @@ SEEN = Observation(
 
 def held(fraction: float, *, phase: Phase = Phase.HOLD) -> GraspState:
     """Return a grasp whose sheet read 1 and reads this fraction of it now."""
-    touches = tuple(
-        Touch(
-            time_s=0.1 * number,
-            finger_percent=(-20.0, -20.0),
-            relative_percent=-20.0,
-            reading=fraction,
-        )
-        for number in range(12)
-    )
+    touches = tuple(touch(fraction, time_s=0.1 * number) for number in range(12))
     estimate = ContactEstimate(now_s=1.1, still_since_s=0.0, touches=touches, strongest=1.0)
     return GraspState(phase=phase, estimate=estimate)
 

@@ -4,34 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
+from tests.factories import closing_steps, draw, grasp_on_twin
 
-from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
+from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.plan import Plan
-from palpate.grasp.planning import plan_grasp
-from palpate.grasp.runner import run_grasp
 from palpate.grasp.step_size import close_by, slope_n, squeeze_depth, squeeze_step
 from palpate.rig.simulated import calibrate_twin
-from palpate.twin.devices import TwinArray, TwinGripper
-from palpate.twin.objects import draw_object
 from palpate.twin.world import GripperKind, World
 
 
 def stairs(*, force_n: list[float], step_mm: float) -> ContactEstimate:
     """Return the estimate after steps of the squeeze that read these forces."""
-    closings = tuple(
-        ClosingStep(
-            closure=20.0 + step_mm * number,
-            touch=Touch(
-                time_s=float(number),
-                finger_percent=(-20.0, -20.0),
-                relative_percent=-20.0,
-                reading=2.0 * force,
-            ),
-        )
-        for number, force in enumerate(force_n)
-    )
+    closings = closing_steps([2.0 * force for force in force_n], step_mm=step_mm)
     return ContactEstimate(
         steps=closings,
         contact_s=0.0,
@@ -103,12 +88,14 @@ def test_run_grasp_where_noise_looks_like_a_slope_stays_near_the_target(
     name: str, seed: int, kind: GripperKind, rate_hz: float, target_n: float
 ) -> None:
     """Simulated grasps that pressed with two to five times the target."""
-    obj = draw_object(np.random.default_rng([seed, 10]), name)
     calibration = calibrate_twin(seed=seed, level="field", apart_from=name, kind=kind)
     world = World(
-        obj, seed=seed, sheet_seed=seed, level="field", gripper=kind, frame_rate_hz=rate_hz
+        draw(name, seed, 10),
+        seed=seed,
+        sheet_seed=seed,
+        level="field",
+        gripper=kind,
+        frame_rate_hz=rate_hz,
     )
-    gripper = TwinGripper(world)
-    plan = plan_grasp(calibration, gripper=gripper, target_force_n=target_n)
-    run_grasp(plan, array=TwinArray(world), gripper=gripper, clock=world.clock)
+    grasp_on_twin(world, calibration, target_force_n=target_n)
     assert world.truth().peak_force_n <= 1.5 * target_n + 0.5

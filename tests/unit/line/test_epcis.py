@@ -7,11 +7,12 @@ from typing import Any
 
 import pytest
 from tests.epcis import read_epcis
+from tests.factories import make_grasp
 
 from palpate.estimate.measurement import Measurement, Status
 from palpate.grasp.result import Outcome
 from palpate.line.epcis import epcis_document
-from palpate.produce.records import About, Grasp, Item, Verdict
+from palpate.produce.records import About, Item, Verdict
 from palpate.produce.store.item_history import ItemHistory
 
 AT = datetime(2026, 5, 1, 8, tzinfo=UTC)
@@ -21,20 +22,11 @@ FORCE = Measurement(value=2.9, low=2.5, high=15.0, unit="n", status=Status.AT_LE
 
 
 def document(**measurements: Measurement) -> dict[str, Any]:
-    grasp = Grasp(
-        item_id=ITEM,
-        taken_at=AT,
-        rig="my rig.toml",
-        drive="width",
-        origin="twin",
-        outcome=Outcome.HELD,
-        measurements=measurements,
-    )
-    empty = Grasp(
-        item_id=ITEM,
+    grasp = make_grasp(ITEM, taken_at=AT, rig="my rig.toml", measurements=measurements)
+    empty = make_grasp(
+        ITEM,
         taken_at=AT + timedelta(minutes=1),
         rig="my rig.toml",
-        drive="width",
         origin="hardware",
         outcome=Outcome.NOTHING_THERE,
     )

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, timedelta
 
 import pytest
+from tests.factories import NOON, make_grasp
 
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
@@ -21,20 +22,14 @@ from palpate.plots.style import GREY, INK
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store.item_history import ItemHistory
 
-NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
-
 
 def measured(value: float, unit: str, *, above: float = 0.5) -> Measurement:
     return Measurement(value=value, low=value - 0.5, high=value + above, unit=unit)
 
 
 def grasp(hours: float, *, stiffness: float = 3.0, above: float = 0.5) -> Grasp:
-    return Grasp(
-        item_id="A17",
+    return make_grasp(
         taken_at=NOON + timedelta(hours=hours),
-        rig="sim-rigid",
-        drive="width",
-        origin="twin",
         outcome=Outcome.HELD if hours else Outcome.SLIPPED,
         measurements={
             "stiffness_n_per_mm": measured(stiffness, "n_per_mm", above=above),

@@ -7,6 +7,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
+from tests.factories import make_grasp
 
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
@@ -45,13 +46,11 @@ def pixels(*, soft: tuple[int, int] | None = None, spread: float = 2.0) -> np.nd
 def grasp(
     item: str, change: np.ndarray, *, at: datetime = MONDAY, side: float = 0.0, size: float = 66.0
 ) -> Grasp:
-    return Grasp(
-        item_id=item,
+    return make_grasp(
+        item,
         taken_at=at,
         rig="bench",
-        drive="width",
         origin="hardware",
-        outcome=Outcome.HELD,
         measurements={
             "size_mm": Measurement(value=size, low=size - 0.5, high=size + 0.5, unit="mm")
         },

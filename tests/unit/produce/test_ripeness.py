@@ -9,6 +9,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
+from tests.factories import make_grasp
 
 from palpate.errors import InputError
 from palpate.estimate.compliance import Compliance
@@ -45,13 +46,11 @@ def grasp(
     def felt(value: float, unit: str) -> Measurement:
         return Measurement(value=value, low=0.9 * value, high=1.1 * value, unit=unit)
 
-    return Grasp(
-        item_id=item_id,
+    return make_grasp(
+        item_id,
         taken_at=FIRST + timedelta(days=day),
         rig="bench.toml",
-        drive="width",
         origin="hardware",
-        outcome=Outcome.HELD,
         measurements={
             "stiffness_n_per_mm": felt(stiffness, "n_per_mm"),
             "force_n": felt(force_n, "n"),
@@ -61,13 +60,12 @@ def grasp(
 
 
 def soft_grasp(pixels: Sequence[float]) -> Grasp:
-    return Grasp(
-        item_id="soft",
+    return make_grasp(
+        "soft",
         taken_at=FIRST,
         rig="bench.toml",
         drive="pressure",
         origin="hardware",
-        outcome=Outcome.HELD,
         pixel_settled_percent=(tuple(pixels),),
     )
 
@@ -128,14 +126,7 @@ def test_the_load_shared_by_more_pixels_is_a_softer_item() -> None:
 
 def test_a_grasp_that_measured_nothing_has_no_firmness() -> None:
     assert firmness_of(soft_grasp([0.0, 1.0, -0.5, 0.0])) is None
-    slipped = Grasp(
-        item_id="a",
-        taken_at=FIRST,
-        rig="x",
-        drive="width",
-        origin="hardware",
-        outcome=Outcome.SLIPPED,
-    )
+    slipped = make_grasp("a", taken_at=FIRST, rig="x", origin="hardware", outcome=Outcome.SLIPPED)
     assert firmness_of(slipped) is None
 
 

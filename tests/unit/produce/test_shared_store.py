@@ -12,12 +12,12 @@ from queue import Queue
 
 import pytest
 from tests.conftest import skip
+from tests.factories import make_grasp
 from tests.postgresql import PostgresqlProcess, programs
 from tests.unit.test_json_schemas import faults
 
 from palpate.dashboard.panel_history import item_html
 from palpate.errors import StoreAwayError, StoreError
-from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Verdict
 from palpate.produce.store import Store
 from palpate.produce.store import sender as store_sender
@@ -36,15 +36,8 @@ def station(monkeypatch: pytest.MonkeyPatch, folder: Path, url: str) -> Iterator
         yield store
 
 
-def make_grasp(item_id: str = "A17", *, hours: float = 0.0) -> Grasp:
-    return Grasp(
-        item_id=item_id,
-        taken_at=TIME + timedelta(hours=hours),
-        rig="sim-rigid",
-        drive="width",
-        origin="twin",
-        outcome=Outcome.HELD,
-    )
+def grasp_after(item_id: str = "A17", *, hours: float = 0.0) -> Grasp:
+    return make_grasp(item_id, taken_at=TIME + timedelta(hours=hours))
 
 
 def waiting(store: Store) -> int:
@@ -62,7 +55,7 @@ def test_history_has_the_grasps_of_every_station(
         station(monkeypatch, tmp_path / "one", postgresql_url) as one,
         station(monkeypatch, tmp_path / "two", postgresql_url) as two,
     ):
-        first, second = make_grasp(), make_grasp(hours=1)
+        first, second = grasp_after(), grasp_after(hours=1)
         one.add_grasp(replace(first, calibration_id=calibration_id_of("x")), calibration="x")
         one.add_item(Item(item_id="A17", kind="avocado"))
         assert [g.grasp_id for g in one.grasps_of("A17")] == [first.grasp_id]
@@ -80,7 +73,7 @@ def test_history_has_the_grasps_of_every_station(
 def test_verdict_about_a_grasp_of_another_station_is_kept(
     postgresql_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    taken = replace(make_grasp(), calibration_id=calibration_id_of("x"))
+    taken = replace(grasp_after(), calibration_id=calibration_id_of("x"))
     verdict = Verdict(
         item_id="A17", about=About.RIPENESS, text="ripe", given_at=TIME, grasp_id=taken.grasp_id
     )
@@ -116,7 +109,7 @@ def test_records_sent_twice_are_in_the_shared_store_once(
     postgresql_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with station(monkeypatch, tmp_path, postgresql_url) as store:
-        store.add_grasps([make_grasp(hours=n) for n in range(450)])
+        store.add_grasps([grasp_after(hours=n) for n in range(450)])
         path = store.local_name.removeprefix("store ")
         with sqlite3.connect(path) as connection:
             rows = connection.execute("SELECT * FROM outbox").fetchall()
@@ -133,7 +126,7 @@ def test_records_sent_twice_are_in_the_shared_store_once(
 
 def test_local_store_without_a_server_has_an_empty_outbox(tmp_path: Path) -> None:
     with Store.open(tmp_path / "items.sqlite") as store:
-        store.add_grasp(make_grasp())
+        store.add_grasp(grasp_after())
         assert store.send() == 0
         assert waiting(store) == 0
 
@@ -163,7 +156,7 @@ def test_server_stopped_and_started_loses_nothing_and_keeps_the_order(
 ) -> None:
     monkeypatch.setattr(store_sender, "_RETRY_S", 0.05)
     complaints: Queue[str] = Queue()
-    grasps = [make_grasp(hours=n) for n in range(60)]
+    grasps = [grasp_after(hours=n) for n in range(60)]
     with station(monkeypatch, tmp_path, server.url) as store:
         store.add_grasps(grasps[:20])
         assert len(store.grasps_of("A17")) == 20

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 
 import numpy as np
 import pytest
+from tests.factories import NOON, make_grasp
 
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.identify.identifier import Identifier, Identity
 from palpate.produce.learning import UNKNOWN
-from palpate.produce.records import About, Grasp, Verdict
+from palpate.produce.records import About, Verdict
 from palpate.produce.sorting.conditions import Evidence, OneOf, Within
 from palpate.produce.sorting.hand import TimedGrasp
 from palpate.produce.sorting.rules import Rule, RuleBook, decide
 from palpate.produce.sorting.run import bin_verdict, evidence_of, sort_item
 from palpate.produce.sorting.score import Placed, score_sorting, where_it_belongs
 
-NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
 KIWIS, RIPE = OneOf("class", frozenset({"kiwi"})), OneOf("ripeness", frozenset({"ripe"}))
 KIWI = Rule(bin="kiwi", conditions=(KIWIS,), line=3)
 LIME = Rule(bin="lime", conditions=(OneOf("class", frozenset({"lime"})),), line=6)
@@ -40,12 +40,9 @@ def mm(value: float, half: float = 0.5) -> Measurement:
 
 def grasp(size_mm: float, stiffness: float, *, outcome: Outcome = Outcome.HELD) -> TimedGrasp:
     felt = Measurement(value=stiffness, low=0.8 * stiffness, high=1.25 * stiffness, unit="n_per_mm")
-    one = Grasp(
-        item_id="A1",
-        taken_at=NOON,
+    one = make_grasp(
+        "A1",
         rig="test",
-        drive="width",
-        origin="twin",
         outcome=outcome,
         measurements={"size_mm": mm(size_mm), "stiffness_n_per_mm": felt},
         calibration_id="monday",

@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 import sqlalchemy as sa
+from tests.factories import make_grasp
 
 from palpate.cli.items import open_store
 from palpate.dashboard.item_store import ItemStore
@@ -26,8 +27,7 @@ from palpate.errors import (
     StoreError,
 )
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.result import Outcome
-from palpate.produce.records import About, Grasp, Item, Verdict
+from palpate.produce.records import About, Item, Verdict
 from palpate.produce.store import Store
 from palpate.produce.store import engine as store_engine
 from palpate.produce.store.engine import make_engine, show_url, store_url
@@ -102,17 +102,7 @@ def test_locked(path: Path) -> None:
 def test_content_that_palpate_never_wrote_is_one_line(path: Path, damage: str) -> None:
     force = Measurement(value=1.0, low=0.5, high=1.5, unit="n", level=0.8)
     with Store.open(path) as store:
-        store.add_grasp(
-            Grasp(
-                item_id="A17",
-                taken_at=SEEN,
-                rig="sim-rigid",
-                drive="width",
-                origin="twin",
-                outcome=Outcome.HELD,
-                measurements={"force_n": force},
-            )
-        )
+        store.add_grasp(make_grasp(taken_at=SEEN, measurements={"force_n": force}))
         store.add_verdict(
             Verdict(item_id="A17", about=About.BIN, text="bin 2", given_at=SEEN, details={})
         )

@@ -1,0 +1,62 @@
+"""Records, touches and grasps of the twin, with all that a test does not speak of filled in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from palpate.grasp.estimator import ClosingStep, Touch
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.runner import run_grasp
+from palpate.produce.records import Grasp
+from palpate.sensor.calibration import Calibration
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.objects import TwinObject, draw_object
+from palpate.twin.world import World
+
+NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
+
+
+def make_grasp(item_id: str = "A17", **known: Any) -> Grasp:
+    """Return the record of a grasp by rigid fingers on the twin that held its item at noon."""
+    usual = {"taken_at": NOON, "rig": "sim-rigid", "drive": "width", "origin": "twin"}
+    return Grasp(item_id=item_id, **(usual | {"outcome": Outcome.HELD} | known))
+
+
+def touch(reading: float, *, percent: float = -20.0, time_s: float = 1.0) -> Touch:
+    """Return a reading of the sheet while both fingers change alike."""
+    return Touch(
+        time_s=time_s, finger_percent=(percent, percent), relative_percent=percent, reading=reading
+    )
+
+
+def closing_steps(
+    readings: Sequence[float], *, step_mm: float, begin: float = 20.0, percent: float = -20.0
+) -> tuple[ClosingStep, ...]:
+    """Return steps of equal length that read so, one a second."""
+    return tuple(
+        ClosingStep(
+            closure=begin + step_mm * number,
+            touch=touch(reading, percent=percent, time_s=float(number)),
+        )
+        for number, reading in enumerate(readings)
+    )
+
+
+def draw(name: str, *seed: int) -> TwinObject:
+    """Return the object of that name that the seed draws."""
+    return draw_object(np.random.default_rng(seed), name)
+
+
+def grasp_on_twin(
+    world: World, calibration: Calibration, *, views: dict[str, Any] | None = None, **wishes: Any
+) -> GraspResult:
+    """Grasp what lies between the twin's fingers; `wishes` go to the plan, `views` to the loop."""
+    gripper = TwinGripper(world)
+    plan = plan_grasp(calibration, gripper=gripper, **wishes)
+    array = TwinArray(world)
+    return run_grasp(plan, array=array, gripper=gripper, clock=world.clock, **(views or {}))
