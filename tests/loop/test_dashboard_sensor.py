@@ -105,12 +105,6 @@ def test_rest_values_are_taken_while_nothing_moves(page: Page) -> None:
     expect(page.locator("#calibrated")).to_contain_text("At this step: Leave the sensor alone")
 
 
-def test_the_doctor_examines_it(page: Page) -> None:
-    tab(page, "Doctor")
-    page.locator("#examine").click()
-    expect(page.locator("#health")).to_contain_text("frames in 10")
-
-
 def test_a_stop_is_confirmed_where_nothing_can_move(page: Page) -> None:
     page.locator("#stop").click()
     expect(page.locator("#stop")).to_have_attribute("data-state", "confirmed")

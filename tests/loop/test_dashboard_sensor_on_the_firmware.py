@@ -154,15 +154,6 @@ def test_a_press_is_read_in_newtons(page: Page, board: PressedBoard) -> None:
     page.wait_for_function(READS, arg=board.force_n)
 
 
-def test_a_tap_on_a_pixel_shows_its_ohm(page: Page) -> None:
-    page.locator(".cell[data-row='0'][data-col='0']").click()
-    expect(page.locator("#pixel-name")).to_have_text("R0 C0")
-    expect(page.locator("#pixel-ohm")).to_have_text(re.compile(r"^\d+,\d{3} ohm$"))
-    expect(page.locator("#pixel-range")).to_have_text(
-        re.compile(r"^last 30 s: \d+,\d{3} to \d+,\d{3} ohm$")
-    )
-
-
 def test_the_operator_view_shows_the_force_and_no_button_that_moves(
     browser: Browser, address: str
 ) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from tests.commands import Command
-from tests.unit.recording.test_recording_files import file_limit
+from tests.full_disk import file_size_limit
 
 from palpate.recording import FileState, RecordingReader
 
@@ -41,7 +41,7 @@ def test_a_disk_that_is_full_ends_it_as_equipment_that_failed(
     tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "run.mcap"
-    with file_limit(130_000):
+    with file_size_limit(130_000):
         printed = palpate("record", path, "--rig", "sim-rigid", "--duration", "60", status=3)
     began, failed = printed.err.splitlines()
     assert began.startswith("recording sim-rigid")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import json
 import re
 import sys
 import zipfile
@@ -13,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from tests.commands import Command
 from tests.touches import TOUCHES, counts, resistance_ohm
 
-import palpate
-from palpate.cli import build_app, run
+from palpate import cut_holds, read_recording
 from palpate.demo.recordings import write_recordings
 from palpate.errors import InputError
 
@@ -94,36 +93,24 @@ FORMS = text_forms()
 
 
 def settled(
-    path: Path, capsys: pytest.CaptureFixture[str], *options: str
+    path: Path, palpate: Command, *options: object
 ) -> tuple[list[float | None], list[str], str]:
-    status = run(
-        build_app(),
-        ["settle", str(path), "--json", "--method", "recorded", *options],
-        name="palpate",
-    )
-    captured = capsys.readouterr()
-    assert status == 0, captured.err
-    rows = json.loads(captured.out)["rows"]
-    return [row["settled"] for row in rows], [row["hold_id"] for row in rows], captured.err
+    printed = palpate("settle", path, "--json", "--method", "recorded", *options)
+    rows = printed.document["rows"]
+    return [row["settled"] for row in rows], [row["hold_id"] for row in rows], printed.err
 
 
-def refused(path: Path, capsys: pytest.CaptureFixture[str], *options: str) -> str:
-    status = run(build_app(), ["settle", str(path), "--json", *options], name="palpate")
-    captured = capsys.readouterr()
-    assert status == 2
-    assert captured.out == ""
-    assert captured.err.count("\n") == 1
-    assert str(path) in captured.err or path.stem in captured.err
-    return captured.err
+def refused(path: Path, palpate: Command, *options: object) -> str:
+    error = palpate.refused("settle", path, "--json", *options)
+    assert str(path) in error or path.stem in error
+    return error
 
 
 @pytest.mark.parametrize("name", FORMS)
-def test_the_same_holds_whatever_the_form(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_same_holds_whatever_the_form(name: str, tmp_path: Path, palpate: Command) -> None:
     path, content = tmp_path / name, FORMS[name]
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    found, holds, _ = settled(path, capsys)
+    found, holds, _ = settled(path, palpate)
     assert found == pytest.approx(SETTLED, rel=1e-3)
     stem = name.split(".")[0]
     assert [hold.split(":")[0] for hold in holds] == [stem] * 3
@@ -143,39 +130,34 @@ def test_the_same_holds_whatever_the_form(
     ],
 )
 def test_prefixed_unit_is_converted_and_said(
-    name: str, per_ohm: float, unit: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, per_ohm: float, unit: str, tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "prefixed.csv"
     path.write_text(table(TIME_S, per_ohm * OHM, header=f"time_s,{name}", form="{:.3f},{:.9g}"))
-    found, holds, said = settled(path, capsys)
+    found, holds, said = settled(path, palpate)
     assert found == pytest.approx(SETTLED, rel=1e-3)
     assert holds[0] == f"prefixed:{name}:1"
     assert f"{name} is converted to {unit}" in said
 
 
-def test_unit_given_by_the_user_is_not_converted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_unit_given_by_the_user_is_not_converted(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "given.csv"
     path.write_text(table(TIME_S, OHM, header="time_s,R_kOhm"))
-    found, _, said = settled(path, capsys, "--unit", "ohm")
+    found, _, said = settled(path, palpate, "--unit", "ohm")
     assert found == pytest.approx(SETTLED, rel=1e-3)
     assert "converted" not in said
 
 
-def test_names_with_brackets_are_printed_whole(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_names_with_brackets_are_printed_whole(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "two.csv"
     frame = pd.DataFrame({"time_s": TIME_S, "S1 [kOhm]": OHM / 1e3, "S2 [kOhm]": OHM / 1e3})
     frame.to_csv(path, index=False)
-    assert run(build_app(), ["settle", str(path)], name="palpate") == 0
-    assert "two:S1 [kOhm]:1" in capsys.readouterr().out
+    assert "two:S1 [kOhm]:1" in palpate("settle", path).out
 
 
 @pytest.mark.parametrize("ending", ["xlsx", "parquet", "csv"])
 def test_files_that_pandas_writes_with_a_time_index(
-    ending: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ending: str, tmp_path: Path, palpate: Command
 ) -> None:
     index = pd.to_datetime(TIME_S, unit="s", origin="2024-01-01")
     frame = pd.DataFrame({"sensor A": OHM, "sensor B": 2 * OHM, "note": "x"}, index=index)
@@ -186,41 +168,32 @@ def test_files_that_pandas_writes_with_a_time_index(
         "csv": frame.to_csv,
     }
     write[ending](path)
-    found, holds, _ = settled(path, capsys)
+    found, holds, _ = settled(path, palpate)
     assert found == pytest.approx([*SETTLED, *(2 * value for value in SETTLED)], rel=1e-3)
     assert holds[::3] == ["both:sensor A:1", "both:sensor B:1"]
 
 
 @pytest.mark.parametrize("leg", ["upper", "lower"])
-def test_counts_become_ohm_by_the_divider(
-    leg: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_counts_become_ohm_by_the_divider(leg: str, tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "board.csv"
     read = counts(OHM, leg=leg, reference_ohm=1000.0)
     path.write_text(table(TIME_S * 1e3, read, header="ms,A0", form="{:.0f},{:.0f}"))
     circuit = ("--adc-bits", "10", "--reference-ohm", "1000", "--sensor-leg", leg)
-    found, _, said = settled(path, capsys, *circuit)
+    found, _, said = settled(path, palpate, *circuit)
     assert found == pytest.approx(SETTLED, rel=0.01)
     assert said == ""
-    found, _, said = settled(path, capsys)
+    found, _, said = settled(path, palpate)
     assert all(value == pytest.approx(round(value), abs=1) for value in found)
     assert "taken as counts" in said
-    assert "0 to 255" in refused(path, capsys, "--adc-bits", "8", *circuit[2:])
-    assert "give all three" in said_of_usage(path, capsys, *circuit[:2])
+    assert "0 to 255" in refused(path, palpate, "--adc-bits", "8", *circuit[2:])
+    assert "give all three" in palpate("settle", path, *circuit[:2], status=2).err
 
 
-def said_of_usage(path: Path, capsys: pytest.CaptureFixture[str], *options: str) -> str:
-    assert run(build_app(), ["settle", str(path), *options], name="palpate") == 2
-    return capsys.readouterr().err
-
-
-def test_a_converter_at_the_end_of_its_range_is_said(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_converter_at_the_end_of_its_range_is_said(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "low.csv"
     read = np.clip(counts(OHM, leg="upper", reference_ohm=1000.0) * 1.6, 0, 1023)
     path.write_text(table(TIME_S * 1e3, read, header="ms,A0", form="{:.0f},{:.0f}"))
-    assert "at the end of the converter's range" in refused(path, capsys)
+    assert "at the end of the converter's range" in refused(path, palpate)
 
 
 @pytest.mark.parametrize(
@@ -228,17 +201,17 @@ def test_a_converter_at_the_end_of_its_range_is_said(
 )
 @pytest.mark.parametrize("header", ["time_s,value", "time_s,resistance_ohm"])
 def test_any_sign_and_direction(
-    values: np.ndarray, header: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    values: np.ndarray, header: str, tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "sign.csv"
     path.write_text(table(TIME_S, values, header=header))
-    found, _, _ = settled(path, capsys)
+    found, _, _ = settled(path, palpate)
     ends = [values[np.argmin(np.abs(TIME_S - close_s - 20))] for close_s, _ in TOUCHES]
     assert found == pytest.approx(ends, rel=0.02)
 
 
 def test_a_dropout_a_loose_wire_and_broken_lines_are_said_and_survived(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, palpate: Command
 ) -> None:
     ohm = OHM.copy()
     ohm[1300:1303] = 0
@@ -250,52 +223,48 @@ def test_a_dropout_a_loose_wire_and_broken_lines_are_said_and_survived(
     lines[-1] = "87.9"
     path = tmp_path / "lost.csv"
     path.write_text("\n".join(lines))
-    found, _, said = settled(path, capsys)
+    found, _, said = settled(path, palpate)
     assert found == pytest.approx(SETTLED, rel=1e-3)
     assert "1 row was left out" in said
     assert "line 401" in said
     assert "3 readings at or below 0 ohm" in said
 
 
-def test_noise_drift_one_touch_and_no_rest_at_the_end(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_noise_drift_one_touch_and_no_rest_at_the_end(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "r.csv"
     path.write_text(table(TIME_S, resistance_ohm(TIME_S, noise=0.08)))
-    assert settled(path, capsys)[0] == pytest.approx(SETTLED, rel=0.05)
+    assert settled(path, palpate)[0] == pytest.approx(SETTLED, rel=0.05)
     path.write_text(table(TIME_S, resistance_ohm(TIME_S, drift=0.3)))
-    assert len(settled(path, capsys)[0]) == 3
+    assert len(settled(path, palpate)[0]) == 3
     one = TIME_S < 24
     path.write_text(table(TIME_S[one], OHM[one]))
-    assert settled(path, capsys)[0] == pytest.approx(SETTLED[:1], rel=1e-3)
+    assert settled(path, palpate)[0] == pytest.approx(SETTLED[:1], rel=1e-3)
 
 
 def test_a_recording_that_begins_under_load_loses_that_hold_and_says_so(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "middle.csv"
     later = TIME_S > 5
     path.write_text(table(TIME_S[later], OHM[later]))
-    found, _, said = settled(path, capsys)
+    found, _, said = settled(path, palpate)
     assert found == pytest.approx(SETTLED[1:], rel=1e-3)
     assert "begins in the middle of a hold" in said
 
 
-def test_where_no_contact_is_found_the_user_can_say_where(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_where_no_contact_is_found_the_user_can_say_where(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "held.csv"
     held = (TIME_S > 2.2) & (TIME_S < 25)
     path.write_text(table(TIME_S[held], OHM[held]))
-    assert settled(path, capsys)[0] == pytest.approx(SETTLED[:1], rel=0.01)
+    assert settled(path, palpate)[0] == pytest.approx(SETTLED[:1], rel=0.01)
     late = (TIME_S > 4) & (TIME_S < 25)
     path.write_text(table(TIME_S[late], OHM[late]))
-    said = refused(path, capsys)
+    said = refused(path, palpate)
     assert "no contact found" in said
     assert "--cut none" in said
-    assert settled(path, capsys, "--cut", "none")[0] == pytest.approx(SETTLED[:1], rel=0.01)
-    assert settled(path, capsys, "--cut", "4.5")[0] == pytest.approx(SETTLED[:1], rel=0.01)
-    assert "it ends at" in refused(path, capsys, "--cut", "99")
+    assert settled(path, palpate, "--cut", "none")[0] == pytest.approx(SETTLED[:1], rel=0.01)
+    assert settled(path, palpate, "--cut", "4.5")[0] == pytest.approx(SETTLED[:1], rel=0.01)
+    assert "it ends at" in refused(path, palpate, "--cut", "99")
 
 
 @pytest.mark.parametrize(
@@ -313,30 +282,28 @@ def test_where_no_contact_is_found_the_user_can_say_where(
     ],
 )
 def test_what_cannot_be_used_is_one_line(
-    content: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    content: str, said: str, tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "bad.csv"
     path.write_text(content)
-    assert said in refused(path, capsys)
+    assert said in refused(path, palpate)
 
 
-def test_columns_that_are_not_there_are_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_columns_that_are_not_there_are_named(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "r.csv"
     path.write_text(table(TIME_S, OHM, header="when,what"))
-    assert "it has: when, what" in refused(path, capsys, "--time-column", "x")
-    assert "it has: what" in refused(path, capsys, "--time-column", "when", "--value-column", "y")
+    assert "it has: when, what" in refused(path, palpate, "--time-column", "x")
+    assert "it has: what" in refused(path, palpate, "--time-column", "when", "--value-column", "y")
     options = ("--time-column", "when", "--time-unit", "s", "--value-column", "what")
-    assert settled(path, capsys, *options)[0] == pytest.approx(SETTLED, rel=1e-3)
+    assert settled(path, palpate, *options)[0] == pytest.approx(SETTLED, rel=1e-3)
 
 
-def test_a_folder_is_all_its_recordings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_is_all_its_recordings(tmp_path: Path, palpate: Command) -> None:
     (tmp_path / "b.csv").write_text(FORMS["plain.csv"])
     (tmp_path / "a.tsv").write_text(FORMS["wraps.tsv"])
     (tmp_path / "notes.txt").write_text("all well\n")
     (tmp_path / "picture.png").write_bytes(b"not looked at")
-    found, holds, said = settled(tmp_path, capsys)
+    found, holds, said = settled(tmp_path, palpate)
     assert found == pytest.approx(2 * SETTLED, rel=1e-3)
     assert holds[::3] == ["a:R:1", "b:resistance_ohm:1"]
     assert said.count("\n") == 1
@@ -346,25 +313,25 @@ def test_a_folder_is_all_its_recordings(tmp_path: Path, capsys: pytest.CaptureFi
 def test_arrays_and_data_frames_give_the_same_holds_as_files(tmp_path: Path) -> None:
     path = tmp_path / "r.csv"
     path.write_text(FORMS["plain.csv"])
-    from_file = palpate.cut_holds(palpate.read_recording(path))
+    from_file = cut_holds(read_recording(path))
     frame = pd.read_csv(path)
     series = frame["resistance_ohm"]
     for holds in (
-        palpate.cut_holds(frame),
-        palpate.cut_holds(palpate.read_recording(frame)),
-        palpate.cut_holds(frame["time_s"], series),
-        palpate.cut_holds({"t": frame["time_s"].to_numpy(), "R": series.to_numpy()}),
+        cut_holds(frame),
+        cut_holds(read_recording(frame)),
+        cut_holds(frame["time_s"], series),
+        cut_holds({"t": frame["time_s"].to_numpy(), "R": series.to_numpy()}),
     ):
         assert len(holds) == 3
         for one, other in zip(from_file, holds, strict=True):
             np.testing.assert_array_equal(one.time_s, other.time_s)
             np.testing.assert_array_equal(one.values, other.values)
     with pytest.raises(InputError, match="which column is the time"):
-        palpate.read_recording({"a": [1.0, 0.0, 2.0], "b": [1.0, 2.0, 3.0]})
+        read_recording({"a": [1.0, 0.0, 2.0], "b": [1.0, 2.0, 3.0]})
 
 
 def test_holds_begin_where_loading_ends_and_end_where_the_fingers_open() -> None:
-    [first, *_] = palpate.cut_holds(TIME_S, OHM)
+    [first, *_] = cut_holds(TIME_S, OHM)
     begin_s = TIME_S[np.flatnonzero(first.values[0] == OHM)[0]]
     end_s = TIME_S[np.flatnonzero(first.values[-1] == OHM)[0]]
     close_s, open_s = TOUCHES[0]
@@ -373,31 +340,31 @@ def test_holds_begin_where_loading_ends_and_end_where_the_fingers_open() -> None
 
 
 @pytest.mark.slow
-def test_a_plot_shows_where_it_cut(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_plot_shows_where_it_cut(tmp_path: Path, palpate: Command) -> None:
     path, plot = tmp_path / "r.csv", tmp_path / "cut.svg"
     path.write_text(FORMS["plain.csv"])
-    settled(path, capsys, "--plot", str(plot))
+    settled(path, palpate, "--plot", plot)
     assert "r.csv, resistance_ohm: 3 holds" in plot.read_text()
 
 
 @pytest.mark.slow
 def test_every_touch_of_the_demo_recordings_is_found(tmp_path: Path) -> None:
     for path, columns in zip(write_recordings(tmp_path), (1, 1, 2), strict=True):
-        assert len(palpate.cut_holds(palpate.read_recording(path))) == 4 * columns
+        assert len(cut_holds(read_recording(path))) == 4 * columns
 
 
 def test_a_table_of_several_recordings_or_holds_is_taken_apart(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, palpate: Command
 ) -> None:
     one = pd.DataFrame({"recording_id": "a", "time_s": TIME_S, "R": OHM})
     frame = pd.concat([one, one.assign(recording_id="b")])
-    assert [hold.hold_id for hold in palpate.cut_holds(frame)][2:4] == [
+    assert [hold.hold_id for hold in cut_holds(frame)][2:4] == [
         *("recording:a:R:3", "recording:b:R:1")
     ]
     held = (TIME_S > 2.2) & (TIME_S < 25)
     path = tmp_path / "holds.xlsx"
     pd.DataFrame({"hold_id": "h", "time_s": TIME_S[held], "value": OHM[held]}).to_excel(path)
-    found, holds, _ = settled(path, capsys)
+    found, holds, _ = settled(path, palpate)
     assert found == pytest.approx(SETTLED[:1], rel=0.01)
     assert holds == ["holds:value:1"]
 
@@ -416,26 +383,24 @@ def test_workbook_that_states_a_wrong_size_is_read_whole(tmp_path: Path, stated:
                 )
                 assert n == 1
             after.writestr(name, content)
-    found = palpate.read_recording(changed)
+    found = read_recording(changed)
     assert found.time_s.size == TIME_S.size
 
 
 @pytest.mark.slow
 def test_what_excel_needs_is_named_where_it_is_missing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, palpate: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "r.xlsx"
     pd.DataFrame({"time_s": TIME_S, "R": OHM}).to_excel(path)
     monkeypatch.setitem(sys.modules, "python_calamine", None)
-    assert "pip install 'palpate[data]'" in refused(path, capsys)
+    assert "pip install 'palpate[data]'" in refused(path, palpate)
 
 
-def test_past_holds_may_be_recordings_too(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_past_holds_may_be_recordings_too(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "r.csv"
     path.write_text(FORMS["plain.csv"])
-    assert "3 holds reach 20 s" in settled(path, capsys, "--fit-on", str(path))[2]
+    assert "3 holds reach 20 s" in settled(path, palpate, "--fit-on", path)[2]
 
 
 @pytest.mark.parametrize("ending", ["xlsx", "csv", "parquet"])
@@ -444,5 +409,5 @@ def test_numbers_of_recordings_are_whole_in_the_names_of_holds(ending: str, tmp_
     path = tmp_path / f"runs.{ending}"
     frame = pd.concat([one, one.assign(run=2)])
     {"xlsx": frame.to_excel, "csv": frame.to_csv, "parquet": frame.to_parquet}[ending](path)
-    names = [hold.hold_id for hold in palpate.cut_holds(path)]
+    names = [hold.hold_id for hold in cut_holds(path)]
     assert names[2:4] == ["runs:1:R:3", "runs:2:R:1"]

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +16,7 @@ from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Chunk, DataEnd
 from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
+from tests.full_disk import file_size_limit
 
 from palpate.errors import RecordingError
 from palpate.gripper.interface import GripperLimits, GripperState
@@ -80,17 +78,6 @@ def strict_count(path: Path) -> int:
         linear = sum(1 for _ in NonSeekingReader(stream, validate_crcs=True).iter_messages())
     assert seeking == linear == summary.statistics.message_count
     return linear
-
-
-@contextmanager
-def file_limit(size: int) -> Iterator[None]:
-    """Let no file of this process grow beyond `size` bytes: a full disk."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def add_frames(writer: RecordingWriter, counts: NDArray[np.int64]) -> None:
@@ -216,7 +203,7 @@ def test_a_full_disk_ends_in_one_line_and_keeps_the_file(
     counts = np.random.default_rng(0).integers(0, 1024, (5000, 4, 2))
     writer = RecordingWriter(path, info=info)
     with (
-        file_limit(60_000),
+        file_size_limit(60_000),
         pytest.raises(RecordingError, match=r"full\.mcap: File too large.*recover") as failure,
     ):
         add_frames(writer, counts)
@@ -233,7 +220,7 @@ def test_a_full_disk_ends_in_one_line_and_keeps_the_file(
 
 def test_a_write_that_the_system_cuts_short_is_not_taken_for_whole(tmp_path: Path) -> None:
     descriptor = os.open(tmp_path / "short", os.O_WRONLY | os.O_CREAT)
-    with file_limit(1000), pytest.raises(OSError, match="File too large"):
+    with file_size_limit(1000), pytest.raises(OSError, match="File too large"):
         DirectFile(descriptor).write(bytes(1500))
     os.close(descriptor)
 

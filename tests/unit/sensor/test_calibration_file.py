@@ -133,3 +133,17 @@ def test_a_rest_value_that_is_no_resistance_is_refused(
     )
     with pytest.raises(CalibrationError, match="resistance above 0 ohm"):
         replace(calibration, rest=rest)
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_older_versions_are_read_without_what_no_grasp_reads(
+    calibration: Calibration, tmp_path: Path, version: int
+) -> None:
+    path = tmp_path / "pad.json"
+    document = json.loads(calibration.as_text())
+    if version == 1:
+        del document["held_out"]
+    else:
+        document |= {"traces": {"run": [0.0]}, "observer": {"kind": "sheet"}}
+    path.write_text(json.dumps({**document, "version": version}))
+    assert Calibration.load(path) == calibration
