@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from itertools import combinations
@@ -14,8 +13,8 @@ import svgelements
 from shapely import affinity
 from shapely.geometry import Polygon
 from shapely.ops import unary_union
+from tests.commands import Command
 
-from palpate.cli import build_app, run
 from palpate.fabrication.design import PRESETS, Cutter, SensorDesign
 from palpate.fabrication.drawing import draw_layer_svg
 from palpate.fabrication.pattern import MARK_MM, Pattern, lay_out
@@ -180,16 +179,9 @@ def test_what_refusals_measure_is_what_is_cut(design: SensorDesign, tmp_path: Pa
             assert boxes.symmetric_difference(cut).area < 0.01
 
 
-def palpate_pattern(*arguments: str) -> int:
-    return run(build_app(), ["pattern", *arguments], name="palpate")
-
-
-def test_the_command_writes_every_file_and_says_so(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_every_file_and_says_so(tmp_path: Path, palpate: Command) -> None:
     out = tmp_path / "new" / "sensor"
-    assert palpate_pattern("--preset", "paper-3x2", "--out", str(out), "--dxf", "--json") == 0
-    summary = json.loads(capsys.readouterr().out)
+    summary = palpate("pattern", "--preset", "paper-3x2", "--out", out, "--dxf", "--json").document
     assert sorted(summary["files"]) == sorted(str(p) for p in out.iterdir())
     assert {p.suffix for p in out.iterdir()} == {".svg", ".dxf"}
     assert [layer["mirrored"] for layer in summary["layers"]] == [True, False, False, True, False]
@@ -204,13 +196,8 @@ def test_the_command_writes_every_file_and_says_so(
     assert 'width="48.15mm"' in combined
 
 
-def test_dxf_and_svg_of_a_layer_are_the_same_lines(tmp_path: Path) -> None:
-    assert (
-        palpate_pattern(
-            "--out", str(tmp_path), "--shape", "rounded", "--dxf", "--json", "--name", "r"
-        )
-        == 0
-    )
+def test_dxf_and_svg_of_a_layer_are_the_same_lines(tmp_path: Path, palpate: Command) -> None:
+    palpate("pattern", "--out", tmp_path, "--shape", "rounded", "--dxf", "--json", "--name", "r")
     height = lay_out(replace(PRESETS["paper-2x2"], corner_mm=1.5)).height
     for svg in sorted(tmp_path.glob("r-*.svg")):
         document = ezdxf.readfile(svg.with_suffix(".dxf"))
@@ -250,11 +237,8 @@ def test_dxf_and_svg_of_a_layer_are_the_same_lines(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_work_is_refused_in_one_line_and_nothing_is_written(
-    options: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    options: list[str], words: str, tmp_path: Path, palpate: Command
 ) -> None:
     out = tmp_path / "out"
-    assert palpate_pattern("--out", str(out), *options) == 2
-    said = capsys.readouterr().err
-    assert words in said
-    assert said.count("\n") == 1
+    assert words in palpate.refused("pattern", "--out", out, *options)
     assert not out.exists()

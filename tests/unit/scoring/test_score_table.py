@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.commands import Command
 
-import palpate
-from palpate.cli import build_app, run
+from palpate import InputError, read_holds, score
 
 METHODS, CUTOFFS_S = ["relaxation", "recorded"], [1.0, 2.5]
 
@@ -24,22 +23,18 @@ def path(tmp_path: Path) -> Path:
     return path
 
 
-def test_score_of_holds_is_what_the_command_prints(
-    path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_score_of_holds_is_what_the_command_prints(path: Path, palpate: Command) -> None:
     options = [text for name in METHODS for text in ("--method", name)]
     options += [text for cutoff_s in CUTOFFS_S for text in ("--cutoff", str(cutoff_s))]
-    table = palpate.score(palpate.read_holds(path), methods=METHODS, cutoffs_s=CUTOFFS_S)
-    assert run(build_app(), ["settle", str(path), *options, "--json"], name="palpate") == 0
-    printed = json.loads(capsys.readouterr().out)
+    table = score(read_holds(path), methods=METHODS, cutoffs_s=CUTOFFS_S)
+    printed = palpate("settle", path, *options, "--json").document
     assert table.to_dict()["summary"] == printed["summary"]
-    assert run(build_app(), ["settle", str(path), *options], name="palpate") == 0
-    lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+    lines = [line.rstrip() for line in palpate("settle", path, *options).out.splitlines()]
     assert [line for line in str(table).splitlines() if line.rstrip() not in lines] == []
 
 
 def test_score_as_a_data_frame_has_a_row_for_each_method_and_cutoff(path: Path) -> None:
-    frame = palpate.score(palpate.read_holds(path), methods=METHODS, cutoffs_s=CUTOFFS_S)
+    frame = score(read_holds(path), methods=METHODS, cutoffs_s=CUTOFFS_S)
     table = frame.to_dataframe()
     assert list(zip(table["method"], table["cutoff_s"], strict=True)) == [
         (method, cutoff_s) for method in METHODS for cutoff_s in CUTOFFS_S
@@ -48,5 +43,5 @@ def test_score_as_a_data_frame_has_a_row_for_each_method_and_cutoff(path: Path) 
 
 
 def test_score_with_an_unknown_method_is_refused(path: Path) -> None:
-    with pytest.raises(palpate.InputError, match="no method 'magic'"):
-        palpate.score(palpate.read_holds(path), methods=["magic"])
+    with pytest.raises(InputError, match="no method 'magic'"):
+        score(read_holds(path), methods=["magic"])
