@@ -229,6 +229,18 @@ class LabelledTable:
     labels: tuple[str, ...]
     items: tuple[str, ...]
 
+    @classmethod
+    def of(
+        cls, features: Sequence[str], rows: Sequence[tuple[ArrayLike, str, str]]
+    ) -> LabelledTable:
+        """Put rows together, each its numbers, its label and its item."""
+        return cls(
+            features=tuple(features),
+            rows=np.array([numbers for numbers, _, _ in rows], dtype=float),
+            labels=tuple(label for _, label, _ in rows),
+            items=tuple(item for _, _, item in rows),
+        )
+
     def learn(self, *, strangers: bool = False, methods: Sequence[str] = ()) -> LabelLearner:
         """Learn from the labelled rows.
 

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.grasp.result import Outcome
 from palpate.holds.strict import read_table
 from palpate.produce.bruise.examination import labelled_sides
 from palpate.produce.learning import LabelledTable
 from palpate.produce.records import About, Grasp, Source
-from palpate.produce.ripeness.history import history_of, labels_of
+from palpate.produce.ripeness.history import labelled_histories
 
 if TYPE_CHECKING:
     from palpate.produce.store import Store
@@ -71,38 +70,27 @@ def labelled_of(store: Store, about: About, *, kind: str | None) -> LabelledTabl
         raise InputError(f"{about}: items of which kind? Name it with --kind")
     if about is About.BRUISE:
         sides = labelled_sides(store, kind=str(kind)).values()
-        if table := max(sides, key=lambda one: len(one.rows), default=None):
-            return table
-        found: _Rows = (), []
+        table = max(sides, key=lambda one: len(one.rows), default=None)
     elif about is About.RIPENESS:
-        found = _ripeness_rows(store, kind=str(kind))
+        table = _ripeness_table(store, kind=str(kind))
     else:
-        found = _item_rows(store, about, kind=kind)
-    features, rows = found
-    if not rows:
+        table = _item_table(store, about, kind=kind)
+    if table is None or not table.labels:
         raise InputError(
             f"{store.name}: no grasp to learn {about} from; label items: palpate items NAME "
             f"--say {about}=LABEL"
         )
-    return LabelledTable(
-        features=features,
-        rows=np.array([row for row, _, _ in rows], dtype=float),
-        labels=tuple(label for _, label, _ in rows),
-        items=tuple(item for _, _, item in rows),
-    )
+    return table
 
 
-_Rows = tuple[tuple[str, ...], list[tuple[Sequence[float] | FloatArray, str, str]]]
-
-
-def _item_rows(store: Store, about: About, *, kind: str | None) -> _Rows:
+def _item_table(store: Store, about: About, *, kind: str | None) -> LabelledTable:
     stated = {one.item_id: one.text for one in store.verdicts(about, source=Source.PERSON)}
-    rows: list[tuple[Sequence[float] | FloatArray, str, str]] = []
+    rows = []
     for item in store.items(kind=kind):
         fallback = item.kind or "" if about is About.IDENTITY else ""
-        if row := _means(store.grasps_of(item.item_id)):
-            rows.append((row, stated.get(item.item_id, fallback), item.item_id))
-    return _GRADE_FEATURES, rows
+        if means := _means(store.grasps_of(item.item_id)):
+            rows.append((means, stated.get(item.item_id, fallback), item.item_id))
+    return LabelledTable.of(_GRADE_FEATURES, rows)
 
 
 def _means(grasps: Sequence[Grasp]) -> list[float]:
@@ -121,17 +109,12 @@ def _means(grasps: Sequence[Grasp]) -> list[float]:
     return found
 
 
-def _ripeness_rows(store: Store, *, kind: str) -> _Rows:
+def _ripeness_table(store: Store, *, kind: str) -> LabelledTable:
     verdicts = store.verdicts(About.RIPENESS, source=Source.PERSON, kind=kind)
-    rows: list[tuple[Sequence[float] | FloatArray, str, str]] = []
-    for item_id in dict.fromkeys(one.item_id for one in verdicts):
-        history = history_of(store.grasps_of(item_id), item_id=item_id, drive="width")
-        if not history.days:
-            continue
-        labels = labels_of(history, (one for one in verdicts if one.item_id == item_id))
-        rows += [
-            ([day.firmness], label, item_id)
-            for day, label in zip(history.days, labels, strict=True)
-            if label is not None
-        ]
-    return ("ln_stiffness",), rows
+    rows = [
+        ([day.firmness], label, history.item_id)
+        for history, labels in labelled_histories(store, verdicts, drive="width")
+        for day, label in zip(history.days, labels, strict=True)
+        if label is not None
+    ]
+    return LabelledTable.of(("ln_stiffness",), rows)

@@ -15,8 +15,8 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.produce.bruise.shape import LoadShape, contrast
 from palpate.produce.learning import LabelLearner, LabelledTable
@@ -110,21 +110,17 @@ def table_sides(sides: Sequence[tuple[str, bool, Side]]) -> dict[str, LabelledTa
     for name in REFERENCES:
         having = [one for one in sides if name in one[2].against]
         if having:
-            found[name] = _contrast_table(
-                name,
-                [contrast(side.shape, side.against[name]) for *_, side in having],
-                labels=[BRUISED if bruised else SOUND for _, bruised, _ in having],
-                items=[item for item, *_ in having],
-            )
+            rows = [
+                (contrast(side.shape, side.against[name]), BRUISED if bruised else SOUND, item)
+                for item, bruised, side in having
+            ]
+            found[name] = _contrast_table(name, rows)
     return found
 
 
-def _contrast_table(
-    reference: str, contrasts: ArrayLike, *, labels: Sequence[str], items: Sequence[str]
-) -> LabelledTable:
-    rows = np.array(contrasts)
-    features = tuple(f"{reference}_{number}" for number in range(rows.shape[1]))
-    return LabelledTable(features=features, rows=rows, labels=tuple(labels), items=tuple(items))
+def _contrast_table(reference: str, rows: Sequence[tuple[FloatArray, str, str]]) -> LabelledTable:
+    features = [f"{reference}_{number}" for number in range(len(rows[0][0]))]
+    return LabelledTable.of(features, rows)
 
 
 def simulated_sides() -> tuple[str, dict[str, LabelledTable]]:
@@ -133,9 +129,12 @@ def simulated_sides() -> tuple[str, dict[str, LabelledTable]]:
     return document["learned_on"], {
         name: _contrast_table(
             name,
-            sides["contrasts"],
-            labels=sides["labels"],
-            items=list(map(str, range(len(sides["labels"])))),
+            [
+                (contrasts, label, str(number))
+                for number, (contrasts, label) in enumerate(
+                    zip(sides["contrasts"], sides["labels"], strict=True)
+                )
+            ],
         )
         for name, sides in document["sides"].items()
     }

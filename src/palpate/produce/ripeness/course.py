@@ -20,7 +20,7 @@ from scipy.special import logsumexp, softmax
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.produce.ripeness.firmness import DayFelt
+from palpate.produce.ripeness.firmness import DayFelt, pooled_variance
 
 #: Fewest items and days that a course can be learned from.
 FEWEST_COURSES, FEWEST_DAYS = 4, 3
@@ -58,8 +58,6 @@ class Course:
     noise_sd: float
     #: Usual scatter from grasp to grasp of one day, which more grasps average out.
     grasp_sd: float
-    #: How many it was learned from.
-    items: int
 
     @classmethod
     def learn(cls, items: Sequence[Sequence[DayFelt]]) -> Course:
@@ -74,16 +72,31 @@ class Course:
                 f"more, {FEWEST_COURSES} are needed; grasp some items every day until they are soft"
             )
         felt = np.concatenate([[day.firmness for day in item] for item in useful])
-        last_day = max(day.day for item in useful for day in item)
-        begin = _beginning(felt, last_day) | {"grasp_sd": _grasp_sd(useful)}
+        low, high = (float(level) for level in np.quantile(felt, [0.05, 0.95]))
+        fall = max(high - low, 1e-3)
+        last_day = max(1.0, *(day.day for item in useful for day in item))
+        grasp_sd = math.sqrt(pooled_variance([day for item in useful for day in item]))
+
+        def course_at(offset: FloatArray) -> Course:
+            """Return the course at offsets, in standard deviations, from the weak priors."""
+            return cls(
+                hard=high + 0.25 * fall * float(offset[0]),
+                soft=low + 0.25 * fall * float(offset[1]),
+                start_sd=0.1 * fall * float(np.exp(0.5 * offset[2])),
+                halfway_day=last_day * (0.5 + 0.5 * float(offset[3])),
+                halfway_sd=0.4 * last_day * float(np.exp(0.4 * offset[4])),
+                pace_days=_USUAL_PACE_DAYS * float(np.exp(0.5 * offset[5])),
+                noise_sd=_USUAL_NOISE_SHARE * fall * float(np.exp(0.7 * offset[6])),
+                grasp_sd=grasp_sd,
+            )
 
         def loss(offset: FloatArray) -> float:
-            course = _course(begin, offset, items=len(useful))
+            course = course_at(offset)
             gained = sum(course.courses_of(item).log_evidence for item in useful)
             return float(0.5 * offset @ offset - gained)
 
         best = minimize(loss, np.zeros(7), method="L-BFGS-B", options={"maxiter": 60, "eps": 1e-4})
-        found = _course(begin, best.x, items=len(useful))
+        found = course_at(best.x)
         if found.hard - found.soft < 2 * found.noise_sd:
             raise InputError(
                 "the course of ripening: no item softened by more than the scatter of its grasps; "
@@ -165,34 +178,3 @@ def _time_left(day: ArrayLike, halfway_day: FloatArray, pace_days: FloatArray) -
     """Return the remaining fall on each day of each course, shape (courses, days)."""
     since = np.asarray(day, dtype=float) - halfway_day[:, None]
     return np.asarray(0.5 * (1.0 - np.tanh(0.5 * since / pace_days[:, None])))
-
-
-def _beginning(felt: FloatArray, last_day: float) -> dict[str, float]:
-    """Return the prior, from the range of all firmness values."""
-    low, high = (float(level) for level in np.quantile(felt, [0.05, 0.95]))
-    fall = max(high - low, 1e-3)
-    return {"low": low, "high": high, "fall": fall, "last_day": max(last_day, 1.0)}
-
-
-def _grasp_sd(items: Sequence[Sequence[DayFelt]]) -> float:
-    """Return the pooled scatter of grasps within a day; 0 without repeats."""
-    days = [day for item in items for day in item if day.grasps > 1]
-    freedom = sum(day.grasps - 1 for day in days)
-    squared = sum((day.grasps - 1) * day.spread**2 for day in days)
-    return math.sqrt(squared / freedom) if freedom else 0.0
-
-
-def _course(begin: dict[str, float], offset: FloatArray, *, items: int) -> Course:
-    """Return the course at offsets, in standard deviations, from the beliefs before learning."""
-    fall, days = begin["fall"], begin["last_day"]
-    return Course(
-        hard=begin["high"] + 0.25 * fall * float(offset[0]),
-        soft=begin["low"] + 0.25 * fall * float(offset[1]),
-        start_sd=0.1 * fall * float(np.exp(0.5 * offset[2])),
-        halfway_day=days * (0.5 + 0.5 * float(offset[3])),
-        halfway_sd=0.4 * days * float(np.exp(0.4 * offset[4])),
-        pace_days=_USUAL_PACE_DAYS * float(np.exp(0.5 * offset[5])),
-        noise_sd=_USUAL_NOISE_SHARE * fall * float(np.exp(0.7 * offset[6])),
-        grasp_sd=begin["grasp_sd"],
-        items=items,
-    )

@@ -10,7 +10,7 @@ happens.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -133,3 +133,15 @@ def by_day(felt: Iterable[tuple[datetime, float]]) -> tuple[DayFelt, ...]:
             )
         )
     return tuple(days)
+
+
+def pooled_variance(days: Sequence[DayFelt]) -> float:
+    """Return the variance from grasp to grasp of one day; 0 where no day had two grasps.
+
+    >>> pooled_variance([DayFelt(day=0.0, firmness=1.0, grasps=3, spread=0.5)])
+    0.25
+    """
+    again = [day for day in days if day.grasps > 1]
+    freedom = sum(day.grasps - 1 for day in again)
+    squared = sum((day.grasps - 1) * day.spread**2 for day in again)
+    return squared / freedom if freedom else 0.0

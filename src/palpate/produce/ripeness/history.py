@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from palpate.errors import CalibrationError, InputError
@@ -104,19 +105,40 @@ def learn_rule(
     Raises `InputError` if there are too few, or a stage was never given.
     """
     verdicts = store.verdicts(About.RIPENESS, source=Source.PERSON, kind=kind)
-    items = list(dict.fromkeys(verdict.item_id for verdict in reversed(verdicts)))[:_MOST_ITEMS]
-    days, labels = [], []
-    for item_id in items:
-        history = history_of(store.grasps_of(item_id), item_id=item_id, drive=drive, drift=drift)
-        if history.days:
-            days.append(history.days)
-            labels.append(labels_of(history, (one for one in verdicts if one.item_id == item_id)))
-    if not days:
+    last_first = labelled_histories(store, verdicts[::-1], drive=drive, drift=drift)
+    known = list(islice(last_first, _MOST_ITEMS))
+    if not known:
         raise InputError(
             f"no {kind} that a gripper driven by {drive} felt was labelled; label how ripe some "
             f"are: palpate items ITEM --set kind={kind} --say ripeness={stages[0]}"
         )
-    return RipenessRule.learn(days, labels=labels, stages=stages)
+    return RipenessRule.learn(
+        [history.days for history, _ in known],
+        labels=[labels for _, labels in known],
+        stages=stages,
+    )
+
+
+def labelled_histories(
+    store: Store, verdicts: Sequence[Verdict], *, drive: Drive, drift: Drift | None = None
+) -> Iterator[tuple[FirmnessHistory, list[str | None]]]:
+    """Yield the items of these verdicts that were felt, in that order, with a label for each day.
+
+    `verdicts`: of people; the label of a day is the last one given near it.
+    """
+    by_item: dict[str, list[Verdict]] = {}
+    for verdict in verdicts:
+        by_item.setdefault(verdict.item_id, []).append(verdict)
+    for item_id, given in by_item.items():
+        history = history_of(store.grasps_of(item_id), item_id=item_id, drive=drive, drift=drift)
+        if not history.days:
+            continue
+        labels: list[str | None] = [None] * len(history.days)
+        for verdict in sorted(given, key=lambda one: one.given_at):
+            nearest = history.nearest_day(verdict.given_at)
+            if abs(history.days[nearest].day - history.day_of(verdict.given_at)) <= _SAME_DAY:
+                labels[nearest] = verdict.text
+        yield history, labels
 
 
 def judge_ripeness(history: FirmnessHistory, *, rule: RipenessRule | None, ripe: str) -> Ripeness:
@@ -185,16 +207,6 @@ def explanation(ripeness: Ripeness, history: FirmnessHistory) -> str:
         "first day": "judged by how it softened since its first day, taken as hard",
     }[ripeness.basis]
     return f"{felt}: {chance} {basis}"
-
-
-def labels_of(history: FirmnessHistory, verdicts: Iterable[Verdict]) -> list[str | None]:
-    """Return the label of each day of an item: the last one given near it."""
-    labels: list[str | None] = [None] * len(history.days)
-    for verdict in verdicts:
-        nearest = history.nearest_day(verdict.given_at)
-        if abs(history.days[nearest].day - history.day_of(verdict.given_at)) <= _SAME_DAY:
-            labels[nearest] = verdict.text
-    return labels
 
 
 def _give(store: Store, grasps: Sequence[Grasp], *, drive: Drive) -> Compliance | None:

@@ -32,7 +32,13 @@ from palpate.estimate.compliance import Compliance
 from palpate.estimate.measurement import Measurement
 from palpate.produce.records import Drive, Grasp
 from palpate.produce.ripeness.closing import log_gain
-from palpate.produce.ripeness.firmness import DAY_S, RIPENESS_N, by_day, firmness_of
+from palpate.produce.ripeness.firmness import (
+    DAY_S,
+    RIPENESS_N,
+    by_day,
+    firmness_of,
+    pooled_variance,
+)
 
 #: Drift is taken to wander by this much in the root of a day (sheets that break in lose 10 to 40 %
 #: of their conductance in a few days) and to jump by this much from day to day with the weather; or
@@ -101,14 +107,11 @@ class Drift:
                 f"the reference object was felt on {len(days)} day(s){kept} by a gripper driven "
                 f"by {drive}; grasp it on every day on which fruit is felt"
             )
-        known = [(day.spread, day.grasps) for day in days if day.grasps > 1]
-        freedom = sum(count - 1 for _, count in known)
-        pooled = sum((count - 1) * spread**2 for spread, count in known) / freedom if known else 0.0
-        first = days[0]
+        first, variance = days[0], pooled_variance(days)
         moved = _smooth(
             np.array([day.day - first.day for day in days]),
             np.array([day.firmness - first.firmness for day in days]),
-            variance=np.array([pooled / day.grasps for day in days]),
+            variance=np.array([variance / day.grasps for day in days]),
         )
         return cls(
             first_at=min(at for at, _ in read),

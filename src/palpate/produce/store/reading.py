@@ -35,7 +35,7 @@ def read_grasps(connection: sa.Connection, query: sa.Select[Any]) -> dict[int, G
     numbers = [row.pop("number") for row in rows]
     measured = _measurements(connection, numbers)
     return {
-        number: Grasp(**_grasp_values(row), measurements=measured.get(number, {}))
+        number: Grasp(**row, measurements=measured.get(number, {}))
         for number, row in zip(numbers, rows, strict=True)
     }
 
@@ -74,25 +74,15 @@ def _measurements(
     for part in _in_parts(numbers):
         query = sa.select(MEASUREMENTS).where(MEASUREMENTS.c.grasp_number.in_(part))
         for row in connection.execute(query).mappings():
-            found.setdefault(row["grasp_number"], {})[row["name"]] = _measurement(row)
+            found.setdefault(row["grasp_number"], {})[row["name"]] = Measurement(
+                value=row["value"],
+                low=row["low"],
+                high=row["high"],
+                unit=MEASURED[row["name"]],
+                level=row["level"],
+                status=Status(row["status"]),
+            )
     return found
-
-
-def _measurement(row: sa.RowMapping) -> Measurement:
-    return Measurement(
-        value=row["value"],
-        low=row["low"],
-        high=row["high"],
-        unit=MEASURED[row["name"]],
-        level=row["level"],
-        status=Status(row["status"]),
-    )
-
-
-def _grasp_values(row: dict[str, Any]) -> dict[str, Any]:
-    pixels = row["pixel_settled_percent"]
-    # JSON has lists where a record has tuples.
-    return row if pixels is None else row | {"pixel_settled_percent": tuple(map(tuple, pixels))}
 
 
 class StoreReader:
