@@ -241,7 +241,7 @@ def test_a_database_of_something_else_is_left_alone(url: str) -> None:
     engine = make_engine(store_url(url))
     with engine.begin() as connection:
         connection.exec_driver_sql("CREATE TABLE invoices (number INTEGER)")
-    with pytest.raises(StoreError, match=r"of something else .*'invoices'"):
+    with pytest.raises(StoreError, match=r"of another program .*'invoices'"):
         open_and_read(url)
     assert sa.inspect(engine).get_table_names() == ["invoices"]
     engine.dispose()

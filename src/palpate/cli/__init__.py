@@ -132,7 +132,7 @@ def run(app: Any, arguments: Sequence[str], *, name: str) -> int:
         return 2
     except (KeyboardInterrupt, typer.Abort) as error:
         if isinstance(error.__context__, EOFError):
-            print(f"\n{name}: nobody answers; {_UNANSWERED}", file=sys.stderr)
+            print(f"\n{name}: no answer on standard input; {_UNANSWERED}", file=sys.stderr)
             return 2
         print(f"{name}: stopped", file=sys.stderr)
         return EXIT_STOPPED

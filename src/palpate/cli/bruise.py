@@ -84,7 +84,7 @@ def _learn(store: Store, item: str) -> BruiseModel:
     kind = store.item(item).kind
     if kind is None:
         raise InputError(
-            f"item {item!r} has no kind to learn about; palpate items {item} --set kind=apple"
+            f"item {item!r} has no kind; set it: palpate items {item} --set kind=apple"
         )
     return learn_from(store, kind=kind)
 

@@ -85,7 +85,7 @@ def _measure(guided: GuidedBench, *, block_mm: float, rig: str, out: Path) -> Ca
     earlier = earlier_calibration(out, layout=bench.array.layout, simulated=guided.simulated)
     if earlier is None:
         raise InputError(
-            f"{out} is not there yet; run `palpate calibrate force --rig {rig} --out {out}` first"
+            f"{out} does not exist yet; run `palpate calibrate force --rig {rig} --out {out}` first"
         )
     guided.place_block()
     block = measure_block(

@@ -143,7 +143,7 @@ def _print(made: Calibration, *, path: Path) -> None:
     law = made.force_law["law"]
     print(f"{path}{simulated}: force law {law}, {len(made.force.force_n)} pairs")
     seen = made.held_out.get("unloading_seen", False)
-    print(f"hysteresis: {'seen and learned' if seen else 'not seen, left out'}")
+    print(f"hysteresis: {'measured' if seen else 'not measured'}")
     print(f"expected error of {made.held_out['of']}, on placements or loads left out of the fit:")
     early = made.held_out.get("early_error_percent", {})
     for force, error in made.held_out["error_percent"].items():
@@ -221,7 +221,7 @@ def weigh_loads(
         earlier = earlier_calibration(out, layout=source.array.layout, simulated=source.simulated)
         if earlier is None:
             raise InputError(
-                f"{out} is not there yet; run `palpate calibrate rest --rig {rig} --out {out}`"
+                f"{out} does not exist yet; run `palpate calibrate rest --rig {rig} --out {out}`"
             )
 
         def place(load_n: float) -> None:
@@ -230,7 +230,7 @@ def weigh_loads(
 
         weighing = weigh(
             source.array,
-            loads_n=_ask_loads(course) if listed is None else _until_enough(listed, course),
+            loads_n=_ask_loads(course) if listed is None else _take_until_enough(listed, course),
             place=place,
             clock=RealClock(),
             settled=course.take,
@@ -245,7 +245,7 @@ def weigh_loads(
     return replace(made, held_out=held_out, made_at=now_text()), course
 
 
-def _until_enough(loads_n: Sequence[float], course: Course) -> Iterator[float]:
+def _take_until_enough(loads_n: Sequence[float], course: Course) -> Iterator[float]:
     for load_n in loads_n:
         if course.enough:
             return

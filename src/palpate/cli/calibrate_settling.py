@@ -42,7 +42,7 @@ def settling(
     source = HoldSource(paths=recordings)
     files = source.files()
     if len({path.stem for path in files}) < len(files):
-        raise InputError("two recordings have one name; holds are named by it, rename one")
+        raise InputError("two recordings have the same name, which names their holds; rename one")
     kept = _read(HoldSource(paths=[place]), place) if rig and place.exists() else []
     for path in files:
         cut = _read(source, path)

@@ -99,7 +99,7 @@ def _examine_recording(path: Path, *, duration_s: float, press: bool) -> Examine
     if not len(loaded.time_s):
         raise InputError(f"{path}: no frames to judge")
     if len(set(loaded.oversampling.tolist())) > 1:
-        raise InputError(f"{path}: the oversampling changes within it; judge a part without that")
+        raise InputError(f"{path}: the oversampling changes within it; record with one setting")
     whole = FrameColumns(
         time_s=loaded.time_s,
         sequence=loaded.sequence,
@@ -172,10 +172,10 @@ def health_document(examined: Examined) -> dict[str, Any]:
                 "row": row,
                 "col": col,
                 "finger": layout.finger_of_row[row],
-                "rest_ohm": _number(pixels.rest_ohm[row, col]),
-                "noise_percent": _number(pixels.noise_percent[row, col]),
-                "drift_percent": _number(pixels.drift_percent[row, col]),
-                "count_percent": _number(pixels.count_percent[row, col]),
+                "rest_ohm": _finite_or_none(pixels.rest_ohm[row, col]),
+                "noise_percent": _finite_or_none(pixels.noise_percent[row, col]),
+                "drift_percent": _finite_or_none(pixels.drift_percent[row, col]),
+                "count_percent": _finite_or_none(pixels.count_percent[row, col]),
             }
             for row in range(layout.rows)
             for col in range(layout.cols)
@@ -218,7 +218,7 @@ def print_health(examined: Examined) -> None:
 
 def _pixels(examined: Examined) -> Table:
     layout, pixels = examined.layout, examined.health.pixels
-    marks = _marks(examined)
+    marks = _pixel_marks(examined)
     names = ["pixel", ">finger", ">at rest", ">noise", ">drift", ">one count", *[""] * bool(marks)]
     table = make_table(names)
     for column in table.columns:
@@ -232,7 +232,7 @@ def _pixels(examined: Examined) -> Table:
             table.add_row(
                 name,
                 str(layout.finger_of_row[row]),
-                _ohm(float(pixels.rest_ohm[row, col])),
+                _ohm_text(float(pixels.rest_ohm[row, col])),
                 _percent(float(pixels.noise_percent[row, col])),
                 _percent(float(pixels.drift_percent[row, col]), sign="+"),
                 _percent(float(pixels.count_percent[row, col])),
@@ -243,7 +243,7 @@ def _pixels(examined: Examined) -> Table:
     return table
 
 
-def _marks(examined: Examined) -> dict[str, str]:
+def _pixel_marks(examined: Examined) -> dict[str, str]:
     """Return the code of the finding that concerns each pixel, by the pixel's name."""
     marks: dict[str, str] = {}
     for found in examined.health.findings:
@@ -272,7 +272,7 @@ def _summary(examined: Examined) -> Text:
         how = "measured" if health.range_measured else "low end assumed"
         lines += (
             f"\nreference {fit.present_ohm:g} ohm: one count is at most {fit.step_percent:.1f} % "
-            f"from {_ohm(fit.low_ohm)} to {_ohm(fit.high_ohm)} ({how})"
+            f"from {_ohm_text(fit.low_ohm)} to {_ohm_text(fit.high_ohm)} ({how})"
         )
     return Text(lines, style="dim")
 
@@ -291,7 +291,7 @@ def _findings(health: Health) -> Table:
     return table
 
 
-def _ohm(ohm: float) -> str:
+def _ohm_text(ohm: float) -> str:
     if math.isinf(ohm):
         return "open"
     if ohm == 0:
@@ -303,5 +303,5 @@ def _percent(value: float, *, sign: str = "") -> str:
     return "-" if math.isnan(value) else f"{value:{sign}z.2f} %"
 
 
-def _number(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None

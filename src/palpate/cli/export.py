@@ -60,7 +60,7 @@ def export(
         raise InputError("--task and --fps are for --lerobot; name its folder, or leave them out")
     if len(files) > 1:
         raise InputError(f"{files[1]}: one recording at a time, except with --lerobot")
-    file, form = files[0], _form(to, out)
+    file, form = files[0], _choose_form(to, out)
     target = out or file.parent / (file.stem + (f".holds.{form}" if holds else f".{form}"))
     check_new(target)
     if holds:
@@ -78,7 +78,7 @@ def export(
     say(f"{target}: {what}{rows} rows")
 
 
-def _form(to: ExportForm | None, out: Path | None) -> ExportForm:
+def _choose_form(to: ExportForm | None, out: Path | None) -> ExportForm:
     """Return the form that option and ending agree on: a recording is never written over."""
     if out is None:
         return to or "csv"

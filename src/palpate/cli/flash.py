@@ -182,7 +182,7 @@ def _refuse_other_files(image: Path) -> None:
     except UnicodeDecodeError as error:
         raise InputError(f"image {image}: not an Intel hex file") from error
     if not lines or lines[-1].upper() != ":00000001FF" or any(line[0] != ":" for line in lines):
-        raise InputError(f"image {image}: not a whole Intel hex file")
+        raise InputError(f"image {image}: a truncated Intel hex file")
 
 
 def ports(

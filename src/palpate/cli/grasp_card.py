@@ -62,7 +62,7 @@ def print_card(
     parts.append(_timings(result))
     if limited is not None:
         parts.append(Text(_limit_text(limited)))
-    notes = {_note(m): None for name, _, _ in _ROWS if (m := getattr(result, name))}
+    notes = {_note_text(m): None for name, _, _ in _ROWS if (m := getattr(result, name))}
     parts += [Text(f"* {note}", style="yellow") for note in notes if note]
     parts += [Text(f"! {fault}", style="yellow") for fault in result.faults]
     print_frame(
@@ -95,12 +95,12 @@ def _measurements(result: GraspResult, truth: Mapping[str, object] | None) -> Ta
             if measured.number:
                 is_inside = measured.low <= known <= measured.high
                 true = f"[{'green' if is_inside else 'red'}]{true}[/]"
-        note = " [yellow]*[/]" if _note(measured) else ""
+        note = " [yellow]*[/]" if _note_text(measured) else ""
         table.add_row(label + note, value, interval, *[true] * (truth is not None))
     return table
 
 
-def _note(measured: Measurement) -> str:
+def _note_text(measured: Measurement) -> str:
     return measured.reason or _NOTES.get(measured.status, str(measured.status))
 
 

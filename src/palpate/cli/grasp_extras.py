@@ -57,7 +57,7 @@ def open_limit(path: Path | None, *, kind: str | None) -> Limit | None:
     """
     if path is None:
         if kind is not None:
-            raise InputError(f"--kind {kind}: give --damage FILE too, which knows kinds")
+            raise InputError(f"--kind {kind}: needs --damage FILE, which defines the kinds")
         return None
     from palpate.estimate.damage_file import DamageFile
 

@@ -88,7 +88,7 @@ def init(
     boards = [found.device for found in serial_ports() if found.board is not None]
     likely = boards[0] if len(boards) == 1 else _ANY_PORT
     array: dict[str, str | float | bool] = {"port": _ask("Serial port", port, likely)}
-    array |= _pixels(layout, fingers) | _divider(reference_ohm, taxel_leg, idle_lines)
+    array |= _ask_layout(layout, fingers) | _ask_divider(reference_ohm, taxel_leg, idle_lines)
     array |= {"rate_hz": rate_hz, "baud": baud}
     layout_named(
         str(array["layout"]),
@@ -96,7 +96,7 @@ def init(
         idle_lines=cast(IdleLines, array["idle_lines"]),
         fingers=int(array.get("fingers", 1)),
     )
-    hand = _hand(gripper, gripper_port)
+    hand = _ask_gripper(gripper, gripper_port)
     array |= {key: True for kind, key in _SHARED.items() if hand.get("open") == _GRIPPERS[kind]}
     text = rig_text(array, gripper=hand, calibration=f"{file.stem}-calibration.json")
     with atomic_path(file) as partial:
@@ -106,7 +106,7 @@ def init(
     print(f"Then: palpate calibrate rest --rig {file}, and {rest}")
 
 
-def _pixels(layout: str | None, fingers: int | None) -> dict[str, str | float | bool]:
+def _ask_layout(layout: str | None, fingers: int | None) -> dict[str, str | float | bool]:
     """Return the matrix, and its number of fingers where its name does not give it."""
     name = _ask(f"Layout ({', '.join(LAYOUTS)}, or all rows x columns, e.g. 6x3)", layout, _LAYOUT)
     if name in LAYOUTS and fingers is None:
@@ -117,7 +117,7 @@ def _pixels(layout: str | None, fingers: int | None) -> dict[str, str | float | 
     return {"layout": name, "fingers": int(stated)}
 
 
-def _divider(
+def _ask_divider(
     reference_ohm: float | None, taxel_leg: str | None, idle_lines: str | None
 ) -> dict[str, str | float | bool]:
     """Return how the pixels are wired and read."""
@@ -139,7 +139,7 @@ def _divider(
     return {"reference_ohm": ohm, "taxel_leg": leg, "idle_lines": idle}
 
 
-def _hand(kind: str | None, port: str | None) -> dict[str, str | float]:
+def _ask_gripper(kind: str | None, port: str | None) -> dict[str, str | float]:
     """Return the table of the gripper; empty for none."""
     kinds = ", ".join((_NO_GRIPPER, *_GRIPPERS))
     chosen = _ask(f"Gripper ({kinds}, or module:function that opens it)", kind, _NO_GRIPPER)

@@ -68,7 +68,7 @@ def inspect(
     if as_json:
         print_json(document)
     else:
-        print(_text(document))
+        print(_recording_text(document))
         if plot is not None:
             print(f"Written: {plot}")
 
@@ -87,7 +87,7 @@ def _recover(file: Path, out: Path) -> None:
     say(report)
 
 
-def _text(found: dict[str, Any]) -> str:
+def _recording_text(found: dict[str, Any]) -> str:
     layout = found["layout"]
     simulated = "" if found["origin"] == "hardware" else " (simulated)"
     rate = "" if found["rate_hz"] is None else f" at {found['rate_hz']:.1f} Hz"
@@ -103,12 +103,12 @@ def _text(found: dict[str, Any]) -> str:
         "gripper": f"{found['gripper_states']} states",
         "load cells": found["load_cell_readings"] or None,
         "events": found["events"] or None,
-        "file": _condition(found),
+        "file": _condition_text(found),
     }
     return "\n".join(f"{name:<12} {text}" for name, text in lines.items() if text is not None)
 
 
-def _condition(found: dict[str, Any]) -> str:
+def _condition_text(found: dict[str, Any]) -> str:
     if found["intact"]:
         return "whole"
     damaged, unread = found["damaged_chunks"], found["unread_bytes"]

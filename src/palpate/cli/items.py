@@ -89,7 +89,7 @@ def items(
             page = item_page(known, item)
             print_json(item_document(page)) if as_json else _print_page(page)
         else:
-            found = _find(known, kind=kind, batch=batch, period=period, limit=limit + 1)
+            found = _select_items(known, kind=kind, batch=batch, period=period, limit=limit + 1)
             pages = item_pages(known, found[:limit])
             if as_json:
                 print_json(items_document(pages))
@@ -136,7 +136,7 @@ def day_bounds(text: str) -> tuple[date, datetime, datetime]:
     return day, start, end
 
 
-def _find(
+def _select_items(
     store: Store,
     *,
     kind: str | None,
@@ -152,8 +152,10 @@ def _find(
 
 
 def _label(store: Store, item_id: str, *, changes: list[str], labels: list[str]) -> None:
-    settings = dict(_pair(text, option="--set", known=_SETTABLE) for text in changes)
-    labelled = [_pair(text, option="--say", known=tuple(map(str, About))) for text in labels]
+    settings = dict(_split_setting(text, option="--set", known=_SETTABLE) for text in changes)
+    labelled = [
+        _split_setting(text, option="--say", known=tuple(map(str, About))) for text in labels
+    ]
     kind, batch, label = map(settings.get, _SETTABLE)
     store.add_item(Item(item_id=item_id, kind=kind, batch=batch, label=label))
     for about, text in labelled:
@@ -175,7 +177,7 @@ def add_label(store: Store, item_id: str, *, about: About, text: str) -> None:
     )
 
 
-def _pair(text: str, *, option: str, known: tuple[str, ...]) -> tuple[str, str]:
+def _split_setting(text: str, *, option: str, known: tuple[str, ...]) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not equals or name not in known or not value.strip():
         raise InputError(
@@ -295,7 +297,10 @@ def _grasps(page: ItemHistory) -> Table:
         table.add_row(
             time_text(grasp.taken_at),
             str(grasp.outcome),
-            *(_band(grasp.measurements.get(name), n) for name, (_, n) in quantities.items()),
+            *(
+                _interval_cell(grasp.measurements.get(name), n)
+                for name, (_, n) in quantities.items()
+            ),
             *[side for _ in sides],
         )
     if len(page.grasps) > _SHOWN:
@@ -329,7 +334,7 @@ def _value(measured: Measurement | None, digits: int) -> str:
     return "-" if measured is None else measured.text(digits=digits)
 
 
-def _band(measured: Measurement | None, digits: int) -> str:
+def _interval_cell(measured: Measurement | None, digits: int) -> str:
     if measured is None:
         return "-"
     low, high = f"{measured.low:.{digits}f}", f"{measured.high:.{digits}f}"

@@ -108,7 +108,7 @@ class LiveView:
 
     def _aggregate(self, change: FloatArray) -> RenderableType:
         mean = float(mean_change(change))
-        curve = "".join(_block(deep) for deep in self._curve).rjust(_CURVE_COLUMNS)
+        curve = "".join(_curve_block(deep) for deep in self._curve).rjust(_CURVE_COLUMNS)
         head = Text.from_markup(f"mean relative change [bold]{_percent(mean)}[/]")
         span = f"0 to -{DEEPEST_PERCENT:.0f} %, last {_CURVE_COLUMNS * _COLUMN_S:.0f} s"
         lines = [head, Text(curve, style="dark_orange"), Text(span, style="dim")]
@@ -142,7 +142,7 @@ def _percent(mean: float) -> str:
     return "no pixel" if math.isnan(mean) else f"{min(mean, _HIGHEST_PERCENT):+6.1f} %"
 
 
-def _block(deep: float) -> str:
+def _curve_block(deep: float) -> str:
     """Return the column of the curve for a depth; a gap where no pixel read."""
     if math.isnan(deep):
         return " "

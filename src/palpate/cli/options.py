@@ -106,7 +106,7 @@ def rig_or_port(rig: str | None, port: str | None) -> str | None:
     Raises `InputError` if both are given.
     """
     if rig is not None and port is not None:
-        raise InputError("--port: a rig states that itself; leave it out with --rig")
+        raise InputError("--port: the rig states its port; leave it out with --rig")
     return rig if rig is not None or port is not None else rig_of_environment()
 
 
@@ -180,7 +180,9 @@ DayOption: TypeAlias = Annotated[
 #: One item of the store.
 ItemArgument: TypeAlias = Annotated[
     str,
-    typer.Argument(help="The item; grasped before.", metavar="ITEM", autocompletion=complete_items),
+    typer.Argument(
+        help="An item that was grasped before.", metavar="ITEM", autocompletion=complete_items
+    ),
 ]
 
 #: Give it the default None.

@@ -95,7 +95,7 @@ def qualify(
         if not tolerance > 0:
             tolerance = _TOLERANCE_SHARE * scatter.between
         if not tolerance > 0:
-            raise InputError(f"{readings}: the reference reads the same everywhere")
+            raise InputError(f"{readings}: all readings of the reference are equal")
     demand = Demand(
         tolerance=tolerance, limits=limits, level=level, cost_high=cost[0], cost_low=cost[1]
     )

@@ -93,7 +93,7 @@ def report(
             text = _item_report(item_page(known, item), store=known.name)
         elif batch is not None:
             pages = item_pages(known, find_batch(known, batch))
-            text = _many_report(f"Batch {batch}", pages, store=known.name, day=None)
+            text = _group_report(f"Batch {batch}", pages, store=known.name, day=None)
         else:
             of, since, until = day_bounds(asked[0])
             names = dict.fromkeys(one.item_id for one in known.grasps(since=since, until=until))
@@ -101,7 +101,7 @@ def report(
                 raise InputError(f"{known.name}: no grasps on {of}")
             found = item_pages(known, known.items_named(list(names)))
             pages = tuple(page.within(since, until) for page in found)
-            text = _many_report(f"{of:%A}, {of.day} {of:%B %Y}", pages, store=known.name, day=of)
+            text = _group_report(f"{of:%A}, {of.day} {of:%B %Y}", pages, store=known.name, day=of)
     with atomic_path(target) as partial:
         partial.write_text(text, encoding="utf-8")
     say(f"{target}: {len(text) // 1000} kB")
@@ -133,7 +133,7 @@ def _item_report(page: ItemHistory, *, store: str) -> str:
     if (pixels := pixels_figure(page.grasps)) is not None:
         figures["Change of each pixel at the answer, %, by side"] = pixels
     if figures:
-        body.append(_inline(figures))
+        body.append(_inline_figures(figures))
     if page.verdicts:
         verdicts = list(verdict_rows(reversed(page.verdicts[-_MOST_ROWS:])))
         body.append(PageTable("Verdicts", ("when", *VERDICT_COLUMNS), verdicts))
@@ -156,7 +156,9 @@ def _item_tiles(page: ItemHistory) -> dict[str, tuple[str, str, str]]:
     for name, caption, unit, digits in _QUANTITIES[:4]:
         measured = page.latest(name)
         if measured is not None:
-            ends = f"{_fix(measured.low, digits)} to {_fix(measured.high, digits)}"
+            ends = (
+                f"{_fixed_digits(measured.low, digits)} to {_fixed_digits(measured.high, digits)}"
+            )
             tiles[caption] = (_number(measured, digits), unit, ends)
     for about in About:
         verdict = page.latest_verdict(about)
@@ -183,35 +185,35 @@ def _number(measured: Measurement | None, digits: int) -> str:
     """Return a value, marked if its status is not `ok`."""
     if measured is None:
         return "-"
-    return f"{_fix(measured.middle, digits)}{'' if measured.status is Status.OK else ' *'}"
+    return f"{_fixed_digits(measured.middle, digits)}{'' if measured.status is Status.OK else ' *'}"
 
 
-def _fix(value: float, digits: int) -> str:
+def _fixed_digits(value: float, digits: int) -> str:
     """Return a number with a typographic minus.
 
-    >>> _fix(-45.04, 1)
+    >>> _fixed_digits(-45.04, 1)
     '\N{MINUS SIGN}45.0'
     """
     return f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")
 
 
-def _many_report(title: str, pages: Sequence[ItemHistory], *, store: str, day: date | None) -> str:
+def _group_report(title: str, pages: Sequence[ItemHistory], *, store: str, day: date | None) -> str:
     """Return the report of a batch, or of a day: counts, firmness and bins."""
     grasps = [grasp for page in pages for grasp in page.grasps]
     return render_page(
         title=title,
-        chips=_chips(pages, grasps),
+        chips=_summary_labels(pages, grasps),
         simulated=any(grasp.simulated for grasp in grasps),
         body=[
-            _many_tiles(pages, grasps),
-            _many_figures(pages, grasps, day=day),
+            _group_tiles(pages, grasps),
+            _group_figures(pages, grasps, day=day),
             _items_table(pages),
         ],
         foot=f"From the {store}. Each item is listed with its last grasp. {_FOOT}",
     )
 
 
-def _chips(pages: Sequence[ItemHistory], grasps: Sequence[Grasp]) -> list[str]:
+def _summary_labels(pages: Sequence[ItemHistory], grasps: Sequence[Grasp]) -> list[str]:
     chips = [kind for kind, _ in Counter(map(kind_of, pages)).most_common(4)]
     if grasps:
         first, last = (time_text(end(grasp.taken_at for grasp in grasps)) for end in (min, max))
@@ -220,7 +222,7 @@ def _chips(pages: Sequence[ItemHistory], grasps: Sequence[Grasp]) -> list[str]:
     return chips
 
 
-def _many_tiles(
+def _group_tiles(
     pages: Sequence[ItemHistory], grasps: Sequence[Grasp]
 ) -> dict[str, tuple[str, str, str]]:
     held = sum(grasp.outcome is Outcome.HELD for grasp in grasps)
@@ -242,7 +244,7 @@ def _count_verdicts(pages: Sequence[ItemHistory], about: About) -> Counter[str]:
     return Counter(one.text for page in pages if (one := page.latest_verdict(about)))
 
 
-def _stages(pages: Sequence[ItemHistory]) -> dict[str, int]:
+def _stage_ranks(pages: Sequence[ItemHistory]) -> dict[str, int]:
     """Return the rank of each stage of ripeness, the firmest first."""
     verdicts = (one for page in pages for one in page.verdicts if one.about is About.RIPENESS)
     judged = (one.details.get("probabilities") for one in verdicts)
@@ -261,7 +263,7 @@ def _days_to_ripe(page: ItemHistory) -> str:
     return Days(value=value, low=low, high=high).text
 
 
-def _inline(figures: Mapping[str, Figure | None]) -> _Figures:
+def _inline_figures(figures: Mapping[str, Figure | None]) -> _Figures:
     return [
         (caption, inline_svg(figure, label=caption))
         for caption, figure in figures.items()
@@ -269,7 +271,7 @@ def _inline(figures: Mapping[str, Figure | None]) -> _Figures:
     ]
 
 
-def _many_figures(
+def _group_figures(
     pages: Sequence[ItemHistory], grasps: Sequence[Grasp], *, day: date | None
 ) -> _Figures:
     figures: dict[str, Figure | None] = {}
@@ -279,12 +281,12 @@ def _many_figures(
         figures["Grasps over the day"] = hours_figure(grasps)
     figures["Size and stiffness, by kind"] = size_stiffness_figure(pages)
     if stages := _count_verdicts(pages, About.RIPENESS):
-        order = _stages(pages)
+        order = _stage_ranks(pages)
         firmest_first = sorted(stages.items(), key=lambda one: order.get(one[0], len(order)))
         figures["Ripeness"] = counts_figure(firmest_first[:8])
     if bins := _count_verdicts(pages, About.BIN):
         figures["Bins"] = counts_figure(bins.most_common(8))
-    return _inline(figures)
+    return _inline_figures(figures)
 
 
 def _items_table(pages: Sequence[ItemHistory]) -> PageTable:

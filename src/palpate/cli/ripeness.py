@@ -43,7 +43,7 @@ def ripeness(
     items: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Which items; grasped before.",
+            help="Items that were grasped before.",
             metavar="ITEM",
             autocompletion=option.complete_items,
         ),
@@ -73,12 +73,12 @@ def ripeness(
 
     Example: palpate ripeness A17 --reference ball --plot a17.png
     """
-    names = _names(stages, ripe=ripe)
+    names = _stage_names(stages, ripe=ripe)
     check_plot(plot)
     with open_store(store) as known:
         asked = _select_items(known, items or [], batch=batch)
         if plot is not None and len(asked) != 1:
-            raise InputError(f"--plot {plot}: draws one item; {len(asked)} were asked for")
+            raise InputError(f"--plot {plot}: draws one item; {len(asked)} were given")
         judge = _Judge(known, reference=reference, stages=names, ripe=ripe)
         judged = [judge.judge(item) for item in asked]
         for one in judged:
@@ -97,7 +97,7 @@ def ripeness(
             print(f"Written: {plot}")
 
 
-def _names(stages: str, *, ripe: str) -> tuple[str, ...]:
+def _stage_names(stages: str, *, ripe: str) -> tuple[str, ...]:
     names = tuple(name.strip() for name in stages.split(","))
     if len(names) < 2 or len(set(names)) < len(names) or not all(names):
         raise InputError(f"--stages {stages}: name at least two different stages, firmest first")
@@ -151,7 +151,7 @@ class _Judged:
             "days_to_ripe": _days_document(found.days_to_ripe),
             "basis": found.basis,
             "explanation": explanation(found, history),
-            "days": _days(history),
+            "days": _day_rows(history),
             "reference_moved_percent": moved,
         }
 
@@ -209,8 +209,8 @@ def _print(judged: Sequence[_Judged]) -> None:
             "assumed"
             if one.assumed
             else percent_text(one.ripeness.probabilities[one.ripeness.stage]),
-            _waiting(one.ripeness.days_to_ripe),
-            f"{len(one.history.grasps)} on {_count(len(one.history.days), 'day')}",
+            _days_text(one.ripeness.days_to_ripe),
+            f"{len(one.history.grasps)} on {_count_text(len(one.history.days), 'day')}",
         )
         for one in judged
     ]
@@ -228,7 +228,7 @@ def _print(judged: Sequence[_Judged]) -> None:
                 "-" if row["settled_percent"] is None else f"{row['settled_percent']:.1f}",
                 str(row["grasps"]),
             )
-            for row in _days(history)
+            for row in _day_rows(history)
         ]
         quantity = ">stiffness, N/mm" if width else ">pixels sharing"
         print_table((">day", quantity, ">settled, %", ">grasps"), days, console=console)
@@ -246,11 +246,11 @@ def _print(judged: Sequence[_Judged]) -> None:
         console.print("[bold yellow]SIMULATED[/]: these grasps were made on the twin")
 
 
-def _count(number: int, noun: str) -> str:
+def _count_text(number: int, noun: str) -> str:
     return f"{number} {noun}{'s' * (number != 1)}"
 
 
-def _days(history: FirmnessHistory) -> list[dict[str, float | int | None]]:
+def _day_rows(history: FirmnessHistory) -> list[dict[str, float | int | None]]:
     rows: list[dict[str, float | int | None]] = []
     width = history.drive == "width"
     for number, day in enumerate(history.days):
@@ -279,5 +279,5 @@ def _days_document(days: Days | None) -> dict[str, float | None] | None:
     return {name: end if math.isfinite(end) else None for name, end in ends.items()}
 
 
-def _waiting(days: Days | None) -> str:
+def _days_text(days: Days | None) -> str:
     return "not known without labels" if days is None else days.text

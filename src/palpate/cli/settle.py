@@ -156,7 +156,7 @@ def settle(
     check_plot(plot)
     report.check_out(out, inputs=[*files, *(fit_on or []), *(learn_from or [])])
     own = [*(learn_from or []), *([] if rig is None else [_find_own_holds(rig)])]
-    _check_unseen(own, files=files)
+    _check_held_out(own, files=files)
     chosen = _methods(
         method or ["relaxation"],
         fit_on=fit_on or [],
@@ -236,19 +236,19 @@ def _find_own_holds(rig: str) -> Path:
     place = place_of_holds(rig)
     if not place.exists():
         raise InputError(
-            f"--rig {rig}: it keeps no settled holds yet; `palpate calibrate settling RECORDINGS "
-            f"--rig {rig}` cuts them from recordings"
+            f"--rig {rig}: no settled holds are stored for it yet; `palpate calibrate settling "
+            f"RECORDINGS --rig {rig}` cuts them from recordings"
         )
     return place
 
 
-def _check_unseen(learn_from: Sequence[Path], *, files: Sequence[Path]) -> None:
+def _check_held_out(learn_from: Sequence[Path], *, files: Sequence[Path]) -> None:
     predicted = {file.resolve() for file in files}
     for file in learn_from:
         if file.resolve() in predicted:
             raise InputError(
-                f"--learn-from {file}: its holds are to be predicted too, and scores on holds that "
-                "were learned from mean nothing; give the sensor's other holds"
+                f"--learn-from {file}: its holds are predicted too, and scores on training holds "
+                "are meaningless; give other holds of the sensor"
             )
 
 
@@ -266,8 +266,8 @@ def _methods(
         own = _read_settled_holds(learn_from, horizon_s=horizon_s, percent=percent)
         if not own:
             raise InputError(
-                f"--learn-from {learn_from[0]}: none of its holds reaches {horizon_s:g} s, so none "
-                "shows what it settles to; hold for longer while recording"
+                f"--learn-from {learn_from[0]}: none of its holds reaches {horizon_s:g} s, so no "
+                "settled value is known; record longer holds"
             )
         made["relaxation"] = Calibrated(holds=tuple(own))
     if not fit_on:

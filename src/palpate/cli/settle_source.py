@@ -238,8 +238,7 @@ def divider_of(
         return None
     if adc_bits is None or reference_ohm is None or leg is None:
         raise InputError(
-            "--adc-bits, --reference-ohm and --sensor-leg make ohm of counts together; give all "
-            "three"
+            "--adc-bits, --reference-ohm and --sensor-leg convert counts to ohm; give all three"
         )
     if not 1 <= adc_bits <= 32 or not 0 < reference_ohm < float("inf"):
         raise InputError(
@@ -270,10 +269,10 @@ def rest_stretch(text: str | None, *, mean: bool, unit: str | None) -> tuple[flo
     """Return the stretch of --rest."""
     if text is None:
         if mean:
-            raise InputError("--mean: give --rest START:END too, a stretch without load")
+            raise InputError("--mean needs --rest START:END, a stretch without load")
         return None
     if unit in ("percent", "volt"):
-        raise InputError(f"--rest makes relative changes of ohm, and --unit is {unit}")
+        raise InputError(f"--rest converts ohm to relative changes, and --unit is {unit}")
     try:
         begin_s, end_s = (float(part.replace(",", ".")) for part in text.split(":"))
     except ValueError:

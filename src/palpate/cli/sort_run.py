@@ -25,7 +25,7 @@ from palpate.produce.sorting.hand import SortingHand, TimedGrasp
 from palpate.produce.sorting.rules import RuleBook, decide
 from palpate.produce.sorting.rules_file import check_kinds
 from palpate.produce.sorting.run import Sorted, bin_verdict, evidence_of, sort_item
-from palpate.produce.sorting.score import where_it_belongs
+from palpate.produce.sorting.score import true_bin
 from palpate.produce.store import Store
 from palpate.produce.store.writing import calibration_id_of
 from palpate.rig import Rig, open_rig
@@ -82,7 +82,7 @@ def sort_with_rig(
         identifier = None
         if report.book.asks("class"):
             if isinstance(supply, SimulatedCrate) and (kept is None or not kept.items(limit=1)):
-                identifier = _teach(supply, kept)
+                identifier = _grasp_training_items(supply, kept)
                 check_kinds(report.book, taught=identifier.kinds, path=rules)
             elif kept is not None:
                 identifier = _learn_kinds(kept, report.book, rules=rules)
@@ -139,7 +139,7 @@ def _check_measurable(book: RuleBook, supply: Supply, *, rules: Path) -> None:
             )
 
 
-def _teach(supply: SimulatedCrate, kept: Store | None) -> Identifier:
+def _grasp_training_items(supply: SimulatedCrate, kept: Store | None) -> Identifier:
     """Grasp labelled items of each kind, as the training set."""
     say(f"teaching with {len(supply.teaching)} labelled items (simulated) ...")
     found = []
@@ -204,7 +204,7 @@ class SimulatedCrate:
     def belongs(self, name: str, *, book: RuleBook) -> str | None:
         """Return the bin by the rules for the item's true properties."""
         item = self.crate[name]
-        return where_it_belongs(book, kind=item.kind, taught=item.taught, size_mm=item.mean.size_mm)
+        return true_bin(book, kind=item.kind, taught=item.taught, size_mm=item.mean.size_mm)
 
     def close(self) -> None:
         """Release the devices."""
@@ -265,7 +265,7 @@ def open_supply(
     """
     if name != _SIMULATED:
         rig = open_rig(name)
-        hand, calibration = _hand(rig, target_force_n, damage), rig.calibration.as_text()
+        hand, calibration = _make_hand(rig, target_force_n, damage), rig.calibration.as_text()
         return NamedByLine(hand=hand, calibration=calibration, rig=rig)
     table = CrateTable(sensor=seed, seed=seed + 500_009)
     rig = Rig(
@@ -281,7 +281,7 @@ def open_supply(
     )
     teaching = draw_crate(list(CRATE_TAUGHT) * taught, seed=seed + 1, prefix=f"taught-{seed}")
     return SimulatedCrate(
-        hand=_hand(rig, target_force_n, damage),
+        hand=_make_hand(rig, target_force_n, damage),
         calibration=rig.calibration.as_text(),
         table=table,
         crate={item.item_id: item for item in crate},
@@ -289,7 +289,7 @@ def open_supply(
     )
 
 
-def _hand(rig: Rig, target_force_n: float | None, damage: DamageModel | None) -> SortingHand:
+def _make_hand(rig: Rig, target_force_n: float | None, damage: DamageModel | None) -> SortingHand:
     return SortingHand(
         array=rig.array,
         gripper=rig.gripper,

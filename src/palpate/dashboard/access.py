@@ -74,8 +74,8 @@ def check_token(host: str, token: str | None) -> None:
         raise InputError(f"the token has {len(token)} characters; give at least {SHORTEST_TOKEN}")
     if token is None and not is_loopback(host):
         raise InputError(
-            f"--host {host} can be reached from other machines, and whoever reaches it can move "
-            "the gripper: give a --token (or PALPATE_TOKEN), or leave --host out"
+            f"--host {host} lets other machines move the gripper: give a --token (or "
+            "PALPATE_TOKEN), or leave --host out"
         )
 
 
@@ -118,16 +118,16 @@ class AccessControl:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
-        send = _guard(send)
+        send = _with_headers(send)
         headers = Headers(scope=scope)
         answer: Response | None = None
-        if not self._ours(headers):
+        if not self._is_own_request(headers):
             answer = _page(403, "This address is not for other sites.")
-        elif self._token is not None and not self._knows(headers):
+        elif self._token is not None and not self._has_cookie(headers):
             if scope["path"].startswith(_FOR_MACHINES):
-                answer = await self._weigh(scope, headers, self._token)
+                answer = await self._check_machine(scope, headers, self._token)
             else:
-                answer = await self._ask(scope, receive, self._token)
+                answer = await self._ask_for_token(scope, receive, self._token)
         if answer is None:
             await self.app(scope, receive, send)
         elif scope["type"] == "websocket":
@@ -135,7 +135,7 @@ class AccessControl:
         else:
             await answer(scope, receive, send)
 
-    def _ours(self, headers: Headers) -> bool:
+    def _is_own_request(self, headers: Headers) -> bool:
         try:
             host = urlsplit(f"//{headers.get('host', '')}").hostname or ""
             origin = headers.get("origin")
@@ -144,38 +144,40 @@ class AccessControl:
             return False
         return not foreign and (not self._loopback or is_loopback(host))
 
-    def _knows(self, headers: Headers) -> bool:
+    def _has_cookie(self, headers: Headers) -> bool:
         # Every port of a host shares its cookies: those of others may be odd.
-        return _same(cookie_parser(headers.get("cookie", "")).get(COOKIE, ""), self._cookie)
+        return _is_same_token(
+            cookie_parser(headers.get("cookie", "")).get(COOKIE, ""), self._cookie
+        )
 
-    async def _weigh(self, scope: Scope, headers: Headers, token: str) -> Response | None:
+    async def _check_machine(self, scope: Scope, headers: Headers, token: str) -> Response | None:
         """Refuse a machine in one line, unless it sends the token."""
         scheme, _, sent = headers.get("authorization", "").partition(" ")
         if scheme.lower() != "bearer":
-            return _line(401, "send the token in a header: Authorization: Bearer TOKEN")
+            return _refusal(401, "send the token in a header: Authorization: Bearer TOKEN")
         visitor = _visitor(scope)
         if scope["path"] in STOPS and self._wrong.too_many(visitor):
             # It may be the right one, and a stop waits for nothing. To look would answer guesses.
             return None
-        found = await self._try(sent, token, visitor)
+        found = await self._check_token(sent, token, visitor)
         if found is None:
-            return _line(429, "too many wrong tokens from this address: wait a minute")
-        return None if found else _line(403, "that is not the token")
+            return _refusal(429, "too many wrong tokens from this address: wait a minute")
+        return None if found else _refusal(403, "that is not the token")
 
-    async def _try(self, sent: str, token: str, visitor: str) -> bool | None:
+    async def _check_token(self, sent: str, token: str, visitor: str) -> bool | None:
         """Check the token at this visitor's turn; None if the turn is too far away."""
         wait_s = self._wrong.wait_s(visitor)
         if wait_s > _LONGEST_WAIT_S:
             return None
         if wait_s > 0:
             await self._wait(wait_s)
-        if _same(sent, token):
+        if _is_same_token(sent, token):
             self._wrong.return_turn(visitor)
             return True
         self._wrong.add(visitor)
         return False
 
-    async def _ask(self, scope: Scope, receive: Receive, token: str) -> Response:
+    async def _ask_for_token(self, scope: Scope, receive: Receive, token: str) -> Response:
         """Take the token from the form or the address, or ask for it."""
         sent = _field(scope.get("query_string", b""))
         if scope["type"] == "http" and scope["method"] == "POST":
@@ -185,7 +187,7 @@ class AccessControl:
             sent = _field(form)
         if not sent:
             return _page(401, "Whoever started this dashboard knows its token.", form=True)
-        found = await self._try(sent, token, _visitor(scope))
+        found = await self._check_token(sent, token, _visitor(scope))
         if found is None:
             return _page(429, "Too many wrong tokens: wait a minute.", form=True)
         if not found:
@@ -258,7 +260,7 @@ def _visitor(scope: Scope) -> str:
     return str((scope.get("client") or ("",))[0])
 
 
-def _line(status: int, text: str) -> Response:
+def _refusal(status: int, text: str) -> Response:
     return JSONResponse({"detail": text}, status_code=status)
 
 
@@ -283,7 +285,7 @@ def _fields(form: bytes) -> dict[str, list[str]]:
         return {}
 
 
-def _guard(send: Send) -> Send:
+def _with_headers(send: Send) -> Send:
     """Return a `send` that forbids framing and a change of the content type."""
 
     async def send_guarded(message: ASGIMessage) -> None:
@@ -294,7 +296,7 @@ def _guard(send: Send) -> Send:
     return send_guarded
 
 
-def _same(sent: str, token: str) -> bool:
+def _is_same_token(sent: str, token: str) -> bool:
     return hmac.compare_digest(sent.encode(errors="replace"), token.encode(errors="replace"))
 
 

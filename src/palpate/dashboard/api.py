@@ -83,12 +83,12 @@ def build_api(app_state: AppState, *, token: bool) -> FastAPI:
     )
     api.openapi = cache(lambda: _describe(api, token=token))  # type: ignore[method-assign]
     _refuse_in_one_line(api)
-    _look(api, app_state)
-    _act(api, app_state)
+    _add_queries(api, app_state)
+    _add_orders(api, app_state)
     return api
 
 
-def _look(api: FastAPI, app_state: AppState) -> None:
+def _add_queries(api: FastAPI, app_state: AppState) -> None:
     """Add the queries."""
 
     @api.get("/state", responses=_documents("state"))
@@ -110,7 +110,7 @@ def _look(api: FastAPI, app_state: AppState) -> None:
         """Items of the store, the last met first, as `palpate items --json` prints them."""
         from palpate.produce.store.item_history import items_document
 
-        with _answering():
+        with _translate_errors():
             return JSONResponse(items_document(app_state.item_store.pages(limit=limit)))
 
     @api.get("/items/{item_id:path}", responses=_documents("item") | _refusals(404, 503))
@@ -118,7 +118,7 @@ def _look(api: FastAPI, app_state: AppState) -> None:
         """One item with its grasps, as `palpate items ITEM --json` prints it."""
         from palpate.produce.store.item_history import item_document
 
-        with _answering():
+        with _translate_errors():
             Item(item_id=item_id)
             return JSONResponse(item_document(app_state.item_store.page(item_id)))
 
@@ -127,25 +127,25 @@ def _look(api: FastAPI, app_state: AppState) -> None:
         """One item's grasps as events of EPCIS 2.0, in GS1's JSON."""
         from palpate.line.epcis import epcis_document
 
-        with _answering():
+        with _translate_errors():
             Item(item_id=item_id)
             history = app_state.item_store.page(item_id)
             return JSONResponse(epcis_document(history, created_at=datetime.now(UTC)))
 
 
-def _act(api: FastAPI, app_state: AppState) -> None:
+def _add_orders(api: FastAPI, app_state: AppState) -> None:
     """Add the orders: those of the page, with the same rules."""
 
     @api.post("/grasp", status_code=202, responses=_refusals(400, 409))
     async def grasp(wanted: GraspRequest) -> GraspBegun:
         """Begin a grasp; the object is held until it is released, for a minute at most."""
-        with _answering(bad_value=422):
+        with _translate_errors(bad_value=422):
             return GraspBegun(recording=await app_state.grasp(DRIVER, **wanted.model_dump()))
 
     @api.post("/release", status_code=202, responses=_refusals(409))
     async def release() -> Released:
         """Give the object back, or open the hand; later states show when it is open."""
-        with _answering():
+        with _translate_errors():
             await app_state.release(DRIVER)
         return Released(accepted=True)
 
@@ -167,7 +167,7 @@ def _act(api: FastAPI, app_state: AppState) -> None:
 
 
 @contextmanager
-def _answering(*, bad_value: int = 404) -> Iterator[None]:
+def _translate_errors(*, bad_value: int = 404) -> Iterator[None]:
     try:
         yield
     except CommandRefusedError as error:

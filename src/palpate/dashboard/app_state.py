@@ -151,7 +151,7 @@ class DeviceClient:
         )
 
 
-def _on_its_loop(
+def _on_session_loop(
     command: Callable[Concatenate[AppState, _Asked], _Answer],
 ) -> Callable[Concatenate[AppState, _Asked], Coroutine[Any, Any, _Answer]]:
     """Run a command on the session's loop, when called from any loop."""
@@ -187,7 +187,7 @@ class AppState:
         #: Called with each such document.
         self.on_result: list[Callable[[dict[str, object]], None]] = []
         self.session = Session(
-            send=self._send, on_grasped=self._keep, silent_s=lambda: self.silent_s
+            send=self._send, on_grasped=self._store_grasp, silent_s=lambda: self.silent_s
         )
         #: The loop that all but `stop` belongs to; None until it is open.
         self.loop: asyncio.AbstractEventLoop | None = None
@@ -231,7 +231,7 @@ class AppState:
         """Return how many grasps have ended, and the document of the last."""
         return self._results, self._last
 
-    @_on_its_loop
+    @_on_session_loop
     def grasp(
         self,
         driver: str,
@@ -258,7 +258,7 @@ class AppState:
                 raise CommandRefusedError(str(error)) from error
         return order.recording.name
 
-    @_on_its_loop
+    @_on_session_loop
     def release(self, driver: str) -> None:
         """Release the object, or open the hand.
 
@@ -270,12 +270,12 @@ class AppState:
         except InputError as error:
             raise CommandRefusedError(str(error)) from error
 
-    @_on_its_loop
+    @_on_session_loop
     def take_over(self, driver: str) -> None:
         """Drive from now on."""
         self.session.take_over(driver)
 
-    @_on_its_loop
+    @_on_session_loop
     def leave(self, driver: str) -> None:
         """Let another client drive."""
         self.session.leave(driver)
@@ -385,7 +385,7 @@ class AppState:
             words.append(f"calibrated {age_text(source.calibrated_at)}")
         return words
 
-    def _keep(self, grasped: Grasped, order: GraspOrder) -> None:
+    def _store_grasp(self, grasped: Grasped, order: GraspOrder) -> None:
         """Store a finished grasp, and publish its result."""
         live = self.session.devices.live
         entry = entry_of(
@@ -419,9 +419,9 @@ class AppState:
         # The grasp has not ended before its result is out: who sees the end asks for the result,
         # and for the item.
         self.session.devices.activity, self.session.devices.order = Activity.GRASPING, order
-        self._task = asyncio.ensure_future(self._place(place, entry, document))
+        self._task = asyncio.ensure_future(self._place_and_publish(place, entry, document))
 
-    async def _place(
+    async def _place_and_publish(
         self, place: Callable[[], Mapping[str, Any]], entry: Entry, document: dict[str, object]
     ) -> None:
         """Store a grasp and find its bin before its result is published."""
@@ -463,7 +463,7 @@ class AppState:
         for listener in self.on_result:
             listener(self._last)
 
-    def _foresee(self) -> None:
+    def _place_early(self) -> None:
         """Find the bin of the held object as soon as it is measured."""
         devices, rules = self.session.devices, self.settings.rules
         order, progress, source = devices.order, devices.live.progress, devices.live.source
@@ -531,7 +531,7 @@ class AppState:
 
     def _take(self, update: Update | DevicesLost) -> None:
         self.session.devices.take(update)
-        self._foresee()
+        self._place_early()
 
 
 class DocumentSink(Protocol):

@@ -20,8 +20,8 @@ from palpate.dashboard.jobs import (
     StoppedByUserError,
     calibrate_force,
     calibrate_rest,
+    examine_sensor,
     grasp,
-    look_at,
     open_hand,
     state_of,
 )
@@ -99,7 +99,9 @@ class DeviceProcess:
         self._writer: RecordingWriter | None = None
         self._troubled = ""
         self._grasping = False
-        self._telemetry = Telemetry(connection.send, on_lost=lambda: self._hear(Shutdown()))
+        self._telemetry = Telemetry(
+            connection.send, on_lost=lambda: self._handle_message(Shutdown())
+        )
 
     def run(self) -> None:
         """Serve until the page is gone; leave the hand standing still."""
@@ -107,7 +109,7 @@ class DeviceProcess:
         self._telemetry.start()
         try:
             while not self._gone.is_set():
-                self._heed_stop()
+                self._apply_stop()
                 order = self._next_order()
                 if order is not None:
                     self._carry_out(order)
@@ -116,7 +118,7 @@ class DeviceProcess:
                 else:
                     self._arrived.wait(_WATCH_TIMEOUT_S)
         finally:
-            self._let_go()
+            self._close_rig()
             self._telemetry.close()
 
     # -- what comes in --------------------------------------------------------------------------
@@ -124,10 +126,10 @@ class DeviceProcess:
     def _listen(self) -> None:
         with suppress(EOFError, OSError):
             while True:
-                self._hear(self._connection.recv())
-        self._hear(Shutdown())
+                self._handle_message(self._connection.recv())
+        self._handle_message(Shutdown())
 
-    def _hear(self, message: Order | Request) -> None:
+    def _handle_message(self, message: Order | Request) -> None:
         context, playback = self._context, self._playback
         match message:
             case StopNow():
@@ -193,7 +195,7 @@ class DeviceProcess:
         if self._context is not None:
             self._context.requests, self._context.reacted_s = self._requests, None
 
-    def _heed_stop(self) -> None:
+    def _apply_stop(self) -> None:
         """Stop the hand after a stop between two orders, or at the end of one."""
         context = self._context
         with self._lock:
@@ -201,7 +203,7 @@ class DeviceProcess:
                 return
             # First: a stop that comes meanwhile is heeded next.
             self._renew_requests()
-        self._try(context.stop_hand)
+        self._report_errors(context.stop_hand)
 
     def _confirm_stop(self) -> None:
         """Confirm that the hand received the stop, once for each stop."""
@@ -220,7 +222,7 @@ class DeviceProcess:
         trouble, stopped = "", False
         self._grasping = isinstance(order, GraspOrder)
         try:
-            found = self._finish(order)
+            found = self._run_order(order)
         except (PalpateError, OSError) as error:
             # What fails while a stop is on its way has still failed, and is reported as that.
             trouble, stopped = str(error), isinstance(error, StoppedByUserError)
@@ -236,12 +238,12 @@ class DeviceProcess:
                 found=found,
                 trouble=trouble,
                 stopped=stopped,
-                stopped_after_s=self._took_s(),
+                stopped_after_s=self._stop_delay_s(),
             )
         )
         self._telemetry.set_plan(None)
 
-    def _finish(self, order: Order) -> Grasped | Calibrated | Health | None:
+    def _run_order(self, order: Order) -> Grasped | Calibrated | Health | None:
         if isinstance(order, OpenRig):
             self._open(order)
             return None
@@ -261,11 +263,11 @@ class DeviceProcess:
             case CalibrateForce():
                 return calibrate_force(order, context=self._context)
             case Examine():
-                return look_at(order, context=self._context)
+                return examine_sensor(order, context=self._context)
         return None
 
     def _play(self, order: Play) -> None:
-        def steered(playback: PlaybackClock) -> None:
+        def keep_clock(playback: PlaybackClock) -> None:
             """Store the replay's clock, so that the page can seek and pause."""
             self._playback = playback
 
@@ -275,12 +277,12 @@ class DeviceProcess:
                 telemetry=self._telemetry,
                 requests=self._requests,
                 confirmed=self._confirmed,
-                steered=steered,
+                keep_clock=keep_clock,
             )
         finally:
             self._playback = None
 
-    def _took_s(self) -> float | None:
+    def _stop_delay_s(self) -> float | None:
         """Return the time since the stop request, on the rig's clock; None without one."""
         with self._lock:
             context, asked_s = self._context, self._stop_asked_s
@@ -290,7 +292,7 @@ class DeviceProcess:
             return max(told_s - asked_s, 0.0)
 
     def _open(self, order: OpenRig) -> None:
-        self._let_go()
+        self._close_rig()
         rig = open_rig_or_sensor(order.name, object_name=order.object_name, seed=order.seed)
         paced = isinstance(rig.clock, ManualClock)
         self._context = context = JobContext(
@@ -318,10 +320,10 @@ class DeviceProcess:
         except DeviceTimeoutError:
             return
         except DeviceError as error:
-            self._complain(str(error))
+            self._report_trouble(str(error))
             self._arrived.wait(_LOST_S)
             return
-        self._complain("")
+        self._report_trouble("")
         state = state_of(context.rig.gripper)
         self._telemetry.add_frame(frame, state)
         if self._writer is not None:
@@ -330,7 +332,7 @@ class DeviceProcess:
                     self._writer.add(state)
                 self._writer.add(frame)
             except PalpateError as error:
-                self._complain(str(error))
+                self._report_trouble(str(error))
                 self._record(Record(None))
 
     def _record(self, order: Record) -> None:
@@ -345,25 +347,25 @@ class DeviceProcess:
                 self._writer = RecordingWriter(order.file, info=info)
         except (PalpateError, OSError) as error:
             self._writer = None
-            self._complain(str(error))
+            self._report_trouble(str(error))
         self._telemetry.note(BeingRecorded(None if self._writer is None else self._writer.path))
 
-    def _let_go(self) -> None:
+    def _close_rig(self) -> None:
         context, self._context = self._context, None
         if context is None:
             return
         self._record(Record(None))
         if context.rig.gripper is not None:
-            self._try(context.rig.gripper.stop)
-        self._try(context.rig.close)
+            self._report_errors(context.rig.gripper.stop)
+        self._report_errors(context.rig.close)
 
-    def _try(self, act: Callable[[], None]) -> None:
+    def _report_errors(self, act: Callable[[], None]) -> None:
         try:
             act()
         except DeviceError as error:
-            self._complain(str(error))
+            self._report_trouble(str(error))
 
-    def _complain(self, text: str) -> None:
+    def _report_trouble(self, text: str) -> None:
         """Report it once, not at every frame."""
         if text != self._troubled:
             self._troubled = text

@@ -258,7 +258,7 @@ def entry_of(
     result, words = grasped.result, verdict(grasped.result, target_force_n=target_force_n)
     measured: dict[str, float | None] = {"decision_time_s": result.decision_time_s}
     for name in _MEASURED:
-        measured |= _ends(name, getattr(result, name))
+        measured |= _with_interval(name, getattr(result, name))
     firmness = words["firmness"]
     return Entry(
         ended_at=datetime.now(UTC).isoformat(timespec="milliseconds"),
@@ -271,18 +271,18 @@ def entry_of(
         firmness=None if firmness is None else str(firmness),
         kind=kind,
         measured=measured,
-        curve=_small(curve),
+        curve=_thin_out(curve),
     )
 
 
-def _ends(name: str, one: Measurement | None) -> dict[str, float | None]:
+def _with_interval(name: str, one: Measurement | None) -> dict[str, float | None]:
     if one is None:
         return {}
     low, high = one.known_ends
     return {name: one.value if one.number else None, f"{name}_low": low, f"{name}_high": high}
 
 
-def _small(curve: Sequence[Point]) -> tuple[float, ...]:
+def _thin_out(curve: Sequence[Point]) -> tuple[float, ...]:
     """Return some points of a curve, evenly in time."""
     if len(curve) < 2:
         return ()
@@ -306,12 +306,12 @@ def check_name(stem: str) -> str:
     'monday 3.mcap'
     >>> check_name("../monday")
     Traceback (most recent call last):
-    palpate.errors.InputError: '../monday': letters, digits, spaces, - and _ make a name
+    palpate.errors.InputError: '../monday': a name has letters, digits, spaces, - and _ only
     """
     stem = stem.strip()
     usable = all(letter.isalnum() or letter in " -_." for letter in stem)
     if not stem or len(stem) > 80 or stem.startswith(".") or not usable:
-        raise InputError(f"{stem!r}: letters, digits, spaces, - and _ make a name")
+        raise InputError(f"{stem!r}: a name has letters, digits, spaces, - and _ only")
     return f"{stem}.mcap"
 
 
@@ -430,7 +430,7 @@ def rename_recording(folder: Path, name: str, stem: str) -> Path:
         os.link(file, renamed)
         file.unlink()
     except FileExistsError as error:
-        raise InputError(f"{renamed.stem}: there is a recording of this name") from error
+        raise InputError(f"{renamed.stem}: a recording of this name exists") from error
     except OSError as error:
         raise InputError(f"{name} can't be renamed: {error.strerror}") from error
     return renamed

@@ -306,11 +306,11 @@ def calibrate_rest(order: CalibrateRest, *, context: JobContext) -> Calibrated:
     rest = _rest_alone(context) if isinstance(rig, SensorRig) else _rest_open(rig, context)
     before = rig.calibration
     if before is None:
-        return _renew(_begin(rig.array.layout, rest), file=order.file, context=context)
+        return _store_calibration(_begin(rig.array.layout, rest), file=order.file, context=context)
     # The date is what its age is judged by: that of the force readings, where there are any.
     made_at = before.made_at if before.force.force_n else _now()
     made = replace(before, rest=rest, made_at=made_at)
-    return _renew(made, file=order.file, context=context)
+    return _store_calibration(made, file=order.file, context=context)
 
 
 def _rest_open(rig: Rig, context: JobContext) -> RestValues:
@@ -373,19 +373,19 @@ def calibrate_force(order: CalibrateForce, *, context: JobContext) -> Calibrated
     """
     before = context.rig.calibration
     if before is None:
-        raise DeviceError("the rest was not calibrated: take the rest values first")
+        raise DeviceError("no rest values yet: take them first")
     if order.loads_n:
         pairs = _weigh(check_loads(order.loads_n, where="the loads"), context)
     elif context.open_bench is not None:
-        pairs = _by_cell(context.open_bench(context.rig.name, context.seed), context)
+        pairs = _calibrate_by_cell(context.open_bench(context.rig.name, context.seed), context)
     else:
         raise DeviceError("this rig has no load cell that palpate can read: give dead weights")
     made = with_force_law(replace(before, force=pairs))
     made = replace(made, made_at=_now())
-    return _renew(made, file=order.file, context=context)
+    return _store_calibration(made, file=order.file, context=context)
 
 
-def _by_cell(on: CellBench, context: JobContext) -> ForcePairs:
+def _calibrate_by_cell(on: CellBench, context: JobContext) -> ForcePairs:
     """Close on a load cell at each placement, at full speed in simulation."""
     bench = replace(on.bench, array=context.watch_array(on.bench.array))
 
@@ -422,7 +422,7 @@ def _weigh(loads_n: list[float], context: JobContext) -> ForcePairs:
     return weigh(array, loads_n=loads_n, place=place, clock=context.rig.clock).pairs
 
 
-def _renew(made: Calibration, *, file: Path, context: JobContext) -> Calibrated:
+def _store_calibration(made: Calibration, *, file: Path, context: JobContext) -> Calibrated:
     """Store the calibration in its file, and use it from now on."""
     before = context.rig.calibration
     before_ohm = made.rest_ohm if before is None else before.rest_ohm
@@ -441,7 +441,7 @@ def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-def look_at(order: Examine, *, context: JobContext) -> Health:
+def examine_sensor(order: Examine, *, context: JobContext) -> Health:
     """Read frames for a while, with nothing on the sensor, and judge them.
 
     Raises

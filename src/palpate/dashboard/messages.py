@@ -166,7 +166,7 @@ def check_numbers(message: Order | Request) -> None:
             if not _is_within(speed, SLOWEST, FASTEST):
                 raise InputError(f"speed: from {SLOWEST:g} to {FASTEST:g}")
         case Seek(time_s=time_s) if not _is_within(time_s, -_MOST_S, _MOST_S):
-            raise InputError("no such moment in the recording")
+            raise InputError("this time is not in the recording")
 
 
 def _is_within(value: object, low: float, high: float) -> bool:

@@ -82,7 +82,7 @@ def document(
         "link": link,
         "hand": _hand(live, live.reported, moving=live.moving, released=live.released),
         "pixels": _pixels(session),
-        "past": _past(live) if after_s == -math.inf else [],
+        "past": _past_moments(live) if after_s == -math.inf else [],
         "curve": [
             [point.time_s, round(point.percent, 2), *_newtons(point.force)]
             for point in live.since(after_s)
@@ -192,7 +192,7 @@ def _pixels(session: Session) -> dict[str, Any] | None:
         **_pads(live, live.time_s, live.percent, live.ohm, live.force),
         "finger_of_row": live.source.layout.finger_of_row,
         "touching": live.touching,
-        "findings": _on_pixels(session.devices.health),
+        "findings": _pixel_findings(session.devices.health),
     }
 
 
@@ -213,7 +213,7 @@ def _pads(
     }
 
 
-def _past(live: Live) -> list[dict[str, Any]]:
+def _past_moments(live: Live) -> list[dict[str, Any]]:
     """Return pads and hand at times of the curve, for a page that was not there."""
     known = [point for point in live.since(-math.inf) if point.ohm.size]
     if not known:
@@ -236,7 +236,7 @@ def _past(live: Live) -> list[dict[str, Any]]:
     ]
 
 
-def _on_pixels(health: Health | None) -> list[dict[str, Any]]:
+def _pixel_findings(health: Health | None) -> list[dict[str, Any]]:
     """Return the findings on pixels, rows and columns, pixel by pixel."""
     if health is None:
         return []
@@ -261,7 +261,9 @@ def _measured(session: Session) -> dict[str, Any]:
         result = progress.answer
     rows = {name: None if result is None else getattr(result, name) for name in _MEASURED}
     return {
-        "values": {name: _one(value, truth.get(name)) for name, value in rows.items()},
+        "values": {
+            name: _measurement_document(value, truth.get(name)) for name, value in rows.items()
+        },
         "decided": grasped is not None or (progress is not None and progress.decided),
         "decision_time_s": None if result is None else result.decision_time_s,
         "data_s": None if progress is None else progress.data_s,
@@ -269,7 +271,7 @@ def _measured(session: Session) -> dict[str, Any]:
         "limited": result is not None and result.limited,
         "damaged": truth.get("damaged"),
         "damaged_s": truth.get("damaged_s"),
-        "force_now": _one(session.devices.live.force, None),
+        "force_now": _measurement_document(session.devices.live.force, None),
         "holds": grasped is None and session.devices.live.open_hand is not True,
         "faults": [] if grasped is None else list(grasped.result.faults),
     }
@@ -280,10 +282,10 @@ def _at_horizon(live: Live) -> dict[str, Any] | None:
     if live.settled is None:
         return None
     percent, force = live.settled
-    return {"settled_percent": {"value": percent}, "force_n": _one(force, None)}
+    return {"settled_percent": {"value": percent}, "force_n": _measurement_document(force, None)}
 
 
-def _one(measured: Measurement | None, true: object) -> dict[str, Any] | None:
+def _measurement_document(measured: Measurement | None, true: object) -> dict[str, Any] | None:
     if measured is None:
         return None
     known = {"status": str(measured.status), "truth": true}

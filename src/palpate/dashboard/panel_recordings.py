@@ -34,14 +34,14 @@ def recordings_panel(
         speed = ui.toggle(SPEEDS, value=1.0).props("unelevated no-caps")
         speed.props["aria-label"] = "Replay speed"
         rows = ui.element("div").classes("w-full").props("id=recordings")
-        none = ui.label("None yet: every grasp leaves one here.").classes("muted")
+        none = ui.label("None yet: each grasp makes one.").classes("muted")
         none.set_visibility(False)
     shown: dict[Path, _Row] = {}
     care = _Care(app_state, viewer, speed, changed=lambda: show())
 
     async def show() -> None:
         """Update the list without moving rows that stay: a finger may be on one."""
-        listed = await run.io_bound(_look, app_state)
+        listed = await run.io_bound(_list_recordings, app_state)
         if listed is None or rows.is_deleted:  # the server ends, or the viewer left
             return
         for gone in shown.keys() - {one.file for one in listed}:
@@ -78,7 +78,7 @@ class _Listed:
     simulated: bool
 
 
-def _look(app_state: AppState) -> list[_Listed]:
+def _list_recordings(app_state: AppState) -> list[_Listed]:
     """Read folder and history in a thread: a disk may be slow."""
     listed = []
     for file, status in app_state.recordings.newest():
@@ -174,15 +174,17 @@ class _Care:
         ui.download(f"/recordings/file/{quote(self._file.name)}")
 
     async def _rename(self) -> None:
-        await self._do(lambda: self._app_state.rename(self._file.name, self._name.value or ""))
+        await self._do_and_close(
+            lambda: self._app_state.rename(self._file.name, self._name.value or "")
+        )
 
     async def _delete(self) -> None:
         if not self._asked.text:
             self._ask(f"Delete {self._file.stem}? Nothing brings it back.")
             return
-        await self._do(lambda: self._app_state.delete(self._file.name))
+        await self._do_and_close(lambda: self._app_state.delete(self._file.name))
 
-    async def _do(self, act: Callable[[], object]) -> None:
+    async def _do_and_close(self, act: Callable[[], object]) -> None:
         if self._viewer.do(Action.FILES, act):
             self._dialog.close()
             await self._changed()

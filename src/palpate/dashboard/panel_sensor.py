@@ -70,12 +70,12 @@ def _force(app_state: AppState, viewer: Viewer) -> None:
         simulated = source is not None and source.simulated
         loads.set_visibility(not cell and not simulated)
         button.set_visibility(cell or not simulated)
-        how.set_content(f"<p>{html.escape(_how(cell=cell, simulated=simulated))}</p>")
+        how.set_content(f"<p>{html.escape(_instructions(cell=cell, simulated=simulated))}</p>")
 
     viewer.on_refresh(explain)
 
 
-def _how(*, cell: bool, simulated: bool) -> str:
+def _instructions(*, cell: bool, simulated: bool) -> str:
     if cell:
         return (
             "A simulated load cell is put between the fingers six times, and the hand closes on it "
@@ -163,11 +163,11 @@ def doctor_panel(app_state: AppState, viewer: Viewer) -> None:
         box = ui.html("", sanitize=False).props("id=health")
     viewer.on_change(
         lambda: app_state.session.devices.health,
-        lambda health: box.set_content("" if health is None else report(health)),
+        lambda health: box.set_content("" if health is None else findings_html(health)),
     )
 
 
-def report(health: Health) -> str:
+def findings_html(health: Health) -> str:
     """Return the findings as HTML."""
     faults = sum(found.severity is Severity.FAULT for found in health.findings)
     return panel_html("health", health=health, faults=faults)

@@ -86,7 +86,7 @@ class PlaybackClock:
     def seek(self, time_s: float) -> None:
         """Continue from this time of the recording."""
         with self._lock:
-            self._anchor_s, self._wall_s = self._within(time_s), self._now_s()
+            self._anchor_s, self._wall_s = self._clip(time_s), self._now_s()
 
     def pause(self, paused: bool) -> None:
         """Pause or continue; at the end, restart."""
@@ -104,9 +104,9 @@ class PlaybackClock:
 
     def _at_s(self) -> float:
         passed_s = 0.0 if self.paused else self.speed * (self._now_s() - self._wall_s)
-        return self._within(self._anchor_s + passed_s)
+        return self._clip(self._anchor_s + passed_s)
 
-    def _within(self, time_s: float) -> float:
+    def _clip(self, time_s: float) -> float:
         return min(max(time_s, self._start_s), self._end_s)
 
 
@@ -125,11 +125,11 @@ def play(
     telemetry: Telemetry,
     requests: Requests,
     confirmed: Event,
-    steered: Callable[[PlaybackClock], None] = lambda playback: None,
+    keep_clock: Callable[[PlaybackClock], None] = lambda playback: None,
 ) -> None:
     """Show a recording, and the decisions of the controller on its grasp, if it holds one.
 
-    It stays on the screen until the user wants to see the rig again, or stops it. `steered` gets
+    It stays on the screen until the user wants to see the rig again, or stops it. `keep_clock` gets
     what pauses and moves it, once it can.
 
     Raises
@@ -142,7 +142,7 @@ def play(
     if not seen:
         raise RecordingError(f"{order.file}: no frames to show")
     confirmed.clear()
-    again, source = _again_and_source(order.file)
+    again, source = _open_replay(order.file)
     telemetry.begin(source)
     telemetry.set_plan(None)
     whole = _decide_again(seen, again=again, source=source, telemetry=telemetry, requests=requests)
@@ -152,7 +152,7 @@ def play(
     telemetry.note(Guide(text=f"Replay of {order.file.stem}", asks=True))
     start_s, end_s = whole.timeline.start_s, whole.timeline.end_s
     playback = PlaybackClock(start_s=start_s, end_s=end_s, speed=order.speed)
-    steered(playback)
+    keep_clock(playback)
     shown: tuple[float, bool, float] | None = None
     while not requests.stop.is_set():
         now = playback.at_s, playback.paused, playback.speed
@@ -203,7 +203,7 @@ def _decide_again(
     every = math.ceil(len(seen) / min(_MOST_POINTS, max(length_s * POINTS_PER_S, 1.0)))
     progresses: list[GraspProgress] = []
     phases: list[tuple[float, str]] = []
-    for stretch in _stretches(seen, lasting_s=max(_STRETCH_S, length_s / _MOST_STRETCHES)):
+    for stretch in _split_frames(seen, lasting_s=max(_STRETCH_S, length_s / _MOST_STRETCHES)):
         if requests.stop.is_set():
             return None
         for frame, state in stretch:
@@ -230,7 +230,7 @@ def _decide_again(
     return _Whole(seen=seen, time_s=time_s, progresses=progresses, timeline=timeline)
 
 
-def _stretches(seen: list[Seen], *, lasting_s: float) -> Iterator[list[Seen]]:
+def _split_frames(seen: list[Seen], *, lasting_s: float) -> Iterator[list[Seen]]:
     """Yield the frames in stretches of about one length."""
     first = 0
     for index, (frame, _) in enumerate(seen):
@@ -258,7 +258,7 @@ class _Again:
         return grasp_progress_of(self.grasp_state, plan=plan, before=before, forecasts=True)
 
 
-def _again_and_source(file: Path) -> tuple[_Again | None, FrameSource]:
+def _open_replay(file: Path) -> tuple[_Again | None, FrameSource]:
     """Return the controller of the recorded grasp, and the description of its frames."""
     replay = Replay(file, clock=ManualClock())
     try:

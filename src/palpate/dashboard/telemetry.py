@@ -181,7 +181,7 @@ class Telemetry:
             link = replace(link, corrupt=events.corrupt, late=events.late)
         progress = self._progress if plan is None else None
         if plan is not None and grasp_state is not None and grasp_state.estimate.frames:
-            progress = self._progress = self._thinking(grasp_state, plan)
+            progress = self._progress = self._progress_of(grasp_state, plan)
         return Update(
             notes=notes,
             link=link,
@@ -189,7 +189,7 @@ class Telemetry:
             progress=progress,
         )
 
-    def _thinking(self, grasp_state: GraspState, plan: Plan) -> GraspProgress:
+    def _progress_of(self, grasp_state: GraspState, plan: Plan) -> GraspProgress:
         """Forecasts are made a few times a second: nobody reads faster."""
         now_s = time.monotonic()
         fresh = now_s - self._forecast_s >= _FORECAST_S

@@ -73,11 +73,11 @@ def forecast(estimate: ContactEstimate, *, plan: Plan) -> Settled:
     reading = _keep_plausible(reading, now=estimate.now.reading)
     if plan.creep is not None:
         reading = plan.creep.join(reading, now=estimate.now.reading, since_s=float(time_s[-1]))
-        relative = _relative_by(reading, relative, now=estimate.now)
+        relative = _relative_forecast(reading, relative, now=estimate.now)
     return Settled(relative_percent=relative, reading=reading)
 
 
-def _relative_by(reading: Measurement, relative: Measurement, *, now: Touch) -> Measurement:
+def _relative_forecast(reading: Measurement, relative: Measurement, *, now: Touch) -> Measurement:
     """Return the forecast of the relative change that the forecast of the reading makes.
 
     The sheet's own creep is known for the reading; conductance grows by the same share in both. Not
@@ -145,7 +145,7 @@ def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan)
     if plan.give is not None and plan.bend is None:
         point = _contact_point(estimate, plan, plan.give)
         if point is not None:
-            found["size_mm"] = _size(point, plan, plan.give)
+            found["size_mm"] = _measure_size(point, plan, plan.give)
     stiffness = measure_stiffness(estimate, force, plan=plan)
     if stiffness is None:
         stiffness = _stiffness_from_travel(estimate, force, plan)
@@ -245,10 +245,10 @@ def _log_ratio(large: float, small: float) -> float:
 
 def _contact_point(estimate: ContactEstimate, plan: Plan, give: Compliance) -> ContactPoint | None:
     """Extrapolate the steps, read in early forces, to where contact began."""
-    steps = _from_touch(estimate, plan)
+    steps = _steps_from_touch(estimate, plan)
     if not steps:
         return None
-    width, felt, read = _read(steps, estimate, plan)
+    width, felt, read = _read_steps(steps, estimate, plan)
     if felt.sum() < 2:
         return None
     force = np.where(felt, read.value, 0.0)
@@ -279,7 +279,7 @@ def _contact_point(estimate: ContactEstimate, plan: Plan, give: Compliance) -> C
     return ContactPoint.mixture(points, weights=weights)
 
 
-def _size(size: ContactPoint, plan: Plan, give: Compliance) -> Measurement:
+def _measure_size(size: ContactPoint, plan: Plan, give: Compliance) -> Measurement:
     """Return the size, widened by the scatter of the gripper's own width."""
     tail = (1 - plan.level) / 2
     low, value, high = size.quantile([tail, 0.5, 1 - tail])
@@ -319,10 +319,10 @@ def _closing_curve(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingSteps,
     is taken out. None where neither is known, or nothing was touched.
     """
     give = plan.give if plan.bend is None else plan.bend.give
-    steps = _from_touch(estimate, plan)
+    steps = _steps_from_touch(estimate, plan)
     if give is None or not steps:
         return None
-    width, felt, read = _read(steps, estimate, plan)
+    width, felt, read = _read_steps(steps, estimate, plan)
     firmest = int(np.argmax(read.value))
     reach = float(ndtri(0.5 + plan.level / 2))
     curve = ClosingSteps(
@@ -335,7 +335,7 @@ def _closing_curve(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingSteps,
     return curve, give
 
 
-def _read(
+def _read_steps(
     steps: Sequence[ClosingStep], estimate: ContactEstimate, plan: Plan
 ) -> tuple[FloatArray, NDArray[np.bool_], ForceEstimate]:
     """Return each step's opening (mm or -kPa), whether a contact was detected, and early force."""
@@ -369,7 +369,7 @@ def sheet_forces_n(
     return np.asarray(math.exp(estimate.gain.log_mean) * law.value)
 
 
-def _from_touch(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingStep, ...]:
+def _steps_from_touch(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingStep, ...]:
     """Return the steps from the one before the first certain touch; none without one.
 
     Drift can look like a faint touch long before the real one: no more than two steps of it.

@@ -33,7 +33,7 @@ def touch_finely(state: GraspState, plan: Plan) -> GripperCommand | None:
     if estimate.still_s < plan.dwell_s or not estimate.touches:
         return None
     if estimate.released_s is not None and estimate.residual is None:
-        return _leave_touch(state, plan)
+        return _record_residual(state, plan)
     if attempt.proving_from is not None and not prove_rest(state, attempt.proving_from, plan=plan):
         return None
     before = estimate.steps[-1].closure if estimate.steps else 0.0
@@ -155,7 +155,7 @@ def start_sweep(state: GraspState, plan: Plan, *, rows: tuple[int, ...] | None =
     overrun = APPROACH.overrun_steps * approach_step(plan)
     end, rate = plan.gripper.span, min(overrun / late_s, plan.gripper.fastest)
     # Once the hand has slowed down, and before the object can be there, it must feel again.
-    near = _near(plan) - rate * blind_s(estimate.period_s)
+    near = _free_closure(plan) - rate * blind_s(estimate.period_s)
     slowed = estimate.sweep is not None
     if not slowed and near - estimate.closure > approach_step(plan):
         # An expectation may be wrong: no command goes further than is safe, whatever is there.
@@ -179,7 +179,7 @@ def start_sweep(state: GraspState, plan: Plan, *, rows: tuple[int, ...] | None =
     state.enter(Activity.SWEEP)
 
 
-def _near(plan: Plan) -> float:
+def _free_closure(plan: Plan) -> float:
     """Return the closure up to which an expected object can't be there yet."""
     if plan.expect_size_mm is None:
         return 0.0
@@ -201,7 +201,7 @@ def continue_sweep(state: GraspState, plan: Plan) -> GripperCommand | None:
     # With more than a push takes the object is gripped, and the other finger may not show it.
     gripped = estimate.watched_n > sweep.most_n
     if sweep.time_s and (frozen or gripped or sweep.touched(plan.current)):
-        return _look(state, stop_here(estimate, plan))
+        return _end_sweep(state, stop_here(estimate, plan))
     near = sweep.end < plan.gripper.span
     frames = APPROACH.haste_frames if near else APPROACH.ahead_frames
     ahead = sweep.rate * _command_s(estimate, frames=frames)
@@ -210,7 +210,7 @@ def continue_sweep(state: GraspState, plan: Plan) -> GripperCommand | None:
         start_sweep(state, plan)
         return None
     if estimate.closure >= sweep.end - plan.smallest_step:
-        return _look(state, None)
+        return _end_sweep(state, None)
     target = quantize_target(min(estimate.closure + ahead, sweep.end), plan)
     further = closure_of(target, plan) > estimate.sent + plan.resolution / 2
     # A hand that does not move is sent on now and then, so that it is noticed.
@@ -219,7 +219,7 @@ def continue_sweep(state: GraspState, plan: Plan) -> GripperCommand | None:
     return GripperCommand(target=target, rate=sweep.rate)
 
 
-def _look(state: GraspState, command: GripperCommand | None) -> GripperCommand | None:
+def _end_sweep(state: GraspState, command: GripperCommand | None) -> GripperCommand | None:
     state.attempt.swept_to = state.estimate.closure
     state.enter(Activity.LOOK)
     return command
@@ -246,7 +246,7 @@ def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
         pushes = now.deepest_percent <= READING.felt_percent
         alone = pushes and now.shared_percent > APPROACH.alone_fraction * now.deepest_percent
         if alone and float(force.value) <= plan.no_push_n and travel > approach_step(plan):
-            start_sweep(state, plan, rows=_unfelt_rows(now, plan))
+            start_sweep(state, plan, rows=_rows_without_contact(now, plan))
             return None
         # Nothing, or one finger alone and no way gained: on in small steps.
         pushed = APPROACH.back_steps * plan.step if pushes else 0.0
@@ -263,15 +263,15 @@ def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
         return None
     estimate.fast_contact = (estimate.closure, estimate.force_n)
     estimate.released_s, estimate.residual = estimate.now_s, None
-    return _go_back(estimate, approach_step(plan) + 0.5 * plan.step + plan.play, plan)
+    return _open_by(estimate, approach_step(plan) + 0.5 * plan.step + plan.play, plan)
 
 
-def _go_back(estimate: ContactEstimate, travel: float, plan: Plan) -> GripperCommand:
+def _open_by(estimate: ContactEstimate, travel: float, plan: Plan) -> GripperCommand:
     target = quantize_target(max(estimate.closure - travel, 0.0), plan)
     return GripperCommand(target=target, rate=plan.rate)
 
 
-def _unfelt_rows(now: Touch, plan: Plan) -> tuple[int, ...]:
+def _rows_without_contact(now: Touch, plan: Plan) -> tuple[int, ...]:
     """Return the rows of pixels on fingers without contact.
 
     One finger alone pushes the object to the middle, and its own pixels change on the way.
@@ -280,7 +280,7 @@ def _unfelt_rows(now: Touch, plan: Plan) -> tuple[int, ...]:
     return tuple(np.flatnonzero(~felt[list(plan.layout.finger_of_row)]).tolist())
 
 
-def _leave_touch(state: GraspState, plan: Plan) -> GripperCommand | None:
+def _record_residual(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Record the residual of the sheet where the hand came back without an object.
 
     Where both fingers read more than a hint, it has not come back far enough; and where it has come
@@ -290,7 +290,7 @@ def _leave_touch(state: GraspState, plan: Plan) -> GripperCommand | None:
     if now.shared_percent <= plan.hint_percent:
         furthest = state.attempt.swept_to - APPROACH.back_steps * plan.step
         if estimate.closure > max(furthest, plan.step):
-            return _go_back(estimate, plan.step, plan)
+            return _open_by(estimate, plan.step, plan)
         left_n = float(plan.early_law.force_n(now.reading).value)
         if left_n > (1.0 - GUARDS.falls_fraction) * estimate.force_n:
             state.add_fault(

@@ -102,7 +102,7 @@ def measure_rest(bench: Bench, *, duration_s: float = 2.0) -> RestValues:
     """
     with _opening_after(bench):
         _open(bench)
-        rest = _rest(bench, duration_s=duration_s)
+        rest = _measure_rest(bench, duration_s=duration_s)
     return RestValues(
         ohm=tuple(map(tuple, rest.rest_ohm.tolist())),
         spread_percent=tuple(map(tuple, rest.spread_percent.tolist())),
@@ -135,15 +135,17 @@ def measure_force(
         for run, levels in enumerate(holds_n):
             _open(bench)
             reseat(run)
-            rest = _rest(bench, duration_s=1.0)
+            rest = _measure_rest(bench, duration_s=1.0)
             for level_n in levels:
-                found, room = _climb(bench, rest, level_n, dwell_s=dwell_s, horizon_s=horizon_s)
+                found, room = _close_to_force(
+                    bench, rest, level_n, dwell_s=dwell_s, horizon_s=horizon_s
+                )
                 rows += [(run, reading) for reading in found]
                 if not room:
                     break
     if not any(reading.force_n > _TOUCH_N for _, reading in rows):
         raise CalibrationError(
-            "force calibration: the hand closed fully and the load cell felt nothing; "
+            "force calibration: the hand closed fully and the load cell measured no force; "
             "is the cell between the fingers, and connected?"
         )
     readings = [reading for _, reading in rows]
@@ -197,7 +199,7 @@ def _release(bench: Bench) -> None:
         bench.clock.sleep_s(0.05)
 
 
-def _climb(
+def _close_to_force(
     bench: Bench, rest: RestBaseline, level_n: float, *, dwell_s: float, horizon_s: float
 ) -> tuple[list[Reading], bool]:
     """Close step by step to a force and settle; return the readings and the success."""
@@ -210,17 +212,19 @@ def _climb(
         # A slow search for contact takes long; the sheet responds to its end.
         moved_s = bench.clock.now_s() if looking else moved_s
         if room:
-            reading = _reading(bench, rest, moved_s, since_move_s=dwell_s, mean_s=_EARLY_MEAN_S)
+            reading = _take_reading(
+                bench, rest, moved_s, since_move_s=dwell_s, mean_s=_EARLY_MEAN_S
+            )
             if reading.force_n > _TOUCH_N:
                 readings.append(reading)
-    settled = _reading(bench, rest, moved_s, since_move_s=horizon_s, mean_s=_SETTLED_MEAN_S)
+    settled = _take_reading(bench, rest, moved_s, since_move_s=horizon_s, mean_s=_SETTLED_MEAN_S)
     return [*readings, settled], room
 
 
 def _open(bench: Bench) -> None:
     """Open just beyond the object between the fingers."""
-    if bench.gripper.limits.closure(bench.gripper.state()) > _before(bench):
-        _drive(bench, _before(bench))
+    if bench.gripper.limits.closure(bench.gripper.state()) > _free_closure(bench):
+        _move_to(bench, _free_closure(bench))
     # The opening's own spike and the sheet's memory of the last load have to fade: after 3 s a
     # rest may still have an error of 3 %, as much as half a newton leaves.
     _wait(bench, bench.clock.now_s() + _FORGETTING_S)
@@ -233,24 +237,24 @@ def _close_once(bench: Bench) -> bool:
     if closure >= limits.span - 0.5 * pace.finest:
         return False
     if force_n < _TOUCH_N:
-        if closure < _before(bench):
-            _drive(bench, _before(bench))
+        if closure < _free_closure(bench):
+            _move_to(bench, _free_closure(bench))
         bench.gripper.command(GripperCommand(target=limits.target(limits.span), rate=pace.approach))
         while bench.gripper.state().moving and bench.cell.read_n() < _TOUCH_N:
             bench.clock.sleep_s(_POLL_S)
         bench.gripper.stop()
         return True
     step = min(max(pace.step_per_n * force_n, pace.finest), pace.coarsest)
-    _drive(bench, closure + step)
+    _move_to(bench, closure + step)
     return True
 
 
-def _before(bench: Bench) -> float:
+def _free_closure(bench: Bench) -> float:
     """Return the closure at which nothing is touched yet."""
     return abs(bench.start - bench.gripper.limits.target(0.0))
 
 
-def _drive(bench: Bench, closure: float) -> None:
+def _move_to(bench: Bench, closure: float) -> None:
     limits = bench.gripper.limits
     rate = _PACES[limits.drive].rate
     way = abs(closure - limits.closure(bench.gripper.state()))
@@ -268,7 +272,7 @@ def _wait(bench: Bench, until_s: float) -> None:
         pass
 
 
-def _rest(bench: Bench, *, duration_s: float) -> RestBaseline:
+def _measure_rest(bench: Bench, *, duration_s: float) -> RestBaseline:
     """Take rest values, giving the sheet time to forget the last load."""
     give_up_s = bench.clock.now_s() + _RECOVERY_S
     while True:
@@ -292,7 +296,7 @@ def _rest(bench: Bench, *, duration_s: float) -> RestBaseline:
         return rest
 
 
-def _reading(
+def _take_reading(
     bench: Bench, rest: RestBaseline, moved_s: float, *, since_move_s: float, mean_s: float
 ) -> Reading:
     """Read this long after a movement: means of the last `mean_s`."""

@@ -31,9 +31,9 @@ def measure_current(bench: Bench, *, up_to_n: float, repeats: int) -> CurrentPai
     limits = bench.gripper.limits
     rows = _Rows()
     for movement in range(repeats):
-        _go(bench, GripperCommand(target=bench.start, rate=limits.fastest))
+        _move(bench, GripperCommand(target=bench.start, rate=limits.fastest))
         bench.gripper.command(GripperCommand(target=limits.target(limits.span), rate=_RATE))
-        _follow(bench, rows, movement=movement, up_to_n=up_to_n)
+        _record_movement(bench, rows, movement=movement, up_to_n=up_to_n)
         bench.gripper.stop()
     _release(bench)
     return _pairs(rows)
@@ -50,24 +50,24 @@ def measure_gears(bench: Bench, *, sweeps: int = 3) -> CurrentPairs | None:
     limits = bench.gripper.limits
     rows = _Rows()
     for movement in range(sweeps):
-        _go(bench, GripperCommand(target=limits.target(0.0), rate=limits.fastest))
+        _move(bench, GripperCommand(target=limits.target(0.0), rate=limits.fastest))
         bench.gripper.command(GripperCommand(target=limits.target(limits.span), rate=_EMPTY_RATE))
-        _follow(bench, rows, movement=movement, up_to_n=math.inf)
-    _go(bench, GripperCommand(target=limits.target(0.0), rate=limits.fastest))
+        _record_movement(bench, rows, movement=movement, up_to_n=math.inf)
+    _move(bench, GripperCommand(target=limits.target(0.0), rate=limits.fastest))
     for step in range(1, int(limits.span / _STEP)):
         target = limits.target(step * _STEP)
         bench.gripper.command(GripperCommand(target=target, rate=_STEP / _STEP_S))
-        _follow(bench, rows, movement=sweeps + step, up_to_n=math.inf)
+        _record_movement(bench, rows, movement=sweeps + step, up_to_n=math.inf)
     _release(bench)
     if any(force > _EMPTY_N for force, *_ in rows):
         raise CalibrationError(
-            "current calibration: the hand is to close empty here, and the load cell feels "
+            "current calibration: the hand must close empty here, and the load cell measures "
             f"{max(rows)[0]:.1f} N; take the cell out from between the fingers"
         )
     return _pairs(rows)
 
 
-def _follow(bench: Bench, rows: _Rows, *, movement: int, up_to_n: float) -> None:
+def _record_movement(bench: Bench, rows: _Rows, *, movement: int, up_to_n: float) -> None:
     """Read force, current and width until the movement ends, or the force is reached."""
     while True:
         bench.clock.sleep_s(_POLL_S)
@@ -93,7 +93,7 @@ def _release(bench: Bench) -> None:
         bench.clock.sleep_s(_POLL_S)
 
 
-def _go(bench: Bench, command: GripperCommand) -> None:
+def _move(bench: Bench, command: GripperCommand) -> None:
     bench.gripper.command(command)
     bench.clock.sleep_s(_POLL_S)
     while bench.gripper.state().moving:

@@ -57,7 +57,7 @@ class CurrentMonitor:
         self._moved_s = estimate.moved_s
         if not state.moving:
             self._stand.append(reading)
-            return self._too_much(self._stand) or self._unseen(estimate)
+            return self._check_ceiling(self._stand) or self._check_sheet(estimate)
         # A hand that is sent back and closes all the same is watched too.
         if not (closure <= estimate.sent or closure > before + self._plan.resolution):
             self._judged = True
@@ -69,7 +69,7 @@ class CurrentMonitor:
         self._read_s = state.time_s
         self._judged = False
         return (
-            self._too_much(self._pull)
+            self._check_ceiling(self._pull)
             or self._is_stuck()
             or self._is_reversed()
             or self._has_risen(estimate, time_s=state.time_s)
@@ -106,7 +106,7 @@ class CurrentMonitor:
         per_n = law.ma_per_n * (1.0 + 2.0 * WARMTH_SD)
         return max(float(current_ma.mean()) - most_ma, 0.0) / per_n
 
-    def _too_much(self, readings: deque[tuple[float, float]]) -> Alarm | None:
+    def _check_ceiling(self, readings: deque[tuple[float, float]]) -> Alarm | None:
         least_n = self._least_n(readings, deviations=CURRENT.twice_sd)
         ceiling_n = self._plan.safety.force_ceiling_n
         if least_n <= ceiling_n:
@@ -170,12 +170,12 @@ class CurrentMonitor:
         )
         return Alarm(danger=Danger.UNSEEN_FORCE, words=words)
 
-    def _unseen(self, estimate: ContactEstimate) -> Alarm | None:
+    def _check_sheet(self, estimate: ContactEstimate) -> Alarm | None:
         """Compare the current of the last movement, and at rest, with the sheet."""
         if estimate.still_s < READING.quiet_s or not estimate.touches:
             return None
         if self._plan.current is None:
-            return self._without_calibration(estimate)
+            return self._check_uncalibrated(estimate)
         force = self._plan.early_law.force_n(estimate.now.reading, level=self._plan.level)
         shown_n = float(np.nan_to_num(force.high))
         bound_n = CURRENT.sheet_factor * shown_n
@@ -195,7 +195,7 @@ class CurrentMonitor:
         )
         return Alarm(danger=Danger.UNSEEN_FORCE, words=words)
 
-    def _without_calibration(self, estimate: ContactEstimate) -> Alarm | None:
+    def _check_uncalibrated(self, estimate: ContactEstimate) -> Alarm | None:
         felt = estimate.now.deepest_percent <= self._plan.hint_percent
         if self._judged or felt or not self._pull:
             return None

@@ -143,13 +143,13 @@ def settle_exponentially(state: GraspState, plan: Plan) -> GripperCommand | None
         state.result,
         decision_time_s=round(estimate.now_s - state.touched_s, 6),
         settled_percent=settled,
-        force_n=_by_line(settled, plan),
+        force_n=_force_by_line(settled, plan),
     )
     state.enter(Phase.HOLD, note="answer")
     return None
 
 
-def _by_line(settled: Measurement, plan: Plan) -> Measurement | None:
+def _force_by_line(settled: Measurement, plan: Plan) -> Measurement | None:
     """Return the force that the line of Table 4 gives for a settled change."""
     assert plan.paper is not None
     line = plan.paper.line

@@ -69,8 +69,8 @@ class PixelMonitor:
         if not (self._known & self._pressed).any():
             return None
         return (
-            f"{self._first(self._pressed)} is pressed beyond what can be read: the force may be "
-            "more than measured; a smaller reference resistor reads further"
+            f"{self._first_pixel(self._pressed)} is pressed beyond what can be read: the force may "
+            "be more than measured; a smaller reference resistor reads further"
         )
 
     def check(self, observation: Observation, state: GraspState | None = None) -> Alarm | None:
@@ -101,9 +101,9 @@ class PixelMonitor:
         jumped = np.abs(counts - before) > PIXELS.jump_fraction * np.maximum(before, 1.0)
         jumped = self._known & (jumped if self._counts is not None else ended)
         standing = frame.time_s - self._moved_s > READING.quiet_s
-        came = jumped & (~_others(jumped) | standing)
+        came = jumped & (~_has_others(jumped) | standing)
         self._loaded = self._under_load(counts)
-        short = ~_others(self._loaded) | came
+        short = ~_has_others(self._loaded) | came
         begins = self._ended == 1
         self._shorted = ended & (self._shorted | (begins & short))
         self._pressed = ended & (self._pressed | (begins & ~short & ~jumped))
@@ -131,20 +131,20 @@ class PixelMonitor:
         }
         for how, mask in failed.items():
             if (mask & self._known).any():
-                words = f"{self._first(mask)} reads {how}; {_SEE_DOCTOR}"
+                words = f"{self._first_pixel(mask)} reads {how}; {_SEE_DOCTOR}"
                 return Alarm(danger=Danger.SENSOR_LOST, words=words)
         lost = ended & ~self._pressed
         if 2 * int((self._known & self._pressed).sum()) > int(self._loaded.sum()):
             lost = ended
         if (lost & self._known).any():
-            words = f"{self._first(ended)} is pressed beyond what can be read: force unknown"
+            words = f"{self._first_pixel(ended)} is pressed beyond what can be read: force unknown"
             return Alarm(danger=Danger.FORCE_LIMIT, words=words)
         if self._equal >= PIXELS.frames:
             words = f"all pixels read the same, which no sheet does; {_SEE_DOCTOR}"
             return Alarm(danger=Danger.SENSOR_LOST, words=words)
         return None
 
-    def _first(self, mask: NDArray[np.bool_]) -> str:
+    def _first_pixel(self, mask: NDArray[np.bool_]) -> str:
         row, col = np.argwhere(mask & self._known)[0].tolist()
         return f"pixel {pixel_name(row, col)}"
 
@@ -194,6 +194,6 @@ class PixelMonitor:
         )
 
 
-def _others(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _has_others(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return, for each pixel, whether the mask holds for another one."""
     return np.asarray(mask.sum() - mask > 0)

@@ -106,14 +106,14 @@ def plan_grasp(
             "out"
         )
     laws = laws_of(calibration.force)
-    found = _by_width if gripper.limits.drive == "width" else _by_pressure
+    found = _fit_width_compliance if gripper.limits.drive == "width" else _fit_pressure_bend
     return Plan(
         layout=calibration.layout,
         rest_ohm=calibration.rest_ohm,
         settled_law=laws.settled,
         early_law=laws.early,
         reading=laws.reading,
-        creep=_creep(calibration.force, laws.reading),
+        creep=_fit_creep(calibration.force, laws.reading),
         gripper=gripper.limits,
         current=None if calibration.current is None else CurrentLaw.fit(calibration.current),
         settling=Relaxation(),
@@ -230,7 +230,7 @@ def with_force_law(recorded: Calibration) -> Calibration:
     return replace(recorded, force_law=law.as_dict(), held_out=held_out)
 
 
-def _creep(pairs: ForcePairs, reading: PixelReading) -> OwnCreep | None:
+def _fit_creep(pairs: ForcePairs, reading: PixelReading) -> OwnCreep | None:
     """Return the sheet's creep in each hold, from the last step to the end."""
     since_s, run = np.array(pairs.since_move_s), np.array(pairs.run)
     excess = np.array(pairs.pixel_excess if pairs.pixel_excess else pairs.excess)
@@ -240,7 +240,7 @@ def _creep(pairs: ForcePairs, reading: PixelReading) -> OwnCreep | None:
     return OwnCreep.fit(seen[held], settled=seen[held + 1], early_s=DWELL_S, settled_s=HORIZON_S)
 
 
-def _by_width(block: BlockPairs) -> dict[str, Any]:
+def _fit_width_compliance(block: BlockPairs) -> dict[str, Any]:
     if len(block.width_mm) != len(block.force_n):
         raise CalibrationError(
             "the calibration's closings on a block are pressures, and this gripper is driven by "
@@ -250,7 +250,7 @@ def _by_width(block: BlockPairs) -> dict[str, Any]:
     return {"give": give, "steepest_n": give.stiffest_n_per_mm}
 
 
-def _by_pressure(block: BlockPairs) -> dict[str, Any]:
+def _fit_pressure_bend(block: BlockPairs) -> dict[str, Any]:
     force_n, pressure_kpa = np.array(block.force_n), np.array(block.pressure_kpa)
     if force_n.size < _FEWEST or pressure_kpa.size != force_n.size or np.ptp(pressure_kpa) == 0:
         raise CalibrationError(

@@ -45,7 +45,7 @@ def force_by_gripper(estimate: ContactEstimate, plan: Plan) -> MeasuredForce | N
     reading = np.array([stair.touch.reading for stair in estimate.steps])
     force_n = _has_caught_up(plan.early_law.force_n(reading).value, plan)
     at = np.array([estimate.closure, *(pull.closure for pull in estimate.pulls)])
-    sheet_n = _between(at, closure, force_n)
+    sheet_n = _interpolate_force(at, closure, force_n)
     if not sheet_n[0] > GUARDS.lost_fraction * sheet_n.max():
         return None
     return plan.current.measure(
@@ -102,7 +102,7 @@ def _has_caught_up(force_n: FloatArray, plan: Plan) -> FloatArray:
     return np.asarray(force_n * np.exp(LAG * rising))
 
 
-def _between(at: FloatArray, closure: FloatArray, force_n: FloatArray) -> FloatArray:
+def _interpolate_force(at: FloatArray, closure: FloatArray, force_n: FloatArray) -> FloatArray:
     """Interpolate the sheet's force between its steps, and extrapolate beyond the last."""
     found = np.interp(at, closure, force_n)
     if closure.size > 1:

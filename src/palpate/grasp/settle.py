@@ -37,7 +37,7 @@ def await_forecast(state: GraspState, plan: Plan) -> GripperCommand | None:
     force = state.take_answer(settled, plan=plan)
     _note_on_target(state, force, plan)
     astray = plan.target_force_n is not None and correction.count < plan.most_adjustments
-    astray = astray and (_lacks(force, plan) or is_above_target(force, plan))
+    astray = astray and (_is_force_missing(force, plan) or is_above_target(force, plan))
     if astray or is_certain(settled, plan=plan) or estimate.still_s >= plan.decide_by_s:
         state.result = replace(state.result, **measure_object(estimate, force, plan=plan))
         state.enter(Activity.ADJUST)
@@ -127,13 +127,13 @@ def missing_n(force: Measurement, plan: Plan) -> float:
     return max(of_target_n, plan.lift_force_n - force.low)
 
 
-def _lacks(force: Measurement, plan: Plan) -> bool:
+def _is_force_missing(force: Measurement, plan: Plan) -> bool:
     return missing_n(force, plan) > plan.target_tolerance * goal_n(plan)
 
 
 def is_below_target(force: Measurement, plan: Plan) -> bool:
     """Whether a settled force is too small for the target or a certain lift."""
-    return _lacks(force, plan) or not lifts(force, plan)
+    return _is_force_missing(force, plan) or not lifts(force, plan)
 
 
 def is_above_target(force: Measurement, plan: Plan) -> bool:
@@ -166,7 +166,7 @@ def _note_on_target(state: GraspState, force: Measurement, plan: Plan) -> None:
     """Note when the settled force is first known to be on target since the last movement."""
     moved_s = state.estimate.moved_s
     known = any(m.name == "on_target" and m.time_s > moved_s for m in state.result.moments)
-    off = _lacks(force, plan) or is_above_target(force, plan)
+    off = _is_force_missing(force, plan) or is_above_target(force, plan)
     if plan.target_force_n is not None and not known and not off:
         state.note("on_target")
 

@@ -111,7 +111,7 @@ class Sweep:
         before = time_s < time_s[-1] - READING.lag_s
         if self.slowed:
             before &= time_s > self.since_s + TOUCH.slowed_s
-        if current is not None and self._pulls(current, now=now, before=before):
+        if current is not None and self._is_servo_pulling(current, now=now, before=before):
             return True
         steady = before & (time_s > self.since_s + TOUCH.steady_s)
         pixels = np.array(self.log_ohm)
@@ -135,7 +135,7 @@ class Sweep:
         least = max(TOUCH.sd * float(np.sqrt(np.mean(own**2))), TOUCH.fraction)
         return bool((latest - past.max(axis=0) < -least).any())
 
-    def _pulls(
+    def _is_servo_pulling(
         self, current: CurrentLaw, *, now: NDArray[np.bool_], before: NDArray[np.bool_]
     ) -> bool:
         """Whether the servo pulls harder than before."""

@@ -53,7 +53,10 @@ def firmness(stiffness: Measurement) -> str:
     """
     low, high = stiffness.known_ends
     softest, firmest = _FIRMNESS[0][1], _FIRMNESS[-1][1]
-    words = softest if low is None else _word(low), firmest if high is None else _word(high)
+    words = (
+        softest if low is None else _firmness_word(low),
+        firmest if high is None else _firmness_word(high),
+    )
     if words == (softest, firmest):
         return UNKNOWN_FIRMNESS
     if words[0] == words[1]:
@@ -77,5 +80,5 @@ def verdict(result: GraspResult, *, target_force_n: float | None) -> dict[str, o
     }
 
 
-def _word(stiffness_n_per_mm: float) -> str:
+def _firmness_word(stiffness_n_per_mm: float) -> str:
     return next(word for upper, word in _FIRMNESS if stiffness_n_per_mm <= upper)

@@ -335,7 +335,7 @@ def _ohm(readings: Readings, name: str) -> NDArray[np.float64]:
     if unit not in (None, "ohm"):
         remedy = "; add --adc-bits, --reference-ohm and --sensor-leg" if unit == "counts" else ""
         raise InputError(
-            f"{readings.name}: {name}: --rest makes relative changes of ohm, and this is {unit}"
+            f"{readings.name}: {name}: --rest converts ohm to relative changes, and this is {unit}"
             + remedy
         )
     return values

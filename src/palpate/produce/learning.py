@@ -129,7 +129,7 @@ class LabelLearner:
             self._unlike = np.empty(len(self._truth))
             for seen, rest in self._splits:
                 normal = _Normal(self._table[seen], self._truth[seen])
-                self._unlike[rest] = normal.something_else(self._table[rest])
+                self._unlike[rest] = normal.background_probability(self._table[rest])
         return self
 
     @property
@@ -147,12 +147,12 @@ class LabelLearner:
         of_labels = _temper(self._predict(self._model, rows), self._power)
         if not self.strangers:
             return of_labels
-        unlike = self._normal.something_else(rows)[:, None]
+        unlike = self._normal.background_probability(rows)[:, None]
         return np.concatenate([of_labels * (1.0 - unlike), unlike], axis=1)
 
     def typicality(self, table: ArrayLike) -> FloatArray:
         """Return the fraction of known rows that are at least as unlike the labels, shape (n,)."""
-        unlike = self._normal.something_else(np.asarray(table, dtype=float))
+        unlike = self._normal.background_probability(np.asarray(table, dtype=float))
         as_unlike = np.count_nonzero(self._unlike >= unlike[:, None], axis=1)
         return np.asarray((1.0 + as_unlike) / (len(self._unlike) + 1.0))
 
@@ -301,7 +301,7 @@ class _Normal:
         wide = _WIDE * np.atleast_2d(np.cov(rows.T)) + 1e-9 * np.eye(rows.shape[1])
         self._parts = [(mean, within) for mean in means] + [(rows.mean(axis=0), wide)]
 
-    def something_else(self, table: FloatArray) -> FloatArray:
+    def background_probability(self, table: FloatArray) -> FloatArray:
         """Return the probability of something else, as probable beforehand as any label."""
         from scipy.special import softmax
         from scipy.stats import multivariate_normal

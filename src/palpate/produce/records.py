@@ -90,10 +90,10 @@ class Item:
     first_seen: datetime | None = None
 
     def __post_init__(self) -> None:
-        printable(self.item_id, what="item")
+        check_printable(self.item_id, what="item")
         for name in ("kind", "batch", "label"):
             if (text := getattr(self, name)) is not None:
-                printable(text, what=name)
+                check_printable(text, what=name)
         if self.first_seen is not None:
             object.__setattr__(self, "first_seen", in_utc(self.first_seen, what="first_seen"))
 
@@ -153,7 +153,7 @@ class Grasp:
     grasp_id: str = field(default_factory=lambda: str(uuid.uuid4()))
 
     def __post_init__(self) -> None:
-        printable(self.item_id, what="item")
+        check_printable(self.item_id, what="item")
         object.__setattr__(self, "grasp_id", as_uuid(self.grasp_id, what="grasp_id"))
         object.__setattr__(self, "taken_at", in_utc(self.taken_at, what="taken_at"))
         object.__setattr__(self, "outcome", Outcome(self.outcome))
@@ -170,7 +170,7 @@ class Grasp:
                 refuse_infinite(value, what=name)
                 object.__setattr__(self, name, float(value))
         if self.pixel_settled_percent is not None:
-            pixels = even_rows(self.pixel_settled_percent, what="pixel_settled_percent")
+            pixels = check_rows(self.pixel_settled_percent, what="pixel_settled_percent")
             object.__setattr__(self, "pixel_settled_percent", pixels)
 
     @property
@@ -219,8 +219,8 @@ class Verdict:
     verdict_id: str = field(default_factory=lambda: str(uuid.uuid4()))
 
     def __post_init__(self) -> None:
-        printable(self.item_id, what="item")
-        printable(self.text, what="text")
+        check_printable(self.item_id, what="item")
+        check_printable(self.text, what="text")
         object.__setattr__(self, "about", About(self.about))
         object.__setattr__(self, "source", Source(self.source))
         object.__setattr__(self, "given_at", in_utc(self.given_at, what="given_at"))
@@ -234,7 +234,7 @@ class Verdict:
             object.__setattr__(self, "probability", float(self.probability))
 
 
-def printable(text: str, *, what: str) -> None:
+def check_printable(text: str, *, what: str) -> None:
     """Refuse text that is empty, too long or not for reading."""
     if not text.strip() or len(text) > _LONGEST or not text.isprintable():
         raise InputError(
@@ -283,7 +283,7 @@ def check_measurement(name: str, measurement: Measurement, *, units: Mapping[str
         refuse_infinite(getattr(measurement, end), what=f"{name}.{end}")
 
 
-def even_rows(
+def check_rows(
     rows: Sequence[Sequence[float | None]], *, what: str
 ) -> tuple[tuple[float | None, ...], ...]:
     """Return finite rows of one length as plain values; refuse others."""

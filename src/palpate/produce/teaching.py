@@ -67,7 +67,7 @@ def labelled_of(store: Store, about: About, *, kind: str | None) -> LabelledTabl
     Raises `InputError` if no kind is named where one is needed, or nothing is there.
     """
     if about in (About.BRUISE, About.RIPENESS) and kind is None:
-        raise InputError(f"{about}: items of which kind? Name it with --kind")
+        raise InputError(f"{about}: name the kind of the items with --kind")
     if about is About.BRUISE:
         sides = labelled_sides(store, kind=str(kind)).values()
         table = max(sides, key=lambda one: len(one.rows), default=None)

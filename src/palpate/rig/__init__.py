@@ -148,7 +148,7 @@ class Rig:
         if self._grip is not None and self._grip.is_holding:
             raise InputError("an object is held already; release it first (`Grip.release`)")
         if kind is not None and damage is None:
-            raise InputError(f"kind {kind!r}: give damage=FILE too, which knows kinds")
+            raise InputError(f"kind {kind!r}: needs damage=FILE, which defines the kinds")
         file = None if damage is None else DamageFile.load(Path(damage))
         where = f"damage {damage}"
         known = "" if file is None or kind is None else file.check_kind(kind, where=where)

@@ -85,7 +85,7 @@ def layout_named(
         preset = LAYOUTS[name]
         if fingers not in (1, preset.fingers):
             raise InputError(f"layout {name} is on {preset.fingers} fingers, not on {fingers}")
-        return _wiring(preset, wiring)
+        return _apply_wiring(preset, wiring)
     rows, _, cols = name.partition("x")
     sizes = [int(side) for side in (rows, cols) if side.isdecimal()]
     if len(sizes) != 2 or not all(1 <= size <= most_lines for size in sizes):
@@ -104,10 +104,10 @@ def layout_named(
         cols=sizes[1],
         finger_of_row=tuple(row // each for row in range(sizes[0])),
     )
-    return _wiring(grid, wiring)
+    return _apply_wiring(grid, wiring)
 
 
-def _wiring(layout: ArrayLayout, wiring: dict[str, Any]) -> ArrayLayout:
+def _apply_wiring(layout: ArrayLayout, wiring: dict[str, Any]) -> ArrayLayout:
     try:
         return replace(layout, **wiring)
     except ValueError as error:

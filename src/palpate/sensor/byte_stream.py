@@ -56,7 +56,7 @@ class SerialStream:
         try:
             self._serial = serial.Serial(port, baud, timeout=0, write_timeout=1.0, exclusive=True)
         except serial.SerialException as error:
-            raise _why_not(port, error) from error
+            raise _explain_refusal(port, error) from error
 
     def read_waiting(self) -> bytes:
         """Return all received bytes without waiting."""
@@ -81,7 +81,7 @@ def _port_error(port: str) -> str:
     return f"{port} is gone: the cable was pulled or the board lost power. Plug it in again."
 
 
-def _why_not(port: str, error: serial.SerialException) -> DeviceError:
+def _explain_refusal(port: str, error: serial.SerialException) -> DeviceError:
     """Return in one line the reason why a port can't be opened, and the remedy."""
     code = error.errno
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
@@ -90,7 +90,7 @@ def _why_not(port: str, error: serial.SerialException) -> DeviceError:
         )
     if code in (errno.EACCES, errno.EPERM):
         return DeviceError(
-            f"{port}: permission denied. Run `sudo usermod -aG {_group_of(port)} $USER`, "
+            f"{port}: permission denied. Run `sudo usermod -aG {_port_group(port)} $USER`, "
             "then log out and in again."
         )
     if code in (errno.EBUSY, errno.EAGAIN):
@@ -100,7 +100,7 @@ def _why_not(port: str, error: serial.SerialException) -> DeviceError:
     return DeviceError(f"{port} can't be opened as a serial port: {error}")
 
 
-def _group_of(port: str) -> str:
+def _port_group(port: str) -> str:
     """Return the group that may use the port: `dialout` on most systems."""
     try:
         name = grp.getgrgid(os.stat(port).st_gid).gr_name

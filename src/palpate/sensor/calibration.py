@@ -81,7 +81,7 @@ class ForcePairs:
     pixel_excess: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:
-        _one_length(self, what="force pairs", apart_from=() if self.pixel_excess else PIXELS)
+        _check_lengths(self, what="force pairs", apart_from=() if self.pixel_excess else PIXELS)
         if len(self.force_n) >= 4 and np.ptp(self.force_n) < 0.01 * max(map(abs, self.force_n)):
             raise CalibrationError(
                 f"force pairs: the reference force stays at {self.force_n[0]:g} N; "
@@ -113,7 +113,7 @@ class BlockPairs:
     def __post_init__(self) -> None:
         drives = {"width_mm": self.width_mm, "pressure_kpa": self.pressure_kpa}
         unused = [name for name, values in drives.items() if not values]
-        _one_length(self, what="block pairs", apart_from=unused if len(unused) == 1 else ())
+        _check_lengths(self, what="block pairs", apart_from=unused if len(unused) == 1 else ())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -258,7 +258,7 @@ def _is_date(value: object) -> bool:
         return False
 
 
-def _one_length(pairs: Any, *, what: str, apart_from: Sequence[str] = ()) -> None:
+def _check_lengths(pairs: Any, *, what: str, apart_from: Sequence[str] = ()) -> None:
     names = [f.name for f in fields(pairs) if f.name not in apart_from]
     lengths = {name: len(getattr(pairs, name)) for name in names}
     if len(set(lengths.values())) != 1:

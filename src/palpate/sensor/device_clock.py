@@ -78,7 +78,7 @@ class DeviceClock:
         """Take the hull's edge below the middle of the points; one point gives no drift."""
         hull: list[tuple[float, float]] = []
         for point in self._points:
-            while len(hull) > 1 and not _turns_up(hull[-2], hull[-1], point):
+            while len(hull) > 1 and not _turns_left(hull[-2], hull[-1], point):
                 hull.pop()
             hull.append(point)
         if len(hull) < 2:
@@ -92,5 +92,5 @@ class DeviceClock:
             self._slope, self._origin = 0.0, min(hull, key=itemgetter(1))
 
 
-def _turns_up(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> bool:
+def _turns_left(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> bool:
     return (b[0] - a[0]) * (c[1] - a[1]) > (b[1] - a[1]) * (c[0] - a[0])

@@ -180,8 +180,8 @@ def examine(
         layout=layout,
         known_ohm=known,
     )
-    findings += _unrest(np.where(sound, rest.ohm(layout=layout), np.nan), known_ohm=known)
-    resistor, measured = _resistor(pixels.rest_ohm[sound], whole, sound=sound, layout=layout)
+    findings += _find_unrest(np.where(sound, rest.ohm(layout=layout), np.nan), known_ohm=known)
+    resistor, measured = _fit_resistor(pixels.rest_ohm[sound], whole, sound=sound, layout=layout)
     if resistor is not None and not resistor.fits:
         findings.append(_resistor_finding(resistor, measured=measured, layout=layout))
     link = _measure_link(whole.time_s, sequence=whole.sequence, events=events or LinkCounters())
@@ -206,7 +206,7 @@ def _refuse_unfit(stretch: FrameColumns, *, layout: ArrayLayout) -> None:
         )
 
 
-def _unrest(ohm: FloatArray, *, known_ohm: FloatArray | None) -> list[Finding]:
+def _find_unrest(ohm: FloatArray, *, known_ohm: FloatArray | None) -> list[Finding]:
     """Report a stretch that is not at rest; NaN marks pixels that don't count."""
     if np.isnan(ohm).all(axis=0).all():
         return []
@@ -218,7 +218,7 @@ def _unrest(ohm: FloatArray, *, known_ohm: FloatArray | None) -> list[Finding]:
     return []
 
 
-def _resistor(
+def _fit_resistor(
     rest_ohm: FloatArray, whole: FrameColumns, *, sound: NDArray[np.bool_], layout: ArrayLayout
 ) -> tuple[ResistorFit | None, bool]:
     """Compare the reference resistor with the range of the sound pixels."""
@@ -242,7 +242,7 @@ def _resistor_finding(fit: ResistorFit, *, measured: bool, layout: ArrayLayout) 
         f"{fit.high_ohm:.0f} ohm ({how}); {fit.recommended_ohm:g} ohm would make it "
         f"{fit.recommended_step_percent:.1f} %",
         f"{layout.divider.reference_ohm:g} ohm",
-        _fault_if(measured),
+        _severity_of(measured),
     )
 
 
@@ -278,12 +278,12 @@ def _link_findings(link: LinkReadings, *, asked_hz: float | None) -> Iterator[Fi
     lost_percent = 100.0 * link.lost / (link.frames + link.lost)
     if link.lost:
         text = f"{link.lost} of {link.frames + link.lost} frames lost ({lost_percent:.2g} %)"
-        yield Finding("lost", text, severity=_fault_if(lost_percent > _LOST_PERCENT))
+        yield Finding("lost", text, severity=_severity_of(lost_percent > _LOST_PERCENT))
     events = link.events
     if events.corrupt:
         text = f"{events.corrupt} packets or lines rejected as corrupt"
         bad = 100.0 * events.corrupt / link.frames > _LOST_PERCENT
-        yield Finding("corrupt", text, severity=_fault_if(bad))
+        yield Finding("corrupt", text, severity=_severity_of(bad))
     if events.late:
         yield Finding(
             "late",
@@ -299,5 +299,5 @@ def _link_findings(link: LinkReadings, *, asked_hz: float | None) -> Iterator[Fi
         yield Finding("restarted", f"the stream began again {restarts} times")
 
 
-def _fault_if(bad: bool) -> Severity:
+def _severity_of(bad: bool) -> Severity:
     return Severity.FAULT if bad else Severity.ADVICE

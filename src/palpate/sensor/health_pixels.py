@@ -96,17 +96,17 @@ def pixel_findings(
     """
     sound = np.ones((layout.rows, layout.cols), dtype=np.bool_)
     findings: list[Finding] = []
-    for code, mask, text, values in _verdicts(mean_counts, steps_per_count, readings, layout):
-        findings += _name(code, mask & sound, text, values)
+    for code, mask, text, values in _judge_pixels(mean_counts, steps_per_count, readings, layout):
+        findings += _name_findings(code, mask & sound, text, values)
         sound &= ~mask
     if known_ohm is not None:
         mask, text, own = _find_changed(readings, known_ohm)
-        findings += _name("changed", mask & sound, text, own)
+        findings += _name_findings("changed", mask & sound, text, own)
         sound &= ~mask
     return findings, sound
 
 
-def _verdicts(
+def _judge_pixels(
     mean_counts: FloatArray, steps_per_count: int, readings: PixelReadings, layout: ArrayLayout
 ) -> Iterator[PixelVerdict]:
     """Yield code, pixels, text and its number, the gravest fault first."""
@@ -114,20 +114,20 @@ def _verdicts(
     yield "open", np.isinf(readings.rest_ohm), "reads open: no current flows", nothing
     yield "short", readings.rest_ohm == 0.0, "reads short: no resistance at all", nothing
     alive = np.isfinite(readings.noise_percent)
-    ratio = np.where(alive, readings.rest_ohm, 0.0) / _typical(readings.rest_ohm)
+    ratio = np.where(alive, readings.rest_ohm, 0.0) / _typical_value(readings.rest_ohm)
     yield "faint", ratio > _FAINT_RATIO, "reads {} times the resistance of the others", ratio
     noise = readings.noise_percent
     loud = (noise > _NOISY_PERCENT) | (
-        (noise > _NOISY_RATIO * _typical(noise)) & (noise > _QUIET_PERCENT)
+        (noise > _NOISY_RATIO * _typical_value(noise)) & (noise > _QUIET_PERCENT)
     )
-    drops, jumps = _interruptions(mean_counts, layout=layout)
+    drops, jumps = _count_interruptions(mean_counts, layout=layout)
     loose = (drops >= _FEWEST_DROPOUTS) | ((jumps >= _FEWEST_JUMPS) & ~loud)
     yield "loose", loose, "drops out or jumps {} times in the stretch", drops + jumps
     loud &= noise >= _COUNT * readings.count_percent
     yield "noisy", loud, "noise of one frame is {} %", noise
     stuck = _find_stuck(mean_counts, steps_per_count, sound=alive & ~loose, layout=layout)
     yield "stuck", stuck, "never moves, though the other pixels' noise should move it", nothing
-    shared = _typical(readings.drift_percent)
+    shared = _typical_value(readings.drift_percent)
     own = readings.drift_percent - shared
     # When most pixels move together the sensor is not at rest, and no pixel can be singled out.
     calm = abs(shared) < 0.5 * _DRIFT_PERCENT
@@ -144,12 +144,12 @@ def _find_changed(
 ) -> tuple[BoolArray, str, FloatArray]:
     """Compare with the calibration, without the change that all pixels share (climate or load)."""
     change = relative_change_percent(readings.rest_ohm, rest_ohm=known_ohm)
-    own = 100.0 * ((100.0 + change) / (100.0 + _typical(change)) - 1.0)
+    own = 100.0 * ((100.0 + change) / (100.0 + _typical_value(change)) - 1.0)
     text = "rests {} % from its calibrated value, more than the others"
     return np.abs(own) > _CHANGED_PERCENT, text, own
 
 
-def _name(code: str, mask: BoolArray, text: str, values: FloatArray) -> Iterator[Finding]:
+def _name_findings(code: str, mask: BoolArray, text: str, values: FloatArray) -> Iterator[Finding]:
     for where, pixels in group_pixels(mask):
         yield Finding(code, text.format(f"{float(np.median(values[pixels])):.3g}"), where)
 
@@ -179,7 +179,7 @@ def group_pixels(mask: BoolArray) -> Iterator[tuple[str, BoolArray]]:
         yield pixel_name(row, col), part
 
 
-def _typical(values: FloatArray) -> float:
+def _typical_value(values: FloatArray) -> float:
     """Return the median of the working pixels; NaN without one."""
     kept = values[np.isfinite(values) & (values != 0)]
     return float(np.median(kept)) if kept.size else math.nan
@@ -193,7 +193,7 @@ def at_ends(mean_counts: FloatArray, *, layout: ArrayLayout) -> tuple[BoolArray,
     return (at_ground, at_supply) if upper else (at_supply, at_ground)
 
 
-def _interruptions(
+def _count_interruptions(
     mean_counts: FloatArray, *, layout: ArrayLayout
 ) -> tuple[FloatArray, FloatArray]:
     """Count each pixel's drops to an end of the range and jumps within it."""

@@ -234,7 +234,7 @@ class SerialArray:
         if self._link is None:
             if (stream := self._port.try_again()) is not None:
                 self._link = BoardLink(stream, clock=self._clock, decoder=self._decoder)
-                self._begin(self._link)
+                self._set_up(self._link)
                 self._heard_s = now_s
             return
         try:
@@ -249,14 +249,14 @@ class SerialArray:
         if silent and not self._link.was_reset:
             self._link.listen()
         if self._link.was_reset or silent:
-            self._begin(self._link)
+            self._set_up(self._link)
 
     def _take(self, frames: list[FrameMessage]) -> None:
         self._heard_s = self._clock.now_s()
         for frame in frames:
             self._accept(frame, arrival_s=self._heard_s)
 
-    def _begin(self, link: BoardLink) -> None:
+    def _set_up(self, link: BoardLink) -> None:
         """Set the board up again; a ceiling command would clear a trip, which stays."""
         link.begin([c for c in self._setup if not (self._tripped and isinstance(c, SetCeiling))])
 
@@ -264,7 +264,7 @@ class SerialArray:
         if message.counts.shape != (self._layout.rows, self._layout.cols):
             return  # sent before the layout was set
         if message.stream != self._stream_number:
-            self._enter(message)
+            self._enter_stream(message)
         self._tripped |= bool(message.status & BoardStatus.CEILING_TRIPPED)
         time_s = self._device_clock.to_host_s(message.time_us * 1e-6, arrival_s=arrival_s)
         self._last = Frame(
@@ -277,7 +277,7 @@ class SerialArray:
         self._load_cells, self._newest = message.load_cells, message
         self._port.waiting.append(self._last)
 
-    def _enter(self, message: FrameMessage) -> None:
+    def _enter_stream(self, message: FrameMessage) -> None:
         """Follow a new stream: frame numbers continue, the clocks are compared again."""
         self._stream_number = message.stream
         floor_s = 0.0

@@ -83,7 +83,7 @@ class LineDecoder:
                 self._in_step = True  # its beginning was sent before the port was open
                 continue
             try:
-                frame = self._take(line)
+                frame = self._read_line(line)
             except ValueError as error:
                 self.corrupt += 1
                 shown = line[:40].strip().decode("ascii", errors="replace")
@@ -92,11 +92,11 @@ class LineDecoder:
                 frames += [] if frame is None else [frame]
         return frames
 
-    def _take(self, line: bytes) -> Counts | None:
+    def _read_line(self, line: bytes) -> Counts | None:
         """Return the frame that a line is or completes; raise `ValueError` with its fault."""
         text = line.decode("ascii", errors="replace").strip()
         if "\ufffd" in text or not text.replace("\t", " ").isprintable():
-            raise ValueError("is no text; the baud rate is another (baud in the rig file)")
+            raise ValueError("is not text; check the baud rate (baud in the rig file)")
         if not _READING.search(text):
             short, self._rows = len(self._rows or ()), []
             if short % self._layout.rows:
@@ -104,12 +104,12 @@ class LineDecoder:
             return None
         fields = _BETWEEN.split(_LABEL.sub("", text).strip(" \t,;[](){}"))
         if not all(_NUMBER.fullmatch(field) for field in fields):
-            raise ValueError("is no line of numbers")
+            raise ValueError("is not a line of numbers")
         values = [float(field.replace("ovf", "inf")) for field in fields]
         if self._columns is not None:
             values = self._select(values)
         elif len(values) == self._layout.cols < self._layout.pixels and not self._by_line:
-            return self._take_row(values)
+            return self._add_row(values)
         if len(values) != self._layout.pixels:
             raise ValueError(
                 f"has {len(values)} numbers, and layout {self._layout.name} needs "
@@ -129,14 +129,14 @@ class LineDecoder:
             raise ValueError(f"has {len(values)} numbers instead of {needed}; check columns")
         return [values[column - 1] for column in self._columns]
 
-    def _take_row(self, values: list[float]) -> Counts | None:
+    def _add_row(self, values: list[float]) -> Counts | None:
         if self._rows is None:
             # Of a frame that began before the port was open, or there are no blank lines at all.
             self.fault = "they are rows, and no blank line shows where a frame begins"
             return None
         if len(self._rows) == self._layout.rows:
             self._rows = None
-            raise ValueError("is one row more than the layout has")
+            raise ValueError("has one row more than the layout")
         self._rows.append(values)
         if len(self._rows) < self._layout.rows:
             return None
@@ -151,7 +151,9 @@ class LineDecoder:
             share = _OHM_REFERENCE / (_OHM_REFERENCE + numbers)
             numbers = np.minimum(share * divider.full_scale, top)
         if (numbers < 0).any() or (numbers > top).any():
-            raise ValueError(f"leaves 0 to {top}, the range of {divider.adc_bits} bits (adc_bits)")
+            raise ValueError(
+                f"is outside 0 to {top}, the range of {divider.adc_bits} bits (adc_bits)"
+            )
         counts: Counts = np.rint(numbers).astype(np.int32)
         return counts.reshape(self._layout.rows, self._layout.cols)
 
@@ -198,7 +200,7 @@ def open_board(
     """
     in_ohm = unit == "ohm"
     if in_ohm and idle_lines == "held":
-        raise InputError('idle_lines = "held" is corrected in counts alone: print those')
+        raise InputError('idle_lines = "held" needs counts: print those')
     pixels = layout_named(
         layout,
         reference_ohm=_OHM_REFERENCE if in_ohm else reference_ohm,

@@ -301,23 +301,23 @@ class Decoder:
         messages: list[BoardMessage] = []
         *complete, rest = bytes(data).split(b"\0")
         for piece in complete:
-            self._keep(piece)
+            self._buffer(piece)
             if self._pending or self._overlong:
-                self._finish(messages)
+                self._finish_packet(messages)
             self._in_step = True
-        self._keep(rest)
+        self._buffer(rest)
         return messages
 
-    def _keep(self, piece: bytes) -> None:
+    def _buffer(self, piece: bytes) -> None:
         if self._overlong or len(self._pending) + len(piece) > MAX_STUFFED_BYTES:
             self._overlong = True
             self._pending.clear()
         else:
             self._pending += piece
 
-    def _finish(self, messages: list[BoardMessage]) -> None:
+    def _finish_packet(self, messages: list[BoardMessage]) -> None:
         packet = unpack(self._pending)  # nothing is kept of an overlong one
-        message = None if packet is None else self._read(*packet)
+        message = None if packet is None else self._read_message(*packet)
         if message is not None:
             messages.append(message)
         elif packet is None or packet[0] in _KNOWN:
@@ -325,20 +325,20 @@ class Decoder:
         self._pending.clear()
         self._overlong = False
 
-    def _read(self, kind: int, payload: bytes) -> BoardMessage | None:
+    def _read_message(self, kind: int, payload: bytes) -> BoardMessage | None:
         if kind == _FRAME:
-            return unpack_frame(payload, place=self._place)
+            return unpack_frame(payload, place=self._count_frame)
         if kind == MessageType.ACK:
-            return self._account(unpack_ack(payload))
+            return self._count_answer(unpack_ack(payload))
         if kind == MessageType.IDENTITY:
             return unpack_identity(payload)
         return None
 
-    def _place(self, sequence: int, time_us: int, stream: int) -> tuple[int, int]:
+    def _count_frame(self, sequence: int, time_us: int, stream: int) -> tuple[int, int]:
         """Count a frame and the losses before it; return its unwrapped sequence and time."""
         ahead = (sequence - self._expected) % _WRAP
         if stream != self._stream or ahead >= _WRAP // 2:
-            self._enter(stream, sequence=sequence)
+            self._enter_stream(stream, sequence=sequence)
             ahead = (sequence - self._expected) % _WRAP
         if self._time_us is None:
             self._time_us = time_us
@@ -348,19 +348,19 @@ class Decoder:
         self._time_us += (time_us - self._time_us) % _WRAP
         return self._expected - 1, self._time_us
 
-    def _account(self, ack: Ack | None) -> Ack | None:
+    def _count_answer(self, ack: Ack | None) -> Ack | None:
         """Count losses before an answer, which states the frames sent before it."""
         if ack is None or ack.stream == 0:
             return ack
         if ack.stream != self._stream:
-            self._enter(ack.stream, sequence=ack.next_sequence)
+            self._enter_stream(ack.stream, sequence=ack.next_sequence)
         ahead = (ack.next_sequence - self._expected) % _WRAP
         if ahead < _WRAP // 2:
             self._lost += ahead
             self._expected += ahead
         return ack
 
-    def _enter(self, stream: int, *, sequence: int) -> None:
+    def _enter_stream(self, stream: int, *, sequence: int) -> None:
         """Follow another stream: from its beginning, unless it is the first one met."""
         joined_late = self._stream is None
         self._restarts += not joined_late

@@ -16,7 +16,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.produce.bruise.model import Side
-from palpate.produce.bruise.shape import LoadShape, middle_of, shape_of
+from palpate.produce.bruise.shape import LoadShape, median_shape, shape_of
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import (
     CONTACT_PERCENT,
@@ -177,7 +177,7 @@ class Examined:
             against={
                 "history": shapes["before"],
                 "class": self.sound,
-                "item": middle_of([shapes["other"]], with_width=True),
+                "item": median_shape([shapes["other"]], with_width=True),
             },
         )
 
@@ -245,7 +245,7 @@ def _batch(
             ],
         )
     ]
-    classes = middle_of([one.shape(EARLY_S) for one in sound], with_width=False)
+    classes = median_shape([one.shape(EARLY_S) for one in sound], with_width=False)
     return [
         _examined(session, purpose, level, sensor, index, sound=classes, remade=remade)
         for index in range(apples)

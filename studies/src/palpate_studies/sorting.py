@@ -19,7 +19,7 @@ from palpate.produce.sorting.score import (
     Placed,
     Score,
     score_sorting,
-    where_it_belongs,
+    true_bin,
 )
 from palpate_studies.identify import (
     NEAREST_MEAN,
@@ -150,7 +150,7 @@ def _certain(measured: Mapping[str, Measurement], guess: Guess, *, book: RuleBoo
 
 
 def _belongs(item: CrateItemGrasps, book: RuleBook) -> str:
-    return where_it_belongs(book, kind=item.kind, taught=item.known, size_mm=item.size_mm)
+    return true_bin(book, kind=item.kind, taught=item.known, size_mm=item.size_mm)
 
 
 def judge(crates: Sequence[CrateItemGrasps], *, book: RuleBook = BOOK) -> StudyReport:

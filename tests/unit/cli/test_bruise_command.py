@@ -56,7 +56,7 @@ def test_each_answer_is_kept_with_the_item(filled: Path, palpate: Command) -> No
     ("arguments", "says"),
     [
         (("nobody",), "no item 'nobody'"),
-        (("A17", "--learn"), "learning takes 10 of each"),
+        (("A17", "--learn"), "learning needs 10 of each"),
         (("A17", "--bruised-share", "1.5"), "--bruised-share"),
     ],
 )

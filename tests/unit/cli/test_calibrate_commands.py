@@ -65,7 +65,7 @@ def test_compliance_goes_into_the_same_file(made: Path, palpate: Command) -> Non
     ("arguments", "status", "message"),
     [
         (("--block-mm", "4"), 2, "is it in millimetres"),
-        (("--out", "none.json"), 2, "none.json is not there yet"),
+        (("--out", "none.json"), 2, "none.json does not exist yet"),
         (("--rig", "sim-soft"), 3, "no load cell"),
     ],
 )

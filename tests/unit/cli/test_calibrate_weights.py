@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.cli.calibrate_force import Course, _ask_loads, _until_enough
+from palpate.cli.calibrate_force import Course, _ask_loads, _take_until_enough
 from palpate.errors import InputError
 
 
@@ -27,7 +27,7 @@ def test_each_weight_reports_what_it_narrowed(capsys: pytest.CaptureFixture[str]
 
 def test_no_more_weights_are_asked_for_within_the_tolerance() -> None:
     weights, laid = course(80.0), list[float]()
-    for load_n in _until_enough([1.5, 4.0, 9.0, 6.0, 2.0], weights):
+    for load_n in _take_until_enough([1.5, 4.0, 9.0, 6.0, 2.0], weights):
         laid.append(load_n)
         weights.take(8.0 * load_n**1.2, load_n)
     assert laid == [1.5, 4.0, 9.0]

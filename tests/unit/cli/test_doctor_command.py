@@ -62,7 +62,7 @@ def test_recorded_presses_of_crossed_rows(
 @pytest.mark.parametrize(
     ("arguments", "status", "says"),
     [
-        (["--rig", "a.toml", "--port", "b"], 2, "--port: a rig states that itself"),
+        (["--rig", "a.toml", "--port", "b"], 2, "--port: the rig states its port"),
         (["--recording", "a.mcap", "--port", "b"], 2, "--recording excludes"),
         (["--recording", "no.mcap"], 2, "can't be opened"),
         (["--rig", "no.toml"], 2, "no.toml"),

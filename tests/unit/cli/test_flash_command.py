@@ -175,7 +175,7 @@ def test_port_and_image_are_looked_at_before_anything_is_written(
     assert "no port /dev/no-such-port" in error
     image.write_text(HEX.replace(":00000001FF\n", ""))
     error = palpate("flash", "--port", board.port, "--image", image, status=2).err
-    assert "not a whole Intel hex file" in error
+    assert "a truncated Intel hex file" in error
     palpate("flash", "--port", board.port, "--image", tmp_path / "none.hex", status=2)
     assert not note.exists()
 

@@ -96,7 +96,7 @@ def test_a_question_that_nobody_answers_is_bad_usage(
         typer.prompt("loads", err=True)
 
     assert run(app, [], name="palpate") == 2
-    assert "palpate: nobody answers; run it in a terminal" in capsys.readouterr().err
+    assert "palpate: no answer on standard input; run it in a terminal" in capsys.readouterr().err
 
 
 def test_ctrl_c_at_a_question_is_a_stop(

@@ -178,7 +178,7 @@ def test_record_needs_its_port(tmp_path: Path, palpate: Command) -> None:
     ("options", "said"),
     [
         (["--rig", "sim-rigid"], "never end: give a --duration"),
-        (["--rig", "sim-rigid", "--port", "x"], "--port: a rig states that itself"),
+        (["--rig", "sim-rigid", "--port", "x"], "--port: the rig states its port"),
         (["--rig", "nothing"], "no rig 'nothing'"),
         (["--rig", "gone.toml"], "gone.toml: no such file"),
         (["--duration", "0"], "--duration 0: must be above 0"),

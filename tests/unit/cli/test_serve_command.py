@@ -17,7 +17,7 @@ from tests.commands import Command
         (["--rig", "nowhere.toml"], 2, "no rig 'nowhere.toml'; there are: sim-rigid"),
         (["--object", "moon"], 2, "no simulated object 'moon'; there are: ecoflex-10"),
         (["--host", "0.0.0.0"], 2, "give a --token"),
-        (["--host", "[::]"], 2, "--host :: can be reached from other machines"),
+        (["--host", "[::]"], 2, "--host :: lets other machines move the gripper"),
         (["--damage", "no.json"], 2, "damage file no.json: No such file or directory"),
         (["--token", "short"], 2, "the token has 5 characters; give at least 8"),
     ],

@@ -129,7 +129,7 @@ def test_own_holds_teach_relaxation_alone(
 
 def test_holds_to_learn_from_are_not_those_to_predict(holds_csv: Path, palpate: Command) -> None:
     error = palpate("settle", holds_csv, "--learn-from", holds_csv, status=2).err
-    assert "scores on holds that were learned from mean nothing" in error
+    assert "scores on training holds are meaningless" in error
 
 
 def test_few_calibration_holds_and_methods_without_intervals_are_named_on_stderr(
@@ -364,7 +364,7 @@ def test_mean_of_the_columns_is_predicted_as_one_hold(tmp_path: Path, palpate: C
     assert row["hold_id"] == "pixels:mean change:1"
     assert row["predicted"] == pytest.approx(-35.0, abs=0.2)
     for wrong, words in (
-        (["--mean"], "give --rest START:END too"),
+        (["--mean"], "needs --rest START:END"),
         (["--rest", "3"], "give START:END in seconds"),
         (["--rest", "0:2", "--unit", "percent"], "relative changes of ohm"),
     ):

@@ -209,7 +209,7 @@ def test_verdicts_of_the_store_decide_where_rules_ask_for_them(
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (("kiwi", "pear"), "line 7: class 'pear' was not taught by 3 labelled items"),
+        (("kiwi", "pear"), "line 7: class 'pear' has fewer than 3 labelled items"),
         (('class = "kiwi"', 'class = "kiwi"\nweight = 3'), "line 10: no key 'weight' here"),
     ],
 )

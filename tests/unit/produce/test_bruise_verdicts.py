@@ -15,9 +15,9 @@ from palpate.grasp.result import Outcome
 from palpate.produce.bruise.examination import (
     ItemBruise,
     examine_item,
-    in_visits,
+    group_visits,
     learn_from,
-    telling,
+    usable_grasps,
 )
 from palpate.produce.bruise.model import (
     BRUISED,
@@ -170,7 +170,7 @@ def test_an_item_without_pixels_says_so(store: Store, model: BruiseModel) -> Non
 def test_a_model_that_lacks_the_reference_says_so(store: Store, model: BruiseModel) -> None:
     store.add_grasp(grasp("A17", pixels()))
     store.add_grasp(grasp("A17", pixels(), at=TUESDAY))
-    with pytest.raises(InputError, match="no reference among history, class, item"):
+    with pytest.raises(InputError, match="none of the references"):
         judge(store, model)
 
 
@@ -189,7 +189,7 @@ def test_other_rigs_and_other_kinds_are_no_class(store: Store) -> None:
 
 def test_visits_are_parted_by_long_pauses() -> None:
     times = [MONDAY + timedelta(minutes=minute) for minute in (0, 20, 45, 90)]
-    visits = in_visits([grasp("A17", pixels(), at=at) for at in times])
+    visits = group_visits([grasp("A17", pixels(), at=at) for at in times])
     assert [len(visit) for visit in visits] == [3, 1]
 
 
@@ -197,7 +197,7 @@ def test_what_slipped_or_has_no_pixels_tells_nothing() -> None:
     whole = grasp("A17", pixels())
     slipped = replaced(whole, outcome=Outcome.SLIPPED)
     blind = replaced(whole, pixel_settled_percent=None)
-    assert telling([slipped, whole, blind]) == (whole,)
+    assert usable_grasps([slipped, whole, blind]) == (whole,)
 
 
 def test_too_few_labels_are_refused(store: Store) -> None:

@@ -210,7 +210,7 @@ def test_learning_refuses_what_shows_no_softening() -> None:
         [DayFelt(day=float(d), firmness=1.0 + 0.01 * (d % 2), grasps=2, spread=0.1) for d in (0, 1)]
         for _ in range(5)
     ]
-    with pytest.raises(InputError, match="0 items were felt on 3 days or more, 4 are needed"):
+    with pytest.raises(InputError, match="0 items were grasped on 3 days or more, 4 are needed"):
         Course.learn(still)
 
 
@@ -368,7 +368,7 @@ def test_grasps_without_gains_are_believed_as_they_are() -> None:
 def test_a_worn_sensor_is_advised_about() -> None:
     ball = [ball_at(value, day=day) for value, day in ((1.0, 0), (1.02, 0), (0.5, 5), (0.52, 5))]
     assert "calibrate force again" in Drift.learn(ball, drive="width").advice
-    with pytest.raises(InputError, match="was felt on 1 day"):
+    with pytest.raises(InputError, match="was grasped on 1 day"):
         Drift.learn(ball[:2], drive="width")
 
 

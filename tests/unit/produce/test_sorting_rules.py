@@ -18,7 +18,7 @@ from palpate.produce.sorting.conditions import Evidence, OneOf, Within
 from palpate.produce.sorting.hand import TimedGrasp
 from palpate.produce.sorting.rules import Rule, RuleBook, decide
 from palpate.produce.sorting.run import bin_verdict, evidence_of, sort_item
-from palpate.produce.sorting.score import Placed, score_sorting, where_it_belongs
+from palpate.produce.sorting.score import Placed, score_sorting, true_bin
 
 KIWIS, RIPE = OneOf("class", frozenset({"kiwi"})), OneOf("ripeness", frozenset({"ripe"}))
 KIWI = Rule(bin="kiwi", conditions=(KIWIS,), line=3)
@@ -229,6 +229,6 @@ def test_purity_counts_what_rules_placed_and_time_what_hands_do() -> None:
 
 
 def test_where_things_belong() -> None:
-    assert where_it_belongs(BOOK, kind="kiwi", taught=True, size_mm=50) == "kiwi"
-    assert where_it_belongs(BOOK, kind="walnut", taught=False, size_mm=33) == "strangers"
-    assert where_it_belongs(BOOK, kind="egg", taught=True, size_mm=44) == "by hand"
+    assert true_bin(BOOK, kind="kiwi", taught=True, size_mm=50) == "kiwi"
+    assert true_bin(BOOK, kind="walnut", taught=False, size_mm=33) == "strangers"
+    assert true_bin(BOOK, kind="egg", taught=True, size_mm=44) == "by hand"

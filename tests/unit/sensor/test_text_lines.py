@@ -178,7 +178,7 @@ def test_another_baud_rate_is_named_in_one_line(
     ("layout", "words"),
     [
         (replace(PADS, rows=3, finger_of_row=(0,) * 3), r"has 8 numbers.* needs 6"),
-        (replace(PADS, divider=Divider(adc_bits=6)), "leaves 0 to 63, the range of 6 bits"),
+        (replace(PADS, divider=Divider(adc_bits=6)), "is outside 0 to 63, the range of 6 bits"),
     ],
 )
 def test_a_line_that_does_not_fit_the_layout_names_the_fault(
@@ -222,7 +222,7 @@ def test_a_silent_board_and_an_unplugged_one_are_told_apart(clock: SendingClock)
 def test_options_that_do_not_fit_are_refused_before_a_port_is_opened() -> None:
     with pytest.raises(InputError, match="8 different whole numbers"):
         open_board(port="/dev/none", layout="4x2", columns=[1, 2, 2])
-    with pytest.raises(InputError, match="corrected in counts alone"):
+    with pytest.raises(InputError, match="needs counts"):
         open_board(port="/dev/none", layout="4x2", unit="ohm", idle_lines="held")
     with pytest.raises(InputError, match="1 to 24 bits"):
         open_board(port="/dev/none", layout="4x2", adc_bits=40)

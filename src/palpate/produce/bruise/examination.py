@@ -22,7 +22,7 @@ from palpate.produce.bruise.model import (
     Side,
     table_sides,
 )
-from palpate.produce.bruise.shape import LoadShape, middle_of, pixel_contrast, shape_of
+from palpate.produce.bruise.shape import LoadShape, median_shape, pixel_contrast, shape_of
 from palpate.produce.learning import LabelledTable
 from palpate.produce.records import About, Grasp, Source, Verdict
 
@@ -134,14 +134,14 @@ def examine_item(
     nothing to compare it with.
     """
     item = store.item(item_id)
-    grasps = telling(store.grasps_of(item_id))
+    grasps = usable_grasps(store.grasps_of(item_id))
     if not grasps:
         raise InputError(
-            f"item {item_id!r}: no grasp of it that held recorded what each pixel felt; grasp it "
+            f"item {item_id!r}: no held grasp of it recorded every pixel; grasp it "
             "again with fingers driven by width"
         )
     sound = sound_grasps(store, kind=item.kind, without=item_id)
-    visits = in_visits(grasps)
+    visits = group_visits(grasps)
     felt = [(grasp, _side(grasp, visits=visits, sound=sound)) for grasp in visits[-1]]
     felt = [one for one in felt if one[1].against]
     if not felt:
@@ -215,8 +215,8 @@ def labelled_sides(store: Store, *, kind: str) -> dict[str, LabelledTable]:
     """
     sides: list[tuple[str, bool, Side]] = []
     for item_id, label in _labels(store, kind=kind).items():
-        grasps = telling(store.grasps_of(item_id))
-        visits = in_visits(grasps)
+        grasps = usable_grasps(store.grasps_of(item_id))
+        visits = group_visits(grasps)
         sound = sound_grasps(store, kind=kind, without=item_id)
         if label.text == BRUISED:
             chosen = [one for one in grasps if one.grasp_id == label.grasp_id]
@@ -230,7 +230,7 @@ def labelled_sides(store: Store, *, kind: str) -> dict[str, LabelledTable]:
     return table_sides(sides)
 
 
-def telling(grasps: Sequence[Grasp]) -> tuple[Grasp, ...]:
+def usable_grasps(grasps: Sequence[Grasp]) -> tuple[Grasp, ...]:
     """Return grasps by width that held and recorded every pixel."""
     return tuple(
         grasp
@@ -241,7 +241,7 @@ def telling(grasps: Sequence[Grasp]) -> tuple[Grasp, ...]:
     )
 
 
-def in_visits(grasps: Sequence[Grasp]) -> list[list[Grasp]]:
+def group_visits(grasps: Sequence[Grasp]) -> list[list[Grasp]]:
     """Return grasps, oldest first, in visits without long pauses."""
     visits: list[list[Grasp]] = []
     for grasp in grasps:
@@ -262,7 +262,7 @@ def sound_grasps(store: Store, *, kind: str | None, without: str) -> list[Grasp]
         return found
     for item_id, label in reversed(_labels(store, kind=kind).items()):
         if label.text == SOUND and item_id != without and len(found) < _MOST_SOUND:
-            found += telling(store.grasps_of(item_id))
+            found += usable_grasps(store.grasps_of(item_id))
     return found
 
 
@@ -300,7 +300,9 @@ def _side(grasp: Grasp, *, visits: Sequence[Sequence[Grasp]], sound: Sequence[Gr
         REFERENCES, (before, alike, others), (1, _FEWEST_SOUND, 1), strict=True
     ):
         if len(grasps) >= fewest:
-            against[name] = middle_of([_shape(one) for one in grasps], with_width=name != "class")
+            against[name] = median_shape(
+                [_shape(one) for one in grasps], with_width=name != "class"
+            )
     return Side(shape=_shape(grasp), against=against)
 
 

@@ -70,8 +70,8 @@ class BruiseModel:
         if not learners:
             most = max(counts.values(), key=lambda one: one.total(), default=Counter[str]())
             raise InputError(
-                f"{most[BRUISED]} bruised and {most[SOUND]} sound sides are known; learning takes "
-                f"{_FEWEST} of each that have a reference in common"
+                f"{most[BRUISED]} bruised and {most[SOUND]} sound sides are labelled; learning "
+                f"needs {_FEWEST} of each with a reference in common"
             )
         return cls(learned_on=learned_on, learners=learners)
 
@@ -84,8 +84,8 @@ class BruiseModel:
             if name in side.against and name in self.learners:
                 return name
         raise InputError(
-            f"no reference among {', '.join(REFERENCES)} that this model knows "
-            f"({', '.join(self.learners)}); grasp another side, or sound items of the class"
+            f"none of the references that the model was learned for ({', '.join(self.learners)}); "
+            "grasp another side, or sound items of the class"
         )
 
     def log_odds(self, side: Side) -> float:

@@ -88,7 +88,7 @@ def shape_of(change_percent: ArrayLike, *, width_mm: float | None = None) -> Loa
         raise InputError(
             f"pixels of shape {change.shape}: bruises need two fingers with at least 2 x 2 pixels"
         )
-    basis = _basis(rows, change.shape[1]).reshape(MODES, -1)
+    basis = _finger_basis(rows, change.shape[1]).reshape(MODES, -1)
     ratio = np.maximum(100.0 + change, 0.1) / 100.0
     load = np.log(np.maximum(1.0 / ratio - 1.0, 0.0) + _TOUCH).reshape(2, -1)
     modes = np.empty((2, MODES))
@@ -101,13 +101,13 @@ def shape_of(change_percent: ArrayLike, *, width_mm: float | None = None) -> Loa
         if np.linalg.matrix_rank(basis[:, known]) < MODES:
             raise InputError(
                 f"finger {finger + 1}: only {known.sum()} of {known.size} pixels read; a bruise "
-                "can't be distinguished from where the fruit lies"
+                "can't be distinguished from the fruit's position"
             )
         modes[finger] = np.linalg.lstsq(basis[:, known].T, values[known], rcond=None)[0]
     return LoadShape(modes=modes, width_mm=width_mm)
 
 
-def middle_of(shapes: Sequence[LoadShape], *, with_width: bool) -> LoadShape:
+def median_shape(shapes: Sequence[LoadShape], *, with_width: bool) -> LoadShape:
     """Return the median of several grasps, as a reference.
 
     `shapes`: at least one.
@@ -140,13 +140,13 @@ def contrast(shape: LoadShape, reference: LoadShape) -> FloatArray:
 
 def pixel_contrast(shape: LoadShape, reference: LoadShape, *, rows: int, cols: int) -> FloatArray:
     """Return log load of each pixel against the one that it faces, shape (rows, cols)."""
-    basis = _basis(rows // 2, cols)
+    basis = _finger_basis(rows // 2, cols)
     first = np.tensordot((shape.numbers - reference.numbers)[:MODES], basis, axes=1)
     return np.concatenate([first, -first])
 
 
 @lru_cache(maxsize=8)
-def _basis(rows: int, cols: int) -> FloatArray:
+def _finger_basis(rows: int, cols: int) -> FloatArray:
     """Return one, along, across and their product over a finger, shape (4, rows, cols)."""
     along, across = np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, cols), indexing="ij")
     basis = np.stack([np.ones_like(along), along, across, along * across])

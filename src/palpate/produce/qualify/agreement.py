@@ -159,19 +159,19 @@ def measure(readings: PairedReadings, demand: Demand) -> Agreement:
     slopes, offsets = deming_lines(*means, ratio=ratio, leave_out=True)
     converted = offsets[place] + slopes[place] * grasp
     difference = converted - read
-    first, second = _read_twice(readings)
+    first, second = _repeated_readings(readings)
     figures = {
         "limit_of_agreement": _LIMITS * float(difference.std(ddof=1)),
         "r_squared": _r_squared(grasp, read),
         "r_squared_ceiling": reference.repeatability,
-        "share_within": _share(np.abs(difference) <= demand.tolerance),
+        "share_within": _fraction(np.abs(difference) <= demand.tolerance),
         "share_within_ceiling": reference.share_within(demand.tolerance),
-        "share_within_reference": _share(np.abs(first - second) <= demand.tolerance),
+        "share_within_reference": _fraction(np.abs(first - second) <= demand.tolerance),
     }
     if demand.limits:
         grades = [np.digitize(one, demand.limits) for one in (converted, read, first, second)]
-        figures["same_grade"] = _share(grades[0] == grades[1])
-        figures["same_grade_reference"] = _share(grades[2] == grades[3])
+        figures["same_grade"] = _fraction(grades[0] == grades[1])
+        figures["same_grade_reference"] = _fraction(grades[2] == grades[3])
         figures["cost"] = _cost(grades[0] - grades[1], demand)
         # Either of two readings may be the first.
         off = np.concatenate([grades[3] - grades[2], grades[2] - grades[3]])
@@ -194,7 +194,7 @@ def confusion_of(found: Agreement, limits: tuple[float, ...]) -> NDArray[np.int6
     return table if limits else table[:0, :0]
 
 
-def _read_twice(readings: PairedReadings) -> tuple[FloatArray, FloatArray]:
+def _repeated_readings(readings: PairedReadings) -> tuple[FloatArray, FloatArray]:
     """Return the first two readings of the reference on each item that has two."""
     read = np.isfinite(readings.reference)
     item, value = readings.item[read], readings.reference[read]
@@ -219,7 +219,7 @@ def _cost(grades_off: NDArray[np.int64], demand: Demand) -> float:
     return float(costs.mean())
 
 
-def _share(values: NDArray[np.bool_]) -> float:
+def _fraction(values: NDArray[np.bool_]) -> float:
     return float(values.mean()) if values.size else math.nan
 
 

@@ -96,7 +96,7 @@ def closing_firmness(grasp_state: GraspState, *, plan: Plan) -> Measurement | No
     read_n = np.exp(grasp_state.estimate.gain.log_mean) * plan.early_law.force_n(readings).value
     reach = normal_half_width(plan.level)
     floor_n = float(plan.early_law.force_n(0.0, level=plan.level).high) / reach
-    load_n, loaded = _load(read_n, floor_n=floor_n)
+    load_n, loaded = _step_loads(read_n, floor_n=floor_n)
     if not loaded.any():
         return None
     width_mm = np.array([plan.gripper.target(step.closure) for step in grasp_state.estimate.steps])
@@ -162,7 +162,7 @@ def round_softness(
     return float(found[1]), float(np.sqrt(np.linalg.pinv(weighed.T @ weighed)[1, 1]))
 
 
-def _load(read_n: FloatArray, *, floor_n: float) -> tuple[FloatArray, NDArray[np.bool_]]:
+def _step_loads(read_n: FloatArray, *, floor_n: float) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return the load at each step, and at which steps there surely is one."""
     before = int(np.argmin(read_n[: int(np.argmax(read_n)) + 1]))
     load_n = np.asarray(read_n - read_n[before])

@@ -68,8 +68,8 @@ class Course:
         useful = [item for item in items if len(item) >= FEWEST_DAYS]
         if len(useful) < FEWEST_COURSES:
             raise InputError(
-                f"the course of ripening: {len(useful)} items were felt on {FEWEST_DAYS} days or "
-                f"more, {FEWEST_COURSES} are needed; grasp some items every day until they are soft"
+                f"the course of ripening: {len(useful)} items were grasped on {FEWEST_DAYS} days "
+                f"or more, {FEWEST_COURSES} are needed; grasp some items daily until they are soft"
             )
         felt = np.concatenate([[day.firmness for day in item] for item in useful])
         low, high = (float(level) for level in np.quantile(felt, [0.05, 0.95]))
@@ -113,7 +113,7 @@ class Course:
         hard = np.maximum(self.hard + self.start_sd * by_start, self.soft + _LEAST_FALL)
         log_prior = -0.5 * (by_halfway**2 + by_pace**2 + by_start**2)
         noise_sd = np.hypot(self.noise_sd, [self.mean_sd(day) for day in days])
-        left = _time_left([day.day for day in days], halfway, pace)
+        left = _remaining_fall([day.day for day in days], halfway, pace)
         expected = self.soft + (hard - self.soft)[:, None] * left
         squared = ((np.array([day.firmness for day in days]) - expected) / noise_sd) ** 2
         log_like = -0.5 * (_FREEDOM + 1.0) * np.log1p(squared / _FREEDOM).sum(axis=1)
@@ -149,7 +149,7 @@ class Courses:
 
     def firmness(self, day: ArrayLike) -> FloatArray:
         """Return the firmness of every course on days, shape (courses, days)."""
-        left = _time_left(np.atleast_1d(day), self.halfway_day, self.pace_days)
+        left = _remaining_fall(np.atleast_1d(day), self.halfway_day, self.pace_days)
         return np.asarray(self.soft + (self.hard[:, None] - self.soft) * left)
 
     def mean_firmness(self, day: float) -> float:
@@ -174,7 +174,7 @@ class Courses:
         return np.asarray(values[order][np.minimum(index, values.size - 1)])
 
 
-def _time_left(day: ArrayLike, halfway_day: FloatArray, pace_days: FloatArray) -> FloatArray:
+def _remaining_fall(day: ArrayLike, halfway_day: FloatArray, pace_days: FloatArray) -> FloatArray:
     """Return the remaining fall on each day of each course, shape (courses, days)."""
     since = np.asarray(day, dtype=float) - halfway_day[:, None]
     return np.asarray(0.5 * (1.0 - np.tanh(0.5 * since / pace_days[:, None])))

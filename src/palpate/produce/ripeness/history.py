@@ -89,7 +89,7 @@ def drift_of(store: Store, reference_id: str, *, drive: Drive) -> Drift:
     """
     store.item(reference_id)
     grasps = store.grasps_of(reference_id)
-    return Drift.learn(grasps, drive=drive, give=_give(store, grasps, drive=drive))
+    return Drift.learn(grasps, drive=drive, give=_fit_compliance(store, grasps, drive=drive))
 
 
 def learn_rule(
@@ -109,8 +109,8 @@ def learn_rule(
     known = list(islice(last_first, _MOST_ITEMS))
     if not known:
         raise InputError(
-            f"no {kind} that a gripper driven by {drive} felt was labelled; label how ripe some "
-            f"are: palpate items ITEM --set kind={kind} --say ripeness={stages[0]}"
+            f"no {kind} grasped by a gripper driven by {drive} is labelled; label the ripeness of "
+            f"some: palpate items ITEM --set kind={kind} --say ripeness={stages[0]}"
         )
     return RipenessRule.learn(
         [history.days for history, _ in known],
@@ -209,7 +209,7 @@ def explanation(ripeness: Ripeness, history: FirmnessHistory) -> str:
     return f"{felt}: {chance} {basis}"
 
 
-def _give(store: Store, grasps: Sequence[Grasp], *, drive: Drive) -> Compliance | None:
+def _fit_compliance(store: Store, grasps: Sequence[Grasp], *, drive: Drive) -> Compliance | None:
     """Return the gripper's compliance by its stored calibration, or None."""
     known = [grasp.calibration_id for grasp in grasps if grasp.calibration_id is not None]
     if drive != "width" or not known:

@@ -104,11 +104,11 @@ class Drift:
         if len(days) < 2:
             kept = " with its width kept" if drive == "width" else ""
             raise InputError(
-                f"the reference object was felt on {len(days)} day(s){kept} by a gripper driven "
-                f"by {drive}; grasp it on every day on which fruit is felt"
+                f"the reference object was grasped on {len(days)} day(s){kept} by a gripper driven "
+                f"by {drive}; grasp it on every day with the fruit"
             )
         first, variance = days[0], pooled_variance(days)
-        moved = _smooth(
+        moved = _expected_drift(
             np.array([day.day - first.day for day in days]),
             np.array([day.firmness - first.firmness for day in days]),
             variance=np.array([variance / day.grasps for day in days]),
@@ -155,7 +155,7 @@ class Drift:
         )
 
 
-def _smooth(day: FloatArray, moved: FloatArray, *, variance: FloatArray) -> FloatArray:
+def _expected_drift(day: FloatArray, moved: FloatArray, *, variance: FloatArray) -> FloatArray:
     """Return the expected drift of each day, given the readings of all days.
 
     The first day's scatter is in the change of every later one. How much of what is read is drift
@@ -204,11 +204,16 @@ class ForceRead:
             return cls(read=(), left_out=0.0, usual_gain=0.0)
         first = by_day((grasp.taken_at, firmness) for grasp, _, _, firmness in felt)[0]
         way_mm_per_n = give_mm_per_n + math.exp(-first.firmness) / _STEEPER
-        off = np.array([_off(width, force, way_mm_per_n) for _, width, force, _ in felt])
+        off = np.array(
+            [_log_force_error(width, force, way_mm_per_n) for _, width, force, _ in felt]
+        )
         gain = np.array([log_gain(grasp) or 0.0 for grasp, *_ in felt])
         at = [grasp.taken_at for grasp, *_ in felt]
         hours = np.array([(one - at[0]).total_seconds() / _HOUR_S for one in at])
-        left_out, usual_gain = _leave_out(off, gain=gain, hours=hours), float(gain.mean())
+        left_out, usual_gain = (
+            _fit_left_out_fraction(off, gain=gain, hours=hours),
+            float(gain.mean()),
+        )
         off = off - left_out * (gain - usual_gain)
         return cls(
             read=tuple(zip(at, (off - off[0]).tolist(), strict=True)),
@@ -222,13 +227,13 @@ class ForceRead:
         return 0.0 if gain is None else self.left_out * (gain - self.usual_gain)
 
 
-def _off(width: Measurement, force: Measurement, way_mm_per_n: float) -> float:
+def _log_force_error(width: Measurement, force: Measurement, way_mm_per_n: float) -> float:
     """Return ln of the force read over the true one, but for a constant."""
     at_usual_mm = width.middle + way_mm_per_n * (force.middle - RIPENESS_N)
     return at_usual_mm / (way_mm_per_n * RIPENESS_N)
 
 
-def _leave_out(off: FloatArray, *, gain: FloatArray, hours: FloatArray) -> float:
+def _fit_left_out_fraction(off: FloatArray, *, gain: FloatArray, hours: FloatArray) -> float:
     """Return the share of the gains without which grasps of one morning repeat best.
 
     Least squares of how the forces of neighbours differ over how their gains do.

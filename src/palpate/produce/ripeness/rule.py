@@ -137,7 +137,7 @@ class RipenessRule:
         """
         if stage not in self.stages[1:]:
             raise InputError(
-                f"{stage!r} does not begin at any firmness; one can wait for: "
+                f"{stage!r} is not reached by softening; choose one of: "
                 f"{', '.join(self.stages[1:])}"
             )
         # From hard to soft the probability of being that soft rises from 0 to 1.

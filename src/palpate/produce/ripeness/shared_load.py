@@ -65,8 +65,8 @@ def fraction_of_pixels(
     if sharing is None:
         return {}
     beyond = math.log(force.middle / RIPENESS_N) + _SIZE_POWER * math.log(width.middle / _USUAL_MM)
-    closing = _closing(observations, until_s=until_s)
-    rise = _rise(closing, held=held, layout=layout)
+    closing = _until_largest_pressure(observations, until_s=until_s)
+    rise = _sharing_exponent(closing, held=held, layout=layout)
     value, read, most = (
         math.exp(-sharing - power * beyond) for power in (rise, 0.0, _RADIUS_POWER)
     )
@@ -77,31 +77,37 @@ def fraction_of_pixels(
     }
 
 
-def _closing(observations: Sequence[Observation], *, until_s: float) -> Sequence[Observation]:
+def _until_largest_pressure(
+    observations: Sequence[Observation], *, until_s: float
+) -> Sequence[Observation]:
     """Return the observations until the fingers' largest pressure."""
     pressure_kpa = [one.gripper.pressure_kpa for one in observations if one.frame.time_s <= until_s]
     return observations[: int(np.nanargmax(pressure_kpa)) + 1]
 
 
-def _rise(closing: Sequence[Observation], *, held: FloatArray, layout: ArrayLayout) -> float:
+def _sharing_exponent(
+    closing: Sequence[Observation], *, held: FloatArray, layout: ArrayLayout
+) -> float:
     """Return the exponent of sharing in force over the last half of the load.
 
     It is 0 where none of the load, or no less of it, was felt in the mean up to that moment.
     """
-    light = np.flatnonzero(_load(_percent(closing, layout=layout)) < _EARLIER * _load(held))
+    light = np.flatnonzero(
+        _total_load(_change_percent(closing, layout=layout)) < _EARLIER * _total_load(held)
+    )
     if not light.size:
         return 0.0
     at_s = closing[int(light[-1])].frame.time_s
     earlier = percent_until(at_s, observations=closing, layout=layout)
     before, after = minus_log_sharing(earlier), minus_log_sharing(held)
-    light_load, load = float(_load(earlier)), float(_load(held))
+    light_load, load = float(_total_load(earlier)), float(_total_load(held))
     if before is None or after is None or not 0.0 < light_load < load:
         return 0.0
     rise = _EXCESS_POWER * (before - after) / math.log(load / light_load)
     return min(max(rise, 0.0), _RADIUS_POWER)
 
 
-def _percent(observations: Sequence[Observation], *, layout: ArrayLayout) -> FloatArray:
+def _change_percent(observations: Sequence[Observation], *, layout: ArrayLayout) -> FloatArray:
     """Return the relative change in every frame, shape (frames, rows, cols)."""
     first = observations[0].frame
     ohm = pixel_resistance_ohm(
@@ -113,7 +119,7 @@ def _percent(observations: Sequence[Observation], *, layout: ArrayLayout) -> Flo
     return relative_change_percent(ohm, rest_ohm=ohm[rested].mean(axis=0))
 
 
-def _load(percent: FloatArray) -> FloatArray:
+def _total_load(percent: FloatArray) -> FloatArray:
     """Return the excess conductance summed over pixels."""
     left = np.maximum(100.0 + percent, _LEAST_LEFT_PERCENT) / 100.0
     return total_excess(1.0 / left - 1.0)

@@ -54,7 +54,7 @@ class Evidence:
         if key == "bruised":
             return "" if self.bruised is None else f"bruised {percent(self.bruised)}"
         if key == "ripeness":
-            return _likeliest(self.ripeness)
+            return _likeliest_text(self.ripeness)
         known: Measurement | None = getattr(self, key)
         if known is None:
             return f"{key.removesuffix('_mm')} not measured"
@@ -79,7 +79,7 @@ class OneOf:
         """Return the evidence that an item has one of the names."""
         if self.key != "ripeness":
             return evidence.describe(self.key)
-        return _likeliest({name: evidence.ripeness.get(name, 0.0) for name in self.names})
+        return _likeliest_text({name: evidence.ripeness.get(name, 0.0) for name in self.names})
 
     def covers(self, other: OneOf | Within) -> bool:
         """Whether every item that meets the other, of the same key, meets this one."""
@@ -112,7 +112,9 @@ class Within:
         """
         measured: Measurement | None = getattr(evidence, self.key)
         return (
-            None if measured is None else _below(self.high, measured) - _below(self.low, measured)
+            None
+            if measured is None
+            else _probability_below(self.high, measured) - _probability_below(self.low, measured)
         )
 
     def reason(self, evidence: Evidence) -> str:
@@ -187,12 +189,12 @@ def _describe_kind(identity: Identity) -> str:
     )
 
 
-def _likeliest(chances: Mapping[str, float]) -> str:
+def _likeliest_text(chances: Mapping[str, float]) -> str:
     best = max(chances, key=lambda name: chances[name], default=None)
     return "" if best is None else f"{best} {percent(chances[best])}"
 
 
-def _below(bound: float, measured: Measurement) -> float:
+def _probability_below(bound: float, measured: Measurement) -> float:
     far = NormalDist().inv_cdf(0.5 + measured.level / 2)
     side = (
         measured.middle - measured.low

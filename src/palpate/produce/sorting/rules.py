@@ -125,7 +125,10 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
     rejected = evidence.identity is not None and evidence.identity.rejected
     is_open |= evidence.grasps == 0 or (rejected and evidence.grasps < 2)
     if sure is None:
-        found, why = book.default_bin, f"{book.default_bin} (default): {_no_rule(book, evidence)}"
+        found, why = (
+            book.default_bin,
+            f"{book.default_bin} (default): {_explain_no_rule(book, evidence)}",
+        )
     else:
         reasons = ", ".join(condition.reason(evidence) for condition in sure.conditions)
         found, met = sure.bin, f"rule in line {sure.line} met with {percent(probability or 0.0)}"
@@ -139,7 +142,7 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
     )
 
 
-def _no_rule(book: RuleBook, evidence: Evidence) -> str:
+def _explain_no_rule(book: RuleBook, evidence: Evidence) -> str:
     """Return why no rule applies: the nearest one, and its missing probability."""
     nearest = max(book.rules, key=lambda rule: rule.probability(evidence)[1])
     low, high = nearest.probability(evidence)

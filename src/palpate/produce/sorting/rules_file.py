@@ -75,7 +75,7 @@ def check_kinds(book: RuleBook, *, taught: Collection[str], path: str | Path) ->
         kinds = (one for one in rule.conditions if isinstance(one, OneOf) and one.key == "class")
         for kind in sorted({name for one in kinds for name in one.names} - {UNKNOWN, *taught}):
             raise InputError(
-                f"rules file {path} line {rule.line}: class {kind!r} was not taught by "
+                f"rules file {path} line {rule.line}: class {kind!r} has fewer than "
                 f"{FEWEST_ITEMS} labelled items; known are {', '.join(sorted(taught))} and "
                 f"{UNKNOWN}"
             )
@@ -107,7 +107,7 @@ def refuse_hidden(rules: Sequence[Rule], *, path: str) -> None:
                     f"rules file {path} line {rule.line}: no item reaches this rule, because that "
                     f"of line {earlier.line} takes them all; move it up or remove it"
                 )
-            if common := _half_overlap(earlier, rule):
+            if common := _partial_overlap(earlier, rule):
                 raise InputError(
                     f"rules file {path} line {rule.line}: overlaps the rule of line {earlier.line} "
                     f"({common} fits both, and they name different bins); set their ranges apart"
@@ -120,7 +120,7 @@ def _is_wider(one: Rule, other: Rule) -> bool:
     return all(ours.key in theirs and ours.covers(theirs[ours.key]) for ours in one.conditions)
 
 
-def _half_overlap(one: Rule, other: Rule) -> str | None:
+def _partial_overlap(one: Rule, other: Rule) -> str | None:
     """Return the overlap of two rules on the same keys, if neither contains the other."""
     ours = {condition.key: condition for condition in one.conditions}
     if one.bin == other.bin or set(ours) != {condition.key for condition in other.conditions}:

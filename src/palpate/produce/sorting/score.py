@@ -81,14 +81,14 @@ def score_sorting(placed: Sequence[Placed], *, book: RuleBook) -> Score:
     )
 
 
-def where_it_belongs(book: RuleBook, *, kind: str, taught: bool, size_mm: float) -> str:
+def true_bin(book: RuleBook, *, kind: str, taught: bool, size_mm: float) -> str:
     """Return the bin of an item about which everything is known, apart from ripeness and bruises.
 
     >>> from palpate.produce.sorting.conditions import OneOf
     >>> from palpate.produce.sorting.rules import Rule
     >>> eggs = Rule(bin="a", conditions=(OneOf("class", frozenset({"egg"})),))
     >>> book = RuleBook(rules=(eggs,), default_bin="rest")
-    >>> where_it_belongs(book, kind="egg", taught=True, size_mm=44.0)
+    >>> true_bin(book, kind="egg", taught=True, size_mm=44.0)
     'a'
     """
     identity = label_identity(kind if taught else UNKNOWN)

@@ -17,11 +17,11 @@ from typing import TypeVar
 from palpate.errors import StoreAwayError, StoreError
 from palpate.produce.records import Grasp, Item, Verdict
 from palpate.produce.store.engine import (
-    faults_of,
     make_engine,
     sa,
     show_url,
     store_url,
+    translate_errors,
     url_to_read,
 )
 from palpate.produce.store.outbox import (
@@ -93,7 +93,7 @@ class Store(StoreReader):
                 url = url_to_read(url)
         store = cls(make_engine(url), name=name, shared=shared)
         try:
-            store._bring_up_to_date(create=create)
+            store._migrate_if_old(create=create)
         except BaseException:
             store.close()
             raise
@@ -152,7 +152,7 @@ class Store(StoreReader):
         sent = 0
         while rows := self._read_waiting():
             with (
-                faults_of(self.local_name),
+                translate_errors(self.local_name),
                 self._reading.connect() as local,
                 self._open_server()._write() as remote,
             ):
@@ -215,7 +215,7 @@ class Store(StoreReader):
             assert self._shared_url is not None
             server = Store(make_engine(self._shared_url), name=show_url(self._shared_url))
             try:
-                server._bring_up_to_date(create=True)
+                server._migrate_if_old(create=True)
             except BaseException:
                 server.close()
                 raise
@@ -255,11 +255,11 @@ class Store(StoreReader):
 
     @contextmanager
     def _write(self) -> Iterator[sa.Connection]:
-        with faults_of(self.local_name), self._writing.begin() as connection:
+        with translate_errors(self.local_name), self._writing.begin() as connection:
             yield connection
 
-    def _bring_up_to_date(self, *, create: bool) -> None:
-        with faults_of(self.local_name):
+    def _migrate_if_old(self, *, create: bool) -> None:
+        with translate_errors(self.local_name):
             with self._reading.connect() as connection:
                 before = read_version(connection, where=self.local_name)
             # A current store is not locked for it, and may be read-only.

@@ -128,7 +128,7 @@ def make_engine(url: sa.URL) -> sa.Engine:
 
 
 @contextmanager
-def faults_of(where: str) -> Iterator[None]:
+def translate_errors(where: str) -> Iterator[None]:
     """Turn the errors of a database into one line.
 
     Raises `StoreAwayError` if it does not answer now: trying later may help; `StoreError` if it
@@ -138,11 +138,11 @@ def faults_of(where: str) -> Iterator[None]:
         yield
     except sa.exc.IntegrityError as error:
         raise InputError(
-            f"{where}: refers to an item, grasp or calibration that it does not have; "
+            f"{where}: refers to an item, grasp or calibration that is not stored; "
             "add that one first"
         ) from error
     except sa.exc.DBAPIError as error:
-        raise _explain(error, where=where) from error
+        raise _explain_error(error, where=where) from error
     except sa.exc.TimeoutError as error:
         raise StoreAwayError(f"{where}: all its connections are in use; try again") from error
     except UnicodeDecodeError as error:  # of the driver, which quotes a damaged schema
@@ -154,7 +154,7 @@ def damage_error(where: str) -> StoreError:
     return StoreError(f"{where}: {_SQLITE_FAULTS['SQLITE_CORRUPT'][1]}")
 
 
-def _explain(error: sa.exc.DBAPIError, *, where: str) -> StoreError:
+def _explain_error(error: sa.exc.DBAPIError, *, where: str) -> StoreError:
     origin = error.orig
     if isinstance(origin, sqlite3.Error):
         code, known = getattr(origin, "sqlite_errorname", None), _SQLITE_FAULTS
@@ -167,11 +167,11 @@ def _explain(error: sa.exc.DBAPIError, *, where: str) -> StoreError:
     message = " ".join(str(origin).split())
     # A driver that never reached the server has no state to report.
     if code is None and isinstance(error, sa.exc.OperationalError):
-        return _unreachable(message, where=where)
+        return _explain_unreachable(message, where=where)
     return StoreError(f"{where}: {message}")
 
 
-def _unreachable(message: str, *, where: str) -> StoreError:
+def _explain_unreachable(message: str, *, where: str) -> StoreError:
     """Distinguish a server that is away from one that answered and refused."""
     for words, state in (
         ("authentication failed", "28"),

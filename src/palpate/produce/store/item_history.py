@@ -133,7 +133,7 @@ def item_facts(
 
 def items_document(pages: Sequence[ItemHistory]) -> dict[str, Any]:
     """Return the document of a list of items."""
-    return {"items": [_line(page) for page in pages], **_away(pages)}
+    return {"items": [_item_row(page) for page in pages], **_away_note(pages)}
 
 
 def item_document(page: ItemHistory) -> dict[str, Any]:
@@ -144,7 +144,7 @@ def item_document(page: ItemHistory) -> dict[str, Any]:
         "grasps": [record_as_dict(grasp) for grasp in page.grasps],
         "verdicts": [record_as_dict(verdict) for verdict in page.verdicts],
         **({} if page.firmness_rank is None else {"firmness_rank": asdict(page.firmness_rank)}),
-        **_away([page]),
+        **_away_note([page]),
     }
 
 
@@ -167,11 +167,11 @@ def record_as_dict(record: Item | Grasp | Verdict) -> dict[str, Any]:
     return values
 
 
-def _away(pages: Sequence[ItemHistory]) -> dict[str, str]:
+def _away_note(pages: Sequence[ItemHistory]) -> dict[str, str]:
     return next(({"away": page.away} for page in pages if page.away), {})
 
 
-def _line(page: ItemHistory) -> dict[str, Any]:
+def _item_row(page: ItemHistory) -> dict[str, Any]:
     latest = {name: page.latest(name) for name in MEASURED}
     verdicts = {about: page.latest_verdict(about) for about in About}
     return {

@@ -26,7 +26,7 @@ class AnsweringConnection(psycopg.Connection[Any]):
 
         Raises `psycopg.OperationalError` if no answer came in time.
         """
-        limit = threading.Timer(ANSWER_S, _shut, args=(self,))
+        limit = threading.Timer(ANSWER_S, _shut_down, args=(self,))
         limit.daemon = True
         limit.start()
         try:
@@ -35,11 +35,14 @@ class AnsweringConnection(psycopg.Connection[Any]):
             limit.cancel()
 
 
-def _shut(connection: AnsweringConnection) -> None:
+def _shut_down(connection: AnsweringConnection) -> None:
     # Of a copy: the descriptor itself is the library's to close.
-    with suppress(OSError, psycopg.Error), socket.socket(fileno=_copy_of(connection)) as copy:
+    with (
+        suppress(OSError, psycopg.Error),
+        socket.socket(fileno=_duplicate_socket(connection)) as copy,
+    ):
         copy.shutdown(socket.SHUT_RDWR)
 
 
-def _copy_of(connection: AnsweringConnection) -> int:
+def _duplicate_socket(connection: AnsweringConnection) -> int:
     return os.dup(connection.pgconn.socket)

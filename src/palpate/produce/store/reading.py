@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from palpate.errors import InputError, PalpateError, StoreAwayError
 from palpate.estimate.measurement import Measurement
 from palpate.produce.records import MEASURED, About, Grasp, Item, Source, Verdict
-from palpate.produce.store.engine import damage_error, faults_of, sa
+from palpate.produce.store.engine import damage_error, sa, translate_errors
 from palpate.produce.store.schema import CALIBRATIONS, GRASPS, ITEMS, MEASUREMENTS, VERDICTS
 from palpate.settling.result import Status
 
@@ -230,7 +230,7 @@ class StoreReader:
         return self._fetch(lambda connection: read_verdicts(connection, query))
 
     def _fetch(self, read: Callable[[sa.Connection], _Read]) -> _Read:
-        with faults_of(self.local_name), self._reading.connect() as connection:
+        with translate_errors(self.local_name), self._reading.connect() as connection:
             try:
                 return read(connection)
             except PalpateError:

@@ -179,7 +179,7 @@ def read_version(connection: sa.Connection, *, where: str) -> int:
     if VERSIONS.name not in tables:
         if tables:
             raise StoreError(
-                f"{where}: a database of something else (it has a table {sorted(tables)[0]!r}); "
+                f"{where}: a database of another program (it has a table {sorted(tables)[0]!r}); "
                 "name an empty or a new one"
             )
         return 0
