@@ -366,7 +366,7 @@ def test_mean_of_the_columns_is_predicted_as_one_hold(tmp_path: Path, palpate: C
     for wrong, words in (
         (["--mean"], "needs --rest START:END"),
         (["--rest", "3"], "give START:END in seconds"),
-        (["--rest", "0:2", "--unit", "percent"], "relative changes of ohm"),
+        (["--rest", "0:2", "--unit", "percent"], "converts ohm to relative changes"),
     ):
         assert words in palpate("settle", path, *wrong, status=2).err
 

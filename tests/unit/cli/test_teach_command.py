@@ -119,7 +119,7 @@ def test_teach_learns_each_question_from_the_store(
         (("grade", "--table", "bare.csv"), "no column of numbers"),
         (("grade", "--table", "few.csv"), "each label needs at least 1 labelled item"),
         (("grade", "--table", "few.csv", "--kind", "kiwi"), "--kind kiwi: --table few.csv"),
-        (("bruise", "--store", "store.sqlite"), "items of which kind?"),
+        (("bruise", "--store", "store.sqlite"), "name the kind of the items with --kind"),
         (("grade", "--store", "store.sqlite", "--say", "A1"), "must be ITEM=LABEL"),
         (("grade", "--store", "store.sqlite", "--say", "B1=I"), "no item 'B1'"),
         (("bruise", "--store", "store.sqlite", "--kind", "kiwi"), "no grasp to learn bruise from"),

@@ -163,7 +163,7 @@ def test_nothing_to_hold_it_against_says_what_to_do(store: Store, model: BruiseM
 
 def test_an_item_without_pixels_says_so(store: Store, model: BruiseModel) -> None:
     store.add_item(Item(item_id="B1", kind="apple"))
-    with pytest.raises(InputError, match=r"'B1': no grasp of it that held recorded"):
+    with pytest.raises(InputError, match=r"'B1': no held grasp of it recorded every pixel"):
         judge(store, model, "B1")
 
 

@@ -228,7 +228,7 @@ def test_stages_are_what_the_user_calls_them(rule: RipenessRule) -> None:
     learner = learn_stages(felt, labels, items="abcdef", stages=stages)
     found = replace(rule, stages=stages, learner=learner)
     assert np.argmax(found.probabilities([1.95, 0.95, 0.05]), axis=1).tolist() == [0, 1, 2]
-    with pytest.raises(InputError, match="'green' does not begin at any firmness"):
+    with pytest.raises(InputError, match="'green' is not reached by softening"):
         found.begins("green")
 
 
@@ -441,7 +441,7 @@ def test_the_store_teaches_and_remembers(store: Store) -> None:
 
 
 def test_what_the_store_lacks_is_said(store: Store) -> None:
-    with pytest.raises(InputError, match="no mango that a gripper driven by width felt"):
+    with pytest.raises(InputError, match="no mango grasped by a gripper driven by width is labelled"):
         learn_rule(store, kind="mango", drive="width", stages=STAGES)
     with pytest.raises(InputError, match="no item"):
         drift_of(store, "ball", drive="width")
