@@ -181,7 +181,7 @@ def test_labels_of_a_kind_are_found_over_all_items(store: Store) -> None:
     ids=["verdict", "grasp"],
 )
 def test_what_refers_to_nothing_is_refused_whole(store: Store, homeless: object) -> None:
-    with pytest.raises(InputError, match="refers to an item, grasp or calibration that is not stored"):
+    with pytest.raises(InputError, match="grasp or calibration that is not stored"):
         homeless(store)  # type: ignore[operator]
     assert store.items() == ()
 

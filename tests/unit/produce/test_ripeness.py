@@ -441,7 +441,7 @@ def test_the_store_teaches_and_remembers(store: Store) -> None:
 
 
 def test_what_the_store_lacks_is_said(store: Store) -> None:
-    with pytest.raises(InputError, match="no mango grasped by a gripper driven by width is labelled"):
+    with pytest.raises(InputError, match="no mango grasped by a gripper driven by width"):
         learn_rule(store, kind="mango", drive="width", stages=STAGES)
     with pytest.raises(InputError, match="no item"):
         drift_of(store, "ball", drive="width")
