@@ -1,4 +1,4 @@
-"""The doctor's report on the page: the same findings as in a terminal, set for a page."""
+"""The doctor's findings_html on the page: the same findings as in a terminal, set for a page."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from palpate.dashboard.panel_sensor import report
+from palpate.dashboard.panel_sensor import findings_html
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.health import FrameColumns, examine
 
@@ -19,7 +19,7 @@ def test_commands_are_marked_and_negative_numbers_have_a_minus_sign() -> None:
     health = examine(columns, layout=RIGID_LAYOUT, known_ohm=known_ohm)
     assert any("`palpate calibrate rest`" in one.check for one in health.findings)
     assert any(" -" in one.text for one in health.findings)
-    shown = report(health)
+    shown = findings_html(health)
     assert "<code>palpate calibrate rest</code>" in shown
     assert "`" not in shown
     words = re.sub(r"<[^>]*>", "", shown)
