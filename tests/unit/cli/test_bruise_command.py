@@ -60,7 +60,7 @@ def test_each_answer_is_kept_with_the_item(filled: Path, palpate: Command) -> No
         (("A17", "--bruised-share", "1.5"), "--bruised-share"),
     ],
 )
-def test_mistakes_are_told_in_one_line(
+def test_bruise_mistakes_are_one_line(
     filled: Path, arguments: tuple[str, ...], says: str, palpate: Command
 ) -> None:
     assert says in palpate.refused("bruise", *arguments, "--store", filled)

@@ -155,7 +155,7 @@ def test_the_rig_file_says_where_its_calibration_is(tmp_path: Path) -> None:
     assert calibration_file("sim-rigid", None) == Path("calibration.json")
 
 
-def test_nobody_lays_weights_on_a_simulated_rig(tmp_path: Path, palpate: Command) -> None:
+def test_weights_on_a_simulated_rig_are_refused(tmp_path: Path, palpate: Command) -> None:
     error = palpate("calibrate", "force", "--loads", tmp_path / "loads.csv", status=2).err
     assert "simulated" in error
 

@@ -47,7 +47,7 @@ def test_json_is_one_document(tmp_path: Path, palpate: Command) -> None:
     assert 0 < said["limit_at_middle_stiffness_n"]["kiwi"] < 2.0
 
 
-def test_what_says_little_is_said_to(tmp_path: Path, palpate: Command) -> None:
+def test_weak_evidence_is_reported_as_such(tmp_path: Path, palpate: Command) -> None:
     """Strength without regard to stiffness; and a kind of which there are only a few."""
     rng = np.random.default_rng(1)
     curves, index = ["grasp_id,closure_mm,force_n"], ["grasp_id,fruit,rupture_force_n"]
@@ -72,7 +72,7 @@ def test_too_few_end_in_one_line(tmp_path: Path, palpate: Command) -> None:
     assert not out.exists()
 
 
-def test_what_is_read_is_not_written_over(tmp_path: Path, palpate: Command) -> None:
+def test_damage_file_does_not_overwrite_its_inputs(tmp_path: Path, palpate: Command) -> None:
     options = write_closings(tmp_path, count=12)
     error = palpate("calibrate", "damage", *options, "--out", tmp_path / "index.csv", status=2).err
     assert "index.csv is read here" in error
@@ -121,7 +121,7 @@ def test_its_recording_is_decided_again_with_the_limit(
 
 
 @pytest.mark.slow
-def test_the_card_says_what_the_limit_did(damage_file: Path, palpate: Command) -> None:
+def test_card_reports_the_effect_of_the_limit(damage_file: Path, palpate: Command) -> None:
     card = " ".join(
         palpate("grasp", "--seed", "1", "--damage", damage_file).out.replace("│", " ").split()
     )
@@ -130,9 +130,7 @@ def test_the_card_says_what_the_limit_did(damage_file: Path, palpate: Command) -
 
 
 @pytest.mark.slow
-def test_a_kind_that_bears_more_is_given_a_higher_limit(
-    damage_file: Path, palpate: Command
-) -> None:
+def test_stronger_kind_gets_a_higher_limit(damage_file: Path, palpate: Command) -> None:
     low_n = {}
     for kind in ("kiwi", "melon"):
         told = ["--damage", str(damage_file), "--kind", kind, "--json"]

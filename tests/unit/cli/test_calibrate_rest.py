@@ -60,7 +60,7 @@ def test_a_loaded_sensor_is_refused_and_the_file_kept(
     assert path.read_text() == before
 
 
-def test_who_says_that_it_is_empty_is_believed_and_the_force_kept(
+def test_empty_option_renews_rest_and_keeps_the_force(
     rig_file: Callable[..., Path], palpate: Command
 ) -> None:
     rig = rig_file()

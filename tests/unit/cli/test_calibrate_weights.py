@@ -12,7 +12,7 @@ def course(tolerance_percent: float = 0.0) -> Course:
     return Course(tolerance_percent=tolerance_percent)
 
 
-def test_each_weight_reports_what_it_narrowed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_each_weight_reports_the_narrowed_intervals(capsys: pytest.CaptureFixture[str]) -> None:
     weights = course()
     for load_n in (1.5, 4.0, 9.0):
         weights.take(8.0 * load_n**1.2, load_n)

@@ -14,7 +14,7 @@ from palpate.produce.store import Store
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["recordings", "packhouse"])
-def test_what_it_proposes_works_as_typed(
+def test_proposed_commands_of_the_demo_run(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, palpate: Command
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -73,7 +73,7 @@ def test_its_recording_is_decided_again_alike(
     assert again["force_n"] is not None
 
 
-def test_an_expected_size_comes_near_sooner(palpate: Command) -> None:
+def test_expected_size_shortens_the_approach(palpate: Command) -> None:
     felt_s = list[float]()
     for wish in ([], ["--expect-size", "36"]):
         moments = palpate(
@@ -83,7 +83,7 @@ def test_an_expected_size_comes_near_sooner(palpate: Command) -> None:
     assert felt_s[1] < felt_s[0] - 0.3
 
 
-def test_soft_fingers_tell_no_size_and_little_of_stiffness(palpate: Command) -> None:
+def test_soft_fingers_give_no_size_and_a_bound_of_stiffness(palpate: Command) -> None:
     said = palpate("grasp", "--rig", "sim-soft", "--seed", "1", "--json").document
     assert said["outcome"] == "held"
     assert said["size_mm"] is said["previous_width_mm"] is None

@@ -74,12 +74,12 @@ def test_the_next_steps_are_those_of_the_rig(
 
 
 @pytest.mark.parametrize("pitch_mm", [0.0, -1.0, float("nan")])
-def test_a_pitch_that_is_none(pitch_mm: float) -> None:
+def test_invalid_pitch_is_refused(pitch_mm: float) -> None:
     with pytest.raises(InputError, match="give millimetres between pixel centres"):
         layout_named("3x3", pitch_mm=pitch_mm)
 
 
-def test_what_it_names_exists(tmp_path: Path, palpate: Command) -> None:
+def test_openers_of_init_exist(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "rig.toml"
     palpate("init", path, "--port", "/dev/no-such-port")
     table = tomllib.loads(path.read_text())["array"]

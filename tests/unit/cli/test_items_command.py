@@ -201,7 +201,7 @@ def test_a_line_of_the_list_has_the_last_of_everything(palpate: Command) -> None
 
 
 @pytest.mark.usefixtures("filled")
-def test_a_page_shows_grasps_and_what_was_said(palpate: Command) -> None:
+def test_page_shows_grasps_and_labels(palpate: Command) -> None:
     out = palpate("items", "A17").out
     for words in ("batch Monday", "3.00", "2.00…4.00", "90°", "91 %", "a quarter softer"):
         assert words in out
@@ -219,7 +219,7 @@ def test_a_simulated_item_is_said_to_be(palpate: Command) -> None:
 
 
 @pytest.mark.usefixtures("filled")
-def test_a_person_says_what_an_item_is(palpate: Command) -> None:
+def test_label_of_a_person_is_stored(palpate: Command) -> None:
     told = ["--set", "kind=Hass avocado", "--set", "label=the dark one"]
     assert "Hass avocado" in palpate("items", "A17", *told, "--say", "ripeness=overripe").out
     with Store.open() as store:

@@ -60,7 +60,7 @@ class Screen:
         return file.getvalue()
 
 
-def test_nothing_yet_is_said() -> None:
+def test_live_view_without_a_frame_says_so() -> None:
     assert "no frame yet" in Screen().text()
 
 
@@ -141,14 +141,14 @@ def test_a_stale_frame_is_red() -> None:
     assert f"{RED}last frame 150 ms ago" in screen.text(colors=True)
 
 
-def test_simulated_is_said() -> None:
+def test_live_view_labels_simulation() -> None:
     screen = Screen(simulated=True)
     screen.feed(REST_COUNTS)
     assert "SIMULATED" in screen.text()
 
 
 @pytest.mark.parametrize("kind", ["rigid", "soft"])
-def test_a_simulated_rig_is_squeezed_and_let_go(kind: str) -> None:
+def test_simulated_rig_is_squeezed_and_released(kind: str) -> None:
     world = World(
         draw_object(np.random.default_rng(2), "ball-44lbs"),
         seed=2,
@@ -168,7 +168,7 @@ def test_a_simulated_rig_is_squeezed_and_let_go(kind: str) -> None:
     assert max(mean[: 15 * 5]) > -5
 
 
-def test_it_ends(rig_file: Callable[..., Path], palpate: Command) -> None:
+def test_live_view_ends_after_its_duration(rig_file: Callable[..., Path], palpate: Command) -> None:
     arguments = ["live", "--rig", str(rig_file()), "--duration", "0.2"]
     assert "palpate live" in palpate(*arguments).out
 

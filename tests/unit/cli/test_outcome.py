@@ -72,7 +72,7 @@ def test_a_reader_that_leaves_early_is_no_fault() -> None:
         assert process.stderr.read() == ""
 
 
-def test_rights_are_named_with_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_permission_names_the_remedy(capsys: pytest.CaptureFixture[str]) -> None:
     app = typer.Typer()
 
     @app.command()
@@ -85,7 +85,7 @@ def test_rights_are_named_with_what_to_do(capsys: pytest.CaptureFixture[str]) ->
     )
 
 
-def test_a_question_that_nobody_answers_is_bad_usage(
+def test_unanswered_question_is_bad_usage(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sys.stdin", StringIO())

@@ -57,7 +57,7 @@ def test_sorting_shows_a_bar_on_a_terminal(more: list[str], bar: bool, tmp_path:
     assert "sorting" not in out
 
 
-def test_what_is_printed_meanwhile_stays_out_of_the_terminal(tmp_path: Path) -> None:
+def test_progress_hides_no_output_of_the_work(tmp_path: Path) -> None:
     script = (
         "from palpate.cli.output import progress\n"
         "with progress('counting') as show:\n"

@@ -120,7 +120,9 @@ def test_export_of_holds_names_the_file_in_its_error(recorded: Path, palpate: Co
     )
 
 
-def test_replay_plays_frames_where_nothing_was_grasped(recorded: Path, palpate: Command) -> None:
+def test_replay_of_a_recording_without_a_grasp_prints_frames(
+    recorded: Path, palpate: Command
+) -> None:
     frames = palpate("replay", recorded, "--json").document["frames"]
     assert [frame["counts"][0][0] for frame in frames] == list(range(300, 400))
     assert len(palpate("replay", recorded, "--speed", "1000").out.splitlines()) == 100
@@ -184,7 +186,7 @@ def test_record_needs_its_port(tmp_path: Path, palpate: Command) -> None:
         (["--duration", "0"], "--duration 0: must be above 0"),
     ],
 )
-def test_record_refuses_what_makes_no_sense(
+def test_record_refuses_invalid_options(
     options: list[str], said: str, tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "new.mcap"

@@ -56,7 +56,7 @@ def test_a_disk_that_is_full_from_the_start_is_one_line(tmp_path: Path, palpate:
     palpate.refused("record", path, "--rig", "sim-rigid", "--duration", "1", status=3)
 
 
-def test_nothing_that_is_there_is_written_over(tmp_path: Path, palpate: Command) -> None:
+def test_existing_files_are_not_overwritten(tmp_path: Path, palpate: Command) -> None:
     recorded, table = tmp_path / "run.mcap", tmp_path / "run.csv"
     palpate("record", recorded, "--rig", "sim-rigid", "--duration", "0.5")
     table.write_text("mine")

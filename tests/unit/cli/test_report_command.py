@@ -177,7 +177,7 @@ def test_a_batch_with_ripeness_judged_shows_stages_in_order_and_the_days_to_ripe
 
 
 @pytest.mark.usefixtures("store")
-def test_a_day_holds_what_was_felt_that_day_alone(report: Callable[..., str]) -> None:
+def test_report_of_a_day_has_the_grasps_of_that_day_alone(report: Callable[..., str]) -> None:
     page = report("--day", f"{NOON.astimezone():%Y-%m-%d}")
     assert "Grasps over the day" in page
     assert "4.25 *" in page
@@ -188,7 +188,7 @@ def test_a_day_holds_what_was_felt_that_day_alone(report: Callable[..., str]) ->
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("store")
-def test_both_lights_and_paper_are_thought_of(report: Callable[..., str]) -> None:
+def test_report_styles_cover_light_dark_and_print(report: Callable[..., str]) -> None:
     page = report("i0")
     assert "prefers-color-scheme:dark" in page
     assert "@media print" in page

@@ -18,7 +18,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.slow
-def test_simulation_that_nobody_asked_for_is_labelled(palpate: Command) -> None:
+def test_default_simulation_is_labelled(palpate: Command) -> None:
     out, err = palpate("grasp", "--seed", "2")
     assert "SIMULATED" in out
     assert err == ""

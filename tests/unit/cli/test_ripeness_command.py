@@ -79,7 +79,7 @@ def test_one_item_is_explained_drawn_and_remembered(
 
 
 @pytest.mark.slow
-def test_drift_that_nobody_takes_out_makes_fruit_look_riper(made: Path, palpate: Command) -> None:
+def test_uncorrected_drift_makes_fruit_look_riper(made: Path, palpate: Command) -> None:
     def stiffness(*options: str) -> float:
         item = palpate("ripeness", "fruit-5", "--store", made, "--json", *options).document[
             "items"

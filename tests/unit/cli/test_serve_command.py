@@ -22,7 +22,7 @@ from tests.commands import Command
         (["--token", "short"], 2, "the token has 5 characters; give at least 8"),
     ],
 )
-def test_what_cannot_be_served_is_refused_in_one_line(
+def test_invalid_serve_options_are_refused_in_one_line(
     options: list[str],
     status: int,
     said: str,

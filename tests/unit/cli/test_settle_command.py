@@ -72,7 +72,7 @@ def test_json_is_one_document_in_the_public_form(holds_csv: Path, palpate: Comma
     assert found["summary"][0]["holds_with_settled_value"] == 6
 
 
-def test_figures_are_what_they_are_called(holds_csv: Path, palpate: Command) -> None:
+def test_figures_agree_with_their_names(holds_csv: Path, palpate: Command) -> None:
     found = document(palpate, holds_csv, "--method", "recorded", "--cutoff", "5", "--cutoff", "1")
     rows = [row for row in found["rows"] if row["error_percent"] is not None]
     for row in rows:
@@ -127,7 +127,7 @@ def test_own_holds_teach_relaxation_alone(
     assert rivals[0] == rivals[1]
 
 
-def test_holds_to_learn_from_are_not_those_to_predict(holds_csv: Path, palpate: Command) -> None:
+def test_learn_from_refuses_the_predicted_holds(holds_csv: Path, palpate: Command) -> None:
     error = palpate("settle", holds_csv, "--learn-from", holds_csv, status=2).err
     assert "scores on training holds are meaningless" in error
 
@@ -153,7 +153,7 @@ def test_until_half_width_reports_the_time_of_decision(holds_csv: Path, palpate:
             assert (row["high"] - row["low"]) / 2 <= 0.05 * abs(row["predicted"])
 
 
-def test_a_fixed_cutoff_may_stand_beside_the_decisions(holds_csv: Path, palpate: Command) -> None:
+def test_fixed_cutoff_combines_with_until_half_width(holds_csv: Path, palpate: Command) -> None:
     found = document(palpate, holds_csv, "--until-half-width", "5", "--cutoff", "2.5")
     assert ["median_decision_s" in entry for entry in found["summary"]] == [False, True]
 
@@ -184,7 +184,7 @@ def test_out_csv_has_no_cell_that_a_spreadsheet_runs(tmp_path: Path, palpate: Co
 
 
 @pytest.mark.parametrize("how", [["--cutoff", "2.5"], ["--until-half-width", "2.5"]])
-def test_milliseconds_are_noticed_once(how: list[str], tmp_path: Path, palpate: Command) -> None:
+def test_milliseconds_are_reported_once(how: list[str], tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "holds.csv"
     rows = [f"{hold},{100 * t},{9 - t / 50}" for hold in "ab" for t in range(210)]
     path.write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
@@ -193,7 +193,7 @@ def test_milliseconds_are_noticed_once(how: list[str], tmp_path: Path, palpate: 
 
 
 @pytest.mark.parametrize("read_by", ["argument", "--fit-on"])
-def test_out_never_writes_over_what_is_read(
+def test_out_never_overwrites_its_input(
     read_by: str, holds_csv: Path, tmp_path: Path, palpate: Command
 ) -> None:
     other = tmp_path / "other.csv"
@@ -216,7 +216,7 @@ def test_plot_is_drawn(holds_csv: Path, tmp_path: Path, ending: str, palpate: Co
         check_fonts(plot)
 
 
-def test_tables_for_people(holds_csv: Path, palpate: Command) -> None:
+def test_tables_are_readable_in_a_terminal(holds_csv: Path, palpate: Command) -> None:
     captured = palpate("settle", holds_csv, "--until-half-width", "5", "--method", "relaxation")
     assert captured.err == ""
     for said in ("Value predicted for 20 s", "relaxation", "in 90%", "± fell below 5 %", "h5"):

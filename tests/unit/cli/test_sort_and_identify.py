@@ -123,7 +123,7 @@ def test_identify_refuses_in_one_line(palpate: Command, store: Path, item: str, 
     assert said in palpate.refused("sort", "--identify", item, "--store", store)
 
 
-def test_identify_needs_what_tells_kinds_apart(palpate: Command, store: Path) -> None:
+def test_identify_needs_size_and_stiffness(palpate: Command, store: Path) -> None:
     slipped = make_grasp("never", rig="test", outcome=Outcome.SLIPPED)
     with Store.open(store) as kept:
         kept.add_grasp(slipped)
@@ -139,7 +139,7 @@ def test_a_store_without_labels_says_what_to_do(palpate: Command, tmp_path: Path
     assert "each label needs at least 3 labelled items with a grasp; found none at all" in err
 
 
-def test_few_labels_are_said_to_be_few(palpate: Command, tmp_path: Path) -> None:
+def test_few_labels_are_reported(palpate: Command, tmp_path: Path) -> None:
     rng, path = np.random.default_rng(2), tmp_path / "few.sqlite"
     with Store.open(path) as kept:
         for number in range(4):
@@ -180,9 +180,7 @@ def test_sorting_a_batch_of_the_store_is_a_dry_run(
     assert any(row[:2] == ["K", "kiwi"] and row[2].isdigit() for row in rows)
 
 
-def test_what_a_person_said_of_an_item_is_not_guessed(
-    palpate: Command, store: Path, rules: Path
-) -> None:
+def test_label_of_a_person_replaces_the_guess(palpate: Command, store: Path, rules: Path) -> None:
     with Store.open(store) as kept:
         kept.add_item(Item(item_id="X", kind="kiwi"))
     out = palpate("sort", "--rules", rules, "--store", store, "--batch", "crate", "--json").out
@@ -294,7 +292,7 @@ def test_a_damage_file_makes_the_hand_gentler_and_a_target_firmer(
     assert firm_but_limited_n < gentle_n
 
 
-def test_how_hard_to_press_needs_a_hand(palpate: Command, tmp_path: Path, rules: Path) -> None:
+def test_target_force_needs_a_rig(palpate: Command, tmp_path: Path, rules: Path) -> None:
     file = write_damage_file(tmp_path)
     for told in (("--damage", file), ("--target-force-n", "5")):
         err = palpate("sort", "--rules", rules, *told, status=2).err

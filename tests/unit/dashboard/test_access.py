@@ -122,7 +122,7 @@ def test_a_visitor_without_the_token_is_asked_for_it() -> None:
 
 
 @pytest.mark.parametrize("path", ["/live", "/stop", "/_nicegui/anything", "/static/live.js"])
-def test_nothing_behind_the_gate_is_had_without_the_token(path: str) -> None:
+def test_every_address_needs_the_token(path: str) -> None:
     assert ask(token=TOKEN, loopback=False, host="robot:8080", path=path).status == 401
 
 
@@ -173,7 +173,7 @@ def test_a_part_of_the_token_is_not_the_token(told: str) -> None:
     assert ask(token=TOKEN, loopback=False, host="robot:8080", query=f"token={told}").status == 403
 
 
-def test_a_token_in_any_letters_opens() -> None:
+def test_token_of_any_letters_is_accepted() -> None:
     token = "пароль-яблоко-🍏"
     gate = gate_with(token)
     answer = ask(gate=gate, host="robot:8080", method="POST", body=f"token={quote(token)}")
@@ -182,7 +182,7 @@ def test_a_token_in_any_letters_opens() -> None:
     assert ask(gate=gate, host="robot:8080", cookie=cookie).status == 200
 
 
-def test_a_body_without_end_is_not_read() -> None:
+def test_endless_body_is_not_read() -> None:
     read = 0
 
     async def endless() -> dict[str, Any]:
@@ -211,7 +211,7 @@ def test_a_body_without_end_is_not_read() -> None:
     assert read <= 6
 
 
-def test_whoever_is_wrong_too_often_waits_and_others_do_not() -> None:
+def test_wrong_tokens_delay_their_visitor_alone() -> None:
     clock = [0.0]
     tries = WrongTries(now_s=lambda: clock[0])
     for _ in range(MOST_WRONG):
@@ -249,7 +249,7 @@ def test_right_token_after_wrong_ones_from_its_address_waits_a_turn_and_is_let_i
 
 
 @pytest.mark.slow
-def test_guesses_without_pause_are_hardly_looked_at() -> None:
+def test_guesses_without_pause_are_mostly_refused() -> None:
     waits = Waits()
     gate = gate_with(waits=waits)
     statuses = [ask(gate=gate, **bearer(f"guess-{n:08d}")).status for n in range(3000)]
@@ -313,7 +313,7 @@ def test_a_foreign_name_that_points_at_the_loopback_gets_nothing() -> None:
 
 
 @pytest.mark.parametrize("other", ["a/b=1", "\x00=;;", "=", ";", 'x="', COOKIE, "expires=x"])
-def test_odd_cookies_of_others_neither_open_nor_lock(other: str) -> None:
+def test_foreign_cookies_neither_grant_nor_block_access(other: str) -> None:
     gate = gate_with()
     inside = ask(gate=gate, query=f"token={TOKEN}").headers["set-cookie"]
     own = inside.split(";")[0]

@@ -11,9 +11,7 @@ from palpate.dashboard.transport import address_for_others
 
 
 @pytest.mark.parametrize(("host", "family"), [("0.0.0.0", socket.AF_INET), ("::", socket.AF_INET6)])
-def test_what_listens_everywhere_can_be_reached_where_it_says(
-    host: str, family: socket.AddressFamily
-) -> None:
+def test_address_for_others_can_be_reached(host: str, family: socket.AddressFamily) -> None:
     with socket.socket(family) as listening:
         listening.bind((host, 0))
         listening.listen()

@@ -225,7 +225,7 @@ def test_no_order_outlives_a_stop(opened: Page, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_fails_while_a_stop_is_on_its_way_has_failed(tmp_path: Path) -> None:
+def test_failure_during_a_stop_is_reported(tmp_path: Path) -> None:
     stop_was_heard = threading.Event()
 
     def broken(name: str, seed: int) -> CellBench:
@@ -250,7 +250,7 @@ def confirmations(page: Page) -> list[int]:
     return [note.number for note in notes if isinstance(note, StopConfirmed)]
 
 
-def test_a_stop_is_confirmed_once_the_hand_was_told(opened: Page, tmp_path: Path) -> None:
+def test_stop_is_confirmed_after_the_command_to_the_hand(opened: Page, tmp_path: Path) -> None:
     order = GraspOrder(target_force_n=None, recording=tmp_path / "confirmed.mcap")
     opened.send(order)
     opened.until(lambda update: update.frames is not None and bool(update.frames.moving.any()))
@@ -268,9 +268,7 @@ def test_a_stop_without_a_rig_is_confirmed_at_once(page: Page) -> None:
     page.until(lambda update: StopConfirmed(7) in update.notes)
 
 
-def test_a_hand_that_cannot_be_told_confirms_nothing(
-    opened: Page, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_unreachable_hand_confirms_no_stop(opened: Page, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(self: object) -> None:
         raise DeviceError("the servo does not answer")
 
@@ -336,7 +334,7 @@ def test_the_doctor_finds_a_sound_twin_healthy(opened: Page) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_watched_is_recorded_without_a_gap(opened: Page, tmp_path: Path) -> None:
+def test_watched_frames_are_recorded_without_a_gap(opened: Page, tmp_path: Path) -> None:
     file = tmp_path / "watched.mcap"
     opened.send(Record(file))
     opened.until(lambda update: BeingRecorded(file) in update.notes)
@@ -439,5 +437,5 @@ def test_a_replay_is_paused_moved_and_known_as_a_whole(opened: Page, tmp_path: P
         (OpenHand(), "no rig is open"),
     ],
 )
-def test_what_cannot_be_done_is_said(page: Page, order: Order, said: str) -> None:
+def test_impossible_orders_are_reported(page: Page, order: Order, said: str) -> None:
     assert said in page.done(order).trouble

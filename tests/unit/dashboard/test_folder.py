@@ -63,7 +63,7 @@ def test_a_name_that_leads_out_or_is_taken_is_refused(folder: Path, stem: str) -
 
 
 @pytest.mark.parametrize(("origin", "simulated"), [("twin", True), ("hardware", False)])
-def test_what_is_simulated_says_so(tmp_path: Path, origin: str, simulated: bool) -> None:
+def test_simulated_recording_is_labelled(tmp_path: Path, origin: str, simulated: bool) -> None:
     file = tmp_path / f"{origin}.mcap"
     info = RecordingInfo(layout=RIGID_LAYOUT, origin=origin)  # type: ignore[arg-type]
     with RecordingWriter(file, info=info):
@@ -71,5 +71,5 @@ def test_what_is_simulated_says_so(tmp_path: Path, origin: str, simulated: bool)
     assert is_simulated(file, file.stat()) is simulated
 
 
-def test_what_cannot_be_read_is_not_called_simulated(folder: Path) -> None:
+def test_unreadable_recording_is_not_labelled_simulated(folder: Path) -> None:
     assert not is_simulated(folder / "one.mcap", (folder / "one.mcap").stat())

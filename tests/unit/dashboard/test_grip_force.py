@@ -105,7 +105,7 @@ def test_without_a_calibration_there_are_no_newtons() -> None:
     assert force_laws(None) is None
 
 
-def test_what_the_grasp_learned_of_its_contact_counts(live: Live) -> None:
+def test_force_uses_the_gain_of_the_contact(live: Live) -> None:
     gain = Gain(log_mean=math.log(1.5), log_sd=0.05, law_sd=LAW.residual_sd)
     live.add_frames(pressed(1))
     wide = live.force

@@ -35,7 +35,7 @@ ENTRY = Entry(
 )
 
 
-def test_what_was_grasped_is_known_after_a_restart(tmp_path: Path) -> None:
+def test_history_survives_a_restart(tmp_path: Path) -> None:
     first = History(tmp_path / "data")
     for number in range(LISTED_GRASPS + 3):
         first.add(replace(ENTRY, recording=f"{number}.mcap"))
@@ -47,7 +47,7 @@ def test_what_was_grasped_is_known_after_a_restart(tmp_path: Path) -> None:
     assert (first.outcomes["held"], first.bins["ripe"]) == (LISTED_GRASPS + 3, LISTED_GRASPS + 3)
 
 
-def test_a_line_that_was_cut_off_hides_no_other(tmp_path: Path) -> None:
+def test_truncated_line_hides_no_other(tmp_path: Path) -> None:
     history = History(tmp_path)
     history.add(ENTRY)
     with (tmp_path / "grasps.jsonl").open("a") as lines:
@@ -120,7 +120,7 @@ def test_history_line_after_a_cut_one_is_kept(tmp_path: Path) -> None:
     assert History(tmp_path).recent == [ENTRY]
 
 
-def test_an_entry_says_what_the_grasp_answered() -> None:
+def test_entry_has_the_answers_of_the_grasp() -> None:
     wide = Measurement(value=9.0, low=4.0, high=90.0, unit="n_per_mm")
     result = GraspResult(
         outcome=Outcome.HELD,
@@ -147,7 +147,7 @@ def test_an_entry_says_what_the_grasp_answered() -> None:
     assert (entry.curve[0], entry.curve[-1]) == (2.0, 4.0)
 
 
-def test_what_people_typed_is_shown_and_not_run(tmp_path: Path) -> None:
+def test_typed_text_is_escaped(tmp_path: Path) -> None:
     nasty = "<script>'\"&"
     shown = entry_html(replace(ENTRY, item_id=nasty, why=nasty, bin=nasty, firmness=nasty))
     assert "<script>" not in shown

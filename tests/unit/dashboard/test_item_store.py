@@ -161,9 +161,7 @@ def test_place_without_a_name_gives_a_bin_by_the_grasp_alone(
     assert ItemStore(None).place(result, item_id="", source=SOURCE) == {}
 
 
-def test_keep_places_by_all_that_is_known_of_the_item_and_stores_the_bin(
-    recording: Path, tmp_path: Path
-) -> None:
+def test_keep_places_by_all_evidence_and_stores_the_bin(recording: Path, tmp_path: Path) -> None:
     where = str(tmp_path / "items.sqlite")
     with Store.open(where) as store:
         store.add_item(Item(item_id="A1", kind="avocado"))

@@ -137,7 +137,7 @@ def test_a_movement_over_frames_is_one_mark(live: Live) -> None:
     assert [list(move) for move in live.moves] == [[pytest.approx(0.1), pytest.approx(0.3)]]
 
 
-def test_the_hand_counts_as_open_only_where_it_says_so(live: Live) -> None:
+def test_hand_counts_as_open_only_by_its_report(live: Live) -> None:
     assert live.open_hand is None
     live.add_frames(frames(1))
     assert live.open_hand is True
@@ -161,7 +161,7 @@ def test_without_rest_values_the_first_frames_are_taken() -> None:
     assert live.percent[0, 0] < -40
 
 
-def test_the_document_sends_what_the_page_lacks() -> None:
+def test_document_has_the_points_missing_on_the_page() -> None:
     session = Session(send=lambda message: None)
     session.devices.live.open_source(SOURCE)
     session.devices.live.add_frames(frames(40, rate_hz=40.0))
@@ -207,7 +207,7 @@ def test_an_open_pixel_is_null_in_the_document() -> None:
     assert pixels["ohm"][0] == [None, None]
 
 
-def test_what_the_doctor_found_stands_on_its_pixels() -> None:
+def test_findings_appear_on_their_pixels() -> None:
     counts = np.rint(np.random.default_rng(1).normal(300, 0.6, (100, 4, 2))).astype(np.int32)
     counts[:, 2, 1] = 0
     counts[:, 3] = 0
@@ -291,7 +291,7 @@ FORCE = Measurement(value=2.0, low=1.8, high=2.2, unit="n")
         (2.0, {"outcome": Outcome.SLIPPED}, "bad"),
     ],
 )
-def test_only_what_went_well_ends_on_a_green_card(
+def test_only_a_grasp_without_a_fault_is_green(
     target_n: float | None, ended: dict[str, Any], kind: str
 ) -> None:
     result = GraspResult(

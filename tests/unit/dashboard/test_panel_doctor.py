@@ -1,4 +1,4 @@
-"""The doctor's findings_html on the page: the same findings as in a terminal, set for a page."""
+"""The doctor's report on the page: the same findings as in a terminal, set for a page."""
 
 from __future__ import annotations
 

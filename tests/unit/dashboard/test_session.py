@@ -111,7 +111,7 @@ def test_only_the_driver_orders_and_another_must_take_over(rehearsal: Rehearsal)
     assert rehearsal.sent == [GRASP]
 
 
-def test_a_driver_who_leaves_leaves_nobody_driving_until_someone_takes_over(
+def test_driver_who_leaves_is_replaced_by_take_over_alone(
     rehearsal: Rehearsal,
 ) -> None:
     rehearsal.session.leave("a")
@@ -206,7 +206,7 @@ def test_a_stale_sensor_does_not_grasp_but_the_hand_still_opens(rehearsal: Rehea
     assert rehearsal.sent == [OpenHand()]
 
 
-def test_a_sensor_that_is_late_for_a_moment_refuses_nothing(rehearsal: Rehearsal) -> None:
+def test_briefly_late_sensor_refuses_no_order(rehearsal: Rehearsal) -> None:
     rehearsal.tell(link=LinkStatus(frames=9, age_s=1.2, stale=True))
     with pytest.raises(InputError, match="no fresh frames"):
         rehearsal.session.order("a", Examine())
@@ -255,7 +255,7 @@ def test_a_grasp_is_kept_with_its_name_and_a_replay_is_not(rehearsal: Rehearsal)
     assert len(rehearsal.kept) == 2
 
 
-def test_only_what_is_asked_can_be_confirmed(rehearsal: Rehearsal) -> None:
+def test_only_a_requested_step_can_be_confirmed(rehearsal: Rehearsal) -> None:
     with pytest.raises(InputError, match="nothing is asked"):
         rehearsal.session.request("a", Confirm())
     rehearsal.tell(Guide(text="Lay 2 N on the pad", asks=True))
@@ -265,7 +265,7 @@ def test_only_what_is_asked_can_be_confirmed(rehearsal: Rehearsal) -> None:
     assert rehearsal.sent == [Confirm()]
 
 
-def test_recording_goes_on_beside_watching(rehearsal: Rehearsal) -> None:
+def test_recording_continues_during_watching(rehearsal: Rehearsal) -> None:
     rehearsal.session.order("a", Record(Path("watched.mcap")))
     assert rehearsal.session.devices.activity is Activity.WATCHING
 
@@ -299,7 +299,7 @@ def test_a_grasp_stopped_before_the_hand_moved_says_so_and_not_how_the_last_one_
     assert (page["operator"]["word"], page["trouble"]) == ("Ready", "no such file")
 
 
-def test_devices_that_are_silent_get_no_orders_that_they_would_carry_out_later() -> None:
+def test_silent_devices_get_no_orders() -> None:
     silent_s = [0.5]
     session = Session(send=print, silent_s=lambda: silent_s[0])
     session.join("a")

@@ -29,7 +29,7 @@ def telemetry() -> Telemetry:
     return telemetry
 
 
-def test_a_page_that_takes_nothing_costs_nothing(telemetry: Telemetry) -> None:
+def test_stalled_page_does_not_slow_the_loop(telemetry: Telemetry) -> None:
     for sequence in range(30_000):
         telemetry.add_frame(frame(sequence), None)
     update = telemetry.update()
@@ -76,7 +76,7 @@ def test_a_sender_that_hangs_does_not_hold_up_the_loop() -> None:
     assert sent[-1].link.frames == 5000
 
 
-def test_a_page_that_is_gone_is_told_once() -> None:
+def test_closed_page_is_reported_once() -> None:
     gone = threading.Event()
 
     def send(update: Update) -> None:

@@ -14,7 +14,7 @@ from palpate.dashboard.session import Session
 from palpate.dashboard.viewer import Viewer
 
 
-def test_what_left_the_page_is_no_longer_refreshed() -> None:
+def test_removed_element_is_no_longer_refreshed() -> None:
     called: list[str] = []
     viewer = Viewer(Session(send=print), viewer_id="a")
     row = SimpleNamespace(is_deleted=False)
@@ -52,7 +52,7 @@ def test_a_press_that_comes_late_moves_nothing(monkeypatch: pytest.MonkeyPatch) 
     assert refused[-1] == "the press came 29 s late: press again"
 
 
-def test_viewer_order_is_not_parted_from_its_check_by_a_stop() -> None:
+def test_viewer_order_and_its_check_are_not_separated_by_a_stop() -> None:
     """Stops are sent from another thread: an order that was checked must not begin after one."""
     sent: list[object] = []
     stops: list[Thread] = []

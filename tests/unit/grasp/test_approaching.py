@@ -20,7 +20,7 @@ from palpate.twin.devices import TwinGripper
 from palpate.twin.world import World
 
 
-def test_what_a_sheet_remembers_is_no_touch(plan: Plan, bench: Any) -> None:
+def test_residual_of_the_sheet_is_not_a_touch(plan: Plan, bench: Any) -> None:
     """It keeps half of the first touch, and forgets half of that every second."""
     last = {"force_n": 0.0, "time_s": 0.0}
 
@@ -90,7 +90,7 @@ def test_a_hand_that_expects_a_size_feels_again_before_the_object_can_be_there(
     assert blind <= before_s < blind + 0.3
 
 
-def test_a_sheet_that_keeps_the_whole_touch_is_lost(plan: Plan, bench: Any) -> None:
+def test_sheet_with_a_full_residual_ends_the_grasp(plan: Plan, bench: Any) -> None:
     """From the first touch on every pixel flickers about one value, whatever the fingers do."""
     stuck = list[np.ndarray]()
 
@@ -128,7 +128,7 @@ def test_a_gentle_touch_is_the_first_step_of_the_squeeze(plan: Plan, bench: Any)
     assert (np.diff(closures) >= 0).all()
 
 
-def test_a_firm_touch_is_left_and_met_again_close_to_where_it_was(plan: Plan, bench: Any) -> None:
+def test_firm_touch_is_repeated_close_to_the_first(plan: Plan, bench: Any) -> None:
     bench.n_per_mm = 10.0
     _, closures = entered_phases(plan, bench)
     ways = np.diff(closures)
@@ -139,7 +139,7 @@ def test_a_firm_touch_is_left_and_met_again_close_to_where_it_was(plan: Plan, be
     assert met - plan.step < again < met
 
 
-def test_after_one_finger_the_other_is_sought_at_speed(plan: Plan, bench: Any) -> None:
+def test_second_finger_is_approached_at_speed(plan: Plan, bench: Any) -> None:
     """The first finger touches two millimetres early and pushes the object to the middle."""
     size_mm = bench.size_mm
 
@@ -156,7 +156,7 @@ def test_after_one_finger_the_other_is_sought_at_speed(plan: Plan, bench: Any) -
     assert phases[felt : felt + 3] == [Activity.LOOK, Activity.SWEEP, Activity.LOOK]
 
 
-def test_a_touch_that_one_finger_feels_hardly_less_is_no_push(plan: Plan, bench: Any) -> None:
+def test_nearly_equal_fingers_are_a_touch_and_not_a_push(plan: Plan, bench: Any) -> None:
     """A sheet that is nearly blind to a newton: one finger just feels it, the other just not."""
     rest, size_mm = list[np.ndarray](), bench.size_mm
 

@@ -156,14 +156,14 @@ def test_hand_is_open_afterwards_and_one_without_current_measures_none() -> None
         assert bench.gripper.limits.closure(bench.gripper.state()) == pytest.approx(0.0, abs=0.5)
 
 
-def test_plan_listens_to_the_current_where_it_was_calibrated(rigid: Calibration) -> None:
+def test_plan_uses_a_calibrated_current(rigid: Calibration) -> None:
     gripper: Any = TwinGripper(World(None, seed=4))
     assert plan_grasp(rigid, gripper=gripper).current is not None
     assert plan_grasp(replace(rigid, current=None), gripper=gripper).current is None
 
 
 @pytest.mark.slow
-def test_two_blocks_tell_how_soft_fingers_close() -> None:
+def test_two_blocks_calibrate_the_closing_of_soft_fingers() -> None:
     made = calibrate_twin(seed=7, level="field", apart_from="", kind="soft")
     assert made.current is None
     plan = plan_grasp(made, gripper=TwinGripper(World(None, seed=7, gripper="soft")))

@@ -63,7 +63,7 @@ def test_nothing_there_after_the_last_try(plan: Plan, bench: Any) -> None:
     assert bench.width_mm == 74.0
 
 
-def test_a_touch_that_is_gone_when_looked_at_again_is_none(plan: Plan, bench: Any) -> None:
+def test_unconfirmed_touch_is_rejected(plan: Plan, bench: Any) -> None:
     entered = list[str]()
 
     def taken_away(grasp_state: GraspState) -> None:
@@ -79,7 +79,7 @@ def test_a_touch_that_is_gone_when_looked_at_again_is_none(plan: Plan, bench: An
     assert result.outcome is Outcome.NOTHING_THERE
 
 
-def test_a_law_that_cannot_tell_nothing_from_too_much_grips_nothing(plan: Plan, bench: Any) -> None:
+def test_insensitive_law_refuses_to_grip(plan: Plan, bench: Any) -> None:
     assert isinstance(plan.early_law, PowerForceLaw)
     coarse = replace(plan.early_law, residual_sd=0.7, floor_n=9.0)
     result = bench.grasp(replace(plan, early_law=coarse))
@@ -105,7 +105,7 @@ def test_waits_between_tries_unless_touched(plan: Plan, bench: Any, touched: boo
     assert waited_s < 3.0 if touched else waited_s >= 6.0
 
 
-def test_holds_only_what_it_is_sure_to_lift(plan: Plan, bench: Any) -> None:
+def test_hold_requires_a_certain_lift(plan: Plan, bench: Any) -> None:
     lifted_at_n = list[float]()
 
     def arm(grasp_state: GraspState) -> None:
@@ -143,7 +143,7 @@ def test_damage_limit_stops_before_the_target(plan: Plan, bench: Any, damage: Da
     assert max(forces) > 7.0
 
 
-def test_on_target_is_told_before_the_answer(plan: Plan, bench: Any) -> None:
+def test_on_target_is_reported_before_the_answer(plan: Plan, bench: Any) -> None:
     result = bench.grasp(replace(plan, target_force_n=6.0))
     at = {moment.name: moment.time_s for moment in result.moments if moment.finger is None}
     assert at["contact"] < at["on_target"] <= at["answer"]
@@ -171,9 +171,7 @@ def test_a_push_on_one_finger_is_no_contact(plan: Plan, bench: Any) -> None:
     assert first[0].time_s < first[-1].time_s
 
 
-def test_nothing_more_is_pressed_while_nothing_is_known_of_the_limit(
-    plan: Plan, bench: Any, damage: DamageModel
-) -> None:
+def test_unknown_damage_limit_stops_closing(plan: Plan, bench: Any, damage: DamageModel) -> None:
     """No give is known, so no stiffness is told: after the touch the hand stays."""
     forces = list[float]()
     blind = replace(plan, target_force_n=8.0, damage=damage, give=None)
@@ -218,7 +216,7 @@ def test_corrections_are_steps_of_the_closing_too(plan: Plan, bench: Any) -> Non
     assert closures == sorted(set(closures))
 
 
-def test_what_gives_way_under_the_closing_is_let_go(plan: Plan, bench: Any) -> None:
+def test_object_that_yields_while_closing_is_released(plan: Plan, bench: Any) -> None:
     """A spring that gets shorter than the hand closes on, from 2 N on."""
     read = type(bench).read
     widest = bench.size_mm
@@ -245,7 +243,7 @@ def test_what_gives_way_under_the_closing_is_let_go(plan: Plan, bench: Any) -> N
     [(4.0, lambda force_n: 9.0 - force_n), (6.0, lambda force_n: 5.0 - 0.3 * force_n)],
     ids=["more where the hand opens", "a little less at each step"],
 )
-def test_a_sheet_that_does_not_show_the_force_is_let_go(
+def test_sheet_without_the_force_opens_the_hand(
     plan: Plan, bench: Any, target_force_n: float, shown_n: Callable[[float], float]
 ) -> None:
     """From 3 N on it shows something else."""

@@ -44,7 +44,7 @@ def holding(force_n: float) -> GraspState:
     return GraspState(estimate=estimate)
 
 
-def test_up_by_what_is_missing(plan: Plan) -> None:
+def test_correction_upwards_adds_the_missing_force(plan: Plan) -> None:
     state = holding(4.0)
     wish = press_on(state, settled(4.0), plan, missing_n=1.0)
     assert plan.gripper.highest - wish.target == pytest.approx(21.0 + 1.0 / N_PER_MM, abs=0.05)
@@ -53,7 +53,7 @@ def test_up_by_what_is_missing(plan: Plan) -> None:
     assert state.correction.before == (21.0, pytest.approx(1.03 * 4.0))
 
 
-def test_a_correction_that_fell_short_is_believed_down_to_a_quarter_of_the_slope(
+def test_short_correction_lowers_the_slope_to_a_quarter_at_most(
     plan: Plan,
 ) -> None:
     """Half a millimetre raised it by 0.1 N where 1 N was expected: at most four times as far."""
@@ -79,7 +79,7 @@ def test_correction_that_is_not_safe_changes_nothing(plan: Plan) -> None:
     assert (state.correction.count, state.estimate.force_n) == (0, 4.0)
 
 
-def test_down_goes_well_below_before_it_comes_back(plan: Plan) -> None:
+def test_correction_downwards_opens_well_below_the_target(plan: Plan) -> None:
     state = holding(5.0)
     command = ease_off(state, settled(5.0), plan, goal_n=4.0)
     over_n = 1.03 * 5.0 - 4.0
@@ -99,7 +99,7 @@ def below(force_n: float, *, return_closure: float) -> GraspState:
     return state
 
 
-def test_it_comes_back_in_half_a_second_by_what_it_reads(plan: Plan) -> None:
+def test_return_to_the_target_takes_half_a_second(plan: Plan) -> None:
     state = below(3.0, return_closure=22.0)
     wish = come_back(state, plan)
     assert plan.gripper.highest - wish.target == pytest.approx(22.0, abs=0.05)
@@ -108,7 +108,7 @@ def test_it_comes_back_in_half_a_second_by_what_it_reads(plan: Plan) -> None:
 
 
 @pytest.mark.parametrize("return_closure", [21.0, 22.0])
-def test_it_waits_where_nothing_is_read_yet_and_ends_where_it_is_there(
+def test_return_waits_for_a_reading_and_ends_at_its_closure(
     plan: Plan, return_closure: float
 ) -> None:
     state = below(3.0, return_closure=return_closure)

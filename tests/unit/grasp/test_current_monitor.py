@@ -84,7 +84,7 @@ def test_a_force_above_the_ceiling_is_known_while_moving(calibrated: Plan) -> No
     assert "15 N is the most allowed" in alarm.words
 
 
-def test_a_force_below_the_ceiling_is_none(calibrated: Plan) -> None:
+def test_force_below_the_ceiling_raises_no_alarm(calibrated: Plan) -> None:
     watch = CurrentMonitor(calibrated)
     assert moved(watch, of_force(14.0), closure=20.0, reading=100.0) == [None] * 5
 
@@ -103,20 +103,22 @@ def test_a_standing_hand_above_the_ceiling_is_known(calibrated: Plan) -> None:
 
 
 @pytest.mark.parametrize("reading", [0.0, 1.0])
-def test_a_force_that_the_sheet_does_not_show(calibrated: Plan, reading: float) -> None:
+def test_force_without_a_reading_of_the_sheet_raises_an_alarm(
+    calibrated: Plan, reading: float
+) -> None:
     """An object beside the sheet: known at once where it is much, else by two movements."""
     alarm = moved(CurrentMonitor(calibrated), of_force(6.0), closure=20.0, reading=reading)[-1]
     assert alarm.danger is Danger.UNSEEN_FORCE
     assert "and the sheet at most" in alarm.words
 
 
-def test_a_weaker_one_is_known_by_two_movements(calibrated: Plan) -> None:
+def test_weaker_force_is_detected_by_two_movements(calibrated: Plan) -> None:
     watch = CurrentMonitor(calibrated)
     assert moved(watch, of_force(2.6), closure=20.0)[-1] is None
     assert moved(watch, of_force(2.6), closure=21.0)[-1] is not None
 
 
-def test_what_the_sheet_shows_too_is_no_alarm(calibrated: Plan) -> None:
+def test_force_on_the_sheet_too_raises_no_alarm(calibrated: Plan) -> None:
     watch = CurrentMonitor(calibrated)
     assert moved(watch, of_force(6.0), closure=20.0, reading=12.0) == [None] * 5
 
@@ -127,7 +129,7 @@ def test_opening_is_not_judged(calibrated: Plan) -> None:
     assert found == [None] * 5
 
 
-def test_a_hand_that_closes_though_it_was_sent_back_is_judged(calibrated: Plan) -> None:
+def test_closing_against_an_opening_command_is_checked(calibrated: Plan) -> None:
     watch = CurrentMonitor(calibrated)
     found = list[Alarm | None]()
     for part in range(6):
@@ -301,7 +303,9 @@ def smallest_n(plan: Plan, movements: int) -> float:
 
 
 @pytest.mark.parametrize(("movements", "deviations"), [(1, 4.5), (2, 3.0), (3, 3.0)])
-def test_the_least_force_that_is_known(calibrated: Plan, movements: int, deviations: float) -> None:
+def test_lower_bound_of_the_force_follows_the_current(
+    calibrated: Plan, movements: int, deviations: float
+) -> None:
     """Gears at their most, four readings, a cold motor; twice what the sheet shows at most."""
     shown_n = float(calibrated.early_law.force_n(0.0, level=calibrated.level).high)
     gears_ma = GEARS_MA * np.exp(deviations * 4.0 / GEARS_MA) + deviations * 6.0 / np.sqrt(4)

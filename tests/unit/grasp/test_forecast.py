@@ -34,7 +34,7 @@ def held(plan: Plan) -> ContactEstimate:
     return ContactEstimate(touches=touches, now_s=touches[-1].time_s, moved_s=0.0)
 
 
-def test_a_forecast_that_ran_away_leaves_what_is_read(plan: Plan) -> None:
+def test_implausible_forecast_is_replaced_by_the_reading(plan: Plan) -> None:
     time_s = 0.3 + np.arange(1, len(FALLING) + 1) / 15
     found = plan.settling.predict(time_s, np.array([FALLING]), horizon_s=20.0, level=0.9)
     assert found.hold(0).value < 0.5 * FALLING[-1]

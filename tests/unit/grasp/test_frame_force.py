@@ -13,7 +13,7 @@ from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.plan import Plan
 
 
-def test_watched_force_of_one_spike_is_that_of_its_neighbour() -> None:
+def test_watched_force_ignores_a_single_spike() -> None:
     estimate = ContactEstimate(frames_n=((0.0, 1.0), (0.1, 1.0), (0.2, 9.0)))
     assert estimate.watched_n == 1.0
 

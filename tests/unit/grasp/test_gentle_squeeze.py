@@ -47,13 +47,13 @@ def test_the_answer_says_what_ended_the_squeeze(
     assert [moment.name for moment in result.moments if moment.name in ends] == [why]
 
 
-def test_a_squeeze_to_a_target_names_none(plan: Plan, bench: Any) -> None:
+def test_squeeze_to_a_target_names_no_reason(plan: Plan, bench: Any) -> None:
     result, _ = squeezed(replace(plan, target_force_n=3.0), bench, 2.0)
     assert "firm_enough" not in {moment.name for moment in result.moments}
 
 
 @pytest.mark.parametrize("n_per_mm", [0.4, 0.7, 1.2])
-def test_what_gives_way_is_not_deformed_further(plan: Plan, bench: Any, n_per_mm: float) -> None:
+def test_yielding_object_is_not_deformed_further(plan: Plan, bench: Any, n_per_mm: float) -> None:
     """No further than a millimetre, or than the touch at speed has deformed it already."""
     result, touch_n, most_n = grasped(plan, bench, n_per_mm)
     assert most_n <= max(n_per_mm * (plan.gentle_mm + plan.fine_step), 1.05 * touch_n)
@@ -61,12 +61,12 @@ def test_what_gives_way_is_not_deformed_further(plan: Plan, bench: Any, n_per_mm
     assert result.stiffness_n_per_mm is not None
 
 
-def test_what_is_to_be_lifted_gets_all_of_it(plan: Plan, bench: Any) -> None:
+def test_planned_lift_gets_its_full_force(plan: Plan, bench: Any) -> None:
     _, most_n = squeezed(replace(plan, lift_force_n=0.5), bench, 0.4)
     assert most_n >= plan.gentle_force_n
 
 
-def test_what_gives_way_little_is_pressed_until_it_is_known(plan: Plan, bench: Any) -> None:
+def test_stiff_object_is_squeezed_until_its_stiffness_is_known(plan: Plan, bench: Any) -> None:
     """Two newtons don't tell; more do, and deform it by less than is allowed."""
     soon = replace(plan, firm_force_n=0.0)
     before, gentle_n = squeezed(soon, bench, 10.0)
@@ -82,6 +82,6 @@ def test_what_gives_way_little_is_pressed_until_it_is_known(plan: Plan, bench: A
 
 
 @pytest.mark.parametrize("n_per_mm", [0.4, 2.0, 5.0, 50.0])
-def test_no_squeeze_passes_what_is_firm(plan: Plan, bench: Any, n_per_mm: float) -> None:
+def test_squeeze_stops_at_a_firm_object(plan: Plan, bench: Any, n_per_mm: float) -> None:
     _, most_n = squeezed(plan, bench, n_per_mm)
     assert most_n <= 1.2 * plan.firm_force_n

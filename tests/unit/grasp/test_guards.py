@@ -99,7 +99,7 @@ def test_one_flicker_to_the_end_of_the_range_changes_nothing(plan: Plan, bench: 
 
 
 @pytest.mark.parametrize("counts", [1024, -1])
-def test_counts_that_no_converter_gives(plan: Plan, bench: Any, counts: int) -> None:
+def test_impossible_counts_end_the_grasp(plan: Plan, bench: Any, counts: int) -> None:
     def other(frame: np.ndarray) -> np.ndarray:
         frame[3, 1] = counts
         return frame
@@ -119,7 +119,7 @@ def test_frames_of_another_shape(plan: Plan, bench: Any) -> None:
 
 
 @pytest.mark.parametrize("time_s", [math.nan, math.inf, 1e9])
-def test_frames_of_no_time(plan: Plan, bench: Any, time_s: float) -> None:
+def test_frames_without_a_finite_time_are_refused(plan: Plan, bench: Any, time_s: float) -> None:
     bench.change_frames(lambda frame: replace(frame, time_s=time_s))
     result = bench.grasp(plan)
     assert result.outcome is Outcome.SENSOR_LOST
@@ -148,7 +148,7 @@ ABSURD = {
 
 
 @pytest.mark.parametrize("name", ABSURD)
-def test_rest_values_that_no_weather_makes(plan: Plan, bench: Any, name: str) -> None:
+def test_impossible_rest_values_end_the_grasp(plan: Plan, bench: Any, name: str) -> None:
     """The calibration is of a sheet that reads otherwise: the one here can't be it."""
     result = bench.grasp(replace(plan, rest_ohm=ABSURD[name](plan.rest_ohm)))
     assert result.outcome is Outcome.SENSOR_LOST
@@ -218,7 +218,7 @@ IMPOSSIBLE = {
 
 
 @pytest.mark.parametrize("name", IMPOSSIBLE)
-def test_reports_that_can_not_be(plan: Plan, bench: Any, name: str) -> None:
+def test_impossible_reports_are_described(plan: Plan, bench: Any, name: str) -> None:
     values, words = IMPOSSIBLE[name]
     spoil_state(bench, **values)
     result = bench.grasp(plan)
@@ -331,7 +331,7 @@ def test_the_ceiling_is_15_newtons() -> None:
 
 
 @pytest.mark.parametrize(("share", "opens"), [(0.99, False), (1.01, True)])
-def test_the_ceiling_is_where_it_is_said_to_be(
+def test_ceiling_is_at_its_documented_place(
     plan: Plan, bench: Any, share: float, opens: bool
 ) -> None:
     estimate = ContactEstimate(

@@ -104,7 +104,7 @@ def test_a_short_under_load_jumps_alone(plan: Plan) -> None:
     assert "R0 C0 reads short" in str(watched(plan, frames)[4])
 
 
-def test_a_pixel_that_sleeps_through_movements_is_stuck(plan: Plan) -> None:
+def test_pixel_without_change_through_movements_is_stuck(plan: Plan) -> None:
     frames = at_rest(30)
     for frame in frames:
         frame[1, 0] = REST
@@ -183,12 +183,12 @@ def test_a_hand_that_stands_notices_frames_that_repeat(plan: Plan) -> None:
     assert "no pixel has changed in 11 frames" in str(said[50])
 
 
-def test_a_sensor_that_repeats_itself_is_let_be(plan: Plan) -> None:
+def test_sensor_that_usually_repeats_frames_raises_no_alarm(plan: Plan) -> None:
     frames = [np.full((4, 2), REST + number // 12) for number in range(200)]
     assert watched(plan, frames) == [None] * 200
 
 
-def test_pixels_that_all_read_the_same_are_no_picture_of_the_sheet(plan: Plan) -> None:
+def test_equal_pixels_raise_an_alarm(plan: Plan) -> None:
     """Their flicker keeps each of them awake, and at rest no two of them are alike."""
     unlike = np.linspace(8000.0, 10_000.0, 8).reshape(4, 2)
     frames = [np.linspace(300, 380, 8).reshape(4, 2).round() for _ in range(3)]
@@ -200,7 +200,7 @@ def test_pixels_that_all_read_the_same_are_no_picture_of_the_sheet(plan: Plan) -
 
 
 @pytest.mark.parametrize(("slept", "stuck"), [(3, True), (4, False)])
-def test_a_sheet_of_which_another_pixel_slept_too_is_quiet_and_not_stuck(
+def test_two_silent_pixels_are_a_quiet_sheet_and_not_stuck(
     plan: Plan, slept: int, stuck: bool
 ) -> None:
     """One pixel never changes; when it has slept through eight movements, another one slept too."""
@@ -216,7 +216,7 @@ def test_a_sheet_of_which_another_pixel_slept_too_is_quiet_and_not_stuck(
 @pytest.mark.parametrize(
     ("lively", "alike", "known"), [(30, 3, True), (28, 3, False), (30, 4, False)]
 )
-def test_frames_that_repeat_are_missed_where_few_ever_did(
+def test_unusual_repeats_of_frames_raise_an_alarm(
     plan: Plan, lively: int, alike: int, known: bool
 ) -> None:
     """Of so many frames, so many in a row were alike once; then none is new any more."""

@@ -26,14 +26,14 @@ def calibrated_when_dry(plan: Plan) -> Plan:
     return replace(plan, rest_ohm=1.2 * plan.rest_ohm)
 
 
-def test_a_sheet_that_weather_moved_feels_no_touch_before_the_thing(plan: Plan, bench: Any) -> None:
+def test_drifted_sheet_detects_no_touch_before_the_object(plan: Plan, bench: Any) -> None:
     result = bench.grasp(calibrated_when_dry(plan))
     assert result.outcome is Outcome.HELD
     assert abs(result.size_mm.value - 50.3) < 0.3
     assert any(DRIFTED in fault for fault in result.faults)
 
 
-def test_it_closes_finely_until_that_is_shown(plan: Plan, bench: Any) -> None:
+def test_hand_closes_finely_until_the_rest_is_proved(plan: Plan, bench: Any) -> None:
     closures = list[float]()
 
     def watch(grasp_state: GraspState) -> None:
@@ -48,14 +48,14 @@ def test_it_closes_finely_until_that_is_shown(plan: Plan, bench: Any) -> None:
     assert np.diff(closures).max() <= plan.fine_step + 1e-9
 
 
-def test_what_is_held_already_rises_at_once(plan: Plan, bench: Any) -> None:
+def test_object_already_between_the_fingers_is_detected_at_once(plan: Plan, bench: Any) -> None:
     bench.size_mm, bench.n_per_mm = 75.0, 3.0
     result = bench.grasp(plan)
     assert any(f"{OLD}: the reading rose" in fault for fault in result.faults)
     assert result.outcome is not Outcome.NOTHING_THERE
 
 
-def test_a_hand_that_goes_away_is_waited_for(plan: Plan, bench: Any) -> None:
+def test_rest_waits_until_the_sensor_is_released(plan: Plan, bench: Any) -> None:
     """Somebody holds the open fingers, and lets go after a second and a half."""
     size_mm = bench.size_mm
     bench.size_mm, bench.n_per_mm = 75.0, 3.0
@@ -85,7 +85,7 @@ def test_a_sheet_that_never_rests_is_read_by_the_old_values(plan: Plan, bench: A
 
 
 @pytest.mark.slow
-def test_field_sheet_in_other_weather_tells_the_size() -> None:
+def test_field_sheet_in_another_climate_measures_the_size() -> None:
     """A hot day: the sheet reads a third less at rest than when it was calibrated."""
     calibration = calibrate_twin(seed=172, level="field", apart_from="strawberry")
     thing = draw("strawberry", 5)

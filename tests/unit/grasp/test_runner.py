@@ -18,7 +18,7 @@ from palpate.grasp.state import GraspState
 from palpate.sensor.array import Frame
 
 
-def test_holds_measures_and_gives_back(plan: Plan, bench: Any) -> None:
+def test_grasp_holds_measures_and_releases(plan: Plan, bench: Any) -> None:
     result = bench.grasp(plan)
     assert result.outcome is Outcome.HELD
     assert result.force_n is not None
@@ -144,7 +144,7 @@ def test_run_grasp_any_error_of_an_array_stops_the_hand_and_is_raised(
     assert bench.stops == 1
 
 
-def test_failing_subscriber_is_left_out_and_told(plan: Plan, bench: Any) -> None:
+def test_failing_watcher_is_removed_and_reported(plan: Plan, bench: Any) -> None:
     seen: list[float] = []
 
     def broken(_: Observation) -> None:
@@ -174,7 +174,7 @@ def test_stop_request_holds_still(plan: Plan, bench: Any, number: int) -> None:
     assert signal.getsignal(number) == before
 
 
-def test_lost_gripper_is_stopped_and_told(plan: Plan, bench: Any) -> None:
+def test_lost_gripper_is_stopped_and_reported(plan: Plan, bench: Any) -> None:
     def state() -> Any:
         raise DeviceError("servo 1 doesn't answer; check its power")
 

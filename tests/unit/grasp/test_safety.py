@@ -50,12 +50,12 @@ def test_every_danger_ends_with_an_outcome_of_its_name() -> None:
 
 @pytest.mark.parametrize("name", [field.name for field in fields(SafetyLimits)])
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
-def test_a_limit_that_is_none_is_refused(name: str, value: float) -> None:
+def test_limit_that_is_not_positive_is_refused(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"{name} must be positive"):
         SafetyLimits(**{name: value})
 
 
-def test_a_step_leaves_room_for_how_late_the_hand_stops() -> None:
+def test_step_leaves_room_for_the_latency_of_the_hand() -> None:
     limits = SafetyLimits(force_ceiling_n=15.0, latency_s=0.02)
     still, moving = (
         largest_step(

@@ -99,9 +99,7 @@ def doubted(plan: Plan) -> Plan:
 
 
 @pytest.mark.parametrize("gain", [0.6, 1.5])
-def test_current_mends_a_sheet_that_reads_otherwise_here(
-    plan: Plan, slow: Any, gain: float
-) -> None:
+def test_current_corrects_the_gain_of_the_sheet(plan: Plan, slow: Any, gain: float) -> None:
     slow.gain = gain
     result, force_n = held_n(replace(doubted(plan), current=LAW), slow)
     assert force_n == pytest.approx(4.0, rel=0.15)
@@ -115,7 +113,7 @@ def test_without_current_the_sheet_is_believed(plan: Plan, slow: Any) -> None:
     assert force_n == pytest.approx(4.0 / 0.6, rel=0.15)
 
 
-def test_too_much_is_eased_from_below(plan: Plan, slow: Any) -> None:
+def test_excess_force_is_corrected_from_below(plan: Plan, slow: Any) -> None:
     """The object stiffens under the last step; the hand opens, and comes back from below."""
     phases, forces = list[str](), list[float]()
 
@@ -137,7 +135,7 @@ def test_too_much_is_eased_from_below(plan: Plan, slow: Any) -> None:
 
 
 @pytest.mark.parametrize("ceiling_n", [15.0, 7.0])
-def test_it_comes_back_in_safe_goes_and_less_far_than_it_stood(
+def test_return_takes_safe_steps_and_ends_below_its_start(
     plan: Plan, slow: Any, ceiling_n: float
 ) -> None:
     """In one go under a high ceiling, in several under a low one."""

@@ -36,7 +36,7 @@ def test_slope_n_of_sure_rises_is_the_steepest_of_the_last_two(plan: Plan) -> No
     assert slope_n(estimate, plan) == pytest.approx(1.4, rel=0.05)
 
 
-def test_slope_n_of_rises_within_the_noise_is_what_they_leave_possible(plan: Plan) -> None:
+def test_slope_n_of_rises_within_the_noise_is_their_upper_bound(plan: Plan) -> None:
     estimate = stairs(force_n=[2.0, 2.06, 2.09, 2.1], step_mm=0.5)
     assert slope_n(estimate, plan) == pytest.approx(1.1 * 2.1 / 1.5, rel=0.05)
 
@@ -45,7 +45,7 @@ def test_slope_n_of_a_force_that_falls_is_that_of_a_rigid_object(plan: Plan) -> 
     assert slope_n(stairs(force_n=[2.0, 2.6, 2.5], step_mm=0.5), plan) == plan.steepest_n
 
 
-def test_slope_n_counts_no_way_on_which_one_finger_alone_pushed_the_object(plan: Plan) -> None:
+def test_slope_n_ignores_travel_with_one_finger_in_contact(plan: Plan) -> None:
     pushed = stairs(force_n=[0.9, 0.95, 0.92, 1.0], step_mm=0.5)
     alone = tuple(
         replace(step, touch=replace(step.touch, finger_percent=(-40.0, 0.0)))

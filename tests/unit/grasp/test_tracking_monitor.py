@@ -29,7 +29,9 @@ def sent(limits: GripperLimits, begin: float, target: float, rate: float = 20.0)
 @pytest.mark.parametrize(
     ("limits", "begin", "target"), [(WIDTH, 40.0, 30.0), (PRESSURE, 10.0, 20.0)]
 )
-def test_it_is_late_from_when_it_is_due(limits: GripperLimits, begin: float, target: float) -> None:
+def test_following_is_late_after_its_due_time(
+    limits: GripperLimits, begin: float, target: float
+) -> None:
     way = sent(limits, begin, target)
     assert way.ends_s == pytest.approx(1.5)
     assert way.due_s == pytest.approx(1.5 + SAFETY.arrival_s)
@@ -136,7 +138,7 @@ def test_a_hand_that_is_too_fast_is_known(
     assert "check the unit of speed" in found[0]
 
 
-def test_too_fast_adds_up_over_the_short_commands_of_a_way_at_speed() -> None:
+def test_overspeed_accumulates_over_short_commands() -> None:
     """Each command reaches two frames ahead, and the hand arrives before the next one."""
     watch, width_mm, found = SpeedWatch(WIDTH, safety=SAFETY), 74.0, list[str]()
     for frame in range(12):
@@ -150,7 +152,7 @@ def test_too_fast_adds_up_over_the_short_commands_of_a_way_at_speed() -> None:
     assert found
 
 
-def test_a_short_step_at_once_is_known() -> None:
+def test_overspeed_of_a_short_step_is_detected() -> None:
     assert speeds(WIDTH, [(4.0, 400.0, 1.0)], every_s=0.05)
 
 
@@ -173,7 +175,7 @@ def test_a_slower_command_is_obeyed_within_the_latency() -> None:
         assert watch.complaint(at(WIDTH, width_mm, time_s=now_s), way=way) is None
 
 
-def test_opening_is_never_too_fast_nor_is_a_lag_made_up_for_at_once() -> None:
+def test_opening_and_a_lag_that_is_made_up_are_not_overspeed() -> None:
     watch = SpeedWatch(WIDTH, safety=SAFETY)
     way = sent(WIDTH, 40.0, 30.0, rate=4.0)
     assert watch.complaint(at(WIDTH, 40.0, time_s=0.0), way=way) is None
@@ -187,7 +189,7 @@ def test_reports_without_a_time_of_their_own_are_not_judged() -> None:
     assert [watch.complaint(at(WIDTH, mm), way=way) for mm in (40.0, 35.0, 30.0)] == [None] * 3
 
 
-def test_reports_that_can_not_be() -> None:
+def test_impossible_reports_are_described() -> None:
     assert unbelievable(at(WIDTH, 5.0 - 4.9), limits=WIDTH) is None
     assert unbelievable(at(WIDTH, 74.0 + 7.0), limits=WIDTH) is not None
     assert unbelievable(at(PRESSURE, -4.9), limits=PRESSURE) is None

@@ -94,13 +94,13 @@ def judge(store: Store, model: BruiseModel, item: str = "A17", **options: float)
     return examine_item(store, item, model=model, given_at=TUESDAY, **options)
 
 
-def test_labels_teach_against_the_references_that_there_are(model: BruiseModel) -> None:
+def test_labels_train_each_available_reference(model: BruiseModel) -> None:
     assert set(model.learners) == {"class", "item"}
     assert model.learners["item"].fractions.tolist() == pytest.approx([1 / 3, 2 / 3])
     assert model.learned_on == "24 labelled items of kind apple of the store"
 
 
-def test_a_bruised_and_a_sound_side_are_told_apart(store: Store, model: BruiseModel) -> None:
+def test_bruised_and_sound_side_are_distinguished(store: Store, model: BruiseModel) -> None:
     store.add_grasp(grasp("A17", pixels(), side=90.0))
     store.add_grasp(grasp("A17", pixels(soft=(1, 0)), at=MONDAY + timedelta(seconds=20)))
     store.add_item(Item(item_id="A17", kind="apple"))
@@ -126,7 +126,7 @@ def test_grasps_of_one_side_count_together_and_promise_no_more(
     assert twice.probability == pytest.approx(once.probability)
 
 
-def test_bruises_expected_seldom_are_called_seldom(store: Store, model: BruiseModel) -> None:
+def test_rare_bruises_lower_the_probability(store: Store, model: BruiseModel) -> None:
     store.add_item(Item(item_id="A17", kind="apple"))
     store.add_grasp(grasp("A17", pixels(soft=(1, 0))))
     half, seldom = judge(store, model), judge(store, model, bruised_share=0.01)
@@ -154,7 +154,7 @@ def test_pixels_that_carry_less_are_named(store: Store) -> None:
     assert side.pixels_percent == pytest.approx(-15.0)
 
 
-def test_nothing_to_hold_it_against_says_what_to_do(store: Store, model: BruiseModel) -> None:
+def test_missing_reference_names_the_remedy(store: Store, model: BruiseModel) -> None:
     store.add_item(Item(item_id="B1", kind="pear"))
     store.add_grasp(grasp("B1", pixels()))
     with pytest.raises(InputError, match=r"nothing to compare it with.*--angle-deg 90"):
@@ -193,7 +193,7 @@ def test_visits_are_parted_by_long_pauses() -> None:
     assert [len(visit) for visit in visits] == [3, 1]
 
 
-def test_what_slipped_or_has_no_pixels_tells_nothing() -> None:
+def test_slipped_grasps_and_those_without_pixels_are_not_used() -> None:
     whole = grasp("A17", pixels())
     slipped = replaced(whole, outcome=Outcome.SLIPPED)
     blind = replaced(whole, pixel_settled_percent=None)
@@ -205,7 +205,7 @@ def test_too_few_labels_are_refused(store: Store) -> None:
         learn_from(store, kind="pear")
 
 
-def test_the_sides_that_come_along_are_simulated_and_said_to_be() -> None:
+def test_shipped_sides_are_labelled_simulated() -> None:
     model = default_model()
     assert "simulated" in model.learned_on
     assert tuple(model.learners) == REFERENCES

@@ -50,7 +50,7 @@ def test_a_round_body_is_found_whatever_its_softness(softness: float) -> None:
     assert 0.0 < sd < softness
 
 
-def test_its_doubt_is_what_scatter_of_the_steps_makes() -> None:
+def test_interval_follows_the_scatter_of_the_steps() -> None:
     rng = np.random.default_rng(2)
     width = closing(0.4)
     found, said = [], []
@@ -87,7 +87,7 @@ def watched() -> tuple[ClosingWatch, GraspResult, list[Observation], list[GraspS
     return watch, result, seen, beliefs
 
 
-def test_a_grasp_that_was_watched_tells_firmness_and_width(
+def test_watched_grasp_has_firmness_and_width(
     watched: tuple[ClosingWatch, GraspResult, list[Observation], list[GraspState]],
 ) -> None:
     watch, result, seen, _ = watched
@@ -97,7 +97,7 @@ def test_a_grasp_that_was_watched_tells_firmness_and_width(
     assert 40.0 < width.low <= width.value <= width.high < 49.0
 
 
-def test_a_grasp_without_answer_tells_neither(
+def test_grasp_without_answer_has_neither_firmness_nor_width(
     watched: tuple[ClosingWatch, GraspResult, list[Observation], list[GraspState]],
 ) -> None:
     watch, result, seen, beliefs = watched
@@ -143,7 +143,7 @@ def test_loads_fainter_than_a_newton_do_not_count(
     assert abs(told(1.6) / true.value - 1.0) > 0.01
 
 
-def test_what_other_witnesses_made_of_the_contact_is_kept(
+def test_gain_of_the_contact_is_stored(
     watched: tuple[ClosingWatch, GraspResult, list[Observation], list[GraspState]],
 ) -> None:
     watch, _, _, beliefs = watched

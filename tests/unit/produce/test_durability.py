@@ -35,7 +35,7 @@ def synced(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
     return calls
 
 
-def test_a_file_is_on_the_disk_before_it_takes_its_place_and_so_is_its_name(
+def test_file_and_its_name_are_synced_to_disk(
     tmp_path: Path, synced: list[tuple[int, int]]
 ) -> None:
     final = tmp_path / "pad.json"
@@ -64,7 +64,7 @@ def transaction(path: Path, *, writes: bool) -> Iterator[Any]:
     engine.dispose()
 
 
-def test_a_writer_has_its_lock_from_the_start_and_a_reader_none(tmp_path: Path) -> None:
+def test_writer_locks_from_the_start_and_reader_never(tmp_path: Path) -> None:
     path = tmp_path / "items.sqlite"
     Store.open(path).close()
     other = sqlite3.connect(path, timeout=0, isolation_level=None)

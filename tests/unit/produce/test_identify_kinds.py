@@ -87,7 +87,7 @@ def test_identify_item_without_grasp_raises(rng: np.random.Generator) -> None:
         Identifier(labelled(rng)).identify([])
 
 
-def test_as_labelled_is_certain() -> None:
+def test_label_identity_is_certain() -> None:
     assert label_identity("kiwi").probability == {"kiwi": 1.0}
     assert label_identity(UNKNOWN).rejected
 
@@ -99,7 +99,7 @@ def test_touch_of_needs_every_feature() -> None:
     assert touch_of({"size_mm": size, "stiffness_n_per_mm": nothing}) is None
 
 
-def test_put_together_keeps_common_error() -> None:
+def test_combine_keeps_the_common_error() -> None:
     one = Measurement(value=40.0, low=39.0, high=41.0, unit="mm")
     assert combine([one] * 100).high == pytest.approx(40.0 + np.sqrt(0.505))
 

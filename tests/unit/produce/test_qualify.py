@@ -27,7 +27,7 @@ def made_readings(items: int, *, seed: int, sides: int = 2) -> PairedReadings:
     )
 
 
-def test_measure_many_items_finds_what_was_put_in() -> None:
+def test_measure_many_items_recovers_the_simulated_agreement() -> None:
     measured = measure(made_readings(20_000, seed=1), Demand(tolerance=1.0, limits=(10.0,)))
     ceiling = BETWEEN**2 / (BETWEEN**2 + REFERENCE_SD**2)
     assert measured.slope == pytest.approx(1.0 / SLOPE, rel=0.02)
@@ -45,7 +45,7 @@ def test_measure_many_items_finds_what_was_put_in() -> None:
 
 
 @pytest.mark.slow
-def test_agreement_intervals_cover_the_ceiling_as_often_as_they_say() -> None:
+def test_agreement_intervals_cover_the_ceiling_at_their_level() -> None:
     ceiling = BETWEEN**2 / (BETWEEN**2 + REFERENCE_SD**2)
     found = [
         agreement_of(made_readings(40, seed=seed), Demand(tolerance=1.0)).figures
@@ -99,7 +99,7 @@ def test_confusion_counts_every_pair_once() -> None:
     assert np.trace(confusion) / 100 == pytest.approx(found.figures["same_grade"].value)
 
 
-def test_cost_counts_each_grade_off_by_its_price() -> None:
+def test_cost_weights_each_wrong_grade_by_its_price() -> None:
     readings = made_readings(200, seed=4)
     demand = Demand(tolerance=1.0, limits=(9.0, 11.0), cost_high=5.0, cost_low=2.0)
     found = measure(readings, demand)

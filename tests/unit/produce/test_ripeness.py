@@ -195,7 +195,7 @@ def test_a_day_of_many_grasps_is_believed_more(rule: RipenessRule) -> None:
     assert many.probabilities["conditioned"] > few.probabilities["conditioned"] + 0.05
 
 
-def test_a_days_own_scatter_counts_beside_the_usual(rule: RipenessRule) -> None:
+def test_scatter_of_a_day_is_combined_with_the_usual_one(rule: RipenessRule) -> None:
     scattered = replace(rule, course=replace(rule.course, grasp_sd=0.1))
     felt = math.log(BOUNDS[1]) + 0.12
     calm, wild = (
@@ -205,7 +205,7 @@ def test_a_days_own_scatter_counts_beside_the_usual(rule: RipenessRule) -> None:
     assert wild.probabilities["conditioned"] < calm.probabilities["conditioned"] - 0.03
 
 
-def test_learning_refuses_what_shows_no_softening() -> None:
+def test_learning_refuses_items_without_softening() -> None:
     still = [
         [DayFelt(day=float(d), firmness=1.0 + 0.01 * (d % 2), grasps=2, spread=0.1) for d in (0, 1)]
         for _ in range(5)
@@ -221,7 +221,7 @@ def test_a_stage_without_label_is_named() -> None:
         learn_stages([2.0], ["mushy"], items="a", stages=STAGES)
 
 
-def test_stages_are_what_the_user_calls_them(rule: RipenessRule) -> None:
+def test_stages_have_the_names_of_the_user(rule: RipenessRule) -> None:
     felt = [2.0, 1.9, 1.0, 0.9, 0.1, 0.0]
     labels = ["green", "green", "turning", "turning", "ready", "ready"]
     stages = ("green", "turning", "ready")
@@ -296,7 +296,7 @@ def test_scatter_of_the_reference_is_not_taken_for_drift() -> None:
     assert drift.advice == ""
 
 
-def test_a_reference_that_stands_still_is_believed_to() -> None:
+def test_steady_reference_means_no_drift() -> None:
     """Mornings that differ by no more than their grasps scatter are no drift at all."""
     rng = np.random.default_rng(4)
 
@@ -351,7 +351,7 @@ def test_a_current_that_errs_is_left_out_of_ball_and_fruit() -> None:
     assert later == pytest.approx(first, abs=0.02)
 
 
-def test_a_current_that_mends_the_sheet_is_kept() -> None:
+def test_helpful_current_is_used() -> None:
     drift = Drift.learn(
         balls(np.random.default_rng(3), sheet_sd=0.12, current_sd=0.01), drive="width"
     )
@@ -359,7 +359,7 @@ def test_a_current_that_mends_the_sheet_is_kept() -> None:
     assert drift.moved[1] == pytest.approx(0.15, abs=0.05)
 
 
-def test_grasps_without_gains_are_believed_as_they_are() -> None:
+def test_grasps_without_gains_are_used_unchanged() -> None:
     ball = [ball_at(value, day=day) for value, day in ((1.0, 0), (1.02, 0), (0.9, 5), (0.92, 5))]
     drift = Drift.learn(ball, drive="width")
     assert (drift.force.left_out, drift.force.usual_gain) == (0.0, 0.0)
@@ -372,7 +372,7 @@ def test_a_worn_sensor_is_advised_about() -> None:
         Drift.learn(ball[:2], drive="width")
 
 
-def test_a_reference_whose_widths_were_not_kept_is_said_to_tell_nothing() -> None:
+def test_reference_without_stored_widths_is_refused() -> None:
     bare = [
         replace(
             one,
@@ -386,7 +386,7 @@ def test_a_reference_whose_widths_were_not_kept_is_said_to_tell_nothing() -> Non
         Drift.learn(bare, drive="width")
 
 
-def test_the_closing_tells_more_than_the_answer() -> None:
+def test_closing_is_more_precise_than_the_answer() -> None:
     answered = grasp("a", 3.0)
     closing = Measurement(value=2.0, low=1.8, high=2.2, unit="n_per_mm")
     watched = replace(
@@ -426,7 +426,7 @@ def store() -> Store:
 
 
 @pytest.mark.slow
-def test_the_store_teaches_and_remembers(store: Store) -> None:
+def test_ripeness_is_learned_from_and_stored_in_the_store(store: Store) -> None:
     learned = learn_rule(store, kind="avocado", drive="width", stages=STAGES)
     history = history_of(store.grasps_of("A17"), item_id="A17", drive="width")
     said = judge_ripeness(history, rule=learned, ripe="ripe")
@@ -440,7 +440,7 @@ def test_the_store_teaches_and_remembers(store: Store) -> None:
     assert kept.details["basis"] == "labels"
 
 
-def test_what_the_store_lacks_is_said(store: Store) -> None:
+def test_missing_records_are_reported(store: Store) -> None:
     with pytest.raises(InputError, match="no mango grasped by a gripper driven by width"):
         learn_rule(store, kind="mango", drive="width", stages=STAGES)
     with pytest.raises(InputError, match="no item"):

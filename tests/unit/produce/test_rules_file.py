@@ -139,7 +139,7 @@ def test_a_rule_that_nothing_reaches_is_refused(
         ),
     ],
 )
-def test_ranges_that_overlap_by_halves_are_refused(
+def test_partly_overlapping_ranges_are_refused(
     write: Callable[[str], Path],
     first: str,
     second: str,
@@ -168,7 +168,7 @@ def test_exceptions_before_the_general_rule_are_welcome(
     assert len(read_rules(write(text)).rules) == 2
 
 
-def test_a_class_that_nobody_taught_is_refused(write: Callable[[str], Path]) -> None:
+def test_class_without_labels_is_refused(write: Callable[[str], Path]) -> None:
     book = read_rules(write(GOOD))
     with pytest.raises(InputError, match=r"line 8: class 'avocado' was not taught.*kiwi, lime"):
         check_kinds(book, taught={"kiwi", "lime"}, path="rules.toml")

@@ -105,7 +105,7 @@ def by_size() -> dict[float, Felt]:
     return on_sensor(6)
 
 
-def test_the_pressure_at_contact_tells_the_width() -> None:
+def test_width_follows_from_the_pressure_at_contact() -> None:
     covered = list[bool]()
     for seed in (6, 7, 8):
         widths = {size: felt.measured["contact_mm"] for size, felt in on_sensor(seed).items()}
@@ -136,7 +136,7 @@ def test_sharing_is_freed_of_force(by_size: dict[float, Felt]) -> None:
     assert 0.05 < power <= 1.0 / 3.0 + 1e-9
 
 
-def test_without_width_or_answer_nothing_is_said(by_size: dict[float, Felt]) -> None:
+def test_sharing_needs_width_and_answer(by_size: dict[float, Felt]) -> None:
     felt = by_size[SIZES_MM[0]]
     layout, force = felt.plan.layout, {"force_n": felt.measured["force_n"]}
     assert fraction_of_pixels(felt.seen, result=felt.result, layout=layout, measured=force) == {}
@@ -158,13 +158,13 @@ def test_the_width_is_found_from_any_step_on(first: int) -> None:
     assert said == pytest.approx(60.0)
 
 
-def test_what_the_sheet_remembered_before_the_touch_does_not_count() -> None:
+def test_residual_before_the_touch_is_ignored() -> None:
     force_n = np.array([1.4, 0.2, 0.6, 3.0])
     pressure_kpa = np.array([4.0, *(10.0 + BEND.give.give_mm(force_n[1:]) / BEND.mm_per_kpa)])
     assert width_at_contact(pressure_kpa, force_n=force_n, bend=BEND) == pytest.approx(60.0)
 
 
-def test_a_closing_without_a_light_touch_tells_no_rise(by_size: dict[float, Felt]) -> None:
+def test_closing_without_a_light_touch_has_no_exponent(by_size: dict[float, Felt]) -> None:
     """The sheet forgets the last grasp meanwhile: all pixels but one read less than at first."""
     felt = by_size[SIZES_MM[0]]
     last = max(one.time_s for one in felt.result.moments if one.name == "answer")

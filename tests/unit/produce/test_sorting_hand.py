@@ -106,7 +106,7 @@ def test_it_stays_well_clear_of_an_item_that_may_be_thicker(
     assert all(command.target >= 40.5 * 1.15 + 4 for command in swift)
 
 
-def test_it_waits_for_a_sheet_that_still_remembers(hand: SortingHand) -> None:
+def test_hand_waits_until_the_sheet_has_recovered(hand: SortingHand) -> None:
     # A sheet of the field level whose creep is slow.
     slow = CrateTable(sensor=111, seed=3, level="field")
     there = replace(hand, array=slow.array, gripper=slow.gripper, clock=slow.clock)

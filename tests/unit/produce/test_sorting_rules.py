@@ -72,7 +72,7 @@ def test_a_stranger_is_grasped_twice_before_it_is_one() -> None:
     assert (found.bin, found.again) == ("strangers", False)
 
 
-def test_something_else_is_a_doubt_and_no_finding() -> None:
+def test_background_class_alone_is_uncertain() -> None:
     found = decide(BOOK, Evidence(identity=looks(0.05, 0.05), grasps=3))
     assert found.bin == "by hand"
 
@@ -111,14 +111,14 @@ def test_a_rule_may_ask_for_a_firmness() -> None:
     assert seen.firmness.value == 60.0
 
 
-def test_what_no_rule_takes_is_said_so() -> None:
+def test_item_without_a_rule_says_so() -> None:
     book = RuleBook(rules=(LIME,), default_bin="by hand")
     found = decide(book, Evidence(identity=looks(0.98, 0.01), grasps=1))
     assert (found.bin, found.again) == ("by hand", False)
     assert "which no rule takes" in found.why
 
 
-def test_all_that_rules_ask_for_is_named_where_none_takes_it() -> None:
+def test_item_without_a_rule_lists_all_evidence() -> None:
     soon = Rule(bin="shop", conditions=(RIPE, OneOf("bruised", frozenset({"false"}))), line=4)
     book = RuleBook(rules=(KIWI, soon), default_bin="by hand")
     stages = {"hard": 0.97, "ripe": 0.03}
@@ -156,13 +156,13 @@ def test_an_item_is_grasped_until_the_rules_are_sure() -> None:
     assert done.size_mm.value == pytest.approx(49.5)
 
 
-def test_a_grasp_that_slipped_counts_as_tried_and_tells_nothing() -> None:
+def test_slipped_grasp_counts_as_a_try_without_evidence() -> None:
     slipped = grasp(50.0, 1.4, outcome=Outcome.SLIPPED)
     done = sort_item("A1", book=BOOK, identifier=_identifier(), grasp=lambda turn, size: slipped)
     assert (done.decision.bin, done.identity, len(done.grasps)) == ("by hand", None, 3)
 
 
-def test_a_label_saves_the_guessing() -> None:
+def test_label_replaces_the_guess() -> None:
     done = sort_item(
         "A1", book=BOOK, identifier=None, grasp=lambda turn, size: grasp(20.0, 9.0), kind="lime"
     )
@@ -228,7 +228,7 @@ def test_purity_counts_what_rules_placed_and_time_what_hands_do() -> None:
         score_sorting([], book=BOOK)
 
 
-def test_where_things_belong() -> None:
+def test_true_bin_follows_the_rules() -> None:
     assert true_bin(BOOK, kind="kiwi", taught=True, size_mm=50) == "kiwi"
     assert true_bin(BOOK, kind="walnut", taught=False, size_mm=33) == "strangers"
     assert true_bin(BOOK, kind="egg", taught=True, size_mm=44) == "by hand"

@@ -72,7 +72,7 @@ def open_and_write(where: str | Path) -> None:
         store.send()
 
 
-def test_locked(path: Path) -> None:
+def test_locked_store_is_reported(path: Path) -> None:
     other = sqlite3.connect(path, isolation_level=None)
     other.execute("BEGIN IMMEDIATE")
     with pytest.raises(StoreAwayError, match=r"items.sqlite: locked by another program for 0.05"):
@@ -99,7 +99,7 @@ def test_locked(path: Path) -> None:
         "UPDATE verdicts SET details = ''",
     ],
 )
-def test_content_that_palpate_never_wrote_is_one_line(path: Path, damage: str) -> None:
+def test_foreign_content_is_one_line(path: Path, damage: str) -> None:
     force = Measurement(value=1.0, low=0.5, high=1.5, unit="n", level=0.8)
     with Store.open(path) as store:
         store.add_grasp(make_grasp(taken_at=SEEN, measurements={"force_n": force}))
@@ -156,7 +156,7 @@ def test_older_store_that_can_only_be_read_is_read(without_root: Path) -> None:
         assert [item.item_id for item in store.items()] == ["A17"]
 
 
-def test_what_only_a_helper_file_holds_is_not_passed_over(without_root: Path) -> None:
+def test_records_in_the_journal_file_are_read(without_root: Path) -> None:
     path = without_root / "items.sqlite"
     helper = Path(f"{path}-wal")
     Store.open(path).close()
@@ -223,7 +223,7 @@ def test_no_such_file_or_folder(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("url", ["mysql://hall/items", "oracle://x", "://", "http://hall/items"])
-def test_a_url_of_something_else(url: str) -> None:
+def test_url_of_another_database_is_refused(url: str) -> None:
     with pytest.raises(InputError, match="store "):
         Store.open(url)
 

@@ -136,7 +136,7 @@ def test_a_rest_value_that_is_no_resistance_is_refused(
 
 
 @pytest.mark.parametrize("version", [1, 2])
-def test_older_versions_are_read_without_what_no_grasp_reads(
+def test_older_versions_are_read_without_unused_fields(
     calibration: Calibration, tmp_path: Path, version: int
 ) -> None:
     path = tmp_path / "pad.json"

@@ -184,7 +184,7 @@ def test_a_touched_sensor_is_not_at_rest() -> None:
     assert codes(health) == [("unrest", "sensor")]
 
 
-def test_a_load_shows_against_the_calibration() -> None:
+def test_load_during_the_check_is_detected_by_the_calibration() -> None:
     stretch, layout = twin_rest(8)
     known = 1.5 * stretch.rest_ohm(layout=layout)
     health = examine(stretch, layout=layout, known_ohm=known)

@@ -60,7 +60,7 @@ def test_held_lines_are_solved_back_with_a_multiplexer_in_each_column() -> None:
     assert found == pytest.approx(ohm, rel=1e-3)
 
 
-def test_a_short_spoils_its_column_alone_where_lines_are_held() -> None:
+def test_short_affects_its_column_alone_with_held_lines() -> None:
     read = held_readings_ohm(pixels(), reference_ohm=FINE.reference_ohm)
     counts = counts_of(read)
     counts[1, 0] = FINE.full_scale - 1
@@ -94,6 +94,6 @@ def test_frames_of_another_layout_are_refused() -> None:
         ("line_ohm", float("nan"), "0 or more"),
     ],
 )
-def test_a_layout_that_makes_no_sense_is_refused(field: str, value: object, said: str) -> None:
+def test_invalid_layout_is_refused(field: str, value: object, said: str) -> None:
     with pytest.raises(ValueError, match=said):
         replace(RIGID_LAYOUT, **{field: value})  # type: ignore[arg-type]

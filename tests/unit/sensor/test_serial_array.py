@@ -240,7 +240,7 @@ def test_the_board_is_set_up_in_order(bench: Bench) -> None:
     assert board.seen[-1] == CommandType.PRESSURE
 
 
-def test_a_board_that_resets_while_it_is_set_up_is_told_everything_again(bench: Bench) -> None:
+def test_board_that_resets_during_set_up_is_set_up_again(bench: Bench) -> None:
     board = bench.board()
     board.resets_at_command = 4
     array = connect(bench, board)
@@ -404,7 +404,7 @@ def test_an_unplugged_port_is_tried_four_times_a_second(bench: Bench) -> None:
     assert np.diff(tried_s) == pytest.approx(0.25, abs=2e-3)
 
 
-def test_a_reset_whose_word_is_lost_is_noticed_by_the_silence(bench: Bench) -> None:
+def test_reset_with_a_lost_identity_is_detected_by_silence(bench: Bench) -> None:
     board = bench.board()
     array = connect(bench, board)
     array.read(timeout_s=0.1)
@@ -429,7 +429,7 @@ def test_an_impossible_rate_names_the_highest(bench: Bench) -> None:
         connect(bench, board)
 
 
-def test_a_wrong_baud_rate_is_told_from_silence(bench: Bench) -> None:
+def test_wrong_baud_rate_is_distinguished_from_silence(bench: Bench) -> None:
     board = bench.board()
     board.silent = True
     stream = bench.open(board.port)
@@ -500,7 +500,7 @@ def test_two_boards_stream_side_by_side(bench: Bench) -> None:
     assert [array.counters.lost for array in arrays] == [0, 0]
 
 
-def test_no_board_says_what_was_tried(bench: Bench) -> None:
+def test_missing_board_lists_the_tried_ports(bench: Bench) -> None:
     with pytest.raises(DeviceNotFoundError, match="no serial port"):
         find_port([], clock=bench, open_stream=bench.open)
     mute = bench.board()

@@ -195,7 +195,7 @@ def test_rows_without_a_blank_line_are_refused(clock: SendingClock) -> None:
         board.array(LineDecoder(PADS))
 
 
-def test_a_silent_board_and_an_unplugged_one_are_told_apart(clock: SendingClock) -> None:
+def test_silent_and_unplugged_board_are_distinguished(clock: SendingClock) -> None:
     board = SendingBoard(clock, layout=PADS, encode=line_of)
     array = board.array(LineDecoder(PADS))
     for _ in range(20):

@@ -91,13 +91,13 @@ def test_gaps_are_lost_frames() -> None:
     assert decoder.counters == LinkCounters(frames=5, lost=5)
 
 
-def test_the_first_frame_heard_of_a_running_stream_has_lost_nothing() -> None:
+def test_first_frame_of_a_running_stream_counts_no_loss() -> None:
     decoder = Decoder()
     numbers(decoder, sent(700, 701))
     assert decoder.counters == LinkCounters(frames=2)
 
 
-def test_an_answer_tells_of_frames_lost_at_the_end() -> None:
+def test_answer_reveals_frames_lost_at_the_end() -> None:
     decoder = Decoder()
     numbers(decoder, sent(0, 1) + ack(5))
     assert decoder.counters.lost == 3
@@ -111,7 +111,7 @@ def test_an_answer_before_the_first_frame_dates_the_losses() -> None:
     assert decoder.counters == LinkCounters(frames=1, lost=2)
 
 
-def test_an_answer_older_than_what_was_seen_changes_nothing() -> None:
+def test_answer_older_than_the_last_frame_changes_nothing() -> None:
     decoder = Decoder()
     numbers(decoder, sent(0, 1, 2) + ack(1) + sent(3))
     assert decoder.counters == LinkCounters(frames=4)
@@ -126,7 +126,7 @@ def test_an_answer_without_any_stream_changes_nothing() -> None:
 # -- wraps and restarts ---------------------------------------------------------------------------
 
 
-def test_sequence_and_time_go_on_over_the_wrap() -> None:
+def test_sequence_and_time_continue_over_the_wrap() -> None:
     first = WRAP - 3
     started_us = 5 * WRAP - 9000
     data = b"".join(
@@ -170,7 +170,7 @@ def test_the_same_stream_number_running_backwards_is_a_restart() -> None:
     assert decoder.counters == LinkCounters(frames=4, restarts=1)
 
 
-def test_time_begins_anew_with_a_stream() -> None:
+def test_time_restarts_with_a_stream() -> None:
     late = frame(1, time_us=4_000_000_000)
     early = frame(0, stream=10, time_us=20)
     got = frames_in(Decoder().feed(encode_message(late) + encode_message(early)))
@@ -245,7 +245,7 @@ def test_a_sound_packet_that_is_no_frame_is_rejected(payload: bytes) -> None:
 
 
 @pytest.mark.parametrize("wrong_by", [-2, -1, 1, 255])
-def test_a_packet_of_another_length_than_it_says_is_rejected(wrong_by: int) -> None:
+def test_packet_with_a_wrong_length_is_rejected(wrong_by: int) -> None:
     def packet(length: int) -> bytes:
         body = struct.pack("<BH", MessageType.ACK, length) + b"payload"
         return stuff(body + struct.pack("<I", zlib.crc32(body)))
@@ -268,7 +268,7 @@ def test_a_full_run_may_end_the_packet() -> None:
 
 
 @pytest.mark.parametrize("damaged", ["0311", "031122023344", "ff01", "0003", "010002"])
-def test_what_was_never_stuffed_is_rejected(damaged: str) -> None:
+def test_unstuffed_bytes_are_rejected(damaged: str) -> None:
     assert unstuff(bytes.fromhex(damaged)) is None
 
 
@@ -314,7 +314,7 @@ def test_half_of_the_range_is_where_a_gap_becomes_a_restart(
 
 
 @pytest.mark.parametrize(("ahead", "lost"), [(2**31 - 1, 2**31 - 1), (2**31, 0)])
-def test_an_answer_that_lies_half_of_the_range_ahead_lies_behind(ahead: int, lost: int) -> None:
+def test_answer_half_the_range_ahead_counts_as_behind(ahead: int, lost: int) -> None:
     """It is older than the frames that came before it: nothing was lost."""
     decoder = Decoder()
     decoder.feed(sent(0) + ack((1 + ahead) % 2**32))
