@@ -46,7 +46,7 @@ class GuidedBench:
 
 
 def ask_user(what: str) -> None:
-    """Ask for something to be done, and wait for Enter."""
+    """Show an instruction, and wait for Enter."""
     typer.prompt(what, default="", err=True, show_default=False)
 
 

@@ -123,7 +123,7 @@ def _follow_presses(
     layout: ArrayLayout,
     prompt: Callable[[str], None],
 ) -> tuple[FrameColumns, tuple[Finding, ...]]:
-    """Follow one press after the other; return rest and presses together, and findings."""
+    """Follow the presses; return the frames of rest and presses, and the findings."""
     watch, asked, taken = PressWatch(rest.rest_ohm(layout=layout)), None, rest.frames()
     for frame in frames:
         if watch.expected is not None and watch.expected != asked:
@@ -146,7 +146,7 @@ _LISTED_PIXELS = 16
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Examined:
-    """A judged sensor and where its frames came from."""
+    """A judged sensor with the source of its frames."""
 
     name: str
     simulated: bool

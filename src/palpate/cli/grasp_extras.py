@@ -121,7 +121,7 @@ class StoreEntry:
         )
 
     def store(self) -> bool:
-        """Write the grasp to the local store, then send it; False where it can't be written."""
+        """Write the grasp to the local store, then send it; False if writing fails."""
         assert self._record is not None
         grasp, calibration = self._record
         try:

@@ -107,7 +107,7 @@ def init(
 
 
 def _ask_layout(layout: str | None, fingers: int | None) -> dict[str, str | float | bool]:
-    """Return the matrix, and its number of fingers where its name does not give it."""
+    """Ask for the layout, and for the number of fingers of a matrix."""
     name = _ask(f"Layout ({', '.join(LAYOUTS)}, or all rows x columns, e.g. 6x3)", layout, _LAYOUT)
     if name in LAYOUTS and fingers is None:
         return {"layout": name}
@@ -120,7 +120,7 @@ def _ask_layout(layout: str | None, fingers: int | None) -> dict[str, str | floa
 def _ask_divider(
     reference_ohm: float | None, taxel_leg: str | None, idle_lines: str | None
 ) -> dict[str, str | float | bool]:
-    """Return how the pixels are wired and read."""
+    """Ask for resistor, leg and idle lines."""
     resistor = _ask("Reference resistor, ohm", reference_ohm, "4700")
     try:
         ohm = float(resistor)
@@ -140,7 +140,7 @@ def _ask_divider(
 
 
 def _ask_gripper(kind: str | None, port: str | None) -> dict[str, str | float]:
-    """Return the table of the gripper; empty for none."""
+    """Ask for the gripper; return its table, empty without one."""
     kinds = ", ".join((_NO_GRIPPER, *_GRIPPERS))
     chosen = _ask(f"Gripper ({kinds}, or module:function that opens it)", kind, _NO_GRIPPER)
     if chosen == _NO_GRIPPER:

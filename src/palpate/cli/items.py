@@ -262,7 +262,7 @@ def _print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
 
 
 def _print_page(page: ItemHistory) -> None:
-    """Print everything that is known of one item."""
+    """Print the page of one item."""
     item = page.item
     seen = None if item.first_seen is None else f"first seen {time_text(item.first_seen)}"
     rank = None if page.firmness_rank is None else page.firmness_rank.text

@@ -145,7 +145,7 @@ class LiveStream:
             self._server.link(self._link(time_s))
 
     def close(self) -> None:
-        """Send nothing more."""
+        """Stop sending."""
         self._server.close()
 
     def _send(self, frame: Frame) -> None:

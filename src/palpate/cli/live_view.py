@@ -138,7 +138,7 @@ class LiveView:
 
 
 def _percent(mean: float) -> str:
-    """Return a mean over pixels as text of one width; "no pixel" where none reads."""
+    """Return a mean over pixels as text of fixed width; "no pixel" without a reading."""
     return "no pixel" if math.isnan(mean) else f"{min(mean, _HIGHEST_PERCENT):+6.1f} %"
 
 

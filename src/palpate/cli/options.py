@@ -38,7 +38,7 @@ _MOST_ITEMS = 200
 
 
 def _complete_from(module: str, table: str) -> Callable[[str], list[str]]:
-    """Return the completion of the names in a table, which is loaded when the shell asks."""
+    """Return the completion of the names in a table, loaded on demand."""
 
     def complete(incomplete: str) -> list[str]:
         return _filter_names(getattr(importlib.import_module(module), table), incomplete)

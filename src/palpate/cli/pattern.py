@@ -142,7 +142,7 @@ def _size(text: str, *, option: str) -> tuple[float, float]:
 
 
 def _write_files(drawn: Pattern, folder: Path, *, dxf: bool) -> list[Path]:
-    """Write every file whole or not at all, sheets as SVG and where wanted as DXF."""
+    """Write every file whole or not at all, as SVG and optionally DXF."""
     if dxf:
         require_dxf()
     folder.mkdir(parents=True, exist_ok=True)

@@ -117,7 +117,7 @@ def _select_items(store: Store, items: list[str], *, batch: str | None) -> list[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Judged:
-    """One item with everything that is known of its ripeness."""
+    """One item with its judged ripeness."""
 
     item: Item
     history: FirmnessHistory

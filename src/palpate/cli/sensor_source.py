@@ -48,7 +48,7 @@ class SensorSource:
         return link_counters(self.array) or LinkCounters()
 
     def rest_ohm(self) -> NDArray[np.float64] | None:
-        """Return the calibrated rest values, shape (rows, cols); None where there are none.
+        """Return the calibrated rest values, shape (rows, cols); None without them.
 
         Raises `CalibrationError` as `find_calibration` does.
         """

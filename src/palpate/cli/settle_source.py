@@ -33,7 +33,7 @@ Leg: TypeAlias = Literal["upper", "lower"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingOptions:
-    """How the user described the recordings; for holds files only the unit counts."""
+    """The user's description of recordings; only its unit applies to holds files."""
 
     #: As `palpate.read_recording` takes them.
     time_column: str | None = None

@@ -225,7 +225,7 @@ class WrongTries:
         return turn_s - now_s
 
     def return_turn(self, visitor: str) -> None:
-        """Let the next token be looked at sooner: this one was right."""
+        """Give back the turn of a correct token."""
         name = self._count_key(visitor)
         if name in self._turns_s:
             self._turns_s[name] -= TURN_S

@@ -53,7 +53,7 @@ class GraspBegun(BaseModel):
 
 
 class Stopped(BaseModel):
-    """How a stop went."""
+    """The answer to a stop."""
 
     stopped: bool = Field(
         description="Whether the devices confirmed that the stop reached the hand."

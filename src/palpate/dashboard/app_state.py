@@ -277,7 +277,7 @@ class AppState:
 
     @_on_session_loop
     def leave(self, driver: str) -> None:
-        """Let another client drive."""
+        """Leave the session, so that another client can drive."""
         self.session.leave(driver)
 
     async def stop(self, *, patience_s: float = STOP_PATIENCE_S) -> bool:
@@ -332,7 +332,7 @@ class AppState:
         return new_recording(self.settings.folder, what)
 
     def rename(self, name: str, stem: str) -> None:
-        """Give a recording another name.
+        """Rename a recording.
 
         Raises
         ------
@@ -546,7 +546,7 @@ class DocumentSink(Protocol):
         ...
 
     def close(self) -> None:
-        """Take nothing more."""
+        """Stop taking results."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""The folder of recordings: its files and its grasps, one line each. Nothing outside of it."""
+"""The folder of recordings: its files, and its grasps in one line each."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ class History:
         self._append(asdict(entry))
 
     def rename(self, before: str, after: str) -> None:
-        """Let a recording have another name.
+        """Rename a recording in the history.
 
         Raises
         ------
@@ -254,7 +254,7 @@ def entry_of(
     simulated: bool,
     curve: Sequence[Point],
 ) -> Entry:
-    """Return the entry of a grasp that has just ended; `curve` as it was drawn."""
+    """Return the entry of a finished grasp; `curve`: as drawn."""
     result, words = grasped.result, verdict(grasped.result, target_force_n=target_force_n)
     measured: dict[str, float | None] = {"decision_time_s": result.decision_time_s}
     for name in _MEASURED:
@@ -417,7 +417,7 @@ def recording_named(folder: Path, name: str) -> Path:
 
 
 def rename_recording(folder: Path, name: str, stem: str) -> Path:
-    """Give a recording another name in the same folder; return it.
+    """Rename a recording in its folder; return the new file.
 
     Raises
     ------

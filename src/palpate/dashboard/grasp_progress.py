@@ -24,7 +24,7 @@ from palpate.sensor.calibration import Calibration
 
 
 def force_laws(calibration: Calibration | None) -> ForceLaws | None:
-    """Return a calibration's laws; None where it has none, so that there are no newtons."""
+    """Return the force laws of a calibration; None without force pairs."""
     if calibration is None:
         return None
     try:

@@ -161,7 +161,7 @@ class ItemStore:
         return placed | ({"item": item} if item_id else {}) | {"why": why}
 
     def pages(self, *, limit: int) -> tuple[ItemHistory, ...]:
-        """Return the pages of items, the last met first; none where there is no store yet.
+        """Return the pages of items, newest first; none without a store.
 
         Raises
         ------
@@ -188,7 +188,7 @@ class ItemStore:
         return found
 
     def figures(self, page: ItemHistory) -> str:
-        """Return figures of an item as HTML: its measurements over time, and how it may ripen.
+        """Return figures of an item as HTML: measurements over time, ripening.
 
         Raises
         ------
@@ -209,7 +209,7 @@ class ItemStore:
         return "".join(f"<h3>{caption}</h3>{svg}" for caption, svg in drawn.items() if svg)
 
     def _read(self, read: Callable[[Store], _Read]) -> _Read | None:
-        """Read from the store; None where there is none yet."""
+        """Read from the store; None without one."""
         if self.trouble == MISSING:
             return None
         from palpate.produce.store import Store

@@ -109,7 +109,7 @@ class JobContext:
 
     @property
     def whole(self) -> Rig:
-        """The rig with its gripper; raises `DeviceError` where there is a sensor alone."""
+        """The rig with its gripper; raises `DeviceError` without one."""
         if isinstance(self.rig, SensorRig):
             raise DeviceError(NO_GRIPPER)
         return self.rig
@@ -211,7 +211,7 @@ class WatchedArray:
 
 
 def state_of(gripper: Gripper | None) -> GripperState | None:
-    """Return the gripper's state, None while it does not answer or where there is none."""
+    """Return the gripper's state; None without a gripper or an answer."""
     try:
         return None if gripper is None else gripper.state()
     except DeviceError:
@@ -290,7 +290,7 @@ class _NoCell:
     """The load cell of a bench that needs none."""
 
     def read_n(self) -> float:
-        """Raise `DeviceError`: there is none."""
+        """Raise `DeviceError`: there is no load cell."""
         raise DeviceError("this rig has no load cell that palpate can read")
 
 

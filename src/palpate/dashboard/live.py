@@ -49,7 +49,7 @@ _REST_FRAMES = 15
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """The aggregate at one time, and the force where it is calibrated and something is pressed.
+    """The aggregate at one time, with the force of a calibrated, loaded sensor.
 
     `ohm`, `reported`, `moving` and `touching` are as in `Live` at that time.
     """
@@ -214,7 +214,7 @@ class Live:
 
     @property
     def open_hand(self) -> bool | None:
-        """Whether the hand is open and still; None where its opening is not known."""
+        """Whether the hand is open and still; None if its opening is unknown."""
         return self.is_open(self.reported, moving=self.moving)
 
     @property
@@ -237,7 +237,7 @@ class Live:
 
     @property
     def force(self) -> Measurement | None:
-        """The force now; None where it is not calibrated, or before the first frame."""
+        """The force now; None without a calibration or a frame."""
         if self.playing is None:
             return self.curve[-1].force if self.curve else None
         at = bisect_right(self.curve, self.playing.time_s, key=lambda point: point.time_s)

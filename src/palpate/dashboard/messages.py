@@ -114,7 +114,7 @@ class StopNow:
 
 @dataclass(frozen=True, slots=True)
 class ReleaseNow:
-    """Give the object back."""
+    """Release the object."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,7 +232,7 @@ ACTIONS: dict[type[Order | Request], Action] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameSource:
-    """Where the frames arrive from, from now on."""
+    """The source of the following frames."""
 
     #: Name of the rig, or of the recording.
     name: str
@@ -376,7 +376,7 @@ class Timeline:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Playing:
-    """Where a replay is."""
+    """The position of a replay."""
 
     time_s: float
     paused: bool
@@ -387,14 +387,14 @@ class Playing:
 
 @dataclass(frozen=True, slots=True)
 class StopConfirmed:
-    """Stops up to this number reached the hand, or there is none that could move."""
+    """Stops up to this number have reached the hand, if there is one."""
 
     number: int
 
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """A sentence about the devices while nothing was ordered."""
+    """A fault of the devices outside of an order."""
 
     text: str
 

@@ -26,7 +26,7 @@ _MEASURED = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent", "fir
 
 
 def state_document(session: Session) -> dict[str, object]:
-    """Return the state of a session; equal documents mean that nothing has happened."""
+    """Return the state of a session; it changes with every event."""
     live, source = session.devices.live, session.devices.live.source
     # Until the devices have begun, what is known is of the grasp before.
     begun = session.devices.activity is Activity.GRASPING and session.devices.grasped is None
@@ -107,7 +107,7 @@ def document(
 
 
 def _newtons(force: Measurement | None) -> list[float]:
-    """Return low, value and high, to the milli; nothing where no force is known."""
+    """Return low, value and high, rounded to millinewtons; empty without a force."""
     return [] if force is None else [round(n, 3) for n in (force.low, force.middle, force.high)]
 
 
@@ -214,7 +214,7 @@ def _pads(
 
 
 def _past_moments(live: Live) -> list[dict[str, Any]]:
-    """Return pads and hand at times of the curve, for a page that was not there."""
+    """Return pads and hand at times of the curve, for a page opened later."""
     known = [point for point in live.since(-math.inf) if point.ohm.size]
     if not known:
         return []

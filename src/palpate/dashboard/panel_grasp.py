@@ -123,7 +123,7 @@ def grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
 
 def _recording(app_state: AppState, viewer: Viewer) -> None:
     def record(wanted: bool) -> None:
-        """Begin or end a recording, unless it is as wanted already."""
+        """Begin or end a recording, if not done already."""
         if wanted != (app_state.session.devices.recording is not None):
             viewer.order(Record(app_state.new_recording("watched") if wanted else None))
 

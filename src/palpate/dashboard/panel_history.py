@@ -124,7 +124,7 @@ def run_panel(app_state: AppState, viewer: Viewer) -> None:
         rows = ui.html("", sanitize=False).classes("w-full").props("id=run")
 
     def show(version: int) -> None:
-        """Show the run as it is now."""
+        """Update the run."""
         counts.set_content(
             counts_html(app_state.history, rules=app_state.settings.rules is not None)
         )

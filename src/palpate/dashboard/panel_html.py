@@ -47,7 +47,7 @@ def _parts() -> Any:
 
 
 def day_text(moment: datetime | str) -> str:
-    """Return day and time, of this machine's zone, of a moment."""
+    """Return a time as day and time of this machine's zone."""
     if isinstance(moment, str):
         moment = datetime.fromisoformat(moment)
     return moment.astimezone().strftime("%d %b %H:%M")

@@ -48,7 +48,7 @@ def _force(app_state: AppState, viewer: Viewer) -> None:
     loads.props("outlined dense")
 
     def start() -> None:
-        """Order a calibration with the weights as typed, none where there is a load cell."""
+        """Order a calibration, with the typed weights if there is no load cell."""
         weights: tuple[float, ...] = ()
         source = app_state.session.devices.live.source
         if source is None or not source.has_load_cell:

@@ -165,7 +165,7 @@ def play(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Whole:
-    """A recording with everything that was decided on it."""
+    """A recording with its decisions."""
 
     seen: list[Seen]
     time_s: list[float]
@@ -177,7 +177,7 @@ class _Whole:
 def _show(
     whole: _Whole, now: tuple[float, bool, float], *, telemetry: Telemetry, file: Path
 ) -> None:
-    """Send the frame of a moment, and the progress of the grasp then."""
+    """Send the frame and the progress of the grasp at one time."""
     at_s, paused, speed = now
     frame, state = whole.seen[max(bisect_right(whole.time_s, at_s) - 1, 0)]
     at_end, progress, grasped = at_s >= whole.timeline.end_s, None, None
@@ -241,7 +241,7 @@ def _split_frames(seen: list[Seen], *, lasting_s: float) -> Iterator[list[Seen]]
 
 
 class _Again:
-    """The controller on recorded frames: nothing is commanded, everything is decided again."""
+    """The controller on recorded frames, without a gripper."""
 
     def __init__(self, plan: Plan, *, end_s: float) -> None:
         self._controller, self._end_s = GraspController(plan), end_s

@@ -1,4 +1,4 @@
-"""The server: one page, one document to poll, one address to stop at. Nothing from elsewhere."""
+"""The server: the pages, the polled document, and the address of STOP."""
 
 from __future__ import annotations
 
@@ -181,7 +181,7 @@ def _routes(app_state: AppState) -> None:
 
 
 def _publish(app: Any, app_state: AppState, publisher: DocumentSink) -> None:
-    """Let a publisher work while the application does."""
+    """Run a publisher together with the application."""
     running: list[asyncio.Task[None]] = []
 
     async def start() -> None:
@@ -200,7 +200,7 @@ def _publish(app: Any, app_state: AppState, publisher: DocumentSink) -> None:
 def _serve_lines(
     app: Any, machine: Machine, lines: Sequence[LineOpener], *, thread: LoopThread
 ) -> None:
-    """Let protocols of a line serve the machine while the application runs.
+    """Serve the machine's line protocols together with the application.
 
     In a thread of their own: a controller that is not answered for a second drops the connection,
     and a page can take longer to build on a busy machine.

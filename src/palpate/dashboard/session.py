@@ -52,7 +52,7 @@ from palpate.sensor.health import Health
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationFailure:
-    """A calibration that made nothing; the one before it stays in use."""
+    """A failed calibration; the previous one stays in use."""
 
     #: Whether a user stopped it.
     stopped: bool
@@ -223,7 +223,7 @@ _NEEDS_OPEN_HAND = (Action.GRASP, Action.EXAMINE)
 
 @dataclass(slots=True)
 class GraspForm:
-    """Settings of the next grasp: one for all pages, so that a reload loses nothing."""
+    """Settings of the next grasp, shared by all pages."""
 
     #: Grip force to reach; None is a gentle squeeze.
     target_force_n: float | None = None
@@ -293,7 +293,7 @@ class Session:
     # -- who drives -----------------------------------------------------------------------------
 
     def join(self, viewer: str, *, tab: str | None = None) -> bool:
-        """Let someone in; return whether they drive: the first does.
+        """Add a viewer; return whether they drive, as the first does.
 
         A page that is loaded again in the same tab of a browser goes on driving.
 
@@ -317,7 +317,7 @@ class Session:
         self.driver = viewer
 
     def leave(self, viewer: str) -> None:
-        """Let someone go; nobody drives then until somebody takes over or comes in."""
+        """Remove a viewer; a driver's place stays free until another takes over or joins."""
         self.viewers.discard(viewer)
         self._of_tab = {tab: last for tab, last in self._of_tab.items() if last != viewer}
         if self.driver == viewer:
@@ -327,7 +327,7 @@ class Session:
 
     @property
     def hung_s(self) -> float | None:
-        """How long the devices' process has been silent; None while it reports."""
+        """Silence of the devices' process, seconds; None while it reports."""
         silent_s = self._silent_s()
         return silent_s if silent_s > _HUNG_S else None
 
@@ -379,7 +379,7 @@ class Session:
         self.send_order(order)
 
     def send_order(self, order: Order) -> None:
-        """Carry out an order that nobody has to be allowed to give."""
+        """Send an order without a check of the driver."""
         if isinstance(order, GraspOrder):
             self.target_force_n = order.target_force_n
         if isinstance(order, OpenRig):
@@ -388,7 +388,7 @@ class Session:
         self._send(order)
 
     def release(self, viewer: str) -> None:
-        """Give the object back, or open the hand."""
+        """Release the object, or open the hand."""
         if self.devices.activity is Activity.GRASPING:
             self.request(viewer, ReleaseNow())
         else:

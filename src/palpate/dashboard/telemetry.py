@@ -125,7 +125,7 @@ class Telemetry:
     def show_recorded(
         self, frame: Frame, gripper: GripperState | None, progress: GraspProgress | None
     ) -> None:
-        """Show a moment of a recording, and the grasp's progress then; nothing is counted."""
+        """Show one time of a recording with its progress, without counting frames."""
         with self._lock:
             self._frames.append((frame, gripper))
             self._progress = progress
@@ -135,7 +135,7 @@ class Telemetry:
         self.add_frame(observation.frame, observation.gripper)
 
     def add_frame(self, frame: Frame, gripper: GripperState | None) -> None:
-        """Take a frame, with the gripper's state where there is one."""
+        """Add a frame, with the gripper's state, if any."""
         now_s = time.monotonic()
         with self._lock:
             tally = self._tally
@@ -190,7 +190,7 @@ class Telemetry:
         )
 
     def _progress_of(self, grasp_state: GraspState, plan: Plan) -> GraspProgress:
-        """Forecasts are made a few times a second: nobody reads faster."""
+        """Return the progress, with new forecasts a few times a second."""
         now_s = time.monotonic()
         fresh = now_s - self._forecast_s >= _FORECAST_S
         if fresh:

@@ -64,11 +64,11 @@ class Viewer:
                 self._knew_stops, self._pressed_s = stops, float(at_s)
 
     def order(self, order: Order) -> bool:
-        """Order something; return whether it was accepted, a refusal is shown."""
+        """Send an order; return whether it was accepted, and show a refusal."""
         return self._try(lambda: self._session.order(self._id, order), moves=True)
 
     def release(self) -> None:
-        """Give the object back."""
+        """Release the object."""
         self._try(lambda: self._session.release(self._id), moves=True)
 
     def request(self, request: Request) -> None:
@@ -81,7 +81,7 @@ class Viewer:
         self.refresh()
 
     def do(self, action: Action, act: Callable[[], object]) -> bool:
-        """Do something that needs no devices; return whether it was done, a refusal is shown."""
+        """Run an action without devices; return its success, and show a refusal."""
 
         def checked() -> None:
             """Do it, unless this viewer may not now."""
@@ -184,7 +184,7 @@ class Viewer:
             raise InputError(f"the press came {late_s:.0f} s late: press again")
 
     def refuse(self, error: Exception) -> None:
-        """Show why something can't be."""
+        """Show the reason of a refusal."""
         ui.notify(str(error), type="warning")
 
 

@@ -115,7 +115,7 @@ def _widen(one: SettledEstimate, *, by: float, unit: str) -> Measurement:
 
 
 def _keep_plausible(reading: Measurement, *, now: float) -> Measurement:
-    """Return the forecast, or the present reading in its place if nothing held could read that."""
+    """Return the forecast, or the present reading if the forecast is implausible."""
     least, most = now / SETTLE.kept_factor, now * SETTLE.kept_factor
     if now <= 0 or least <= reading.middle <= most:
         return reading
@@ -381,6 +381,6 @@ def _steps_from_touch(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingSte
 
 
 def floor_n(plan: Plan) -> float:
-    """Return the scatter of faint forces: how much there may be where the sheet reads nothing."""
+    """Return the scatter of faint forces, below the sheet's threshold."""
     nothing = plan.early_law.force_n(0.0, level=plan.level)
     return float(nothing.high) / float(ndtri(0.5 + plan.level / 2))

@@ -95,7 +95,7 @@ def _is_pressed(estimate: ContactEstimate, plan: Plan) -> bool:
 
 
 def confirm(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Confirm the touch on fresh frames: noise may look like one for a moment."""
+    """Confirm the touch on fresh frames, to exclude noise."""
     estimate = state.estimate
     if state.in_this_s < plan.confirm_s:
         return None
@@ -111,7 +111,7 @@ def confirm(state: GraspState, plan: Plan) -> GripperCommand | None:
 
 
 def end_attempt(state: GraspState, plan: Plan) -> GripperCommand:
-    """Open where nothing was there: for good, or to wait and try again."""
+    """Open after an attempt without an object, finally or for another try."""
     command = state.release(plan, Outcome.NOTHING_THERE)
     state.attempts += 1
     if state.attempts < plan.tries:

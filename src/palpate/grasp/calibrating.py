@@ -250,7 +250,7 @@ def _close_once(bench: Bench) -> bool:
 
 
 def _free_closure(bench: Bench) -> float:
-    """Return the closure at which nothing is touched yet."""
+    """Return the largest closure without contact."""
     return abs(bench.start - bench.gripper.limits.target(0.0))
 
 
@@ -273,7 +273,7 @@ def _wait(bench: Bench, until_s: float) -> None:
 
 
 def _measure_rest(bench: Bench, *, duration_s: float) -> RestBaseline:
-    """Take rest values, giving the sheet time to forget the last load."""
+    """Measure rest values after the sheet has recovered from the last load."""
     give_up_s = bench.clock.now_s() + _RECOVERY_S
     while True:
         ohm = _ohm(bench, bench.clock.now_s() + duration_s, mean_s=duration_s)

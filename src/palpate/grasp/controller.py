@@ -82,7 +82,7 @@ class GraspController:
         return None
 
     def release(self) -> GripperCommand:
-        """End the grasp because its user wants the object back: held if there is an answer."""
+        """End the grasp on request: `held` if there is an answer."""
         answered = self.state.result.force_n is not None
         return self.state.release(self.plan, Outcome.HELD if answered else Outcome.STOPPED)
 

@@ -140,7 +140,7 @@ class CurrentMonitor:
         return Alarm(danger=Danger.GRIPPER_FAULT, words=words)
 
     def _has_risen(self, estimate: ContactEstimate, *, time_s: float) -> Alarm | None:
-        """Compare the current within a long movement, where nothing is known of newtons."""
+        """Compare the uncalibrated current within a long movement."""
         if self._plan.current is not None or len(self._pull) < CURRENT.moving_readings:
             return None
         pull_ma = float(np.mean([current_ma for current_ma, _ in self._pull]))

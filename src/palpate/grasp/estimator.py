@@ -127,7 +127,7 @@ class HandMotion:
 
     @property
     def still_s(self) -> float:
-        """How long the gripper has stood still, seconds."""
+        """Time since the gripper's last movement, seconds."""
         return 0.0 if self.still_since_s is None else self.now_s - self.still_since_s
 
 
@@ -266,7 +266,7 @@ class ContactEstimate(HandMotion):
         self.strongest, self.touches = max(before, touch.reading), (*self.touches, touch)
 
     def record_command(self, command: GripperCommand, *, plan: Plan) -> None:
-        """Take in a command: the hand is on its way."""
+        """Record a command that was sent."""
         self.still_since_s, self.touches, self.moved_s = None, (), self.now_s
         self.sent = closure_of(command.target, plan)
 

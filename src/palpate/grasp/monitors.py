@@ -133,7 +133,7 @@ class FingersMonitor:
 
 
 class ResponseMonitor:
-    """Opens the hand where the sheet shows less while it closes, or more where it opens."""
+    """Opens the hand if the reading falls while closing, or rises while opening."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan

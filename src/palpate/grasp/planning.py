@@ -190,7 +190,7 @@ def force_now(pairs: ForcePairs) -> FollowsForce:
 
 
 def by_weights(pairs: ForcePairs) -> bool:
-    """Return whether a calibration was made with dead weights, so that all it read had settled."""
+    """Return whether a calibration was made with dead weights."""
     return bool(pairs.since_move_s) and bool(np.isclose(pairs.since_move_s, HORIZON_S).all())
 
 

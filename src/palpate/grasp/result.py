@@ -9,7 +9,7 @@ from palpate.estimate.measurement import Measurement
 
 
 class Outcome(StrEnum):
-    """How a grasp ended. `held`: the grasp completed.
+    """The outcome of a grasp. `held`: the grasp completed.
 
     Every reason to end a grasp is listed next to its outcome, with the module that decides it. The
     words of one grasp are in its `GraspResult.faults`; what a stop does to the hand is
@@ -48,7 +48,7 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Moment:
-    """Something that happened: when, on the sensor's clock, and on which finger, if on one."""
+    """An event of a grasp: its time on the sensor's clock, name, and finger, if any."""
 
     time_s: float
     name: str

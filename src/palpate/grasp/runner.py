@@ -136,7 +136,7 @@ class _Hand:
         return self._current.check(state, estimate=estimate)
 
     def glance_s(self, now_s: float) -> float | None:
-        """Return how often it must be looked at between frames; None if they are enough."""
+        """Return the interval of checks between frames; None if frames suffice."""
         if self._following is None:
             return None
         return self._following.glance_s(now_s=now_s, limits=self._limits, safety=self._safety)
@@ -303,7 +303,7 @@ def _notify(views: list[Callable[[_Event], None]], event: _Event, state: GraspSt
 
 @contextmanager
 def _signals_set(requested: threading.Event) -> Iterator[None]:
-    """Turn Ctrl-C and SIGTERM into a flag, so that none interrupts a transfer halfway.
+    """Turn Ctrl-C and SIGTERM into a flag, so that no transfer is interrupted.
 
     A second Ctrl-C does interrupt: the old handlers are back after the first.
     """

@@ -26,7 +26,7 @@ class Danger(StrEnum):
 
     @property
     def outcome(self) -> str:
-        """How a grasp that it ends is called."""
+        """The outcome of a grasp that it ends."""
         return str(Danger.SENSOR_LOST if self is Danger.UNSEEN_FORCE else self)
 
 

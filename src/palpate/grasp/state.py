@@ -97,7 +97,7 @@ class GraspState:
 
     @property
     def ended(self) -> bool:
-        """Whether nothing more will be commanded."""
+        """Whether the grasp has ended."""
         return self.phase is Phase.DONE
 
     @property
@@ -108,7 +108,7 @@ class GraspState:
 
     @property
     def in_this_s(self) -> float:
-        """How long the state or activity has lasted, seconds."""
+        """Duration of the present phase or activity, seconds."""
         return self.estimate.now_s - self.since_s
 
     @property
@@ -150,7 +150,7 @@ class GraspState:
             self.phase, self.attempt.activity = Phase.APPROACH, phase
 
     def note(self, name: str, *, finger: int | None = None) -> None:
-        """Note a moment in the result."""
+        """Add a moment to the result."""
         moment = Moment(time_s=self.estimate.now_s, name=name, finger=finger)
         self.result = replace(self.result, moments=(*self.result.moments, moment))
 

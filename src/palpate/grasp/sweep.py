@@ -25,7 +25,7 @@ _MEDIAN_SQUARE = 0.4549
 
 
 def blind_s(period_s: float) -> float:
-    """Return how long a way that follows on a faster one notices no gentle touch.
+    """Return the time without detection of a gentle touch after slowing down, s.
 
     `period_s`: time between two frames.
 
@@ -78,7 +78,7 @@ class Sweep:
     slowed: bool = False
 
     def seen(self, time_s: float, *, log_ohm: FloatArray, gears_ma: float) -> Sweep:
-        """Return the way with one more frame."""
+        """Return the sweep with one more frame."""
         level = self.level
         if level is None and time_s > self.since_s + TOUCH.steady_s + TOUCH.level_s:
             recent = [

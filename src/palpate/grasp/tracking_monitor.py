@@ -41,7 +41,7 @@ def unbelievable(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Following:
-    """One command under way.
+    """One command in progress.
 
     `begin`, `target`: where the gripper was, and where it was sent, mm or kPa.
     `ends_s`, `due_s`: when the way is done at the rate sent, and when the gripper must have

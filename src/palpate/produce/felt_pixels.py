@@ -1,4 +1,4 @@
-"""Change of each pixel at the moment when a grasp gave its answer."""
+"""Change of each pixel at the time of a grasp's answer."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ _LEAST = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LearnedScore:
-    """How well items are named by models that did not see them."""
+    """Accuracy of models on items left out of their training."""
 
     #: How many items.
     items: int
@@ -139,7 +139,7 @@ class LabelLearner:
         return max(math.ceil(1.0 / FALSE_REJECT - 1e-9) - 1 - known, 0)
 
     def probabilities(self, table: ArrayLike) -> FloatArray:
-        """Return the probability of each label; with strangers, of something else last.
+        """Return the probability of each label; with strangers, the background class last.
 
         `table`, shape (n, features).
         """
@@ -233,7 +233,7 @@ class LabelledTable:
     def of(
         cls, features: Sequence[str], rows: Sequence[tuple[ArrayLike, str, str]]
     ) -> LabelledTable:
-        """Put rows together, each its numbers, its label and its item."""
+        """Combine rows of numbers, label and item."""
         return cls(
             features=tuple(features),
             rows=np.array([numbers for numbers, _, _ in rows], dtype=float),
@@ -286,7 +286,7 @@ def make_pipeline(name: str) -> Any:
 
 
 class _Normal:
-    """Labels as normal distributions of one covariance, and a wide one for something else."""
+    """Labels as normal distributions of one covariance, and a wide background class."""
 
     def __init__(self, table: FloatArray, truth: Any) -> None:
         with needing("learning from labels", extra="produce"):
@@ -302,7 +302,7 @@ class _Normal:
         self._parts = [(mean, within) for mean in means] + [(rows.mean(axis=0), wide)]
 
     def background_probability(self, table: FloatArray) -> FloatArray:
-        """Return the probability of something else, as probable beforehand as any label."""
+        """Return the probability of the background class, with the prior of any label."""
         from scipy.special import softmax
         from scipy.stats import multivariate_normal
 

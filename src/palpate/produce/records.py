@@ -243,7 +243,7 @@ def check_printable(text: str, *, what: str) -> None:
 
 
 def in_utc(time: datetime, *, what: str) -> datetime:
-    """Return a moment in UTC; refuse one whose zone is not known."""
+    """Return a time in UTC; refuse one without a time zone."""
     if time.tzinfo is None:
         raise InputError(f"{what} {time.isoformat()}: has no time zone; give one, as in 08:00Z")
     return time.astimezone(UTC)

@@ -21,7 +21,7 @@ IdleLines: TypeAlias = Literal["isolated", "floating", "held"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArrayLayout:
-    """How many pixels there are, how they are wired, and which finger each is on.
+    """The pixels of a sensor: rows, columns, wiring, and fingers.
 
     Attributes
     ----------

@@ -60,7 +60,7 @@ class BoardLink:
 
     @property
     def busy(self) -> bool:
-        """Whether commands are still to be answered."""
+        """Whether commands wait for answers."""
         return bool(self._todo)
 
     def begin(self, commands: Sequence[Command]) -> None:

@@ -118,7 +118,7 @@ class BlockPairs:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """Everything that turns the counts of one sensor on one gripper into quantities.
+    """The calibration of one sensor on one gripper, from counts to quantities.
 
     Attributes
     ----------

@@ -16,7 +16,7 @@ _E12 = (1.0, 1.2, 1.5, 1.8, 2.2, 2.7, 3.3, 3.9, 4.7, 5.6, 6.8, 8.2)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResistorFit:
-    """How the reference resistor in place compares with the best one of the E12 series."""
+    """The reference resistor compared with the best one of the E12 series."""
 
     #: Working range of the pixels.
     low_ohm: float

@@ -361,7 +361,7 @@ class Decoder:
         return ack
 
     def _enter_stream(self, stream: int, *, sequence: int) -> None:
-        """Follow another stream: from its beginning, unless it is the first one met."""
+        """Follow another stream, from its beginning unless it is the first."""
         joined_late = self._stream is None
         self._restarts += not joined_late
         self._stream = stream

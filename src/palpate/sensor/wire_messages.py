@@ -266,7 +266,7 @@ class SetServoTravel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetServo:
-    """Move the servo to a pulse within its travel, on a ramp; 0 stops it where it is."""
+    """Move the servo to a pulse within its travel, on a ramp; 0 stops it."""
 
     target_us: int
     rate_us_per_s: int

@@ -286,7 +286,7 @@ def _shape(grasp: Grasp) -> LoadShape:
 
 
 def _side(grasp: Grasp, *, visits: Sequence[Sequence[Grasp]], sound: Sequence[Grasp]) -> Side:
-    """Return a grasp of the last visit with everything that it can be compared with."""
+    """Return a grasp of the last visit with its references."""
     rows = len(grasp.pixel_settled_percent or ())
     alike = [
         one

@@ -89,7 +89,7 @@ class BruiseModel:
         )
 
     def log_odds(self, side: Side) -> float:
-        """Return the log odds that a side is bruised, as many being bruised as sound.
+        """Return the log odds that a side is bruised, at even prior odds.
 
         Raises `InputError` if it has no reference that this model knows.
         """

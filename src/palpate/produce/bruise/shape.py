@@ -54,7 +54,7 @@ _EVEN = np.array(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadShape:
-    """How load lay in one grasp."""
+    """Distribution of the load in one grasp."""
 
     #: Shape (2, 4). Mean, slope along, slope across and crossed term of log load on each finger.
     modes: FloatArray

@@ -1,1 +1,1 @@
-"""How well grasps agree with a reference instrument, and how well any instrument could."""
+"""Agreement of grasps with a reference instrument, and its ceiling."""

@@ -34,7 +34,7 @@ class PairedReadings:
 
     @property
     def items(self) -> int:
-        """How many items there are."""
+        """Number of items."""
         return int(self.item.max()) + 1 if self.item.size else 0
 
     @property

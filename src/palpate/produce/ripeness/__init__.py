@@ -1,1 +1,1 @@
-"""How firm grasps found an item, how its kind softens, and when it will be ripe."""
+"""Firmness of an item, softening of its kind, and days to ripe."""

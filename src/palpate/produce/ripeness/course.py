@@ -1,4 +1,4 @@
-"""How items of one kind soften over days, and where on that course one item is.
+"""The softening of a kind over days, and the position of one item on it.
 
 Firmness (a logarithm, see `palpate.produce.ripeness.firmness`) falls along a logistic curve from a
 hard to a soft level. Items differ in when they are halfway, how fast they go and how firm they

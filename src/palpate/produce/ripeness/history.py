@@ -1,4 +1,4 @@
-"""Ripeness of items that the store remembers: learned from the labels of some of them."""
+"""Ripeness of stored items, learned from the labels of some."""
 
 from __future__ import annotations
 

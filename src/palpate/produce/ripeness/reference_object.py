@@ -146,7 +146,7 @@ class Drift:
 
     @property
     def advice(self) -> str:
-        """The advice to the user, or nothing."""
+        """The advice to the user; empty without any."""
         if abs(self.moved[-1]) <= _ADVISED:
             return ""
         return (

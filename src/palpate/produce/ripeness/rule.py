@@ -57,7 +57,7 @@ def _end_text(days: float) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ripeness:
-    """How ripe one item is on one day."""
+    """The ripeness of one item on one day."""
 
     #: The most probable stage.
     stage: str

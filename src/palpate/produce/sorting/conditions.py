@@ -71,7 +71,7 @@ class OneOf:
     names: frozenset[str]
 
     def probability(self, evidence: Evidence) -> float | None:
-        """Return the probability that an item has one of them; None where nothing is known."""
+        """Return the probability that an item has one of the names; None if unknown."""
         chances = evidence.chances(self.key)
         return sum(chances.get(name, 0.0) for name in self.names) if chances else None
 
