@@ -39,7 +39,7 @@ from palpate.sensor.calibration import Calibration
 from palpate.sensor.dead_weights import (
     FEWEST,
     check_loads,
-    hysteresis_seen,
+    has_hysteresis,
     read_loads,
     weigh,
 )
@@ -240,7 +240,7 @@ def weigh_loads(
     made = with_force_law(replace(earlier, force=weighing.pairs))
     held_out = {
         **made.held_out,
-        "unloading_seen": hysteresis_seen(weighing.pairs.force_n),
+        "unloading_seen": has_hysteresis(weighing.pairs.force_n),
     }
     return replace(made, held_out=held_out, made_at=now_text()), course
 

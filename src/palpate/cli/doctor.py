@@ -131,11 +131,11 @@ def _follow_presses(
             where = f"pixel {pixel_name(*asked)} (finger {layout.finger_of_row[asked[0]]})"
             prompt(f"press {where}, hold it for a moment, let go")
         ohm = pixel_resistance_ohm(frame.counts, layout=layout, oversampling=frame.oversampling)
-        watch.see(frame.time_s, ohm)
+        watch.add_frame(frame.time_s, ohm)
         taken.append(frame)
         if watch.done:
             break
-    watch.give_up()
+    watch.end_early()
     return FrameColumns.of(taken), tuple(order_findings(watch.presses, layout=layout))
 
 

@@ -161,7 +161,7 @@ def _grasp(
 
     Equipment that fails, or a person who stops it, ends it all.
     """
-    supply.lay(name, turn=turn)
+    supply.place_item(name, turn=turn)
     timed = supply.hand.grasp(name, expected=size)
     outcome = str(timed.grasp.outcome)
     if outcome == "stopped":
@@ -196,7 +196,7 @@ class SimulatedCrate:
         """Yield the items of the crate."""
         yield from self.crate
 
-    def lay(self, name: str, *, turn: int) -> None:
+    def place_item(self, name: str, *, turn: int) -> None:
         """Place an item between the fingers."""
         item = self.crate[name] if name in self.crate else self.teaching[name]
         self.table.bring(item, turn=turn)
@@ -231,7 +231,7 @@ class NamedByLine:
                 return
             yield name
 
-    def lay(self, name: str, *, turn: int) -> None:
+    def place_item(self, name: str, *, turn: int) -> None:
         """Ask to turn an item that was grasped before."""
         if turn:
             say(f"{name}: unsure; turn it, then press Enter:")

@@ -208,7 +208,7 @@ def _decide_again(
             return None
         for frame, state in stretch:
             if again is not None and state is not None:
-                again.see(frame, state)
+                again.step(frame, state)
                 if not phases or phases[-1][1] != again.grasp_state.activity:
                     phases.append((frame.time_s, again.grasp_state.activity))
         if again is not None and again.grasp_state.estimate.frames:
@@ -247,7 +247,7 @@ class _Again:
         self._controller, self._end_s = GraspController(plan), end_s
         self.grasp_state = self._controller.state
 
-    def see(self, frame: Frame, report: GripperState) -> None:
+    def step(self, frame: Frame, report: GripperState) -> None:
         if not self.grasp_state.ended:
             self._controller.step(Observation(frame=frame, gripper=report))
         if self.grasp_state.phase is Phase.HOLD and frame.time_s >= self._end_s:

@@ -318,7 +318,7 @@ class ContactEstimate(HandMotion):
         ratio = np.divide(ohm, rest_ohm, out=np.ones_like(ohm), where=(ohm > 0) & (ohm < np.inf))
         watched = ratio if sweep.rows is None else ratio[list(sweep.rows)]
         log_ohm = np.nan_to_num(np.log(watched))
-        return sweep.seen(gripper.time_s, log_ohm=log_ohm, gears_ma=gears_ma)
+        return sweep.with_frame(gripper.time_s, log_ohm=log_ohm, gears_ma=gears_ma)
 
 
 def closure_of(target: float, plan: Plan) -> float:

@@ -63,7 +63,7 @@ def adjust(state: GraspState, plan: Plan) -> GripperCommand | None:
             return command
     if limited and below:
         state.note("damage_limit")
-    if not lifts(force, plan):
+    if not is_lift_certain(force, plan):
         return state.release(plan, Outcome.TOO_WEAK)
     state.enter(Phase.HOLD, note="answer")
     return None
@@ -133,7 +133,7 @@ def _is_force_missing(force: Measurement, plan: Plan) -> bool:
 
 def is_below_target(force: Measurement, plan: Plan) -> bool:
     """Whether a settled force is too small for the target or a certain lift."""
-    return _is_force_missing(force, plan) or not lifts(force, plan)
+    return _is_force_missing(force, plan) or not is_lift_certain(force, plan)
 
 
 def is_above_target(force: Measurement, plan: Plan) -> bool:
@@ -146,7 +146,7 @@ def is_above_target(force: Measurement, plan: Plan) -> bool:
     return enough and force.middle > (1.0 + plan.target_tolerance) * wanted_n
 
 
-def lifts(force: Measurement, plan: Plan) -> bool:
+def is_lift_certain(force: Measurement, plan: Plan) -> bool:
     """Whether a settled force is certain to lift the object, if a lift is planned."""
     return plan.lift_force_n is None or force.low >= plan.lift_force_n
 

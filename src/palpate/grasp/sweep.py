@@ -77,7 +77,7 @@ class Sweep:
     level: FloatArray | None = None
     slowed: bool = False
 
-    def seen(self, time_s: float, *, log_ohm: FloatArray, gears_ma: float) -> Sweep:
+    def with_frame(self, time_s: float, *, log_ohm: FloatArray, gears_ma: float) -> Sweep:
         """Return the sweep with one more frame."""
         level = self.level
         if level is None and time_s > self.since_s + TOUCH.steady_s + TOUCH.level_s:

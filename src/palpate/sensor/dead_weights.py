@@ -125,7 +125,7 @@ def weigh(
     return Weighing(pairs=pairs, refused_n=tuple(refused))
 
 
-def hysteresis_seen(force_n: Sequence[float]) -> bool:
+def has_hysteresis(force_n: Sequence[float]) -> bool:
     """Whether loads fell as well as rose."""
     return bool((np.diff(np.asarray(force_n, dtype=float)) < 0).any())
 

@@ -68,7 +68,7 @@ class FramePort:
         self.late += age_s > max(_LATE_S, _LATE_PERIODS * period_s)
         return frame
 
-    def lose(self, error: DeviceError) -> None:
+    def disconnect(self, error: DeviceError) -> None:
         """Close the port after its board was unplugged; raise `error` if it can't be reopened."""
         if self._reopen is None:
             raise error
@@ -76,7 +76,7 @@ class FramePort:
             self.stream.close()
         self.stream, self._tried_s = None, self._clock.now_s()
 
-    def try_again(self) -> ByteStream | None:
+    def reopen_if_due(self) -> ByteStream | None:
         """Reopen the port if an attempt is due; return it if that worked.
 
         Raises `DeviceNotFoundError` if it was closed.

@@ -166,13 +166,13 @@ class OneWayArray:
         """Receive frames; reconnect after an unplug."""
         now_s, stream = self._clock.now_s(), self._port.stream
         if stream is None:
-            if self._port.try_again() is not None:
+            if self._port.reopen_if_due() is not None:
                 self._timing, self._last_s = _Timing(), now_s
             return
         try:
             data = stream.read_waiting()
         except DeviceError as error:
-            self._port.lose(error)
+            self._port.disconnect(error)
             return
         self._bytes += len(data)
         if data and (counts := self._decoder.feed(data)):

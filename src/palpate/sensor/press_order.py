@@ -44,7 +44,7 @@ class PressWatch:
     >>> watch.expected
     (0, 0)
     >>> for k in range(10):
-    ...     watch.see(0.1 * k, np.array([[1000.0, 300.0]]))
+    ...     watch.add_frame(0.1 * k, np.array([[1000.0, 300.0]]))
     >>> watch.presses
     (Press(expected=(0, 0), answered=(0, 1)),)
     """
@@ -77,7 +77,7 @@ class PressWatch:
         """The presses until now."""
         return tuple(self._presses)
 
-    def see(self, time_s: float, ohm: FloatArray) -> None:
+    def add_frame(self, time_s: float, ohm: FloatArray) -> None:
         """Take a frame.
 
         `ohm`: shape (rows, cols).
@@ -92,7 +92,7 @@ class PressWatch:
         else:
             self._await_press(time_s, change)
 
-    def give_up(self) -> None:
+    def end_early(self) -> None:
         """Count the remaining presses as unanswered: the frames have ended."""
         self._presses += [Press(expected=pixel, answered=None) for pixel in self._wanted]
         self._wanted.clear()

@@ -232,7 +232,7 @@ class SerialArray:
         """Receive frames; reconnect after resets and unplugs."""
         now_s = self._clock.now_s()
         if self._link is None:
-            if (stream := self._port.try_again()) is not None:
+            if (stream := self._port.reopen_if_due()) is not None:
                 self._link = BoardLink(stream, clock=self._clock, decoder=self._decoder)
                 self._set_up(self._link)
                 self._heard_s = now_s
@@ -240,7 +240,7 @@ class SerialArray:
         try:
             frames = self._link.poll()
         except DeviceError as error:
-            self._port.lose(error)
+            self._port.disconnect(error)
             self._link = None
             return
         if frames or self._link.busy:

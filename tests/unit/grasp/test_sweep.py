@@ -29,7 +29,7 @@ def first_touch_s(
         log_ohm = spike + noise * rng.standard_normal((4, 2))
         for pixel, per_s in change.items():
             log_ohm.flat[pixel] += per_s * max(time_s - begins_s, 0.0)
-        sweep = sweep.seen(time_s, log_ohm=log_ohm, gears_ma=float("nan"))
+        sweep = sweep.with_frame(time_s, log_ohm=log_ohm, gears_ma=float("nan"))
         if sweep.touched(None):
             return time_s
     return None
@@ -76,7 +76,7 @@ def test_frames_that_repeat_are_known_within_a_third_of_a_second() -> None:
     frozen = NOISE * rng.standard_normal((4, 2))
     for index in range(12):
         log_ohm = NOISE * rng.standard_normal((4, 2)) if index < 8 else frozen
-        sweep = sweep.seen((index + 1) / RATE_HZ, log_ohm=log_ohm, gears_ma=float("nan"))
+        sweep = sweep.with_frame((index + 1) / RATE_HZ, log_ohm=log_ohm, gears_ma=float("nan"))
         assert sweep.is_frozen == (index >= 11)
 
 
@@ -94,7 +94,7 @@ def test_a_change_counts_from_six_deviations_and_a_hundredth_on(
         for index in range(24):
             log_ohm = noise * rng.standard_normal((4, 2)).clip(-2.5, 2.5)
             log_ohm[1, 1] += sign * step * (index >= 20)
-            sweep = sweep.seen((index + 1) / RATE_HZ, log_ohm=log_ohm, gears_ma=float("nan"))
+            sweep = sweep.with_frame((index + 1) / RATE_HZ, log_ohm=log_ohm, gears_ma=float("nan"))
             touched.append(sweep.touched(None))
         assert not any(touched[:20])
         assert touched[20] is felt
@@ -115,6 +115,6 @@ def test_a_pull_of_the_servo_is_a_touch_beside_the_pixels(more_ma: float, felt: 
     for index in range(16):
         pull_ma = more_ma if index == 15 else 0.0
         log_ohm = NOISE * rng.standard_normal((4, 2))
-        sweep = sweep.seen((index + 1) / RATE_HZ, log_ohm=log_ohm, gears_ma=pull_ma)
+        sweep = sweep.with_frame((index + 1) / RATE_HZ, log_ohm=log_ohm, gears_ma=pull_ma)
         assert not sweep.touched(None)
     assert sweep.touched(current) is felt

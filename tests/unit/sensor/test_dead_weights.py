@@ -11,7 +11,7 @@ from palpate.clock import ManualClock
 from palpate.errors import CalibrationError, InputError
 from palpate.gripper.interface import GripperCommand
 from palpate.sensor.array import RIGID_LAYOUT, Frame
-from palpate.sensor.dead_weights import check_loads, hysteresis_seen, read_loads, weigh
+from palpate.sensor.dead_weights import check_loads, has_hysteresis, read_loads, weigh
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
@@ -44,8 +44,8 @@ def test_bad_loads_are_refused(tmp_path: Path, text: str, message: str) -> None:
 def test_loads_keep_their_order(tmp_path: Path) -> None:
     path = written(tmp_path / "loads.csv", "load_n\n1\n5\n10\n5\n1\n")
     assert read_loads(path) == [1, 5, 10, 5, 1]
-    assert hysteresis_seen([1, 5, 10, 5, 1])
-    assert not hysteresis_seen([1, 5, 10])
+    assert has_hysteresis([1, 5, 10, 5, 1])
+    assert not has_hysteresis([1, 5, 10])
 
 
 class Bench:

@@ -35,7 +35,7 @@ def pressed(
             load[wiring(watch.expected)] = 2.0
         memory += 0.02 / 2.0 * (2.0 * load - memory)
         ohm = rest_ohm / (1.0 + load + memory) * rng.normal(1.0, 0.004, (4, 2))
-        watch.see(time_s, ohm)
+        watch.add_frame(time_s, ohm)
     assert watch.done
     return order_findings(watch.presses, layout=RIGID_LAYOUT)
 
@@ -88,8 +88,8 @@ def test_dead_pixels_are_not_asked_for() -> None:
 def test_frames_that_end_early_leave_the_rest_unanswered(seen: int) -> None:
     watch = PressWatch(np.full((1, 2), 1e3))
     for k in range(20 * seen):
-        watch.see(0.1 * k, np.array([[300.0, 1e3]]))
-    watch.give_up()
+        watch.add_frame(0.1 * k, np.array([[300.0, 1e3]]))
+    watch.end_early()
     layout = ArrayLayout(name="pair", rows=1, cols=2, finger_of_row=(0,))
     silent = [found.where for found in order_findings(watch.presses, layout=layout)]
     assert silent == ["R0 C0", "R0 C1"][seen:]
