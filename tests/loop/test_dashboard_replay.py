@@ -100,6 +100,29 @@ def test_a_replay_is_moved_paused_and_sped_up_by_its_timeline(page: Page) -> Non
     fresh(page)
 
 
+#: Notes each place of a control from when it is first seen.
+WATCH_PLACE = """(control) => {
+  window.places = [];
+  window.watching = setInterval(() => {
+    const top = document.querySelector(control).getBoundingClientRect().top;
+    if (top > 0 && window.places.at(-1) !== top) window.places.push(top);
+  }, 2);
+}"""
+
+
+def test_pause_of_a_replay_stays_where_it_appears(page: Page) -> None:
+    # A button that moves between press and release of the pointer is not clicked.
+    page.evaluate(WATCH_PLACE, "#play")
+    row(page).get_by_role("button", name="Replay").click()
+    expect(page.locator("#timeline")).to_be_visible()
+    # Two periods of the slower part of the page.
+    page.wait_for_timeout(500)
+    places = page.evaluate("() => { clearInterval(window.watching); return window.places; }")
+    assert len(places) == 1, places
+    page.get_by_role("button", name="Back to the rig").click()
+    fresh(page)
+
+
 def test_a_replay_fits_a_laptop(page: Page) -> None:
     page.set_viewport_size({"width": 1440, "height": 900})
     row(page).get_by_role("button", name="Replay", exact=True).click()
@@ -175,7 +198,7 @@ def test_a_recording_has_an_address(page: Page, folder: Path) -> None:
     expect(page.locator(".q-notification")).to_have_count(0)
 
 
-def test_whoever_only_watches_moves_nothing(page: Page, browser: Browser) -> None:
+def test_replay_moved_by_a_watcher_stays_where_it_is(page: Page, browser: Browser) -> None:
     row(page).get_by_role("button", name="Replay").click()
     expect(page.locator("#timeline")).to_be_visible()
     page.locator("#play").click()

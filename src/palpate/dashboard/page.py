@@ -10,7 +10,7 @@ from nicegui import Client, ui
 from nicegui.events import GenericEventArguments
 
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.messages import Action, Confirm, Pause, Seek, SetSpeed
+from palpate.dashboard.messages import Confirm, Pause, Seek, SetSpeed
 from palpate.dashboard.panel_grasp import grasp_buttons, item_field, set_up_panel
 from palpate.dashboard.panel_history import items_panel, run_panel
 from palpate.dashboard.panel_recordings import recordings_panel
@@ -57,12 +57,10 @@ def build_page(
     _header(app_state, viewer, other=("/operate", "Operate"))
     ui.on("seek", lambda event: viewer.request(Seek(event.args)))
     ui.on("pause", lambda event: viewer.request(Pause(bool(event.args))))
-    ui.on("back", lambda: viewer.request(Confirm()))
+    ui.on("confirm", lambda: viewer.request(Confirm()))
     ui.on("speed", lambda event: viewer.request(SetSpeed(event.args)))
     with ui.element("div").classes("page"):
-        with ui.element("div").classes("stage"):
-            _alerts(app_state, viewer)
-            _static_html("stage.html", classes="stage")
+        _static_html("stage.html", classes="stage")
         with ui.element("aside").classes("card panel"):
             _panel(app_state, viewer, tab=tab, item_id=item_id, recording=recording)
     ui.timer(_REFRESH_S, viewer.refresh)
@@ -77,7 +75,6 @@ def build_operator_page(
     ui.query("body").classes("operate")
     _header(app_state, viewer, other=("/", "Full page"), sound=True)
     with ui.element("div").classes("operator"):
-        _alerts(app_state, viewer)
         _static_html("operate.html")
         with ui.element("div").classes("item") as item:
             item_field(app_state, viewer, label="Next item")
@@ -147,33 +144,6 @@ def _header(
         take.set_visibility(not mine)
 
     viewer.on_refresh(drives)
-
-
-def _alerts(app_state: AppState, viewer: Viewer) -> None:
-    _static_html("trouble.html")
-    with ui.element("div").classes("alert guide").props("id=guide role=status") as box:
-        text = ui.label()
-        bar = ui.linear_progress(value=0.0, show_value=False)
-        bar.props["aria-label"] = "Progress"
-        done = ui.button("Done, go on", on_click=lambda: viewer.request(Confirm()), color=None)
-        done.classes("btn main small").props("flat no-caps id=confirm")
-
-    def guides() -> None:
-        """Show the present instruction, its progress, and the button that confirms it."""
-        devices = app_state.session.devices
-        guide, source = devices.guide, devices.live.source
-        if guide is not None and guide.asks and source is not None and source.replayed:
-            guide = None  # the timeline leads back
-        box.set_visibility(guide is not None)
-        if guide is None:
-            return
-        text.set_text(guide.text)
-        bar.set_visibility(guide.share is not None)
-        bar.set_value(guide.share or 0.0)
-        done.set_visibility(guide.asks)
-
-    viewer.on_refresh(guides)
-    viewer.enable_when_allowed(done, Action.CONFIRM)
 
 
 def _panel(

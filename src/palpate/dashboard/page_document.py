@@ -96,6 +96,7 @@ def document(
         ],
         "grasp": _grasp(live.progress, live),
         "replay": _replay(live),
+        "guide": None if session.devices.guide is None else asdict(session.devices.guide),
         "verdict": headline,
         "operator": operator_view(session, headline=headline),
         "nothing_there": headline["text"] == outcome_text(Outcome.NOTHING_THERE),

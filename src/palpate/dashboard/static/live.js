@@ -97,6 +97,17 @@ function drawVerdict(doc) {
   say($("verdict-why"), parts.join("\u00a0· "));
 }
 
+// What a person is to do now, how far it is, and the button that confirms it. A replay is left by its timeline.
+function drawGuide({ guide, source }) {
+  const isShown = guide && !(guide.asks && source?.replayed);
+  $("guide").classList.toggle("hidden", !isShown);
+  if (!isShown) return;
+  say($("guide-text"), guide.text);
+  $("guide-share").classList.toggle("hidden", guide.share === null);
+  $("guide-share").value = guide.share ?? 0;
+  $("confirm").classList.toggle("hidden", !guide.asks);
+}
+
 // A link to an item or a recording turns to its tab; opened in another window it is a page of its own.
 document.addEventListener("click", (event) => {
   const link = event.target.closest?.("a[data-item], a[data-recording]");
@@ -119,4 +130,4 @@ beginHand();
 beginChart();
 beginTimeline();
 beginKept();
-follow((doc) => { drawVerdict(doc); drawTimeline(doc); drawKept(doc); drawChart(doc); drawFingers(momentOf(doc)); drawMeasures(doc); hideUnmeasured(doc); lookAtPanel(); });
+follow((doc) => { drawVerdict(doc); drawGuide(doc); drawTimeline(doc); drawKept(doc); drawChart(doc); drawFingers(momentOf(doc)); drawMeasures(doc); hideUnmeasured(doc); lookAtPanel(); });

@@ -27,7 +27,7 @@ export function begin() {
   });
   document.addEventListener("click", (event) => {
     if (event.target.id === "play") emit("pause", !paused);
-    if (event.target.closest?.("#back")) emit("back");
+    if (event.target.closest?.("#back, #confirm")) emit("confirm");
   });
 }
 
