@@ -56,8 +56,8 @@ GROUPS = {
     },
 }
 _PACKAGES = {"study": _STUDIES, "bench": _STUDIES, "archive": _ARCHIVE}
-#: Verb or step -> where its function is, other than in the module of its name.
-_PLACES = {"ports": "flash", "cell": "calibrate_force"}
+#: Verb -> the module of its function, where that has another name.
+_PLACES = {"ports": "flash"}
 VERBS = {
     verb: Entry(
         f"palpate.cli.{_PLACES.get(verb, verb)}:{verb}", summary, heading, _PACKAGES.get(verb)

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 from palpate.cli.calibrate_bench import (
-    GuidedBench,
     calibration_file,
     earlier_calibration,
     open_bench,
@@ -19,6 +18,7 @@ from palpate.estimate.compliance import Compliance
 from palpate.grasp.calibrating import measure_block
 from palpate.grasp.calibrating_current import measure_current, measure_gears
 from palpate.grasp.planning import DWELL_S
+from palpate.rig.simulated import GuidedBench
 from palpate.sensor.calibration import Calibration, join_currents
 
 #: Closings go up to this force, newtons, and are repeated this often.

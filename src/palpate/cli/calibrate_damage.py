@@ -8,7 +8,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
-from palpate.cli.calibrate_bench import now_text
 from palpate.cli.options import JsonOption, opt
 from palpate.cli.output import print_json
 from palpate.errors import InputError
@@ -23,6 +22,7 @@ from palpate.estimate.damage_learning import (
 )
 from palpate.estimate.measurement import Measurement
 from palpate.files import keep_inputs
+from palpate.sensor.rest_calibration import now_text
 
 #: Fewer can't be learned from and tested on in turn.
 _FEWEST = 12

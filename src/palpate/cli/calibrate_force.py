@@ -17,8 +17,6 @@ from palpate.cli.calibrate_bench import (
     calibration_file,
     earlier_calibration,
     has_load_cell,
-    new_calibration,
-    now_text,
     open_bench,
 )
 from palpate.cli.options import JsonOption, opt
@@ -43,6 +41,7 @@ from palpate.sensor.dead_weights import (
     read_loads,
     weigh,
 )
+from palpate.sensor.rest_calibration import now_text, with_rest
 
 
 def force(
@@ -120,8 +119,8 @@ def _calibrate_by_cell(rig: str, *, seed: int, out: Path) -> Calibration:
             dwell_s=DWELL_S,
             horizon_s=HORIZON_S,
         )
-        begin = earlier or new_calibration(layout, rest=rest, simulated=guided.simulated)
-    made = with_force_law(replace(begin, rest=rest, force=pairs))
+        begin = with_rest(earlier, rest, layout=layout, simulated=guided.simulated)
+    made = with_force_law(replace(begin, force=pairs))
     return replace(made, made_at=now_text())
 
 

@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 
 from palpate.cli import options as option
-from palpate.cli.calibrate_bench import DEFAULT_FILE, earlier_calibration, new_calibration
+from palpate.cli.calibrate_bench import DEFAULT_FILE, earlier_calibration
 from palpate.cli.options import opt
 from palpate.cli.output import print_json, say
 from palpate.cli.sensor_source import open_source
-from palpate.errors import CalibrationError
 from palpate.files import check_place
-from palpate.sensor.array import ArrayLayout
-from palpate.sensor.calibration import Calibration, RestValues
+from palpate.sensor.calibration import Calibration
 from palpate.sensor.findings import pixel_name
-from palpate.sensor.health import FrameColumns
-from palpate.signal.relative import refuse_load, rest_baseline
+from palpate.sensor.rest_calibration import rest_values, with_rest
 from palpate.terminal_table import print_table
 
 
@@ -52,12 +46,8 @@ def rest(
         if not simulated:
             say(f"{source.name}: leave the sensor alone for {duration_s:g} s")
         known_ohm = None if earlier is None or empty else earlier.rest_ohm
-        values = _rest_values(source.frames(duration_s), layout=pixels, known_ohm=known_ohm)
-    calibration = new_calibration(pixels, rest=values, simulated=simulated)
-    if earlier is not None:
-        # The date is that of the force readings, where there are.
-        made_at = earlier.made_at if earlier.force.force_n else calibration.made_at
-        calibration = replace(earlier, rest=values, made_at=made_at)
+        values = rest_values(source.frames(duration_s), layout=pixels, known_ohm=known_ohm)
+    calibration = with_rest(earlier, values, layout=pixels, simulated=simulated)
     calibration.save(path)
     if as_json:
         print_json(
@@ -74,33 +64,6 @@ def rest(
         )
     else:
         _print(calibration, path=path, earlier=earlier)
-
-
-def _rest_values(
-    stretch: FrameColumns, *, layout: ArrayLayout, known_ohm: NDArray[np.float64] | None
-) -> RestValues:
-    """Return the rest values of a stretch, or refuse."""
-    ohm, middle_ohm = stretch.ohm(layout=layout), stretch.rest_ohm(layout=layout)
-    rest = rest_baseline(ohm)
-    if known_ohm is not None:
-        try:
-            refuse_load(rest.rest_ohm, known_ohm=known_ohm)
-        except CalibrationError as loaded:
-            raise CalibrationError(f"{loaded} (--new); if nothing does, give --empty") from loaded
-    useless = np.isnan(rest.rest_ohm) | np.isinf(middle_ohm) | (middle_ohm == 0)
-    dead = [pixel_name(int(row), int(col)) for row, col in np.argwhere(useless)]
-    if dead:
-        raise CalibrationError(
-            f"no rest value for {', '.join(dead)}: open or short; run `palpate doctor`"
-        )
-    return RestValues(
-        ohm=tuple(map(tuple, rest.rest_ohm.round(3).tolist())),
-        # The plain deviation: a robust one is 0 where the noise is within a count.
-        spread_percent=tuple(
-            map(tuple, (100.0 * ohm.std(axis=0) / rest.rest_ohm).round(4).tolist())
-        ),
-        frames=rest.frames,
-    )
 
 
 def _print(calibration: Calibration, *, path: Path, earlier: Calibration | None) -> None:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from palpate.cli import options as option
-from palpate.cli.calibrate_bench import open_twin_bench
 from palpate.cli.options import host_and_port, opt
 from palpate.cli.output import say
 from palpate.errors import DeviceError, InputError, needing
@@ -101,7 +100,6 @@ def serve(
         object_name=object_name,
         seed=seed,
         speed=speed,
-        benches={"sim-rigid": open_twin_bench},
         damage=None if damage is None else DamageFile.load(damage),
         damage_path=damage,
         rules=None if rules is None else _rules(rules),
@@ -158,12 +156,13 @@ def open_lines(
             )
         station = partial(OpcUaStation, password=token, folder=folder)
         text = "OPC UA at opc.tcp://{}:{}/palpate"
-        openers.append(_opener(station, host=host, port=port, text=text))
+        openers.append(partial(_start, station_of=station, host=host, port=port, text=text))
     if modbus is not None:
         from palpate.line.modbus import ModbusStation
 
         host, port = _free_address("--modbus", modbus)
-        openers.append(_opener(ModbusStation, host=host, port=port, text="Modbus TCP at {}:{}"))
+        text = "Modbus TCP at {}:{}"
+        openers.append(partial(_start, station_of=ModbusStation, host=host, port=port, text=text))
     return openers
 
 
@@ -181,19 +180,16 @@ def _free_address(option: str, text: str) -> tuple[str, int]:
     return host, port
 
 
-def _opener(
-    station_of: Callable[[Machine], OpcUaStation | ModbusStation],
+async def _start(
+    machine: Machine,
     *,
+    station_of: Callable[[Machine], OpcUaStation | ModbusStation],
     host: str,
     port: int,
     text: str,
-) -> LineOpener:
-    """Return a function that starts a station and prints its address by `text`."""
-
-    async def opener(machine: Machine) -> Line:
-        station = station_of(machine)
-        at = await station.start(host, port)
-        say(f"palpate serve: {text.format(host, at)}")
-        return station
-
-    return opener
+) -> Line:
+    """Start a station and print its address; `text` has places for host and port."""
+    station = station_of(machine)
+    at = await station.start(host, port)
+    say(f"palpate serve: {text.format(host, at)}")
+    return station

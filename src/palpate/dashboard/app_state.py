@@ -7,13 +7,13 @@ import math
 import multiprocessing
 import threading
 import time
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import partial, wraps
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from palpate.dashboard.device_process import run_devices
 from palpate.dashboard.folder import (
@@ -27,7 +27,6 @@ from palpate.dashboard.folder import (
 )
 from palpate.dashboard.headline import kind_of
 from palpate.dashboard.item_store import ItemStore
-from palpate.dashboard.jobs import BenchOpener
 from palpate.dashboard.messages import (
     Activity,
     DevicesLost,
@@ -51,13 +50,12 @@ from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.line.gs1 import read_label
 from palpate.line.machine import CommandRefusedError
 from palpate.produce.records import Item
-from palpate.rig.file import read_stated
+from palpate.rig.file import stated_calibration
 
 if TYPE_CHECKING:
     from palpate.produce.sorting.rules import RuleBook
 
 _Answer = TypeVar("_Answer")
-_Asked = ParamSpec("_Asked")
 _LOOK_S = 0.01
 #: A stop that is not confirmed by then is answered so, seconds.
 STOP_PATIENCE_S = 2.0
@@ -84,8 +82,6 @@ class Settings:
     object_name: str | None
     seed: int
     speed: float
-    #: Opens the bench with a load cell, by the rig's name.
-    benches: dict[str, BenchOpener]
     #: The learned limit that grasps respect, and its file.
     damage: DamageFile | None = None
     damage_path: Path | None = None
@@ -104,23 +100,14 @@ class DeviceClient:
     ----------
     on_update : callable
         Called from a thread of its own with every update, and with `DevicesLost` at the end.
-    benches : dict
-        Opens the bench with a load cell, by the rig's name; functions of modules.
     """
 
-    def __init__(
-        self,
-        on_update: Callable[[Update | DevicesLost], None],
-        *,
-        benches: dict[str, BenchOpener],
-    ) -> None:
+    def __init__(self, on_update: Callable[[Update | DevicesLost], None]) -> None:
         # Spawned: a fork of a process with threads may hang.
         context = multiprocessing.get_context("spawn")
         self._on_update = on_update
         self._connection, theirs = context.Pipe()
-        self._process = context.Process(
-            target=run_devices, args=(theirs, benches), name="palpate-devices"
-        )
+        self._process = context.Process(target=run_devices, args=(theirs,), name="palpate-devices")
         self._process.start()
         theirs.close()
         self._sending = threading.Lock()
@@ -149,25 +136,6 @@ class DeviceClient:
         self._on_update(
             DevicesLost("the process with the devices has ended; start palpate serve again")
         )
-
-
-def _on_session_loop(
-    command: Callable[Concatenate[AppState, _Asked], _Answer],
-) -> Callable[Concatenate[AppState, _Asked], Coroutine[Any, Any, _Answer]]:
-    """Run a command on the session's loop, when called from any loop."""
-
-    @wraps(command)
-    async def carry_out(
-        app_state: AppState, /, *args: _Asked.args, **kwargs: _Asked.kwargs
-    ) -> _Answer:
-        async def work() -> _Answer:
-            return command(app_state, *args, **kwargs)
-
-        if app_state.loop is None:
-            raise CommandRefusedError("the devices have not been opened yet")
-        return await run_on(app_state.loop, work())
-
-    return carry_out
 
 
 class AppState:
@@ -207,7 +175,7 @@ class AppState:
         """Start the devices' process, wait until it can receive a stop, and open the first rig."""
         self.loop = asyncio.get_running_loop()
         settings = self.settings
-        self._process = DeviceClient(self.take, benches=settings.benches)
+        self._process = DeviceClient(self.take)
         first = OpenRig(
             name=settings.rigs[0],
             object_name=settings.object_name,
@@ -231,8 +199,7 @@ class AppState:
         """Return how many grasps have ended, and the document of the last."""
         return self._results, self._last
 
-    @_on_session_loop
-    def grasp(
+    async def grasp(
         self,
         driver: str,
         *,
@@ -245,40 +212,53 @@ class AppState:
 
         Raises `CommandRefusedError` where it can't begin now, `InputError` for a bad value.
         """
-        order = self.grasp_order(target_force_n=target_force_n, item_id=item_id, kind=kind)
-        with self.session.stop_lock:
-            if stops is not None and stops < self.session.stops:
-                raise CommandRefusedError(
-                    "stopped before it began: ask for the state, then order again"
-                )
-            self.session.join(driver)
-            try:
-                self.session.order(driver, order)
-            except InputError as error:
-                raise CommandRefusedError(str(error)) from error
-        return order.recording.name
 
-    @_on_session_loop
-    def release(self, driver: str) -> None:
+        def begin() -> str:
+            """Order it, unless a stop came that its sender did not know of."""
+            order = self.grasp_order(target_force_n=target_force_n, item_id=item_id, kind=kind)
+            with self.session.stop_lock:
+                if stops is not None and stops < self.session.stops:
+                    raise CommandRefusedError(
+                        "stopped before it began: ask for the state, then order again"
+                    )
+                self._press(driver, partial(self.session.order, driver, order))
+            return order.recording.name
+
+        return await self._on_session_loop(begin)
+
+    async def release(self, driver: str) -> None:
         """Release the object, or open the hand.
 
         Raises `CommandRefusedError` where it can't be done now.
         """
+        press = partial(self.session.release, driver)
+        await self._on_session_loop(partial(self._press, driver, press))
+
+    async def take_over(self, driver: str) -> None:
+        """Drive from now on."""
+        await self._on_session_loop(partial(self.session.take_over, driver))
+
+    async def leave(self, driver: str) -> None:
+        """Leave the session, so that another client can drive."""
+        await self._on_session_loop(partial(self.session.leave, driver))
+
+    def _press(self, driver: str, press: Callable[[], None]) -> None:
+        """Let a machine in, and press something for it."""
         self.session.join(driver)
         try:
-            self.session.release(driver)
+            press()
         except InputError as error:
             raise CommandRefusedError(str(error)) from error
 
-    @_on_session_loop
-    def take_over(self, driver: str) -> None:
-        """Drive from now on."""
-        self.session.take_over(driver)
+    async def _on_session_loop(self, command: Callable[[], _Answer]) -> _Answer:
+        """Run a command on the session's loop, when called from any loop."""
 
-    @_on_session_loop
-    def leave(self, driver: str) -> None:
-        """Leave the session, so that another client can drive."""
-        self.session.leave(driver)
+        async def work() -> _Answer:
+            return command()
+
+        if self.loop is None:
+            raise CommandRefusedError("the devices have not been opened yet")
+        return await run_on(self.loop, work())
 
     async def stop(self, *, patience_s: float = STOP_PATIENCE_S) -> bool:
         """Stop the running job; return whether the devices' process confirmed it in time.
@@ -365,10 +345,9 @@ class AppState:
         """Return the calibration file of the rig: named in the rig file, or in the folder."""
         rig = self.session.rig
         if rig is not None and rig.name.endswith(".toml"):
-            path = Path(rig.name)
-            stated = read_stated(path)
-            if "calibration" in stated:
-                return path.parent / str(stated["calibration"])
+            named = stated_calibration(Path(rig.name))
+            if named is not None:
+                return named
         name = "rig" if rig is None else f"{Path(rig.name).stem}-{rig.seed}"
         return self.settings.folder / f"calibration-{name}.json"
 
@@ -403,19 +382,14 @@ class AppState:
         if source is None or not (order.item_id or self.settings.rules):
             self._publish(entry, document, {})
             return
-        place: Callable[[], Mapping[str, Any]]
-        if order.item_id and grasped.recording is not None:
-            place = partial(
-                self.item_store.keep,
-                grasped.result,
-                recording=grasped.recording,
-                item_id=order.item_id,
-                closing=grasped.closing,
-            )
-        else:
-            place = partial(
-                self.item_store.place, grasped.result, item_id=order.item_id, source=source
-            )
+        place = partial(
+            self.item_store.place,
+            grasped.result,
+            item_id=order.item_id,
+            source=source,
+            recording=grasped.recording if order.item_id else None,
+            closing=grasped.closing,
+        )
         # The grasp has not ended before its result is out: who sees the end asks for the result,
         # and for the item.
         self.session.devices.activity, self.session.devices.order = Activity.GRASPING, order

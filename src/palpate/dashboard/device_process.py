@@ -15,7 +15,6 @@ from multiprocessing.connection import Connection
 
 from palpate.clock import ManualClock
 from palpate.dashboard.jobs import (
-    BenchOpener,
     JobContext,
     StoppedByUserError,
     calibrate_force,
@@ -62,15 +61,22 @@ from palpate.sensor.health import Health
 from palpate.sensor.serial_array import SerialArray
 from palpate.twin.paced_array import PacedArray
 
+_JOBS: dict[type[Order], Callable[..., Grasped | Calibrated | Health | None]] = {
+    GraspOrder: grasp,
+    OpenHand: open_hand,
+    CalibrateRest: calibrate_rest,
+    CalibrateForce: calibrate_force,
+    Examine: examine_sensor,
+}
 #: A silent sensor must not make an order wait; a lost one is asked again after a while.
 _WATCH_TIMEOUT_S, _LOST_S = 0.2, 0.5
 
 
-def run_devices(connection: Connection, benches: dict[str, BenchOpener]) -> None:
-    """Serve the page at the other end of a pipe until it closes (the process's main)."""
+def run_devices(connection: Connection) -> None:
+    """Serve the page at the other end of a pipe until it is gone: the process's main function."""
     # Ctrl-C in the terminal reaches this process too; while a grasp runs, the runner handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    DeviceProcess(connection, benches=benches).run()
+    DeviceProcess(connection).run()
 
 
 class DeviceProcess:
@@ -80,12 +86,10 @@ class DeviceProcess:
     ----------
     connection : Connection
         Orders and requests come in, updates go out.
-    benches : dict
-        Opens the bench with a load cell, for rigs that have one.
     """
 
-    def __init__(self, connection: Connection, *, benches: dict[str, BenchOpener]) -> None:
-        self._connection, self._benches = connection, benches
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
         self._lock = threading.Lock()
         self._orders: deque[Order] = deque()
         self._arrived = threading.Event()
@@ -217,6 +221,8 @@ class DeviceProcess:
         if isinstance(order, Record):
             self._record(order)
             return
+        if isinstance(order, Play):
+            self._playback = PlaybackClock(speed=order.speed)
         self._telemetry.note(Began(order=order))
         found: Grasped | Calibrated | Health | None = None
         trouble, stopped = "", False
@@ -227,7 +233,7 @@ class DeviceProcess:
             # What fails while a stop is on its way has still failed, and is reported as that.
             trouble, stopped = str(error), isinstance(error, StoppedByUserError)
         finally:
-            self._grasping = False
+            self._grasping, self._playback = False, None
         context = self._context
         if isinstance(order, Play | CalibrateRest | CalibrateForce) and context is not None:
             # Before the end is reported: the next order must not find a link without a frame.
@@ -247,40 +253,20 @@ class DeviceProcess:
         if isinstance(order, OpenRig):
             self._open(order)
             return None
-        if isinstance(order, Play):
-            self._play(order)
-            return None
-        if self._context is None:
-            raise DeviceError("no rig is open: choose one")
-        match order:
-            case GraspOrder():
-                self._record(Record(None))
-                return grasp(order, context=self._context)
-            case OpenHand():
-                open_hand(order, context=self._context)
-            case CalibrateRest():
-                return calibrate_rest(order, context=self._context)
-            case CalibrateForce():
-                return calibrate_force(order, context=self._context)
-            case Examine():
-                return examine_sensor(order, context=self._context)
-        return None
-
-    def _play(self, order: Play) -> None:
-        def keep_clock(playback: PlaybackClock) -> None:
-            """Store the replay's clock, so that the page can seek and pause."""
-            self._playback = playback
-
-        try:
+        if isinstance(order, Play) and self._playback is not None:
             play(
-                order,
+                order.file,
                 telemetry=self._telemetry,
                 requests=self._requests,
                 confirmed=self._confirmed,
-                keep_clock=keep_clock,
+                playback=self._playback,
             )
-        finally:
-            self._playback = None
+            return None
+        if self._context is None:
+            raise DeviceError("no rig is open: choose one")
+        if isinstance(order, GraspOrder):
+            self._record(Record(None))
+        return _JOBS[type(order)](order, context=self._context)
 
     def _stop_delay_s(self) -> float | None:
         """Return the time since the stop request, on the rig's clock; None without one."""
@@ -302,7 +288,6 @@ class DeviceProcess:
             telemetry=self._telemetry,
             confirmed=self._confirmed,
             on_stopped=self._confirm_stop,
-            open_bench=self._benches.get(rig.name),
         )
         self._show(context)
 

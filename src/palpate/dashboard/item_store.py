@@ -11,6 +11,7 @@ from datetime import UTC, datetime
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from palpate.dashboard.messages import FrameSource
@@ -56,61 +57,55 @@ class ItemStore:
         #: Why the last record did not reach the store; empty if it did.
         self.trouble = "" if find_spec("sqlalchemy") else MISSING
 
-    def keep(
+    def place(
         self,
         result: GraspResult,
         *,
-        recording: Path,
         item_id: str,
-        closing: Mapping[str, Measurement],
+        source: FrameSource,
+        recording: Path | None = None,
+        closing: Mapping[str, Measurement] = MappingProxyType({}),
     ) -> dict[str, Any]:
-        """Write a recorded grasp to the local store, which a shared one is sent from.
+        """Return `bin` and `item` of a grasp's document, by all grasps of the item.
 
-        `closing` holds the measurements of the whole closing, as `ClosingWatch.measured` gives it.
-        Returns `bin` and `item` of the grasp's document, by all grasps of the item.
+        With its recording the grasp is written to the local store first, which a shared one is sent
+        from; `closing` holds the measurements of its whole closing, by their names in the store.
         """
-        if self.trouble == MISSING:
-            return self.describe_unplaced(item_id, why=MISSING)
-        from palpate.produce.store import Store
-        from palpate.produce.store.sender import Sender
-
-        try:
-            grasp, calibration = _read_grasp(
-                result, recording=recording, item_id=item_id, closing=closing
-            )
-            with Store.open(self._where) as store:
-                store.add_grasp(grasp, calibration=calibration)
-        except (PalpateError, OSError) as error:
-            self.trouble = str(error)
-            return self.describe_unplaced(item_id, why=self.trouble)
-        self.trouble = ""
-        placed = self._place(grasp, item_id=item_id, is_stored=True)
-        if self._sender is None:
-            self._sender = Sender(self._where)
-        self._sender.wake()
-        return placed
-
-    def place(self, answer: GraspResult, *, item_id: str, source: FrameSource) -> dict[str, Any]:
-        """Return `bin` and `item` of a grasp that is not in the store, or not yet."""
         if self._rules is None and not item_id:
             return {}
         if self.trouble == MISSING:
             return self.describe_unplaced(item_id, why=MISSING)
         from palpate.produce.grasp_record import make_grasp_record
+        from palpate.produce.store import Store
+        from palpate.produce.store.sender import Sender
 
-        grasp = make_grasp_record(
-            answer,
-            # A record has a name; this one is not stored.
-            item_id=item_id or "-",
-            seen=(),
-            layout=source.layout,
-            rig=source.name,
-            drive="width" if source.gripper is None else source.gripper.drive,
-            origin=source.origin,
-            calibration=source.calibration,
-            recording=None,
-        )
-        return self._place(grasp, item_id=item_id, is_stored=False)
+        try:
+            grasp = make_grasp_record(
+                result,
+                # A record has a name; one without is not stored.
+                item_id=item_id or "-",
+                seen=() if recording is None else _read_observations(recording),
+                layout=source.layout,
+                rig=source.name,
+                drive="width" if source.gripper is None else source.gripper.drive,
+                origin=source.origin,
+                calibration=source.calibration,
+                recording=recording,
+                closing=closing,
+            )
+            if recording is not None:
+                with Store.open(self._where) as store:
+                    store.add_grasp(grasp, calibration=source.calibration)
+                self.trouble = ""
+        except (PalpateError, OSError) as error:
+            self.trouble = str(error)
+            return self.describe_unplaced(item_id, why=self.trouble)
+        placed = self._place(grasp, item_id=item_id, is_stored=recording is not None)
+        if recording is not None:
+            if self._sender is None:
+                self._sender = Sender(self._where)
+            self._sender.wake()
+        return placed
 
     def _place(self, grasp: Grasp, *, item_id: str, is_stored: bool) -> dict[str, Any]:
         """Apply the rules to the item and describe it; store the decision on a stored grasp."""
@@ -259,32 +254,13 @@ class _Known:
         return item_facts(item_id, kind=self.kind, verdicts=self.verdicts)
 
 
-def _read_grasp(
-    result: GraspResult, *, recording: Path, item_id: str, closing: Mapping[str, Measurement]
-) -> tuple[Grasp, str]:
-    """Return the record of a grasp, and the text of its calibration."""
-    from palpate.produce.grasp_record import make_grasp_record
-
+def _read_observations(recording: Path) -> list[Observation]:
     with RecordingReader(recording) as reader:
-        info = reader.info
-        seen = [
+        return [
             Observation(frame=frame, gripper=state)
             for frame, state in observations(reader)
             if state is not None
         ]
-    grasp = make_grasp_record(
-        result,
-        item_id=item_id,
-        seen=seen,
-        layout=info.layout,
-        rig=info.rig or "",
-        drive="width" if info.gripper is None else info.gripper.drive,
-        origin=info.origin,
-        calibration=info.calibration or "",
-        recording=recording,
-        closing=closing,
-    )
-    return grasp, info.calibration or ""
 
 
 def _ripening(store: Store, page: ItemHistory) -> str:

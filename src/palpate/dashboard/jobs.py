@@ -7,11 +7,7 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Protocol
-
-import numpy as np
 
 from palpate.dashboard.grasp_progress import force_laws
 from palpate.dashboard.messages import (
@@ -39,6 +35,7 @@ from palpate.produce.ripeness.closing import ClosingWatch
 from palpate.rig import Rig
 from palpate.rig.recorded import record_grasp
 from palpate.rig.sensor_only import SensorRig
+from palpate.rig.simulated import GuidedBench, open_twin_bench
 from palpate.sensor.array import (
     FRAME_TIMEOUT_S,
     ArrayLayout,
@@ -47,12 +44,11 @@ from palpate.sensor.array import (
     PressureArray,
     link_counters,
 )
-from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
+from palpate.sensor.calibration import Calibration, ForcePairs, RestValues
 from palpate.sensor.dead_weights import check_loads, weigh
 from palpate.sensor.health import FrameColumns, Health, examine
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.sensor.rest_calibration import now_text, rest_values, with_rest
 from palpate.sensor.serial_array import SerialArray
-from palpate.signal.relative import rest_baseline
 
 NO_GRIPPER = "this rig has no gripper: name one in its file (`palpate init --gripper`)"
 #: A stop takes effect within this time while the sensor is silent.
@@ -64,24 +60,6 @@ _OLD_S, _CAUGHT_UP_S = 0.05, 1.0
 
 class StoppedByUserError(PalpateError):
     """A guided step was stopped."""
-
-
-class CellBench(Protocol):
-    """A bench with a load cell, and the function that places it."""
-
-    @property
-    def bench(self) -> Bench:
-        """The devices."""
-        ...
-
-    @property
-    def reseat(self) -> Callable[[int], None]:
-        """Places the load cell between the fingers for a run."""
-        ...
-
-
-#: Opens the bench of a rig by name and seed; raises `DeviceError` where there is none.
-BenchOpener = Callable[[str, int], CellBench]
 
 
 @dataclass(slots=True, kw_only=True)
@@ -100,12 +78,15 @@ class JobContext:
     confirmed: threading.Event
     #: Called when the hand has received the user's stop.
     on_stopped: Callable[[], None]
-    #: Opens the bench with a load cell of this rig; None where it has none.
-    open_bench: BenchOpener | None = None
     #: Requests of the user to the running job.
     requests: Requests = field(default_factory=Requests)
     #: When the hand received the stop, on the rig's clock.
     reacted_s: float | None = None
+
+    @property
+    def has_load_cell(self) -> bool:
+        """Whether the force can be calibrated without weights."""
+        return self.rig.name == "sim-rigid"
 
     @property
     def whole(self) -> Rig:
@@ -124,7 +105,7 @@ class JobContext:
             gripper=None if gripper is None else gripper.limits,
             origin=self.rig.origin,
             subject=self.rig.subject,
-            has_load_cell=self.open_bench is not None,
+            has_load_cell=self.has_load_cell,
             calibration="" if calibration is None else calibration.as_text(),
             calibrated_at="" if calibration is None else calibration.made_at or "",
             laws=force_laws(calibration),
@@ -136,7 +117,7 @@ class JobContext:
 
     def watch_array(self, array: PressureArray | None = None) -> WatchedArray:
         """Return the array with every frame shown; a stop request ends its reading."""
-        return WatchedArray(array or self.array, gripper=self.rig.gripper, context=self)
+        return WatchedArray(array or self.array, self)
 
     def guide(self, text: str, *, share: float | None = None, asks: bool = False) -> None:
         """Show the user the present step, or the next action."""
@@ -172,10 +153,8 @@ class JobContext:
 class WatchedArray:
     """An array whose frames are shown, until the user stops the job."""
 
-    def __init__(
-        self, array: PressureArray, *, gripper: Gripper | None, context: JobContext
-    ) -> None:
-        self._array, self._gripper, self._context = array, gripper, context
+    def __init__(self, array: PressureArray, context: JobContext) -> None:
+        self._array, self._context = array, context
 
     @property
     def layout(self) -> ArrayLayout:
@@ -203,7 +182,7 @@ class WatchedArray:
                 if tries <= 0:
                     raise
                 continue
-            self._context.telemetry.add_frame(frame, state_of(self._gripper))
+            self._context.telemetry.add_frame(frame, state_of(self._context.rig.gripper))
             return frame
 
     def close(self) -> None:
@@ -304,12 +283,8 @@ def calibrate_rest(order: CalibrateRest, *, context: JobContext) -> Calibrated:
     """
     rig = context.rig
     rest = _rest_alone(context) if isinstance(rig, SensorRig) else _rest_open(rig, context)
-    before = rig.calibration
-    if before is None:
-        return _store_calibration(_begin(rig.array.layout, rest), file=order.file, context=context)
-    # The date is what its age is judged by: that of the force readings, where there are any.
-    made_at = before.made_at if before.force.force_n else _now()
-    made = replace(before, rest=rest, made_at=made_at)
+    # A rig without a calibration is a board: the twin's have one.
+    made = with_rest(rig.calibration, rest, layout=rig.array.layout, simulated=False)
     return _store_calibration(made, file=order.file, context=context)
 
 
@@ -327,36 +302,8 @@ def _rest_open(rig: Rig, context: JobContext) -> RestValues:
 
 def _rest_alone(context: JobContext) -> RestValues:
     """Take the rest values of a sensor that no hand holds."""
-    context.guide("Leave the sensor alone")
-    array, taken = context.watch_array(), list[Frame]()
     context.catch_up()
-    while not taken or taken[-1].time_s - taken[0].time_s < _REST_S:
-        taken.append(array.read(timeout_s=FRAME_TIMEOUT_S))
-    ohm = pixel_resistance_ohm(
-        np.array([frame.counts for frame in taken]),
-        layout=array.layout,
-        oversampling=taken[0].oversampling,
-    )
-    rest = rest_baseline(ohm)
-    if not np.all(np.isfinite(rest.rest_ohm) & (rest.rest_ohm > 0)):
-        raise DeviceError("a pixel is open or short: the doctor names it")
-    return RestValues(
-        ohm=tuple(map(tuple, rest.rest_ohm.tolist())),
-        spread_percent=tuple(map(tuple, rest.spread_percent.tolist())),
-        frames=rest.frames,
-    )
-
-
-def _begin(layout: ArrayLayout, rest: RestValues) -> Calibration:
-    return Calibration(
-        sensor_id=layout.name,
-        origin="hardware",
-        layout=layout,
-        rest=rest,
-        force=ForcePairs(run=(), since_move_s=(), excess=(), relative_percent=(), force_n=()),
-        block=BlockPairs(block_mm=(), width_mm=(), force_n=()),
-        made_at=_now(),
-    )
+    return rest_values(_read_at_rest(_REST_S, context), layout=context.rig.array.layout)
 
 
 def calibrate_force(order: CalibrateForce, *, context: JobContext) -> Calibrated:
@@ -376,16 +323,15 @@ def calibrate_force(order: CalibrateForce, *, context: JobContext) -> Calibrated
         raise DeviceError("no rest values yet: take them first")
     if order.loads_n:
         pairs = _weigh(check_loads(order.loads_n, where="the loads"), context)
-    elif context.open_bench is not None:
-        pairs = _calibrate_by_cell(context.open_bench(context.rig.name, context.seed), context)
+    elif context.has_load_cell:
+        pairs = _calibrate_by_cell(open_twin_bench(context.rig.name, context.seed), context)
     else:
         raise DeviceError("this rig has no load cell that palpate can read: give dead weights")
-    made = with_force_law(replace(before, force=pairs))
-    made = replace(made, made_at=_now())
+    made = replace(with_force_law(replace(before, force=pairs)), made_at=now_text())
     return _store_calibration(made, file=order.file, context=context)
 
 
-def _calibrate_by_cell(on: CellBench, context: JobContext) -> ForcePairs:
+def _calibrate_by_cell(on: GuidedBench, context: JobContext) -> ForcePairs:
     """Close on a load cell at each placement, at full speed in simulation."""
     bench = replace(on.bench, array=context.watch_array(on.bench.array))
 
@@ -437,10 +383,6 @@ def _store_calibration(made: Calibration, *, file: Path, context: JobContext) ->
     )
 
 
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")
-
-
 def examine_sensor(order: Examine, *, context: JobContext) -> Health:
     """Read frames for a while, with nothing on the sensor, and judge them.
 
@@ -449,22 +391,27 @@ def examine_sensor(order: Examine, *, context: JobContext) -> Health:
     DeviceError
         If the sensor is silent.
     """
-    array, layout = context.watch_array(), context.rig.array.layout
     context.catch_up()
     before = context.link_events()
-    taken = [array.read(timeout_s=FRAME_TIMEOUT_S)]
-    while (lasted_s := taken[-1].time_s - taken[0].time_s) < order.duration_s:
-        context.guide("Leave the sensor alone", share=lasted_s / order.duration_s)
-        try:
-            taken.append(array.read(timeout_s=FRAME_TIMEOUT_S))
-        except DeviceTimeoutError:
-            break
-    board = context.rig.array
+    taken, board = _read_at_rest(order.duration_s, context), context.rig.array
     identity = board.identity if isinstance(board, SerialArray) else None
     return examine(
-        FrameColumns.of(taken),
-        layout=layout,
+        taken,
+        layout=board.layout,
         known_ohm=context.source().rest_ohm,
         asked_hz=None if identity is None else identity.rate_hz,
         events=context.link_events().since(before),
     )
+
+
+def _read_at_rest(duration_s: float, context: JobContext) -> FrameColumns:
+    """Read frames for a while, or until the sensor falls silent."""
+    array = context.watch_array()
+    taken = [array.read(timeout_s=FRAME_TIMEOUT_S)]
+    while (lasted_s := taken[-1].time_s - taken[0].time_s) < duration_s:
+        context.guide("Leave the sensor alone", share=lasted_s / duration_s)
+        try:
+            taken.append(array.read(timeout_s=FRAME_TIMEOUT_S))
+        except DeviceTimeoutError:
+            break
+    return FrameColumns.of(taken)

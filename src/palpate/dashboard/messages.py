@@ -417,7 +417,6 @@ Note: TypeAlias = (
     FrameSource
     | Began
     | Guide
-    | Grasped
     | Ended
     | StopConfirmed
     | Trouble

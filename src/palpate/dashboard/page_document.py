@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
+import numpy as np
+
 from palpate.arrays import FloatArray
 from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.dashboard.headline import headline_of, operator_view, phase_text
@@ -17,7 +19,6 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.phases import Phase
 from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.grasp.verdict import outcome_text
-from palpate.sensor.findings import pixel_name
 from palpate.sensor.health import Health
 
 #: Moments and readings that a page which has just been opened is sent at most, guess.
@@ -241,13 +242,11 @@ def _pixel_findings(health: Health | None) -> list[dict[str, Any]]:
     """Return the findings on pixels, rows and columns, pixel by pixel."""
     if health is None:
         return []
-    rows, cols = health.pixels.rest_ohm.shape
     return [
         {"row": row, "col": col, "severity": str(found.severity), "text": found.text}
         for found in health.findings
-        for row in range(rows)
-        for col in range(cols)
-        if found.where in (pixel_name(row, col), f"row R{row}", f"column C{col}", "every pixel")
+        for row, col in np.ndindex(*health.pixels.rest_ohm.shape)
+        if found.is_about(row, col)
     ]
 
 

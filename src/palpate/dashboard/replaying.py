@@ -7,6 +7,7 @@ import threading
 import time
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event
@@ -18,7 +19,6 @@ from palpate.dashboard.messages import (
     FrameSource,
     Grasped,
     Guide,
-    Play,
     Playing,
     RecordedStretch,
     Timeline,
@@ -43,8 +43,6 @@ class PlaybackClock:
 
     Parameters
     ----------
-    start_s, end_s : float
-        Of the recording; the clock stays between them.
     speed : float
         Seconds of the recording in a second on the wall.
     now_s : callable
@@ -53,7 +51,8 @@ class PlaybackClock:
     Examples
     --------
     >>> wall_s = [0.0]
-    >>> clock = PlaybackClock(start_s=10.0, end_s=20.0, speed=2.0, now_s=lambda: wall_s[0])
+    >>> clock = PlaybackClock(speed=2.0, now_s=lambda: wall_s[0])
+    >>> clock.begin(start_s=10.0, end_s=20.0)
     >>> wall_s[0] = 3.0
     >>> clock.at_s
     16.0
@@ -63,19 +62,17 @@ class PlaybackClock:
     12.0
     """
 
-    def __init__(
-        self,
-        *,
-        start_s: float,
-        end_s: float,
-        speed: float,
-        now_s: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._start_s, self._end_s, self._now_s = start_s, end_s, now_s
+    def __init__(self, *, speed: float, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._now_s, self._lock = now_s, threading.Lock()
         #: Seconds of the recording in a second, and whether it is paused; set by the methods.
         self.speed, self.paused = speed, False
-        self._anchor_s, self._wall_s = start_s, now_s()
-        self._lock = threading.Lock()
+        self.begin(start_s=0.0, end_s=0.0)
+
+    def begin(self, *, start_s: float, end_s: float) -> None:
+        """Begin a recording that lasts from one time to another; the clock stays between them."""
+        with self._lock:
+            self._start_s, self._end_s = start_s, end_s
+            self._anchor_s, self._wall_s = start_s, self._now_s()
 
     @property
     def at_s(self) -> float:
@@ -120,45 +117,44 @@ _MOST_POINTS = int(CURVE_S * POINTS_PER_S)
 
 
 def play(
-    order: Play,
+    file: Path,
     *,
     telemetry: Telemetry,
     requests: Requests,
     confirmed: Event,
-    keep_clock: Callable[[PlaybackClock], None] = lambda playback: None,
+    playback: PlaybackClock,
 ) -> None:
     """Show a recording, and the decisions of the controller on its grasp, if it holds one.
 
-    It stays on the screen until the user wants to see the rig again, or stops it. `keep_clock` gets
-    what pauses and moves it, once it can.
+    It stays on the screen until the user wants to see the rig again, or stops it. `playback` pauses
+    and moves it.
 
     Raises
     ------
     RecordingError
         If it can't be read or holds no frames.
     """
-    with RecordingReader(order.file) as reader:
+    with RecordingReader(file) as reader:
         seen = list(observations(reader))
     if not seen:
-        raise RecordingError(f"{order.file}: no frames to show")
+        raise RecordingError(f"{file}: no frames to show")
     confirmed.clear()
-    again, source = _open_replay(order.file)
+    with closing(Replay(file, clock=ManualClock())) as replay:
+        again, source = _open_replay(replay, name=file.name)
     telemetry.begin(source)
     telemetry.set_plan(None)
     whole = _decide_again(seen, again=again, source=source, telemetry=telemetry, requests=requests)
     if whole is None:
         return
     telemetry.note(whole.timeline)
-    telemetry.note(Guide(text=f"Replay of {order.file.stem}", asks=True))
-    start_s, end_s = whole.timeline.start_s, whole.timeline.end_s
-    playback = PlaybackClock(start_s=start_s, end_s=end_s, speed=order.speed)
-    keep_clock(playback)
+    telemetry.note(Guide(text=f"Replay of {file.stem}", asks=True))
+    playback.begin(start_s=whole.timeline.start_s, end_s=whole.timeline.end_s)
     shown: tuple[float, bool, float] | None = None
     while not requests.stop.is_set():
         now = playback.at_s, playback.paused, playback.speed
         if now != shown:
             shown = now
-            _show(whole, now, telemetry=telemetry, file=order.file)
+            _show(whole, now, telemetry=telemetry, file=file)
         if confirmed.wait(_TICK_S):
             return
 
@@ -258,25 +254,18 @@ class _Again:
         return grasp_progress_of(self.grasp_state, plan=plan, before=before, forecasts=True)
 
 
-def _open_replay(file: Path) -> tuple[_Again | None, FrameSource]:
+def _open_replay(replay: Replay, *, name: str) -> tuple[_Again | None, FrameSource]:
     """Return the controller of the recorded grasp, and the description of its frames."""
-    replay = Replay(file, clock=ManualClock())
-    try:
-        info = replay.info
-        calibration = None
-        if info.calibration is not None:
-            calibration = Calibration.from_text(info.calibration, where="the recording")
-        again = None
-        if calibration is not None and info.gripper is not None:
-            # It holds until the recorded release.
-            gripper = ReplayGripper(replay)
-            plan = plan_of_recording(info, gripper=gripper, hold_s=math.inf)
-            end = replay.end
-            again = _Again(plan, end_s=math.inf if end is None else end.time_s)
-    finally:
-        replay.close()
+    info, calibration, again = replay.info, None, None
+    if info.calibration is not None:
+        calibration = Calibration.from_text(info.calibration, where="the recording")
+    if calibration is not None and info.gripper is not None:
+        # It holds until the recorded release.
+        plan = plan_of_recording(info, gripper=ReplayGripper(replay), hold_s=math.inf)
+        end = replay.end
+        again = _Again(plan, end_s=math.inf if end is None else end.time_s)
     source = FrameSource(
-        name=file.name,
+        name=name,
         layout=info.layout,
         rest_ohm=None if calibration is None else calibration.rest_ohm,
         gripper=info.gripper,

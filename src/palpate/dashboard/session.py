@@ -142,8 +142,6 @@ class DeviceState:
                 self._begin(note.order)
             case Guide():
                 self.guide = note
-            case Grasped():
-                self.grasped = note
             case RecordedStretch():
                 self.live.add_frames(note.frames)
                 if note.progress is not None:

@@ -226,6 +226,15 @@ def read_stated(path: Path) -> dict[str, Any]:
         raise InputError(f"rig file {path}: not TOML: {error}") from error
 
 
+def stated_calibration(path: Path) -> Path | None:
+    """Return where a rig file has its calibration, made or not; None where it names none.
+
+    Raises `InputError` as `read_stated` does.
+    """
+    stated = read_stated(path)
+    return path.parent / str(stated["calibration"]) if "calibration" in stated else None
+
+
 def open_stated(path: Path, part: str, table: Any, **shared: Any) -> Any:
     """Call the opener that a table names; it gets what is shared if it has a parameter for it.
 

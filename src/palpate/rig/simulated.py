@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from itertools import chain
 from typing import Protocol
 
 import numpy as np
 
-from palpate.errors import InputError
+from palpate.errors import DeviceError, InputError
 from palpate.estimate.force import PowerForceLaw
 from palpate.grasp.calibrating import Bench, measure_block, measure_force, measure_rest
 from palpate.grasp.calibrating_current import measure_current, measure_gears
@@ -189,6 +189,44 @@ def read_through_firmware(world: World) -> PressureArray:
         world,
         noise_mv=count_mv * ranges_of(world.level).adc_noise_counts,
         rate_hz=world.frame_rate_hz,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GuidedBench:
+    """A bench with a load cell, and the hands of its user."""
+
+    #: The devices.
+    bench: Bench
+    #: Puts the load cell with the face of a run between the fingers.
+    reseat: Callable[[int], None]
+    #: Puts the rigid block there.
+    place_block: Callable[[], None]
+    #: Takes away what lies between the fingers.
+    take_away: Callable[[], None]
+    #: Whether all that is the twin.
+    simulated: bool
+
+
+def open_twin_bench(rig: str, seed: int) -> GuidedBench:
+    """Open the bench of a simulated rig.
+
+    Raises `DeviceError` if the rig isn't one of the simulated ones with rigid fingers.
+    """
+    if rig != "sim-rigid":
+        raise DeviceError(
+            f"rig {rig!r} has no load cell that palpate can read (a rig file names its own in "
+            "[load_cells]). Force alone goes with dead weights (`palpate calibrate force "
+            "--loads`); --rig sim-rigid shows every step"
+        )
+    rng = np.random.default_rng([seed, 12])
+    world = World(None, seed=seed + 2_000_003, sheet_seed=seed)
+    return GuidedBench(
+        bench=twin_bench(world, start=_START["rigid"]),
+        reseat=lambda run: world.place(draw_object(rng, FACES[run % len(FACES)])),
+        place_block=lambda: world.place(draw_object(rng, "rigid-block")),
+        take_away=lambda: world.place(None),
+        simulated=True,
     )
 
 

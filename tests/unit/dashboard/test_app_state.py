@@ -25,7 +25,6 @@ def app_state_of(folder: Path) -> AppState:
             object_name=None,
             seed=0,
             speed=1.0,
-            benches={},
         )
     )
 

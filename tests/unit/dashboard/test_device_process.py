@@ -14,9 +14,7 @@ import numpy as np
 import pytest
 from tests.closings import write_damage_file
 
-from palpate.cli.calibrate_bench import open_twin_bench
 from palpate.dashboard.device_process import DeviceProcess
-from palpate.dashboard.jobs import BenchOpener, CellBench
 from palpate.dashboard.messages import (
     Began,
     BeingRecorded,
@@ -50,6 +48,7 @@ from palpate.dashboard.messages import (
 from palpate.errors import DeviceError
 from palpate.grasp.result import Outcome
 from palpate.recording import load_recording
+from palpate.rig.simulated import GuidedBench
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.health import Health
 from palpate.twin.devices import TwinGripper
@@ -93,9 +92,9 @@ class Page:
 
 
 @contextmanager
-def devices_at_work(open_bench: BenchOpener = open_twin_bench) -> Iterator[Page]:
+def devices_at_work() -> Iterator[Page]:
     ours, theirs = Pipe()
-    devices = DeviceProcess(theirs, benches={"sim-rigid": open_bench})
+    devices = DeviceProcess(theirs)
     thread = threading.Thread(target=devices.run)
     thread.start()
     page = Page(ours)
@@ -224,16 +223,18 @@ def test_no_order_outlives_a_stop(opened: Page, tmp_path: Path) -> None:
     assert not second.recording.exists()
 
 
-@pytest.mark.slow
-def test_failure_during_a_stop_is_reported(tmp_path: Path) -> None:
+def test_failure_during_a_stop_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     stop_was_heard = threading.Event()
 
-    def broken(name: str, seed: int) -> CellBench:
+    def broken(name: str, seed: int) -> GuidedBench:
         assert stop_was_heard.wait(60)
         raise DeviceError("the load cell does not answer")
 
+    monkeypatch.setattr("palpate.dashboard.jobs.open_twin_bench", broken)
     first = CalibrateForce(file=tmp_path / "calibration.json")
-    with devices_at_work(broken) as page:
+    with devices_at_work() as page:
         assert not page.done(RIG).trouble
         page.send(first)
         page.until(lambda update: Began(order=first) in update.notes)
@@ -425,6 +426,25 @@ def test_a_replay_is_paused_moved_and_known_as_a_whole(opened: Page, tmp_path: P
     assert played_to(opened, lambda playing: playing.time_s == timeline.end_s).grasped is not None
     opened.send(Seek(starts_s["hold"]))
     assert played_to(opened, lambda playing: playing.time_s == starts_s["hold"]).grasped is None
+    opened.send(Confirm())
+
+
+def test_pause_while_the_replay_is_decided_shows_it_paused(opened: Page, tmp_path: Path) -> None:
+    order = GraspOrder(target_force_n=None, recording=tmp_path / "grasp.mcap")
+    opened.send(order)
+    opened.until(lambda update: update.progress is not None and update.progress.phase == "hold")
+    opened.send(ReleaseNow())
+    opened.ended(order)
+    play = Play(file=order.recording)
+    opened.send(play)
+    opened.until(lambda update: Began(order=play) in update.notes)
+    opened.updates.clear()
+    opened.send(Pause(True))
+    played_to(opened, lambda playing: playing.paused)
+    notes = [note for update in opened.updates for note in update.notes]
+    places = [note for note in notes if isinstance(note, Playing)]
+    (timeline,) = (note for note in notes if isinstance(note, Timeline))
+    assert [(place.time_s, place.paused) for place in places] == [(timeline.start_s, True)]
     opened.send(Confirm())
 
 

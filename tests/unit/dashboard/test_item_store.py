@@ -30,6 +30,14 @@ RESULT = GraspResult(
     moments=(Moment(time_s=1.9, name="answer"),),
 )
 
+SOURCE = FrameSource(
+    name="sim-rigid",
+    layout=World(None, seed=1).layout,
+    rest_ohm=None,
+    gripper=None,
+    origin="twin",
+    calibration="{}",
+)
 FIRM = Measurement(value=5.5, low=5.0, high=6.1, unit="n_per_mm")
 
 
@@ -59,8 +67,12 @@ def test_a_grasp_is_kept_with_its_pixels_and_its_calibration(
     item_store = ItemStore(where)
     assert item_store.pages(limit=50) == ()
     assert not Path(where).exists(), "looking makes no store"
-    item_store.keep(
-        RESULT, recording=recording, item_id="berry-7", closing={"firmness_n_per_mm": FIRM}
+    item_store.place(
+        RESULT,
+        item_id="berry-7",
+        source=SOURCE,
+        recording=recording,
+        closing={"firmness_n_per_mm": FIRM},
     )
     assert item_store.trouble == ""
     (page,) = item_store.pages(limit=50)
@@ -90,7 +102,7 @@ def test_the_page_of_an_item_shows_every_grasp_and_says_simulated(
 ) -> None:
     item_store = ItemStore(str(tmp_path / "items.sqlite"))
     for _ in range(3):
-        item_store.keep(RESULT, recording=recording, item_id="<b>berry</b>", closing={})
+        item_store.place(RESULT, item_id="<b>berry</b>", source=SOURCE, recording=recording)
     found = item_store.page("<b>berry</b>")
     page = item_html(found, figures=item_store.figures(found))
     assert 'aria-label="Stiffness over time"' in page
@@ -110,7 +122,7 @@ def test_item_without_a_stiffness_in_numbers_has_no_figure_of_it(
     result = replace(RESULT, stiffness_n_per_mm=bound, settled_percent=settled)
     item_store = ItemStore(str(tmp_path / "items.sqlite"))
     for _ in range(2):
-        item_store.keep(result, recording=recording, item_id="berry-7", closing={})
+        item_store.place(result, item_id="berry-7", source=SOURCE, recording=recording)
     figures = item_store.figures(item_store.page("berry-7"))
     assert 'aria-label="Settled change over time"' in figures
     assert "Stiffness over time" not in figures
@@ -120,7 +132,7 @@ def test_a_store_that_cannot_be_used_is_named(recording: Path, tmp_path: Path) -
     broken = tmp_path / "broken.sqlite"
     broken.write_text("this is no database, whatever its name says" * 100)
     item_store = ItemStore(str(broken))
-    item_store.keep(RESULT, recording=recording, item_id="berry-7", closing={})
+    item_store.place(RESULT, item_id="berry-7", source=SOURCE, recording=recording)
     assert str(broken) in item_store.trouble
 
 
@@ -131,9 +143,6 @@ RULES = RuleBook(
     ),
     default_bin="by hand",
     most_grasps=1,
-)
-SOURCE = FrameSource(
-    name="sim-rigid", layout=World(None, seed=1).layout, rest_ohm=None, gripper=None, origin="twin"
 )
 
 
@@ -161,7 +170,7 @@ def test_place_without_a_name_gives_a_bin_by_the_grasp_alone(
     assert ItemStore(None).place(result, item_id="", source=SOURCE) == {}
 
 
-def test_keep_places_by_all_evidence_and_stores_the_bin(recording: Path, tmp_path: Path) -> None:
+def test_place_by_all_evidence_stores_the_bin(recording: Path, tmp_path: Path) -> None:
     where = str(tmp_path / "items.sqlite")
     with Store.open(where) as store:
         store.add_item(Item(item_id="A1", kind="avocado"))
@@ -170,7 +179,7 @@ def test_keep_places_by_all_evidence_and_stores_the_bin(recording: Path, tmp_pat
             store.add_verdict(Verdict(item_id="A1", about=about, text=text, given_at=given_at))
     item_store = ItemStore(where, rules=RULES)
     before = item_store.place(sized(60.0), item_id="A1", source=SOURCE)
-    placed = item_store.keep(sized(60.0), recording=recording, item_id="A1", closing={})
+    placed = item_store.place(sized(60.0), item_id="A1", source=SOURCE, recording=recording)
     assert placed == before
     assert placed["item"] == {"id": "A1", "kind": "avocado", "stage": "ripe", "bruised": True}
     assert (placed["bin"]["name"], placed["bin"]["rule"]) == ("ripe", 1)
@@ -185,7 +194,7 @@ def test_a_store_that_cannot_be_used_gives_no_bin_and_the_reason(
     broken = tmp_path / "broken.sqlite"
     broken.write_text("this is no database, whatever its name says" * 100)
     item_store = ItemStore(str(broken), rules=RULES)
-    placed = item_store.keep(sized(40.0), recording=recording, item_id="A1", closing={})
+    placed = item_store.place(sized(40.0), item_id="A1", source=SOURCE, recording=recording)
     assert placed["bin"] is None
     assert placed["item"]["id"] == "A1"
     assert str(broken) in placed["why"]
