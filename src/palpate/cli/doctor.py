@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 from rich.console import Console
 from rich.table import Table
@@ -172,13 +173,12 @@ def health_document(examined: Examined) -> dict[str, Any]:
                 "row": row,
                 "col": col,
                 "finger": layout.finger_of_row[row],
-                "rest_ohm": _finite_or_none(pixels.rest_ohm[row, col]),
-                "noise_percent": _finite_or_none(pixels.noise_percent[row, col]),
-                "drift_percent": _finite_or_none(pixels.drift_percent[row, col]),
-                "count_percent": _finite_or_none(pixels.count_percent[row, col]),
+                "rest_ohm": _finite_or_none(float(pixels.rest_ohm[row, col])),
+                "noise_percent": _finite_or_none(float(pixels.noise_percent[row, col])),
+                "drift_percent": _finite_or_none(float(pixels.drift_percent[row, col])),
+                "count_percent": _finite_or_none(float(pixels.count_percent[row, col])),
             }
-            for row in range(layout.rows)
-            for col in range(layout.cols)
+            for row, col in np.ndindex(layout.rows, layout.cols)
         ],
         "reference_ohm": layout.divider.reference_ohm,
         "recommended_reference_ohm": None if fit is None else fit.recommended_ohm,
@@ -224,20 +224,19 @@ def _pixels(examined: Examined) -> Table:
     for column in table.columns:
         # Numbers stay with their units; the longest name goes on two lines where it must.
         column.no_wrap = column.header != "one count"
-    for row in range(layout.rows):
-        for col in range(layout.cols):
-            name = pixel_name(row, col)
-            if layout.pixels > _LISTED_PIXELS and name not in marks:
-                continue
-            table.add_row(
-                name,
-                str(layout.finger_of_row[row]),
-                _ohm_text(float(pixels.rest_ohm[row, col])),
-                _percent(float(pixels.noise_percent[row, col])),
-                _percent(float(pixels.drift_percent[row, col]), sign="+"),
-                _percent(float(pixels.count_percent[row, col])),
-                *([f"[bold red]{marks.get(name, '')}[/]"] if marks else []),
-            )
+    for row, col in np.ndindex(layout.rows, layout.cols):
+        name = pixel_name(row, col)
+        if layout.pixels > _LISTED_PIXELS and name not in marks:
+            continue
+        table.add_row(
+            name,
+            str(layout.finger_of_row[row]),
+            _ohm_text(float(pixels.rest_ohm[row, col])),
+            _percent(float(pixels.noise_percent[row, col])),
+            _percent(float(pixels.drift_percent[row, col]), sign="+"),
+            _percent(float(pixels.count_percent[row, col])),
+            *([f"[bold red]{marks.get(name, '')}[/]"] if marks else []),
+        )
     if not table.row_count:
         table.add_row(f"all {layout.pixels} alike")
     return table
@@ -245,14 +244,13 @@ def _pixels(examined: Examined) -> Table:
 
 def _pixel_marks(examined: Examined) -> dict[str, str]:
     """Return the code of the finding that concerns each pixel, by the pixel's name."""
-    marks: dict[str, str] = {}
-    for found in examined.health.findings:
-        for row in range(examined.layout.rows):
-            for col in range(examined.layout.cols):
-                names = (pixel_name(row, col), f"row R{row}", f"column C{col}", "every pixel")
-                if found.where in names:
-                    marks.setdefault(pixel_name(row, col), found.code)
-    return marks
+    return {
+        pixel_name(row, col): found.code
+        # Of several, the first counts.
+        for found in reversed(examined.health.findings)
+        for row, col in np.ndindex(examined.layout.rows, examined.layout.cols)
+        if found.is_about(row, col)
+    }
 
 
 def _summary(examined: Examined) -> Text:
@@ -304,4 +302,4 @@ def _percent(value: float, *, sign: str = "") -> str:
 
 
 def _finite_or_none(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
+    return value if math.isfinite(value) else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated, Any, TypeVar, cast
 
 import typer
 
@@ -16,6 +16,7 @@ from palpate.sensor.array import IdleLines
 from palpate.sensor.board_array import LAYOUTS, check_rate, layout_named
 from palpate.sensor.ports import serial_ports
 
+_Answer = TypeVar("_Answer")
 _OPEN_ARRAY = "palpate.sensor.board_array:open_board"
 _ANY_PORT, _NO_GRIPPER, _LAYOUT = "auto", "none", "rigid-2x2"
 #: Kind of gripper -> the function that opens it.
@@ -111,23 +112,17 @@ def _ask_layout(layout: str | None, fingers: int | None) -> dict[str, str | floa
     name = _ask(f"Layout ({', '.join(LAYOUTS)}, or all rows x columns, e.g. 6x3)", layout, _LAYOUT)
     if name in LAYOUTS and fingers is None:
         return {"layout": name}
-    stated = _ask("Fingers that its rows are on", fingers, "1")
-    if not stated.isdecimal():
-        raise InputError(f"--fingers {stated}: give a whole number, such as 2")
-    return {"layout": name, "fingers": int(stated)}
+    count = _ask("Fingers that its rows are on", fingers, 1)
+    if count < 0:
+        raise InputError(f"--fingers {count}: give a whole number, such as 2")
+    return {"layout": name, "fingers": count}
 
 
 def _ask_divider(
     reference_ohm: float | None, taxel_leg: str | None, idle_lines: str | None
 ) -> dict[str, str | float | bool]:
     """Ask for resistor, leg and idle lines."""
-    resistor = _ask("Reference resistor, ohm", reference_ohm, "4700")
-    try:
-        ohm = float(resistor)
-    except ValueError as error:
-        raise InputError(
-            f"--reference-ohm {resistor}: give the resistor in ohm, e.g. 4700"
-        ) from error
+    ohm = _ask("Reference resistor, ohm", reference_ohm, 4700.0)
     leg = _ask("Pixel at the supply (upper) or at ground (lower)", taxel_leg, "upper")
     if leg not in ("upper", "lower"):
         raise InputError(f"--taxel-leg {leg}: give upper or lower")
@@ -199,11 +194,9 @@ def rig_text(
     return "\n".join(lines) + "\n"
 
 
-def _ask(question: str, given: str | float | None, default: str) -> str:
-    """Return the option's value, else the answer, else the default."""
-    if given is not None:
-        return str(given)
-    if not sys.stdin.isatty():
-        return default
-    answer: str = typer.prompt(question, default=default, err=True)
-    return answer.strip()
+def _ask(question: str, given: _Answer | None, default: _Answer) -> _Answer:
+    """Return what the option gave, else the answer, of the default's type, else the default."""
+    if given is not None or not sys.stdin.isatty():
+        return default if given is None else given
+    answer: Any = typer.prompt(question, default=default, type=type(default), err=True)
+    return cast(_Answer, answer.strip() if isinstance(answer, str) else answer)

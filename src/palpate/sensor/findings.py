@@ -81,6 +81,15 @@ class Finding:
         """The remedy."""
         return CHECKS[self.code]
 
+    def is_about(self, row: int, col: int) -> bool:
+        """Return whether it is about a pixel, or a line or all of them that it belongs to."""
+        return self.where in (
+            pixel_name(row, col),
+            f"row R{row}",
+            f"column C{col}",
+            "every pixel",
+        )
+
 
 def pixel_name(row: int, col: int) -> str:
     """Return the name of a pixel: the multiplexer channels of its row and column, from 0.

@@ -223,9 +223,7 @@ def test_no_order_outlives_a_stop(opened: Page, tmp_path: Path) -> None:
     assert not second.recording.exists()
 
 
-def test_failure_during_a_stop_is_reported(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_failure_during_a_stop_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stop_was_heard = threading.Event()
 
     def broken(name: str, seed: int) -> GuidedBench:
