@@ -12,7 +12,7 @@ import typer
 from palpate.errors import CalibrationError
 from palpate.files import check_place
 from palpate.rig.bench import open_board_bench
-from palpate.rig.file import load_cells_stated, stated_calibration
+from palpate.rig.file import find_calibration_file, load_cells_stated
 from palpate.rig.simulated import GuidedBench, open_twin_bench
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.calibration import Calibration
@@ -78,7 +78,7 @@ def calibration_file(rig: str, out: Path | None) -> Path:
     Raises `InputError` if the rig file can't be read, or the calibration could not be written in
     the end.
     """
-    named = stated_calibration(Path(rig)) if out is None and rig.endswith(".toml") else None
+    named = find_calibration_file(Path(rig)) if out is None and rig.endswith(".toml") else None
     path = out or named or DEFAULT_FILE
     check_place(path)
     return path

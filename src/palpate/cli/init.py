@@ -195,7 +195,7 @@ def rig_text(
 
 
 def _ask(question: str, given: _Answer | None, default: _Answer) -> _Answer:
-    """Return what the option gave, else the answer, of the default's type, else the default."""
+    """Return the option's value, else the answer, of the default's type, else the default."""
     if given is not None or not sys.stdin.isatty():
         return default if given is None else given
     answer: Any = typer.prompt(question, default=default, type=type(default), err=True)

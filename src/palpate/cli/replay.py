@@ -3,29 +3,20 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Annotated
 
 from palpate.cli import options as option
 from palpate.cli.grasp_card import print_card
 from palpate.cli.options import CutoffOption, EpsilonOption, JsonOption, Method, opt, paper_settings
 from palpate.cli.output import print_json
-from palpate.clock import Clock, ManualClock, RealClock
-from palpate.errors import InputError
+from palpate.clock import ManualClock
 from palpate.grasp.decide_again import decide_again, read_by_paper
-from palpate.recording import PacedClock, RecordingReader, Replay
+from palpate.recording import RecordingReader, Replay
 from palpate.recording.replay import observations
-
-#: A minute of a recording then takes 17 hours.
-_SLOWEST = 0.001
 
 
 def replay(
     file: option.RecordingArgument,
-    speed: Annotated[
-        float | None,
-        opt("--speed NUMBER", "1 is as it was recorded. [default: as fast as possible]"),
-    ] = None,
     frames: Annotated[
         bool, opt("--frames", "Print the frames instead of the grasp's result.")
     ] = False,
@@ -47,10 +38,10 @@ def replay(
 
     Example: palpate grasp --record run.mcap && palpate replay run.mcap
     """
-    if speed is not None and not _SLOWEST <= speed < float("inf"):
-        raise InputError(f"--speed {speed:g}: must be at least {_SLOWEST:g}")
     paper = paper_settings(method or "palpate", epsilon_percent=epsilon_percent, cutoff_s=cutoff_s)
-    clock = _clock(file, speed=speed)
+    with RecordingReader(file) as reader:
+        start_s = next((frame.time_s for frame, _ in observations(reader)), 0.0)
+    clock = ManualClock(start_s)
     source = Replay(file, clock=clock)
     try:
         if frames or source.info.gripper is None or source.info.calibration is None:
@@ -73,14 +64,6 @@ def replay(
             simulated=info.origin != "hardware",
             seed=info.seed,
         )
-
-
-def _clock(file: Path, *, speed: float | None) -> Clock:
-    with RecordingReader(file) as reader:
-        start_s = next((frame.time_s for frame, _ in observations(reader)), 0.0)
-    if speed is None:
-        return ManualClock(start_s)
-    return PacedClock(RealClock(), start_s=start_s, speed=speed)
 
 
 def _play(source: Replay, *, as_json: bool) -> None:

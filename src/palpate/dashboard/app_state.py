@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from palpate.dashboard.device_process import run_devices
 from palpate.dashboard.folder import (
@@ -50,7 +50,7 @@ from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.line.gs1 import read_label
 from palpate.line.machine import CommandRefusedError
 from palpate.produce.records import Item
-from palpate.rig.file import stated_calibration
+from palpate.rig.file import find_calibration_file
 
 if TYPE_CHECKING:
     from palpate.produce.sorting.rules import RuleBook
@@ -59,8 +59,6 @@ _Answer = TypeVar("_Answer")
 _LOOK_S = 0.01
 #: A stop that is not confirmed by then is answered so, seconds.
 STOP_PATIENCE_S = 2.0
-#: What changes faster than this is not published, seconds.
-_PUBLISH_S = 0.1
 #: A result waits for the store and its bin this long, seconds: longer than a shared store that is
 #: away is waited for (5 s), so that the local one decides.
 _STORE_S = 8.0
@@ -301,15 +299,11 @@ class AppState:
             damage.check_kind(kind, where="the damage file")
         return GraspOrder(
             target_force_n=target_force_n,
-            recording=self.new_recording("grasp"),
+            recording=new_recording(self.settings.folder, "grasp"),
             item_id=item_id,
             damage=None if damage is None else damage.as_text(),
             kind=kind,
         )
-
-    def new_recording(self, what: str) -> Path:
-        """Return the name of a recording that does not exist yet."""
-        return new_recording(self.settings.folder, what)
 
     def rename(self, name: str, stem: str) -> None:
         """Rename a recording.
@@ -345,7 +339,7 @@ class AppState:
         """Return the calibration file of the rig: named in the rig file, or in the folder."""
         rig = self.session.rig
         if rig is not None and rig.name.endswith(".toml"):
-            named = stated_calibration(Path(rig.name))
+            named = find_calibration_file(Path(rig.name))
             if named is not None:
                 return named
         name = "rig" if rig is None else f"{Path(rig.name).stem}-{rig.seed}"
@@ -506,31 +500,6 @@ class AppState:
     def _take(self, update: Update | DevicesLost) -> None:
         self.session.devices.take(update)
         self._place_early()
-
-
-class DocumentSink(Protocol):
-    """Takes documents without blocking."""
-
-    def result(self, document: Mapping[str, object]) -> None:
-        """Take how a grasp ended."""
-        ...
-
-    def state(self, document: Mapping[str, object]) -> None:
-        """Take the state; one that is equal to the last is no news."""
-        ...
-
-    def close(self) -> None:
-        """Stop taking results."""
-        ...
-
-
-async def publish(app_state: AppState, publisher: DocumentSink) -> None:
-    """Publish until this is cancelled."""
-    app_state.on_result.append(publisher.result)
-    with suppress(asyncio.CancelledError):
-        while True:
-            publisher.state(state_document(app_state.session))
-            await asyncio.sleep(_PUBLISH_S)
 
 
 def age_text(made_at: str) -> str:

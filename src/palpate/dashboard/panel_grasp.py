@@ -5,6 +5,7 @@ from __future__ import annotations
 from nicegui import ui
 
 from palpate.dashboard.app_state import AppState
+from palpate.dashboard.folder import new_recording
 from palpate.dashboard.messages import Action, OpenRig, Record, SetSpeed
 from palpate.dashboard.session import GraspForm
 from palpate.dashboard.viewer import Viewer
@@ -125,7 +126,8 @@ def _recording(app_state: AppState, viewer: Viewer) -> None:
     def record(wanted: bool) -> None:
         """Begin or end a recording, if not done already."""
         if wanted != (app_state.session.devices.recording is not None):
-            viewer.order(Record(app_state.new_recording("watched") if wanted else None))
+            folder = app_state.settings.folder
+            viewer.order(Record(new_recording(folder, "watched") if wanted else None))
 
     recording = ui.switch("Record what is watched")
     recording.on_value_change(lambda event: record(event.value))

@@ -13,7 +13,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from palpate.dashboard.app_state import AppState, DocumentSink, Settings, publish
+from palpate.dashboard.app_state import AppState, Settings
 from palpate.dashboard.folder import recording_named
 from palpate.dashboard.page_document import document
 from palpate.dashboard.transport import LoopThread
@@ -23,12 +23,16 @@ from palpate.line.machine import Line, Machine
 if TYPE_CHECKING:
     from fastapi import FastAPI
 
+    from palpate.mqtt.publisher import Publisher
+
 #: Opens one protocol on this server.
 LineOpener: TypeAlias = Callable[[Machine], Awaitable[Line]]
 
 _STATIC = Path(__file__).parent / "static"
 #: Controllers of a line see a change after this time at most, seconds.
 _LINE_S = 0.05
+#: What changes faster than this is not published, seconds.
+_PUBLISH_S = 0.1
 #: A driver whose connection breaks remains the driver for this time.
 _RECONNECT_S = 10.0
 
@@ -40,7 +44,7 @@ def serve(
     port: int,
     token: str | None,
     announce: Callable[[str], None],
-    publisher: DocumentSink | None = None,
+    publisher: Publisher | None = None,
     lines: Sequence[LineOpener] = (),
 ) -> None:
     """Serve the dashboard until Ctrl-C; then stop the running job and the hand.
@@ -180,12 +184,18 @@ def _routes(app_state: AppState) -> None:
         return FileResponse(file, filename=file.name)
 
 
-def _publish(app: Any, app_state: AppState, publisher: DocumentSink) -> None:
-    """Run a publisher together with the application."""
+def _publish(app: Any, app_state: AppState, publisher: Publisher) -> None:
+    """Publish every result and the state while the application runs."""
+    app_state.on_result.append(publisher.result)
     running: list[asyncio.Task[None]] = []
 
+    async def publish() -> None:
+        while True:
+            publisher.state(app_state.state())
+            await asyncio.sleep(_PUBLISH_S)
+
     async def start() -> None:
-        running.append(asyncio.create_task(publish(app_state, publisher)))
+        running.append(asyncio.create_task(publish()))
 
     # After the hand was stopped.
     async def end() -> None:

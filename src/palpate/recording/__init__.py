@@ -6,7 +6,7 @@ Above both `palpate.sensor` and `palpate.gripper`, because a recording holds fra
 from palpate.recording.contents import Event, LoadCells, Origin, Recording, RecordingInfo
 from palpate.recording.reader import FileState, RecordingReader, load_recording
 from palpate.recording.recover import recover
-from palpate.recording.replay import PacedClock, Replay, ReplayGripper
+from palpate.recording.replay import Replay, ReplayGripper
 from palpate.recording.writer import RecordingWriter
 
 __all__ = [
@@ -14,7 +14,6 @@ __all__ = [
     "FileState",
     "LoadCells",
     "Origin",
-    "PacedClock",
     "Recording",
     "RecordingInfo",
     "RecordingReader",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterator
 
@@ -17,39 +16,11 @@ from palpate.sensor.array import ArrayLayout, Frame
 _ENDS = ("release", "stop")
 
 
-class PacedClock:
-    """The recording's clock, driven by another one at some speed.
-
-    >>> from palpate.clock import ManualClock
-    >>> wall = ManualClock()
-    >>> clock = PacedClock(wall, start_s=100.0, speed=2.0)
-    >>> clock.sleep_s(1.0)
-    >>> clock.now_s(), wall.now_s()
-    (101.0, 0.5)
-    """
-
-    def __init__(self, wall: Clock, *, start_s: float, speed: float = 1.0) -> None:
-        if not (math.isfinite(speed) and speed > 0):
-            raise ValueError(f"speed must be positive, not {speed}")
-        self._wall = wall
-        self._start_s = start_s
-        self._wall_start_s = wall.now_s()
-        self._speed = speed
-
-    def now_s(self) -> float:
-        """Return the time on the recording's clock, seconds."""
-        return self._start_s + (self._wall.now_s() - self._wall_start_s) * self._speed
-
-    def sleep_s(self, duration_s: float) -> None:
-        """Let `duration_s` of the recording pass."""
-        self._wall.sleep_s(duration_s / self._speed)
-
-
 class Replay:
     """A recording as a `PressureArray`, and the gripper states recorded with the frames.
 
-    On a `ManualClock` started at the first frame it runs as fast as it is read, on a `PacedClock`
-    at speed; frames and their times are the recorded ones either way.
+    On a `ManualClock` started at the first frame it runs as fast as it is read; frames and their
+    times are the recorded ones.
 
     `path`: an `.mcap` recording.
     `clock`: in the recording's time. A frame is given when the clock has reached its time.

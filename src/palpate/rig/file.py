@@ -226,7 +226,7 @@ def read_stated(path: Path) -> dict[str, Any]:
         raise InputError(f"rig file {path}: not TOML: {error}") from error
 
 
-def stated_calibration(path: Path) -> Path | None:
+def find_calibration_file(path: Path) -> Path | None:
     """Return where a rig file has its calibration, made or not; None where it names none.
 
     Raises `InputError` as `read_stated` does.

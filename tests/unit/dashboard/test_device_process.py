@@ -223,6 +223,7 @@ def test_no_order_outlives_a_stop(opened: Page, tmp_path: Path) -> None:
     assert not second.recording.exists()
 
 
+@pytest.mark.slow
 def test_failure_during_a_stop_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stop_was_heard = threading.Event()
 
@@ -427,6 +428,7 @@ def test_a_replay_is_paused_moved_and_known_as_a_whole(opened: Page, tmp_path: P
     opened.send(Confirm())
 
 
+@pytest.mark.slow
 def test_pause_while_the_replay_is_decided_shows_it_paused(opened: Page, tmp_path: Path) -> None:
     order = GraspOrder(target_force_n=None, recording=tmp_path / "grasp.mcap")
     opened.send(order)

@@ -10,7 +10,7 @@ import pytest
 from palpate.clock import ManualClock
 from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.gripper.interface import GripperState
-from palpate.recording import PacedClock, RecordingInfo, RecordingWriter, Replay
+from palpate.recording import RecordingInfo, RecordingWriter, Replay
 from palpate.recording.channels import RecordedMessage
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 
@@ -32,16 +32,6 @@ def test_frames_states_and_times_are_the_recorded_ones(
     replay.close()
 
 
-def test_speed_is_relative_to_the_wall(recorded: Path) -> None:
-    wall = ManualClock(50.0)
-    replay = Replay(recorded, clock=PacedClock(wall, start_s=0.0, speed=4.0))
-    for _ in range(200):
-        frame = replay.read(timeout_s=1.0)
-    assert frame.time_s == 3.98
-    assert wall.now_s() - 50.0 == pytest.approx(3.98 / 4)
-    replay.close()
-
-
 def test_a_gap_times_out_as_it_did_live(tmp_path: Path, info: RecordingInfo) -> None:
     path = tmp_path / "gap.mcap"
     with RecordingWriter(path, info=info) as writer:
@@ -56,9 +46,3 @@ def test_a_gap_times_out_as_it_did_live(tmp_path: Path, info: RecordingInfo) -> 
         replay.read(timeout_s=0.5)
     assert replay.read(timeout_s=0.5).time_s == 1.0
     replay.close()
-
-
-@pytest.mark.parametrize("speed", [0.0, -1.0, float("nan")])
-def test_speed_must_be_positive(speed: float) -> None:
-    with pytest.raises(ValueError, match="speed must be positive"):
-        PacedClock(ManualClock(), start_s=0.0, speed=speed)
