@@ -29,6 +29,7 @@ from palpate.dashboard.messages import (
     OpenHand,
     OpenRig,
     Play,
+    Playing,
     Record,
     ReleaseNow,
     Seek,
@@ -248,7 +249,8 @@ def test_a_grasp_is_kept_with_its_name_and_a_replay_is_not(rehearsal: Rehearsal)
     assert rehearsal.kept == [(held, ""), (held, "berry-7")]
     play = Play(file=Path("old.mcap"))
     rehearsal.session.order("a", play)
-    rehearsal.tell(Began(order=play), source(replayed=True), held)
+    at_end = Playing(time_s=9.0, paused=True, speed=1.0, grasped=held)
+    rehearsal.tell(Began(order=play), source(replayed=True), at_end)
     assert rehearsal.session.devices.grasped == held
     rehearsal.tell(Ended(order=play))
     assert rehearsal.session.devices.grasped is None
