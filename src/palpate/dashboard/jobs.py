@@ -303,7 +303,10 @@ def _rest_open(rig: Rig, context: JobContext) -> RestValues:
 def _rest_alone(context: JobContext) -> RestValues:
     """Take the rest values of a sensor that no hand holds."""
     context.catch_up()
-    return rest_values(_read_at_rest(_REST_S, context), layout=context.rig.array.layout)
+    taken = _read_at_rest(_REST_S, context)
+    if taken.time_s[-1] - taken.time_s[0] < _REST_S:
+        raise DeviceTimeoutError("the sensor fell silent: check its cable and power")
+    return rest_values(taken, layout=context.rig.array.layout)
 
 
 def calibrate_force(order: CalibrateForce, *, context: JobContext) -> Calibrated:
