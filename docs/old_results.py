@@ -17,9 +17,9 @@ from palpate_studies.study_code import code_hash
 def main() -> None:
     """Print name, date and command of each."""
     sys.stdout.writelines(
-        f"{one.name}, made on {one.made_on}: {one.command}\n"
-        for one in read_kept(Path(__file__).parent)
-        if one.code_sha256 != code_hash(one.study)
+        f"{name}, made on {one['made_on']}: {one['command']}\n"
+        for name, one in read_kept(Path(__file__).parent).items()
+        if one["code_sha256"] != code_hash(one["study"])
     )
 
 

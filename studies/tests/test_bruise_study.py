@@ -11,17 +11,18 @@ import pytest
 
 from palpate.produce.bruise import model as bruise_model
 from palpate.produce.bruise.model import REFERENCES, simulated_sides
-from palpate_studies import bruise, bruise_data
+from palpate_studies import bruise
 from palpate_studies.bruise import (
     SAME_WIDTH,
     TOGETHER,
+    Examined,
     Scored,
     area,
     area_lost,
+    examine,
     save_sides,
     way,
 )
-from palpate_studies.bruise_data import Examined, examine
 from palpate_studies.fruit_ranges import BRUISES
 
 pytestmark = pytest.mark.slow
@@ -31,7 +32,7 @@ pytestmark = pytest.mark.slow
 def examined() -> list[Examined]:
     """Return a few apples of each purpose; those of the level field are those of paper again."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bruise_data, "REFERENCE_APPLES", 1)
+        patch.setattr(bruise, "REFERENCE_APPLES", 1)
         purposes = {"learn": 20, "test": 4}
         made = examine(purposes, levels=("lab",), seed=900, processes=1)
     return made + [replace(one, level="field") for one in made]

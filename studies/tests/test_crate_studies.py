@@ -1,4 +1,4 @@
-"""Studies of the mixed crate, on crates made up here: what they count."""
+"""The study of the mixed crate, on crates made up here: what it counts."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -20,13 +19,9 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.records import Grasp
 from palpate.produce.sorting.hand import TimedGrasp
-from palpate_studies import identify, identify_data, sorting
-from palpate_studies.identify_data import (
-    CrateItemGrasps,
-    measured_crates,
-    read_crates,
-    write_crates,
-)
+from palpate_studies import crates as crates_module
+from palpate_studies import sorting
+from palpate_studies.crates import CrateItemGrasps, measured_crates, read_crates, write_crates
 
 pytestmark = pytest.mark.slow
 
@@ -105,7 +100,7 @@ def crates() -> list[CrateItemGrasps]:
 
 
 def test_ours_names_most_items_and_finds_the_stranger(crates: list[CrateItemGrasps]) -> None:
-    found = identify.judge(crates).payload["summary"]
+    found = sorting.judge(crates).payload["identify"]
     ours = of(found, "lab", "ours, 3 grasps")
     assert ours["right"] > 0.9
     assert ours["falsely_unknown"] <= 0.2
@@ -116,10 +111,9 @@ def test_ours_names_most_items_and_finds_the_stranger(crates: list[CrateItemGras
 
 
 def test_one_sensor_has_no_other_to_be_taught_on() -> None:
-    report = identify.judge(made_up(levels=("lab",), sensors=1))
-    methods = {row["method"] for row in report.payload["summary"]}
-    assert "ours, taught on other sensors" not in methods
-    assert {row["level"] for row in report.payload["summary"]} == {"lab"}
+    given = sorting.answers(made_up(levels=("lab",), sensors=1))
+    assert "ours, taught on other sensors" not in {one.method for one in given}
+    assert {one.level for one in given} == {"lab"}
 
 
 def test_what_was_not_measured_is_unknown_to_all(crates: list[CrateItemGrasps]) -> None:
@@ -138,10 +132,10 @@ def test_what_was_not_measured_is_unknown_to_all(crates: list[CrateItemGrasps]) 
         )
         for item in crates
     ]
-    said = {one.said for one in identify.answers(lost)}
+    said = {one.said for one in sorting.answers(lost)}
     assert said == {"unknown"}
-    sorted_by_all = sorting.sort_crates(lost, book=sorting.BOOK)
-    assert {score.left_over for score in sorted_by_all.values()} == {1.0}
+    placed = sorting.sort_crates(lost)
+    assert {one.bin for each in placed.values() for one in each} == {sorting.BOOK.default_bin}
 
 
 def test_rules_make_pure_bins_and_leave_less_over_after_more_grasps(
@@ -159,7 +153,7 @@ def test_crates_are_read_as_they_were_written(
 ) -> None:
     write_crates(crates, tmp_path / "crates.json")
     again = read_crates(tmp_path / "crates.json")
-    assert identify.judge(again).payload == identify.judge(crates).payload
+    assert again == crates
     assert json.loads((tmp_path / "crates.json").read_text())["simulated"] is True
 
 
@@ -168,20 +162,18 @@ def test_a_file_that_holds_no_crates_says_so(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="No such file"):
         read_crates(path)
     path.write_text('{"rows": []}')
-    with pytest.raises(InputError, match=r"not crates.json of `palpate study identify --out`"):
+    with pytest.raises(InputError, match=r"not crates.json of `palpate study sorting --out`"):
         read_crates(path)
 
 
-@pytest.mark.parametrize("study", [identify, sorting])
 def test_the_command_writes_what_it_read(
-    study: ModuleType,
     crates: list[CrateItemGrasps],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     write_crates(crates, tmp_path / "in.json")
     app = typer.Typer()
-    app.command()(study.command)
+    app.command()(sorting.command)
     arguments = ["--crates", str(tmp_path / "in.json"), "--out", str(tmp_path / "out"), "--json"]
     assert run(app, arguments, name="study") == 0
     assert json.loads(capsys.readouterr().out)["simulated"] is True
@@ -190,7 +182,7 @@ def test_the_command_writes_what_it_read(
 
 def test_a_crate_is_measured_by_grasps(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, kinds in (("CRATE_TAUGHT", ["egg"]), ("CRATE_STRANGERS", ["walnut"])):
-        monkeypatch.setattr(identify_data, name, dict.fromkeys(kinds))
+        monkeypatch.setattr(crates_module, name, dict.fromkeys(kinds))
     found = measured_crates(level="lab", sensor=7, taught=1, sorted_items=1)
     assert [(i.kind, i.teaches, i.known, len(i.grasps)) for i in found] == [
         ("egg", True, True, 2),

@@ -9,13 +9,21 @@ import pytest
 from palpate.twin.friction import N_PER_G
 from palpate.twin.objects import FRICTION
 from palpate.twin.world import GripperKind
-from palpate_studies.baselines.learned_loop import LOOPS, _taught, learned_laws, learned_loop
-from palpate_studies.baselines.paper_loop import WAITS_S, paper_loop
+from palpate_studies.baselines.feedback_loops import (
+    LOOPS,
+    WAITS_S,
+    learned_laws,
+    learned_loop,
+    paper_loop,
+    taught_by,
+)
 from palpate_studies.baselines.told_everything import RIDGE
 from palpate_studies.force_control import compared, judge, scores
-from palpate_studies.force_control_grasps import UNLIMITED, Gripped, ours
 from palpate_studies.force_control_world import (
     TARGETS_N,
+    UNLIMITED,
+    Gripped,
+    controlled,
     learned_damage,
     task,
 )
@@ -87,7 +95,7 @@ def test_a_soft_thing_is_not_pressed_to_its_target(kind: GripperKind) -> None:
         mass_g=2.0 * FRICTION[0] * 0.5 / N_PER_G,
     )
     wanted = replace(drawn, kind=kind, obj=tender, target_n=7.0, lift_n=0.5)
-    found = ours(wanted, damage=learned_damage(seed=5))
+    found = controlled(wanted, damage=learned_damage(seed=5))
     assert found.limited
     assert not found.damaged
     assert found.outcome == "held" or not found.lifted
@@ -119,7 +127,7 @@ def test_a_learned_law_is_feedback_on_sensors_that_it_never_saw() -> None:
     assert found.said_n == pytest.approx(found.task.target_n, rel=0.05)
     assert found.force_n == pytest.approx(found.task.target_n, rel=0.6)
     # It learned from holds that the hand really had: the calibrated law is off by some percent.
-    rows = _taught(task(700_000, level="lab"))
+    rows = taught_by(task(700_000, level="lab"))
     assert 1 <= len(rows) <= 13
     assert all(abs(log) < 1.0 for _, log in rows)
 

@@ -7,7 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate_studies.grasp_cycle import Cycle, Sample, cycles, judge, ours, paper, scores
+from palpate.grasp.paper import Paper
+from palpate_studies.grasp_cycle import (
+    Cycle,
+    Sample,
+    by_both_fingers,
+    by_controller,
+    cycles,
+    judge,
+    scores,
+)
 
 SAMPLE = Sample(seed=31_000, level="lab", kind="rigid")
 CYCLE = Cycle(
@@ -89,19 +98,19 @@ def test_one_object_is_grasped_in_every_way() -> None:
 @pytest.mark.slow
 def test_a_push_that_fades_before_both_fingers_touch_is_no_falling_sheet() -> None:
     """Each finger pushed in turn; the readings fell, and the sheet was taken for lost."""
-    assert ours(Sample(seed=5_800_159, level="field", kind="rigid")).outcome == "held"
+    assert by_controller(Sample(seed=5_800_159, level="field", kind="rigid")).outcome == "held"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("both_fingers", [False, True])
-def test_the_papers_steps_do_not_stop_at_one_finger(both_fingers: bool) -> None:
+def test_the_papers_steps_do_not_stop_at_one_finger() -> None:
     """One finger pushes this object to the middle: its fall of 10 % alone is no contact."""
     sample = Sample(seed=31_012, level="field", kind="rigid")
-    assert paper(sample, both_fingers=both_fingers).outcome == "held"
+    for found in (by_controller(sample, paper=Paper()), by_both_fingers(sample)):
+        assert found.outcome == "held"
 
 
 @pytest.mark.slow
 def test_paper_method_does_not_call_a_push_by_one_finger_held() -> None:
     """The mean of all pixels falls by 10 % while one finger pushes and the other feels nothing."""
-    found = paper(Sample(seed=5_900_006, level="field", kind="rigid"))
+    found = by_controller(Sample(seed=5_900_006, level="field", kind="rigid"), paper=Paper())
     assert (found.outcome, found.peak_n) == ("sensor_lost", 0.0)

@@ -15,7 +15,7 @@ import pytest
 from palpate.cli import build_app, run
 from palpate.holds import read_holds
 from palpate_studies.force_ladders import read_ladders
-from palpate_studies.stroke_models import read_strokes
+from palpate_studies.strokes import read_strokes
 
 VELOSTAT = "src/experimental_data/"
 

@@ -14,8 +14,7 @@ import pytest
 
 from palpate.cli import build_app, run
 from palpate_studies.press_data import Press, read_presses
-from palpate_studies.press_models import MODELS
-from palpate_studies.presses import in_newtons
+from palpate_studies.presses import MODELS, compare_with_cell
 
 HEADER = "recording_id,time_s,resistance_ohm,force_n\n"
 
@@ -135,7 +134,7 @@ def test_real_presses_of_settings_left_out(real_presses: list[Press]) -> None:
         "final": lambda error: float(abs(error[-1])),
     }
     static, ours = (
-        [in_newtons(press, follow(press)) for press in tested]
+        [compare_with_cell(press, follow(press)) for press in tested]
         for follow in (MODELS["static"](known), MODELS["ours"](known))
     )
     for measure in score.values():

@@ -9,8 +9,7 @@ from palpate.errors import PalpateError
 from palpate.estimate.damage_learning import FruitClosing, follow_closing
 from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.protocol.parts import Learned, SeenBeforeError
-from palpate_studies.rupture import RULE
-from palpate_studies.rupture_tradeoff import RATES, applied, stops, tradeoff
+from palpate_studies.rupture import RATES, RULE, applied, stops, tradeoff
 
 
 def pears(count: int, *, seed: int) -> list[FruitClosing]:

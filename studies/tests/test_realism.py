@@ -9,12 +9,7 @@ import pytest
 
 from palpate.holds import Hold
 from palpate_studies import realism
-from palpate_studies.realism import (
-    halves,
-    hold_quantities,
-    ladder_quantities,
-    together,
-)
+from palpate_studies.realism import halves, hold_quantities, ladder_quantities, together
 
 
 def test_ladder_quantities_of_a_known_law() -> None:

@@ -45,14 +45,13 @@ def test_readme_has_no_table_of_results_but_the_generated_one() -> None:
 
 def test_every_stored_result_names_its_origin_and_is_quoted() -> None:
     quoting = (DOCS / "claims.toml").read_text() + (DOCS / "kept" / "results.md.in").read_text()
-    for one in read_kept(DOCS):
-        assert f'"{one.name}"' in quoting or f"{{{{{one.name}|" in quoting, one.name
-        document = json.loads((DOCS / "kept" / f"{one.name}.json").read_text())
-        assert document["origin"] in ("real", "simulated")
-        assert one.command.startswith(f"palpate study {one.study}")
-        assert one.study in STUDIES
-        assert re.fullmatch(r"[0-9a-f]{64}", one.code_sha256)
-        assert one.note, f"{one.name} does not report its seeds and evaluations"
+    for name, one in read_kept(DOCS).items():
+        assert f'"{name}"' in quoting or f"{{{{{name}|" in quoting, name
+        assert one["origin"] in ("real", "simulated")
+        assert one["command"].startswith(f"palpate study {one['study']}")
+        assert one["study"] in STUDIES
+        assert re.fullmatch(r"[0-9a-f]{64}", one["code_sha256"])
+        assert one["note"], f"{name} does not report its seeds and evaluations"
 
 
 @pytest.fixture
@@ -96,9 +95,10 @@ def docs(tmp_path: Path) -> Path:
 
 
 def test_read_kept_returns_the_origin_of_each_result(docs: Path) -> None:
-    one, two = read_kept(docs)
-    assert (one.name, one.study, two.command) == ("one", "one", "palpate study one --second")
-    assert (one.note, two.code_sha256) == ("Evaluated once.", "0" * 64)
+    kept = read_kept(docs)
+    one, two = kept["one"], kept["two"]
+    assert (one["study"], two["command"]) == ("one", "palpate study one --second")
+    assert (one["note"], two["code_sha256"]) == ("Evaluated once.", "0" * 64)
 
 
 @pytest.mark.slow
@@ -113,9 +113,9 @@ def test_code_of_a_study_is_what_it_imports() -> None:
 
 def test_figures_are_looked_up_and_scaled(docs: Path) -> None:
     (claim,) = read_claims(docs)
-    assert (claim.ours, claim.rival, claim.origin) == ("12.3 %", "0.2", "real")
-    assert claim.difference == "-0.100 (-0.200 to +0.010)"
-    assert claim.second == "**baseline**: 0.5 (+0.300, +0.100 to +0.400)"
+    assert (claim["ours"], claim["rival"], claim["origin"]) == ("12.3 %", "0.2", "real")
+    assert claim["difference"] == "-0.100 (-0.200 to +0.010)"
+    assert claim["second"] == "**baseline**: 0.5 (+0.300, +0.100 to +0.400)"
     table = as_table([claim])
     assert "| error (3) | `one` | 3; sensors | 12.3 % | 0.2 (c) |" in table
     page = fill_page("{{one|rows[method=c]/error:.2f}} {{one|rows[method=c]/ends:.0f}}", docs)
@@ -171,12 +171,12 @@ def test_notes_on_the_paper_count_misses_as_the_stored_results_do() -> None:
 def test_claims_of_shipped_code_rest_on_the_symbol_that_a_verb_reaches() -> None:
     """The study imports the named class or function from palpate, and so does a command."""
     for row in read_claims(DOCS):
-        module, symbol = row.code.split(":")
+        module, symbol = row["code"].split(":")
         public = {one for one, home in palpate._HOMES.items() if home == module}
-        judged = study_files(row.study)
+        judged = study_files(row["study"])
         in_study = [path for path in judged if "palpate_studies" in path.parts]
-        assert any(imports(path, module, symbol, public) for path in in_study), row.name
-        assert any(imports(path, module, symbol, public) for path in reached()), row.name
+        assert any(imports(path, module, symbol, public) for path in in_study), row["name"]
+        assert any(imports(path, module, symbol, public) for path in reached()), row["name"]
 
 
 def imports(path: Path, module: str, symbol: str, public: set[str]) -> bool:

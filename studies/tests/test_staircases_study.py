@@ -8,13 +8,7 @@ import pytest
 from palpate.rig.simulated import calibrate_twin
 from palpate_studies import staircases
 from palpate_studies.protocol.parts import SeenBeforeError
-from palpate_studies.staircases import (
-    FAINT_N,
-    FollowedForce,
-    followed,
-    learned_from,
-    numbers_of,
-)
+from palpate_studies.staircases import FAINT_N, FollowedForce, followed, learned_from, numbers_of
 
 
 @pytest.mark.slow

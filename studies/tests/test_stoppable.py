@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from palpate_studies import force_control_grasps
+from palpate_studies import force_control_world
 from palpate_studies.force_control import gripped
 from palpate_studies.force_control_world import learned_damage, task
 
@@ -21,13 +21,13 @@ def test_a_signal_ends_the_study_with_the_hand_safe(
     before = signal.getsignal(number)
     worlds = list[Any]()
 
-    class Gripper(force_control_grasps.TwinGripper):
+    class Gripper(force_control_world.TwinGripper):
         def command(self, wanted: Any) -> Any:
             os.kill(os.getpid(), number)
             worlds.append(self)
             return super().command(wanted)
 
-    monkeypatch.setattr(force_control_grasps, "TwinGripper", Gripper)
+    monkeypatch.setattr(force_control_world, "TwinGripper", Gripper)
     tasks = [task(seed, level="lab") for seed in (8, 9)]
     with pytest.raises(KeyboardInterrupt):
         list(gripped(tasks, damage=learned_damage(seed=1), laws={}))

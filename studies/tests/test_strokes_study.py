@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.cli import build_app, run
-from palpate_studies.stroke_models import MODELS, TOLD, Touch, others_of, read_strokes
+from palpate_studies.strokes import MODELS, TOLD, Touch, others_of, read_strokes
 
 HEADER = "recording_id,time_s,resistance_ohm,force_n,touch,phase\n"
 

@@ -77,7 +77,7 @@ def run(name: str) -> StudyReport:
 
 
 def payload(name: str) -> dict[str, Any]:
-    return dict(run(name).payload)
+    return run(name).document
 
 
 @pytest.mark.parametrize("place", [place for place, _ in (*STUDIES.values(), *BENCHMARKS.values())])
@@ -92,7 +92,7 @@ def test_study_states_its_origin_and_returns_plain_json(name: str) -> None:
     report = run(name)
     assert report.name == name
     assert re.search("Simulated|Real", " ".join(report.provenance))
-    assert json.loads(json.dumps(report.payload, allow_nan=False))["study"] == name
+    assert json.loads(json.dumps(report.document, allow_nan=False))["study"] == name
     for table in report.tables:
         assert table.rows
         assert all(len(row) == len(table.columns) for row in table.rows)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate_studies.dropped_apple import CLOSURE_MM, DROPPED, SIZE_MM, grasp_free, grasp_supported
 from palpate_studies.figure16 import scores
+from palpate_studies.table6 import CLOSURE_MM, DROPPED, SIZE_MM, grasp_free, grasp_supported
 
 
 def test_supported_apple_keeps_the_load_of_its_sound_side() -> None:

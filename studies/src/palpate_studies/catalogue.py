@@ -39,9 +39,8 @@ _SHOWN = {
     "stiffness": "Stiffness in N/mm over two decades, simulated",
     "staircases": "Force now during staircases of closing and opening, simulated",
     "settled": "Settled values on real materials, and after own holds",
-    "meat": "What a squeeze can show of meat, real double presses",
-    "identify": "What each item of a mixed crate is, strangers among them, simulated",
-    "sorting": "Purity and items per hour of sorting by rules, simulated",
+    "meat": "How far specimens of a steak differ, real double presses",
+    "sorting": "Items of a mixed crate named and sorted, strangers among them, simulated",
 }
 _COMPARED = {
     "all": "All of these, one after the other",

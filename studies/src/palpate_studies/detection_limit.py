@@ -8,10 +8,9 @@ from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.estimate.force import PowerForceLaw
 from palpate.signal.relative import CONTACT_PERCENT, finger_means, relative_change_percent
-from palpate_studies.contact_events import running_median
 from palpate_studies.equal_width import SEED
 from palpate_studies.report import StudyReport, Table, as_command
-from palpate_studies.rows import LEVELS
+from palpate_studies.rows import LEVELS, running_median
 from palpate_studies.twin_session import GAP_MM, STILL_S, Session, drawn, grasps
 
 SENSORS, SMOOTH = 6, 3
@@ -77,7 +76,6 @@ def report(*, sensors: int = SENSORS) -> StudyReport:
             ),
         ],
         payload={
-            "study": "detection-limit",
             "origin": "twin",
             "weakest_n": {f"{a}, {b}": _known(values) for (a, b), values in limits.items()},
             "median_n": {

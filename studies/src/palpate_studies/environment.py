@@ -73,7 +73,6 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             ),
         ],
         payload={
-            "study": "environment",
             "origin": "twin",
             "climates": {name: list(at) for name, at in CLIMATES.items()},
             "spread": {

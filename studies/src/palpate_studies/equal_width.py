@@ -253,7 +253,6 @@ class LineStudy:
                 ),
             ],
             payload={
-                "study": self.name,
                 "origin": "twin",
                 **payload,
                 "published_r_squared": self.published_r_squared,

@@ -86,7 +86,6 @@ def report(*, sensors: int = SENSORS, cycles: int = CYCLES) -> StudyReport:
             )
         ],
         payload={
-            "study": "fatigue",
             "origin": "twin",
             "cycles": cycles,
             "levels": {

@@ -111,7 +111,7 @@ def report(
                 ],
             )
         ],
-        payload={"study": "figure16", "origin": "twin", "fruits": fruits, "summary": rows},
+        payload={"origin": "twin", "fruits": fruits, "summary": rows},
         figures={"figure16": lambda: draw(rows)},
     )
 

@@ -8,14 +8,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from palpate_studies.baselines.learned_loop import LOOPS, Laws, learned_laws, learned_loop
-from palpate_studies.baselines.paper_loop import paper_loop
-from palpate_studies.force_control_grasps import NEAR, UNLIMITED, Gripped, ours, unlimited
+from palpate_studies.baselines.feedback_loops import (
+    LOOPS,
+    Laws,
+    learned_laws,
+    learned_loop,
+    paper_loop,
+)
 from palpate_studies.force_control_world import (
     GRASPS_PER_SHEET,
+    NEAR,
     PRESSED,
     TARGETS_N,
+    UNLIMITED,
+    Gripped,
     Task,
+    controlled,
     learned_damage,
     task,
 )
@@ -56,8 +64,8 @@ command = as_command(report)
 def gripped(tasks: Sequence[Task], *, damage: DamageModel, laws: Laws) -> Iterator[Gripped]:
     """Grip every task with and without the damage limit, and by each baseline."""
     for one in tasks:
-        yield ours(one, damage=damage)
-        yield unlimited(one)
+        yield controlled(one, damage=damage)
+        yield controlled(one, damage=None)
         yield paper_loop(one)
         yield from (learned_loop(one, learner, laws=laws) for learner in LOOPS)
 
@@ -156,7 +164,6 @@ def judge(found: Sequence[Gripped]) -> StudyReport:
         ),
         tables=[Table.of(title, summary, [*_LEAD, *keys]) for title, keys in _TABLES.items()],
         payload={
-            "study": "force-control",
             "simulated": True,
             "summary": summary,
             "compared": [*compared(found), *compared(found, method=UNLIMITED)],

@@ -1,20 +1,41 @@
-"""Random things to grip to a force and to lift, and what their user would have found out before."""
+"""Random things gripped to a force by the controller and lifted, and what came of it.
+
+What their user would have found out before comes from a test stand and a calibration.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from palpate.estimate.damage import DamageModel, fit_damage_model
 from palpate.estimate.strength import ClosingCurve, ClosingState
+from palpate.grasp.phases import Phase
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.result import GraspResult
+from palpate.grasp.runner import run_grasp
+from palpate.grasp.state import GraspState
+from palpate.rig.simulated import calibrate_twin
+from palpate.sensor.calibration import Calibration
+from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.friction import N_PER_G
 from palpate.twin.mechanics import object_force_n
 from palpate.twin.objects import FRICTION, TwinObject
 from palpate.twin.ranges import log_uniform, uniform
 from palpate.twin.velostat import Environment
 from palpate.twin.world import GripperKind, World
+from palpate_studies.stoppable import uninterrupted
 
+#: This many grasps share a sensor, a gripper and their calibration.
+GRASPS_PER_SHEET = 4
+#: Near enough to the target.
+NEAR = 0.1
+#: Name of the method that knows no damage limit.
+UNLIMITED = "ours, no damage limit"
+#: Held this long in the air before it is given back, seconds.
+LIFTED_S = 3.0
 #: Two decades of force at 1 mm, newtons.
 STIFFNESS_N = (0.5, 50.0)
 #: Sizes within the stroke: soft fingers need some of it to press.
@@ -25,7 +46,7 @@ TARGETS_N = (1.5, 8.0)
 #: stand. Correlation of stiffness and strength then is about that of recorded fruit.
 _YIELD_MM, _YIELD_LOG_SD = 4.0, 0.45
 #: Share of things that relax as fruit does, and how much they and others relax.
-_FRUIT_SHARE, FRUIT_RELAXES, _OTHERS_RELAX = 0.5, (0.10, 0.35), (0.0, 0.05)
+_FRUIT_SHARE, _FRUIT_RELAXES, _OTHERS_RELAX = 0.5, (0.10, 0.35), (0.0, 0.05)
 #: Lifting takes this share of the target, with the least friction there is.
 _LIFT_SHARE = (0.2, 0.6)
 #: Wear of the sheet when it is used, contacts.
@@ -50,25 +71,17 @@ class Task:
     target_n: float
     lift_n: float
 
-    @property
-    def used(self) -> Environment:
-        """The use made of the sheet since its calibration."""
-        return Environment(cycles=int(np.random.default_rng([self.seed, 33]).integers(_CYCLES)))
-
     def world(self) -> World:
         """Return the world of this grasp, on a sheet that was used since its calibration."""
+        cycles = int(np.random.default_rng([self.seed, 33]).integers(_CYCLES))
         return World(
             self.obj,
             seed=self.seed,
             sheet_seed=self.seed // GRASPS_PER_SHEET,
             level=self.level,
             gripper=self.kind,
-            environment=self.used,
+            environment=Environment(cycles=cycles),
         )
-
-
-#: This many grasps share a sensor, a gripper and their calibration.
-GRASPS_PER_SHEET = 4
 
 
 def task(seed: int, *, level: str) -> Task:
@@ -88,7 +101,7 @@ def thing(
     """Draw a thing of any stiffness, shape and strength."""
     contact = "hertz" if rng.random() < 0.5 else "linear"
     force_at_1mm_n = log_uniform(rng, STIFFNESS_N)
-    relaxing = FRUIT_RELAXES if rng.random() < _FRUIT_SHARE else _OTHERS_RELAX
+    relaxing = _FRUIT_RELAXES if rng.random() < _FRUIT_SHARE else _OTHERS_RELAX
     yield_mm = _YIELD_MM * float(np.exp(_YIELD_LOG_SD * rng.standard_normal()))
     yield_n = force_at_1mm_n * yield_mm ** (1.5 if contact == "hertz" else 1.0)
     return TwinObject(
@@ -136,3 +149,104 @@ def _pressed(obj: TwinObject, *, rng: np.random.Generator) -> list[ClosingState]
         if force_n > _BLIND_N:
             states += curve.push(deformation_mm + _SLACK_MM * rng.standard_normal(), force_n=read_n)
     return states
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gripped:
+    """The outcome of one task; None where the method gives or does nothing of the kind.
+
+    Attributes
+    ----------
+    method, outcome : str
+        How it was gripped, and how that ended.
+    force_n : float
+        True settled force of the final hold.
+    said_n, low_n, high_n : float or None
+        The settled force that was reported, and its interval.
+    lifted, dropped, damaged, limited : bool
+        Whether it was lifted, fell, was pressed beyond its yield, and whether the damage limit kept
+        the force below the target.
+    on_target_s : float or None
+        From contact until it was first reported on target after the last movement.
+    """
+
+    task: Task
+    method: str
+    outcome: str
+    force_n: float
+    lifted: bool
+    dropped: bool
+    damaged: bool
+    said_n: float | None = None
+    low_n: float | None = None
+    high_n: float | None = None
+    limited: bool = False
+    on_target_s: float | None = None
+
+    @property
+    def could_bear(self) -> bool:
+        """Whether the thing would have borne the target, and what counts as near it."""
+        return self.task.obj.yield_n > (1.0 + NEAR) * self.task.target_n
+
+    @property
+    def off_target(self) -> float:
+        """Settled force over target, less 1."""
+        return self.force_n / self.task.target_n - 1.0
+
+
+def controlled(task: Task, *, damage: DamageModel | None) -> Gripped:
+    """Grip with the controller as shipped; without a damage limit as its rivals do."""
+    world = task.world()
+    gripper, lifted = TwinGripper(world), list[float]()
+
+    def arm(grasp_state: GraspState) -> None:
+        if grasp_state.phase is Phase.HOLD and not lifted:
+            lifted.append(grasp_state.estimate.now_s)
+            world.lift()
+
+    plan = plan_grasp(
+        calibration_of(task.seed // GRASPS_PER_SHEET, task.level, task.kind),
+        gripper=gripper,
+        target_force_n=task.target_n,
+        lift_force_n=task.lift_n,
+        damage=damage,
+        hold_s=LIFTED_S,
+        longest_s=300.0,
+    )
+    array = TwinArray(world)
+    result = uninterrupted(
+        run_grasp(plan, array=array, gripper=gripper, clock=world.clock, watchers=[arm])
+    )
+    force, truth = result.force_n, world.truth()
+    return Gripped(
+        task=task,
+        method=UNLIMITED if damage is None else "ours",
+        outcome=str(result.outcome),
+        lifted=bool(lifted),
+        dropped=world.dropped,
+        said_n=None if force is None else force.value,
+        low_n=None if force is None else force.low,
+        high_n=None if force is None else force.high,
+        limited=result.limited,
+        on_target_s=_on_target_s(result),
+        force_n=truth.force_n,
+        damaged=damaged(world, task),
+    )
+
+
+def damaged(world: World, task: Task) -> bool:
+    return world.truth().peak_force_n >= task.obj.yield_n
+
+
+def _on_target_s(result: GraspResult) -> float | None:
+    """Return the time from contact to the last statement of being on target."""
+    at = {moment.name: moment.time_s for moment in result.moments if moment.finger is None}
+    if "contact" not in at or at.get("on_target", -1.0) < at.get("adjusted", -1.0):
+        return None
+    return at["on_target"] - at["contact"] if "on_target" in at else None
+
+
+@lru_cache(maxsize=2)
+def calibration_of(sheet: int, level: str, kind: GripperKind) -> Calibration:
+    """Calibrate a sensor and gripper by a user's steps; the grasps of one sheet share it."""
+    return calibrate_twin(seed=sheet, level=level, apart_from="", kind=kind)

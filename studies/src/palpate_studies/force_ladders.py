@@ -205,7 +205,6 @@ def report(
             )
         ],
         payload={
-            "study": "force-ladders",
             "rows": rows,
             "summary": summary,
             "means": means,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, TypeVar
@@ -13,12 +13,12 @@ import typer
 
 from palpate.estimate.force_law import Population, load_population
 from palpate.files import atomic_path, check_place
-from palpate_studies import force_ladders, press_models, stroke_models
-from palpate_studies.force_ladders import read_ladders
+from palpate_studies import force_ladders as ladder_study
+from palpate_studies import presses as press_study
+from palpate_studies import strokes as stroke_study
 from palpate_studies.force_learning import KnownContact, learn_population
 from palpate_studies.press_data import read_presses
 from palpate_studies.report import StudyReport, Table, as_command
-from palpate_studies.stroke_models import read_strokes
 
 Contact = TypeVar("Contact")
 
@@ -46,11 +46,17 @@ def report(
     """
     if write is not None:
         check_place(write)
-    touches = [one for one in read_strokes(strokes) if one.scored.sum() > 1]
+    touches = [one for one in stroke_study.read_strokes(strokes) if one.scored.sum() > 1]
+    weights = [ladder_study.known_contact(one) for one in ladder_study.read_ladders(ladders)]
     parts: dict[str, Sequence[KnownContact]] = {
-        "strokes": [stroke_models.known_contact(one) for one in _spread(touches)],
-        "presses": [press_models.known_contact(one) for one in _spread(read_presses(presses))],
-        "ladders": _often([force_ladders.known_contact(one) for one in read_ladders(ladders)]),
+        "strokes": [stroke_study.known_contact(one) for one in _spread(touches)],
+        "presses": [press_study.known_contact(one) for one in _spread(read_presses(presses))],
+        # A few, but the only ones that show what a settled reading means: repeated.
+        "ladders": [
+            replace(one, place=f"{one.place}-{number}")
+            for number in range(max(_CONTACTS // len(weights), 1))
+            for one in weights
+        ],
     }
     population = learn_population([one for part in parts.values() for one in part])
     factor = np.ones(len(population.mean))
@@ -59,35 +65,6 @@ def report(
     if write is not None:
         with atomic_path(write) as partial:
             partial.write_text(_text(population))
-    return _report(population, parts)
-
-
-command = as_command(report)
-
-
-def _spread(contacts: Sequence[Contact]) -> Sequence[Contact]:
-    return contacts[:: max(len(contacts) // _CONTACTS, 1)]
-
-
-def _often(ladders: Sequence[KnownContact]) -> Sequence[KnownContact]:
-    """Repeat ladders: a few, but the only ones that show what a settled reading means."""
-    return [
-        replace(one, place=f"{one.place}-{number}")
-        for number in range(max(_CONTACTS // len(ladders), 1))
-        for one in ladders
-    ]
-
-
-def _text(population: Population) -> str:
-    rounded = {
-        name: np.round(values, 7).tolist() if name != "least_n" else round(values, 3)
-        for name, values in population.as_dict().items()
-    }
-    rows = [f' "{name}": {json.dumps(values)}' for name, values in rounded.items()]
-    return "{\n" + ",\n".join(rows) + "\n}\n"
-
-
-def _report(population: Population, parts: Mapping[str, Sequence[KnownContact]]) -> StudyReport:
     shipped = load_population()
     rows = [
         {
@@ -109,8 +86,23 @@ def _report(population: Population, parts: Mapping[str, Sequence[KnownContact]])
         ),
         tables=[Table.of("Weights of the force law", rows)],
         payload={
-            "study": "force-population",
             "rows": rows,
             "contacts": {name: len(part) for name, part in parts.items()},
         },
     )
+
+
+command = as_command(report)
+
+
+def _spread(contacts: Sequence[Contact]) -> Sequence[Contact]:
+    return contacts[:: max(len(contacts) // _CONTACTS, 1)]
+
+
+def _text(population: Population) -> str:
+    rounded = {
+        name: np.round(values, 7).tolist() if name != "least_n" else round(values, 3)
+        for name, values in population.as_dict().items()
+    }
+    rows = [f' "{name}": {json.dumps(values)}' for name, values in rounded.items()]
+    return "{\n" + ",\n".join(rows) + "\n}\n"

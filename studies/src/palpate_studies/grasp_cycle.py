@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import closing
 from dataclasses import dataclass
 from itertools import product
 from typing import Annotated, Any
@@ -22,21 +21,18 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperCommand
-from palpate.rig.simulated import read_through_firmware
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
 from palpate.twin.world import GripperKind, World
-from palpate_studies.force_control_baselines import close_until, read_ohm, touched_by
-from palpate_studies.force_control_grasps import calibration_of
-from palpate_studies.force_control_world import GRASPS_PER_SHEET, SIZES_MM, thing
+from palpate_studies.baselines.feedback_loops import STEP, close_until, read_ohm, touched_by
+from palpate_studies.force_control_world import GRASPS_PER_SHEET, SIZES_MM, calibration_of, thing
 from palpate_studies.protocol.paired import compare
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS, group, mean, median
 from palpate_studies.second.things import other_thing
 from palpate_studies.stoppable import uninterrupted
 
-#: The paper's steps, mm or kPa, and its time from contact to the prediction.
-_PAPER_STEP: dict[GripperKind, float] = {"rigid": 1.0, "soft": 0.8}
+#: The paper's time from contact to the prediction.
 _PAPER_PREDICTS_S = 2.5
 #: The paper's way by what has to pass the threshold.
 MEAN_OF_PIXELS, BOTH_FINGERS = "paper's 1 mm steps", "paper's 1 mm steps, both fingers"
@@ -60,8 +56,6 @@ class Sample:
     kind: GripperKind
     #: Whether the object is of the second generator.
     second: bool = False
-    #: Whether the real firmware on the AVR simulator reads the sheet.
-    firmware: bool = False
 
     @property
     def sheet(self) -> int:
@@ -124,13 +118,8 @@ class Cycle:
     stiffness_status: str = "none"
 
 
-def ours(sample: Sample) -> Cycle:
-    """Grasp gently with the controller as shipped."""
-    return _by_controller(sample, way="ours")
-
-
-def _by_controller(sample: Sample, *, way: str, paper: Paper | None = None) -> Cycle:
-    """Grasp with the controller, by its own method or by the paper's."""
+def by_controller(sample: Sample, *, paper: Paper | None = None) -> Cycle:
+    """Grasp gently with the controller as shipped, by its own method or by the paper's."""
     world, at = sample.world(), dict[str, float]()
     gripper, size_mm = TwinGripper(world), sample.obj().size_mm
     calibration = calibration_of(sample.sheet, sample.level, sample.kind)
@@ -144,18 +133,16 @@ def _by_controller(sample: Sample, *, way: str, paper: Paper | None = None) -> C
                 at[moment.name] = grasp_state.estimate.now_s
                 at[f"{moment.name} peak"] = world.truth().peak_force_n
 
-    array = read_through_firmware(world) if sample.firmware else TwinArray(world)
-    with closing(array):
-        result = uninterrupted(
-            run_grasp(plan, array=array, gripper=gripper, clock=world.clock, watchers=[watch])
-        )
+    array = TwinArray(world)
+    result = uninterrupted(
+        run_grasp(plan, array=array, gripper=gripper, clock=world.clock, watchers=[watch])
+    )
     force, size, stiffness = result.force_n, result.size_mm, result.stiffness_n_per_mm
-    settled = result.settled_percent
-    truth = world.truth()
+    settled, truth = result.settled_percent, world.truth()
     low, high = (None, None) if stiffness is None else stiffness.known_ends
     return Cycle(
         sample=sample,
-        way=way,
+        way="ours" if paper is None else MEAN_OF_PIXELS,
         outcome=str(result.outcome),
         touch_s=at.get("contact", np.nan),
         answer_s=at.get("answer", np.nan),
@@ -175,18 +162,13 @@ def _by_controller(sample: Sample, *, way: str, paper: Paper | None = None) -> C
     )
 
 
-def paper(sample: Sample, *, both_fingers: bool = False) -> Cycle:
-    """Grasp by the paper's method (`palpate grasp --method paper`).
-
-    `both_fingers`: close until the mean of each finger passes the threshold, not that of all.
-    """
-    if not both_fingers:
-        return _by_controller(sample, way=MEAN_OF_PIXELS, paper=Paper())
+def by_both_fingers(sample: Sample) -> Cycle:
+    """Close in the paper's steps until the mean of each finger passes the threshold."""
     world = sample.world()
     array, gripper = TwinArray(world), TwinGripper(world)
     rest_ohm = read_ohm(array, seconds=0.5)
     touched = touched_by(array, world, rest_ohm, both_fingers=True)
-    step = _PAPER_STEP[sample.kind]
+    step = STEP[sample.kind]
     closed = close_until(world, gripper, touched, step=step, kind=sample.kind)
     size_mm = np.nan
     if sample.kind == "rigid":
@@ -259,10 +241,8 @@ def _plain(
 
 
 def cycles(sample: Sample) -> list[Cycle]:
-    """Grasp one object in every way that its hand can do; read by the firmware, in two."""
-    if sample.firmware:
-        return [ours(sample), paper(sample)]
-    found = [ours(sample), paper(sample), paper(sample, both_fingers=True)]
+    """Grasp one object in every way that its hand can do."""
+    found = [by_controller(sample), by_controller(sample, paper=Paper()), by_both_fingers(sample)]
     return [*found, by_current(sample)] if sample.kind == "rigid" else found
 
 
@@ -270,31 +250,18 @@ def report(
     *,
     grasps: Annotated[int, typer.Option(help="Objects of each hand and level.", min=4)] = 100,
     second: SecondOption = False,
-    firmware: Annotated[
-        bool,
-        typer.Option("--firmware", help="Read by the firmware, simulated; rigid, two ways alone."),
-    ] = False,
 ) -> StudyReport:
     """Grasp fresh simulated objects by default settings, by the paper's way and by current alone.
 
     Example: palpate study grasp-cycle --grasps 40 --out reports
     """
     first_seed = SECOND_SEED if second else FIRST_SEED
-    found = [
-        cycle
-        for level, kind in product(LEVELS, KINDS[:1] if firmware else KINDS)
+    samples = [
+        Sample(seed=first_seed + number, level=level, kind=kind, second=second)
+        for level, kind in product(LEVELS, KINDS)
         for number in range(grasps)
-        for cycle in cycles(
-            Sample(
-                seed=first_seed + number,
-                level=level,
-                kind=kind,
-                second=second,
-                firmware=firmware,
-            )
-        )
     ]
-    return judge(found)
+    return judge([cycle for sample in samples for cycle in cycles(sample)])
 
 
 command = as_command(report)
@@ -358,7 +325,6 @@ def judge(found: Sequence[Cycle]) -> StudyReport:
             ),
         ],
         payload={
-            "study": "grasp-cycle",
             "origin": "twin",
             "summary": summary,
             "compared": rivals,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -19,8 +18,7 @@ from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.friction import N_PER_G
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
-from palpate_studies.force_control_grasps import calibration_of
-from palpate_studies.force_control_world import GRASPS_PER_SHEET
+from palpate_studies.force_control_world import GRASPS_PER_SHEET, calibration_of
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
 
@@ -33,18 +31,6 @@ _PULLED_S = 3.0
 VERDICTS = ("secure to pull", "not sure", "would slip")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pulled:
-    """One pull on one held fruit: what was judged, and whether it slipped."""
-
-    level: str
-    fruit: str
-    seed: int
-    pull_n: float
-    verdict: str
-    slipped: bool
-
-
 def report(
     *, fruits: Annotated[int, typer.Option(help="Fruit of each level.", min=1)] = 40
 ) -> StudyReport:
@@ -52,19 +38,14 @@ def report(
 
     Example: palpate study harvest --fruits 100 --out reports
     """
-    found = [
-        pulled
-        for level in LEVELS
-        for seed in range(FIRST_SEED, FIRST_SEED + fruits)
-        for pulled in pulls(seed, level=level)
-    ]
-    return judge(found)
+    seeds = range(FIRST_SEED, FIRST_SEED + fruits)
+    return judge([row for level in LEVELS for seed in seeds for row in pulls(seed, level=level)])
 
 
 command = as_command(report)
 
 
-def pulls(seed: int, *, level: str) -> list[Pulled]:
+def pulls(seed: int, *, level: str) -> list[dict[str, Any]]:
     """Grip one fruit and pull at it ten times, each time as it is held at the answer."""
     rng = np.random.default_rng([seed, 51])
     name = FRUIT[seed % len(FRUIT)]
@@ -96,34 +77,32 @@ def pulls(seed: int, *, level: str) -> list[Pulled]:
         copy.clock.sleep_s(_PULLED_S)
         copy.force_n(copy.clock.now_s())
         found.append(
-            Pulled(
-                level=level,
-                fruit=name,
-                seed=seed,
-                pull_n=pull_n,
-                verdict=verdict,
-                slipped=copy.dropped,
-            )
+            {
+                "level": level,
+                "fruit": name,
+                "seed": seed,
+                "pull_n": pull_n,
+                "verdict": verdict,
+                "slipped": copy.dropped,
+            }
         )
     return found
 
 
-def judge(found: Sequence[Pulled]) -> StudyReport:
+def judge(rows: Sequence[dict[str, Any]]) -> StudyReport:
     """Return the report of any number of pulls."""
-    summary = list[dict[str, Any]]()
-    for level in LEVELS:
-        mine = [one for one in found if one.level == level]
-        for verdict in VERDICTS:
-            part = [one for one in mine if one.verdict == verdict]
-            summary.append(
-                {
-                    "level": level,
-                    "fruits": len({one.seed for one in mine}),
-                    "verdict": verdict,
-                    "pulls": len(part),
-                    "slipped": sum(one.slipped for one in part),
-                }
-            )
+    summary = [
+        {
+            "level": level,
+            "fruits": len({row["seed"] for row in rows if row["level"] == level}),
+            "verdict": verdict,
+            "pulls": len(part),
+            "slipped": sum(row["slipped"] for row in part),
+        }
+        for level in LEVELS
+        for verdict in VERDICTS
+        for part in [[r for r in rows if (r["level"], r["verdict"]) == (level, verdict)]]
+    ]
     return StudyReport(
         name="harvest",
         title="Pulls of 1 to 10 N on held fruit (simulated)",
@@ -135,9 +114,8 @@ def judge(found: Sequence[Pulled]) -> StudyReport:
         ],
         tables=[Table.of("Verdict, and whether it slipped", summary)],
         payload={
-            "study": "harvest",
             "simulated": True,
             "summary": summary,
-            "rows": [asdict(one) for one in found],
+            "rows": list(rows),
         },
     )

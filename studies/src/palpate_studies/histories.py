@@ -7,7 +7,7 @@ newtons: the force crosses zero.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -35,7 +35,6 @@ _BUMPS, _WIDTH = 120, 2.0
 _EVERY = 2
 #: From the inputs of a recording to force and half width of its interval, where it has one.
 Predictor: TypeAlias = Callable[[FloatArray], tuple[FloatArray, FloatArray | None]]
-Rows: TypeAlias = list[dict[str, Any]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,6 +131,10 @@ def report(
         for predict in [learn(inside)]
         for one in tested
     ]
+    by_model = {name: [row for row in rows if row["model"] == name] for name in MODELS}
+    lost = {name: [row["rms_percent"] for row in mine] for name, mine in by_model.items()}
+    kinds = [row["kind"] for row in by_model["ours"]]
+    lead: dict[str, Any] = {"model": "{model}"}
     return StudyReport(
         name="histories",
         title="Force of stretched silicone from the history of its resistance",
@@ -146,14 +149,32 @@ def report(
             "`ours` is a kernel ridge of this study; no command uses it.",
         ),
         tables=[
-            _table(rows, "rms_percent", title="RMS error, percent of the range of force"),
-            _table(rows, "coverage", title="Coverage of 90 % intervals"),
+            Table.wide(
+                "RMS error, percent of the range of force",
+                rows,
+                lead,
+                over="recording_id",
+                form="{rms_percent:.1f}",
+            ),
+            Table.wide(
+                "Coverage of 90 % intervals",
+                by_model["ours"],
+                lead,
+                over="recording_id",
+                form="{coverage:.2f}",
+            ),
         ],
         payload={
-            "study": "histories",
             "rows": rows,
-            "summary": _summary(rows),
-            "compared": _compared(rows),
+            "summary": [
+                {
+                    "model": name,
+                    "recordings": len(percent),
+                    "rms_percent": float(np.mean(percent)),
+                }
+                for name, percent in lost.items()
+            ],
+            "compared": compare(lost, kinds, statistic=np.mean),
             "level": LEVEL,
         },
     )
@@ -248,33 +269,3 @@ def _scores(answer: tuple[FloatArray, FloatArray | None], force_n: FloatArray) -
         "rms_percent": percent * float(np.sqrt(np.mean(error**2))),
         "coverage": None if half is None else float(np.mean(np.abs(error) <= half)),
     }
-
-
-def _table(rows: Rows, key: str, *, title: str) -> Table:
-    """Return a line for each model, a column for each recording."""
-    known = [row for row in rows if row[key] is not None]
-    form = f"{{{key}:.2f}}" if key == "coverage" else f"{{{key}:.1f}}"
-    lead = {"model": "{model}"}
-    return Table.wide(title, known, lead, over="recording_id", form=form)
-
-
-def _compared(rows: Rows) -> Rows:
-    """Return the error of ours less that of each other model, by kind of motion."""
-    lost = {model: [row["rms_percent"] for row in mine] for model, mine in _by_model(rows)}
-    return compare(lost, [row["kind"] for row in rows if row["model"] == "ours"], statistic=np.mean)
-
-
-def _summary(rows: Rows) -> Rows:
-    """Return the mean over recordings of each model."""
-    return [
-        {
-            "model": model,
-            "recordings": len(mine),
-            "rms_percent": float(np.mean([row["rms_percent"] for row in mine])),
-        }
-        for model, mine in _by_model(rows)
-    ]
-
-
-def _by_model(rows: Rows) -> Iterator[tuple[str, Rows]]:
-    return ((name, [row for row in rows if row["model"] == name]) for name in MODELS)

@@ -81,7 +81,7 @@ def report(
             "contacts; trees see each channel and the same states.",
         ),
         tables=[Table.of("Recording left out", rows)],
-        payload={"study": "hydrogel", "origin": "real", "rows": rows},
+        payload={"origin": "real", "rows": rows},
     )
 
 

@@ -13,9 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from palpate.arrays import FloatArray
 from palpate.holds.strict import Kind, read_table
-from palpate.produce.learning import LabelLearner
 from palpate_studies.report import StudyReport, Table, as_command
 
 #: Scatter of ln stiffness from grasp to grasp by the sheet on the twin's fruit, as in
@@ -30,7 +28,6 @@ _COLUMNS: dict[str, Kind] = {
     "curve": "text",
     "test": "text",
     "direction": "text",
-    "specimen": "number",
     "leg": "number",
     "force_n": "number",
 }
@@ -42,7 +39,7 @@ def report(
         Path, typer.Option(help="food_double_presses.csv.gz.", metavar="CSV", exists=True)
     ],
 ) -> StudyReport:
-    """Name the grain of a plant-based steak by its force, and find how far a cut must change.
+    """Find how far specimens of one plant-based steak differ, and how far a cut must change.
 
     Example: palpate study meat --presses food_double_presses.csv.gz
     """
@@ -53,30 +50,21 @@ command = as_command(report)
 
 
 def read_presses(path: Path) -> list[dict[str, Any]]:
-    """Return one row a double press: its peaks as ln force and ln ratio, and what it is."""
+    """Return one row a double press: how long it took, its direction and ln of its first peak."""
     table = read_table(path, columns=_COLUMNS)
     names, first, of = np.unique(table["curve"].astype(str), return_index=True, return_inverse=True)
-    peak = {
-        leg: [
-            float(table["force_n"][(of == k) & (table["leg"] == leg)].max())
-            for k in range(len(names))
-        ]
-        for leg in (1, 3)
-    }
     return [
         {
             "speed": str(table["test"][row]).removeprefix("double "),
             "direction": str(table["direction"][row]),
-            "specimen": f"{table['direction'][row]} {table['specimen'][row]:g}",
-            "ln_force": math.log(peak[1][k]),
-            "ln_again": math.log(peak[3][k] / peak[1][k]),
+            "ln_force": math.log(table["force_n"][(of == k) & (table["leg"] == 1)].max()),
         }
-        for k, row in enumerate(first)
+        for k, row in zip(range(len(names)), first, strict=True)
     ]
 
 
 def judge(rows: list[dict[str, Any]]) -> StudyReport:
-    """Put scatter, the grain named, and the specimens needed into a table; a row a speed."""
+    """Put scatter and the specimens needed into a table; a row a speed."""
     summary = []
     for speed in sorted({row["speed"] for row in rows}, key=lambda text: float(text.split()[0])):
         mine = [row for row in rows if row["speed"] == speed]
@@ -94,10 +82,7 @@ def judge(rows: list[dict[str, Any]]) -> StudyReport:
                 "speed": speed,
                 "presses": len(mine),
                 "force_n": math.exp(float(np.median([row["ln_force"] for row in mine]))),
-                "again": math.exp(float(np.median([row["ln_again"] for row in mine]))),
                 "sd": scatter,
-                "grain_by_force": _grain(mine, ("ln_force",)),
-                "grain_by_both": _grain(mine, ("ln_force", "ln_again")),
                 **{f"needed_{100 * fall:.0f}": _needed(by_sheet, fall) for fall in FALLS},
             }
         )
@@ -106,23 +91,15 @@ def judge(rows: list[dict[str, Any]]) -> StudyReport:
         title="Meat: what a squeeze can show (real curves, the sheet's error added)",
         provenance=(
             "Real: double presses of a plant-based steak by half, along and across its grain, by a "
-            "load cell. Grain named for specimens left out, by `palpate.produce.learning`.",
+            "load cell.",
             f"Specimens needed in each of two groups, {GRASPS} grasps each, to see the force fall "
             "with 5 % false alarms and 20 % misses; the sheet adds a scatter of "
             f"{SHEET_SD:.2f} (ln) a grasp, as on the twin. No age, doneness or disease is known of "
             "any curve.",
         ),
         tables=[Table.of("By the time of a press", summary)],
-        payload={"study": "meat", "origin": "real", "summary": summary},
+        payload={"origin": "real", "summary": summary},
     )
-
-
-def _grain(rows: list[dict[str, Any]], features: tuple[str, ...]) -> float:
-    table: FloatArray = np.array([[row[name] for name in features] for row in rows])
-    learner = LabelLearner(strangers=False, methods=["discriminant"]).fit(
-        table, [row["direction"] for row in rows], items=[row["specimen"] for row in rows]
-    )
-    return learner.score().right
 
 
 def _needed(sd: float, fall: float) -> int:

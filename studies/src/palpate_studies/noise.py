@@ -14,11 +14,10 @@ from scipy.signal import iirnotch, lfilter, lfilter_zi
 
 from palpate.arrays import FloatArray
 from palpate.settling.relaxation import Relaxation
-from palpate.signal.circuit import ohm_to_volts, resistance_ohm, volts_to_counts
+from palpate.signal.circuit import Divider, ohm_to_volts, resistance_ohm, volts_to_counts
 from palpate.signal.relative import CONTACT_PERCENT, mean_change, relative_change_percent
-from palpate_studies.contact_events import running_median
 from palpate_studies.report import StudyReport, Table, as_command
-from palpate_studies.rows import LEVELS
+from palpate_studies.rows import LEVELS, running_median
 from palpate_studies.twin_session import GAP_MM, HOLD_S, STILL_S, Session, drawn
 
 #: Rate at which the signal before the converter is made, and that of the twin's physics below it.
@@ -33,12 +32,14 @@ SENSORS, FAST_HZ, SLOW_HZ, CUTOFF_S = 4, 250.0, 15.0, 2.5
 _QUALITY = 2.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Disturbance:
-    """Noise added to the signal before the converter."""
-
-    mains_hz: float = 0.0
-    spikes: bool = False
+#: Name -> frequency of mains pick-up, Hz, and whether there are spikes.
+DISTURBANCES = {
+    "none": (0.0, False),
+    "mains 50 Hz": (50.0, False),
+    "mains 60 Hz": (60.0, False),
+    "motor spikes": (0.0, True),
+    "60 Hz and spikes": (60.0, True),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,18 +52,19 @@ class CleanHold:
         At `ANALOG_HZ`; the fingers set out at 0.
     ohm : ndarray, shape (times, rows, cols)
         Resistances.
-    session : Session
-        Whose divider reads them.
+    divider : Divider
+        What reads them.
     """
 
     time_s: FloatArray
     ohm: FloatArray
-    session: Session
+    divider: Divider
 
-    def percent(self, ohm: FloatArray, time_s: FloatArray) -> FloatArray:
-        """Return the mean relative change, the rest taken from before the closing."""
-        rest_ohm = np.median(ohm[time_s < -1.0], axis=0)
-        return mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm))
+
+def percent_of(ohm: FloatArray, time_s: FloatArray) -> FloatArray:
+    """Return the mean relative change, the rest taken from before the closing."""
+    rest_ohm = np.median(ohm[time_s < -1.0], axis=0)
+    return mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm))
 
 
 def clean_hold(sensor: int, *, level: str) -> CleanHold:
@@ -83,55 +85,22 @@ def clean_hold(sensor: int, *, level: str) -> CleanHold:
     fast_s = np.arange(slow_s[0], slow_s[-1], 1 / ANALOG_HZ)
     ohm = np.stack([np.interp(fast_s, slow_s, pixel) for pixel in np.array(rows).T], axis=1)
     layout = session.world.layout
-    return CleanHold(time_s=fast_s, ohm=ohm.reshape(-1, layout.rows, layout.cols), session=session)
-
-
-def sample_percent(
-    clean: CleanHold,
-    *,
-    disturbance: Disturbance,
-    rate_hz: float,
-    rc_s: float,
-    rng: np.random.Generator,
-) -> tuple[FloatArray, FloatArray]:
-    """Disturb, pass an RC low pass (none if `rc_s` is 0), convert; times and mean change."""
-    divider = clean.session.world.layout.divider
-    volts = ohm_to_volts(clean.ohm, divider=divider)
-    volts = volts + _added_v(clean.time_s, disturbance, rng)[:, None, None]
-    volts = volts + WHITE_V * rng.standard_normal(volts.shape)
-    if rc_s > 0:
-        keep = np.exp(-1 / (rc_s * ANALOG_HZ))
-        start = keep * volts[:1]
-        volts = lfilter([1 - keep], [1, -keep], volts, axis=0, zi=start)[0]
-    every = np.round(np.arange(0, len(volts) - 1, ANALOG_HZ / rate_hz)).astype(int)
-    noise = ADC_NOISE_COUNTS * rng.standard_normal(volts[every].shape)
-    counts = volts_to_counts(
-        np.clip(volts[every], 0.0, divider.supply_v), divider=divider, noise_counts=noise
+    return CleanHold(
+        time_s=fast_s, ohm=ohm.reshape(-1, layout.rows, layout.cols), divider=layout.divider
     )
-    time_s = clean.time_s[every]
-    return time_s, clean.percent(resistance_ohm(counts, divider=divider), time_s)
 
 
-def _added_v(time_s: FloatArray, disturbance: Disturbance, rng: np.random.Generator) -> FloatArray:
-    added = np.zeros(time_s.size)
-    if disturbance.mains_hz:
+def _added_v(time_s: FloatArray, disturbance: str, rng: np.random.Generator) -> FloatArray:
+    """Return what a disturbance adds on every wire, volt."""
+    added, (mains_hz, has_spikes) = np.zeros(time_s.size), DISTURBANCES[disturbance]
+    if mains_hz:
         phase = rng.uniform(0, 2 * np.pi)
-        added += MAINS_V * np.sin(2 * np.pi * disturbance.mains_hz * time_s + phase)
-    if disturbance.spikes:
+        added += MAINS_V * np.sin(2 * np.pi * mains_hz * time_s + phase)
+    if has_spikes:
         length = round(SPIKE_S * ANALOG_HZ)
-        starts = np.flatnonzero(rng.random(time_s.size) < SPIKES_HZ / ANALOG_HZ)
-        for start in starts:
+        for start in np.flatnonzero(rng.random(time_s.size) < SPIKES_HZ / ANALOG_HZ):
             added[start : start + length] += rng.choice((-1.0, 1.0)) * SPIKE_V
     return added
-
-
-DISTURBANCES = {
-    "none": Disturbance(),
-    "mains 50 Hz": Disturbance(mains_hz=50.0),
-    "mains 60 Hz": Disturbance(mains_hz=60.0),
-    "motor spikes": Disturbance(spikes=True),
-    "60 Hz and spikes": Disturbance(mains_hz=60.0, spikes=True),
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -189,9 +158,9 @@ def report(*, sensors: int = SENSORS, chains: Mapping[str, Chain] = CHAINS) -> S
     }
     rows: dict[str, list[dict[str, Any]]] = {
         level: [
-            {"chain": name, "disturbance": what, **_errors(holds[level], chain, disturbance)}
+            {"chain": name, "disturbance": what, **_errors(holds[level], chain, what)}
             for name, chain in chains.items()
-            for what, disturbance in DISTURBANCES.items()
+            for what in DISTURBANCES
         ]
         for level in LEVELS
     }
@@ -220,7 +189,6 @@ def report(*, sensors: int = SENSORS, chains: Mapping[str, Chain] = CHAINS) -> S
             for level in LEVELS
         ],
         payload={
-            "study": "noise",
             "origin": "twin",
             "levels": rows,
             "delay_ms": delay_ms["lab"],
@@ -231,25 +199,32 @@ def report(*, sensors: int = SENSORS, chains: Mapping[str, Chain] = CHAINS) -> S
 command = as_command(report)
 
 
-def _run(
-    clean: CleanHold, chain: Chain, disturbance: Disturbance, *, seed: int = 0
+def sample_percent(
+    clean: CleanHold, chain: Chain, disturbance: str, *, seed: int = 0
 ) -> tuple[FloatArray, FloatArray]:
-    time_s, percent = sample_percent(
-        clean,
-        disturbance=disturbance,
-        rate_hz=chain.rate_hz,
-        rc_s=chain.rc_s,
-        rng=np.random.default_rng(seed),
+    """Disturb, pass the RC low pass, convert and filter a hold; times and mean change."""
+    rng, divider = np.random.default_rng(seed), clean.divider
+    volts = ohm_to_volts(clean.ohm, divider=divider)
+    volts = volts + _added_v(clean.time_s, disturbance, rng)[:, None, None]
+    volts = volts + WHITE_V * rng.standard_normal(volts.shape)
+    if chain.rc_s > 0:
+        keep = np.exp(-1 / (chain.rc_s * ANALOG_HZ))
+        volts = lfilter([1 - keep], [1, -keep], volts, axis=0, zi=keep * volts[:1])[0]
+    every = np.round(np.arange(0, len(volts) - 1, ANALOG_HZ / chain.rate_hz)).astype(int)
+    noise = ADC_NOISE_COUNTS * rng.standard_normal(volts[every].shape)
+    counts = volts_to_counts(
+        np.clip(volts[every], 0.0, divider.supply_v), divider=divider, noise_counts=noise
     )
-    return time_s, chain.software(percent)
+    time_s = clean.time_s[every]
+    return time_s, chain.software(percent_of(resistance_ohm(counts, divider=divider), time_s))
 
 
-def _errors(holds: list[CleanHold], chain: Chain, disturbance: Disturbance) -> dict[str, float]:
+def _errors(holds: list[CleanHold], chain: Chain, disturbance: str) -> dict[str, float]:
     """Return the RMS error from 2 s on and that of the value predicted at 2.5 s, medians."""
     pairs = []
     for seed, clean in enumerate(holds):
-        time_s, percent = _run(clean, chain, disturbance, seed=seed)
-        truth = clean.percent(clean.ohm, clean.time_s)
+        time_s, percent = sample_percent(clean, chain, disturbance, seed=seed)
+        truth = percent_of(clean.ohm, clean.time_s)
         touch_s = _find_touch_s(time_s, percent)
         held, seen = time_s > 2.0, (time_s >= touch_s) & (time_s <= CUTOFF_S)
         rms = np.sqrt(np.mean((percent - np.interp(time_s, clean.time_s, truth))[held] ** 2))
@@ -265,11 +240,10 @@ def _errors(holds: list[CleanHold], chain: Chain, disturbance: Disturbance) -> d
 
 def _delay_ms(clean: CleanHold, chain: Chain) -> float:
     """Return how much later contact is seen than with no filter at 250 Hz."""
-    seen = []
-    for one in (chain, Chain()):
-        time_s, percent = _run(clean, one, Disturbance())
-        seen.append(_find_touch_s(time_s, percent))
-    return 1000 * (seen[0] - seen[1])
+    touch_s, plain_s = (
+        _find_touch_s(*sample_percent(clean, one, "none")) for one in (chain, Chain())
+    )
+    return 1000 * (touch_s - plain_s)
 
 
 def _find_touch_s(time_s: FloatArray, percent: FloatArray) -> float:

@@ -67,7 +67,7 @@ def report(
     Example: palpate study qualify --apples apples_firmness.csv.gz
     """
     tables: list[Table] = []
-    payload: dict[str, Any] = {"study": "qualify", "summary": []}
+    payload: dict[str, Any] = {"summary": []}
     if apples is not None:
         found = agreement_of(side_pairs(apples), Demand(tolerance=APPLE_TOLERANCE_LBF))
         payload["apples"] = {

@@ -6,7 +6,7 @@ holds measured on the twin.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -174,11 +174,18 @@ def _log(values: FloatArray) -> FloatArray:
 
 def hold_quantities(holds: Sequence[Hold]) -> dict[str, FloatArray]:
     """Return how far holds are from settled at 2.5 s, what predictors miss there, and the noise."""
-    long = [hold for hold in holds if _settled(hold) > 0]
-    found = {
-        "still to come, %": np.array([_still_to_come(hold) for hold in long]),
-        "noise, %": np.array([_noise_percent(hold) for hold in long]),
-    }
+    long, to_come, noise = list[Hold](), list[float](), list[float]()
+    for hold in holds:
+        settled = settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
+        if not settled > 0:
+            continue
+        long.append(hold)
+        to_come.append(100 * (np.interp(CUTOFF_S, hold.time_s, hold.values) / settled - 1))
+        # Of one sample in the second half, from second differences.
+        half = (hold.time_s > HORIZON_S / 2) & (hold.time_s <= HORIZON_S)
+        second = np.diff(hold.values[half], 2)
+        noise.append(100 * np.sqrt(np.mean(second**2) / 6) / settled)
+    found = {"still to come, %": np.array(to_come), "noise, %": np.array(noise)}
     methods: dict[str, SettlingMethod] = {"relaxation": Relaxation(), "exponential": Exponential()}
     predictions = list(
         predict_holds(long, methods=methods, cutoffs_s=[CUTOFF_S], horizon_s=HORIZON_S, level=0.9)
@@ -188,22 +195,6 @@ def hold_quantities(holds: Sequence[Hold]) -> dict[str, FloatArray]:
         found[f"{name} error, %"] = np.abs([row.error_percent for row in rows])
         found[f"{name} error, % of rest"] = np.array([row.of_remaining_percent for row in rows])
     return found
-
-
-def _settled(hold: Hold) -> float:
-    return settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
-
-
-def _still_to_come(hold: Hold) -> float:
-    at = np.interp(CUTOFF_S, hold.time_s, hold.values)
-    return float(100 * (at / _settled(hold) - 1))
-
-
-def _noise_percent(hold: Hold) -> float:
-    """Return the noise of one sample in the second half, from second differences."""
-    half = (hold.time_s > HORIZON_S / 2) & (hold.time_s <= HORIZON_S)
-    second = np.diff(hold.values[half], 2)
-    return float(100 * np.sqrt(np.mean(second**2) / 6) / _settled(hold))
 
 
 def twin_ladder(sensor: int, *, level: str) -> Ladder:
@@ -227,50 +218,42 @@ def twin_presses(sensor: int, *, level: str, count: int) -> tuple[list[Press], l
     pixels stand for the places, one in each press; the sum over all of them averages places.
     """
     session, face = Session(sensor, level=level, layout=FINE, trial=1), drawn("springs-8", seed=1)
-    one: list[Press] = []
-    summed: list[Press] = []
+    found: tuple[list[Press], list[Press]] = [], []
     for number in range(count):
         session.place(face)
-        trace_of = _press(session, face.size_mm)
-        for found, pixels in ((one, [number % FINE.pixels]), (summed, range(FINE.pixels))):
-            trace = trace_of(pixels)
-            found.append(
-                Press(
-                    recording_id=str(sensor),
-                    press=number,
-                    trace=trace,
-                    last_held=len(trace.time_s) - 1,
-                )
+        clock_s, excess, force_n = _press(session, face.size_mm)
+        for presses, seen in zip(
+            found, (excess[:, number % FINE.pixels], excess.sum(axis=1)), strict=True
+        ):
+            trace = Trace(
+                time_s=clock_s,
+                excess=seen,
+                force_n=force_n,
+                first=int(np.argmax(force_n > SMALLEST_N)),
+                told=int(np.argmax(force_n >= 0.95 * force_n.max())),
+                group=str(sensor),
             )
-    return one, summed
+            last = len(clock_s) - 1
+            presses.append(
+                Press(recording_id=str(sensor), press=number, trace=trace, last_held=last)
+            )
+    return found
 
 
-def _press(session: Session, size_mm: float) -> Callable[[Sequence[int]], Trace]:
-    """Press once; what is returned gives the trace of the sum over some of the pixels."""
+def _press(session: Session, size_mm: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Press once; return time, excess of each pixel, shape (times, pixels), and force."""
     session.close_to(size_mm + 1.0)
     session.world.clock.sleep_s(STILL_S)
     rest_ohm = session.mean_ohm()
     session.close_to(size_mm - PRESS_MM, speed_mm_per_s=PRESS_MM_PER_S)
-    ohm, cell, clock = [], [], []
+    ohm, cell, clock_s = [], [], []
     until_s = session.world.clock.now_s() + PRESS_S
     while session.world.clock.now_s() < until_s:
         ohm.append(session.read(1 / session.world.frame_rate_hz)[-1])
         cell.append(session.cell.read_n())
-        clock.append(session.world.clock.now_s())
+        clock_s.append(session.world.clock.now_s())
     excess = excess_conductance(ohm, rest_ohm=rest_ohm).reshape(len(ohm), -1)
-    force_n = np.array(cell)
-
-    def trace(pixels: Sequence[int]) -> Trace:
-        return Trace(
-            time_s=np.array(clock),
-            excess=excess[:, list(pixels)].sum(axis=1),
-            force_n=force_n,
-            first=int(np.argmax(force_n > SMALLEST_N)),
-            told=int(np.argmax(force_n >= 0.95 * force_n.max())),
-            group=str(session.world.sheet_seed),
-        )
-
-    return trace
+    return np.array(clock_s), excess, np.array(cell)
 
 
 def twin_weights(sensor: int, *, level: str, count: int) -> list[Hold]:
@@ -340,7 +323,7 @@ def report(
                 },
             )
         ],
-        payload={"study": "realism", "origin": "twin", "compared": rows},
+        payload={"origin": "twin", "compared": rows},
     )
 
 

@@ -7,6 +7,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -18,7 +19,7 @@ import typer
 from palpate.cli.options import JsonOption
 from palpate.errors import InputError, needing
 from palpate.files import atomic_path
-from palpate_studies.figure_files import save_figures
+from palpate.plots.style import PLOT_ENDINGS, letter_panels, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,6 +53,11 @@ SecondOption: TypeAlias = Annotated[
         "--second", help="On the second generator: cases that no estimator was written for."
     ),
 ]
+#: Endings of the files written of each figure, and dots per inch of the PNG file, as the command
+#: line asked for them. The options are the verb's, so that no study has to have them.
+FIGURE_FILES: ContextVar[tuple[tuple[str, ...], int | None]] = ContextVar(
+    "FIGURE_FILES", default=(PLOT_ENDINGS, None)
+)
 #: A mapping of column heads to format strings or functions of a row; see `Table.of`.
 Columns: TypeAlias = Mapping[str, str | Callable[[Mapping[str, Any]], str]]
 
@@ -214,7 +220,7 @@ class StudyReport:
     tables : sequence of Table
         For people.
     payload : mapping
-        The JSON document.
+        The JSON document, without the name of the study.
     figures : mapping of str to callable
         File stem -> function that draws it; called only where figures are wanted.
     files : mapping of str to callable
@@ -229,12 +235,17 @@ class StudyReport:
     figures: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
     files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
 
+    @property
+    def document(self) -> dict[str, Any]:
+        """The JSON document."""
+        return {"study": self.name, **self.payload}
+
     def emit(self, *, as_json: bool, out: Path | None) -> None:
         """Print the report (JSON or tables) and, where asked, write it to a folder."""
         if out is not None:
             self.write(out)
         if as_json:
-            json.dump(self.payload, sys.stdout, allow_nan=False)
+            json.dump(self.document, sys.stdout, allow_nan=False)
             sys.stdout.write("\n")
             return
         from rich.console import Console
@@ -256,16 +267,16 @@ class StudyReport:
         """Write `<name>.json`, `<name>.md`, other files and those of each figure into a folder."""
         out.mkdir(parents=True, exist_ok=True)
         with atomic_path(out / f"{self.name}.json") as path:
-            path.write_text(json.dumps(self.payload, allow_nan=False, indent=1) + "\n")
+            path.write_text(json.dumps(self.document, allow_nan=False, indent=1) + "\n")
         body = [f"# {self.title}", *self.provenance, *(t.as_markdown() for t in self.tables)]
         with atomic_path(out / f"{self.name}.md") as path:
             path.write_text("\n\n".join(body) + "\n")
         for name, write in self.files.items():
             write(out / name)
-        from palpate.plots.style import letter_panels
-
+        endings, dpi = FIGURE_FILES.get()
         for stem, draw in self.figures.items():
             with needing("a figure", extra="plots"):
                 figure = draw()
             letter_panels(figure)
-            save_figures(figure, out / stem)
+            for ending in endings:
+                save_figure(figure, out / f"{stem}{ending}", dpi=dpi if ending == ".png" else None)

@@ -1,4 +1,4 @@
-"""Rows of a study's JSON: cases grouped, figures that may be unknown, dataclasses as mappings."""
+"""Rows of a study's JSON: cases grouped, figures that may be unknown; the running median."""
 
 from __future__ import annotations
 
@@ -75,3 +75,19 @@ def as_row(item: Any) -> dict[str, Any]:
         name: None if isinstance(value, float) and not np.isfinite(value) else value
         for name, value in asdict(item).items()
     }
+
+
+def running_median(values: ArrayLike, *, length: int) -> FloatArray:
+    """Return the median of each sample and the `length` - 1 before it; NaN is left out.
+
+    It drops single outliers and delays a step by half its length.
+
+    Examples
+    --------
+    >>> running_median([0.0, 9.0, 0.0, 1.0], length=3).tolist()
+    [0.0, 4.5, 0.0, 1.0]
+    """
+    signal = np.asarray(values, dtype=np.float64)
+    padded = np.concatenate([np.full((length - 1, *signal.shape[1:]), np.nan), signal])
+    windows = np.lib.stride_tricks.sliding_window_view(padded, length, axis=0)
+    return np.asarray(np.nanmedian(windows, axis=-1))

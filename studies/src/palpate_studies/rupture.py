@@ -1,16 +1,21 @@
-"""When to stop closing on a fruit: the limit of a grasp, a cap per fruit, a stiffness rule."""
+"""When to stop closing on a fruit: the limit of a grasp compared with three baselines.
+
+Settings of the methods are chosen on other fruit than those that are scored. The ridge sees all
+that a closing curve shows.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 import typer
 
+from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.estimate.damage import FOLDS, NOMINAL_RATE
+from palpate.estimate.damage import FOLDS, NOMINAL_RATE, DamageModel
 from palpate.estimate.damage_learning import (
     FruitClosing,
     at_half_load,
@@ -18,35 +23,68 @@ from palpate.estimate.damage_learning import (
     read_closings,
     split,
 )
+from palpate.estimate.measurement import Measurement
+from palpate_studies.baselines.told_everything import scaled_ridge
+from palpate_studies.protocol.paired import compare
+from palpate_studies.protocol.parts import Learned
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
-from palpate_studies.rupture_ridge import learn_ridge
-from palpate_studies.rupture_tradeoff import (
-    RATES,
-    Method,
-    Policy,
-    Scored,
-    Scorer,
-    Splits,
-    applied,
-    cap_scores,
-    compare_grips,
-    fit_rule,
-    rule_scores,
-    shipped_scores,
-    stop_forces,
-    tradeoff,
-)
 from palpate_studies.second.closings import other_closings
 
+#: Half of the interval of a stiffness by load cell and encoder, as a share of it.
+_EXACT = 0.01
+#: Nominal rates of rupture at which methods are compared.
+RATES = (0.01, 0.02, 0.03, 0.05, 0.075, 0.10)
+#: Score of a fruit that ruptured before its first force level, below any other.
+_LEAST_SCORE = -6.0
+#: The ridge learns from states from this fraction of the rupture force on: before, all curves are
+#: alike.
+_FROM = 0.2
+#: The latest stretch of a curve, mm, and the fraction of its force over which it is looked at
+#: closely.
+_LATEST_MM, _LATEST = 1.0, 0.7
+#: In place of a slope or a roughness of nothing.
+_LEAST = 1e-3
 Learnt = TypeVar("Learnt")
-CurvesOption = Annotated[Path | None, typer.Option(help="Closings until rupture.", metavar="CSV")]
-IndexOption = Annotated[Path | None, typer.Option(help="Their rupture forces.", metavar="CSV")]
+Closings: TypeAlias = Sequence[FruitClosing]
+#: Pairs of closings that are learned from and closings that are judged.
+Splits: TypeAlias = Sequence[tuple[Closings, Closings]]
+
+
+class Scored(NamedTuple):
+    """How near the limit a policy thinks to be, with the force at which it came to think so."""
+
+    force_n: FloatArray
+    score: FloatArray
+
+
+#: Scores closings by what was learned from others.
+Scorer: TypeAlias = Callable[[FruitClosing], Scored]
+
+
+class Policy(NamedTuple):
+    """A way of stopping: its name, and what learns its score from training fruit."""
+
+    name: str
+    learn: Callable[[Closings], Scorer]
+
+
+class Method(NamedTuple):
+    """A policy applied: its scores along each closing, and the scores at which it stops there.
+
+    `settings` has shape (closings, rates), chosen for each of `RATES` without that closing.
+    """
+
+    name: str
+    scores: Sequence[Scored]
+    settings: FloatArray
 
 
 def report(
     *,
-    curves: CurvesOption = None,
-    index: IndexOption = None,
+    curves: Annotated[
+        Path | None, typer.Option(help="Closings until rupture.", metavar="CSV")
+    ] = None,
+    index: Annotated[Path | None, typer.Option(help="Their rupture forces.", metavar="CSV")] = None,
     test_curves: Annotated[
         Path | None, typer.Option(help="Closings to test on; without, 5 folds.", metavar="CSV")
     ] = None,
@@ -74,8 +112,7 @@ def report(
         how = f"learned from {index}, tested on {test_index}"
     tested = [closing for _, test in splits for closing in test]
     methods = [shipped(splits, known=known) for known in (True, False)]
-    policies = [Policy("cap per fruit", _cap), RULE, Policy("ridge", learn_ridge)]
-    methods += [applied(policy, splits) for policy in policies]
+    methods += [applied(policy, splits) for policy in (CAP, RULE, RIDGE)]
     entries, compared = tradeoff(methods, closings=tested), compare_grips(methods, tested)
     return StudyReport(
         name="rupture",
@@ -112,7 +149,6 @@ def report(
             ),
         ],
         payload={
-            "study": "rupture",
             "second_generator": second,
             "nominal_rate": NOMINAL_RATE,
             "rows": [row for training, test in splits for row in _stopped(training, test=test)],
@@ -125,19 +161,15 @@ def report(
 command = as_command(report)
 
 
-def _stopped(
-    training: Sequence[FruitClosing], *, test: Sequence[FruitClosing]
-) -> list[dict[str, Any]]:
+def _stopped(training: Closings, *, test: Closings) -> list[dict[str, Any]]:
     """Return what is predicted for each fruit at half load, and where its limit stops."""
     model = learn_damage(training)
     rows = []
     for one in test:
         half = at_half_load(one, model=model, kind=one.fruit)
-        scores = shipped_scores(one, model=model, kind_known=True)
+        scored = shipped_scores(one, model=model, kind_known=True)
         rupture_n = one.rupture_force_n
-        stop_n = float(
-            stop_forces([scores], rupture_force_n=[rupture_n], at=np.array([NOMINAL_RATE]))[0, 0]
-        )
+        stop_n = float(stop_forces(scored, rupture_n, at=np.array([NOMINAL_RATE]))[0])
         rows.append(
             {
                 "grasp_id": one.grasp_id,
@@ -162,28 +194,293 @@ def shipped(splits: Splits, *, known: bool) -> Method:
     return Method(name, scores, np.tile(RATES, (len(scores), 1)))
 
 
-def _cap(training: Sequence[FruitClosing]) -> Scorer:
-    medians = {
-        fruit: float(np.median([closing.rupture_force_n for closing in of_fruit]))
-        for fruit, of_fruit in _by_fruit(training).items()
+def shipped_scores(closing: FruitClosing, *, model: DamageModel, kind_known: bool) -> Scored:
+    """Return the share of such fruit that each force would damage, as a grasp's limit has it.
+
+    A grasp stops below `DamageModel.bound_n`; the share reaches the nominal rate at that force.
+    """
+    kind = closing.fruit if kind_known else ""
+    shares = []
+    for state in closing.states:
+        # The load cell shows the stiffness well.
+        value = float(np.exp(state.log_stiffness))
+        low, high = value / (1 + _EXACT), value * (1 + _EXACT)
+        measured = Measurement(value=value, low=low, high=high, unit="n_per_mm")
+        shares.append(model.rate_below(state.force_n, measured, kind=kind))
+    return Scored(closing.force_n, np.array(shares))
+
+
+def stop_forces(scored: Scored, rupture_force_n: float, *, at: FloatArray) -> FloatArray:
+    """Return where a closing stops when its score first reaches each of some settings.
+
+    N, as many as settings; the rupture force where it didn't stop in time.
+    """
+    first = np.searchsorted(np.maximum.accumulate(scored.score), at)
+    return np.asarray(np.append(scored.force_n, rupture_force_n)[first])
+
+
+def _by_kind(
+    training: Closings, learn: Callable[[Closings], Learnt]
+) -> Callable[[FruitClosing], Learnt]:
+    """Learn something of each kind of fruit; return what gives that of a closing's kind."""
+    learned = {
+        fruit: learn([closing for closing in training if closing.fruit == fruit])
+        for fruit in dict.fromkeys(closing.fruit for closing in training)
     }
-    return lambda closing: cap_scores(closing, median_n=_of_kind(medians, closing))
+
+    def of(closing: FruitClosing) -> Learnt:
+        if closing.fruit not in learned:
+            raise InputError(f"no {closing.fruit} to learn from, but {closing.grasp_id} is one")
+        return learned[closing.fruit]
+
+    return of
 
 
-def _rule(training: Sequence[FruitClosing]) -> Scorer:
-    lines = {fruit: fit_rule(of_fruit) for fruit, of_fruit in _by_fruit(training).items()}
-    return lambda closing: rule_scores(closing, line=_of_kind(lines, closing))
+def _forces_n(closing: FruitClosing) -> FloatArray:
+    return np.array([state.force_n for state in closing.states])
 
 
-RULE = Policy("stiffness rule", _rule)
+def learn_cap(training: Closings) -> Scorer:
+    """Learn the cap per fruit: force as a share of the fruit's median rupture force."""
+    median_n = _by_kind(
+        training, lambda mine: float(np.median([closing.rupture_force_n for closing in mine]))
+    )
+    return lambda closing: Scored(closing.force_n, _forces_n(closing) / median_n(closing))
 
 
-def _by_fruit(closings: Sequence[FruitClosing]) -> dict[str, list[FruitClosing]]:
-    fruits = dict.fromkeys(closing.fruit for closing in closings)
-    return {fruit: [c for c in closings if c.fruit == fruit] for fruit in fruits}
+def learn_rule(training: Closings) -> Scorer:
+    """Learn the linear stiffness rule: force as a share of what the rule predicts.
+
+    Rupture force = intercept + slope x stiffness, the stiffness as it is at half load.
+    """
+
+    def fit(mine: Closings) -> FloatArray:
+        stiffness, limits_n = [], []
+        for closing in mine:
+            reached = [s for s in closing.states if s.force_n >= closing.rupture_force_n / 2]
+            if reached:
+                stiffness.append(np.exp(reached[0].log_stiffness))
+                limits_n.append(closing.rupture_force_n)
+        return np.polyfit(stiffness, limits_n, 1)
+
+    line = _by_kind(training, fit)
+
+    def score(closing: FruitClosing) -> Scored:
+        stiffness = np.exp([state.log_stiffness for state in closing.states])
+        predicted_n = np.maximum(np.polyval(line(closing), stiffness), 0.1)
+        return Scored(closing.force_n, _forces_n(closing) / predicted_n)
+
+    return score
 
 
-def _of_kind(learned: Mapping[str, Learnt], closing: FruitClosing) -> Learnt:
-    if closing.fruit not in learned:
-        raise InputError(f"no {closing.fruit} to learn from, but {closing.grasp_id} is one")
-    return learned[closing.fruit]
+def learn_ridge(training: Closings) -> Scorer:
+    """Learn force as a fraction of the rupture force, one ridge for each fruit.
+
+    Raises
+    ------
+    MissingExtraError
+        If scikit-learn is not installed.
+    """
+
+    def fit(mine: Closings) -> Any:
+        rows = np.concatenate([features(closing) for closing in mine])
+        load = np.concatenate([closing.force_n / closing.rupture_force_n for closing in mine])
+        used = load > _FROM
+        return scaled_ridge().fit(rows[used], np.log(load[used]))
+
+    trained = _by_kind([closing for closing in training if len(closing.states)], fit)
+
+    def score(closing: FruitClosing) -> Scored:
+        if not len(closing.states):
+            return Scored(closing.force_n, np.zeros(0))
+        return Scored(closing.force_n, np.exp(trained(closing).predict(features(closing))))
+
+    return score
+
+
+CAP = Policy("cap per fruit", learn_cap)
+RULE = Policy("stiffness rule", learn_rule)
+RIDGE = Policy("ridge", learn_ridge)
+#: Features by samples: each closing is learned from in several folds.
+_features = dict[bytes, FloatArray]()
+
+
+def features(closing: FruitClosing) -> FloatArray:
+    """Return what the curve up to each state shows, shape (n_states, 10).
+
+    ln stiffness over the upper half of the force, and how the stiffness over the last 0.7, over the
+    quarter below, and over the last millimetre differ from it; bend and roughness of that
+    millimetre; the fraction of force that was lost again on the way; how finely it was sampled; the
+    closure at which it began (the size of the fruit); ln force.
+    """
+    key = closing.samples.tobytes()
+    if key not in _features:
+        # The force rises, however noisy it is.
+        risen = np.maximum.accumulate(closing.samples[:, 1])
+        at = np.searchsorted(risen, closing.force_n) + 1
+        rows = [
+            _shown(
+                closing.samples[:count], log_stiffness=state.log_stiffness, force_n=state.force_n
+            )
+            for state, count in zip(closing.states, at.tolist(), strict=True)
+        ]
+        _features[key] = np.array(rows).reshape(-1, 10)
+    return _features[key]
+
+
+def _shown(seen: FloatArray, *, log_stiffness: float, force_n: float) -> list[float]:
+    closure_mm, rising_n = seen[:, 0], np.maximum.accumulate(seen[:, 1])
+
+    def secant(low: float, high: float) -> float:
+        """Return ln stiffness between two fractions of the force, less that of the upper half."""
+        forces_n = np.maximum(np.array([low, high]) * force_n, rising_n[0])
+        ends_mm = np.interp(forces_n, rising_n, closure_mm)
+        if forces_n[1] < 1.03 * forces_n[0]:
+            return 0.0
+        return float(np.log(np.ptp(forces_n) / max(np.ptp(ends_mm), _LEAST))) - log_stiffness
+
+    latest = seen[closure_mm >= closure_mm[-1] - _LATEST_MM]
+    bend, slope, rough = 0.0, np.exp(log_stiffness), _LEAST
+    if len(latest) > 5 and np.ptp(latest[:, 0]) > 0.3:
+        x = latest[:, 0] - latest[:, 0].mean()
+        slope = max(float(np.polyfit(x, latest[:, 1], 1)[0]), _LEAST)
+        curve = np.polyfit(x, latest[:, 1], 2)
+        bend = float(curve[0]) / slope
+        rough = max(float(np.std(latest[:, 1] - np.polyval(curve, x))) / force_n, _LEAST)
+    lost_n = -float(np.minimum(np.diff(seen[:, 1]), 0.0).sum())
+    return [
+        log_stiffness,
+        secant(_LATEST, 1.0),
+        secant(0.25, 0.5),
+        float(np.log(slope)) - log_stiffness,
+        float(np.clip(bend, -2.0, 2.0)),
+        float(np.log(rough)),
+        float(np.log1p(lost_n / force_n)),
+        float(np.log((np.ptp(closure_mm) + 0.05) / len(seen))),
+        float(closure_mm[0]),
+        float(np.log(force_n)),
+    ]
+
+
+def applied(policy: Policy, splits: Splits) -> Method:
+    """Learn a policy and choose its settings on each training part, and score the test part.
+
+    Raises
+    ------
+    SeenBeforeError
+        If a closing is in both parts.
+    """
+    scores, settings = list[Scored](), list[FloatArray]()
+    for training, test in splits:
+        chosen = Learned(
+            found=settings_of(critical_scores(policy, training)),
+            seen=frozenset(map(specimen, training)),
+        )
+        scorer, at = policy.learn(training), chosen.on(map(specimen, test))
+        scores += [scorer(closing) for closing in test]
+        settings += [at] * len(test)
+    return Method(policy.name, scores, np.array(settings))
+
+
+def specimen(closing: FruitClosing) -> str:
+    """Return what a recording is known by: two files may use one name for two fruits."""
+    return f"{closing.grasp_id} ({closing.rupture_force_n:g} N, {len(closing.samples)} samples)"
+
+
+def critical_scores(policy: Policy, training: Closings) -> list[float]:
+    """Return the largest score that each training fruit bore, by policies fitted without it."""
+    return [
+        max(scored.score.tolist(), default=_LEAST_SCORE)
+        for inner, left_out in split(training)
+        for scored in map(policy.learn(inner), left_out)
+    ]
+
+
+def settings_of(critical: Sequence[float]) -> FloatArray:
+    """Return the score at which to stop for each nominal rate, by conformal prediction.
+
+    The k-th smallest critical score of n promises a rate of at most k / (n + 1) on fruit like
+    these; with too few of them the setting lies below the smallest.
+
+    Examples
+    --------
+    >>> settings_of(list(range(1, 100)))[[0, 3]].tolist()
+    [1.0, 5.0]
+    """
+    ordered = np.sort(critical)
+    ranks = np.floor(np.array(RATES) * (len(ordered) + 1)).astype(int)
+    found = ordered[np.minimum(np.maximum(ranks, 1), len(ordered)) - 1]
+    return np.asarray(np.where(ranks == 0, np.nextafter(found, -np.inf), found))
+
+
+def stops(method: Method, closings: Closings) -> FloatArray:
+    """Return the stop force over the rupture force, shape (closings, rates); 1 is a rupture."""
+    rows = [
+        stop_forces(scored, closing.rupture_force_n, at=at) / closing.rupture_force_n
+        for scored, at, closing in zip(method.scores, method.settings, closings, strict=True)
+    ]
+    return np.array(rows)
+
+
+def compare_grips(methods: Sequence[Method], closings: Closings) -> list[dict[str, Any]]:
+    """Return the first method against every other at each nominal rate, paired by fruit.
+
+    The loss of a fruit is what the grip falls short of its rupture force, as a share, and 1 where
+    it ruptured: a firm grip that ruptures gains nothing.
+    """
+    lost = {
+        method.name: np.where(found >= 1, 1.0, 1.0 - found)
+        for method in methods
+        for found in [stops(method, closings)]
+    }
+    names = [specimen(closing) for closing in closings]
+    return [
+        row
+        for column, rate in enumerate(RATES)
+        for row in compare(
+            {name: each[:, column] for name, each in lost.items()},
+            names,
+            ours=methods[0].name,
+            statistic=np.mean,
+            rate_limit=rate,
+        )
+    ]
+
+
+def tradeoff(methods: Sequence[Method], *, closings: Closings) -> list[dict[str, Any]]:
+    """Report the grip of each method at each nominal rate of rupture, and the rate it had.
+
+    Parameters
+    ----------
+    methods : sequence of Method
+    closings : sequence of FruitClosing
+        Those that the scores belong to.
+
+    Returns
+    -------
+    list of dict
+        ``fruit`` (or "all"), ``method``, ``rate_limit`` (nominal), ``setting`` (median over the
+        parts), ``ruptured``, ``grasps``, ``rupture_rate``, and ``firmness``: mean stop force as a
+        share of the rupture force, 1 for one that ruptured.
+    """
+    shares = {method.name: stops(method, closings) for method in methods}
+    entries = []
+    for fruit in [*sorted({closing.fruit for closing in closings}), "all"]:
+        chosen = [i for i, closing in enumerate(closings) if fruit in ("all", closing.fruit)]
+        for method in methods:
+            of_chosen = shares[method.name][chosen]
+            for column, rate in enumerate(RATES):
+                ruptured = int(np.sum(of_chosen[:, column] >= 1))
+                entries.append(
+                    {
+                        "fruit": fruit,
+                        "method": method.name,
+                        "rate_limit": rate,
+                        "setting": float(np.median(method.settings[chosen, column])),
+                        "grasps": len(chosen),
+                        "ruptured": ruptured,
+                        "rupture_rate": ruptured / len(chosen),
+                        "firmness": float(of_chosen[:, column].mean()),
+                    }
+                )
+    return entries

@@ -11,12 +11,11 @@ import json
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from datetime import date
 from functools import cache
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, TypeAlias
 
 from palpate.errors import InputError
 from palpate.files import atomic_path
@@ -27,67 +26,11 @@ _VERDICTS = {"ours": "palpate", "rival": "baseline", "undecided": "undecided"}
 _FILLED = ("count", "ours", "rival", "rival_name", "note")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Claim:
-    """One row of the table of claims, as text.
-
-    Attributes
-    ----------
-    name, claim : str
-        For reference, and in words, with the unit.
-    code : str
-        The shipped class or function, ``module:symbol``.
-    study : str
-        The study that gives the figures.
-    origin : str
-        ``"real"`` or ``"simulated"``.
-    count, held : str
-        Number of cases, and by which unit they were held out.
-    ours, rival, rival_name : str
-        Both figures, and the strongest baseline.
-    difference : str
-        palpate less the baseline with its interval; empty where nothing was paired.
-    verdict : str
-        The better one: ``ours``, ``rival`` or ``undecided``.
-    second : str
-        The figure on a second generator, led by the better one there; may be empty.
-    note : str
-        What else must be stated.
-    first_page : bool
-        Whether README.md shows it too.
-    """
-
-    name: str
-    claim: str
-    code: str
-    study: str
-    origin: str
-    count: str
-    held: str
-    ours: str
-    rival: str
-    rival_name: str
-    difference: str
-    verdict: str
-    second: str
-    note: str
-    first_page: bool
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Kept:
-    """The origin of a stored result."""
-
-    name: str
-    command: str
-    made_on: str
-    code_sha256: str
-    note: str
-
-    @property
-    def study(self) -> str:
-        """The study that gave it."""
-        return self.command.split()[2]
+#: A row of the table of claims, its figures filled in: what `claims.toml` states of it, and
+#: `study`, `origin` ("real" or "simulated"), `difference` (palpate less the baseline with its
+#: interval; empty where nothing was paired) and `second` (the figure on a second generator, led by
+#: the better one there; may be empty).
+Claim: TypeAlias = Mapping[str, Any]
 
 
 def generated_pages(docs: Path) -> dict[Path, str]:
@@ -95,7 +38,7 @@ def generated_pages(docs: Path) -> dict[Path, str]:
     claims, readme = read_claims(docs), docs.parent / "README.md"
     page = (docs / "kept" / "results.md.in").read_text(encoding="utf-8")
     for origin in ("real", "simulated"):
-        chosen = [one for one in claims if one.origin == origin]
+        chosen = [one for one in claims if one["origin"] == origin]
         page = page.replace(f"{{{{claims {origin}}}}}", as_table(chosen))
     return {
         readme: with_table(readme.read_text(encoding="utf-8"), as_first_table(claims)),
@@ -119,16 +62,12 @@ def fill_page(text: str, docs: Path) -> str:
     return re.sub(r"\{\{([\w-]+)\|([^}]*)\}\}", put, text)
 
 
-def read_kept(docs: Path) -> list[Kept]:
-    """Read the origin of every stored result, by name."""
-    return [
-        Kept(
-            name=path.stem,
-            **{key: one[key] for key in ("command", "made_on", "code_sha256", "note")},
-        )
-        for path in sorted((docs / "kept").glob("*.json"))
-        for one in [_read_result(docs, path.stem)]
-    ]
+def read_kept(docs: Path) -> dict[str, dict[str, Any]]:
+    """Read every stored result, by name, with the study that gave it."""
+    results = {
+        path.stem: _read_result(docs, path.stem) for path in sorted((docs / "kept").glob("*.json"))
+    }
+    return {name: one | {"study": one["command"].split()[2]} for name, one in results.items()}
 
 
 def read_claims(docs: Path) -> list[Claim]:
@@ -156,15 +95,14 @@ def _read_claim(row: Mapping[str, Any], docs: Path) -> Claim:
         better = row["second_verdict"]
         ends = _compare(row, "second_difference", figures, verdict=better)
         second = f"**{_VERDICTS[better]}**: {second} ({{}}, {{}} to {{}})".format(*ends)
-    return Claim(
-        **{key: row[key] for key in ("name", "claim", "code", "held", "verdict")},
-        study=kept["command"].split()[2],
-        origin=kept["origin"],
-        difference=difference,
-        second=second,
-        first_page=row.get("first_page", False),
+    return {
+        **row,
+        "study": kept["command"].split()[2],
+        "origin": kept["origin"],
         **{key: _fill(row.get(key, ""), kept["figures"], claim=row["name"]) for key in _FILLED},
-    )
+        "difference": difference,
+        "second": second,
+    }
 
 
 def _compare(row: Mapping[str, Any], key: str, figures: Any, *, verdict: str) -> list[str]:
@@ -222,14 +160,14 @@ def as_table(claims: Sequence[Claim]) -> str:
     """Return the Markdown table of claims for the results page."""
     rows = [
         (
-            one.claim + (f" ({one.note})" if one.note else ""),
-            f"`{one.study}`",
-            f"{one.count}; {one.held}",
-            one.ours,
-            f"{one.rival} ({one.rival_name})",
-            one.difference or "not paired",
-            _VERDICTS[one.verdict],
-            one.second,
+            one["claim"] + (f" ({one['note']})" if one["note"] else ""),
+            f"`{one['study']}`",
+            f"{one['count']}; {one['held']}",
+            one["ours"],
+            f"{one['rival']} ({one['rival_name']})",
+            one["difference"] or "not paired",
+            _VERDICTS[one["verdict"]],
+            one["second"],
         )
         for one in claims
     ]
@@ -240,9 +178,15 @@ def as_table(claims: Sequence[Claim]) -> str:
 def as_first_table(claims: Sequence[Claim]) -> str:
     """Return the Markdown table of the few claims that README.md shows."""
     rows = [
-        (one.claim, one.count, one.ours, f"{one.rival} ({one.rival_name})", _VERDICTS[one.verdict])
+        (
+            one["claim"],
+            one["count"],
+            one["ours"],
+            f"{one['rival']} ({one['rival_name']})",
+            _VERDICTS[one["verdict"]],
+        )
         for one in claims
-        if one.first_page
+        if one.get("first_page")
     ]
     return _markdown(("", "n", "palpate", "strongest baseline", "better"), rows)
 

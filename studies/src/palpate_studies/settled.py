@@ -7,10 +7,10 @@ cut-off, and the truth is ln(settled / last reading).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import typer
@@ -71,12 +71,11 @@ def show(hold: Hold, cutoff_s: float) -> Shown:
     drop = float(np.abs(fall).max()) + _TINY
     law = LogLaw(wait_s=0.1, from_s=0.4)
     below = law.predict(time_s, (height - height[-1])[None], horizon_s=HORIZON_S, level=0.9)
-    settled = settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
     return Shown(
         profile=np.array([*(fall / drop), np.log(drop), drop]),
         drop=drop,
         log_law=float(below.hold(0).value),
-        change=float(np.log(settled) - height[-1]),
+        change=float(np.log(_settled(hold)) - height[-1]),
     )
 
 
@@ -134,17 +133,9 @@ def _weighted_median(values: FloatArray, weights: FloatArray) -> float:
     return float(values[order][np.searchsorted(below, below[-1] / 2)])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Scores:
-    """Signed errors in % of the settled value, and of ours its interval.
-
-    All of shape (n_holds,); `covered`, `half_width` and `ok` are empty for rules without interval.
-    """
-
-    error: FloatArray
-    covered: FloatArray = field(default_factory=lambda: np.zeros(0))
-    half_width: FloatArray = field(default_factory=lambda: np.zeros(0))
-    ok: FloatArray = field(default_factory=lambda: np.zeros(0))
+#: Of each hold: signed error in % of the settled value, and of methods with an interval whether it
+#: covers, its half width in % and whether it is `ok`, else NaN; shape (n_holds, 4).
+Scores: TypeAlias = FloatArray
 
 
 def report(
@@ -169,12 +160,17 @@ command = as_command(report)
 
 
 def _read(files: Sequence[Path]) -> dict[str, list[Hold]]:
+    """Return the holds of each file that reach the horizon, by its name."""
     found: dict[str, list[Hold]] = {}
     for file in files:
         name = file.name.split(".")[0].removeprefix("holds_")
         if name in found:
             raise InputError(f"{file}: a second file of the name {name}; rename one")
-        found[name] = _settled_holds(file)
+        found[name] = [
+            hold for hold in read_holds(file, until_s=HORIZON_S) if np.isfinite(_settled(hold))
+        ]
+        if not found[name]:
+            raise InputError(f"{file}: no hold reaches {HORIZON_S:g} s, so none can be scored")
         for hold in found[name]:
             if not (hold.values > 0).all():
                 raise InputError(
@@ -184,22 +180,8 @@ def _read(files: Sequence[Path]) -> dict[str, list[Hold]]:
     return found
 
 
-def _settled_holds(file: Path) -> list[Hold]:
-    """Return the holds of a file that reach the horizon.
-
-    Raises
-    ------
-    InputError
-        If none does.
-    """
-    known = [
-        hold
-        for hold in read_holds(file, until_s=HORIZON_S)
-        if np.isfinite(settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S))
-    ]
-    if not known:
-        raise InputError(f"{file}: no hold reaches {HORIZON_S:g} s, so none can be scored")
-    return known
+def _settled(hold: Hold) -> float:
+    return settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
 
 
 def judge(
@@ -216,16 +198,15 @@ def judge(
         others = [other for other in materials if not _shared(materials[other], holds)]
         for cutoff_s in CUTOFFS_S:
             learned = {other: shown[other, cutoff_s] for other in others if other != name}
-            found = {
-                **_plain(holds, cutoff_s),
-                **_by_rules(
-                    shown[name, cutoff_s],
-                    {"multiple": multiple(learned), "ridge": ridge(learned)} if learned else {},
-                ),
-            }
+            found = _plain(holds, cutoff_s)
+            if learned:
+                for rule, learn in (("multiple", multiple), ("ridge", ridge)):
+                    found[rule] = _by_rule(shown[name, cutoff_s], learn(learned))
             rows += [_row(name, cutoff_s, method, one) for method, one in found.items()]
-        for count in OWN_HOLDS:
-            rows += _own_rows(name, holds, count=min(count, len(holds) - 1), wanted=count)
+        for wanted in OWN_HOLDS:
+            count = min(wanted, len(holds) - 1)
+            if count >= 0.9 * wanted:
+                rows += _own_rows(name, holds, count=count)
     drawn = single_exponentials()
     rows += [
         _row(SINGLE, cutoff_s, method, one)
@@ -249,7 +230,7 @@ def judge(
             f"Drawn: {SINGLE_HOLDS} single exponentials of 0.4 to 8 s.",
         ],
         tables=_tables(rows, regrets),
-        payload={"study": "settled", "rows": rows, "regret": regrets},
+        payload={"rows": rows, "regret": regrets},
     )
 
 
@@ -267,8 +248,7 @@ def _plain(holds: Sequence[Hold], cutoff_s: float) -> dict[str, Scores]:
 def _scores(holds: Sequence[Hold], cutoff_s: float, *, method: str | SettlingMethod) -> Scores:
     rows = []
     for hold in holds:
-        settled = settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
-        found = predict_settled(hold, cutoff_s=cutoff_s, method=method)
+        settled, found = _settled(hold), predict_settled(hold, cutoff_s=cutoff_s, method=method)
         rows.append(
             (
                 100 * (found.value / settled - 1),
@@ -277,24 +257,19 @@ def _scores(holds: Sequence[Hold], cutoff_s: float, *, method: str | SettlingMet
                 found.status == Status.OK,
             )
         )
-    error, covered, half_width, ok = np.array(rows, dtype=np.float64).T
-    if not np.isfinite(half_width).all():
-        return Scores(error=error)
-    return Scores(error=error, covered=covered, half_width=half_width, ok=ok)
+    scores = np.array(rows, dtype=np.float64)
+    if not np.isfinite(scores[:, 2]).all():
+        scores[:, 1:] = np.nan
+    return scores
 
 
-def _by_rules(holds: Sequence[Shown], learned: Mapping[str, Rule]) -> dict[str, Scores]:
-    return {
-        name: Scores(error=np.array([100 * np.expm1(rule(one) - one.change) for one in holds]))
-        for name, rule in learned.items()
-    }
+def _by_rule(holds: Sequence[Shown], rule: Rule) -> Scores:
+    errors = [100 * np.expm1(rule(one) - one.change) for one in holds]
+    return np.array([(error, np.nan, np.nan, np.nan) for error in errors])
 
 
-def _own_rows(name: str, holds: Sequence[Hold], *, count: int, wanted: int) -> list[dict[str, Any]]:
+def _own_rows(name: str, holds: Sequence[Hold], *, count: int) -> list[dict[str, Any]]:
     """Return rows for predictions after `count` own holds, those recorded before each hold."""
-    if count < 0.9 * wanted:
-        return []
-    rows = []
     tested = range(0, len(holds), max(1, len(holds) // MOST_TESTED))
     past = {
         place: [(place - back) % len(holds) for back in range(count, 0, -1)] for place in tested
@@ -302,29 +277,26 @@ def _own_rows(name: str, holds: Sequence[Hold], *, count: int, wanted: int) -> l
     methods = {
         place: Calibrated(holds=tuple(holds[k] for k in before)) for place, before in past.items()
     }
+    rows = []
     for cutoff_s in CUTOFFS_S:
         every = [show(hold, cutoff_s) for hold in holds]
-        log_laws, ours = list[Scores](), list[Scores]()
+        found: dict[str, list[Scores]] = {OURS: [], "log_law": []}
         for place in tested:
-            learned = {"log_law": scaled_log_law([every[k] for k in past[place]])}
-            log_laws.append(_by_rules([every[place]], learned)["log_law"])
-            ours.append(_scores([holds[place]], cutoff_s, method=methods[place]))
-        found = {OURS: _joined(ours), "log_law": _joined(log_laws)}
-        rows += [_row(name, cutoff_s, rule, one, own_holds=count) for rule, one in found.items()]
+            law = scaled_log_law([every[k] for k in past[place]])
+            found[OURS].append(_scores([holds[place]], cutoff_s, method=methods[place]))
+            found["log_law"].append(_by_rule([every[place]], law))
+        rows += [
+            _row(name, cutoff_s, rule, np.concatenate(each), own_holds=count)
+            for rule, each in found.items()
+        ]
     return rows
-
-
-def _joined(scores: Sequence[Scores]) -> Scores:
-    names = ("error", "covered", "half_width", "ok")
-    return Scores(
-        **{name: np.concatenate([getattr(one, name) for one in scores]) for name in names}
-    )
 
 
 def _row(
     material: str, cutoff_s: float, method: str, scores: Scores, *, own_holds: int = 0
 ) -> dict[str, Any]:
-    size = np.abs(scores.error)
+    error, covered, half_width, ok = scores.T
+    size = np.abs(error)
     return {
         "material": material,
         "cutoff_s": cutoff_s,
@@ -332,10 +304,10 @@ def _row(
         "holds": len(size),
         "median_abs_error_percent": float(np.median(size)),
         "p90_abs_error_percent": float(np.quantile(size, 0.9)),
-        "bias_percent": float(np.median(scores.error)),
-        "coverage": mean(scores.covered),
-        "half_width_percent": median(scores.half_width),
-        "share_ok": mean(scores.ok),
+        "bias_percent": float(np.median(error)),
+        "coverage": mean(covered),
+        "half_width_percent": median(half_width),
+        "share_ok": mean(ok),
         "own_holds": own_holds,
     }
 

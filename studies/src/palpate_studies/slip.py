@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -12,16 +11,15 @@ from scipy.stats import chi2
 
 from palpate.arrays import FloatArray
 from palpate.signal.circuit import resistance_ohm
-from palpate.signal.events import EventKind
-from palpate.signal.relative import finger_means, relative_change_percent
+from palpate.signal.events import ContactState, EventKind, watch_contact
+from palpate.signal.relative import CONTACT_PERCENT, finger_means, relative_change_percent
 from palpate.twin.devices import TwinArray
 from palpate.twin.friction import N_PER_G
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.ranges import ranges_of
 from palpate.twin.readout import Readout
-from palpate_studies.contact_events import contact_events
 from palpate_studies.report import StudyReport, Table, as_command
-from palpate_studies.rows import LEVELS, median
+from palpate_studies.rows import LEVELS, median, running_median
 from palpate_studies.twin_session import Session
 
 FIRST_SENSOR = 30_000
@@ -39,28 +37,6 @@ QUIET_S, QUIET_STEP_S = 600.0, 0.5
 _HELD_PERCENT = -10.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Happening:
-    """One event.
-
-    Attributes
-    ----------
-    kind : str
-        In `KINDS`.
-    held : bool
-        Whether both fingers felt the object before: what is not felt can't be missed.
-    delay_s : float or None
-        From its beginning to when a finger reported it; None if none did.
-    false : int
-        Slips and removals called before it.
-    """
-
-    kind: str
-    held: bool
-    delay_s: float | None
-    false: int
-
-
 def report(
     *,
     events: Annotated[int, typer.Option(help="Slips and removals of each level.", min=2)] = 60,
@@ -70,23 +46,17 @@ def report(
 
     Example: palpate study slip --events 500 --hours 10 --out reports
     """
-    happened = {
-        level: [
-            _happening(level, sensor=FIRST_SENSOR + n // 10, trial=n % 10, kind=KINDS[n % 2])
-            for n in range(events)
-        ]
-        for level in LEVELS
-    }
     holds = max(round(3600.0 * hours / QUIET_S), 1)
-    quiet = {
-        level: [_quiet(level, sensor=FIRST_SENSOR + n) for n in range(holds)] for level in LEVELS
-    }
-    summary = [
-        {"level": level, "kind": kind, **_scores([h for h in happened[level] if h.kind == kind])}
-        for level in LEVELS
-        for kind in KINDS
-    ]
-    alarms = [{"level": level, **_alarms(quiet[level])} for level in LEVELS]
+    summary, alarms = list[dict[str, Any]](), list[dict[str, Any]]()
+    for level in LEVELS:
+        for index, kind in enumerate(KINDS):
+            happened = [
+                _happening(level, sensor=FIRST_SENSOR + n // 10, trial=n % 10, kind=kind)
+                for n in range(index, events, len(KINDS))
+            ]
+            summary.append({"level": level, "kind": kind, **_scores(happened)})
+        quiet = [_quiet(level, sensor=FIRST_SENSOR + n) for n in range(holds)]
+        alarms.append({"level": level, **_alarms(quiet)})
     return StudyReport(
         name="slip",
         title="Slip and removal on the twin (simulated)",
@@ -106,14 +76,19 @@ def report(
             Table.of("Slips and removals seen within a second", summary),
             Table.of("Slips and removals called in quiet holds", alarms),
         ],
-        payload={"study": "slip", "origin": "twin", "summary": summary, "quiet": alarms},
+        payload={"origin": "twin", "summary": summary, "quiet": alarms},
     )
 
 
 command = as_command(report)
 
 
-def _happening(level: str, *, sensor: int, trial: int, kind: str) -> Happening:
+def _happening(level: str, *, sensor: int, trial: int, kind: str) -> tuple[bool, list[float]]:
+    """Let something happen to a held object.
+
+    Returns whether both fingers felt it before (what is not felt can't be missed), and when slips
+    and removals were called, seconds after it began; below zero where they were called before.
+    """
     rng = np.random.default_rng([sensor, trial, 51])
     session = Session(sensor, level=level, trial=trial)
     obj, rest_ohm = _hold(session, rng)
@@ -123,13 +98,19 @@ def _happening(level: str, *, sensor: int, trial: int, kind: str) -> Happening:
     begun = False
     while world.clock.now_s() < event_s + AFTER_S:
         if not begun and world.clock.now_s() + 1 / world.frame_rate_hz > event_s:
-            _begin(session, obj, kind=kind, pull=float(rng.uniform(*PULLS)), time_s=event_s)
-            begun = True
+            begun, pull = True, float(rng.uniform(*PULLS))
+            if kind == "removal":
+                world.place(None, time_s=event_s)
+            else:
+                holds_n = 2.0 * obj.friction * world.force_n(event_s)
+                world.lift(more_n=pull * holds_n - N_PER_G * obj.mass_g, time_s=event_s)
         frame = array.read(timeout_s=1.0)
         times.append(frame.time_s)
         frames.append(frame.counts)
     array.close()
-    return _judged(session, np.array(times), np.stack(frames), rest_ohm, event_s=event_s, kind=kind)
+    fingers = _fingers(np.stack(frames), session=session, rest_ohm=rest_ohm)
+    before = fingers[np.array(times) < event_s]
+    return _is_felt(before[-5:]), [at_s - event_s for at_s in _lost_s(times, fingers)]
 
 
 def _hold(session: Session, rng: np.random.Generator) -> tuple[TwinObject, FloatArray]:
@@ -144,41 +125,6 @@ def _hold(session: Session, rng: np.random.Generator) -> tuple[TwinObject, Float
     return obj, rest_ohm
 
 
-def _begin(session: Session, obj: TwinObject, *, kind: str, pull: float, time_s: float) -> None:
-    world = session.world
-    if kind == "removal":
-        world.place(None, time_s=time_s)
-        return
-    holds_n = 2.0 * obj.friction * world.force_n(time_s)
-    world.lift(more_n=pull * holds_n - N_PER_G * obj.mass_g, time_s=time_s)
-
-
-def _judged(
-    session: Session,
-    time_s: FloatArray,
-    counts: np.ndarray,
-    rest_ohm: FloatArray,
-    *,
-    event_s: float,
-    kind: str,
-) -> Happening:
-    fingers = _fingers(counts, session=session, rest_ohm=rest_ohm)
-    before = time_s < event_s
-    called = [
-        event.time_s
-        for event in contact_events(time_s, fingers)
-        if event.kind in (EventKind.SLIP, EventKind.REMOVAL)
-    ]
-    after = [at_s - event_s for at_s in called if at_s >= event_s]
-    held = bool((np.median(fingers[before][-5:], axis=0) < _HELD_PERCENT).all())
-    return Happening(
-        kind=kind,
-        held=held,
-        delay_s=min(after) if after else None,
-        false=sum(at_s < event_s for at_s in called),
-    )
-
-
 def _fingers(counts: np.ndarray, *, session: Session, rest_ohm: FloatArray) -> FloatArray:
     """Return each finger's mean relative change, shape (frames, fingers)."""
     layout = session.world.layout
@@ -187,8 +133,26 @@ def _fingers(counts: np.ndarray, *, session: Session, rest_ohm: FloatArray) -> F
     return finger_means(change, finger_of_row=layout.finger_of_row)
 
 
-def _quiet(level: str, *, sensor: int) -> tuple[float, int, bool]:
-    """Hold an object for long; return hours, slips and removals called, and whether it was felt."""
+def _is_felt(fingers: FloatArray) -> bool:
+    """Whether every finger feels the object in some frames."""
+    return bool((np.median(fingers, axis=0) < _HELD_PERCENT).all())
+
+
+def _lost_s(time_s: Sequence[float] | FloatArray, fingers: FloatArray) -> list[float]:
+    """Return when a finger calls slip or removal; the changes have shape (frames, fingers)."""
+    found, states = list[float](), [ContactState()] * fingers.shape[1]
+    for now_s, changes in zip(time_s, running_median(fingers, length=3), strict=True):
+        for finger, change in enumerate(changes.tolist()):
+            states[finger], kind = watch_contact(
+                states[finger], change, threshold_percent=CONTACT_PERCENT
+            )
+            if kind in (EventKind.SLIP, EventKind.REMOVAL):
+                found.append(float(now_s))
+    return found
+
+
+def _quiet(level: str, *, sensor: int) -> tuple[int, bool]:
+    """Hold an object for long; return slips and removals called, and whether it was felt."""
     session = Session(sensor, level=level)
     _, rest_ohm = _hold(session, np.random.default_rng([sensor, 52]))
     world = session.world
@@ -205,42 +169,36 @@ def _quiet(level: str, *, sensor: int) -> tuple[float, int, bool]:
         seed=sensor,
         start_s=begin_s,
     )
+    place = (frames_s - begin_s) / QUIET_STEP_S
+    index = np.minimum(place.astype(int), len(steps_s) - 2)
+    between = ohm[index] + (place - index)[:, None, None] * (ohm[index + 1] - ohm[index])
     counts = np.stack(
         [
-            readout.counts(_between(steps_s, ohm, float(at_s)), time_s=float(at_s))
-            for at_s in frames_s
+            readout.counts(now_ohm, time_s=at_s)
+            for now_ohm, at_s in zip(between, frames_s.tolist(), strict=True)
         ]
     )
     fingers = _fingers(counts, session=session, rest_ohm=rest_ohm)
-    lost = (EventKind.SLIP, EventKind.REMOVAL)
-    called = sum(event.kind in lost for event in contact_events(frames_s, fingers))
-    held = bool((np.median(fingers[:15], axis=0) < _HELD_PERCENT).all())
-    return QUIET_S / 3600.0, called, held
+    return len(_lost_s(frames_s, fingers)), _is_felt(fingers[:15])
 
 
-def _between(steps_s: FloatArray, ohm: FloatArray, at_s: float) -> FloatArray:
-    place = (at_s - steps_s[0]) / QUIET_STEP_S
-    index = min(int(place), len(steps_s) - 2)
-    return np.asarray(ohm[index] + (place - index) * (ohm[index + 1] - ohm[index]))
-
-
-def _scores(found: Sequence[Happening]) -> dict[str, Any]:
-    held = [one for one in found if one.held]
-    delays = [one.delay_s for one in held if one.delay_s is not None]
+def _scores(found: Sequence[tuple[bool, list[float]]]) -> dict[str, Any]:
+    called = [times for felt, times in found if felt]
+    delays = [min(after) for times in called if (after := [at_s for at_s in times if at_s >= 0])]
     return {
         "events": len(found),
-        "felt_before": len(held),
+        "felt_before": len(called),
         "seen": len(delays),
-        "rate": len(delays) / len(held) if held else None,
+        "rate": len(delays) / len(called) if called else None,
         "median_delay_s": median(delays),
         "p95_delay_s": median(delays, 0.95),
-        "called_before": sum(one.false for one in held),
+        "called_before": sum(at_s < 0 for times in called for at_s in times),
     }
 
 
-def _alarms(holds: Sequence[tuple[float, int, bool]]) -> dict[str, Any]:
-    felt = [(hours, called) for hours, called, held in holds if held]
-    hours, called = sum(h for h, _ in felt), sum(c for _, c in felt)
+def _alarms(holds: Sequence[tuple[int, bool]]) -> dict[str, Any]:
+    felt = [called for called, held in holds if held]
+    called, hours = sum(felt), len(felt) * QUIET_S / 3600.0
     return {
         "holds": len(holds),
         "felt": len(felt),

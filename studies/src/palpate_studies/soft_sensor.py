@@ -98,7 +98,7 @@ def report(
             "`ours` is `palpate.ForceLaw` on the voltage above rest, scaled by the training set.",
         ),
         tables=[Table.of("RMS error, N", summary)],
-        payload={"study": "soft-sensor", "origin": "real", "summary": summary, "level": LEVEL},
+        payload={"origin": "real", "summary": summary, "level": LEVEL},
     )
 
 

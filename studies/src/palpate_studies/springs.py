@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-from palpate_studies.equal_width import (
-    CLOSURE_MM,
-    SEED,
-    SENSORS,
-    LineStudy,
-    settled_readings,
-)
+from palpate_studies.equal_width import CLOSURE_MM, SEED, SENSORS, LineStudy, settled_readings
 from palpate_studies.report import StudyReport, as_command
 from palpate_studies.twin_session import drawn
 

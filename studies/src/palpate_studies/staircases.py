@@ -375,7 +375,6 @@ def _report(runs: Runs, *, sheets: int, staircases: int, second: bool) -> StudyR
             )
         ],
         payload={
-            "study": "staircases",
             "second_generator": second,
             "summary": summary,
             "compared": _compared(runs),

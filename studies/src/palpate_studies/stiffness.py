@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -21,7 +20,7 @@ from palpate.sensor.calibration import Calibration
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
 from palpate.twin.world import GripperKind, World
-from palpate_studies.force_control_world import FRUIT_RELAXES, thing
+from palpate_studies.force_control_world import thing
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS, as_row, group, mean, median
 from palpate_studies.stoppable import uninterrupted
@@ -45,13 +44,12 @@ EDGES_N_PER_MM = (RANGE_N_PER_MM[0], 2.0, 5.0, 15.0, RANGE_N_PER_MM[1])
 class Answer:
     """One grasp: reported and true stiffness, N/mm; NaN where not answered.
 
-    `object` describes how it presses back: see `_kind_of`. `firmness`: the index, 0 to 100.
+    `firmness`: the index, 0 to 100.
     """
 
     gripper: GripperKind
     level: str
     squeeze: str
-    object: str
     truth: float
     value: float
     low: float
@@ -85,9 +83,6 @@ def report(
         for low, high in pairwise(EDGES_N_PER_MM):
             part = [one for one in mine if low <= one.truth < high]
             summary.append({**key, "range": f"{low:g}-{high:g} N/mm", **scores(part)})
-        for kind in sorted({one.object for one in mine}):
-            part = [one for one in mine if one.object == kind]
-            summary.append({**key, "range": kind, **scores(part)})
     repeated = [
         repeat(level, gripper=gripper, seed=seed + k, stiffness=stiffness, grasps=repeats)
         for gripper in SQUEEZES_N
@@ -113,7 +108,6 @@ def report(
             Table.of("One object grasped again, gently, each time in another session", repeated),
         ],
         payload={
-            "study": "stiffness",
             "summary": summary,
             "repeated": repeated,
             "rows": [as_row(one) for one in found],
@@ -130,9 +124,13 @@ def answers_of(
     """Calibrate one sensor on one hand, and grasp one object with each squeeze."""
     obj = object_of(stiffness, seed=seed)
     calibration = calibrate_twin(seed=seed, level=level, apart_from="", kind=gripper)
-    worlds = partial(World, obj, seed=seed, sheet_seed=seed, level=level, gripper=gripper)
     return [
-        _answer(worlds(), calibration, force_n, obj=obj, nominal=stiffness)
+        _answer(
+            World(obj, seed=seed, sheet_seed=seed, level=level, gripper=gripper),
+            calibration,
+            force_n,
+            nominal=stiffness,
+        )
         for force_n in SQUEEZES_N[gripper]
     ]
 
@@ -148,7 +146,6 @@ def repeat(
             World(obj, seed=seed + 10_000 * n, sheet_seed=seed, level=level, gripper=gripper),
             calibration,
             None,
-            obj=obj,
             nominal=stiffness,
         )
         for n in range(1, grasps + 1)
@@ -187,7 +184,6 @@ def _answer(
     calibration: Calibration,
     target_force_n: float | None,
     *,
-    obj: TwinObject,
     nominal: float,
 ) -> Answer:
     gripper = TwinGripper(world)
@@ -199,26 +195,19 @@ def _answer(
             clock=world.clock,
         )
     )
-    truth, found = world.truth().stiffness_n_per_mm, result.stiffness_n_per_mm
-    answered = truth is not None and found is not None
+    truth = world.truth().stiffness_n_per_mm
+    found = None if truth is None else result.stiffness_n_per_mm
     return Answer(
         gripper=world.gripper,
         level=world.level,
         squeeze="gentle" if target_force_n is None else f"{target_force_n:g} N",
-        object=_kind_of(obj),
         truth=nominal if truth is None else truth,
-        value=found.middle if answered and found else np.nan,
-        low=found.low if answered and found else np.nan,
-        high=found.high if answered and found else np.nan,
-        status=str(found.status) if answered and found else "none",
+        value=found.middle if found else np.nan,
+        low=found.low if found else np.nan,
+        high=found.high if found else np.nan,
+        status=str(found.status) if found else "none",
         firmness=np.nan if result.firmness is None else result.firmness.middle,
     )
-
-
-def _kind_of(obj: TwinObject) -> str:
-    """Return what an object is like: flat or round contact, relaxing like fruit or hardly."""
-    relaxing = "fruit" if sum(obj.relaxing_share) >= FRUIT_RELAXES[0] else "spring"
-    return f"{relaxing}, {'round' if obj.contact == 'hertz' else 'flat'}"
 
 
 def scores(answers: Sequence[Answer]) -> dict[str, Any]:
@@ -232,13 +221,11 @@ def scores(answers: Sequence[Answer]) -> dict[str, Any]:
     width = [one.high / one.low for one in given if one.low > 0]
     bound = [one.low / one.truth for one in given]
     firm = [one for one in answers if np.isfinite(one.firmness)]
-    # Of fewer different objects there is no rank.
     truths = [one.truth for one in firm]
-    rank = (
-        float(spearmanr([one.firmness for one in firm], truths).statistic)
-        if len(set(truths)) > 2
-        else None
-    )
+    rank = None
+    # Of fewer different objects there is no rank.
+    if len(set(truths)) > 2:
+        rank = float(spearmanr([one.firmness for one in firm], truths).statistic)
     return {
         "grasps": len(answers),
         "answered": len(given),

@@ -1,9 +1,16 @@
-"""Force of real touches: up, held, down, by sensors that the models have not seen."""
+"""Force of real touches: up, held, down, by sensors that the models have not seen.
+
+The models are a clock, a static law, boosted trees, and the law of palpate. Each is learned from
+training touches and returns, for a test touch, ln force at every sample with the half width of its
+interval. What else it knows is `told`: nothing, the other attempts at the same place, or the force
+once in this touch.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
@@ -11,29 +18,361 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
+from palpate.estimate.force_law import INPUTS, Population
+from palpate.estimate.force_states import log_reading, states_of
+from palpate_studies.baselines.told_everything import boosted_trees
+from palpate_studies.force_learning import KnownContact, interval_reach, learn_population
 from palpate_studies.protocol.paired import compare
-from palpate_studies.recordings import leave_out
+from palpate_studies.recordings import leave_out, read_runs
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import group
-from palpate_studies.stroke_models import (
-    LEVEL,
-    MODELS,
-    SMALLEST_N,
-    TOLD,
-    Mask,
-    Others,
-    Touch,
-    others_of,
-    read_strokes,
-)
 
 PHASES = ("loading", "holding", "unloading")
 #: Name of a band of force -> its ends, newtons.
 BANDS = {"0.5-2": (0.5, 2.0), "2-5": (2.0, 5.0), "5-15": (5.0, 15.0), "15-": (15.0, np.inf)}
-
+Mask: TypeAlias = NDArray[np.bool_]
+#: Forces from here on are scored.
+SMALLEST_N = 0.5
+#: A touch whose highest conductance is less than this many times that at rest is off the sheet.
+LEAST_RISE = 5.0
+#: The rest reading is the median over this long, until this long before the touch; a touch is
+#: followed from there.
+_REST_S, _BEFORE_S = 1.0, 0.1
+#: A touch begins where the reading, as `log_reading` gives it, is above this: a rise of 20 %. The
+#: time since is counted in logarithms, from about a sample on.
+_CONTACT, _SINCE_S = float(log_reading(0.2)), 0.01
+#: Shares of the touch's 80th percentile at which the force is measured once.
+TOLD_SHARES = {"five_percent": 0.05, "eighty_percent": 0.8}
+TOLD = ("nothing", "place", "five_percent", "eighty_percent")
+LEVEL = 0.9
+#: A clock's time step: one sample of the logger.
+_TICK_S = 0.007
+Prediction: TypeAlias = tuple[FloatArray, FloatArray]
 Rows: TypeAlias = list[dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Touch:
+    """One touch.
+
+    Attributes
+    ----------
+    recording_id, sensor, pin, attempt : str
+        As in the file; the parts of the name.
+    touch : int
+        Number of the place.
+    time_s : ndarray, shape (n_times,)
+        Since contact.
+    inputs : ndarray, shape (n_times, n_inputs)
+        See `force_states`; then the highest reading so far and the time since contact.
+    log_force : ndarray, shape (n_times,)
+        Of the load cell; forces below 0.1 N count as that.
+    phase : ndarray of str, shape (n_times,)
+        As in the file.
+    scored : ndarray of bool, shape (n_times,)
+        In contact, with 0.5 N and more.
+    told : mapping of str to int
+        Sample at which the force is measured once.
+    """
+
+    recording_id: str
+    sensor: str
+    pin: str
+    attempt: str
+    touch: int
+    time_s: FloatArray
+    inputs: FloatArray
+    log_force: FloatArray
+    phase: NDArray[np.str_]
+    scored: Mask
+    told: dict[str, int]
+
+    @property
+    def place(self) -> tuple[str, str, int]:
+        """The key that the attempts share."""
+        return (self.sensor, self.pin, self.touch)
+
+    @property
+    def weight(self) -> FloatArray:
+        """How much each sample counts in a fit: unloading is short, and half of the task."""
+        return np.where(self.phase == "unloading", 2.0, 1.0)
+
+    def after(self, told: str) -> Mask:
+        """Return the scored samples after the force was measured; all where it is not."""
+        if told not in self.told:
+            return self.scored
+        return self.scored & (np.arange(len(self.scored)) > self.told[told])
+
+
+def read_strokes(path: Path) -> list[Touch]:
+    """Read recordings of touches and cut them.
+
+    Raises
+    ------
+    InputError
+        If the file can't be used or holds no touch of the sheet.
+    """
+    touches: list[Touch] = []
+    for run in read_runs(
+        path,
+        keys=("recording_id", "touch"),
+        text=("recording_id", "phase"),
+        numbers=("time_s", "resistance_ohm", "force_n", "touch"),
+    ):
+        name = str(run["recording_id"][0])
+        if name.count("-") < 2:
+            raise InputError(f"{path}: recording {name!r} is not named sensor-pin-attempt")
+        time_s, ohm = run["time_s"], run["resistance_ohm"]
+        if (np.diff(time_s) <= 0).any() or (ohm <= 0).any():
+            raise InputError(
+                f"{path}: recording {name!r}: time_s must rise and resistance be above 0"
+            )
+        touches += _touch(name, int(run["touch"][0]), time_s, ohm, run["force_n"], run["phase"])
+    if not touches:
+        raise InputError(f"{path}: no touch in it raises the conductance {LEAST_RISE:g} times")
+    return touches
+
+
+def _touch(
+    name: str,
+    number: int,
+    time_s: FloatArray,
+    ohm: FloatArray,
+    force_n: FloatArray,
+    phase: NDArray[np.str_],
+) -> list[Touch]:
+    touched = np.flatnonzero(phase != "rest")
+    if not len(touched):
+        return []
+    since_s = time_s - time_s[touched[0]]
+    resting = (since_s < -_BEFORE_S) & (since_s > -_BEFORE_S - _REST_S)
+    if not resting.any():
+        return []
+    rest_ohm = float(np.median(ohm[resting]))
+    if rest_ohm / ohm[touched].min() < LEAST_RISE:
+        return []
+    used = since_s > -_BEFORE_S - _REST_S
+    since_s, ohm, force_n, phase = since_s[used], ohm[used], force_n[used], phase[used]
+    inside = np.flatnonzero(phase != "rest")
+    high_n = float(np.percentile(force_n[inside], 80))
+    sensor, pin, attempt = name.rsplit("-", 2)
+    return [
+        Touch(
+            recording_id=name,
+            sensor=sensor,
+            pin=pin,
+            attempt=attempt,
+            touch=number,
+            time_s=since_s,
+            inputs=_touch_inputs(since_s, log_reading(rest_ohm / ohm - 1)),
+            log_force=np.log(np.maximum(force_n, 0.1)),
+            phase=phase,
+            scored=(phase != "rest") & (force_n >= SMALLEST_N),
+            told={
+                told: int(inside[np.flatnonzero(force_n[inside] >= share * high_n)[0]])
+                for told, share in TOLD_SHARES.items()
+            },
+        )
+    ]
+
+
+def _touch_inputs(time_s: FloatArray, reading: FloatArray) -> FloatArray:
+    """Return the states, and what a touch as a whole shows: how high it rose, since when it lasts.
+
+    Contact is where the reading shows it, not the load cell.
+    """
+    shown = np.flatnonzero(reading > _CONTACT)
+    contact_s = time_s[shown[0]] if len(shown) else time_s[-1]
+    lasting = np.log(np.maximum(time_s - contact_s, 0.0) + _SINCE_S)
+    states = states_of(time_s, reading)
+    return np.column_stack([states, np.maximum.accumulate(reading), lasting])
+
+
+Others: TypeAlias = Sequence[Touch]
+#: From a touch and the other attempts at its place to a prediction.
+Follower: TypeAlias = Callable[[Touch, Others], Prediction]
+Learner: TypeAlias = Callable[[Others, str], Follower]
+
+
+def others_of(touch: Touch, touches: Others) -> list[Touch]:
+    """Return the other attempts at the place of a touch."""
+    return [one for one in touches if one.place == touch.place and one is not touch]
+
+
+def _origin(touch: Touch, told: str) -> float:
+    return float(touch.log_force[touch.told[told]]) if told in touch.told else 0.0
+
+
+def _pooled(touches: Others, told: str, each: Callable[[Touch], FloatArray]) -> FloatArray:
+    return np.concatenate([each(one)[one.after(told)] for one in touches])
+
+
+def _with_interval(
+    follow: Callable[[Touch, Others], FloatArray], train: Others, told: str
+) -> Follower:
+    """Return a follower whose interval covers the errors of its own training touches."""
+    errors = [
+        np.abs(follow(one, others_of(one, train)) - one.log_force)[one.after(told)] for one in train
+    ]
+    half = float(np.quantile(np.concatenate(errors), LEVEL))
+    return lambda touch, others: (
+        (value := follow(touch, others)),
+        np.full(value.shape, half),
+    )
+
+
+def constant(train: Others, told: str) -> Follower:
+    """Learn one force, that of the place where it is known, or hold the force that was measured."""
+
+    def middle(touches: Others) -> float:
+        return float(np.median(_pooled(touches, told, lambda one: one.log_force)))
+
+    usual = 0.0 if told in train[0].told else middle(train)
+
+    def follow(touch: Touch, others: Others) -> FloatArray:
+        known = middle(others) if told == "place" and others else usual
+        return np.full(len(touch.time_s), known + _origin(touch, told))
+
+    return _with_interval(follow, train, told)
+
+
+def clock(train: Others, told: str) -> Follower:
+    """Learn the usual force at each time since contact, or its usual change since measured."""
+
+    def ticks(touch: Touch) -> FloatArray:
+        start = touch.time_s[touch.told[told]] if told in touch.told else 0.0
+        return np.round((touch.time_s - start) / _TICK_S)
+
+    def table(touches: Others) -> tuple[FloatArray, FloatArray]:
+        tick = _pooled(touches, told, ticks)
+        force = _pooled(touches, told, lambda one: one.log_force - _origin(one, told))
+        seen = np.unique(tick)
+        return seen, np.array([np.median(force[tick == one]) for one in seen])
+
+    usual = table(train)
+
+    def follow(touch: Touch, others: Others) -> FloatArray:
+        known = table(others) if told == "place" and others else usual
+        return np.asarray(np.interp(ticks(touch), *known)) + _origin(touch, told)
+
+    return _with_interval(follow, train, told)
+
+
+def static(train: Others, told: str) -> Follower:
+    """Learn a power law; its gain from what is known of the place or of this touch."""
+    reading = _pooled(train, "nothing", lambda one: one.inputs[:, 0])
+    force = _pooled(train, "nothing", lambda one: one.log_force)
+    slope, offset = _absolute_line(reading, force)
+
+    def follow(touch: Touch, others: Others) -> FloatArray:
+        value = slope * touch.inputs[:, 0] + offset
+        if told in touch.told:
+            at = touch.told[told]
+            return np.asarray(value + touch.log_force[at] - value[at])
+        if told == "place" and others:
+            left = _pooled(others, told, lambda one: one.log_force - slope * one.inputs[:, 0])
+            return np.asarray(value + float(np.median(left)) - offset)
+        return np.asarray(value)
+
+    return _with_interval(follow, train, told)
+
+
+def _absolute_line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
+    """Return the line of least absolute error, by reweighting."""
+    weight = np.ones_like(y)
+    line = np.zeros(2)
+    for _ in range(20):
+        line = np.polyfit(x, y, 1, w=weight)
+        weight = 1.0 / np.sqrt(np.maximum(np.abs(y - np.polyval(line, x)), 0.01))
+    return float(line[0]), float(line[1])
+
+
+def _inputs(touch: Touch, told: str) -> FloatArray:
+    """Return what a learner sees: the states, or their change since the force was measured."""
+    if told not in touch.told:
+        return touch.inputs
+    at = touch.told[told]
+    measured = np.full((len(touch.inputs), 1), touch.log_force[at])
+    return np.concatenate([touch.inputs - touch.inputs[at], measured], axis=1)
+
+
+def trees(train: Others, told: str) -> Follower:
+    """Learn boosted trees on the same inputs; knowing the place, given by the mean of it."""
+    machine = boosted_trees(
+        loss="absolute_error", max_iter=100, max_leaf_nodes=15, min_samples_leaf=40
+    )
+
+    def seen(touch: Touch, others: Others) -> FloatArray:
+        inputs = _inputs(touch, told)
+        if told != "place":
+            return inputs
+        known = others or [touch]
+        reading = np.mean(_pooled(known, told, lambda one: one.inputs[:, 0]))
+        force = np.mean(_pooled(known, told, lambda one: one.log_force))
+        more = np.full((len(inputs), 1), force if others else np.nan)
+        return np.concatenate([inputs, inputs[:, :1] - reading, more], axis=1)
+
+    x = np.concatenate([seen(one, others_of(one, train))[one.after(told)] for one in train])
+    y = _pooled(train, told, lambda one: one.log_force - _origin(one, told))
+    w = _pooled(train, told, lambda one: one.weight)
+    machine.fit(x, y, sample_weight=w)
+    return _with_interval(
+        lambda touch, others: machine.predict(seen(touch, others)) + _origin(touch, told),
+        train,
+        told,
+    )
+
+
+def ours(train: Others, told: str) -> Follower:
+    """Learn the population of `palpate.ForceLaw`; the place or one force updates the law."""
+    population = _population(tuple(train))
+
+    def follow(touch: Touch, others: Others) -> Prediction:
+        law = ForceLaw(population)
+        if told == "place" and others:
+            law = ForceLaw.fit(
+                _pooled(others, told, lambda one: one.inputs[:, :INPUTS]),
+                force_n=np.exp(_pooled(others, told, lambda one: one.log_force)),
+                contact=[one.attempt for one in others for _ in range(one.scored.sum())],
+                population=population,
+            )
+        if told in touch.told:
+            at = touch.told[told]
+            law.update(touch.inputs[at, :INPUTS], force_n=np.exp(touch.log_force[at]))
+        value, sd = law.log_force(touch.inputs[:, :INPUTS])
+        return value, interval_reach(LEVEL) * sd
+
+    return follow
+
+
+@lru_cache(maxsize=2)
+def _population(train: tuple[Touch, ...]) -> Population:
+    return learn_population([known_contact(one) for one in train if one.scored.sum() > 1])
+
+
+def known_contact(touch: Touch) -> KnownContact:
+    """Return a touch as what a population is learned from."""
+    used = np.flatnonzero(touch.scored)
+    given = np.flatnonzero(used == touch.told["eighty_percent"])
+    return KnownContact(
+        inputs=touch.inputs[used, :INPUTS],
+        force_n=np.exp(touch.log_force[used]),
+        weight=touch.weight[used],
+        place=touch.place,
+        given=int(given[0]) if len(given) else None,
+    )
+
+
+MODELS: Mapping[str, Learner] = {
+    "constant": constant,
+    "clock": clock,
+    "static": static,
+    "trees": trees,
+    "ours": ours,
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -110,7 +449,6 @@ def report(
             )
         ],
         payload={
-            "study": "strokes",
             "rows": _rows(scored),
             "summary": summary,
             "compared": _compared(scored),

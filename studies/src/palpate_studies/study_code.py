@@ -22,7 +22,6 @@ _ROOTS = {
 _SHOWING = (
     "palpate.cli",
     "palpate.plots",
-    "palpate_studies.figure_files",
     "palpate_studies.report",
 )
 

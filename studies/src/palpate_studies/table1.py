@@ -80,7 +80,6 @@ def report(
         ],
         tables=[error_table(name, results[name]) for name in names],
         payload={
-            "study": "table1",
             "origin": "twin",
             "horizon_s": HORIZON_S,
             "cutoffs_s": list(CUTOFFS_S),

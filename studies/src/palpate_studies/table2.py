@@ -76,7 +76,6 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             )
         ],
         payload={
-            "study": "table2",
             "origin": "twin",
             "width_mm": WIDTH_MM,
             "published": {name: list(values[:2]) for name, values in PUBLISHED.items()},

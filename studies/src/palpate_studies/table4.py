@@ -84,7 +84,6 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             )
         ],
         payload={
-            "study": "table4",
             "origin": "twin",
             "published": {name: list(values) for name, values in PUBLISHED.items()},
             "lines": {

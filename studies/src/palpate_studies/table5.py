@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
@@ -54,17 +53,6 @@ _REFERENCE = "recorded, 2.5 s"
 Errors: TypeAlias = tuple[FloatArray, FloatArray]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Sheet:
-    """Holds of one sensor on one silicone sheet: for calibration, and in another session."""
-
-    time_s: FloatArray
-    calibration: FloatArray
-    law: LineForceLaw
-    tested: FloatArray
-    tested_n: FloatArray
-
-
 def report(
     *,
     sensors: Annotated[int, typer.Option(help="Sensors of each level.", min=1)] = 3,
@@ -95,7 +83,6 @@ def report(
         ),
         tables=[Table.of(f"Error of the settled force, {count} grasps of each level", rows)],
         payload={
-            "study": "table5",
             "rows": rows,
             "misfit": misfit,
             "sensors": sensors,
@@ -113,13 +100,31 @@ def _errors(level: str, *, sensors: int, repeats: int) -> dict[str, Errors]:
     """Return for each row its errors against the line of the settled reading and the load cell."""
     found: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
     for sensor in range(sensors):
-        sheets = [_sheet(sensor, level, index, repeats) for index in range(len(MATERIALS))]
-        for index, sheet in enumerate(sheets):
-            reference_n = sheet.law.force_n(_settled(sheet.time_s, sheet.tested)).value
-            for name, early in _predicted(sheets, index).items():
-                early_n = sheet.law.force_n(early).value
+        learned = [
+            _holds(sensor, level, index, repeats=1, session=0) for index in range(len(MATERIALS))
+        ]
+        own = [
+            Hold(hold_id="", channel=None, time_s=time_s, values=values, unit="percent")
+            for time_s, holds, _ in learned
+            for values in holds
+        ]
+        methods = {**ROWS, OWN: (Calibrated(holds=tuple(own)), 2.5)}
+        for index, (time_s, holds, force_n) in enumerate(learned):
+            law = LineForceLaw.fit(_settled(time_s, holds), force_n=force_n)
+            time_s, tested, tested_n = _holds(sensor, level, index, repeats=repeats, session=1)
+            reference_n = law.force_n(_settled(time_s, tested)).value
+            for name, (method, cutoff_s) in methods.items():
+                early = predict_settled(
+                    time_s,
+                    tested,
+                    cutoff_s=cutoff_s,
+                    horizon_s=HORIZON_S,
+                    method=method,
+                    unit="percent",
+                )
+                early_n = law.force_n(np.asarray(early.value)).value
                 found.setdefault(name, []).append(
-                    (np.abs(early_n - reference_n), np.abs(early_n - sheet.tested_n))
+                    (np.abs(early_n - reference_n), np.abs(early_n - tested_n))
                 )
     return {
         name: (np.concatenate(reading), np.concatenate(force))
@@ -128,47 +133,8 @@ def _errors(level: str, *, sensors: int, repeats: int) -> dict[str, Errors]:
     }
 
 
-def _sheet(sensor: int, level: str, index: int, repeats: int) -> _Sheet:
-    time_s, calibration, force_n = _holds(sensor, level, index, repeats=1, session=0)
-    later_s, tested, tested_n = _holds(sensor, level, index, repeats=repeats, session=1)
-    count = min(len(time_s), len(later_s))
-    law = LineForceLaw.fit(_settled(time_s, calibration), force_n=force_n)
-    return _Sheet(
-        time_s=time_s[:count],
-        calibration=calibration[:, :count],
-        law=law,
-        tested=tested[:, :count],
-        tested_n=tested_n,
-    )
-
-
 def _settled(time_s: FloatArray, holds: FloatArray) -> FloatArray:
     return np.asarray(holds[:, time_s > HORIZON_S - SETTLED_MEAN_S].mean(axis=1))
-
-
-def _predicted(sheets: Sequence[_Sheet], index: int) -> dict[str, FloatArray]:
-    """Return each row's values of the tested holds on one sheet."""
-    sheet = sheets[index]
-
-    def early(method: SettlingMethod, cutoff_s: float) -> FloatArray:
-        found = predict_settled(
-            sheet.time_s,
-            sheet.tested,
-            cutoff_s=cutoff_s,
-            horizon_s=HORIZON_S,
-            method=method,
-            unit="percent",
-        )
-        return np.asarray(found.value)
-
-    rows = {name: early(method, cutoff_s) for name, (method, cutoff_s) in ROWS.items()}
-    own = [
-        Hold(hold_id="", channel=None, time_s=one.time_s, values=values, unit="percent")
-        for one in sheets
-        for values in one.calibration
-    ]
-    rows[OWN] = early(Calibrated(holds=tuple(own)), 2.5)
-    return rows
 
 
 def _holds(

@@ -11,7 +11,8 @@ from palpate.cli.lazy_group import HELP, Entry, LazyGroup, load_command
 from palpate.cli.options import QuietOption
 from palpate.cli.output import progress
 from palpate.errors import InputError
-from palpate_studies.figure_files import EVERY_FORMAT, FigureFiles, figure_files
+from palpate.plots.style import PLOT_ENDINGS
+from palpate_studies.report import FIGURE_FILES
 
 FigureFormat: TypeAlias = Literal["pdf", "svg", "png"]
 #: The benchmark that runs without a name.
@@ -61,8 +62,13 @@ def study(
 
     Example: palpate study table1
     """
-    with figure_files(_files(figure_format, dpi, arguments=context.args)):
+    _check_figures(figure_format, dpi, arguments=context.args)
+    endings = PLOT_ENDINGS if figure_format is None else (f".{figure_format}",)
+    before = FIGURE_FILES.set((endings, dpi))
+    try:
         _run(name, group="palpate.studies", listing=listing, quiet=quiet, context=context)
+    finally:
+        FIGURE_FILES.reset(before)
 
 
 def bench(
@@ -110,19 +116,16 @@ def _run(
         raise typer.Exit(status)
 
 
-def _files(
+def _check_figures(
     figure_format: FigureFormat | None, dpi: int | None, *, arguments: list[str]
-) -> FigureFiles:
-    """Return the files of each figure; refuse, before the work, what no file would show."""
+) -> None:
+    """Refuse, before the work, options of figures that no file would show."""
     if figure_format is None and dpi is None:
-        return EVERY_FORMAT
+        return
     option = f"--dpi {dpi}" if figure_format is None else f"--format {figure_format}"
     if not any(one == "--out" or one.startswith("--out=") for one in arguments):
         raise InputError(
             f"{option}: it is for the figures in --out DIR; give that, or leave it out"
         )
-    if figure_format is None:
-        return FigureFiles(dpi=dpi)
-    if dpi is not None and figure_format != "png":
+    if dpi is not None and figure_format not in (None, "png"):
         raise InputError(f"--dpi {dpi}: only png has dots; {figure_format} is sharp at any size")
-    return FigureFiles(endings=(f".{figure_format}",), dpi=dpi)

@@ -18,7 +18,7 @@ from palpate.produce.learning import FALSE_REJECT, UNKNOWN, LabelLearner
 
 #: Quantities that distinguish kinds; fingers driven by pressure measure neither.
 FEATURES = ("size_mm", "stiffness_n_per_mm")
-#: The candidate that learns kinds: on crates of the twin no other names more (study identify), and
+#: The candidate that learns kinds: on crates of the twin no other names more (study sorting), and
 #: it learns within a tenth of a second.
 METHODS = ("discriminant",)
 #: Fraction of a size's stated variance that differs from grasp to grasp: a guess.

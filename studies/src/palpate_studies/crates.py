@@ -1,4 +1,4 @@
-"""Simulated crates, grasped: what both studies of a mixed crate start from."""
+"""Simulated crates, grasped: what the study of sorting starts from."""
 
 from __future__ import annotations
 
@@ -18,11 +18,13 @@ from palpate.produce.records import MEASURED, Grasp
 from palpate.produce.sorting.hand import SortingHand, TimedGrasp
 from palpate.rig.simulated import calibrate_twin
 from palpate.settling.result import Status
-from palpate.twin.crate import CRATE_STRANGERS, CRATE_TAUGHT, CrateItem, CrateTable, draw_crate
+from palpate.twin.crate import CRATE_STRANGERS, CRATE_TAUGHT, CrateTable, draw_crate
 from palpate_studies.second.things import other_item
 
 #: Grasps of each item that is taught, and of each that is sorted.
 TAUGHT_GRASPS, SORTED_GRASPS = 2, 3
+#: What a file states of an item besides its grasps.
+_TRUTH = ("level", "sensor", "item_id", "kind", "teaches", "known", "size_mm", "damaged")
 #: A simulated clock starts here.
 _BEGAN_AT = datetime(2026, 1, 1, tzinfo=UTC)
 
@@ -93,46 +95,54 @@ def measured_crates(
     teaching = draw_crate(list(CRATE_TAUGHT) * taught, seed=sensor, prefix="taught")
     sorting = [*CRATE_TAUGHT] * sorted_items + [*CRATE_STRANGERS] * ((sorted_items + 1) // 2)
     crate = draw_crate(sorting, seed=sensor + 250_007)
-    return [
-        _grasped(item, hand=hand, table=table, level=level, sensor=sensor, grasps=grasps)
-        for items, grasps in ((teaching, TAUGHT_GRASPS), (crate, SORTED_GRASPS))
-        for item in (map(other_item, items) if second else items)
-    ]
-
-
-def _grasped(
-    item: CrateItem,
-    *,
-    hand: SortingHand,
-    table: CrateTable,
-    level: str,
-    sensor: int,
-    grasps: int,
-) -> CrateItemGrasps:
-    found: list[TimedGrasp] = []
-    damaged = False
-    for turn in range(grasps):
-        table.bring(item, turn=turn)
-        size = found[-1].grasp.measurements.get("size_mm") if found else None
-        found.append(hand.grasp(item.item_id, expected=size))
-        damaged = damaged or table.is_damaged()
-    return CrateItemGrasps(
-        level=level,
-        sensor=sensor,
-        item_id=item.item_id,
-        kind=item.kind,
-        teaches=item.item_id.startswith("taught"),
-        known=item.taught,
-        size_mm=item.mean.size_mm,
-        damaged=damaged,
-        grasps=tuple(found),
-    )
+    found = []
+    for drawn in (*teaching, *crate):
+        item, teaches = other_item(drawn) if second else drawn, drawn.item_id.startswith("taught")
+        grasps, damaged = list[TimedGrasp](), False
+        for turn in range(TAUGHT_GRASPS if teaches else SORTED_GRASPS):
+            table.bring(item, turn=turn)
+            size = grasps[-1].grasp.measurements.get("size_mm") if grasps else None
+            grasps.append(hand.grasp(item.item_id, expected=size))
+            damaged = damaged or table.is_damaged()
+        found.append(
+            CrateItemGrasps(
+                level=level,
+                sensor=sensor,
+                item_id=item.item_id,
+                kind=item.kind,
+                teaches=teaches,
+                known=item.taught,
+                size_mm=item.mean.size_mm,
+                damaged=damaged,
+                grasps=tuple(grasps),
+            )
+        )
+    return found
 
 
 def write_crates(items: Sequence[CrateItemGrasps], path: Path) -> None:
     """Write what was grasped, to be studied again without grasping again."""
-    document = {"origin": "twin", "simulated": True, "items": [_as_json(item) for item in items]}
+    rows = [
+        {name: getattr(item, name) for name in _TRUTH}
+        | {
+            "grasps": [
+                {
+                    "lasted_s": round(one.lasted_s, 3),
+                    "outcome": str(one.grasp.outcome),
+                    "calibration_id": one.grasp.calibration_id,
+                    "taken_at": one.grasp.taken_at.isoformat(),
+                    "measured": {
+                        name: [m.value, m.low, m.high, str(m.status)]
+                        for name, m in one.grasp.measurements.items()
+                    },
+                }
+                for one in item.grasps
+            ]
+        }
+        for item in items
+    ]
     with atomic_path(path) as partial:
+        document = {"origin": "twin", "simulated": True, "items": rows}
         partial.write_text(json.dumps(document, allow_nan=False) + "\n")
 
 
@@ -151,26 +161,8 @@ def read_crates(path: Path) -> list[CrateItemGrasps]:
         raise InputError(f"crates {path}: {error.strerror}") from error
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(
-            f"crates {path}: not crates.json of `palpate study identify --out`"
+            f"crates {path}: not crates.json of `palpate study sorting --out`"
         ) from error
-
-
-def _as_json(item: CrateItemGrasps) -> dict[str, Any]:
-    plain = {name: getattr(item, name) for name in CrateItemGrasps.__slots__ if name != "grasps"}
-    return plain | {"grasps": [_grasp_json(one) for one in item.grasps]}
-
-
-def _grasp_json(one: TimedGrasp) -> dict[str, Any]:
-    measured = {
-        name: [m.value, m.low, m.high, str(m.status)] for name, m in one.grasp.measurements.items()
-    }
-    return {
-        "lasted_s": round(one.lasted_s, 3),
-        "outcome": str(one.grasp.outcome),
-        "calibration_id": one.grasp.calibration_id,
-        "taken_at": one.grasp.taken_at.isoformat(),
-        "measured": measured,
-    }
 
 
 def _from_json(row: Mapping[str, Any]) -> CrateItemGrasps:
@@ -195,5 +187,4 @@ def _from_json(row: Mapping[str, Any]) -> CrateItemGrasps:
         )
         for one in row["grasps"]
     )
-    known = {name: row[name] for name in CrateItemGrasps.__slots__ if name != "grasps"}
-    return CrateItemGrasps(**known, grasps=grasps)
+    return CrateItemGrasps(**{name: row[name] for name in _TRUTH}, grasps=grasps)

@@ -1,0 +1,300 @@
+"""Simpler ways to grip: close to a threshold, correct by a reading of the force, lift.
+
+`paper_loop` is the paper's own proposal. Section 3.3 fits force to the settled mean relative change
+by a line (Table 4), and proposes to grip to a force with that reading as feedback. No such loop is
+printed. Here it is in its strongest plain form: contact as in Figure 13, then corrections by the
+secant through the last two answers, up or down, until the line reads the target.
+
+`learned_loop` is the same loop told everything that ours reads. The learner corrects the calibrated
+law of settled readings. It learns from the same loop with that law alone as feedback, on other
+things gripped by other sensors of the level, each reading with the force that the hold settled to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
+from typing import TypeAlias
+
+import numpy as np
+
+from palpate.arrays import FloatArray
+from palpate.estimate.line_law import LineForceLaw, fit_settled_line
+from palpate.grasp.plan import Plan
+from palpate.grasp.planning import HORIZON_S, plan_grasp
+from palpate.gripper.interface import GripperCommand
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.settling.exponential import Exponential
+from palpate.signal.relative import (
+    CONTACT_PERCENT,
+    excess_conductance,
+    finger_means,
+    largest_change,
+    mean_change,
+    relative_change_percent,
+    total_excess,
+)
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.world import GripperKind, World
+from palpate_studies.baselines.told_everything import LEARNERS, Answer, learned
+from palpate_studies.force_control_world import (
+    GRASPS_PER_SHEET,
+    LIFTED_S,
+    Gripped,
+    Task,
+    calibration_of,
+    damaged,
+)
+from palpate_studies.protocol.parts import Learned
+
+#: Speed of closing, and the time after each step of the approach in which it is read.
+_RATE: dict[GripperKind, float] = {"rigid": 20.0, "soft": 15.0}
+_DWELL_S = 0.42
+#: Steps of the approach, mm or kPa; corrections go by no more than one such step, and by no less
+#: than what a servo or regulator resolves.
+STEP: dict[GripperKind, float] = {"rigid": 1.0, "soft": 0.8}
+_LEAST: dict[GripperKind, float] = {"rigid": 0.05, "soft": 0.2}
+#: Taken to be on target within this share; corrections at most.
+_CLOSE_ENOUGH, _MOST_MOVES = 0.05, 12
+PAPER_LINE = "the paper's line, exponential at 2.5 s"
+#: How long the exponential waits, and the frames of that.
+WAITS_S, _FRAME_RATE_HZ = 2.5, 15
+_FRAMES = int(WAITS_S * _FRAME_RATE_HZ)
+#: Frames after a move whose readings learners see too, the one that a grasp of ours reads first,
+#: and the least force of a law, newtons.
+_SHOWN, _EARLY, _FAINT_N = (2, 14, 24), 6, 0.05
+#: Learner -> method.
+LOOPS = {learner: f"{words}, as feedback at 2.5 s" for learner, words in LEARNERS.items()}
+#: By learner.
+Laws: TypeAlias = Mapping[str, Learned[Answer]]
+#: Closure, and the servo's current on the way there (mA) -> force, N.
+ForceReader: TypeAlias = Callable[[float, float], float]
+#: Array, gripper and rest values, shape (rows, cols) -> what reads the force after each move.
+MakeReader: TypeAlias = Callable[[TwinArray, TwinGripper, FloatArray], ForceReader]
+
+
+def paper_loop(task: Task) -> Gripped:
+    """Close to contact, then correct until the line reads the target, and lift."""
+    law = _line(task.seed // GRASPS_PER_SHEET, task.level, task.kind)
+
+    def reader(array: TwinArray, _gripper: TwinGripper, rest_ohm: FloatArray) -> ForceReader:
+        def force_n(_closure: float, _current_ma: float) -> float:
+            ohm = read_ohm(array, seconds=WAITS_S, last=_FRAMES)
+            change = mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm))
+            return float(law.force_n(_forecast(change)).value)
+
+        return force_n
+
+    return corrected(task, name=PAPER_LINE, reader=reader)
+
+
+@lru_cache(maxsize=4)
+def _line(sheet: int, level: str, kind: GripperKind) -> LineForceLaw:
+    """Fit the line to the settled pairs of the same calibration that ours uses."""
+    return fit_settled_line(calibration_of(sheet, level, kind).force, horizon_s=HORIZON_S)
+
+
+def _forecast(mean_percent: FloatArray) -> float:
+    """Return the settled change by the exponential, from the frames since a move."""
+    time_s = np.arange(1, len(mean_percent) + 1) / _FRAME_RATE_HZ
+    found = Exponential().predict(time_s, mean_percent[None], horizon_s=20.0, level=0.9)
+    return float(np.asarray(found.value)[0])
+
+
+def learned_loop(task: Task, learner: str, *, laws: Laws) -> Gripped:
+    """Close to contact, then correct until the learned law reads the target, and lift."""
+    answer = laws[learner].on([_sensor(task)])
+
+    def factor(numbers: FloatArray, _law_n: float) -> float:
+        return float(np.exp(answer(numbers[None])[0]))
+
+    return corrected(task, name=LOOPS[learner], reader=_calibrated_reader(task, factor))
+
+
+def learned_laws(tasks: Sequence[Task]) -> Laws:
+    """Grip other things by the calibrated law alone, and learn by what factor it is off."""
+    taught = [(task, *each) for task in tasks for each in taught_by(task)]
+    rows = np.array([numbers for _, numbers, _ in taught])
+    logs = [log for *_, log in taught]
+    seen = [_sensor(task) for task, *_ in taught]
+    return {name: learned(name, rows, asked=logs, seen=seen) for name in LEARNERS}
+
+
+def taught_by(task: Task) -> list[tuple[FloatArray, float]]:
+    """Return what each reading showed, and ln of the settled force over the calibrated law's.
+
+    A hand that does not hold the thing yet teaches nothing.
+    """
+    world, found = task.world(), list[tuple[FloatArray, float]]()
+
+    def factor(numbers: FloatArray, law_n: float) -> float:
+        settled_n = world.truth().force_n
+        if settled_n > _FAINT_N:
+            found.append((numbers, float(np.log(settled_n / law_n))))
+        return 1.0
+
+    corrected(task, name="the calibrated law", reader=_calibrated_reader(task, factor), world=world)
+    return found
+
+
+def _sensor(task: Task) -> str:
+    return f"{task.level} {task.seed // GRASPS_PER_SHEET}"
+
+
+def _calibrated_reader(task: Task, factor: Callable[[FloatArray, float], float]) -> MakeReader:
+    """Return what reads the calibrated law's force times a factor.
+
+    `factor` is of what was read, and of the force by that law.
+    """
+    calibration = calibration_of(task.seed // GRASPS_PER_SHEET, task.level, task.kind)
+
+    def reader(array: TwinArray, gripper: TwinGripper, rest_ohm: FloatArray) -> ForceReader:
+        plan = plan_grasp(calibration, gripper=gripper)
+        before = list[tuple[float, float]]()
+
+        def force_n(closure: float, current_ma: float) -> float:
+            read, law_n = _read_all(array, rest_ohm, plan)
+            before.append((closure, law_n))
+            (first, _), (last, last_n) = before[0], before[max(len(before) - 2, 0)]
+            how = [
+                float(task.kind == "soft"),
+                closure,
+                closure - first,
+                closure - last,
+                law_n - last_n,
+                float(len(before)),
+                current_ma if np.isfinite(current_ma) else 0.0,
+                0.0 if plan.give is None else float(plan.give.give_mm(law_n)),
+            ]
+            return law_n * factor(np.array([*how, *read]), law_n)
+
+        return force_n
+
+    return reader
+
+
+def _read_all(array: TwinArray, rest_ohm: FloatArray, plan: Plan) -> tuple[list[float], float]:
+    """Wait after a move; return what the sheet shows, and the calibrated law's settled force."""
+    ohm = read_ohm(array, seconds=WAITS_S, last=_FRAMES)
+    ohm = np.maximum(ohm, plan.layout.divider.least_ohm)
+    change = relative_change_percent(ohm, rest_ohm=rest_ohm)
+    excess = excess_conductance(ohm, rest_ohm=rest_ohm)
+    reading = np.asarray(plan.reading.reading(excess), dtype=float)
+    early_n, law_n = (
+        max(float(law.force_n(reading[frame]).value), _FAINT_N)
+        for law, frame in ((plan.early_law, _EARLY), (plan.settled_law, -1))
+    )
+    mean = mean_change(change)
+    risen = np.log1p(np.maximum(reading, 0.0))
+    return [
+        float(np.log(law_n)),
+        float(np.log(early_n)),
+        float(np.log1p(max(float(total_excess(excess[-1])), 0.0))),
+        float(mean[-1]),
+        _forecast(mean),
+        float(np.max(finger_means(change[-1], finger_of_row=plan.layout.finger_of_row))),
+        float(largest_change(change[-1])),
+        float(risen[-1]),
+        *(float(risen[frame] - risen[-1]) for frame in _SHOWN),
+    ], law_n
+
+
+def corrected(task: Task, *, name: str, reader: MakeReader, world: World | None = None) -> Gripped:
+    """Close to contact, correct until a reading of the force is on target, lift, and hold.
+
+    `name` is of the method; `world` the task's, where the caller looks into it too.
+    """
+    world = task.world() if world is None else world
+    array, gripper, kind = TwinArray(world), TwinGripper(world), task.kind
+    rest_ohm = read_ohm(array, seconds=0.5)
+    touched = touched_by(array, world, rest_ohm)
+    closed = close_until(world, gripper, touched, step=STEP[kind], kind=kind)
+    touched_s, force_n = world.clock.now_s(), reader(array, gripper, rest_ohm)
+    reading_n, step = force_n(closed, gripper.state().current_ma), STEP[kind] / 2
+    on_target_s = None
+    for _ in range(_MOST_MOVES):
+        if abs(reading_n / task.target_n - 1.0) <= _CLOSE_ENOUGH:
+            on_target_s = world.clock.now_s() - touched_s
+            break
+        # In the direction of what is missing, not too far and not too little.
+        size = float(np.clip(abs(step), _LEAST[kind], STEP[kind]))
+        step = size if task.target_n > reading_n else -size
+        closed = float(np.clip(closed + step, 0.0, gripper.limits.span))
+        current_ma = drive(world, gripper, closed, kind=kind)
+        before_n, reading_n = reading_n, force_n(closed, current_ma)
+        # The secant through the last two answers; a reading that did not follow asks for as much
+        # again in the same direction.
+        slope = (reading_n - before_n) / step
+        step = (task.target_n - reading_n) / slope if slope > 1e-3 else STEP[kind]
+    world.clock.sleep_s(1.0)
+    world.lift()
+    world.clock.sleep_s(LIFTED_S)
+    world.force_n(world.now_s())
+    return Gripped(
+        task=task,
+        method=name,
+        outcome="lifted",
+        lifted=True,
+        dropped=world.dropped,
+        force_n=world.truth().force_n,
+        damaged=damaged(world, task),
+        said_n=reading_n,
+        on_target_s=on_target_s,
+    )
+
+
+def touched_by(
+    array: TwinArray, world: World, rest_ohm: FloatArray, *, both_fingers: bool = False
+) -> Callable[[], bool]:
+    """Return a check, after each step, whether the sheet passes the paper's threshold.
+
+    The mean over all pixels has to (section 2.1); with `both_fingers` the mean of each finger.
+    """
+
+    def touched() -> bool:
+        change = relative_change_percent(read_ohm(array, seconds=_DWELL_S), rest_ohm=rest_ohm)
+        if both_fingers:
+            fingers = finger_means(change, finger_of_row=world.layout.finger_of_row)
+            return bool(np.all(fingers <= CONTACT_PERCENT))
+        return bool(mean_change(change) <= CONTACT_PERCENT)
+
+    return touched
+
+
+def read_ohm(array: TwinArray, *, seconds: float, last: int | None = None) -> FloatArray:
+    """Wait, and return the mean resistance of the last three frames, or as many last frames."""
+    count = max(int(seconds * 15), 3)
+    frames = [array.read(timeout_s=1.0) for _ in range(count)]
+    kept = frames[-3:] if last is None else frames[-last:]
+    ohm = [pixel_resistance_ohm(f.counts, layout=array.layout, oversampling=1) for f in kept]
+    return np.asarray(np.mean(ohm, axis=0) if last is None else ohm)
+
+
+def close_until(
+    world: World,
+    gripper: TwinGripper,
+    done: Callable[[], bool],
+    *,
+    step: float,
+    kind: GripperKind,
+) -> float:
+    """Close step by step until `done`, or the hand is closed; return the closure."""
+    closed = gripper.limits.closure(gripper.state())
+    while closed < gripper.limits.span - step:
+        closed += step
+        drive(world, gripper, closed, kind=kind)
+        if done():
+            break
+    return closed
+
+
+def drive(world: World, gripper: TwinGripper, closure: float, *, kind: GripperKind) -> float:
+    """Go to a closure and wait until the hand is there; return the servo current on the way, mA."""
+    limits = gripper.limits
+    closure = min(closure, limits.span)
+    way = abs(closure - limits.closure(gripper.state()))
+    gripper.command(GripperCommand(target=limits.target(closure), rate=_RATE[kind]))
+    world.clock.sleep_s(0.9 * way / _RATE[kind])
+    current_ma = gripper.state().current_ma
+    world.clock.sleep_s(0.1 * way / _RATE[kind] + 0.05)
+    return current_ma
