@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import pytest
-
-from palpate.cli import build_app, run
 
 LOADS_N = [0.0, 0.6, 1.2, 1.1, 1.6, 2.0, 3.0, 4.0, 6.0, 9.0]
 
@@ -27,78 +25,36 @@ def ladder_csv(path: Path, names: str, *, loads_n: list[float] = LOADS_N) -> Pat
     return path
 
 
-def study(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    """Run the study; return exit status, standard output and standard error."""
-    status = run(build_app(), ["study", "force-ladders", *arguments], name="palpate")
-    output = capsys.readouterr()
-    return status, output.out, output.err
-
-
 def test_json_has_every_scored_step_of_every_model(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, document: Callable[..., Any]
 ) -> None:
-    status, out, _ = study(
-        capsys, "--ladders", str(ladder_csv(tmp_path / "a.csv", "ABC")), "--json"
-    )
-    document = json.loads(out)
-    assert status == 0
-    assert len(document["rows"]) == 3 * 4 * 6
-    assert {row["ladder"] for row in document["rows"]} == {"A", "B", "C"}
-    assert {row["load_n"] for row in document["rows"]} == {0.6, 1.2, 1.1, 2.0, 3.0, 6.0}
-    assert {one["model"] for one in document["summary"]} == {"line", "power", "pooled", "ours"}
+    found = document("force-ladders", "--ladders", ladder_csv(tmp_path / "a.csv", "ABC"))
+    assert len(found["rows"]) == 3 * 4 * 6
+    assert {row["ladder"] for row in found["rows"]} == {"A", "B", "C"}
+    assert {row["load_n"] for row in found["rows"]} == {0.6, 1.2, 1.1, 2.0, 3.0, 6.0}
+    assert {one["model"] for one in found["summary"]} == {"line", "power", "pooled", "ours"}
 
 
 def test_predictions_rest_on_the_three_given_weights_and_the_other_ladders(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, document: Callable[..., Any]
 ) -> None:
     path = ladder_csv(tmp_path / "a.csv", "ABX")
     other = tmp_path / "y.csv"
     other.write_text(re.sub(r"X,(\d),6\.0,", r"X,\1,7.0,", path.read_text()))
     answers = []
     for ladders in (path, other):
-        _, out, _ = study(capsys, "--ladders", str(ladders), "--json")
-        rows = [row for row in json.loads(out)["rows"] if row["ladder"] == "X"]
+        found = document("force-ladders", "--ladders", ladders)["rows"]
+        rows = [row for row in found if row["ladder"] == "X"]
         answers.append([row["predicted_n"] for row in rows])
     assert answers[0] == answers[1]
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("ladder,step,load_n\nA,0,0\n", "no column resistance_ohm"),
-        ("ladder,step,load_n,resistance_ohm\nA,0,1.0,50\n", "doesn't begin unloaded"),
-        ("ladder,step,load_n,resistance_ohm\nA,0,0,500\nA,1,1.0,50\n", "fewer than 5 loaded"),
-        ("ladder,step,load_n,resistance_ohm\nA,0,0,0\n", "0 ohm"),
-    ],
-)
-def test_unusable_files_get_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, message: str
-) -> None:
-    path = tmp_path / "bad.csv"
-    path.write_text(text)
-    status, out, err = study(capsys, "--ladders", str(path))
-    assert (status, out) == (2, "")
-    assert message in err
-    assert len(err.strip().splitlines()) == 1
-
-
-def test_one_ladder_alone_has_nothing_to_learn_from(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    status, _, err = study(capsys, "--ladders", str(ladder_csv(tmp_path / "a.csv", "A")))
-    assert status == 2
-    assert "no ladder other than 'A'" in err
-
-
 def test_real_ladders_ours_beats_power_and_pooled_laws(
-    real_data: Path, capsys: pytest.CaptureFixture[str]
+    real_data: Path, document: Callable[..., Any]
 ) -> None:
     ladders = real_data / "velostat_force_ladders.csv"
-    _, out, _ = study(capsys, "--ladders", str(ladders), "--json")
-    document = json.loads(out)
-    error = {
-        (one["ladder"], one["model"]): one["median_abs_log_ratio"] for one in document["summary"]
-    }
+    found = document("force-ladders", "--ladders", ladders)
+    error = {(one["ladder"], one["model"]): one["median_abs_log_ratio"] for one in found["summary"]}
     names = {name for name, _ in error}
     ours, power, pooled = (
         np.mean([error[name, model] for name in names]) for model in ("ours", "power", "pooled")
@@ -107,16 +63,15 @@ def test_real_ladders_ours_beats_power_and_pooled_laws(
     assert ours < 0.8 * power < 0.8 * pooled
     covered = [
         row["low_n"] <= row["load_n"] <= row["high_n"]
-        for row in document["rows"]
+        for row in found["rows"]
         if row["model"] == "ours"
     ]
     assert 0.8 <= np.mean(covered) <= 0.97
 
 
 def test_study_with_test_ladders_scores_them_alone(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, document: Callable[..., Any]
 ) -> None:
     known, tested = ladder_csv(tmp_path / "a.csv", "AB"), ladder_csv(tmp_path / "b.csv", "C")
-    status, out, _ = study(capsys, "--ladders", str(known), "--test-ladders", str(tested), "--json")
-    assert status == 0
-    assert {row["ladder"] for row in json.loads(out)["rows"]} == {"C"}
+    found = document("force-ladders", "--ladders", known, "--test-ladders", tested)
+    assert {row["ladder"] for row in found["rows"]} == {"C"}

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import csv
 import gzip
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.cli import build_app, run
 from palpate_studies.press_data import Press, read_presses
 from palpate_studies.presses import MODELS, compare_with_cell
 
@@ -80,38 +79,16 @@ def test_the_reference_is_seen_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_study_prints_one_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_study_prints_one_document(tmp_path: Path, document: Callable[..., Any]) -> None:
     path = press_csv(tmp_path / "p.csv")
-    arguments = ["study", "presses", "--recordings", str(path), "--json"]
-    assert run(build_app(), arguments, name="palpate") == 0
-    document = json.loads(capsys.readouterr().out)
-    assert {row["model"] for row in document["summary"]} == {*MODELS}
-    assert {row["setting"] for row in document["summary"]} == {
+    found = document("presses", "--recordings", path)
+    assert {row["model"] for row in found["summary"]} == {*MODELS}
+    assert {row["setting"] for row in found["summary"]} == {
         "all",
         *(f"shape{k}" for k in range(4)),
     }
-    overall = {one["model"]: one for one in document["summary"] if one["setting"] == "all"}
+    overall = {one["model"]: one for one in found["summary"] if one["setting"] == "all"}
     assert overall["ours"]["presses"] == 16
-
-
-@pytest.mark.parametrize(
-    ("rows", "message"),
-    [
-        ("a,0,10,0\na,0,10,0\n", "doesn't increase"),
-        ("a,0,0,1\na,1,10,1\n", "0 ohm or less"),
-        ("a,0,10,0\na,1,10,0\n", "no press in it"),
-        ("a,0,10\n", "3 fields where the header has 4"),
-    ],
-)
-def test_unusable_recordings_get_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], rows: str, message: str
-) -> None:
-    path = tmp_path / "bad.csv"
-    path.write_text(HEADER + rows)
-    assert run(build_app(), ["study", "presses", "--recordings", str(path)], name="palpate") == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert len(error.strip().splitlines()) == 1
 
 
 @pytest.fixture(scope="module")
@@ -147,13 +124,11 @@ def test_real_presses_of_settings_left_out(real_presses: list[Press]) -> None:
 
 @pytest.mark.slow
 def test_study_with_test_recordings_scores_them_alone(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, document: Callable[..., Any]
 ) -> None:
     known = press_csv(tmp_path / "known.csv")
     tested = press_csv(tmp_path / "tested.csv", recordings=1, presses=3)
-    arguments = ["study", "presses", "--recordings", str(known), "--json"]
-    assert run(build_app(), [*arguments, "--test-recordings", str(tested)], name="palpate") == 0
-    rows = json.loads(capsys.readouterr().out)["rows"]
+    rows = document("presses", "--recordings", known, "--test-recordings", tested)["rows"]
     assert len(rows) == 3 * len(MODELS)
     assert {(row["recording_id"], row["press"]) for row in rows} == {
         ("shape0_exp1", press) for press in range(3)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.cli import run
 from palpate.errors import InputError
 from palpate.estimate.damage_learning import read_closings
 from palpate.grasp.plan import Plan
@@ -17,21 +17,12 @@ from palpate_studies import rupture
 from palpate_studies.second.closings import other_closings
 
 
-def run_study(arguments: list[str]) -> int:
-    import typer
-
-    app = typer.Typer(pretty_exceptions_enable=False)
-    app.command()(rupture.command)
-    return run(app, arguments, name="palpate study rupture")
-
-
 @pytest.mark.slow
 def test_on_real_fruit_it_is_firmer_than_a_cap(
-    real_data: Path, capsys: pytest.CaptureFixture[str]
+    real_data: Path, document: Callable[..., Any]
 ) -> None:
     files = [real_data / "fruit_rupture.csv.gz", real_data / "fruit_rupture_index.csv"]
-    assert run_study(["--curves", str(files[0]), "--index", str(files[1]), "--json"]) == 0
-    result = json.loads(capsys.readouterr().out)
+    result = document("rupture", "--curves", files[0], "--index", files[1])
     key = ("all", "ours", 0.01)
     (at_nominal,) = (
         e for e in result["tradeoff"] if (e["fruit"], e["method"], e["rate_limit"]) == key
@@ -93,12 +84,9 @@ def pear_files(folder: Path, *, name: str = "p", seed: int = 1) -> tuple[Path, P
 
 
 @pytest.mark.slow
-def test_any_fruit_is_judged_by_every_method(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_any_fruit_is_judged_by_every_method(tmp_path: Path, document: Callable[..., Any]) -> None:
     files = pear_files(tmp_path)
-    assert run_study(["--curves", str(files[0]), "--index", str(files[1]), "--json"]) == 0
-    result = json.loads(capsys.readouterr().out)
+    result = document("rupture", "--curves", files[0], "--index", files[1])
     methods = {entry["method"] for entry in result["tradeoff"]}
     assert methods == {
         *("ours", "ours, fruit unknown"),
@@ -114,62 +102,27 @@ def test_a_label_without_a_curve_is_named(tmp_path: Path) -> None:
         read_closings(curves, index)
 
 
-@pytest.mark.parametrize(
-    ("text", "complaint"),
-    [
-        ("", "empty"),
-        ("grasp_id,fruit\na,kiwi\n", "no column rupture_force_n"),
-        ("grasp_id,fruit,rupture_force_n\na,kiwi,firm\n", "line 2"),
-        ("grasp_id,fruit,rupture_force_n\na,kiwi,-1\n", "must be positive"),
-    ],
-)
-def test_bad_labels_end_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, complaint: str
-) -> None:
-    curves, index = tmp_path / "curves.csv", tmp_path / "index.csv"
-    curves.write_text("grasp_id,closure_mm,force_n\na,1.0,2.0\n")
-    index.write_text(text)
-    assert run_study(["--curves", str(curves), "--index", str(index)]) == 2
-    message = capsys.readouterr().err
-    assert complaint in message
-    assert message.count("\n") == 1
-
-
-def test_too_few_fruit_end_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    curves, index = tmp_path / "curves.csv", tmp_path / "index.csv"
-    curves.write_text("grasp_id,closure_mm,force_n\na,1.0,2.0\na,2.0,4.0\n")
-    index.write_text("grasp_id,fruit,rupture_force_n\na,kiwi,3.0\n")
-    assert run_study(["--curves", str(curves), "--index", str(index)]) == 2
-    assert "give more closings" in capsys.readouterr().err
-
-
 @pytest.mark.slow
 def test_fruit_of_two_ripenesses_is_judged_without_files(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, document: Callable[..., Any]
 ) -> None:
     few = other_closings(seed=3)[:45]
     for kind in ("layered", "foam", "dough"):
         borne_mm = [np.ptp(c.samples[:, 0]) for c in few if c.fruit == kind]
         assert np.ptp(borne_mm) > 1.0
     monkeypatch.setattr(rupture, "other_closings", lambda: few)
-    assert run_study(["--second", "--json"]) == 0
-    result = json.loads(capsys.readouterr().out)
+    result = document("rupture", "--second")
     assert result["second_generator"] is True
     assert {row["rival"] for row in result["compared"]} >= {"stiffness rule", "cap per fruit"}
-    assert run_study([]) == 2
-    assert "either --curves and --index or --second" in capsys.readouterr().err
 
 
 @pytest.mark.slow
 def test_study_with_test_closings_judges_them_alone(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, document: Callable[..., Any]
 ) -> None:
     known, tested = pear_files(tmp_path), pear_files(tmp_path, name="q", seed=2)
     options = ("--curves", "--index", "--test-curves", "--test-index")
     given = [word for pair in zip(options, (*known, *tested), strict=True) for word in pair]
-    assert run_study([*map(str, given), "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)["rows"]
+    rows = document("rupture", *given)["rows"]
     assert [row["grasp_id"] for row in rows] == [f"q{number}" for number in range(20)]
     assert all(row["ruptured"] == (row["stop_force_n"] >= row["rupture_force_n"]) for row in rows)
-    assert run_study([*map(str, given[:6])]) == 2
-    assert "--test-curves and --test-index go together" in capsys.readouterr().err

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.cli import build_app, run
 from palpate_studies.soft_sensor import MODELS, read_strokes
 
 HEADER = "stroke_id,sample,location_mm,depth_mm,speed_mm_s,voltage_v,force_n\n"
@@ -52,33 +52,12 @@ def test_ours_on_other_strokes_beats_the_mean_force(tmp_path: Path) -> None:
 
 
 def test_command_prints_a_row_a_model_and_depth(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, document: Callable[..., Any]
 ) -> None:
     pytest.importorskip("sklearn")
-    path = str(soft_csv(tmp_path / "strokes.csv"))
-    assert (
-        run(build_app(), ["study", "soft-sensor", "--train", path, "--json"], name="palpate") == 0
-    )
-    summary = json.loads(capsys.readouterr().out)["summary"]
+    path = soft_csv(tmp_path / "strokes.csv")
+    summary = document("soft-sensor", "--train", path)["summary"]
     assert [one["model"] for one in summary] == 3 * list(MODELS)
-    arguments = ["study", "soft-sensor", "--train", path, "--test", path, "--json"]
-    assert run(build_app(), arguments, name="palpate") == 0
-    summary = json.loads(capsys.readouterr().out)["summary"]
+    summary = document("soft-sensor", "--train", path, "--test", path)["summary"]
     assert [one["split"] for one in summary] == len(MODELS) * ["test"]
     assert {"rms_n", "rms_n_loading", "rms_n_unloading"} <= set(summary[0])
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "no rows below the header"),
-        ("1,0,0,0.5,1,0.04,2\n1,1,0,0.5,1,0.05,3\n", "one depth only"),
-    ],
-)
-def test_command_on_too_little_refuses_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, message: str
-) -> None:
-    path = tmp_path / "strokes.csv"
-    path.write_text(HEADER + text)
-    assert run(build_app(), ["study", "soft-sensor", "--train", str(path)], name="palpate") == 2
-    assert message in capsys.readouterr().err

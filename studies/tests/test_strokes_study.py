@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.cli import build_app, run
 from palpate_studies.strokes import MODELS, TOLD, Touch, others_of, read_strokes
 
 HEADER = "recording_id,time_s,resistance_ohm,force_n,touch,phase\n"
@@ -65,16 +65,6 @@ def test_touches_follow_the_definition(touches: list[Touch]) -> None:
         assert len(others_of(one, touches)) == 1
 
 
-def test_touches_beside_the_sheet_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = strokes_csv(tmp_path / "s.csv", faint=True)
-    assert run(build_app(), ["study", "strokes", "--recordings", str(path)], name="palpate") == 2
-    error = capsys.readouterr().err
-    assert "no touch in it" in error
-    assert len(error.strip().splitlines()) == 1
-
-
 @pytest.mark.parametrize("told", TOLD)
 def test_the_reference_is_seen_only_where_it_is_told(touches: list[Touch], told: str) -> None:
     """Change every force of a test touch but the measured one: nothing changes."""
@@ -105,47 +95,44 @@ def test_what_comes_later_changes_nothing_said_before(touches: list[Touch]) -> N
 
 
 @pytest.mark.slow
-def test_study_prints_one_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_study_prints_one_document(tmp_path: Path, document: Callable[..., Any]) -> None:
     pytest.importorskip("sklearn")
     path = strokes_csv(tmp_path / "s.csv")
-    arguments = ["study", "strokes", "--recordings", str(path), "--json"]
-    assert run(build_app(), arguments, name="palpate") == 0
-    document = json.loads(capsys.readouterr().out)
-    asked = {(row["model"], row["told"]) for row in document["summary"]}
+    found = document("strokes", "--recordings", path)
+    asked = {(row["model"], row["told"]) for row in found["summary"]}
     assert {(model, "eighty_percent") for model in MODELS} <= asked
     assert {("ours", told) for told in TOLD} <= asked
     # One line of the summary for each question: a reader may look it up by these four.
-    keys = [
-        tuple(one[k] for k in ("model", "told", "phase", "band")) for one in document["summary"]
-    ]
+    keys = [tuple(one[k] for k in ("model", "told", "phase", "band")) for one in found["summary"]]
     assert len(keys) == len(set(keys))
     error = {
         (one["model"], one["told"]): one["median_abs_log_error"]
-        for one in document["summary"]
+        for one in found["summary"]
         if (one["phase"], one["band"]) == ("all", "all")
     }
     assert error["ours", "place"] < 0.5 * error["constant", "place"]
     assert error["ours", "eighty_percent"] < 0.5 * error["constant", "eighty_percent"]
 
 
-def test_one_sensor_alone_has_nothing_to_learn_from(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("made", "message"),
+    [({"faint": True}, "no touch in it"), ({"sensors": 1}, "nothing to learn from")],
+)
+def test_strokes_of_too_little_refuses(
+    made: dict[str, Any], message: str, tmp_path: Path, refusal: Callable[..., str]
 ) -> None:
-    path = str(strokes_csv(tmp_path / "s.csv", sensors=1))
-    assert run(build_app(), ["study", "strokes", "--recordings", path], name="palpate") == 2
-    assert "nothing to learn from" in capsys.readouterr().err
+    path = strokes_csv(tmp_path / "s.csv", **made)
+    assert message in refusal("strokes", "--recordings", path)
 
 
 @pytest.mark.slow
 def test_study_with_test_recordings_scores_them_alone(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, document: Callable[..., Any]
 ) -> None:
     known = strokes_csv(tmp_path / "known.csv", sensors=1)
     tested = strokes_csv(tmp_path / "tested.csv", sensors=1, places=3)
     tested.write_text(tested.read_text().replace("\ns0-", "\nnew-"))
-    arguments = ["study", "strokes", "--recordings", str(known), "--json"]
-    assert run(build_app(), [*arguments, "--test-recordings", str(tested)], name="palpate") == 0
-    rows = json.loads(capsys.readouterr().out)["rows"]
+    rows = document("strokes", "--recordings", known, "--test-recordings", tested)["rows"]
     assert {row["recording_id"].split("-")[0] for row in rows} == {"new"}
     assert {row["touch"] for row in rows} == {0, 1, 2}
     assert {row["told"] for row in rows} == {*TOLD}
@@ -153,10 +140,8 @@ def test_study_with_test_recordings_scores_them_alone(
 
 @pytest.mark.slow
 def test_strokes_with_one_attempt_a_place_leaves_out_what_needs_two(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, document: Callable[..., Any]
 ) -> None:
     path = strokes_csv(tmp_path / "s.csv", attempts=1)
-    arguments = ["study", "strokes", "--recordings", str(path), "--json"]
-    assert run(build_app(), arguments, name="palpate") == 0
-    told = {row["told"] for row in json.loads(capsys.readouterr().out)["summary"]}
+    told = {row["told"] for row in document("strokes", "--recordings", path)["summary"]}
     assert told == set(TOLD) - {"place"}
