@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -58,10 +59,10 @@ def test_calibration_inputs_are_named(payload: dict[str, Any]) -> None:
 
 
 def test_twin_holds_fall_and_settle() -> None:
-    holds = list(twin_holds(repeats=1, materials=("dragonskin-20",), closures_mm=(2.0, 4.0)))
-    assert [hold.hold_id for hold in holds] == ["0/dragonskin-20/2", "0/dragonskin-20/4"]
-    for hold in holds:
+    first, *_, last = islice(twin_holds(repeats=1), 5)
+    assert (first.hold_id, last.hold_id) == ("0/ecoflex-10/2", "0/ecoflex-10/4")
+    for hold in (first, last):
         assert hold.time_s[-1] >= 20.0
         assert np.argmax(hold.values) < 15
         assert hold.values[-1] < hold.values[30] < hold.values[15]
-    assert holds[1].values[-1] < holds[0].values[-1]
+    assert last.values[-1] < first.values[-1]

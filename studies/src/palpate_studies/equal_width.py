@@ -17,7 +17,7 @@ from palpate.signal.relative import mean_change
 from palpate.twin.objects import TwinObject
 from palpate_studies.report import StudyReport, Table
 from palpate_studies.rows import LEVELS
-from palpate_studies.twin_session import Reading, Session, grasps, stack
+from palpate_studies.twin_session import Session, grasps, stack
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,11 +36,8 @@ CALIBRATION_INPUT = (
     "are guesses in the ratio of their makers' ratings. So agreement of single entries shows "
     "little; order, linearity and what is lost at `field` are predictions."
 )
-#: Reading -> what it is of a grasp.
-READINGS: dict[str, Callable[[Reading], float]] = {
-    "mean change": lambda reading: reading.mean_percent,
-    "largest change": lambda reading: reading.largest_percent,
-}
+#: Reading -> attribute of `Reading`.
+READINGS = {"mean change": "mean_percent", "largest change": "largest_percent"}
 #: Level -> settled readings, percent, of shape (objects, sensors, repeats).
 Settled: TypeAlias = Mapping[str, FloatArray]
 
@@ -121,7 +118,7 @@ def settled_readings(
         for sensor, (index, obj) in product(range(sensors), enumerate(objects)):
             session = Session(sensor, level=level, trial=index)
             found[level][index, sensor] = [
-                READINGS[reading](one)
+                getattr(one, READINGS[reading])
                 for _ in range(repeats // each)
                 for one in grasps(
                     session, obj, widths_mm=[width_mm], repeats=each, fixture=fixture

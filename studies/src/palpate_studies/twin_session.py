@@ -82,8 +82,6 @@ class Session:
         Seed of what changes from session to session.
     layout : ArrayLayout, optional
         Pixels; the paper's by default.
-    family : str, optional
-        Relaxation family; drawn with the sensor by default.
     environment : Environment, optional
         Surroundings and earlier use.
     remade : callable, optional
@@ -97,7 +95,6 @@ class Session:
         level: str,
         trial: int = 0,
         layout: ArrayLayout | None = None,
-        family: str | None = None,
         environment: Environment | None = None,
         remade: Callable[[Sheet], Sheet] | None = None,
     ) -> None:
@@ -107,7 +104,6 @@ class Session:
             sheet_seed=sensor,
             level=level,
             layout=layout,
-            family=family,
             environment=environment,
             remade=remade,
         )
@@ -136,25 +132,13 @@ class Session:
         """Send the fingers to a width."""
         self.gripper.command(GripperCommand(target=width_mm, rate=speed_mm_per_s))
 
-    def grasp(
-        self,
-        obj_size_mm: float,
-        *,
-        width_mm: float,
-        hold_s: float = HOLD_S,
-        speed_mm_per_s: float = SPEED_MM_PER_S,
-    ) -> Reading:
+    def grasp(self, obj_size_mm: float, *, width_mm: float, hold_s: float = HOLD_S) -> Reading:
         """Take rest values, close to a width, hold, read the settled values, open, and pause."""
-        clock = self.world.clock
-        self.close_to(obj_size_mm + GAP_MM)
-        clock.sleep_s(STILL_S)
-        rest_ohm = self.mean_ohm()
-        self.close_to(width_mm, speed_mm_per_s=speed_mm_per_s)
-        clock.sleep_s(hold_s - SETTLED_MEAN_S)
+        rest_ohm = self._close_from_rest(obj_size_mm, width_mm=width_mm)
+        self.world.clock.sleep_s(hold_s - SETTLED_MEAN_S)
         ohm = self.mean_ohm()
         reading = Reading(ohm=ohm, rest_ohm=rest_ohm, force_n=self.cell.read_n())
-        self.gripper.release()
-        clock.sleep_s(PAUSE_S)
+        self._open()
         return reading
 
     def hold(
@@ -169,14 +153,26 @@ class Session:
 
         Percent from the start of actuation on, shape (times, rows, cols).
         """
+        rest_ohm = self._close_from_rest(
+            obj_size_mm, width_mm=width_mm, speed_mm_per_s=speed_mm_per_s
+        )
+        change = relative_change_percent(self.read(read_s), rest_ohm=rest_ohm)
+        self._open()
+        return change
+
+    def _close_from_rest(
+        self, obj_size_mm: float, *, width_mm: float, speed_mm_per_s: float = SPEED_MM_PER_S
+    ) -> FloatArray:
+        """Begin to close to a width; return the rest values from just before."""
         self.close_to(obj_size_mm + GAP_MM)
         self.world.clock.sleep_s(STILL_S)
         rest_ohm = self.mean_ohm()
         self.close_to(width_mm, speed_mm_per_s=speed_mm_per_s)
-        change = relative_change_percent(self.read(read_s), rest_ohm=rest_ohm)
+        return rest_ohm
+
+    def _open(self) -> None:
         self.gripper.release()
         self.world.clock.sleep_s(PAUSE_S)
-        return change
 
 
 def read_ohm(world: World, *, until_s: float) -> FloatArray:
@@ -224,13 +220,7 @@ CLOSURES_MM = (2.0, 2.5, 3.0, 3.5, 4.0)
 _RESTS_S, _HOLDS_S = 1.4, 20.2
 
 
-def twin_holds(
-    *,
-    repeats: int,
-    family: str | None = None,
-    materials: Sequence[str] = MATERIALS,
-    closures_mm: Sequence[float] = CLOSURES_MM,
-) -> Iterator[Hold]:
+def twin_holds(*, repeats: int, family: str | None = None) -> Iterator[Hold]:
     """Yield holds of the mean relative change (percent), time 0 at the start of actuation.
 
     Each repeat is made on a sensor of its own, so that no single sheet decides. On each sensor
@@ -244,10 +234,6 @@ def twin_holds(
         Sensors.
     family : str, optional
         Relaxation family; drawn for each sensor by default.
-    materials : sequence of str
-        Names in `palpate.twin.objects.OBJECTS`.
-    closures_mm : sequence of float
-        Closures beyond contact.
 
     Yields
     ------
@@ -256,12 +242,11 @@ def twin_holds(
     """
     for repeat in range(repeats):
         sensor = 1000 + repeat
-        for index, material in enumerate(materials):
+        for index, material in enumerate(MATERIALS):
             obj = draw_object(np.random.default_rng([1, index]), material)
             world = World(obj, seed=sensor + 1_000_000 * index, sheet_seed=sensor, family=family)
-            for closure_mm, values in zip(
-                closures_mm, hold_each(world, closures_mm, touch_mm=obj.size_mm), strict=True
-            ):
+            each = hold_each(world, CLOSURES_MM, touch_mm=obj.size_mm)
+            for closure_mm, values in zip(CLOSURES_MM, each, strict=True):
                 yield Hold(
                     hold_id=f"{repeat}/{material}/{closure_mm:g}",
                     channel=None,
