@@ -6,13 +6,12 @@ import itertools
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
+from tests.commands import Command
 from tests.loop.test_dashboard import SIMULATED, served
 from tests.loop.test_dashboard_api import EVERY_S, Machine
 
-from palpate.cli import build_app, run
 from palpate.clock import ManualClock
 from palpate.errors import RecordingError
 from palpate.grasp.decide_again import decide_again
@@ -34,13 +33,6 @@ from palpate.recording import (
 from palpate.recording.exporting import cut_recorded_holds
 from palpate.rig import open_rig
 from palpate.rig.recorded import record_grasp
-
-
-def palpate(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
-    """Return the JSON that a verb prints."""
-    assert run(build_app(), list(arguments), name="palpate") == 0
-    found: dict[str, Any] = json.loads(capsys.readouterr().out)
-    return found
 
 
 @pytest.fixture(scope="module")
@@ -73,19 +65,18 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, GraspResult]:
 
 
 def test_the_replay_decides_as_the_live_run_did(
-    live: tuple[Path, GraspResult], capsys: pytest.CaptureFixture[str]
+    live: tuple[Path, GraspResult], palpate: Command
 ) -> None:
     path, result = live
     assert result.outcome == "held"
-    assert run(build_app(), ["replay", str(path), "--json"], name="palpate") == 0
-    replayed = json.loads(capsys.readouterr().out)
+    replayed = palpate("replay", path, "--json").document
     assert replayed.pop("simulated") is True
     assert replayed.pop("recording") == str(path)
     assert replayed == json.loads(json.dumps(result.to_dict()))
 
 
 def test_replay_of_a_served_grasp_gives_the_answer_that_was_stored(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, palpate: Command
 ) -> None:
     rules = tmp_path / "rules.toml"
     rules.write_text('default = "by hand"\n[[rule]]\nbin = "large"\nsize_mm = [36, 200]\n')
@@ -102,19 +93,19 @@ def test_replay_of_a_served_grasp_gives_the_answer_that_was_stored(
         machine.until(lambda at: machine.ask("GET", "/result")[0] == 200)
         served_grasp = machine.ask("GET", "/result")[1]
     (file,) = (tmp_path / "data").glob("*.mcap")
-    replayed = palpate(capsys, "replay", str(file), "--json")
+    replayed = palpate("replay", file, "--json").document
     assert replayed.pop("recording") == str(file)
     assert replayed.pop("simulated") is True
     assert replayed == {name: served_grasp[name] for name in replayed}
     assert served_grasp["outcome"] == "held"
-    store = str(tmp_path / "items.sqlite")
-    (grasp,) = palpate(capsys, "items", "berry-1", "--store", store, "--json")["grasps"]
+    store = tmp_path / "items.sqlite"
+    (grasp,) = palpate("items", "berry-1", "--store", store, "--json").document["grasps"]
     for name in ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent", "firmness"):
         # The store keeps numbers; a bound is none.
         is_number = replayed[name] is not None and replayed[name]["value"] is not None
         assert grasp["measurements"].get(name) == (replayed[name] if is_number else None)
-    sort = ("sort", "--store", store, "--rules", str(rules), "--json")
-    (item,) = palpate(capsys, *sort)["rows"]
+    sort = ("sort", "--store", store, "--rules", rules, "--json")
+    (item,) = palpate(*sort).document["rows"]
     assert item["bin"] == served_grasp["bin"]["name"] == "large"
 
 
@@ -160,10 +151,9 @@ def test_replay_of_a_grasp_that_a_user_ended_ends_at_the_same_frame(
 
 
 def test_replay_prints_the_card_of_a_grasp_marked_simulated(
-    live: tuple[Path, GraspResult], capsys: pytest.CaptureFixture[str]
+    live: tuple[Path, GraspResult], palpate: Command
 ) -> None:
-    assert run(build_app(), ["replay", str(live[0])], name="palpate") == 0
-    shown = capsys.readouterr().out
+    shown = palpate("replay", live[0]).out
     assert "SIMULATED on the twin" in shown
     assert "Grip force, N" in shown
 

@@ -90,6 +90,12 @@ class Page:
         self.send(order)
         return self.ended(order)
 
+    def held_and_released(self, order: GraspOrder) -> Ended:
+        self.send(order)
+        self.until(lambda update: update.progress is not None and update.progress.phase == "hold")
+        self.send(ReleaseNow())
+        return self.ended(order)
+
 
 @contextmanager
 def devices_at_work() -> Iterator[Page]:
@@ -126,10 +132,7 @@ def test_a_grasp_from_order_to_release_with_every_frame_recorded(
     opened: Page, tmp_path: Path
 ) -> None:
     order = GraspOrder(target_force_n=None, recording=tmp_path / "grasp.mcap")
-    opened.send(order)
-    opened.until(lambda update: update.progress is not None and update.progress.phase == "hold")
-    opened.send(ReleaseNow())
-    ended = opened.ended(order)
+    ended = opened.held_and_released(order)
     assert isinstance(ended.found, Grasped)
     result = ended.found.result
     assert (result.outcome, ended.trouble) == (Outcome.HELD, "")
@@ -306,10 +309,7 @@ def test_the_force_is_calibrated_on_the_simulated_cell(opened: Page, tmp_path: P
     assert {update.link.lost for update in opened.updates} == {0}, "it skips what nobody reads"
     # It can be grasped with at once.
     order = GraspOrder(target_force_n=None, recording=tmp_path / "after.mcap")
-    opened.send(order)
-    opened.until(lambda update: update.progress is not None and update.progress.phase == "hold")
-    opened.send(ReleaseNow())
-    assert opened.ended(order).trouble == ""
+    assert opened.held_and_released(order).trouble == ""
 
 
 def test_a_guided_calibration_of_the_force_can_be_stopped(opened: Page, tmp_path: Path) -> None:
@@ -359,10 +359,7 @@ def test_a_recording_that_exists_is_refused_in_words(opened: Page, tmp_path: Pat
 @pytest.mark.slow
 def test_a_replay_decides_again_and_stays_until_confirmed(opened: Page, tmp_path: Path) -> None:
     order = GraspOrder(target_force_n=None, recording=tmp_path / "grasp.mcap")
-    opened.send(order)
-    opened.until(lambda update: update.progress is not None and update.progress.phase == "hold")
-    opened.send(ReleaseNow())
-    live = opened.ended(order).found
+    live = opened.held_and_released(order).found
     play = Play(file=order.recording, speed=FAST)
     opened.send(play)
     again = played_to(opened, lambda playing: playing.grasped is not None).grasped

@@ -4,8 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.estimate.pixel_law import PlacedReadings
 from palpate.estimate.weights_check import score_left_out_placements
+
+
+def placed(rows: list[tuple[int, bool, float, FloatArray]]) -> PlacedReadings:
+    run, early, force_n, pixel_excess = zip(*rows, strict=True)
+    return PlacedReadings(
+        run=np.array(run, dtype=float),
+        pixel_excess=np.array(pixel_excess),
+        force_n=np.array(force_n),
+        early=np.array(early),
+    )
 
 
 def placements(count: int, *, reach_n: float = 12.0) -> PlacedReadings:
@@ -18,13 +29,7 @@ def placements(count: int, *, reach_n: float = 12.0) -> PlacedReadings:
         for early in (True, False)
         for n in force
     ]
-    run, early, force_n, pixel_excess = zip(*rows, strict=True)
-    return PlacedReadings(
-        run=np.array(run, dtype=float),
-        pixel_excess=np.array(pixel_excess),
-        force_n=np.array(force_n),
-        early=np.array(early),
-    )
+    return placed(rows)
 
 
 def test_errors_are_those_of_the_scatter_over_placements() -> None:
@@ -52,15 +57,7 @@ def test_the_few_placements_that_reach_a_force_do_not_stand_for_all() -> None:
         for n in np.geomspace(0.5, 10.0 if gain in (1.0, 1.02) else 4.0, 8)
         for early in (True, False)
     ]
-    run, early, force_n, pixel_excess = zip(*rows, strict=True)
-    found = score_left_out_placements(
-        PlacedReadings(
-            run=np.array(run, dtype=float),
-            pixel_excess=np.array(pixel_excess),
-            force_n=np.array(force_n),
-            early=np.array(early),
-        )
-    )
+    found = score_left_out_placements(placed(rows))
     for kind in ("early", "settled"):
         error = found[kind]["10_n"]
         assert 25 < error < 60

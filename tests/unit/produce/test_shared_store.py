@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -26,6 +26,7 @@ from palpate.produce.store.sender import Sender
 from palpate.produce.store.writing import calibration_id_of
 
 TIME = datetime(2026, 5, 1, 8, tzinfo=UTC)
+OpenStore = Callable[[str], AbstractContextManager[Store]]
 
 
 @contextmanager
@@ -34,6 +35,12 @@ def station(monkeypatch: pytest.MonkeyPatch, folder: Path, url: str) -> Iterator
     monkeypatch.setenv("XDG_STATE_HOME", str(folder))
     with Store.open(url) as store:
         yield store
+
+
+@pytest.fixture
+def open_store(postgresql_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> OpenStore:
+    """Opens the store of the station of a name."""
+    return lambda name: station(monkeypatch, tmp_path / name, postgresql_url)
 
 
 def grasp_after(item_id: str = "A17", *, hours: float = 0.0) -> Grasp:
@@ -48,13 +55,8 @@ def waiting(store: Store) -> int:
 
 
 @pytest.mark.slow
-def test_history_has_the_grasps_of_every_station(
-    postgresql_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with (
-        station(monkeypatch, tmp_path / "one", postgresql_url) as one,
-        station(monkeypatch, tmp_path / "two", postgresql_url) as two,
-    ):
+def test_history_has_the_grasps_of_every_station(open_store: OpenStore) -> None:
+    with open_store("one") as one, open_store("two") as two:
         first, second = grasp_after(), grasp_after(hours=1)
         one.add_grasp(replace(first, calibration_id=calibration_id_of("x")), calibration="x")
         one.add_item(Item(item_id="A17", kind="avocado"))
@@ -70,31 +72,24 @@ def test_history_has_the_grasps_of_every_station(
             assert store.away is None
 
 
-def test_verdict_about_a_grasp_of_another_station_is_kept(
-    postgresql_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_verdict_about_a_grasp_of_another_station_is_kept(open_store: OpenStore) -> None:
     taken = replace(grasp_after(), calibration_id=calibration_id_of("x"))
     verdict = Verdict(
         item_id="A17", about=About.RIPENESS, text="ripe", given_at=TIME, grasp_id=taken.grasp_id
     )
-    with station(monkeypatch, tmp_path / "one", postgresql_url) as one:
+    with open_store("one") as one:
         one.add_grasp(taken, calibration="x")
         one.send()
-    with station(monkeypatch, tmp_path / "two", postgresql_url) as two:
+    with open_store("two") as two:
         assert two.add_verdict(verdict)
         assert two.send() == 1
-    with station(monkeypatch, tmp_path / "one", postgresql_url) as one:
+    with open_store("one") as one:
         assert one.verdicts_of("A17") == (verdict,)
         assert one.grasps_of("A17") == (taken,)
 
 
-def test_item_set_here_leaves_the_columns_set_elsewhere(
-    postgresql_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with (
-        station(monkeypatch, tmp_path / "one", postgresql_url) as one,
-        station(monkeypatch, tmp_path / "two", postgresql_url) as two,
-    ):
+def test_item_set_here_leaves_the_columns_set_elsewhere(open_store: OpenStore) -> None:
+    with open_store("one") as one, open_store("two") as two:
         one.add_item(Item(item_id="A17", kind="avocado", batch="Monday", first_seen=TIME))
         one.send()
         two.add_item(Item(item_id="A17", kind="kiwi"))
@@ -105,10 +100,8 @@ def test_item_set_here_leaves_the_columns_set_elsewhere(
 
 
 @pytest.mark.slow
-def test_records_sent_twice_are_in_the_shared_store_once(
-    postgresql_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with station(monkeypatch, tmp_path, postgresql_url) as store:
+def test_records_sent_twice_are_in_the_shared_store_once(open_store: OpenStore) -> None:
+    with open_store("one") as store:
         store.add_grasps([grasp_after(hours=n) for n in range(450)])
         path = store.local_name.removeprefix("store ")
         with sqlite3.connect(path) as connection:
