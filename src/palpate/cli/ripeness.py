@@ -134,7 +134,7 @@ class _Judged:
         return any(grasp.simulated for grasp in self.history.grasps)
 
     def to_dict(self) -> dict[str, object]:
-        """Return the JSON form; a time that never comes is null."""
+        """Return the JSON form; the time of a stage that is never reached is null."""
         history, found = self.history, self.ripeness
         moved = None
         if self.drift is not None:

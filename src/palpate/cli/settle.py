@@ -173,11 +173,11 @@ def settle(
     predictions: list[Prediction] = []
     with progress("settling", total=len(files), quiet=quiet or as_json) as show:
 
-        def part_of(number: int) -> Callable[[float], None]:
+        def progress_of(number: int) -> Callable[[float], None]:
             return lambda part: show(number + part)
 
         for number, file in enumerate(files):
-            read = partial(source.holds, file, until_s=horizon, progress=part_of(number))
+            read = partial(source.holds, file, until_s=horizon, progress=progress_of(number))
             how: dict[str, Any] = {
                 "methods": chosen,
                 "horizon_s": horizon,

@@ -220,7 +220,7 @@ def _from_mcap(file: Path, reading: ReadingOptions) -> list[Hold]:
     """Return the holds of a recording of our own, as `palpate export --holds` cuts them."""
     if not reading.is_about_units():
         raise InputError(
-            f"{file}: a recording of palpate's own is cut where its gripper stood still; it takes "
+            f"{file}: a palpate recording is cut where its gripper stood still; it takes "
             "--unit percent or ohm, and no other option of recordings"
         )
     unit: Literal["percent", "ohm"] = "ohm" if reading.unit == "ohm" else "percent"

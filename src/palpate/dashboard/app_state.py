@@ -485,7 +485,7 @@ class AppState:
             self._process.send(message)
 
     def take(self, update: Update | DevicesLost) -> None:
-        """Take an update of the devices' process, on whichever thread receives it."""
+        """Take an update of the devices' process, on the receiving thread."""
         self._heard_s = time.monotonic()
         if isinstance(update, Update):
             stops = [note.number for note in update.notes if isinstance(note, StopConfirmed)]

@@ -301,7 +301,7 @@ def _rest_open(rig: Rig, context: JobContext) -> RestValues:
 
 
 def _rest_alone(context: JobContext) -> RestValues:
-    """Take the rest values of a sensor that no hand holds."""
+    """Measure the rest values of a sensor without a gripper."""
     context.catch_up()
     taken = _read_at_rest(_REST_S, context)
     if taken.time_s[-1] - taken.time_s[0] < _REST_S:

@@ -134,7 +134,7 @@ def _phases(phases: Sequence[tuple[float, str]]) -> list[list[object]]:
 
 
 def _grasp(progress: GraspProgress | None, live: Live) -> dict[str, Any] | None:
-    """Return phase and events of the grasp that runs, or ran last."""
+    """Return phase and events of the running or the last grasp."""
     if progress is None:
         return None
     return {

@@ -131,7 +131,7 @@ class Viewer:
         """Show an element only while the rig has a gripper, or none is open yet."""
 
         def show() -> None:
-            """Show it, or hide it from a sensor alone."""
+            """Show the element with a gripper, hide it without one."""
             element.set_visibility(not self._session.devices.sensor_alone)
 
         self.on_refresh(show, of=element)

@@ -44,7 +44,7 @@ class CurrentMonitor:
     def check(self, state: GripperState, *, estimate: ContactEstimate) -> Alarm | None:
         """Take the gripper's next report; return an unexplained rise of the current."""
         if math.isnan(state.current_ma):
-            return self._is_absent(state)
+            return self._check_presence(state)
         reading = (state.current_ma, self._plan.gripper.reading_of(state))
         closure, before = self._plan.gripper.closure(state), self._closure
         self._closure = closure
@@ -70,12 +70,12 @@ class CurrentMonitor:
         self._judged = False
         return (
             self._check_ceiling(self._pull)
-            or self._is_stuck()
-            or self._is_reversed()
-            or self._has_risen(estimate, time_s=state.time_s)
+            or self._check_stuck()
+            or self._check_sign()
+            or self._check_rise(estimate, time_s=state.time_s)
         )
 
-    def _is_absent(self, state: GripperState) -> Alarm | None:
+    def _check_presence(self, state: GripperState) -> Alarm | None:
         """Refuse to close without the current that the calibration relies on."""
         if self._plan.current is None or not state.moving or state.time_s == self._read_s:
             return None
@@ -117,7 +117,7 @@ class CurrentMonitor:
         )
         return Alarm(danger=Danger.FORCE_LIMIT, words=words)
 
-    def _is_stuck(self) -> Alarm | None:
+    def _check_stuck(self) -> Alarm | None:
         if len(self._turning) < CURRENT.equal_readings or len(set(self._turning)) > 1:
             return None
         words = (
@@ -126,7 +126,7 @@ class CurrentMonitor:
         )
         return Alarm(danger=Danger.GRIPPER_FAULT, words=words)
 
-    def _is_reversed(self) -> Alarm | None:
+    def _check_sign(self) -> Alarm | None:
         """Refuse a current with the other sign: it bounds no force."""
         law = self._plan.current
         usual = law is None or law.gears.mean_ma > 0
@@ -139,7 +139,7 @@ class CurrentMonitor:
         )
         return Alarm(danger=Danger.GRIPPER_FAULT, words=words)
 
-    def _has_risen(self, estimate: ContactEstimate, *, time_s: float) -> Alarm | None:
+    def _check_rise(self, estimate: ContactEstimate, *, time_s: float) -> Alarm | None:
         """Compare the uncalibrated current within a long movement."""
         if self._plan.current is not None or len(self._pull) < CURRENT.moving_readings:
             return None
@@ -157,13 +157,13 @@ class CurrentMonitor:
         answered = estimate.now_s > self._risen_s + READING.lag_s
         if not answered or estimate.watched_n > self._plan.no_push_n:
             return None
-        return self._is_unexplained(pull_ma)
+        return self._unexplained_rise(pull_ma)
 
     @property
     def _most_empty_ma(self) -> float:
         return CURRENT.sheet_factor * max(*self._empty_ma, 0.0) + CURRENT.more_ma
 
-    def _is_unexplained(self, pull_ma: float) -> Alarm:
+    def _unexplained_rise(self, pull_ma: float) -> Alarm:
         words = (
             f"the servo's current rose to {pull_ma:.0f} mA, {max(self._empty_ma):.0f} mA moved the "
             "empty hand, and the sheet shows nothing; run `palpate doctor`"
@@ -204,4 +204,4 @@ class CurrentMonitor:
         if len(self._empty_ma) < CURRENT.moving_readings:
             self._empty_ma.append(pull_ma)
             return None
-        return None if pull_ma <= self._most_empty_ma else self._is_unexplained(pull_ma)
+        return None if pull_ma <= self._most_empty_ma else self._unexplained_rise(pull_ma)

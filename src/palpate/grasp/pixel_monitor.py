@@ -59,7 +59,7 @@ class PixelMonitor:
 
     @property
     def doubtful(self) -> bool:
-        """Whether a pixel has just jumped to an end of its range, which decides nothing."""
+        """Whether a pixel has just jumped to an end of its range: the frame is not used."""
         sudden = (self._ended > 0) & ~self._pressed
         return bool((self._known & ((self._opened > 0) | sudden)).any())
 

@@ -184,12 +184,12 @@ def force_now(pairs: ForcePairs) -> FollowsForce:
     CalibrationError
         As `laws_of`.
     """
-    if by_weights(pairs):
+    if is_made_by_weights(pairs):
         return ForceFollower(ForceLaw.fit(list(pairs.excess), force_n=pairs.force_n))
     return ForceNow(laws_with_memory(pairs), early_s=DWELL_S, settled_s=HORIZON_S)
 
 
-def by_weights(pairs: ForcePairs) -> bool:
+def is_made_by_weights(pairs: ForcePairs) -> bool:
     """Return whether a calibration was made with dead weights."""
     return bool(pairs.since_move_s) and bool(np.isclose(pairs.since_move_s, HORIZON_S).all())
 
@@ -220,7 +220,7 @@ def with_force_law(recorded: Calibration) -> Calibration:
     settled = np.isclose(pairs.since_move_s, HORIZON_S)
     excess, force_n = np.array(pairs.excess)[settled], np.array(pairs.force_n)[settled]
     held_out: dict[str, Any] = {"of": "settled force"}
-    if by_weights(pairs):
+    if is_made_by_weights(pairs):
         known = ForceLaw.fit(list(excess), force_n=force_n)
         held_out["error_percent"] = score_left_out_loads(excess, force_n=force_n)
         return replace(recorded, force_law=known.as_dict(), held_out=held_out)

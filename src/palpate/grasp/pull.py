@@ -38,7 +38,7 @@ def judge_pull(force: Measurement | None, *, pull_n: float, friction: float) -> 
     """Compare a pull with the friction of the measured grip force.
 
     Both fingers carry: an object slides at twice the friction times the grip force. The verdict
-    takes the ends of the force's interval, so it is as sure as that.
+    uses the ends of the force's interval.
 
     Parameters
     ----------

@@ -84,6 +84,6 @@ def quantize_target(closure: float, plan: Plan, *, within: bool = False) -> floa
 
 
 def stop_here(estimate: ContactEstimate, plan: Plan) -> GripperCommand:
-    """Return the command that ends a movement no further than the hand reports to be."""
+    """Return the command that stops the hand at its reported position."""
     here = quantize_target(estimate.closure - estimate.tracking_lag, plan, within=True)
     return GripperCommand(target=here, rate=plan.gripper.fastest)

@@ -1,7 +1,7 @@
 """A pressure array on a board that sends bare readings: no numbers, times or checksums.
 
 What can be detected is counted: frames that do not parse by their decoder, frames that are missing
-by the time between their neighbours. A changed digit or byte can't be.
+by the time between their neighbours. A changed digit or byte is not detected.
 """
 
 from __future__ import annotations

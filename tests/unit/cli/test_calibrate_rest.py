@@ -31,7 +31,7 @@ def test_a_new_file_lies_where_the_rig_file_says(
     assert "Written: " in shown
 
 
-def test_renewing_keeps_what_else_the_file_holds(
+def test_renewing_rest_keeps_the_other_calibrations(
     rig_file: Callable[..., Path], palpate: Command
 ) -> None:
     rig = rig_file()

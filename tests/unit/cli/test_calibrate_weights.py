@@ -42,7 +42,7 @@ def test_typed_weights_end_with_enter_alone(monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.parametrize(
     ("words", "message"), [(["1.5", "4", ""], "at least 3"), (["heavy"], "type newtons")]
 )
-def test_typed_weights_that_carry_nothing_are_refused(
+def test_unusable_typed_weights_are_refused(
     words: list[str], message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     typed = iter(words)

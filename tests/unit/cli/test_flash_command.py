@@ -167,7 +167,7 @@ def test_missing_avrdude_says_what_to_install(
     assert "sudo apt install avrdude" in palpate("flash", "--port", "/dev/ttyACM0", status=3).err
 
 
-def test_port_and_image_are_looked_at_before_anything_is_written(
+def test_port_and_image_are_checked_before_writing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, board: Board, image: Path, palpate: Command
 ) -> None:
     note = put_avrdude(tmp_path, monkeypatch, says="", status=0)

@@ -102,7 +102,7 @@ def test_change_is_against_the_rest_values(live: Live) -> None:
     assert live.finger_percent(live.percent) == pytest.approx([live.percent[0, 0]] * 2)
 
 
-def test_force_of_each_finger_is_its_share_of_the_reading_and_their_mean_the_grip_force() -> None:
+def test_finger_forces_average_to_the_grip_force() -> None:
     law = PixelForceLaw(
         log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.01, range=(0.01, 100.0)
     )

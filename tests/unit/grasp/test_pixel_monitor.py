@@ -136,7 +136,7 @@ def test_shorts_together_are_known_in_a_standing_hand(plan: Plan, where: str, lo
     assert "reads short" in alarm.words
 
 
-def test_shorts_together_while_closing_are_force_unknown(plan: Plan) -> None:
+def test_shorts_while_closing_make_the_force_unknown(plan: Plan) -> None:
     frames = [np.full((4, 2), 900) + number % 2 for number in range(6)]
     for frame in frames[3:]:
         frame[:2] = 1023

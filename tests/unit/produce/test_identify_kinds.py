@@ -60,7 +60,7 @@ def test_identify_stranger_is_unknown(rng: np.random.Generator) -> None:
     assert identity.confidence == pytest.approx(1 - identity.usual)
 
 
-def test_identify_between_kinds_something_else_is_probable(rng: np.random.Generator) -> None:
+def test_identify_between_kinds_the_background_is_probable(rng: np.random.Generator) -> None:
     identity = Identifier(labelled(rng)).identify([np.array((3.6, 1.0))])
     assert sum(identity.probability.values()) == pytest.approx(1.0)
     assert set(identity.probability) == {*KINDS, UNKNOWN}

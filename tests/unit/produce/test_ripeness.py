@@ -396,7 +396,7 @@ def test_closing_is_more_precise_than_the_answer() -> None:
     assert firmness_of(watched) == pytest.approx(math.log(2.0))
 
 
-def test_a_day_is_the_mean_of_how_soft_its_grasps_were() -> None:
+def test_day_is_the_mean_firmness_of_its_grasps() -> None:
     found = by_day((FIRST, math.log(value)) for value in (2.0, 2.0, 1e6))
     assert math.exp(found[0].firmness) == pytest.approx(3.0, rel=1e-4)
 

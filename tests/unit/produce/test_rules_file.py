@@ -161,7 +161,7 @@ def test_partly_overlapping_ranges_are_refused(
         ("firmness = [0, 40]", "size_mm = [0, 60]"),
     ],
 )
-def test_exceptions_before_the_general_rule_are_welcome(
+def test_exceptions_before_the_general_rule_are_accepted(
     write: Callable[[str], Path], first: str, second: str
 ) -> None:
     text = 'default = "x"\n' + rule("a", first) + rule("b", second)

@@ -89,7 +89,7 @@ class ItemBruise:
 
     @property
     def explanation(self) -> str:
-        """Why, in a sentence."""
+        """The reason in a sentence."""
         side = self.sides[0]
         return (
             f"side {side.angle_deg:g}° against {_IN_WORDS[side.against]}: "

@@ -147,7 +147,7 @@ def pixel_contrast(shape: LoadShape, reference: LoadShape, *, rows: int, cols: i
 
 @lru_cache(maxsize=8)
 def _finger_basis(rows: int, cols: int) -> FloatArray:
-    """Return one, along, across and their product over a finger, shape (4, rows, cols)."""
+    """Return the modes of a finger (mean, along, across, product), shape (4, rows, cols)."""
     along, across = np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, cols), indexing="ij")
     basis = np.stack([np.ones_like(along), along, across, along * across])
     basis.flags.writeable = False

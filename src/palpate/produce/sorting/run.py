@@ -87,7 +87,7 @@ def evidence_of(
         size_mm=_average(held, "size_mm"),
         firmness=_average(held, "firmness"),
         ripeness=_stages(last[About.RIPENESS]) if About.RIPENESS in last else {},
-        bruised=_is_bruised(last[About.BRUISE]) if About.BRUISE in last else None,
+        bruised=_bruise_probability(last[About.BRUISE]) if About.BRUISE in last else None,
         grasps=len(grasps),
     )
 
@@ -105,7 +105,7 @@ def _stages(verdict: Verdict) -> dict[str, float]:
     return {verdict.text: 1.0 if verdict.probability is None else verdict.probability}
 
 
-def _is_bruised(verdict: Verdict) -> float:
+def _bruise_probability(verdict: Verdict) -> float:
     """Return the probability of a bruise, for either text of the verdict."""
     sure = 1.0 if verdict.probability is None else verdict.probability
     return sure if verdict.text == "bruised" else 1.0 - sure
