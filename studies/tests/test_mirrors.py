@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.estimate import closing_stiffness, size
+from palpate.estimate import closing_curve
 from palpate.twin.objects import draw_object
 from palpate_studies import force_control_world
 
@@ -37,10 +37,10 @@ def test_a_mirror_is_named_as_the_code_names_it(cell: str) -> None:
 
 
 def test_the_share_of_fruit_is_one_number_in_both() -> None:
-    assert closing_stiffness._FRUIT_SHARE == force_control_world._FRUIT_SHARE
+    assert closing_curve._FRUIT_SHARE == force_control_world._FRUIT_SHARE
 
 
 def test_the_exponents_of_the_twin_are_among_those_of_the_estimators() -> None:
     rng = np.random.default_rng(5)
     twins = {draw_object(rng, name).exponent for name in ("strawberry", "ball-44lbs", "ecoflex-10")}
-    assert twins <= set(size._EXPONENTS) & set(closing_stiffness._SHAPES)
+    assert twins <= set(closing_curve._SHAPES)

@@ -18,7 +18,7 @@ import math
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from palpate.estimate.closing_stiffness import ClosingSteps, normal_density
+from palpate.estimate.closing_curve import ClosingSteps, normal_density
 from palpate.estimate.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Compliance
 from palpate.estimate.feldman_cousins import interval_above_zero, middle_above_zero
 from palpate.estimate.measurement import Measurement

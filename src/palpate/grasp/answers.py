@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
-from palpate.estimate.closing_stiffness import FELT, ClosingSteps, object_stiffness
+from palpate.estimate.closing_curve import FELT, ClosingSteps, measure_closing
 from palpate.estimate.compliance import (
     SOFTEST_N_PER_MM,
     STIFFEST_N_PER_MM,
@@ -22,7 +22,6 @@ from palpate.estimate.firmness import firmness_index
 from palpate.estimate.force import ForceEstimate
 from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.estimate.measurement import Measurement
-from palpate.estimate.size import ContactPoint, contact_point
 from palpate.estimate.soft_stiffness import soft_stiffness
 from palpate.grasp.config import APPROACH, READING, SETTLE
 from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
@@ -36,11 +35,6 @@ _RIGID_FINGERS = (
     "the object gave way too little compared with the hand's own give; a firmer squeeze "
     "(--target-force-n) would show more"
 )
-
-
-#: Normal variables at five and three points with their probabilities (Gauss-Hermite).
-_GAIN_NODES, _GAIN_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
-_BLIND_NODES, _BLIND_WEIGHTS = np.polynomial.hermite_e.hermegauss(3)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,16 +133,15 @@ def is_certain(settled: Settled, *, plan: Plan) -> bool:
 def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan) -> dict[str, Any]:
     """Return size, stiffness and firmness at the settled force, by field of the result.
 
-    What the hand can't measure is left out; what was touched has a firmness.
+    What the hand can't measure is left out; what was touched has a firmness. Fingers driven by
+    pressure give no size: how far they have closed at the touch is not known in millimetres.
     """
-    found: dict[str, Any] = {}
-    if plan.give is not None and plan.bend is None:
-        point = _contact_point(estimate, plan, plan.give)
-        if point is not None:
-            found["size_mm"] = _measure_size(point, plan, plan.give)
-    stiffness = measure_stiffness(estimate, force, plan=plan)
+    size_mm, stiffness = _measure(estimate, force, plan)
     if stiffness is None:
-        stiffness = _stiffness_from_travel(estimate, force, plan)
+        size_mm, stiffness = _bound_by_travel(estimate, force, plan)
+    found: dict[str, Any] = {}
+    if size_mm is not None and plan.bend is None:
+        found["size_mm"] = size_mm
     if stiffness is not None:
         found["firmness"] = firmness_index(stiffness)
         # A bound where it may be anything.
@@ -158,18 +151,19 @@ def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan)
     return found
 
 
-def _stiffness_from_travel(
+def _bound_by_travel(
     estimate: ContactEstimate, force: Measurement, plan: Plan
-) -> Measurement | None:
-    """Bound the stiffness by the settled force and the travel since the touch.
+) -> tuple[Measurement | None, Measurement | None]:
+    """Return the size and stiffness that the travel since the touch and the force leave possible.
 
-    For a touch so faint that too few steps show a curve. The object gave way by no more than the
-    hand closed since nothing was felt, and by no less than since both fingers surely pressed, less
-    what the hand itself gives.
+    For a touch so faint that too few steps show a curve. The object was touched between the last
+    step that felt nothing and the first at which both fingers surely pressed. It gave way by no
+    more than the hand closed since the one, and by no less than since the other, less what the hand
+    itself gives.
     """
     give = plan.give if plan.bend is None else plan.bend.give
     if give is None or not estimate.steps:
-        return None
+        return None, None
     unfelt = [
         step.closure for step in estimate.steps if step.touch.deepest_percent > READING.felt_percent
     ]
@@ -179,6 +173,14 @@ def _stiffness_from_travel(
     begin = unfelt[-1] if unfelt else estimate.steps[0].closure - APPROACH.overrun_steps * plan.step
     longest_mm = mm_per_unit(plan) * (estimate.closure - begin)
     surely_mm = mm_per_unit(plan) * (estimate.closure - pressed[0]) if pressed else 0.0
+    held_mm = mm_per_unit(plan) * _opening(plan, estimate.closure) - give.zero_mm
+    size_mm = Measurement(
+        value=held_mm + 0.5 * (longest_mm + surely_mm),
+        low=held_mm + surely_mm,
+        high=held_mm + longest_mm,
+        unit="mm",
+        level=force.level,
+    )
     shortest_mm = surely_mm - float(give.give_mm(force.high))
     # What was felt first may have begun with as much force as faint readings scatter by.
     begun_n = FELT * floor_n(plan)
@@ -193,7 +195,7 @@ def _stiffness_from_travel(
     )
     if own_mm <= 0:
         value = math.sqrt(low * high)
-    return Measurement(
+    return size_mm, Measurement(
         value=min(max(value, low), high), low=low, high=high, unit="n_per_mm", level=force.level
     )
 
@@ -243,67 +245,26 @@ def _log_ratio(large: float, small: float) -> float:
     return float(np.log(large / max(small, 1e-3 * large)))
 
 
-def _contact_point(estimate: ContactEstimate, plan: Plan, give: Compliance) -> ContactPoint | None:
-    """Extrapolate the steps, read in early forces, to where contact began."""
-    steps = _steps_from_touch(estimate, plan)
-    if not steps:
-        return None
-    width, felt, read = _read_steps(steps, estimate, plan)
-    if felt.sum() < 2:
-        return None
-    force = np.where(felt, read.value, 0.0)
-    # One place on the sheet, one gain for the whole curve: it hardly bends it, but what is taken
-    # out as the gripper's compliance goes with it.
-    reach = float(ndtri(0.5 + plan.level / 2))
-    gain_sd = float(np.median(np.log(read.high[felt] / read.value[felt]))) / reach
-    # Nor is it known how much force is lost before a pixel feels any: all forces have that error.
-    blind_n = floor_n(plan)
-    # Below the weakest reading of the calibration the law can't distinguish forces.
-    weakest_n = float(plan.early_law.force_n(plan.early_law.range[0]).value)
-    points, weights = [], []
-    for gain, likely in zip(_GAIN_NODES, _GAIN_WEIGHTS, strict=True):
-        for offset, part in zip(_BLIND_NODES, _BLIND_WEIGHTS, strict=True):
-            read_n = force * float(np.exp(gain_sd * gain))
-            shifted = np.where(
-                read_n > 0, np.maximum(read_n + blind_n * offset, SETTLE.least_read * read_n), 0.0
-            )
-            points.append(
-                contact_point(
-                    width - give.zero_mm,
-                    force_n=shifted,
-                    give_mm=give.give_mm(shifted),
-                    floor_n=weakest_n,
-                )
-            )
-            weights.append(float(likely * part))
-    return ContactPoint.mixture(points, weights=weights)
-
-
-def _measure_size(size: ContactPoint, plan: Plan, give: Compliance) -> Measurement:
-    """Return the size, widened by the scatter of the gripper's own width."""
-    tail = (1 - plan.level) / 2
-    low, value, high = size.quantile([tail, 0.5, 1 - tail])
-    own = float(ndtri(1 - tail)) * give.residual_mm
-    return Measurement(
-        value=float(value),
-        low=float(value - np.hypot(value - low, own)),
-        high=float(value + np.hypot(high - value, own)),
-        unit="mm",
-        level=plan.level,
-    )
-
-
 def measure_stiffness(
     estimate: ContactEstimate, force: Measurement, *, plan: Plan
 ) -> Measurement | None:
-    """Return the object's secant stiffness at a force, if it can be measured."""
+    """Return the object's secant stiffness at a force, if the hand can and felt enough."""
+    return _measure(estimate, force, plan)[1]
+
+
+def _measure(
+    estimate: ContactEstimate, force: Measurement, plan: Plan
+) -> tuple[Measurement | None, Measurement | None]:
+    """Return size and stiffness by the closing curve; None where the hand felt too little."""
     found = _closing_curve(estimate, plan)
     if found is None:
-        return None
+        return None, None
     curve, give = found
     opening_mm = mm_per_unit(plan) * _opening(plan, estimate.closure) - give.zero_mm
-    stiffness = object_stiffness if plan.bend is None else soft_stiffness
-    return stiffness(curve, give=give, opening_mm=opening_mm, force=force)
+    if plan.bend is None:
+        answer = measure_closing(curve, give=give, opening_mm=opening_mm, force=force)
+        return answer or (None, None)
+    return None, soft_stiffness(curve, give=give, opening_mm=opening_mm, force=force)
 
 
 def count_felt_steps(estimate: ContactEstimate, plan: Plan) -> int:

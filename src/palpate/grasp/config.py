@@ -128,8 +128,6 @@ class Settle:
     relaxed : 0.85 to 1 1, twin. Of the closing force left at 20 s.
     relaxed_sd : 0.02 to 0.1 ln, twin. Scatter of that.
     kept_factor : 1.5 to 3 1, guess. A reading of what is held changes by no more until 20 s.
-    least_read : 0.1 to 0.5 1, guess.
-        Of a step's force that its unseen threshold may take away, at most.
     haste_sd : 0.05 to 0.2 ln, twin. Lag of larger steps.
     hysteresis_sd : 0.1 to 0.3 ln, guess. Hysteresis of soft fingers.
     relaxing : 1 to 1.1 1, guess. Force now over the settled force.
@@ -143,7 +141,6 @@ class Settle:
     relaxed: float = 0.96
     relaxed_sd: float = 0.03
     kept_factor: float = 2.0
-    least_read: float = 0.3
     haste_sd: float = 0.12
     hysteresis_sd: float = 0.15
     relaxing: float = 1.03

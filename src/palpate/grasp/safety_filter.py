@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from palpate.estimate.closing_stiffness import FELT
+from palpate.estimate.closing_curve import FELT
 from palpate.grasp.answers import floor_n, mm_per_unit, sheet_forces_n
 from palpate.grasp.config import READING, SQUEEZE
 from palpate.grasp.estimator import ContactEstimate, closure_of

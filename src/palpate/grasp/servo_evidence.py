@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from palpate.arrays import FloatArray
-from palpate.estimate.closing_stiffness import LAG, tilt_sd, unforgotten
+from palpate.estimate.closing_curve import LAG, tilt_sd, unforgotten
 from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.grasp.config import GUARDS, SETTLE, SQUEEZE
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import ndtri
 
-from palpate.estimate.closing_stiffness import FELT
+from palpate.estimate.closing_curve import FELT
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.answers import floor_n, measure_stiffness, mm_per_unit, sheet_forces_n
 from palpate.grasp.config import READING, SQUEEZE

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student_t
 
-from palpate.estimate.closing_stiffness import ClosingSteps
+from palpate.estimate.closing_curve import ClosingSteps
 from palpate.estimate.compliance import STIFFEST_N_PER_MM, Compliance
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.soft_stiffness import soft_stiffness

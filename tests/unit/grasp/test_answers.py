@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from tests.factories import closing_steps, touch
 
-from palpate.estimate.closing_stiffness import FELT
+from palpate.estimate.closing_curve import FELT
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.answers import floor_n, measure_object
 from palpate.grasp.estimator import ClosingStep, ContactEstimate

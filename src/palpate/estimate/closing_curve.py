@@ -1,4 +1,4 @@
-"""An object's own stiffness from its closing curve, with the gripper's give taken out.
+"""An object's size and stiffness from its closing curve, with the gripper's give taken out.
 
 The curve leaves several unknowns open, and they are estimated together: where contact began, the
 shape and scale of the object's law, this contact's gain against the sheet's law, and the gripper's
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,6 +40,8 @@ _FRUIT_SHARE, _UNSEEN, _UNSEEN_SD = 0.5, -0.06, 0.04
 #: A staircase is no clean step, and settling is known only for clean steps: its forecast has this
 #: error (ln force) beyond its own interval.
 _FORECAST_SD = 0.02
+#: The gripper's zero was found on a block whose size is known to a tenth of a millimetre.
+_BLOCK_SD_MM = 0.06
 #: A width is never known better, mm (half an encoder step of the usual servo).
 _SHARPEST_MM = 0.02
 _GAINS, _SCALES, _DRAWS = 5, 40, 4000
@@ -70,6 +73,13 @@ FELT = 2.0
 _MOST_STEPS = 14
 
 
+class ClosingAnswer(NamedTuple):
+    """What the curve and the settled force show of the object."""
+
+    size_mm: Measurement
+    stiffness: Measurement
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Grid:
     """The grid: gains x shapes x scales x scatters, and at each place what is solved for."""
@@ -94,10 +104,10 @@ class _Posterior:
     give: FloatArray
 
 
-def object_stiffness(
+def measure_closing(
     curve: ClosingSteps, *, give: Compliance, opening_mm: float, force: Measurement
-) -> Measurement | None:
-    """Return the object's secant stiffness at the settled force; None if too little was felt.
+) -> ClosingAnswer | None:
+    """Return size, and secant stiffness at the settled force; None if too little was felt.
 
     `give`: of pads, fingers and servo.
     `opening_mm`: final opening, zero taken out.
@@ -111,9 +121,11 @@ def object_stiffness(
     >>> curve = ClosingSteps(width_mm=40.0 - 0.7 * force_n, force_n=force_n, gain_sd=0.03,
     ...     law_sd=0.05, floor_n=0.02)
     >>> held = Measurement(value=6.0, low=5.6, high=6.4, unit="n", level=0.9)
-    >>> found = object_stiffness(curve, give=give, opening_mm=35.8, force=held)
-    >>> found.low < 2.0 < found.high, abs(found.value - 2.0) < 0.1
+    >>> size_mm, stiffness = measure_closing(curve, give=give, opening_mm=35.8, force=held)
+    >>> stiffness.low < 2.0 < stiffness.high, abs(stiffness.value - 2.0) < 0.1
     (True, True)
+    >>> size_mm
+    Measurement(40 mm, 39.87 to 40.12, ok)
     """
     if np.count_nonzero(curve.felt) < 2 or force.middle <= 0:
         return None
@@ -136,17 +148,28 @@ def object_stiffness(
     likely = sum(share * normal_density(relaxed, mean, sd) for share, mean, sd in _RELAXED)
     weight = np.where(possible, likely, 0.0)
     rigid = weight.sum() < 1e-3 * _DRAWS
-    stiffness = np.clip(force_n / deformed, SOFTEST_N_PER_MM, STIFFEST_N_PER_MM)
-    low, value, high = _quantiles(
-        stiffness, np.ones_like(weight) if rigid else weight, [tail, 0.5, 1 - tail]
-    )
-    return Measurement(
+    weight = np.ones_like(weight) if rigid else weight
+    low, value, high = _quantiles(held.size_mm, weight, [tail, 0.5, 1 - tail])
+    zero_mm = float(ndtri(1 - tail)) * math.hypot(give.residual_mm, _BLOCK_SD_MM)
+    size_mm = Measurement(
         value=value,
-        low=low,
-        high=high,
-        unit="n_per_mm",
+        low=value - math.hypot(value - low, zero_mm),
+        high=value + math.hypot(high - value, zero_mm),
+        unit="mm",
         level=force.level,
-        status=Status.SATURATED if rigid else force.status,
+    )
+    stiffness = np.clip(force_n / deformed, SOFTEST_N_PER_MM, STIFFEST_N_PER_MM)
+    low, value, high = _quantiles(stiffness, weight, [tail, 0.5, 1 - tail])
+    return ClosingAnswer(
+        size_mm,
+        Measurement(
+            value=value,
+            low=low,
+            high=high,
+            unit="n_per_mm",
+            level=force.level,
+            status=Status.SATURATED if rigid else force.status,
+        ),
     )
 
 
@@ -209,7 +232,7 @@ def _weigh(curve: ClosingSteps, give: Compliance, scales: FloatArray) -> _Grid:
     volume = np.log(weight).sum(axis=-1) - np.linalg.slogdet(precision)[1]
     evidence = 0.5 * (volume - left)
     mean[..., 0] += middle_mm
-    if not curve.felt.all():
+    if not curve.felt[0]:
         variance = np.linalg.inv(precision)[..., 0, 0] + sharp_mm**2
         evidence += _not_before(curve, give, scales, mean[..., 0], np.sqrt(variance))
     evidence += np.log(list(_SHAPES.values()))[:, None, None] + np.log(list(_SCATTERS.values()))
@@ -245,13 +268,14 @@ def _not_before(
     size_mm: FloatArray,
     sd_mm: FloatArray,
 ) -> FloatArray:
-    """Return the log likelihood of the steps that felt nothing.
+    """Return the log likelihood of the steps before the first that was felt.
 
-    The object began no further out than a faint force would reach.
+    The object began no further out than a faint force would reach. A later step that reads nothing
+    shows pixels that cancel each other.
     """
     power = 1.0 / np.array(list(_SHAPES))[:, None, None]
     faint_mm = (curve.faint_n / scales[:, None]) ** power + float(give.give_mm(curve.faint_n))
-    beyond_mm = float(curve.width_mm[~curve.felt].min()) + faint_mm
+    beyond_mm = float(curve.width_mm[: np.argmax(curve.felt)].min()) + faint_mm
     return np.asarray(log_ndtr((beyond_mm - size_mm) / sd_mm))
 
 

@@ -1,11 +1,13 @@
-"""Stiffness from a closing curve: what every doubt does to the answer and its interval."""
+"""Size and stiffness from a closing curve, and their intervals under each uncertainty."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from palpate.estimate.closing_stiffness import ClosingSteps, object_stiffness
+from palpate.estimate.closing_curve import ClosingSteps, measure_closing
 from palpate.estimate.compliance import Compliance
 from palpate.estimate.measurement import Measurement
 
@@ -33,9 +35,9 @@ def answer(
     held_n = gain * FORCE_N[-1]
     wide = np.exp(1.645 * np.hypot(gain_sd, 0.03))
     held = Measurement(value=held_n, low=held_n / wide, high=held_n * wide, unit="n", level=0.9)
-    found = object_stiffness(curve, give=GIVE, opening_mm=float(opening[-1]), force=held)
+    found = measure_closing(curve, give=GIVE, opening_mm=float(opening[-1]), force=held)
     assert found is not None
-    return found
+    return found.stiffness
 
 
 @pytest.mark.parametrize("n_per_mm", [0.5, 1.5, 4.0])
@@ -56,7 +58,9 @@ def test_what_relaxed_unseen_is_inside_though_the_force_was_sure() -> None:
     opening = 40.0 - FORCE_N / 2.0 - GIVE.give_mm(FORCE_N)
     curve = ClosingSteps(width_mm=opening, force_n=FORCE_N, gain_sd=0.01, law_sd=0.03, floor_n=0.05)
     said = Measurement(value=6.0, low=5.9, high=6.1, unit="n", level=0.9)
-    found = object_stiffness(curve, give=GIVE, opening_mm=float(opening[-1]), force=said)
+    answered = measure_closing(curve, give=GIVE, opening_mm=float(opening[-1]), force=said)
+    assert answered is not None
+    found = answered.stiffness
     # A fruit lost 6 % of its force and nobody felt it; the fingers came that much nearer to it.
     left_n = 0.94 * 6.0
     relaxed = left_n / float(40.0 - opening[-1] - GIVE.give_mm(left_n))
@@ -76,9 +80,9 @@ def read_as(
     opening = 40.0 - STEPS_N / n_per_mm - GIVE.give_mm(STEPS_N)
     curve = ClosingSteps(width_mm=opening, force_n=read_n, gain_sd=0.03, law_sd=law_sd, floor_n=0.1)
     held = Measurement(value=8.0, low=7.6, high=8.4, unit="n", level=0.9)
-    found = object_stiffness(curve, give=GIVE, opening_mm=float(opening[-1]), force=held)
+    found = measure_closing(curve, give=GIVE, opening_mm=float(opening[-1]), force=held)
     assert found is not None
-    return found, curve
+    return found.stiffness, curve
 
 
 def test_a_sheet_that_lags_behind_its_steps_is_seen_through() -> None:
@@ -125,4 +129,94 @@ def test_one_step_is_not_enough() -> None:
         floor_n=0.05,
     )
     held = Measurement(value=2.0, low=1.8, high=2.2, unit="n", level=0.9)
-    assert object_stiffness(curve, give=GIVE, opening_mm=39.0, force=held) is None
+    assert measure_closing(curve, give=GIVE, opening_mm=39.0, force=held) is None
+
+
+# -- size ------------------------------------------------------------------------------------------
+
+HARD = Compliance(
+    slope_mm_per_n=1e-4, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.0, largest_force_n=15.0
+)
+
+
+def size(
+    width_mm: np.ndarray,
+    force_n: np.ndarray,
+    *,
+    give: Compliance = HARD,
+    law_sd: float = 0.1,
+    floor_n: float = 0.05,
+) -> Measurement:
+    """Return the size by a closing whose forces were read as given."""
+    curve = ClosingSteps(
+        width_mm=width_mm, force_n=force_n, gain_sd=0.1, law_sd=law_sd, floor_n=floor_n
+    )
+    held_n = float(force_n[-1])
+    held = Measurement(value=held_n, low=0.85 * held_n, high=1.18 * held_n, unit="n", level=0.9)
+    found = measure_closing(curve, give=give, opening_mm=float(width_mm[-1]), force=held)
+    assert found is not None
+    return found.size_mm
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("exponent", [1.0, 1.5])
+def test_size_of_scattered_curves_is_covered(exponent: float) -> None:
+    rng = np.random.default_rng(7)
+    inside, errors = [], []
+    for _ in range(60):
+        true_mm = rng.uniform(30, 31)
+        width = 33.0 - np.cumsum([1, 1, 1, 0.5, 0.5, 0.4])
+        true = 2.0 * np.maximum(true_mm - width, 0) ** exponent
+        force = true * np.exp(0.05 * rng.standard_normal(width.size)) * (true > 0.1)
+        found = size(width, force)
+        inside.append(found.low <= true_mm <= found.high)
+        errors.append(found.middle - true_mm)
+    assert np.mean(inside) >= 0.85
+    assert np.sqrt(np.mean(np.square(errors))) < 0.28
+
+
+def test_size_does_not_depend_on_the_gain() -> None:
+    width = np.array([31.0, 30.0, 29.5, 29.0])
+    force = 2.0 * np.maximum(30.4 - width, 0)
+    weak, strong = (size(width, g * force, floor_n=g * 0.05).middle for g in (0.5, 2.0))
+    assert weak == pytest.approx(strong, abs=0.01)
+
+
+def test_size_of_a_stiff_object_found_by_a_whole_step_is_near() -> None:
+    """Before the last step it was touched, but the gripper's give kept the force unfelt."""
+    true_mm, n_per_mm = 40.0, 36.0
+    give = replace(HARD, slope_mm_per_n=0.35)
+    width = np.array([40.9, 39.9, 38.9, 38.7, 38.5])
+    force = np.maximum(true_mm - width, 0.0) / (1 / n_per_mm + 0.35)
+    force = np.where(force > 0.3, force, 0.0)
+    assert abs(size(width, force, give=give, floor_n=0.15).middle - true_mm) < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("exponent", [1.0, 1.5])
+@pytest.mark.parametrize("law", [0.8, 0.92, 1.05])
+def test_size_by_a_law_whose_exponent_is_off_is_covered(exponent: float, law: float) -> None:
+    inside = []
+    for true_mm in np.linspace(31.5, 32.5, 11):
+        width = np.array([34.0, 33.0, 32.0, 31.0, 30.6, 30.3])
+        true = 2.0 * np.maximum(true_mm - width, 0.0) ** exponent
+        # Such a law's exponent has a standard deviation of 0.2 from contact to contact.
+        found = size(width, np.where(true > 0.1, true**law, 0.0), law_sd=0.4)
+        inside.append(found.low <= true_mm <= found.high)
+    assert np.mean(inside) >= 0.9
+
+
+def test_size_at_a_place_that_feels_late_is_covered() -> None:
+    true_mm, width = 32.14, np.array([34.0, 33.0, 32.0, 31.0, 30.6, 30.3])
+    # About the weakest force that the calibration felt, and nothing felt here.
+    assert 2.0 * (true_mm - 32.0) ** 1.5 == pytest.approx(0.105, abs=0.001)
+    true = 2.0 * np.maximum(true_mm - width, 0.0) ** 1.5
+    found = size(width, np.where(true > 0.2, true**0.92, 0.0))
+    assert found.low <= true_mm <= found.high
+
+
+def test_size_is_no_surer_than_the_zero_of_the_gripper() -> None:
+    width = np.array([31.0, 30.5, 30.4, 30.3, 30.2, 30.1, 30.0])
+    found = size(width, 200.0 * np.maximum(30.45 - width, 0.0), floor_n=0.01)
+    # A block known to a tenth of a millimetre leaves a standard deviation of 0.06 mm.
+    assert found.high - found.low >= 2 * 1.645 * 0.06 * 0.9
