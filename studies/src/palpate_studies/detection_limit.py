@@ -8,7 +8,6 @@ from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.estimate.force import PowerForceLaw
 from palpate.signal.relative import CONTACT_PERCENT, finger_means, relative_change_percent
-from palpate_studies.equal_width import SEED
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS, running_median
 from palpate_studies.twin_session import GAP_MM, STILL_S, Session, drawn, grasps
@@ -93,7 +92,7 @@ command = as_command(report)
 
 def weakest_n(sensor: int, name: str, *, level: str) -> tuple[float, float]:
     """Return the force at which each threshold is first crossed."""
-    session, obj = Session(sensor, level=level), drawn(name, seed=SEED)
+    session, obj = Session(sensor, level=level), drawn(name)
     session.place(obj)
     session.close_to(obj.size_mm + GAP_MM)
     session.world.clock.sleep_s(STILL_S)
@@ -120,7 +119,7 @@ def weakest_n(sensor: int, name: str, *, level: str) -> tuple[float, float]:
 
 def over_range(sensor: int, *, level: str) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return force, mean change and summed excess over the range, in order of force."""
-    session, obj = Session(sensor, level=level, trial=1), drawn(STIFF, seed=SEED)
+    session, obj = Session(sensor, level=level, trial=1), drawn(STIFF)
     widths = [obj.size_mm - closure_mm for closure_mm in CLOSURES_MM]
     made = [at[0] for at in grasps(session, obj, widths_mm=widths, repeats=1)]
     made.sort(key=lambda reading: reading.force_n)

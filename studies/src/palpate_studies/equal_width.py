@@ -27,7 +27,6 @@ PUBLISHED_AT_S = 21.0
 #: Sensor and grasps that are drawn.
 SHOWN_SENSOR, SHOWN_GRASPS = 0, 5
 SENSORS = 3
-SEED = 1
 CLOSURE_MM = 3.0
 #: The data that set the spread of the level `lab`; to be stated wherever these tables are shown.
 CALIBRATION_INPUT = (

@@ -14,7 +14,6 @@ from palpate.arrays import FloatArray
 from palpate.estimate.force import PowerForceLaw
 from palpate.signal.relative import excess_conductance, mean_change, relative_change_percent
 from palpate.twin.velostat import Environment
-from palpate_studies.equal_width import SEED
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
 from palpate_studies.twin_session import SETTLED_MEAN_S, Session, drawn
@@ -105,7 +104,7 @@ command = as_command(report)
 
 def wear(sensor: int, *, level: str, cycles: int) -> Worn:
     """Calibrate a sensor, and close it on an object again and again."""
-    obj, session = drawn(OBJECT, seed=SEED), Session(sensor, level=level)
+    obj, session = drawn(OBJECT), Session(sensor, level=level)
     session.place(obj)
     clock, closings = session.world.clock, 0
 

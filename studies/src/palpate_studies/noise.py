@@ -69,7 +69,7 @@ def percent_of(ohm: FloatArray, time_s: FloatArray) -> FloatArray:
 
 def clean_hold(sensor: int, *, level: str) -> CleanHold:
     """Make 10 s of rest and 20 s of holding a silicone sheet."""
-    session, obj = Session(sensor, level=level), drawn("dragonskin-10", seed=1)
+    session, obj = Session(sensor, level=level), drawn("dragonskin-10")
     session.place(obj)
     session.close_to(obj.size_mm + GAP_MM)
     session.world.clock.sleep_s(STILL_S)

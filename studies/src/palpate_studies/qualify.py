@@ -15,13 +15,7 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.holds.strict import read_table
-from palpate.produce.qualify.agreement import (
-    FIGURES,
-    Demand,
-    Estimate,
-    agreement_of,
-    measure,
-)
+from palpate.produce.qualify.agreement import FIGURES, Demand, Estimate, agreement_of, measure
 from palpate.produce.qualify.readings import PairedReadings
 from palpate.produce.qualify.scatter import Scatter
 from palpate.rig.simulated import calibrate_twin

@@ -199,7 +199,7 @@ def hold_quantities(holds: Sequence[Hold]) -> dict[str, FloatArray]:
 
 def twin_ladder(sensor: int, *, level: str) -> Ladder:
     """Load one sensor in steps, each seated again, and read it 10 s after loading."""
-    session, springs = Session(sensor, level=level, layout=FINE), drawn("springs-8", seed=1)
+    session, springs = Session(sensor, level=level, layout=FINE), drawn("springs-8")
     pairs = []
     for closure_mm in LADDER_MM:
         session.place(springs)
@@ -217,7 +217,7 @@ def twin_presses(sensor: int, *, level: str, count: int) -> tuple[list[Press], l
     A real indenter presses one place after another of a sheet that is a single pixel. Here the
     pixels stand for the places, one in each press; the sum over all of them averages places.
     """
-    session, face = Session(sensor, level=level, layout=FINE, trial=1), drawn("springs-8", seed=1)
+    session, face = Session(sensor, level=level, layout=FINE, trial=1), drawn("springs-8")
     found: tuple[list[Press], list[Press]] = [], []
     for number in range(count):
         session.place(face)
@@ -261,7 +261,7 @@ def twin_weights(sensor: int, *, level: str, count: int) -> list[Hold]:
 
     The real recordings begin there too: their loggers missed the contact, or were strained already.
     """
-    session, ball = Session(sensor, level=level, layout=FINE, trial=2), drawn("ball-44lbs", seed=1)
+    session, ball = Session(sensor, level=level, layout=FINE, trial=2), drawn("ball-44lbs")
     holds = []
     for number in range(count):
         session.place(ball)

@@ -13,7 +13,6 @@ from palpate.settling.percent import for_hold
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod, Status
 from palpate.signal.relative import mean_change
-from palpate_studies.equal_width import SEED
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
 from palpate_studies.twin_session import GAP_MM, HOLD_S, Session, drawn, stack
@@ -88,7 +87,7 @@ command = as_command(report)
 
 def mean_holds(sensor: int, *, level: str, speed: float, repeats: int) -> FloatArray:
     """Return mean changes from the start of actuation on, shape (repeats, times), at 15 Hz."""
-    session, obj = Session(sensor, level=level), drawn(OBJECT, seed=SEED)
+    session, obj = Session(sensor, level=level), drawn(OBJECT)
     session.place(obj)
     width_mm, read_s = obj.size_mm - CLOSURE_MM, HOLD_S + _closing_s(speed) + 0.2
     return stack(

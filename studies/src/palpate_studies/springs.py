@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palpate_studies.equal_width import CLOSURE_MM, SEED, SENSORS, LineStudy, settled_readings
+from palpate_studies.equal_width import CLOSURE_MM, SENSORS, LineStudy, settled_readings
 from palpate_studies.report import StudyReport, as_command
 from palpate_studies.twin_session import drawn
 
@@ -28,7 +28,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
 
     Example: palpate study springs --out reports
     """
-    setups = [drawn(name, seed=SEED) for name in SETUPS]
+    setups = [drawn(name) for name in SETUPS]
     conditions = {
         f"closed by {closure_mm:g} mm": settled_readings(
             setups,

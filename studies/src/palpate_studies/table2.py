@@ -7,7 +7,6 @@ import numpy as np
 from palpate_studies.equal_width import (
     CALIBRATION_INPUT,
     CLOSURE_MM,
-    SEED,
     SENSORS,
     as_json,
     cells_of,
@@ -36,7 +35,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
     """
     names = tuple(PUBLISHED)
     found = settled_readings(
-        [drawn(name, seed=SEED) for name in names],
+        [drawn(name) for name in names],
         reading="mean change",
         width_mm=WIDTH_MM,
         repeats=repeats,
@@ -84,7 +83,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
         },
         figures={
             "figure8b": lambda: draw_curves(
-                {name: drawn(name, seed=SEED) for name in names},
+                {name: drawn(name) for name in names},
                 width_mm=WIDTH_MM,
                 title="Figure 8b",
                 published={name: (mean, sd) for name, (mean, sd, _) in PUBLISHED.items()},

@@ -7,7 +7,6 @@ from functools import partial
 
 from palpate_studies.equal_width import (
     CLOSURE_MM,
-    SEED,
     SENSORS,
     LineStudy,
     draw_curves,
@@ -48,7 +47,7 @@ def report(
 
     Example: palpate study table3 --out reports
     """
-    balls = {name: replace(drawn(name, seed=SEED), size_mm=SIZE_MM) for name in PUBLISHED}
+    balls = {name: replace(drawn(name), size_mm=SIZE_MM) for name in PUBLISHED}
     width_mm, each = SIZE_MM - CLOSURE_MM, list(balls.values())
     readings = partial(
         settled_readings, each, reading=STUDY.reading, width_mm=width_mm, sensors=sensors

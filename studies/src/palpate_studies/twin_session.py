@@ -30,6 +30,8 @@ SETTLED_MEAN_S = 0.5
 #: Gap from which the fingers close, their speed, the still time before, the pause after.
 GAP_MM, SPEED_MM_PER_S, STILL_S, PAUSE_S = 6.0, 40.0, 2.0, 20.0
 HOLD_S = 20.0
+#: Seed of the objects.
+_OBJECT_SEED = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -206,9 +208,9 @@ def grasps(
     ]
 
 
-def drawn(name: str, *, seed: int) -> TwinObject:
+def drawn(name: str) -> TwinObject:
     """Draw the object of a name that all sensors of a study share."""
-    return draw_object(np.random.default_rng([seed, sum(name.encode())]), name)
+    return draw_object(np.random.default_rng([_OBJECT_SEED, sum(name.encode())]), name)
 
 
 #: The four silicone sheets of section 3.2.
