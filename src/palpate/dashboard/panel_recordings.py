@@ -37,7 +37,7 @@ def recordings_panel(
         none = ui.label("None yet: each grasp makes one.").classes("muted")
         none.set_visibility(False)
     shown: dict[Path, _Row] = {}
-    care = _Care(app_state, viewer, speed, changed=lambda: show())
+    care = _RecordingDialog(app_state, viewer, speed, changed=lambda: show())
 
     async def show() -> None:
         """Update the list without moving rows that stay: a finger may be on one."""
@@ -91,7 +91,9 @@ def _list_recordings(app_state: AppState) -> list[_Listed]:
 class _Row(ui.element):
     """One recording with its buttons."""
 
-    def __init__(self, file: Path, viewer: Viewer, speed: ui.toggle, care: _Care) -> None:
+    def __init__(
+        self, file: Path, viewer: Viewer, speed: ui.toggle, care: _RecordingDialog
+    ) -> None:
         super().__init__("div")
         self._file = file
         self.classes("file")
@@ -121,7 +123,7 @@ class _Row(ui.element):
         self._ended.set_content(f"{words}{item} {badge}")
 
 
-class _Care:
+class _RecordingDialog:
     """One dialog for all rows: to replay, download, rename or delete a recording.
 
     While it is open its recording is in the address.

@@ -90,7 +90,7 @@ class SlipMonitor:
         self._plan = plan
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
-        """Return that the object is gone."""
+        """Return an alarm if the object has left the hand."""
         estimate = state.estimate
         if state.phase not in _HOLDING or estimate.still_s < READING.quiet_s:
             return None
@@ -190,7 +190,7 @@ class TimeMonitor:
         self._plan = plan
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
-        """Return that there is no answer yet."""
+        """Return an alarm if the grasp takes too long."""
         if state.phase is Phase.HOLD or state.estimate.lasted_s <= self._plan.longest_s:
             return None
         words = f"not done within {self._plan.longest_s:g} s"

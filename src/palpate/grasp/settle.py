@@ -93,7 +93,7 @@ def goal_n(plan: Plan) -> float:
 
 
 def gentle_goal(estimate: ContactEstimate, plan: Plan) -> tuple[float, str]:
-    """Return where a squeeze without target ends, newtons, and why it ends there.
+    """Return the end of a squeeze without target, newtons, and its reason.
 
     An object that has given way as far as every recorded fruit bore is pressed no further, whatever
     is known of it. One that surely gives way little is pressed harder, until it is known or is

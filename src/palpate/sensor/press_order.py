@@ -139,8 +139,8 @@ def order_findings(presses: Sequence[Press], *, layout: ArrayLayout) -> list[Fin
         if press.answered is None
     ]
     answers = {p.expected: p.answered for p in presses if p.answered is not None}
-    rows = _line_map(answers, axis=0)
-    cols = _line_map(answers, axis=1)
+    rows = _map_lines(answers, axis=0)
+    cols = _map_lines(answers, axis=1)
     lines_alone = all(
         (rows.get(r, r), cols.get(c, c)) == answered for (r, c), answered in answers.items()
     )
@@ -155,7 +155,7 @@ def order_findings(presses: Sequence[Press], *, layout: ArrayLayout) -> list[Fin
     return findings
 
 
-def _line_map(answers: dict[PixelPlace, PixelPlace], *, axis: int) -> dict[int, int]:
+def _map_lines(answers: dict[PixelPlace, PixelPlace], *, axis: int) -> dict[int, int]:
     """Return which line answers for which, where all of a line's pixels agree."""
     seen: dict[int, set[int]] = {}
     for expected, answered in answers.items():

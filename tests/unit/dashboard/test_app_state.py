@@ -62,7 +62,7 @@ def test_recordings_are_listed_with_the_newest_first(tmp_path: Path) -> None:
     assert names_in(tmp_path / "not there yet") == []
 
 
-def test_a_link_that_leads_nowhere_does_not_take_the_others_away(tmp_path: Path) -> None:
+def test_broken_link_does_not_hide_other_recordings(tmp_path: Path) -> None:
     (tmp_path / "run.mcap").touch()
     (tmp_path / "dangling.mcap").symlink_to("nowhere.mcap")
     (tmp_path / "round.mcap").symlink_to("round.mcap")

@@ -97,7 +97,7 @@ def test_most_of_the_loaded_pixels_at_the_top_are_an_alarm(plan: Plan) -> None:
     assert found.danger is Danger.FORCE_LIMIT
 
 
-def test_a_short_under_load_jumps_alone(plan: Plan) -> None:
+def test_short_under_load_jumps_without_its_neighbours(plan: Plan) -> None:
     frames = [np.full((4, 2), 900) + number % 2 for number in range(6)]
     for frame in frames[3:]:
         frame[0, 0] = 1023

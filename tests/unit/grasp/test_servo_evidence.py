@@ -107,7 +107,7 @@ def test_current_corrects_the_gain_of_the_sheet(plan: Plan, slow: Any, gain: flo
     assert result.force_n.high / result.force_n.low < 1.6
 
 
-def test_without_current_the_sheet_is_believed(plan: Plan, slow: Any) -> None:
+def test_without_current_the_sheet_alone_gives_the_force(plan: Plan, slow: Any) -> None:
     slow.gain = 0.6
     _, force_n = held_n(doubted(plan), slow)
     assert force_n == pytest.approx(4.0 / 0.6, rel=0.15)

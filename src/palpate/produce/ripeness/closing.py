@@ -87,7 +87,7 @@ class ClosingWatch:
 def closing_firmness(grasp_state: GraspState, *, plan: Plan) -> Measurement | None:
     """Return the secant stiffness at 5 N by a Hertz fit of a closing, or None.
 
-    `grasp_state`: what the controller knew when it gave its answer.
+    `grasp_state`: the controller's state at its answer.
     """
     force = grasp_state.result.force_n
     if plan.give is None or force is None or force.middle <= 0 or not grasp_state.estimate.steps:
@@ -173,7 +173,7 @@ def _step_loads(read_n: FloatArray, *, floor_n: float) -> tuple[FloatArray, NDAr
 def contact_width(grasp_state: GraspState, *, plan: Plan) -> Measurement | None:
     """Return the item's width at 1 N; None by a hand that measures no millimetres.
 
-    `grasp_state`: what the controller knew when it gave its answer.
+    `grasp_state`: the controller's state at its answer.
     """
     if plan.bend is None or not grasp_state.estimate.steps:
         return None
@@ -229,7 +229,7 @@ def width_at_contact(
 def sheet_gain(grasp_state: GraspState, *, plan: Plan) -> Measurement:
     """Return the gain of a contact: 1 if the sheet alone was used.
 
-    `grasp_state`: what the controller knew when it gave its answer.
+    `grasp_state`: the controller's state at its answer.
     """
     gain = grasp_state.estimate.gain
     reach = normal_half_width(plan.level) * gain.log_sd
