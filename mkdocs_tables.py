@@ -15,6 +15,7 @@ from typing import Any, get_type_hints
 import griffe
 
 from palpate.cli.grasp import EXIT_STATUS
+from palpate.grasp.config import rows
 from palpate.grasp.result import Outcome
 from palpate.grasp.verdict import outcome_text
 from palpate.gripper import dynamixel, feetech, hobby_servo, pneumatic
@@ -143,7 +144,13 @@ def _default(value: object) -> str:
 _SCHEMAS = Path(__file__).resolve().parent / "docs" / "schemas"
 
 
+def _grasp_numbers() -> str:
+    head = ("number", "value", "range", "unit", "source", "quantity")
+    return _table(head, ((f"`{name}`", *row) for name, *row in rows()))
+
+
 TABLES: dict[str, Callable[[], str]] = {
+    "grasp-numbers": _grasp_numbers,
     "schemas": _schemas,
     "outcomes": _outcomes,
     "topics": _topics,

@@ -1,13 +1,18 @@
 """The tuned numbers of the grasp, each with its range, unit, source and quantity.
 
 A source is the paper, a datasheet, a study of this project, development sensors of the twin, a
-requirement, or a guess. No other file of this folder holds a tuned number
-(`tests/unit/grasp/test_config.py`). Settings of a user or a rig are in `Plan` and `SafetyLimits`.
+requirement, or a guess. `docs/grasp-states.md` shows them as a table. No other file of this folder
+holds a tuned number (`tests/unit/grasp/test_config.py`); what a user or a rig sets is in `Plan` and
+`SafetyLimits`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, fields
+from typing import Any
+
+_ENTRY = re.compile(r"(\w+) : (\S+ to \S+) (.+?), ([a-z ]+)\.\s+(.+)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,3 +259,22 @@ class Current:
 READING, APPROACH, TOUCH = Reading(), Approach(), TouchDetection()
 SQUEEZE, SETTLE, GUARDS = Squeeze(), Settle(), Guards()
 PIXELS, CURRENT = Pixels(), Current()
+GROUPS: dict[str, Any] = {
+    name: value for name, value in vars().items() if name.isupper() and not name.startswith("_")
+}
+
+
+def rows() -> list[tuple[str, ...]]:
+    """Return name, value, range, unit, source and quantity of every number.
+
+    >>> rows()[0][:4]
+    ('READING.now_s', '0.14', '0.05 to 0.3', 's')
+    """
+    found = []
+    for name, group in GROUPS.items():
+        described = {entry[0]: entry[1:] for entry in _ENTRY.findall(type(group).__doc__ or "")}
+        found += [
+            (f"{name}.{one.name}", f"{one.default:g}", *described[one.name])
+            for one in fields(group)
+        ]
+    return found
