@@ -24,7 +24,6 @@ from palpate.errors import InputError
 
 if TYPE_CHECKING:
     from palpate.grasp.result import GraspResult
-    from palpate.grasp.runner import Subscriber, Watcher
 
 #: What each outcome means to a script: the answer is no, equipment lost, stopped by the user.
 EXIT_STATUS = {
@@ -97,15 +96,13 @@ def grasp(
     """
     # Here and not above: help and completion need none of it.
     from palpate.cli.grasp_card import print_card
-    from palpate.cli.grasp_extras import open_limit, open_store_entry
+    from palpate.cli.grasp_extras import open_limit, open_store_entry, run_watched
     from palpate.grasp.document import grasp_document
     from palpate.grasp.paper_method import by_paper
     from palpate.grasp.planning import plan_grasp
     from palpate.grasp.pull import judge_pull
-    from palpate.grasp.runner import run_grasp
     from palpate.rig import open_rig
     from palpate.rig.file import with_calibration
-    from palpate.rig.recorded import record_grasp
 
     paper = paper_settings(
         method,
@@ -135,28 +132,9 @@ def grasp(
         )
         if paper is not None:
             plan = by_paper(plan, paper, calibration=devices.calibration)
-        subscribers: list[Subscriber] = []
-        watchers: list[Watcher] = [] if limit is None else [limit.see]
-        if entry is not None:
-            subscribers.append(entry.see)
-            watchers.append(entry.watch(plan))
-        recorder = None
-        if record is not None:
-            text = None if limit is None else limit.text
-            recorder = stack.enter_context(
-                record_grasp(record, rig=devices, plan=plan, damage=text)
-            )
-            subscribers.append(recorder)
-        result = run_grasp(
-            plan,
-            array=devices.array,
-            gripper=devices.gripper,
-            clock=devices.clock,
-            subscribers=subscribers,
-            watchers=watchers,
+        result = run_watched(
+            plan, rig=devices, limit=limit, entry=entry, record=record, stack=stack
         )
-        if recorder is not None:
-            recorder.end(result)
         truth = None if devices.truth is None else dict(devices.truth())
         limited = None if limit is None else limit.to_dict(result)
         kept = {} if entry is None else entry.take(result, rig=devices, recording=record)

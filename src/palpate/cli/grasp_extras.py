@@ -1,4 +1,4 @@
-"""`palpate grasp --damage` and `--item`: the learned limit, and the entry in the store."""
+"""`palpate grasp --damage`, `--item` and `--record`: what watches a grasp while it runs."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from palpate.grasp.document import limit_document
 from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult
-from palpate.grasp.runner import Watcher
+from palpate.grasp.runner import Subscriber, Watcher, run_grasp
 from palpate.grasp.state import GraspState
 from palpate.rig import Rig
+from palpate.rig.recorded import record_grasp
 
 if TYPE_CHECKING:
     # The store is an extra; the damage model loads scipy.optimize.
@@ -152,3 +153,39 @@ def open_store_entry(
     Item(item_id=item_id)
     opened = stack.enter_context(Store.open(store))
     return StoreEntry(opened, item_id=item_id, angle_deg=angle_deg)
+
+
+def run_watched(
+    plan: Plan,
+    *,
+    rig: Rig,
+    limit: Limit | None,
+    entry: StoreEntry | None,
+    record: Path | None,
+    stack: ExitStack,
+) -> GraspResult:
+    """Run a grasp, watched by its limit, its store entry and its recording.
+
+    `stack` closes the recording, after the answer is printed.
+    """
+    subscribers: list[Subscriber] = []
+    watchers: list[Watcher] = [] if limit is None else [limit.see]
+    if entry is not None:
+        subscribers.append(entry.see)
+        watchers.append(entry.watch(plan))
+    recorder = None
+    if record is not None:
+        text = None if limit is None else limit.text
+        recorder = stack.enter_context(record_grasp(record, rig=rig, plan=plan, damage=text))
+        subscribers.append(recorder)
+    result = run_grasp(
+        plan,
+        array=rig.array,
+        gripper=rig.gripper,
+        clock=rig.clock,
+        subscribers=subscribers,
+        watchers=watchers,
+    )
+    if recorder is not None:
+        recorder.end(result)
+    return result
