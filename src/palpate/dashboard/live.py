@@ -177,7 +177,7 @@ class Live:
         ]
         columns = zip(frames.time_s, frames.reported, frames.moving, strict=True)
         for time_s, reported, moving in columns:
-            self._move(float(time_s), reported=float(reported), moving=bool(moving))
+            self._record_movement(float(time_s), reported=float(reported), moving=bool(moving))
 
     def percent_at(self, ohm: FloatArray) -> FloatArray | None:
         """Return the relative change of pixels of these resistances; None without a rest."""
@@ -295,7 +295,7 @@ class Live:
             return None
         return self._force.step(time_s, _excess(source, ohm, rest_ohm))
 
-    def _move(self, time_s: float, *, reported: float, moving: bool) -> None:
+    def _record_movement(self, time_s: float, *, reported: float, moving: bool) -> None:
         """Record when the fingers moved, by the reports of two frames."""
         limits = None if self.source is None else self.source.gripper
         smallest = math.inf if limits is None else _SMALLEST_MOVE[limits.drive]

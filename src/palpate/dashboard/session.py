@@ -172,7 +172,7 @@ class DeviceState:
             self.live.clear_curve()
 
     def rest(self) -> None:
-        """Take the order as ended: the next may begin."""
+        """End the order, so that the next may begin."""
         self.activity = Activity.WATCHING if self.rig_open else Activity.IDLE
         self.order = None
 

@@ -225,7 +225,7 @@ def run_grasp(
             state.estimate.sent = hand.send(command, now_s=now_s)
 
     try:
-        with _signals_set(requests.stop):
+        with _signals_as_flag(requests.stop):
             while not state.ended:
                 # An opening that has begun is completed.
                 if state.phase is not Phase.RELEASE:
@@ -302,7 +302,7 @@ def _notify(views: list[Callable[[_Event], None]], event: _Event, state: GraspSt
 
 
 @contextmanager
-def _signals_set(requested: threading.Event) -> Iterator[None]:
+def _signals_as_flag(requested: threading.Event) -> Iterator[None]:
     """Turn Ctrl-C and SIGTERM into a flag, so that no transfer is interrupted.
 
     A second Ctrl-C does interrupt: the old handlers are back after the first.

@@ -118,7 +118,7 @@ class SerialArray:
 
     @property
     def name(self) -> str:
-        """The port that it is, or was last, at."""
+        """The present or last port of the board."""
         return self._port.name
 
     @property

@@ -80,7 +80,7 @@ def test_damage_file_does_not_overwrite_its_inputs(tmp_path: Path, palpate: Comm
     assert "kiwi: too few to be judged with some left out (12)" in shown
 
 
-def test_a_folder_that_is_not_there_is_named(tmp_path: Path, palpate: Command) -> None:
+def test_missing_folder_is_named(tmp_path: Path, palpate: Command) -> None:
     options = write_closings(tmp_path, count=12)
     error = palpate.refused("calibrate", "damage", *options, "--out", tmp_path / "no" / "d.json")
     assert "d.json" in error
@@ -108,7 +108,7 @@ def test_the_limit_keeps_a_kiwi_whole_that_its_target_would_damage(
 
 
 @pytest.mark.slow
-def test_its_recording_is_decided_again_with_the_limit(
+def test_recording_with_a_limit_is_decided_again_alike(
     damage_file: Path, tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "grasp.mcap"

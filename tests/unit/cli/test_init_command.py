@@ -52,7 +52,7 @@ def test_a_hobby_servo_gets_its_travel_and_its_pulses_in_the_frames(
     assert ServoTravel(**table).mm_per_us == pytest.approx(69.0 / 1570.0)
 
 
-def test_a_matrix_of_your_own_on_two_fingers(tmp_path: Path, palpate: Command) -> None:
+def test_matrix_on_two_fingers_is_written(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "rig.toml"
     palpate("init", path, "--port", "auto", "--layout", "6x3", "--fingers", "2")
     stated = tomllib.loads(path.read_text())["array"]

@@ -37,7 +37,7 @@ def test_no_word_is_cut_and_none_is_missing(width: int) -> None:
     assert set(words.split()) <= set(re.split(r"[\s()]+|, ", shown)) | set(shown.split())
 
 
-def test_room_for_all_keeps_each_row_on_its_lines() -> None:
+def test_wide_terminal_keeps_one_line_a_row() -> None:
     assert printed(200).splitlines()[2].split() == [
         "fruit-17",
         "2026-05-14",

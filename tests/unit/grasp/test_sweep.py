@@ -36,7 +36,7 @@ def first_touch_s(
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_the_rise_of_the_movement_is_no_touch(seed: int) -> None:
+def test_rise_of_the_movement_is_not_a_touch(seed: int) -> None:
     assert first_touch_s({}, begins_s=0.0, seed=seed) is None
 
 
@@ -52,7 +52,7 @@ def test_slowing_down_is_no_touch(seed: int) -> None:
 
 
 @pytest.mark.parametrize("noise", [0.001, 0.005])
-def test_a_hard_touch_while_slowing_down_is_one(noise: float) -> None:
+def test_hard_touch_while_slowing_down_is_detected(noise: float) -> None:
     found = first_touch_s({3: -2.0}, begins_s=0.1, noise=noise, slowed=True)
     assert found < 0.4
 

@@ -113,9 +113,7 @@ def test_bruised_and_sound_side_are_distinguished(store: Store, model: BruiseMod
     assert (kept.text, kept.probability) == (BRUISED, found.probability)
 
 
-def test_grasps_of_one_side_count_together_and_promise_no_more(
-    store: Store, model: BruiseModel
-) -> None:
+def test_repeated_grasps_of_a_side_leave_the_probability(store: Store, model: BruiseModel) -> None:
     change = pixels(soft=(1, 0))
     store.add_item(Item(item_id="A17", kind="apple"))
     store.add_grasp(grasp("A17", change))

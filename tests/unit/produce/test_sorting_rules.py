@@ -77,7 +77,7 @@ def test_background_class_alone_is_uncertain() -> None:
     assert found.bin == "by hand"
 
 
-def test_an_open_exception_asks_for_another_grasp_before_the_general_rule() -> None:
+def test_undecided_exception_asks_for_another_grasp_first() -> None:
     small = Rule(bin="small", conditions=(KIWIS, Within("size_mm", 0, 50)), line=1)
     book = RuleBook(rules=(small, KIWI), default_bin="by hand")
     on_the_edge = Evidence(identity=looks(0.97, 0.02), size_mm=mm(50), grasps=1)

@@ -113,7 +113,7 @@ def test_dead_lines_are_named_once(pixels: tuple, where: str) -> None:
     assert codes(examine(with_counts(stretch, pixels, 0), layout=layout)) == [("open", where)]
 
 
-def test_a_pixel_in_the_lower_leg_reads_open_at_the_supply() -> None:
+def test_open_pixel_in_the_lower_leg_is_found() -> None:
     layout = ArrayLayout(
         name="pair", rows=1, cols=2, finger_of_row=(0,), divider=Divider(taxel_leg="lower")
     )

@@ -255,7 +255,7 @@ def group_visits(grasps: Sequence[Grasp]) -> list[list[Grasp]]:
 def sound_grasps(store: Store, *, kind: str | None, without: str) -> list[Grasp]:
     """Return grasps of a kind's items labelled sound, newest first.
 
-    What has no kind has no class.
+    Without a kind there are none.
     """
     found: list[Grasp] = []
     if kind is None:

@@ -83,7 +83,7 @@ def history_of(
 
 
 def drift_of(store: Store, reference_id: str, *, drive: Drive) -> Drift:
-    """Return the drift that the reference object shows.
+    """Return the drift of the sensor by the reference object.
 
     Raises `InputError` if it is not in the store, or was felt on fewer than two days.
     """
