@@ -29,7 +29,7 @@ from palpate_studies.twin_avocado import Avocado, draw_avocado
 
 pytestmark = pytest.mark.slow
 
-FIRST, FEW_GRASPS = datetime(2026, 5, 4, 8, tzinfo=UTC), 3
+FIRST, FEW_GRASPS = datetime(2026, 5, 4, 8, tzinfo=UTC), 8
 
 
 @pytest.fixture(scope="module")
@@ -45,9 +45,7 @@ def test_a_station_feels_every_day_through_the_devices(station: Felt) -> None:
     fruit = [grasp for grasp in station.grasps if grasp.item_id == "fruit-0"]
     ball = [grasp for grasp in station.grasps if grasp.item_id == REFERENCE_ID]
     assert len(fruit) == FEW_GRASPS * DAYS
-    assert all(
-        {"firmness_n_per_mm", "width_mm"} <= set(grasp.measurements) for grasp in station.grasps
-    )
+    assert all({"firmness", "width_mm"} <= set(grasp.measurements) for grasp in station.grasps)
     assert len(ball) == 2 * FEW_GRASPS * DAYS
     assert all(grasp.outcome is Outcome.HELD and grasp.simulated for grasp in station.grasps)
     assert all(grasp.pixel_settled_percent is not None for grasp in station.grasps)
@@ -92,6 +90,7 @@ def made_up(station: Felt, *, worn: float, labelled_fruits: int = 12) -> Felt:
                 measurements={
                     name: Measurement(value=one, low=0.9 * one, high=1.1 * one, unit=unit)
                     for name, one, unit in (
+                        ("firmness", 100.0 * math.log10(value / 0.1) / 3.0, "index"),
                         ("stiffness_n_per_mm", value, "n_per_mm"),
                         ("force_n", 5.0, "n"),
                         # A ball of 4 N/mm, pressed by the more force the less of it is read.

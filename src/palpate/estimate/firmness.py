@@ -45,3 +45,12 @@ def firmness_index(stiffness: Measurement) -> Measurement:
         level=stiffness.level,
         status=Status.OK if stiffness.status is Status.SATURATED else stiffness.status,
     )
+
+
+def index_stiffness(index: float) -> float:
+    """Return the stiffness, N/mm, of a firmness index.
+
+    >>> round(index_stiffness(200 / 3), 6)
+    10.0
+    """
+    return _SOFTEST * math.pow(_FIRMEST / _SOFTEST, index / 100.0)

@@ -46,7 +46,7 @@ def make_grasp_record(
     `calibration`: the whole text of the calibration file.
     `recording`: the file of its frames.
     `angle_deg`: side of the item that the first finger touched.
-    `closing`: measurements of the whole closing (`ClosingWatch.measured`).
+    `closing`: measurements of the whole closing (`ClosingWatch.list_measurements`).
     """
     # The store keeps numbers; a bound is not a number.
     measured = {name: one for name, one in answers_of(result).items() if one.number}

@@ -28,12 +28,10 @@ MEASURED = MappingProxyType(
         "force_n": "n",
         "stiffness_n_per_mm": "n_per_mm",
         "firmness": "index",
-        "firmness_n_per_mm": "n_per_mm",
         "width_mm": "mm",
         "pressure_kpa": "kpa",
         "contact_mm": "mm",
         "shared_pixels": "pixels",
-        "sheet_gain": "ratio",
     }
 )
 #: Relative change of each pixel at the answer, rows of columns; None for one out of use.

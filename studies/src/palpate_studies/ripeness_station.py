@@ -23,7 +23,7 @@ from palpate.grasp.planning import HORIZON_S, plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand
 from palpate.produce.felt_pixels import pixels_of_grasp
-from palpate.produce.grasp_record import hold_measurements
+from palpate.produce.grasp_record import answers_of, hold_measurements
 from palpate.produce.records import Drive, Grasp
 from palpate.produce.ripeness.closing import ClosingWatch
 from palpate.produce.ripeness.firmness import RIPENESS_N
@@ -238,14 +238,10 @@ class _Bench:
             )
         )
         self.damaged += world.truth(horizon_s=0.0).damaged
-        measured = {
-            name: value
-            for name in ("settled_percent", "size_mm", "force_n", "stiffness_n_per_mm")
-            if (value := getattr(result, name)) is not None
-        }
         drive: Drive = "width" if self._gripper == "rigid" else "pressure"
-        measured |= (
-            hold_measurements(observations, result=result, drive=drive)
+        measured = (
+            answers_of(result)
+            | hold_measurements(observations, result=result, drive=drive)
             | closing.list_measurements()
         )
         measured |= fraction_of_pixels(

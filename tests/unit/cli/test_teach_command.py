@@ -31,7 +31,7 @@ def grasp(
 ) -> Grasp:
     values = {"size_mm": (60.0, "mm"), "stiffness_n_per_mm": (firmness / 10, "n_per_mm")}
     values |= {"firmness": (firmness, "index"), "settled_percent": (-40.0, "percent")}
-    values |= {"firmness_n_per_mm": (firmness / 10, "n_per_mm")}
+    values |= {"force_n": (5.0, "n")}
     return make_grasp(
         item_id,
         taken_at=NOON + timedelta(minutes=minutes),

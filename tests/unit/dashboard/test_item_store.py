@@ -13,6 +13,7 @@ from palpate.dashboard.item_store import ItemStore
 from palpate.dashboard.messages import FrameSource
 from palpate.dashboard.panel_history import item_html, item_label
 from palpate.dashboard.panel_html import day_text
+from palpate.estimate.firmness import firmness_index
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
@@ -38,7 +39,7 @@ SOURCE = FrameSource(
     origin="twin",
     calibration="{}",
 )
-FIRM = Measurement(value=5.5, low=5.0, high=6.1, unit="n_per_mm")
+WIDE = Measurement(value=60.5, low=60.0, high=61.1, unit="mm")
 
 
 @pytest.fixture
@@ -72,7 +73,7 @@ def test_a_grasp_is_kept_with_its_pixels_and_its_calibration(
         item_id="berry-7",
         source=SOURCE,
         recording=recording,
-        closing={"firmness_n_per_mm": FIRM},
+        closing={"contact_mm": WIDE},
     )
     assert item_store.trouble == ""
     (page,) = item_store.pages(limit=50)
@@ -90,7 +91,7 @@ def test_a_grasp_is_kept_with_its_pixels_and_its_calibration(
     with Store.open(where) as store:
         (grasp,) = store.grasps_of("berry-7")
         assert store.calibration(grasp.calibration_id or "") == "{}"
-    assert grasp.measurements["firmness_n_per_mm"].value == FIRM.value
+    assert grasp.measurements["contact_mm"].value == WIDE.value
     assert (grasp.rig, grasp.origin, grasp.drive) == ("sim-rigid", "twin", "width")
     assert grasp.recording == str(recording.resolve())
     assert grasp.pixel_settled_percent is not None
@@ -235,5 +236,9 @@ def felt(item_id: str, taken_at: datetime, firm: float) -> Grasp:
         item_id,
         taken_at=taken_at,
         outcome="held",
-        measurements={"firmness_n_per_mm": measured, "stiffness_n_per_mm": measured},
+        measurements={
+            "firmness": firmness_index(measured),
+            "force_n": Measurement(value=5.0, low=4.5, high=5.5, unit="n"),
+            "stiffness_n_per_mm": measured,
+        },
     )

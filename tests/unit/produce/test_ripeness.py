@@ -13,6 +13,7 @@ from tests.factories import make_grasp
 
 from palpate.errors import InputError
 from palpate.estimate.compliance import Compliance
+from palpate.estimate.firmness import firmness_index
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
@@ -52,7 +53,7 @@ def grasp(
         rig="bench.toml",
         origin="hardware",
         measurements={
-            "stiffness_n_per_mm": felt(stiffness, "n_per_mm"),
+            "firmness": firmness_index(felt(stiffness, "n_per_mm")),
             "force_n": felt(force_n, "n"),
             "width_mm": felt(width_mm, "mm"),
         },
@@ -313,58 +314,6 @@ def test_steady_reference_means_no_drift() -> None:
     assert left(-0.03) < 0.06
 
 
-def with_gain(one: Grasp, log_gain: float) -> Grasp:
-    """Return a grasp whose force other witnesses changed by so much."""
-    gain = math.exp(log_gain)
-    kept = Measurement(value=gain, low=0.9 * gain, high=1.1 * gain, unit="ratio")
-    return replace(one, measurements={**one.measurements, "sheet_gain": kept})
-
-
-MORNINGS = (0.0, 0.3, -0.2, 0.15)
-
-
-def balls(rng: np.random.Generator, *, sheet_sd: float, current_sd: float) -> list[Grasp]:
-    """Return grasps of a ball: a current that errs with the morning, believed by half."""
-    found = []
-    for day, morning in enumerate(MORNINGS):
-        for _ in range(20):
-            sheet, current = sheet_sd * rng.normal(), morning + current_sd * rng.normal()
-            gain = 0.5 * (current - sheet)
-            found.append(with_gain(ball_at(math.exp(sheet + gain), day=float(day)), gain))
-    return found
-
-
-def test_a_current_that_errs_is_left_out_of_ball_and_fruit() -> None:
-    drift = Drift.learn(
-        balls(np.random.default_rng(3), sheet_sd=0.01, current_sd=0.12), drive="width"
-    )
-    assert drift.force.left_out > 0.9
-    assert np.max(np.abs(drift.moved)) < 0.02
-    # One fruit, on two mornings; without its gains it would seem to harden by a tenth.
-    first, later = (
-        drift.correct(
-            math.log(3.0) + 2.0 / 3.0 * 0.5 * MORNINGS[day],
-            grasp=with_gain(grasp("fruit", 3.0, day=float(day)), 0.5 * MORNINGS[day]),
-        )
-        for day in (0, 1)
-    )
-    assert later == pytest.approx(first, abs=0.02)
-
-
-def test_helpful_current_is_used() -> None:
-    drift = Drift.learn(
-        balls(np.random.default_rng(3), sheet_sd=0.12, current_sd=0.01), drive="width"
-    )
-    assert drift.force.left_out == 0.0
-    assert drift.moved[1] == pytest.approx(0.15, abs=0.05)
-
-
-def test_grasps_without_gains_are_used_unchanged() -> None:
-    ball = [ball_at(value, day=day) for value, day in ((1.0, 0), (1.02, 0), (0.9, 5), (0.92, 5))]
-    drift = Drift.learn(ball, drive="width")
-    assert (drift.force.left_out, drift.force.usual_gain) == (0.0, 0.0)
-
-
 def test_a_worn_sensor_is_advised_about() -> None:
     ball = [ball_at(value, day=day) for value, day in ((1.0, 0), (1.02, 0), (0.5, 5), (0.52, 5))]
     assert "calibrate force again" in Drift.learn(ball, drive="width").advice
@@ -384,16 +333,6 @@ def test_reference_without_stored_widths_is_refused() -> None:
     ]
     with pytest.raises(InputError, match=r"0 day\(s\) with its width kept"):
         Drift.learn(bare, drive="width")
-
-
-def test_closing_is_more_precise_than_the_answer() -> None:
-    answered = grasp("a", 3.0)
-    closing = Measurement(value=2.0, low=1.8, high=2.2, unit="n_per_mm")
-    watched = replace(
-        answered, measurements={**answered.measurements, "firmness_n_per_mm": closing}
-    )
-    assert firmness_of(answered) == pytest.approx(math.log(3.0))
-    assert firmness_of(watched) == pytest.approx(math.log(2.0))
 
 
 def test_day_is_the_mean_firmness_of_its_grasps() -> None:

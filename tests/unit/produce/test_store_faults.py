@@ -118,6 +118,19 @@ def test_foreign_content_is_one_line(path: Path, damage: str) -> None:
     assert "\n" not in str(said.value)
 
 
+def test_measurement_that_is_no_longer_made_is_left_out(path: Path) -> None:
+    force = Measurement(value=1.0, low=0.5, high=1.5, unit="n", level=0.8)
+    with Store.open(path) as store:
+        store.add_grasp(make_grasp(taken_at=SEEN, measurements={"force_n": force}))
+        with sqlite3.connect(path) as other:
+            other.execute(
+                "INSERT INTO measurements SELECT grasp_number, 'firmness_n_per_mm', value, low, "
+                "high, level, status FROM measurements"
+            )
+        other.close()
+        assert dict(next(iter(store.grasps())).measurements) == {"force_n": force}
+
+
 def test_readers_do_not_wait_for_a_writer(path: Path) -> None:
     other = sqlite3.connect(path, isolation_level=None)
     other.execute("BEGIN IMMEDIATE")

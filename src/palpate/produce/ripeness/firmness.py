@@ -17,6 +17,7 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.estimate.firmness import index_stiffness
 from palpate.grasp.result import Outcome
 from palpate.produce.records import Grasp
 
@@ -46,16 +47,16 @@ class DayFelt:
 def firmness_of(grasp: Grasp) -> float | None:
     """Return the firmness by a grasp; None if it did not hold or measure the item.
 
-    Fingers driven by width: ln of the stiffness in N/mm as it would be at 5 N: by the whole closing
-    (`palpate.produce.ripeness.closing`), or, where that was not kept, from the answer (round bodies
-    stiffen as the cube root of the force). By pressure: -ln of the number of pixels that share the
+    Fingers driven by width: ln of the stiffness in N/mm as it would be at 5 N (round bodies stiffen
+    as the cube root of the force), from the firmness index of the answer, because a gentle squeeze
+    only bounds many a stiffness. By pressure: -ln of the number of pixels that share the
     load, freed of size and force (`palpate.produce.ripeness.shared_load`) where the closing gave
     the width. The two are not comparable with each other.
 
     >>> from datetime import UTC, datetime
     >>> from palpate.estimate.measurement import Measurement
     >>> felt = {
-    ...     "stiffness_n_per_mm": Measurement(value=2.0, low=1.8, high=2.2, unit="n_per_mm"),
+    ...     "firmness": Measurement(value=50.0, low=48.0, high=52.0, unit="index"),
     ...     "force_n": Measurement(value=5.0, low=4.5, high=5.5, unit="n"),
     ... }
     >>> grasp = Grasp(
@@ -67,8 +68,8 @@ def firmness_of(grasp: Grasp) -> float | None:
     ...     outcome=Outcome.HELD,
     ...     measurements=felt,
     ... )
-    >>> round(firmness_of(grasp), 3)
-    0.693
+    >>> round(math.exp(firmness_of(grasp)), 2)
+    3.16
     """
     if grasp.outcome is not Outcome.HELD:
         return None
@@ -77,14 +78,10 @@ def firmness_of(grasp: Grasp) -> float | None:
         if shared is not None:
             return -math.log(shared.middle)
         return None if pixels is None else minus_log_sharing(np.array(pixels, dtype=float))
-    closing = grasp.measurements.get("firmness_n_per_mm")
-    if closing is not None:
-        return math.log(closing.middle)
-    stiffness = grasp.measurements.get("stiffness_n_per_mm")
-    force = grasp.measurements.get("force_n")
-    if stiffness is None or force is None or force.middle <= 0 or stiffness.middle <= 0:
+    index, force = grasp.measurements.get("firmness"), grasp.measurements.get("force_n")
+    if index is None or force is None or force.middle <= 0:
         return None
-    return math.log(stiffness.middle) - math.log(force.middle / RIPENESS_N) / 3.0
+    return math.log(index_stiffness(index.middle)) - math.log(force.middle / RIPENESS_N) / 3.0
 
 
 def minus_log_sharing(percent: ArrayLike) -> float | None:

@@ -9,12 +9,6 @@ which the sensor reads 5 N has moved, the sensor has drifted; and a width is kno
 a millimetre, where the object's stiffness is known to a tenth. Fingers driven by pressure measure
 firmness by how the load is shared, and the reference's apparent change of it is subtracted as it
 is.
-
-The grasps of the reference also show how far to believe a servo's current next to the sheet. At one
-width the force on the reference is always the same, so the width at which a grasp held shows the
-error of the force read. The part that goes with the gain from the servo's current
-(`palpate.produce.ripeness.closing`) is the current's. That share of the gain is left out, down to
-the sheet alone where that repeats better.
 """
 
 from __future__ import annotations
@@ -29,9 +23,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.estimate.compliance import Compliance
-from palpate.estimate.measurement import Measurement
 from palpate.produce.records import Drive, Grasp
-from palpate.produce.ripeness.closing import log_gain
 from palpate.produce.ripeness.firmness import (
     DAY_S,
     RIPENESS_N,
@@ -54,11 +46,6 @@ _ADVISED = 0.3
 
 #: How much more steeply than by its secant a ball's force rises: between a spring and Hertz (1.5).
 _STEEPER = 1.25
-#: Grasps further apart than this, in hours, are of another morning.
-_MORNING_H = 6.0
-#: Gains that differ by less than this (variance) give the other measurement no weight.
-_NO_WEIGHT = 1e-8
-_HOUR_S = 3600.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,8 +62,6 @@ class Drift:
     drive: Drive
     #: How far a hand driven by width gives way per newton at the grip force.
     give_mm_per_n: float = 0.0
-    #: What the widths showed of the forces read; None by a hand driven by pressure.
-    force: ForceRead | None = None
 
     @classmethod
     def learn(
@@ -90,13 +75,12 @@ class Drift:
         Raises `InputError` if it was felt on fewer than two days.
         """
         used = [grasp for grasp in grasps if grasp.drive == drive]
-        give_mm_per_n, force = 0.0, None
+        give_mm_per_n = 0.0
         if drive == "width":
             if give is not None:
                 around_mm = give.give_mm([0.9 * RIPENESS_N, 1.1 * RIPENESS_N])
                 give_mm_per_n = float(np.diff(around_mm)[0] / (0.2 * RIPENESS_N))
-            force = ForceRead.by_width(used, give_mm_per_n=give_mm_per_n)
-            read = force.read
+            read = _log_force_errors(used, give_mm_per_n=give_mm_per_n)
         else:
             felt = ((grasp.taken_at, firmness_of(grasp)) for grasp in used)
             read = tuple((at, firmness) for at, firmness in felt if firmness is not None)
@@ -119,7 +103,6 @@ class Drift:
             moved=tuple(moved.tolist()),
             drive=drive,
             give_mm_per_n=give_mm_per_n,
-            force=force,
         )
 
     def at(self, when: datetime) -> float:
@@ -135,8 +118,6 @@ class Drift:
         r^(2/3) C + c ln r, with c the gripper's give per newton.
         """
         moved = self.at(grasp.taken_at)
-        if self.force is not None:
-            moved += self.force.current_excess(grasp)
         if self.drive == "pressure":
             return firmness - moved
         read = math.exp(-firmness)
@@ -174,70 +155,25 @@ def _expected_drift(day: FloatArray, moved: FloatArray, *, variance: FloatArray)
     return np.concatenate([[0.0], weight @ np.array(drifts) / weight.sum()])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ForceRead:
-    """Errors of the forces read on a reference object."""
+def _log_force_errors(
+    grasps: Sequence[Grasp], *, give_mm_per_n: float
+) -> tuple[tuple[datetime, float], ...]:
+    """Return ln of the force read over the true one in each grasp, but for a constant.
 
-    #: ln of the force read over the true one in each grasp, but for a constant, and without the
-    #: share of the current's gain below.
-    read: tuple[tuple[datetime, float], ...]
-    #: Share that is left out of what the servo's current adds to the sheet, and ln of the gain that
-    #: it gives a contact on average, which stays.
-    left_out: float
-    usual_gain: float
-
-    @classmethod
-    def by_width(cls, grasps: Sequence[Grasp], *, give_mm_per_n: float) -> ForceRead:
-        """Learn from grasps of the object.
-
-        From the width to which the hand would have closed for 5 N read; how steeply force rises
-        over width follows from the gripper's give and the object's own firmness on its first day.
-        """
-        felt = [
-            (grasp, width, force, firmness)
-            for grasp in sorted(grasps, key=lambda one: one.taken_at)
-            if (width := grasp.measurements.get("width_mm")) is not None
-            and (force := grasp.measurements.get("force_n")) is not None
-            and (firmness := firmness_of(grasp)) is not None
-        ]
-        if not felt:
-            return cls(read=(), left_out=0.0, usual_gain=0.0)
-        first = by_day((grasp.taken_at, firmness) for grasp, _, _, firmness in felt)[0]
-        way_mm_per_n = give_mm_per_n + math.exp(-first.firmness) / _STEEPER
-        off = np.array(
-            [_log_force_error(width, force, way_mm_per_n) for _, width, force, _ in felt]
-        )
-        gain = np.array([log_gain(grasp) or 0.0 for grasp, *_ in felt])
-        at = [grasp.taken_at for grasp, *_ in felt]
-        hours = np.array([(one - at[0]).total_seconds() / _HOUR_S for one in at])
-        left_out, usual_gain = (
-            _fit_left_out_fraction(off, gain=gain, hours=hours),
-            float(gain.mean()),
-        )
-        off = off - left_out * (gain - usual_gain)
-        return cls(
-            read=tuple(zip(at, (off - off[0]).tolist(), strict=True)),
-            left_out=left_out,
-            usual_gain=usual_gain,
-        )
-
-    def current_excess(self, grasp: Grasp) -> float:
-        """Return the contribution of the servo's current to ln force that is left out."""
-        gain = log_gain(grasp)
-        return 0.0 if gain is None else self.left_out * (gain - self.usual_gain)
-
-
-def _log_force_error(width: Measurement, force: Measurement, way_mm_per_n: float) -> float:
-    """Return ln of the force read over the true one, but for a constant."""
-    at_usual_mm = width.middle + way_mm_per_n * (force.middle - RIPENESS_N)
-    return at_usual_mm / (way_mm_per_n * RIPENESS_N)
-
-
-def _fit_left_out_fraction(off: FloatArray, *, gain: FloatArray, hours: FloatArray) -> float:
-    """Return the share of the gains without which grasps of one morning repeat best.
-
-    Least squares of how the forces of neighbours differ over how their gains do.
+    From the width to which the hand would have closed for 5 N read; how steeply force rises over
+    width follows from the gripper's give and the object's own firmness on its first day.
     """
-    near = np.diff(hours) < _MORNING_H
-    apart, gains = np.diff(off)[near], np.diff(gain)[near]
-    return min(max(float(apart @ gains) / max(float(gains @ gains), _NO_WEIGHT), 0.0), 1.0)
+    felt = [
+        (grasp.taken_at, width.middle, force.middle, firmness)
+        for grasp in sorted(grasps, key=lambda one: one.taken_at)
+        if (width := grasp.measurements.get("width_mm")) is not None
+        and (force := grasp.measurements.get("force_n")) is not None
+        and (firmness := firmness_of(grasp)) is not None
+    ]
+    if not felt:
+        return ()
+    first = by_day((at, firmness) for at, _, _, firmness in felt)[0]
+    way_mm_per_n = give_mm_per_n + math.exp(-first.firmness) / _STEEPER
+    at_usual_mm = [width + way_mm_per_n * (force - RIPENESS_N) for _, width, force, _ in felt]
+    off = (np.array(at_usual_mm) - at_usual_mm[0]) / (way_mm_per_n * RIPENESS_N)
+    return tuple(zip((at for at, *_ in felt), off.tolist(), strict=True))

@@ -8,6 +8,10 @@ effect of size and force on the sharing is corrected by its measured rise with t
 
 Each grasp shows that rise itself while it closes. Where few pixels are reached it is zero, and
 never more than the cube root, because the pixels of a finger lie in a row.
+
+Sharing as it is read judges stages worse: on two simulated sensors of level lab (192 fruit days)
+the log loss of the true stage is 0.29 instead of 0.25 (90 % interval of the difference 0.02 to
+0.07). At level field, and for the days to ripe, there is no sure difference.
 """
 
 from __future__ import annotations

@@ -21,6 +21,8 @@ _Value = TypeVar("_Value")
 _MOST_VALUES = 500
 #: Grasps fetched at a time where all are asked for.
 _BATCH = 5000
+#: Measurements of older stores that are no longer made.
+_RETIRED = ("firmness_n_per_mm", "sheet_gain")
 _IN_TIME = (GRASPS.c.taken_at, GRASPS.c.number)
 
 
@@ -72,7 +74,9 @@ def _measurements(
 ) -> dict[int, dict[str, Measurement]]:
     found: dict[int, dict[str, Measurement]] = {}
     for part in _in_parts(numbers):
-        query = sa.select(MEASUREMENTS).where(MEASUREMENTS.c.grasp_number.in_(part))
+        query = sa.select(MEASUREMENTS).where(
+            MEASUREMENTS.c.grasp_number.in_(part), MEASUREMENTS.c.name.not_in(_RETIRED)
+        )
         for row in connection.execute(query).mappings():
             found.setdefault(row["grasp_number"], {})[row["name"]] = Measurement(
                 value=row["value"],
