@@ -1,8 +1,8 @@
 """palpate: examine produce by touch.
 
 Settled values
-    `predict_settled` predicts where holds settle to, `SettlingStream` does so sample by sample;
-    methods are `Relaxation`, `Exponential` and `Recorded`, answers a `SettledEstimate`.
+    `predict_settled` predicts where holds settle to; methods are `Relaxation`, `Exponential` and
+    `Recorded`, answers a `SettledEstimate`.
     `read_holds` returns each `Hold` of a file, `plot_holds` draws them; `read_recording` and
     `cut_holds` find them in any table, as `Readings`. `score` compares methods on holds, in a
     `ScoreTable`.
@@ -51,7 +51,6 @@ if TYPE_CHECKING:
     from palpate.settling.predict import predict_settled
     from palpate.settling.relaxation import Relaxation
     from palpate.settling.result import SettledEstimate, Status
-    from palpate.settling.streaming import SettlingStream
 
 __all__ = [
     "Exponential",
@@ -71,7 +70,6 @@ __all__ = [
     "Rig",
     "ScoreTable",
     "SettledEstimate",
-    "SettlingStream",
     "Status",
     "cut_holds",
     "load_recording",
@@ -103,7 +101,6 @@ _HOMES = {
     "Rig": "palpate.rig",
     "ScoreTable": "palpate.scoring.table",
     "SettledEstimate": "palpate.settling.result",
-    "SettlingStream": "palpate.settling.streaming",
     "Status": "palpate.settling.result",
     "cut_holds": "palpate.holds.cutting",
     "load_recording": "palpate.recording",

@@ -16,10 +16,14 @@ from palpate.sensor.wire_messages import (
     Ack,
     BoardIdentity,
     BoardStatus,
-    CommandType,
     Contents,
     FrameMessage,
+    Identify,
     Result,
+    SetPressure,
+    SetRate,
+    Start,
+    Stop,
 )
 from palpate.twin.world import World
 from palpate_studies.board_bytes import encode_message
@@ -125,18 +129,18 @@ class RegulatorBoard:
 
     def _obey(self, kind: int, payload: bytes) -> None:
         tag, result = payload[0], Result.OK
-        if kind == CommandType.IDENTIFY:
+        if kind == Identify.kind:
             self._out += encode_message(self._identity(tag))
             return
-        if kind == CommandType.RATE:
+        if kind == SetRate.kind:
             self._period_s = 1e3 / struct.unpack("<I", payload[1:])[0]
-        elif kind == CommandType.START:
+        elif kind == Start.kind:
             self._contents = Contents(payload[1])
             self._stream, self._sequence = self._stream % 255 + 1, 0
             self._next_s = self._now_s + self._period_s
-        elif kind == CommandType.STOP:
+        elif kind == Stop.kind:
             self._next_s = math.inf
-        elif kind == CommandType.PRESSURE:
+        elif kind == SetPressure.kind:
             target_pa, slew_pa_per_s = struct.unpack("<HI", payload[1:])
             if target_pa > 1e3 * MAX_PRESSURE_KPA or slew_pa_per_s == 0:
                 result = Result.BAD_ARGUMENT

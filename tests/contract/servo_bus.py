@@ -20,12 +20,16 @@ from collections.abc import Callable
 from palpate.gripper import x_series as x
 from palpate.gripper.fingers import CrankFingers
 from palpate.gripper.interface import GripperCommand
+from palpate.gripper.packets import PROTOCOL_2, Register
 from palpate.twin.devices import TwinGripper
 from palpate.twin.world import World
 
 _HEADER = b"\xff\xff\xfd\x00"
 _PING, _READ, _WRITE, _REBOOT, _STATUS = 0x01, 0x02, 0x03, 0x08, 0x55
 _GOALS = (x.GOAL_PWM, x.GOAL_CURRENT, x.GOAL_POSITION, x.PROFILE_VELOCITY)
+_MAX_POSITION_LIMIT, _MIN_POSITION_LIMIT = Register(48, 4), Register(52, 4)
+#: Below this address values are kept without power, and only change while the torque is off.
+_EEPROM_END = 64
 #: Profile velocity of a servo that was given none, in its own units.
 _FASTEST = 200
 
@@ -82,7 +86,7 @@ class ServoBus:
         self._put(x.OPERATING_MODE, x.Mode.POSITION)
         self._put(x.PWM_LIMIT, x.FULL_PWM)
         self._put(x.CURRENT_LIMIT, 1193)
-        self._put(x.MAX_POSITION_LIMIT, 4095)
+        self._put(_MAX_POSITION_LIMIT, 4095)
         self._start()
         self._lock, self._looking = threading.RLock(), False
         world.watchers.insert(0, self._look)
@@ -155,7 +159,7 @@ class ServoBus:
             self._reply(x.PacketError.INSTRUCTION)
 
     def _reply(self, error: int, data: bytes = b"") -> None:
-        alert = x.ALERT if self._get(x.HARDWARE_ERROR) else 0
+        alert = PROTOCOL_2.alert if self._get(x.HARDWARE_ERROR) else 0
         body = (bytes([_STATUS, error | alert]) + data).replace(
             b"\xff\xff\xfd", b"\xff\xff\xfd\xfd"
         )
@@ -176,7 +180,7 @@ class ServoBus:
 
     def _written(self, address: int, data: bytes) -> int:
         """Write to the table; return the error code."""
-        locked = address < x.EEPROM_END and self._get(x.TORQUE_ENABLE)
+        locked = address < _EEPROM_END and self._get(x.TORQUE_ENABLE)
         failed = address == x.TORQUE_ENABLE.address and self._get(x.HARDWARE_ERROR)
         if locked or failed:
             return x.PacketError.ACCESS
@@ -184,7 +188,7 @@ class ServoBus:
             return x.PacketError.DATA_RANGE
         if address == x.GOAL_POSITION.address:
             goal = int.from_bytes(data, "little", signed=True)
-            if not self._get(x.MIN_POSITION_LIMIT) <= goal <= self._get(x.MAX_POSITION_LIMIT):
+            if not self._get(_MIN_POSITION_LIMIT) <= goal <= self._get(_MAX_POSITION_LIMIT):
                 return x.PacketError.DATA_LIMIT
         if address not in {register.address for register in self.forgetful}:
             self._table[address : address + len(data)] = data
@@ -236,7 +240,7 @@ class ServoBus:
                     self._world.halt(time_s=time_s)
                 unit = x.MODELS[self._get(x.MODEL_NUMBER)].ma_per_unit
                 now = time_s >= self._world.clock.now_s()
-                if now and unit is not None and self._world.moving(time_s):
+                if now and unit is not None and self._world.is_moving(time_s):
                     limit_ma = self._get(x.GOAL_CURRENT) * unit
                     if self._hand.state().current_ma > limit_ma:
                         self._world.halt(time_s=time_s)

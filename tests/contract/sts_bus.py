@@ -176,7 +176,7 @@ class StsBus:
             self._looking = True
             try:
                 limit_n = _FULL_FORCE_N * self._get(sts.TORQUE_LIMIT) / sts.FULL_TORQUE
-                if self._world.moving(time_s) and self._world.force_n(time_s) > limit_n:
+                if self._world.is_moving(time_s) and self._world.force_n(time_s) > limit_n:
                     self._world.halt(time_s=time_s)
             finally:
                 self._looking = False

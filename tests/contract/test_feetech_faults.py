@@ -64,7 +64,7 @@ def test_a_silent_host_stops_it_on_its_leash(gripper: FeetechGripper, world: Wor
     pass_time(world, 3.0)
     # 0.5 s at 10 mm/s at most (a wide jaw closes more slowly), and no more: it has no watchdog.
     assert 69.0 <= world.drive_value(world.clock.now_s()) <= 71.0
-    assert not world.moving(world.clock.now_s())
+    assert not world.is_moving(world.clock.now_s())
     gripper.state()
     pass_time(world, 3.0)
     assert 64.0 <= world.drive_value(world.clock.now_s()) <= 67.0

@@ -198,7 +198,7 @@ def test_a_fault_ends_the_grasp(name: str, kind: str, tmp_path: Path) -> None:
     assert first_s - grasp.struck_s <= row.known_s + STOP_S
     assert len(load_recording(path).time_s) == result.frames
     world.clock.sleep_s(1.0)
-    assert not world.moving(world.clock.now_s())
+    assert not world.is_moving(world.clock.now_s())
     if opens:
         assert limits.closure(grasp.hand.state()) == pytest.approx(0.0, abs=0.5)
     elif not row.early:

@@ -124,7 +124,7 @@ def test_a_servo_that_does_not_answer_is_left_to_its_shortest_watchdog(
     for _ in range(5):
         world.clock.sleep_s(0.01)
         world.drive_value(world.clock.now_s())
-    assert not world.moving(world.clock.now_s())
+    assert not world.is_moving(world.clock.now_s())
 
 
 def test_a_stop_that_is_not_obeyed_is_told(gripper: DynamixelGripper, bus: ServoBus) -> None:
@@ -375,7 +375,7 @@ def test_killed_process_stops_the_hand(world: World, bus: ServoBus) -> None:
     moving = []
     for _ in range(60):
         world.clock.sleep_s(0.01)
-        moving.append(world.moving(world.clock.now_s()))
+        moving.append(world.is_moving(world.clock.now_s()))
     assert all(moving[:48])
     assert not any(moving[51:])
 
@@ -504,7 +504,7 @@ def test_a_fault_ends_the_grasp_at_once(
     assert world.clock.now_s() - struck_s[0] <= 0.1
     assert len(load_recording(path).time_s) == result.frames
     world.clock.sleep_s(1.0)
-    assert not world.moving(world.clock.now_s())
+    assert not world.is_moving(world.clock.now_s())
     if at_force_n is not None:
         assert world.force_n(world.clock.now_s()) > 0.0, "dropping is damage too"
 
@@ -526,7 +526,7 @@ def test_torque_that_is_off_is_known_by_the_width(
     # That the hand stops reads like a touch: after a look, four half steps in a row move nothing.
     assert world.clock.now_s() - struck_s[0] <= 0.7 + 4 * 0.55
     assert len(load_recording(path).time_s) == result.frames
-    assert not world.moving(world.clock.now_s())
+    assert not world.is_moving(world.clock.now_s())
 
 
 def _recorded(

@@ -21,7 +21,7 @@ def test_pixels_are_found_again(layout: ArrayLayout, oversampling: int, worst: f
     raw, unmixed = [], []
     for seed in range(4):
         obj = draw_object(np.random.default_rng(seed), "ball-44lbs")
-        world = World(obj, seed=seed, layout=wired, oversampling=oversampling, crosstalk=True)
+        world = World(obj, seed=seed, layout=wired, oversampling=oversampling)
         world.drive(42.0, rate=20.0)
         counts, truth = [], []
         for time_s in 6.0 + np.arange(15) / 15:

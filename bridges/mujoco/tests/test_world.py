@@ -80,7 +80,7 @@ def test_opening_lets_go() -> None:
     world.drive(74.0, rate=40.0)
     world.clock.sleep_s(2.0)
     assert world.force_n(world.now_s()) == 0.0
-    assert not world.moving(world.now_s())
+    assert not world.is_moving(world.now_s())
 
 
 def test_the_same_seed_gives_the_same_frames() -> None:

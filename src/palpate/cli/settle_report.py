@@ -26,8 +26,8 @@ from palpate.scoring.table import (
     PIPED_WIDTH,
     WIDE,
     ScoreTable,
+    format_figure,
     print_scores,
-    short,
 )
 from palpate.settling.result import SettlingMethod
 from palpate.terminal_table import print_table
@@ -155,7 +155,7 @@ def print_tables(document: ScoreTable, *, written: Sequence[Path]) -> None:
             console.print(
                 f"{entry['method']}: ± fell below {entry['until_half_width_percent']:g} % in "
                 f"{entry['holds_decided']} of {entry['holds']} holds (median time: "
-                f"{short(entry['median_decision_s'])} s)"
+                f"{format_figure(entry['median_decision_s'])} s)"
                 + ("; the others waited to their end" if others else "")
             )
     for path in written:

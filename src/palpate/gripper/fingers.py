@@ -86,10 +86,6 @@ class HingedJaw:
     #: From the servo's axis to the middle of the pad, mm.
     jaw_mm: float
 
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.jaw_mm) and self.jaw_mm > 0):
-            raise ValueError(f"jaw_mm must be positive, not {self.jaw_mm!r}")
-
     @property
     def reach_mm(self) -> tuple[float, float]:
         """Smallest and largest opening: closed, and half a turn open."""

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from palpate.clock import Clock, RealClock
 from palpate.errors import DeviceError, DeviceTimeoutError, InputError
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
-from palpate.gripper.shared_board import PING_S, STALE_S, SharedBoard
 from palpate.sensor.array import PressureArray
-from palpate.sensor.serial_array import SerialArray
+from palpate.sensor.serial_array import SIGN_OF_LIFE_S, STALE_S, SerialArray
 from palpate.sensor.wire_messages import (
     SERVO_PULSES_US,
     BoardStatus,
@@ -86,7 +85,7 @@ class HobbyServoGripper:
 
     def __init__(
         self,
-        board: SharedBoard,
+        board: SerialArray,
         *,
         clock: Clock,
         travel: ServoTravel,
@@ -114,7 +113,7 @@ class HobbyServoGripper:
         heard nothing.
         """
         now_s = self._clock.now_s()
-        if now_s - self._sent_s >= PING_S:
+        if now_s - self._sent_s >= SIGN_OF_LIFE_S:
             self._send(Ping())
         newest = self._board.newest()
         if newest is not None:

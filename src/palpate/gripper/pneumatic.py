@@ -12,9 +12,8 @@ from contextlib import suppress
 from palpate.clock import Clock, RealClock
 from palpate.errors import DeviceError, DeviceTimeoutError, InputError
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
-from palpate.gripper.shared_board import PING_S, STALE_S, SharedBoard
 from palpate.sensor.array import PressureArray
-from palpate.sensor.serial_array import SerialArray
+from palpate.sensor.serial_array import SIGN_OF_LIFE_S, STALE_S, SerialArray
 from palpate.sensor.wire_messages import (
     MAX_PRESSURE_KPA,
     BoardStatus,
@@ -40,7 +39,7 @@ class PneumaticGripper:
     """
 
     def __init__(
-        self, board: SharedBoard, *, clock: Clock, limits: GripperLimits = SOFT_LIMITS
+        self, board: SerialArray, *, clock: Clock, limits: GripperLimits = SOFT_LIMITS
     ) -> None:
         self.limits = limits
         self._board, self._clock = board, clock
@@ -54,7 +53,7 @@ class PneumaticGripper:
         itself because it heard nothing.
         """
         now_s = self._clock.now_s()
-        if now_s - self._sent_s >= PING_S:
+        if now_s - self._sent_s >= SIGN_OF_LIFE_S:
             self._send(Ping())
         newest = self._board.newest()
         if newest is None:

@@ -16,8 +16,6 @@ DRIVE_MODE = Register(10, 1)
 OPERATING_MODE = Register(11, 1)
 PWM_LIMIT = Register(36, 2)
 CURRENT_LIMIT = Register(38, 2)
-MAX_POSITION_LIMIT = Register(48, 4)
-MIN_POSITION_LIMIT = Register(52, 4)
 TORQUE_ENABLE = Register(64, 1)
 HARDWARE_ERROR = Register(70, 1)
 BUS_WATCHDOG = Register(98, 1, signed=True)
@@ -31,8 +29,6 @@ MOVING_STATUS = Register(123, 1)
 PRESENT_CURRENT = Register(126, 2, signed=True)
 PRESENT_POSITION = Register(132, 4, signed=True)
 
-#: Below this address values are kept without power, and only change while the torque is off.
-EEPROM_END = 64
 #: What a state needs lies in one run, so it is read in one packet.
 STATE = 122, 147
 
@@ -77,10 +73,6 @@ class PacketError(IntEnum):
     DATA_LENGTH = 5
     DATA_LIMIT = 6
     ACCESS = 7
-
-
-#: Bit of the error byte that means: read `HARDWARE_ERROR`.
-ALERT = 0x80
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

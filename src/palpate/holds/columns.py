@@ -53,8 +53,8 @@ _PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 _UNIX_FROM = 1e8
 #: A board's 32-bit clock starts again at 0: after 71 min in microseconds, 49 days in milliseconds.
 _WRAP = 2.0**32
-#: Longest and shortest time between readings with which anybody records holds, seconds.
-_SLOWEST_S, _FASTEST_S = 4.0, 2e-4
+#: Longest time between readings with which holds are recorded, seconds.
+_SLOWEST_S = 4.0
 _DAY_S = 86400.0
 
 
@@ -178,7 +178,8 @@ def seconds(
     found = unit or time_unit_of(name) or _unit_by_values(known, name=name, file=file)
     absolute = float(known[0]) >= _UNIX_FROM
     if found == "unix" or (found == "s" and absolute and unit is None):
-        found = _finest_unix(float(known[0]))
+        # Seconds, or a thousand, a million, ... times as many.
+        found = next(u for u in ("ns", "us", "ms", "s") if known[0] >= _UNIX_FROM * _PER_SECOND[u])
     per_second = _PER_SECOND[found]
     counts = column - known[0] if absolute and known[0] / per_second >= _UNIX_FROM else column
     if found in ("ms", "us"):
@@ -210,11 +211,6 @@ def _unit_by_values(known: NDArray[np.float64], *, name: str, file: str) -> str:
         f"{file}: column {name} has a reading every {step:g}, which may be seconds or milliseconds;"
         " choose with --time-unit"
     )
-
-
-def _finest_unix(first: float) -> str:
-    """Return the unit of a Unix time: seconds, or a thousand, a million, ... times as many."""
-    return next(unit for unit in ("ns", "us", "ms", "s") if first >= _UNIX_FROM * _PER_SECOND[unit])
 
 
 def _unwrap(counts: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -216,11 +216,9 @@ class Cut:
     def holds(self) -> list[Contact]:
         """The contacts that a hold follows; none where as many contacts as these don't settle."""
         held = [contact for contact in self.contacts if not contact.refused]
-        return held if len(held) > self._count_unsteady() else []
-
-    def _count_unsteady(self) -> int:
         brief = {_TOO_BRIEF, _TOO_FEW, ""}
-        return sum(contact.refused not in brief for contact in self.contacts)
+        unsteady = sum(contact.refused not in brief for contact in self.contacts)
+        return held if len(held) > unsteady else []
 
     def reason(self) -> str:
         """Return in words why there is no hold."""

@@ -6,7 +6,6 @@ import os
 import stat
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from io import BufferedReader
 from itertools import chain
 from pathlib import Path
@@ -24,7 +23,7 @@ from palpate.holds.text import (
     lines_of,
     numbers_of,
     open_text,
-    split_fields,
+    split_line,
     split_rows,
 )
 
@@ -119,10 +118,10 @@ class _Wanted:
 
 def _text_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterator[Table]:
     with open_text(file, name=name) as text:
-        lines = lines_of(text)
-        header = next(lines, "")
+        text_lines = lines_of(text)
+        header = next(text_lines, "")
         # A comma where no separator finds the columns.
-        fields = {mark: [f.strip() for f in split_fields(header, mark)] for mark in SEPARATORS}
+        fields = {mark: [f.strip() for f in split_line(header, mark)] for mark in SEPARATORS}
         separator = next((m for m, names in fields.items() if {*wanted.columns} <= {*names}), ",")
         names = fields[separator]
         kinds = wanted.of(names, where=f"{name} line 1")
@@ -130,16 +129,15 @@ def _text_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterato
         # 0.5 would be read a thousand times too small.
         mark = "." if separator == "," else None
         for rows, places in split_rows(
-            lines, separator=separator, first_number=2, name=name, strict=True
+            text_lines, separator=separator, first_number=2, name=name, strict=True
         ):
-            full, odd = rows, None
-            whole: Sequence[int] = range(len(rows))
+            full, lines, odd = rows, places, None
             if set(map(len, rows)) != {len(names)}:
                 # Blank lines have no fields.
                 filled = [at for at, row in enumerate(rows) if any(f.strip() for f in row)]
                 odd = next((at for at in filled if len(rows[at]) != len(names)), None)
                 whole = [at for at, row in enumerate(rows[:odd]) if len(row) == len(names)]
-                full = [rows[at] for at in whole]
+                full, lines = [rows[at] for at in whole], [places[at] for at in whole]
             parts = zip(*full, strict=True)
             cells = {n: part for n, part in zip(names, parts, strict=False) if n in kinds}
             if mark is None:
@@ -151,18 +149,12 @@ def _text_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterato
                     for column, kind in kinds.items()
                     if kind != "text"
                 }
-                yield _check_cells(
-                    cells, numbers, kinds, name=name, place=partial(_line_of, places, whole)
-                )
+                yield _check_cells(cells, numbers, kinds, name=name, word="line", places=lines)
             if odd is not None:
                 raise InputError(
                     f"{name} line {places[odd]}: {len(rows[odd])} fields where the header has "
                     f"{len(names)} ({','.join(names)}); fix or remove the line"
                 )
-
-
-def _line_of(places: Sequence[int], rows: Sequence[int], at: int) -> str:
-    return f"line {places[rows[at]]}"
 
 
 def _strict_numbers(fields: Sequence[str], *, mark: str | None) -> FloatArray:
@@ -195,7 +187,7 @@ def _parquet_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iter
                 else:
                     numbers[column] = piece.columns[column].astype(np.float64)
                     numbers[column][~is_usable(numbers[column])] = np.nan
-            yield _check_cells(cells, numbers, kinds, name=name, place=piece.place)
+            yield _check_cells(cells, numbers, kinds, name=name, word="row", places=piece.numbers)
 
 
 def _check_cells(
@@ -204,7 +196,8 @@ def _check_cells(
     kinds: Mapping[str, Kind],
     *,
     name: str,
-    place: Callable[[int], str],
+    word: str,
+    places: Sequence[int],
 ) -> Table:
     """Return cells as a table; refuse the first row with one that is no number and should be."""
     faults: list[tuple[int, str]] = []
@@ -220,8 +213,8 @@ def _check_cells(
         if isinstance(cell, str):
             found, remedy = f"{cell[:40]!a}", "fix or remove the line"
         raise InputError(
-            f"{name} {place(at)}: {column} is {found}, not a finite number up to {LARGEST:g}; "
-            f"{remedy}"
+            f"{name} {word} {places[at]}: {column} is {found}, not a finite number up to "
+            f"{LARGEST:g}; {remedy}"
         )
     texts = {n: np.array(cells[n], dtype=object) for n in kinds if n not in numbers}
-    return Table(name=name, columns={**texts, **numbers}, place=place)
+    return Table(name=name, columns={**texts, **numbers}, numbers=places, word=word)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -33,8 +33,9 @@ class Table:
     #: Shape (n_rows,). float64 (NaN where there is no number), datetime64, timedelta64, or objects
     #: (text).
     columns: Mapping[str, NDArray[Any]]
-    #: Row -> its place in the file (``"line 12"``).
-    place: Callable[[int], str]
+    #: Of each row in the file, and whether they count lines or rows.
+    numbers: Sequence[int]
+    word: str = "row"
     #: One sentence for each kind of row or field that couldn't be used.
     left_out: list[str] = field(default_factory=list)
 
@@ -42,6 +43,10 @@ class Table:
     def rows(self) -> int:
         """Number of rows."""
         return len(next(iter(self.columns.values()), ()))
+
+    def place(self, row: int) -> str:
+        """Return the place of a row in the file (``"line 12"``)."""
+        return f"{self.word} {self.numbers[row]}"
 
     def numeric(self) -> list[str]:
         """Names of the columns that hold numbers."""

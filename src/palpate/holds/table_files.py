@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import date, datetime, time, timedelta
-from functools import partial
 from io import BufferedReader, FileIO
 from pathlib import Path
 from typing import Any, BinaryIO, Literal, NoReturn, TypeAlias
@@ -134,15 +133,12 @@ def parquet_pieces(parquet: Any, columns: Sequence[str]) -> Iterator[Table]:
 
     Raises `InputError` if a text is longer than a line of a text file may be.
     """
-    start = 0
+    start = 1
     for batch in parquet.iter_batches(batch_size=table.ROWS_AT_A_TIME, columns=list(columns)):
         found = {column: _cells(batch.column(column), column) for column in columns}
-        yield Table(name="", columns=found, place=partial(_row_after, start))
-        start += batch.num_rows
-
-
-def _row_after(start: int, at: int) -> str:
-    return f"row {start + at + 1}"
+        following = start + batch.num_rows
+        yield Table(name="", columns=found, numbers=range(start, following))
+        start = following
 
 
 def _cells(cells: Any, column: str) -> NDArray[Any]:
@@ -219,7 +215,8 @@ def table_of_arrays(source: Any, *, name: str) -> Table:
     lengths = {key: column.size for key, column in columns.items()}
     if not columns or len(set(lengths.values())) > 1 or not next(iter(lengths.values())):
         raise InputError(f"{name}: columns of equal length are needed, not of {lengths or 'none'}")
-    return Table(name=name, columns=columns, place=partial(_row_after, 0))
+    rows = next(iter(lengths.values()))
+    return Table(name=name, columns=columns, numbers=range(1, rows + 1))
 
 
 def _column(values: Any, key: str, *, name: str) -> NDArray[Any]:

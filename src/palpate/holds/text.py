@@ -12,8 +12,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BufferedReader, RawIOBase, TextIOWrapper
-from itertools import accumulate, chain, islice
-from typing import Any, TextIO, TypeAlias, cast
+from itertools import chain, islice
+from typing import TYPE_CHECKING, Any, TextIO, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,9 @@ from palpate.errors import InputError
 from palpate.holds import table
 from palpate.holds.columns import find_part
 from palpate.holds.table import LONGEST_LINE, Table, is_usable, refuse_or_report
+
+if TYPE_CHECKING:
+    from _csv import Reader as CsvReader
 
 #: Rows of fields, and the number of each one's first line in the file.
 NumberedRows: TypeAlias = tuple[list[list[str]], Sequence[int]]
@@ -82,12 +85,18 @@ def lines_of(text: TextIO) -> Iterator[str]:
     return iter(lambda: text.readline(LONGEST_LINE), "")
 
 
-def split_fields(line: str, separator: str | None) -> list[str]:
-    """Return the fields of one line; none where it is not CSV."""
+def split_lines(lines: Iterable[str], *, separator: str | None, strict: bool = False) -> CsvReader:
+    """Return what splits lines into fields at a separator; None is any run of spaces."""
     if separator is None:
-        return line.split()
+        spaced = (" ".join(line.split()) for line in lines)
+        return csv.reader(spaced, delimiter=" ", quoting=csv.QUOTE_NONE)
+    return csv.reader(lines, delimiter=separator, skipinitialspace=True, strict=strict)
+
+
+def split_line(line: str, separator: str | None) -> list[str]:
+    """Return the fields of one line; none where it is not CSV."""
     try:
-        return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+        return next(split_lines([line], separator=separator), [])
     except csv.Error:
         return []
 
@@ -109,34 +118,27 @@ def split_rows(
     Raises `InputError` if it isn't CSV or the gzip data are damaged, once all rows before have been
     yielded.
     """
-    rows: Iterator[list[str]]
-    if separator is None:
-        rows = (line.split() for line in lines)
-    else:
-        rows = csv.reader(lines, delimiter=separator, skipinitialspace=True, strict=strict)
-    number, failure = first_number, None
-    while failure is None:
-        piece: list[list[str]] = []
-        try:
-            piece.extend(islice(rows, table.ROWS_AT_A_TIME))
-        except (csv.Error, *_BROKEN) as error:
-            failure = error
-        if not piece and failure is None:
-            return
-        *starts, number = accumulate(map(_lines_in, piece), initial=number)
-        if piece:
-            yield piece, starts
-    why = _MEND
-    if isinstance(failure, csv.Error):
-        why = f"not CSV ({failure}); look for an unclosed quote"
-    raise InputError(f"{name} line {number}: {why}") from failure
-
-
-def _lines_in(row: list[str]) -> int:
-    """Return how many lines of the file a row takes: quoted fields may hold line ends."""
-    if "\n" not in (joined := "".join(row)) and "\r" not in joined:
-        return 1
-    return 1 + sum(max(field.count("\n"), field.count("\r")) for field in row)
+    reader = split_lines(lines, separator=separator, strict=strict)
+    rows, starts, number = list[list[str]](), list[int](), first_number
+    failure: Exception | None = None
+    try:
+        for row in reader:
+            rows.append(row)
+            starts.append(number)
+            # Quoted fields may hold line ends.
+            number = first_number + reader.line_num
+            if len(rows) == table.ROWS_AT_A_TIME:
+                yield rows, starts
+                rows, starts = [], []
+    except (csv.Error, *_BROKEN) as error:
+        failure = error
+    if rows:
+        yield rows, starts
+    if failure is not None:
+        why = _MEND
+        if isinstance(failure, csv.Error):
+            why = f"not CSV ({failure}); look for an unclosed quote"
+        raise InputError(f"{name} line {number}: {why}") from failure
 
 
 def numbers_of(fields: Sequence[str], *, comma: bool) -> FloatArray:
@@ -216,7 +218,7 @@ def find_layout(lines: Sequence[str], *, name: str) -> Layout:
     ['time', 'value']
     """
     found = [
-        layout_of([split_fields(line, separator) for line in lines], separator=separator)
+        layout_of([split_line(line, separator) for line in lines], separator=separator)
         for separator in SEPARATORS
     ]
     best = max(filter(None, found), key=lambda layout: layout.score, default=None)
@@ -342,6 +344,7 @@ def gather_rows(
     return Table(
         name=name,
         columns={column: np.concatenate(parts) for column, parts in columns.items()},
-        place=lambda row: f"{word} {kept[row]}",
+        numbers=kept,
+        word=word,
         left_out=left_out,
     )

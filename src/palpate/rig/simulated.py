@@ -141,7 +141,7 @@ def calibrate_world(world: Workplace, *, seed: int, apart_from: str, sensor_id: 
         horizon_s=HORIZON_S,
     )
     # What follows reads the load cell, the width and the current.
-    array.look_away()
+    array.blank_frames()
     world.place(draw_object(rng, "rigid-block"))
     closing = partial(
         measure_block, bench, up_to_n=_BLOCK_N, repeats=_BLOCK_REPEATS, dwell_s=DWELL_S

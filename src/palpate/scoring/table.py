@@ -179,12 +179,12 @@ def print_scores(summary: Sequence[Mapping[str, Any]], console: Console, *, leve
                 entry["method"],
                 f"~{cutoff}" if "holds_decided" in entry else cutoff,
                 str(entry["holds"]),
-                short(entry["median_abs_error_percent"]),
-                short(entry["mean_abs_error_percent"]),
-                short(entry["p90_abs_error_percent"]),
-                short(entry["median_error_of_remaining_percent"]),
+                format_figure(entry["median_abs_error_percent"]),
+                format_figure(entry["mean_abs_error_percent"]),
+                format_figure(entry["p90_abs_error_percent"]),
+                format_figure(entry["median_error_of_remaining_percent"]),
                 "-" if entry["coverage"] is None else f"{entry['coverage']:.2f}",
-                short(entry["median_half_width_percent"]),
+                format_figure(entry["median_half_width_percent"]),
             )
         )
     console.print("|error| in % of the settled value", highlight=False)
@@ -196,7 +196,7 @@ def print_scores(summary: Sequence[Mapping[str, Any]], console: Console, *, leve
     )
 
 
-def short(figure: float | None) -> str:
+def format_figure(figure: float | None) -> str:
     """Return a percentage or a time with as many decimals as its column has room for."""
     if figure is None or not np.isfinite(figure):
         return "-"

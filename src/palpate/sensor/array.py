@@ -14,7 +14,7 @@ from palpate.signal.circuit import Divider
 #: A sensor counts as silent after this long without a frame.
 FRAME_TIMEOUT_S = 2.0
 #: Lines of the largest matrices that people build (FlexiTac's has 12 x 32).
-_MOST_LINES = 64
+MOST_LINES = 64
 #: What the lines that are not selected do: see `ArrayLayout`.
 IdleLines: TypeAlias = Literal["isolated", "floating", "held"]
 
@@ -68,8 +68,8 @@ class ArrayLayout:
             )
         if not (math.isfinite(self.line_ohm) and self.line_ohm >= 0):
             raise ValueError(f"layout {self.name}: line_ohm {self.line_ohm!r} must be 0 or more")
-        if not (1 <= self.rows <= _MOST_LINES and 1 <= self.cols <= _MOST_LINES):
-            raise ValueError(f"layout {self.name}: rows and cols must be 1 to {_MOST_LINES}")
+        if not (1 <= self.rows <= MOST_LINES and 1 <= self.cols <= MOST_LINES):
+            raise ValueError(f"layout {self.name}: rows and cols must be 1 to {MOST_LINES}")
         if len(self.finger_of_row) != self.rows:
             raise ValueError(
                 f"layout {self.name}: finger_of_row has {len(self.finger_of_row)} entries "

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Literal
 
 from palpate.clock import RealClock
 from palpate.errors import InputError
@@ -15,13 +15,11 @@ from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout, IdleLin
 from palpate.sensor.byte_stream import BAUD, SerialStream
 from palpate.sensor.ports import find_port, follow_port, serial_ports
 from palpate.sensor.serial_array import SerialArray
-from palpate.sensor.wire_messages import Contents
+from palpate.sensor.wire_messages import MAX_SIDE, Contents
 from palpate.signal.circuit import Divider
 
 #: The paper's arrays (section 2.1 and 4.2), by name.
 LAYOUTS = {layout.name: layout for layout in (RIGID_LAYOUT, SOFT_LAYOUT)}
-#: What palpate's firmware scans.
-_MOST_LINES = 16
 
 
 def layout_named(
@@ -34,7 +32,7 @@ def layout_named(
     fingers: int = 1,
     pitch_mm: float | None = None,
     adc_bits: int = 10,
-    most_lines: int = _MOST_LINES,
+    most_lines: int = MAX_SIDE,
 ) -> ArrayLayout:
     """Return a preset layout, or one of rows x columns, with its divider and wiring.
 
@@ -76,16 +74,25 @@ def layout_named(
     if not 1 <= adc_bits <= 24:
         raise InputError(f"adc_bits = {adc_bits}: a converter has 1 to 24 bits")
     divider = Divider(reference_ohm=reference_ohm, taxel_leg=taxel_leg, adc_bits=adc_bits)
-    wiring: dict[str, Any] = {"divider": divider, "idle_lines": idle_lines, "line_ohm": line_ohm}
-    if pitch_mm is not None:
-        if not 0 < pitch_mm < math.inf:
-            raise InputError(f"a pitch of {pitch_mm:g} mm: give millimetres between pixel centres")
-        wiring["pitch_mm"] = pitch_mm
-    if name in LAYOUTS:
-        preset = LAYOUTS[name]
-        if fingers not in (1, preset.fingers):
-            raise InputError(f"layout {name} is on {preset.fingers} fingers, not on {fingers}")
-        return _apply_wiring(preset, wiring)
+    if pitch_mm is not None and not 0 < pitch_mm < math.inf:
+        raise InputError(f"a pitch of {pitch_mm:g} mm: give millimetres between pixel centres")
+    layout = LAYOUTS.get(name) or _make_grid(name, fingers=fingers, most_lines=most_lines)
+    if fingers not in (1, layout.fingers):
+        raise InputError(f"layout {name} is on {layout.fingers} fingers, not on {fingers}")
+    try:
+        return replace(
+            layout,
+            divider=divider,
+            idle_lines=idle_lines,
+            line_ohm=line_ohm,
+            pitch_mm=pitch_mm or layout.pitch_mm,
+        )
+    except ValueError as error:
+        raise InputError(str(error)) from error
+
+
+def _make_grid(name: str, *, fingers: int, most_lines: int) -> ArrayLayout:
+    """Return the layout of rows x columns, as many rows on each finger."""
     rows, _, cols = name.partition("x")
     sizes = [int(side) for side in (rows, cols) if side.isdecimal()]
     if len(sizes) != 2 or not all(1 <= size <= most_lines for size in sizes):
@@ -98,20 +105,12 @@ def layout_named(
             f"layout {name} on {fingers} fingers: each finger needs as many of the {sizes[0]} rows"
         )
     each = sizes[0] // fingers
-    grid = ArrayLayout(
+    return ArrayLayout(
         name=name,
         rows=sizes[0],
         cols=sizes[1],
         finger_of_row=tuple(row // each for row in range(sizes[0])),
     )
-    return _apply_wiring(grid, wiring)
-
-
-def _apply_wiring(layout: ArrayLayout, wiring: dict[str, Any]) -> ArrayLayout:
-    try:
-        return replace(layout, **wiring)
-    except ValueError as error:
-        raise InputError(str(error)) from error
 
 
 def check_rate(rate_hz: float) -> None:

@@ -93,7 +93,7 @@ class BoardLink:
             elif isinstance(message, BoardIdentity):
                 self._identify(message)
             else:
-                self._has_answer(message)
+                self._take_answer(message)
         if self._todo:
             self._send_if_due()
         return frames
@@ -122,7 +122,7 @@ class BoardLink:
         if now_s < self._listen_until_s:
             return
         if now_s - self._asked_s > ANSWER_TIMEOUT_S:
-            raise self._silence()
+            raise self._explain_silence()
         if now_s - self._sent_s >= RESEND_S:
             self._sent_s = now_s
             self.stream.write(encode_command(self._todo[0], tag=self._tag))
@@ -135,9 +135,9 @@ class BoardLink:
         elif identity.tag == 0:
             self.was_reset = True
         elif identity.tag == self._tag and self._todo and isinstance(self._todo[0], Identify):
-            self._is_done()
+            self._advance()
 
-    def _has_answer(self, ack: Ack) -> None:
+    def _take_answer(self, ack: Ack) -> None:
         if not self._todo or ack.tag != self._tag:
             return
         if ack.result == Result.TOO_FAST:
@@ -150,13 +150,13 @@ class BoardLink:
         if ack.result != Result.OK:
             refusal = ack.result.name.lower().replace("_", " ")
             raise WireError(f"{self.stream.name}: the board refused {self._todo[0]}: {refusal}")
-        self._is_done()
+        self._advance()
 
-    def _is_done(self) -> None:
+    def _advance(self) -> None:
         del self._todo[0]
         self._next_command()
 
-    def _silence(self) -> DeviceError:
+    def _explain_silence(self) -> DeviceError:
         name, waited_s = self.stream.name, LISTEN_S + ANSWER_TIMEOUT_S
         if self._bytes_seen and not self._heard:
             return WireError(

@@ -97,30 +97,33 @@ def weigh(
     three steps settle.
     """
     rest_ohm = rest_baseline(_ohm(array, _REST_S)).rest_ohm
-    rows: list[tuple[int, float, float, float, float]] = []
+    settled_n, excess, relative = list[float](), list[float](), list[float]()
     refused: list[float] = []
     for load_n in loads_n:
         place(load_n)
-        _drop_until(array, clock.now_s())
+        placed_s = clock.now_s()
+        while array.read(timeout_s=FRAME_TIMEOUT_S).time_s < placed_s:
+            pass
         reading = _settle(array, rest_ohm, load_n)
         if reading is None:
             refused.append(load_n)
         elif load_n > 0:
-            rows.append((0, SETTLED_S, *reading, load_n))
+            settled_n.append(load_n)
+            excess.append(reading[0])
+            relative.append(reading[1])
             if settled is not None:
                 settled(reading[0], load_n)
-    if len(rows) < FEWEST:
+    if len(settled_n) < FEWEST:
         raise CalibrationError(
-            f"force calibration: {len(rows)} loads settled, at least {FEWEST} needed; keep "
+            f"force calibration: {len(settled_n)} loads settled, at least {FEWEST} needed; keep "
             "everything still and lay the weights down on a flat stamp"
         )
-    columns = list(zip(*rows, strict=True))
     pairs = ForcePairs(
-        run=columns[0],
-        since_move_s=columns[1],
-        excess=columns[2],
-        relative_percent=columns[3],
-        force_n=columns[4],
+        run=(0,) * len(settled_n),
+        since_move_s=(SETTLED_S,) * len(settled_n),
+        excess=tuple(excess),
+        relative_percent=tuple(relative),
+        force_n=tuple(settled_n),
     )
     return Weighing(pairs=pairs, refused_n=tuple(refused))
 
@@ -133,16 +136,12 @@ def has_hysteresis(force_n: Sequence[float]) -> bool:
 def _settle(
     array: PressureArray, rest_ohm: np.ndarray, load_n: float
 ) -> tuple[float, float] | None:
-    _ohm(array, SETTLED_S - 2 * _STRETCH_S)
+    """Return excess and relative change once two stretches agree; None if they never do."""
     waited_s = SETTLED_S - 2 * _STRETCH_S
-    before = _excess(array, rest_ohm)[0]
+    _ohm(array, waited_s)
+    before, _ = _measure_load(array, rest_ohm, load_n)
     while waited_s < _PATIENCE_S:
-        after, relative, lowest_ohm = _excess(array, rest_ohm)
-        if lowest_ohm < _SATURATED_OHM:
-            raise CalibrationError(
-                f"force calibration: a pixel is saturated at {load_n:g} N; use a smaller "
-                "reference resistor, or smaller loads"
-            )
+        after, relative = _measure_load(array, rest_ohm, load_n)
         if abs(after - before) <= max(_SETTLED_SHARE * abs(after), _FAINT_EXCESS):
             return after, relative
         before = after
@@ -150,28 +149,25 @@ def _settle(
     return None
 
 
-def _excess(array: PressureArray, rest_ohm: np.ndarray) -> tuple[float, float, float]:
+def _measure_load(array: PressureArray, rest_ohm: np.ndarray, load_n: float) -> tuple[float, float]:
+    """Return excess conductance and relative change, both in the mean over a stretch."""
     ohm = _ohm(array, _STRETCH_S)
-    lowest_ohm = float(np.min(ohm.mean(axis=0)))
-    if lowest_ohm < _SATURATED_OHM:
-        return 0.0, 0.0, lowest_ohm
+    if float(np.min(ohm.mean(axis=0))) < _SATURATED_OHM:
+        raise CalibrationError(
+            f"force calibration: a pixel is saturated at {load_n:g} N; use a smaller "
+            "reference resistor, or smaller loads"
+        )
     excess = total_excess(excess_conductance(ohm, rest_ohm=rest_ohm))
     relative = mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm))
-    return float(np.mean(excess)), float(np.mean(relative)), lowest_ohm
-
-
-def _drop_until(array: PressureArray, time_s: float) -> None:
-    while array.read(timeout_s=FRAME_TIMEOUT_S).time_s < time_s:
-        pass
+    return float(np.mean(excess)), float(np.mean(relative))
 
 
 def _ohm(array: PressureArray, duration_s: float) -> np.ndarray:
-    frame = array.read(timeout_s=FRAME_TIMEOUT_S)
-    until_s, found = frame.time_s + duration_s, []
-    while True:
-        found.append(
-            pixel_resistance_ohm(frame.counts, layout=array.layout, oversampling=frame.oversampling)
-        )
-        if frame.time_s >= until_s:
-            return np.array(found)
-        frame = array.read(timeout_s=FRAME_TIMEOUT_S)
+    frames = [array.read(timeout_s=FRAME_TIMEOUT_S)]
+    while frames[-1].time_s < frames[0].time_s + duration_s:
+        frames.append(array.read(timeout_s=FRAME_TIMEOUT_S))
+    return pixel_resistance_ohm(
+        np.array([frame.counts for frame in frames]),
+        layout=array.layout,
+        oversampling=frames[0].oversampling,
+    )

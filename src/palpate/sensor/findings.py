@@ -72,10 +72,6 @@ class Finding:
     #: Fault or advice.
     severity: Severity = Severity.FAULT
 
-    def __post_init__(self) -> None:
-        if self.code not in CHECKS:
-            raise ValueError(f"no finding {self.code!r}; there are: {', '.join(CHECKS)}")
-
     @property
     def check(self) -> str:
         """The remedy."""

@@ -7,7 +7,7 @@ of resistances seen under load, or by an assumed one where there was no load.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,12 @@ from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError, InputError
 from palpate.sensor.array import ArrayLayout, Frame, LinkCounters
 from palpate.sensor.findings import Finding, Severity
-from palpate.sensor.health_pixels import PixelReadings, measure_pixels, pixel_findings
+from palpate.sensor.health_pixels import (
+    PixelReadings,
+    group_pixels,
+    judge_pixels,
+    measure_pixels,
+)
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.sensor.reference_resistor import ResistorFit, fit_reference
 from palpate.signal.relative import rest_baseline
@@ -78,11 +83,11 @@ class FrameColumns:
     def first(self, duration_s: float) -> FrameColumns:
         """Return the frames of the first `duration_s` seconds."""
         count = int(np.searchsorted(self.time_s, self.time_s[0] + duration_s, side="right"))
-        return FrameColumns(
+        return replace(
+            self,
             time_s=self.time_s[:count],
             sequence=self.sequence[:count],
             counts=self.counts[:count],
-            oversampling=self.oversampling,
         )
 
     @property
@@ -173,13 +178,20 @@ def examine(
     mean_counts = rest.mean_counts
     known = None if known_ohm is None else np.asarray(known_ohm, dtype=float)
     pixels = measure_pixels(mean_counts, layout=layout)
-    findings, sound = pixel_findings(
+    findings: list[Finding] = []
+    # Of several faults of one pixel only the gravest is named; the sound ones show the whole.
+    sound = np.ones((layout.rows, layout.cols), dtype=np.bool_)
+    for code, mask, text, values in judge_pixels(
         mean_counts,
         steps_per_count=rest.oversampling,
         readings=pixels,
         layout=layout,
         known_ohm=known,
-    )
+    ):
+        for where, group in group_pixels(mask & sound):
+            number = f"{float(np.median(values[group])):.3g}"
+            findings.append(Finding(code, text.format(number), where))
+        sound &= ~mask
     findings += _find_unrest(np.where(sound, rest.ohm(layout=layout), np.nan), known_ohm=known)
     resistor, measured = _fit_resistor(pixels.rest_ohm[sound], whole, sound=sound, layout=layout)
     if resistor is not None and not resistor.fits:

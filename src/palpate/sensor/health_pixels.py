@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.sensor.array import ArrayLayout
-from palpate.sensor.findings import Finding, pixel_name
+from palpate.sensor.findings import pixel_name
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
-from palpate.signal.circuit import resistance_ohm
+from palpate.signal.circuit import resistance_ohm, resolution_ohm
 from palpate.signal.relative import relative_change_percent
 
 BoolArray: TypeAlias = NDArray[np.bool_]
@@ -57,7 +57,6 @@ def measure_pixels(mean_counts: FloatArray, *, layout: ArrayLayout) -> PixelRead
 
     `mean_counts`: shape (frames, rows, cols).
     """
-    divider = layout.divider
     ohm = pixel_resistance_ohm(mean_counts, layout=layout)
     at_open, at_short = at_ends(np.median(mean_counts, axis=0), layout=layout)
     rest_ohm = np.where(at_open, np.inf, np.where(at_short, 0.0, np.median(ohm, axis=0)))
@@ -68,8 +67,7 @@ def measure_pixels(mean_counts: FloatArray, *, layout: ArrayLayout) -> PixelRead
     steps = np.abs(np.diff(change, axis=0))
     third = max(len(ohm) // 3, 1)
     drift = np.mean(change[-third:], axis=0) - np.mean(change[:third], axis=0)
-    slope = (safe_rest + divider.reference_ohm) ** 2
-    count = 100.0 * slope / (divider.reference_ohm * divider.full_scale * safe_rest)
+    count = 100.0 * resolution_ohm(safe_rest, divider=layout.divider) / safe_rest
     noise = np.quantile(steps, 0.9, axis=0) / _Q90_OF_DIFFERENCES
     return PixelReadings(
         rest_ohm=rest_ohm,
@@ -79,37 +77,20 @@ def measure_pixels(mean_counts: FloatArray, *, layout: ArrayLayout) -> PixelRead
     )
 
 
-def pixel_findings(
+def judge_pixels(
     mean_counts: FloatArray,
     *,
     steps_per_count: int,
     readings: PixelReadings,
     layout: ArrayLayout,
     known_ohm: FloatArray | None = None,
-) -> tuple[list[Finding], BoolArray]:
-    """Judge each pixel; of several faults of one pixel, only the gravest is named.
+) -> Iterator[PixelVerdict]:
+    """Yield code, pixels, text and its number, the gravest fault first.
 
     `mean_counts`: shape (frames, rows, cols).
     `steps_per_count`: conversions summed per reading: how many steps there are to a count.
     `known_ohm`, shape (rows, cols): rest values of the calibration.
-    Returns the findings, and by which pixels the stretch as a whole may be judged.
     """
-    sound = np.ones((layout.rows, layout.cols), dtype=np.bool_)
-    findings: list[Finding] = []
-    for code, mask, text, values in _judge_pixels(mean_counts, steps_per_count, readings, layout):
-        findings += _name_findings(code, mask & sound, text, values)
-        sound &= ~mask
-    if known_ohm is not None:
-        mask, text, own = _find_changed(readings, known_ohm)
-        findings += _name_findings("changed", mask & sound, text, own)
-        sound &= ~mask
-    return findings, sound
-
-
-def _judge_pixels(
-    mean_counts: FloatArray, steps_per_count: int, readings: PixelReadings, layout: ArrayLayout
-) -> Iterator[PixelVerdict]:
-    """Yield code, pixels, text and its number, the gravest fault first."""
     nothing = np.zeros((layout.rows, layout.cols))
     yield "open", np.isinf(readings.rest_ohm), "reads open: no current flows", nothing
     yield "short", readings.rest_ohm == 0.0, "reads short: no resistance at all", nothing
@@ -137,21 +118,12 @@ def _judge_pixels(
         "drifts by {} % more than the others",
         own,
     )
-
-
-def _find_changed(
-    readings: PixelReadings, known_ohm: FloatArray
-) -> tuple[BoolArray, str, FloatArray]:
-    """Compare with the calibration, without the change that all pixels share (climate or load)."""
-    change = relative_change_percent(readings.rest_ohm, rest_ohm=known_ohm)
-    own = 100.0 * ((100.0 + change) / (100.0 + _typical_value(change)) - 1.0)
-    text = "rests {} % from its calibrated value, more than the others"
-    return np.abs(own) > _CHANGED_PERCENT, text, own
-
-
-def _name_findings(code: str, mask: BoolArray, text: str, values: FloatArray) -> Iterator[Finding]:
-    for where, pixels in group_pixels(mask):
-        yield Finding(code, text.format(f"{float(np.median(values[pixels])):.3g}"), where)
+    if known_ohm is not None:
+        # What all pixels share is climate or load.
+        change = relative_change_percent(readings.rest_ohm, rest_ohm=known_ohm)
+        own = 100.0 * ((100.0 + change) / (100.0 + _typical_value(change)) - 1.0)
+        text = "rests {} % from its calibrated value, more than the others"
+        yield "changed", np.abs(own) > _CHANGED_PERCENT, text, own
 
 
 def group_pixels(mask: BoolArray) -> Iterator[tuple[str, BoolArray]]:

@@ -16,7 +16,7 @@ from palpate.clock import Clock, RealClock
 from palpate.errors import DeviceError, DeviceTimeoutError, WireError
 from palpate.sensor.array import ArrayLayout, Frame, LinkCounters
 from palpate.sensor.byte_stream import ByteStream, SerialStream
-from palpate.sensor.frame_port import FramePort
+from palpate.sensor.frame_port import PortArray
 from palpate.sensor.ports import follow_port
 
 Counts: TypeAlias = NDArray[np.int32]
@@ -51,7 +51,7 @@ class FrameDecoder(Protocol):
         ...
 
 
-class OneWayArray:
+class OneWayArray(PortArray):
     """A `PressureArray` on a board that sends frames without being asked.
 
     Frames are numbered here: after a gap in time the number rises by the frames that are missing.
@@ -87,16 +87,14 @@ class OneWayArray:
         decoder: FrameDecoder,
         reopen: Callable[[], ByteStream] | None = None,
     ) -> None:
-        self._port = FramePort(stream, clock=clock, reopen=reopen)
-        self._clock = clock
-        self._layout = layout
+        super().__init__(stream, clock=clock, layout=layout, reopen=reopen)
         self._decoder = decoder
         self._timing = _Timing()
         self._last_s = clock.now_s()
         self._bytes = 0
         self._next = self._frames = self._lost = 0
         try:
-            self._port.waiting.appendleft(self.read(timeout_s=OPEN_S))
+            self._waiting.appendleft(self.read(timeout_s=OPEN_S))
         except DeviceError:
             self.close()
             raise
@@ -119,60 +117,30 @@ class OneWayArray:
         )
 
     @property
-    def layout(self) -> ArrayLayout:
-        """Layout of the frames."""
-        return self._layout
-
-    @property
-    def name(self) -> str:
-        """The port that it is, or was last, at."""
-        return self._port.name
-
-    @property
     def counters(self) -> LinkCounters:
         """Counters of the link; losses are inferred from gaps in time."""
         return LinkCounters(
             frames=self._frames,
             lost=self._lost,
             corrupt=self._decoder.corrupt,
-            late=self._port.late,
-            reconnects=self._port.reconnects,
+            late=self._late,
+            reconnects=self._reconnects,
         )
 
-    def read(self, *, timeout_s: float) -> Frame:
-        """Return the next frame, oldest first.
-
-        Raises
-        ------
-        DeviceTimeoutError
-            If nothing came within `timeout_s`; an unplugged board is waited for, so call again.
-        WireError
-            If bytes came, and no frame among them.
-        DeviceError
-            If the board is gone for good.
-        """
-        return self._port.read(
-            self._fetch,
-            timeout_s=timeout_s,
-            period_s=self._timing.period_s or 0.0,
-            silence=lambda: self._silence(timeout_s),
-        )
-
-    def close(self) -> None:
-        """Release the port; calling it again does nothing."""
-        self._port.close()
+    @property
+    def _period_s(self) -> float:
+        return self._timing.period_s or 0.0
 
     def _fetch(self) -> None:
-        """Receive frames; reconnect after an unplug."""
-        now_s, stream = self._clock.now_s(), self._port.stream
-        if stream is None:
-            if self._port.reopen_if_due() is not None:
+        now_s = self._clock.now_s()
+        if self._stream is None:
+            if self._reopen_if_due() is not None:
                 self._timing, self._last_s = _Timing(), now_s
             return
         try:
-            data = stream.read_waiting()
+            data = self._stream.read_waiting()
         except DeviceError as error:
-            self._port.disconnect(error)
+            self._disconnect(error)
             return
         self._bytes += len(data)
         if data and (counts := self._decoder.feed(data)):
@@ -190,11 +158,11 @@ class OneWayArray:
             # Two reads within the clock's resolution: time still rises.
             time_s = arrival_s - (count - 1 - index) * step_s
             self._last_s = max(time_s, self._last_s + 1e-6)
-            self._port.waiting.append(Frame(time_s=self._last_s, sequence=self._next, counts=one))
+            self._waiting.append(Frame(time_s=self._last_s, sequence=self._next, counts=one))
             self._next += 1
         self._frames += count
 
-    def _silence(self, timeout_s: float) -> DeviceError:
+    def _explain_silence(self, timeout_s: float) -> DeviceError:
         if self._bytes:
             rows, cols = self._layout.rows, self._layout.cols
             return WireError(

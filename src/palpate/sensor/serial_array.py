@@ -14,7 +14,7 @@ from palpate.sensor.array import ArrayLayout, Frame, LinkCounters
 from palpate.sensor.board_link import BoardLink, least_delay_s
 from palpate.sensor.byte_stream import ByteStream
 from palpate.sensor.device_clock import DeviceClock
-from palpate.sensor.frame_port import FramePort
+from palpate.sensor.frame_port import PortArray
 from palpate.sensor.wire_messages import (
     BoardIdentity,
     BoardStatus,
@@ -32,13 +32,16 @@ from palpate.sensor.wire_messages import (
     Stop,
 )
 
+#: Whoever uses a board's outputs shows it a sign of life this often, well within its heartbeat of
+#: 0.5 s, and sees nothing of now in a frame older than this.
+SIGN_OF_LIFE_S, STALE_S = 0.1, 0.5
 #: A board is pinged while its frames come: at most 3 periods and what an adapter holds back.
 _PING_PERIODS, _PING_S = 3, 0.02
 #: Without a frame for this long the stream is set up again: 10 periods, at least 0.5 s.
 _SILENT_PERIODS, _SILENT_S = 10, 0.5
 
 
-class SerialArray:
+class SerialArray(PortArray):
     """A `PressureArray` on a board with palpate's firmware.
 
     Parameters
@@ -76,10 +79,8 @@ class SerialArray:
         contents: Contents = Contents.PIXELS,
         reopen: Callable[[], ByteStream] | None = None,
     ) -> None:
-        self._layout = layout
-        self._clock = clock
+        super().__init__(stream, clock=clock, layout=layout, reopen=reopen)
         self._rate_hz = rate_hz
-        self._port = FramePort(stream, clock=clock, reopen=reopen)
         self._setup: tuple[Command, ...] = (
             Stop(),
             SetLayout(rows=layout.rows, cols=layout.cols),
@@ -93,7 +94,6 @@ class SerialArray:
         self._link: BoardLink | None = BoardLink(stream, clock=clock)
         self._decoder = self._link.decoder
         self._device_clock = DeviceClock()
-        self._load_cells: tuple[CellSample, ...] = ()
         self._newest: FrameMessage | None = None
         self._stream_number: int | None = None
         self._sequence_offset = 0
@@ -112,16 +112,6 @@ class SerialArray:
         self._take(frames)
 
     @property
-    def layout(self) -> ArrayLayout:
-        """Layout of the frames."""
-        return self._layout
-
-    @property
-    def name(self) -> str:
-        """The present or last port of the board."""
-        return self._port.name
-
-    @property
     def identity(self) -> BoardIdentity | None:
         """The board's own description; None while it is unplugged."""
         return None if self._link is None else self._link.identity
@@ -129,7 +119,7 @@ class SerialArray:
     @property
     def load_cells(self) -> tuple[CellSample, ...]:
         """Raw readings of the newest frame; empty unless requested."""
-        return self._load_cells
+        return () if self._newest is None else self._newest.load_cells
 
     @property
     def newest_s(self) -> float:
@@ -141,29 +131,9 @@ class SerialArray:
         """Counters of the link."""
         return replace(
             self._decoder.counters,
-            late=self._port.late,
-            reconnects=self._port.reconnects,
+            late=self._late,
+            reconnects=self._reconnects,
             drift_ppm=self._device_clock.drift_ppm,
-        )
-
-    def read(self, *, timeout_s: float) -> Frame:
-        """Return the next frame, oldest first.
-
-        Raises
-        ------
-        DeviceTimeoutError
-            If none came within `timeout_s`; an unplugged board is waited for, so call again.
-        DeviceError
-            If the board is gone for good.
-        """
-        return self._port.read(
-            self._fetch,
-            timeout_s=timeout_s,
-            period_s=1 / self._rate_hz,
-            silence=lambda: DeviceTimeoutError(
-                f"no frame from {self.name} in {timeout_s:.2f} s (expected every "
-                f"{1 / self._rate_hz:.3g} s). Check power, then run `palpate doctor`."
-            ),
         )
 
     def newest(self) -> FrameMessage | None:
@@ -226,13 +196,23 @@ class SerialArray:
         except DeviceError:
             pass  # unplugged: there is nothing to stop
         finally:
-            self._port.close()
+            super().close()
+
+    @property
+    def _period_s(self) -> float:
+        return 1 / self._rate_hz
+
+    def _explain_silence(self, timeout_s: float) -> DeviceError:
+        return DeviceTimeoutError(
+            f"no frame from {self.name} in {timeout_s:.2f} s (expected every "
+            f"{self._period_s:.3g} s). Check power, then run `palpate doctor`."
+        )
 
     def _fetch(self) -> None:
         """Receive frames; reconnect after resets and unplugs."""
         now_s = self._clock.now_s()
         if self._link is None:
-            if (stream := self._port.reopen_if_due()) is not None:
+            if (stream := self._reopen_if_due()) is not None:
                 self._link = BoardLink(stream, clock=self._clock, decoder=self._decoder)
                 self._set_up(self._link)
                 self._heard_s = now_s
@@ -240,7 +220,7 @@ class SerialArray:
         try:
             frames = self._link.poll()
         except DeviceError as error:
-            self._port.disconnect(error)
+            self._disconnect(error)
             self._link = None
             return
         if frames or self._link.busy:
@@ -274,8 +254,8 @@ class SerialArray:
             oversampling=message.oversampling,
             ceiling_tripped=self._tripped,
         )
-        self._load_cells, self._newest = message.load_cells, message
-        self._port.waiting.append(self._last)
+        self._newest = message
+        self._waiting.append(self._last)
 
     def _enter_stream(self, message: FrameMessage) -> None:
         """Follow a new stream: frame numbers continue, the clocks are compared again."""

@@ -11,11 +11,10 @@ from typing import Literal
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.sensor.array import ArrayLayout, IdleLines
+from palpate.sensor.array import MOST_LINES, ArrayLayout, IdleLines
 from palpate.sensor.board_array import layout_named
 from palpate.sensor.one_way_array import Counts, OneWayArray
 
-_MOST_LINES = 64
 #: Ohms are kept as the counts of a divider this fine: 0.01 % from 1 ohm to 10 megohm.
 _OHM_BITS, _OHM_REFERENCE = 24, 4700.0
 #: Longer than any line of 64 x 64 numbers with their labels.
@@ -208,7 +207,7 @@ def open_board(
         idle_lines=idle_lines,
         fingers=fingers,
         adc_bits=_OHM_BITS if in_ohm else adc_bits,
-        most_lines=_MOST_LINES,
+        most_lines=MOST_LINES,
     )
     if columns is not None:
         wrong = [n for n in columns if type(n) is not int or n < 1 or columns.count(n) > 1]

@@ -23,22 +23,10 @@ from palpate.sensor.wire_messages import (
     BoardMessage,
     CellSample,
     Command,
-    CommandType,
     Contents,
     FrameMessage,
-    Identify,
     MessageType,
-    Ping,
     Result,
-    SetCeiling,
-    SetLayout,
-    SetOversampling,
-    SetPressure,
-    SetRate,
-    SetServo,
-    SetServoTravel,
-    Start,
-    Stop,
 )
 
 _HEAD = struct.Struct("<BH")
@@ -57,20 +45,6 @@ SERVO = struct.Struct("<H")
 ACK = struct.Struct("<BBBBIII")
 IDENTITY = struct.Struct("<BBBBBHBBBBBBHHBIIII")
 FULL_SCALE = struct.Struct("<H")
-#: Command -> its type, and the form of its fields after the tag; a quantity goes in thousandths.
-_COMMANDS: dict[type[Command], tuple[CommandType, str]] = {
-    Identify: (CommandType.IDENTIFY, ""),
-    SetLayout: (CommandType.LAYOUT, "BBH"),
-    SetRate: (CommandType.RATE, "I"),
-    SetOversampling: (CommandType.OVERSAMPLING, "B"),
-    Start: (CommandType.START, "B"),
-    Stop: (CommandType.STOP, ""),
-    Ping: (CommandType.PING, ""),
-    SetPressure: (CommandType.PRESSURE, "HI"),
-    SetCeiling: (CommandType.CEILING, "H"),
-    SetServoTravel: (CommandType.SERVO_TRAVEL, "HH"),
-    SetServo: (CommandType.SERVO, "HH"),
-}
 #: Data of a frame besides the pixels, in their order.
 _EXTRA = {Contents.LOAD_CELLS: LOADS, Contents.PRESSURE: PRESSURE, Contents.SERVO: SERVO}
 _ALL_CONTENTS = int(Contents.LOAD_CELLS | Contents.PRESSURE | Contents.SERVO)
@@ -102,24 +76,18 @@ def unstuff(stuffed: bytes | bytearray) -> bytes | None:
     >>> unstuff(bytes.fromhex("0311220233")).hex(), unstuff(bytes([9, 1]))
     ('11220033', None)
     """
-    data = bytearray(stuffed)
-    end, at = len(data), 0
-    long_runs = []
-    while at < end:
-        code = data[at]
-        data[at] = 0
-        at += code
-        if code == 255:
-            long_runs.append(at)
-        elif code == 0:
+    data, at = bytearray(), 0
+    while at < len(stuffed):
+        code = stuffed[at]
+        run = stuffed[at + 1 : at + code]
+        if code == 0 or len(run) != code - 1:
             return None
-    if at != end:
-        return None
-    # A code of 255 means 254 bytes with no zero after them.
-    for position in reversed(long_runs):
-        if position < end:
-            del data[position]
-    return bytes(data[1:])
+        data += run
+        at += code
+        # A code of 255 means 254 bytes with no zero after them.
+        if code < 255 and at < len(stuffed):
+            data.append(0)
+    return bytes(data)
 
 
 def pack(kind: int, payload: bytes) -> bytes:
@@ -146,14 +114,14 @@ def encode_command(command: Command, *, tag: int = 0) -> bytes:
     Raises `ValueError` if a value does not fit its field; whether it makes sense is for the board
     to decide.
 
+    >>> from palpate.sensor.wire_messages import Ping
     >>> encode_command(Ping(), tag=7).hex()
     '03870106070aae6cce00'
     """
-    kind, form = _COMMANDS[type(command)]
     values = [(getattr(command, f.name), f.type == "float") for f in fields(command)]
     numbers = [round(1e3 * value) if is_quantity else int(value) for value, is_quantity in values]
     try:
-        return pack(kind, struct.pack(f"<B{form}", tag, *numbers))
+        return pack(command.kind, struct.pack(f"<B{command.form}", tag, *numbers))
     except struct.error as error:
         raise ValueError(f"{command} with tag {tag} can't be sent: {error}") from error
 

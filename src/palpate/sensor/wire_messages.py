@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,22 +30,6 @@ class MessageType(IntEnum):
     FRAME = 0x01
     ACK = 0x02
     IDENTITY = 0x03
-
-
-class CommandType(IntEnum):
-    """First byte of a packet to the board."""
-
-    IDENTIFY = 0x81
-    LAYOUT = 0x82
-    RATE = 0x83
-    OVERSAMPLING = 0x84
-    START = 0x85
-    STOP = 0x86
-    PING = 0x87
-    PRESSURE = 0x88
-    CEILING = 0x89
-    SERVO_TRAVEL = 0x8A
-    SERVO = 0x8B
 
 
 class Result(IntEnum):
@@ -87,16 +72,6 @@ class BoardStatus(IntFlag):
     COMMAND_DAMAGED = 0x20
 
 
-class ResetCause(IntFlag):
-    """Why the board last started (bits of the ATmega's MCUSR)."""
-
-    POWER_ON = 0x01
-    RESET_PIN = 0x02
-    BROWN_OUT = 0x04
-    WATCHDOG = 0x08
-    JTAG = 0x10
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CellSample:
     """One load-cell amplifier's latest reading."""
@@ -136,7 +111,7 @@ class FrameMessage:
 class Ack:
     """The board's answer to a command."""
 
-    #: `CommandType` that is answered, as received.
+    #: `kind` of the command that is answered, as received.
     command: int
     #: The command's own tag, 0 to 255.
     tag: int
@@ -177,7 +152,7 @@ class BoardIdentity:
     settle_us: int
     #: Silence after which the pressure output is vented.
     heartbeat_ms: int
-    #: Bits of `ResetCause`.
+    #: Bits of the ATmega's MCUSR: power-on, reset pin, brown-out, watchdog (8), JTAG.
     reset_cause: int
     #: Whether frames are being sent.
     streaming: bool
@@ -197,91 +172,108 @@ BoardMessage = FrameMessage | Ack | BoardIdentity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Identify:
-    """Ask for an `BoardIdentity`."""
+class Command:
+    """What the host sends."""
+
+    #: First byte of its packet.
+    kind: ClassVar[int]
+    #: Of its fields after the tag, as `struct` has it; a quantity goes in thousandths.
+    form: ClassVar[str] = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SetLayout:
+class Identify(Command):
+    """Ask for an `BoardIdentity`."""
+
+    kind: ClassVar[int] = 0x81
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetLayout(Command):
     """Set the size of the matrix, and the wait after each multiplexer step."""
 
+    kind: ClassVar[int] = 0x82
+    form: ClassVar[str] = "BBH"
     rows: int
     cols: int
     settle_us: int = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SetRate:
+class SetRate(Command):
     """Set the frame rate; refused with the highest possible one if it can't be met."""
 
+    kind: ClassVar[int] = 0x83
+    form: ClassVar[str] = "I"
     rate_hz: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SetOversampling:
+class SetOversampling(Command):
     """Set the number of conversions summed per pixel, 1 to 64."""
 
+    kind: ClassVar[int] = 0x84
+    form: ClassVar[str] = "B"
     conversions: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Start:
+class Start(Command):
     """Begin a new stream of frames."""
 
+    kind: ClassVar[int] = 0x85
+    form: ClassVar[str] = "B"
     contents: Contents = Contents.PIXELS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Stop:
+class Stop(Command):
     """End the stream; the answer's `next_sequence` is the number of its frames."""
 
+    kind: ClassVar[int] = 0x86
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Ping:
+class Ping(Command):
     """Ask for a sign of life; every valid command counts as a heartbeat."""
 
+    kind: ClassVar[int] = 0x87
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SetPressure:
+class SetPressure(Command):
     """Set the regulator's pressure, 0 to 50 kPa, and how fast to go there."""
 
+    kind: ClassVar[int] = 0x88
+    form: ClassVar[str] = "HI"
     target_kpa: float
     slew_kpa_per_s: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SetCeiling:
+class SetCeiling(Command):
     """Set the reading per conversion, 0 to 1023, at which the board vents; 0 is off."""
 
+    kind: ClassVar[int] = 0x89
+    form: ClassVar[str] = "H"
     counts: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SetServoTravel:
+class SetServoTravel(Command):
     """Set the pulses of the open and the closed fingers, 500 to 2500 microseconds."""
 
+    kind: ClassVar[int] = 0x8A
+    form: ClassVar[str] = "HH"
     open_us: int
     closed_us: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SetServo:
+class SetServo(Command):
     """Move the servo to a pulse within its travel, on a ramp; 0 stops it."""
 
+    kind: ClassVar[int] = 0x8B
+    form: ClassVar[str] = "HH"
     target_us: int
     rate_us_per_s: int
-
-
-Command = (
-    Identify
-    | SetLayout
-    | SetRate
-    | SetOversampling
-    | Start
-    | Stop
-    | Ping
-    | SetPressure
-    | SetCeiling
-    | SetServoTravel
-    | SetServo
-)

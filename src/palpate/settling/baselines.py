@@ -36,8 +36,11 @@ class Recorded:
         self, time_s: FloatArray, values: FloatArray, *, horizon_s: float, level: float
     ) -> SettledEstimate:
         """Return the last sample of each hold; see `SettlingMethod.predict`."""
-        return SettledEstimate.without_interval(
-            values[:, -1].copy(),
+        unknown = np.full(len(values), np.nan)
+        return SettledEstimate(
+            value=values[:, -1].copy(),
+            low=unknown,
+            high=unknown,
             horizon_s=horizon_s,
             level=level,
             method=self.name,
@@ -94,8 +97,11 @@ class LogLaw:
             settled[rows] = last + (values[rows, first:] - last[:, None]) @ weights
             window_s[rows] = time_s[-1] - time_s[first]
             status[rows] = Status.OK
-        return SettledEstimate.without_interval(
-            settled,
+        unknown = np.full(len(values), np.nan)
+        return SettledEstimate(
+            value=settled,
+            low=unknown,
+            high=unknown,
             horizon_s=horizon_s,
             level=level,
             method=self.name,

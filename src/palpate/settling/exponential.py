@@ -223,8 +223,11 @@ class Exponential:
     ) -> SettledEstimate:
         """Return C of each hold, or its recorded value; see `SettlingMethod.predict`."""
         fit = fit_exponential(time_s, values, wait_s=self.wait_s)
-        return SettledEstimate.without_interval(
-            fit.settled,
+        unknown = np.full(len(values), np.nan)
+        return SettledEstimate(
+            value=fit.settled,
+            low=unknown,
+            high=unknown,
             horizon_s=horizon_s,
             level=level,
             method=self.name,

@@ -40,34 +40,17 @@ class Window:
 
 
 def windows(time_s: FloatArray, values: FloatArray, *, positive: bool) -> Iterator[Window]:
-    """Group holds by their origin and the samples to use; parameters as of `origins`."""
-    origin, first = origins(time_s, values, positive=positive)
-    keys = origin * time_s.size + first
-    for key in dict.fromkeys(keys.tolist()):
-        at, start = divmod(key, time_s.size)
-        yield Window(
-            rows=(keys == key).nonzero()[0],
-            since_s=time_s[start:] - time_s[at],
-            origin=at,
-            first=start,
-        )
-
-
-def origins(
-    time_s: FloatArray, values: FloatArray, *, positive: bool
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Find the origin of time of each hold and the first sample that shows how it settles.
+    """Group holds by the origin of their time and the first sample that shows how they settle.
 
     `positive`: whether they are logarithms of positive values: then the size of a fall shows a
     contact.
-    Returns indices, shape (n_holds,); `first` is `origin` where no contact is left out.
 
     A second of rest, then contact, which is left out with what may ring:
 
     >>> time_s = np.arange(0.0, 3.0, 0.05)
     >>> held = np.where(time_s < 1.0, 0.0, -2.0 - 0.1 * np.log(np.maximum(time_s - 0.95, 0.05)))
-    >>> origin, first = origins(time_s, held[None], positive=True)
-    >>> float(time_s[origin[0]].round(2)), float(time_s[first[0]].round(2))
+    >>> [window] = windows(time_s, held[None], positive=True)
+    >>> float(time_s[window.origin].round(2)), float(time_s[window.first].round(2))
     (0.95, 1.3)
     """
     rested = _baseline_end(time_s, values)
@@ -85,7 +68,15 @@ def origins(
     enough = (later + _FEWEST_LEFT <= time_s.size) & (
         time_s[-1] - time_s[np.minimum(later, time_s.size - 1)] >= _SHORTEST_LEFT_S
     )
-    return origin, np.where(contact & enough, later, origin)
+    keys = origin * time_s.size + np.where(contact & enough, later, origin)
+    for key in dict.fromkeys(keys.tolist()):
+        at, first = divmod(key, time_s.size)
+        yield Window(
+            rows=(keys == key).nonzero()[0],
+            since_s=time_s[first:] - time_s[at],
+            origin=at,
+            first=first,
+        )
 
 
 def _baseline_end(time_s: FloatArray, values: FloatArray) -> NDArray[np.intp]:

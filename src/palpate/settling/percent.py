@@ -47,16 +47,11 @@ class InPercent:
         return as_percent(ratio)
 
 
-def for_unit(method: SettlingMethod, unit: str | None) -> SettlingMethod:
-    """Return the method for holds of a unit; None means an unknown one."""
-    return InPercent(method=method) if unit == PERCENT else method
-
-
 def for_hold(method: SettlingMethod, *, unit: str | None, loading_s: float) -> SettlingMethod:
     """Return the method for what is known of a hold: its unit, and how long loading took."""
     if loading_s > 0 and isinstance(method, Relaxation):
         method = replace(method, loading_s=loading_s)
-    return for_unit(method, unit)
+    return InPercent(method=method) if unit == PERCENT else method
 
 
 def of_rest(percent: FloatArray) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,12 +68,8 @@ class Relaxation:
     (True, 'ok')
     """
 
+    name: ClassVar[str] = "relaxation"
     loading_s: float = 0.0
-
-    @property
-    def name(self) -> str:
-        """Name on the command line and in results."""
-        return "relaxation"
 
     def predict(
         self, time_s: FloatArray, values: FloatArray, *, horizon_s: float, level: float

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Any, Protocol
 
@@ -80,30 +80,6 @@ class SettledEstimate:
     method: str
     status: Status | NDArray[np.object_]
 
-    @classmethod
-    def without_interval(
-        cls,
-        value: FloatArray,
-        *,
-        horizon_s: float,
-        level: float,
-        method: str,
-        window_s: FloatArray,
-        status: NDArray[np.object_],
-    ) -> SettledEstimate:
-        """Return the estimate of a method that has no basis for intervals."""
-        unknown = np.full((2, value.size), np.nan)
-        return cls(
-            value=value,
-            low=unknown[0],
-            high=unknown[1],
-            level=level,
-            horizon_s=horizon_s,
-            window_s=window_s,
-            method=method,
-            status=status,
-        )
-
     def __repr__(self) -> str:
         what = f"{self.method}, at {self.horizon_s:g} s"
         if isinstance(self.value, np.ndarray):
@@ -126,39 +102,22 @@ class SettledEstimate:
         ([8.0], 8.0)
         """
 
-        def plain(figures: Any) -> Any:
-            if isinstance(figures, np.ndarray):
-                return [plain(figure) for figure in figures]
-            return float(figures) if np.isfinite(figures) else None
-
-        status = self.status
-        return {
-            "value": plain(self.value),
-            "low": plain(self.low),
-            "high": plain(self.high),
-            "level": self.level,
-            "horizon_s": self.horizon_s,
-            "window_s": plain(self.window_s),
-            "method": self.method,
-            "status": [str(one) for one in status]
-            if isinstance(status, np.ndarray)
-            else str(status),
-        }
+        return {part.name: _plain(getattr(self, part.name)) for part in fields(self)}
 
     def hold(self, index: int) -> SettledEstimate:
         """Return the estimate of one hold of a batch, with scalar fields."""
         if not isinstance(self.value, np.ndarray):
             return self
-        return SettledEstimate(
-            value=self.value[index],
-            low=np.asarray(self.low)[index],
-            high=np.asarray(self.high)[index],
-            level=self.level,
-            horizon_s=self.horizon_s,
-            window_s=np.asarray(self.window_s)[index],
-            method=self.method,
-            status=np.asarray(self.status)[index],
-        )
+        names = ("value", "low", "high", "window_s", "status")
+        return replace(self, **{name: np.asarray(getattr(self, name))[index] for name in names})
+
+
+def _plain(part: Any) -> Any:
+    if isinstance(part, np.ndarray):
+        return [_plain(one) for one in part]
+    if isinstance(part, str):
+        return str(part)
+    return float(part) if np.isfinite(part) else None
 
 
 class SettlingMethod(Protocol):

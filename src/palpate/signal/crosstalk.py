@@ -43,7 +43,9 @@ def floating_readings_ohm(resistance_ohm: ArrayLike) -> _Array:
     >>> floating_readings_ohm([[100.0, 100.0], [100.0, 100.0]]).round(6).tolist()
     [[75.0, 75.0], [75.0, 75.0]]
     """
-    resistance = _positive(resistance_ohm)
+    resistance = _not_negative(resistance_ohm)
+    if not np.all(resistance > 0):
+        raise ValueError("pixel resistances must be positive (inf is an open pixel)")
     rows, cols = resistance.shape[-2:]
     frames = resistance.reshape(-1, rows, cols)
     # An open pixel is given a billionth of the smallest conductance: the network stays connected.
@@ -108,13 +110,6 @@ def _not_negative(ohm: ArrayLike) -> _Array:
         raise ValueError(f"expected shape (..., rows, cols), got {values.shape}")
     if not np.all(values >= 0):
         raise ValueError("readings can't be negative or NaN (inf is an open circuit, 0 a short)")
-    return values
-
-
-def _positive(ohm: ArrayLike) -> _Array:
-    values = _not_negative(ohm)
-    if not np.all(values > 0):
-        raise ValueError("pixel resistances must be positive (inf is an open pixel)")
     return values
 
 

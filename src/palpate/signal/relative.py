@@ -181,17 +181,15 @@ def _refuse_unrest(change_percent: FloatArray) -> None:
             f"the sensor moved by {trend:+.1f} % during the rest stretch (at most "
             f"{_REST_TREND_PERCENT:g} %): it was loaded or still settling; leave it and repeat"
         )
-    smooth = overall if overall.size < 3 else np.median(_windows(overall), axis=-1)
+    smooth = overall
+    if overall.size >= 3:
+        smooth = np.median(np.lib.stride_tricks.sliding_window_view(overall, 3), axis=-1)
     reach = float(np.ptp(smooth))
     if reach > _REST_SPREAD_PERCENT:
         raise CalibrationError(
             f"the sensor jumped by {reach:.1f} % during the rest stretch (at most "
             f"{_REST_SPREAD_PERCENT:g} %): the fingers moved or it was touched; repeat at rest"
         )
-
-
-def _windows(values: FloatArray) -> FloatArray:
-    return np.lib.stride_tricks.sliding_window_view(values, 3)
 
 
 def refuse_load(rest_ohm: ArrayLike, *, known_ohm: ArrayLike) -> None:

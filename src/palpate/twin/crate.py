@@ -15,14 +15,10 @@ import numpy as np
 
 from palpate.clock import ManualClock
 from palpate.twin.devices import TwinArray, TwinGripper
-from palpate.twin.objects import TwinObject
+from palpate.twin.objects import RELAXING_S, YIELD_SHARE, TwinObject
 from palpate.twin.ranges import Pair, log_uniform, uniform
 from palpate.twin.world import World
 
-#: Damage begins at this share of the rupture force, as for other fruit of the twin.
-_YIELD_SHARE = (0.75, 0.95)
-#: Time constants of relaxation, as for other fruit of the twin.
-_RELAXING_S = ((0.2, 1.0), (1.0, 8.0), (8.0, 80.0))
 #: After an item was laid between the open fingers, the hand is left still for this long.
 _STILL_S = 1.0
 
@@ -161,9 +157,9 @@ def _draw_item(rng: np.random.Generator, name: str, kind: CrateKind) -> TwinObje
         contact="hertz" if kind.law == "flesh" else "linear",
         force_at_1mm_n=stiffness,
         relaxing_share=tuple(float(part) for part in share),
-        relaxing_time_s=tuple(log_uniform(rng, pair) for pair in _RELAXING_S),
+        relaxing_time_s=tuple(log_uniform(rng, pair) for pair in RELAXING_S),
         flat=False,
-        yield_n=rupture_n * uniform(rng, _YIELD_SHARE),
+        yield_n=rupture_n * uniform(rng, YIELD_SHARE),
         rupture_n=rupture_n,
         mass_g=uniform(rng, kind.mass_g),
     )
@@ -201,7 +197,7 @@ class CrateTable:
         """Open the hand, take away what is there, and lay an item between the fingers."""
         self.gripper.release()
         self._wait(_STILL_S)
-        while self._world.moving(self.clock.now_s()):
+        while self._world.is_moving(self.clock.now_s()):
             self._wait(_STILL_S)
         self._world.place(item.side(turn))
         self._wait(_STILL_S)

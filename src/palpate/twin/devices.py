@@ -87,7 +87,7 @@ class TwinArray:
         self._scanned = max(self._scanned, passed)
         clock.sleep_s(max(time_s - clock.now_s(), 0.0))
 
-    def look_away(self) -> None:
+    def blank_frames(self) -> None:
         """From now on frames come in time, but their counts are 0: nobody will look at them."""
         self._unseen = np.zeros((self.layout.rows, self.layout.cols), dtype=np.int32)
 
@@ -138,7 +138,7 @@ class TwinGripper:
     def state(self) -> GripperState:
         """Read position, motion and current as the servo reports them (pressure if soft)."""
         now_s = self._world.now_s()
-        value, moving = self._world.drive_value(now_s), self._world.moving(now_s)
+        value, moving = self._world.drive_value(now_s), self._world.is_moving(now_s)
         if self._world.gripper == "soft":
             pressure = value + 0.1 * float(self._noise.standard_normal())
             rounded = round(pressure / _PRESSURE_STEP_KPA) * _PRESSURE_STEP_KPA
@@ -169,9 +169,7 @@ class TwinGripper:
 
     def release(self) -> None:
         """Open fully, or vent."""
-        limits = self.limits
-        open_value = limits.highest if limits.drive == "width" else limits.lowest
-        self._world.drive(open_value, rate=limits.fastest)
+        self._world.drive(self.limits.target(0.0), rate=self.limits.fastest)
 
     def close(self) -> None:
         """Nothing to let go of."""

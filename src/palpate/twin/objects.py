@@ -24,7 +24,9 @@ ContactShape: TypeAlias = Literal["linear", "hertz"]
 #: Coefficient of tape or silicone on skins dry and damp; plausible, not measured.
 FRICTION: Pair = (0.35, 0.9)
 #: Damage begins at this share of the rupture force (in recorded grasps the curve bends just there).
-_YIELD_SHARE: Pair = (0.75, 0.95)
+YIELD_SHARE: Pair = (0.75, 0.95)
+#: Time constants of relaxation, seconds.
+RELAXING_S: tuple[Pair, ...] = ((0.2, 1.0), (1.0, 8.0), (8.0, 80.0))
 
 
 class Faces(Protocol):
@@ -178,9 +180,9 @@ def draw_object(rng: np.random.Generator, name: str | None = None) -> TwinObject
         contact=kind.contact,
         force_at_1mm_n=log_uniform(rng, kind.force_at_1mm_n),
         relaxing_share=tuple(float(part) for part in share),
-        relaxing_time_s=tuple(log_uniform(rng, pair) for pair in ((0.2, 1), (1, 8), (8, 80))),
+        relaxing_time_s=tuple(log_uniform(rng, pair) for pair in RELAXING_S),
         flat=kind.flat,
-        yield_n=rupture_n * uniform(rng, _YIELD_SHARE),
+        yield_n=rupture_n * uniform(rng, YIELD_SHARE),
         rupture_n=rupture_n,
         mass_g=uniform(rng, kind.mass_g),
         # A stream of its own: what was drawn of a seed before friction was, stays.

@@ -125,17 +125,33 @@ class Plant:
         contacts = state.contacts + begins
         placement = self.placement(state.placed, contacts)
         width_mm = state.motion.width_mm(time_s)
-        finger_mm = self._finger_mm(state, width_mm)
+        # The fingers are behind by the backlash when the servo goes back.
+        finger_mm = min(max(state.finger_mm, width_mm), width_mm + self._backlash_mm)
         closure_mm = self._closure_mm(state.obj, finger_mm, error_mm=placement.width_error_mm)
         if begins:
             closure_mm = max(closure_mm, 0.0)
         elif state.closure_mm < 0:
             closure_mm = min(closure_mm, -1e-9)
-        squeeze = self._close_squeeze(state, closure_mm, time_s - state.time_s)
+        step_s, squeeze, slide = time_s - state.time_s, RelaxingForce(), state.slide
+        if state.obj is not None:
+            squeeze = state.squeeze.close_to(
+                state.obj,
+                closure_mm,
+                step_s=step_s,
+                compliance=self.compliance,
+                ruptured=state.ruptured,
+            )
         force_n = squeeze.force_n
-        slide = self._slide(state, force_n, time_s - state.time_s)
+        if state.obj is not None and state.pull_n > 0:
+            slide = slide.after(
+                step_s,
+                pull_n=state.pull_n,
+                grip_n=force_n,
+                friction=state.obj.friction,
+                mass_g=state.obj.mass_g,
+            )
         pixels = state.pixels.after(
-            time_s - state.time_s,
+            step_s,
             self._load_n(state, closure_mm, force_n, placement),
             travel_mm=abs(width_mm - state.motion.width_mm(state.time_s)),
             sheet=self.sheet,
@@ -162,11 +178,9 @@ class Plant:
             pull_n=state.pull_n,
             slide=slide,
         )
-        return self._without_object(following) if slide.lost else following
-
-    def _without_object(self, state: PlantState) -> PlantState:
-        """Return the state once the object has slid off the pads."""
-        return replace(state, obj=None, closure_mm=-np.inf, squeeze=RelaxingForce())
+        if slide.lost:
+            return replace(following, obj=None, closure_mm=-np.inf, squeeze=RelaxingForce())
+        return following
 
     def between(self, state: PlantState, following: PlantState, time_s: float) -> PlantState:
         """Return the state at a time between a node and the one after it."""
@@ -176,7 +190,14 @@ class Plant:
         placement = self.placement(following.placed, following.contacts)
         width_mm = state.motion.width_mm(time_s)
         closure_mm = state.closure_mm + share * (following.closure_mm - state.closure_mm)
-        squeeze = self._squeeze_between(state, following, share, touching=closure_mm > 0)
+        squeeze, before_n = RelaxingForce(), state.squeeze.elastic_n
+        if state.obj is not None:
+            squeeze = state.squeeze.change_to(
+                state.obj,
+                elastic_n=before_n + share * (following.squeeze.elastic_n - before_n),
+                step_s=share * (following.time_s - state.time_s),
+                touching=closure_mm > 0,
+            )
         towards = partial(
             state.pixels.towards,
             following.pixels,
@@ -214,21 +235,6 @@ class Plant:
         """The reading of every pixel without load, shape (pixels,)."""
         return self.sheet.rest_ohm * self.sheet.rest_factor(self.environment)
 
-    def _finger_mm(self, state: PlantState, width_mm: float) -> float:
-        """Return the fingers' own opening: the servo's, behind by the play when it goes back."""
-        return min(max(state.finger_mm, width_mm), width_mm + self._backlash_mm)
-
-    def _slide(self, state: PlantState, force_n: float, step_s: float) -> Slide:
-        if state.obj is None or state.pull_n <= 0:
-            return state.slide
-        return state.slide.after(
-            step_s,
-            pull_n=state.pull_n,
-            grip_n=force_n,
-            friction=state.obj.friction,
-            mass_g=state.obj.mass_g,
-        )
-
     def _closure_mm(self, obj: TwinObject | None, finger_mm: float, *, error_mm: float) -> float:
         return -np.inf if obj is None else obj.size_mm - finger_mm + error_mm
 
@@ -263,30 +269,6 @@ class Plant:
             return np.inf
         lead_mm = self.placement(state.placed, state.contacts).lead_mm
         return (-state.closure_mm - lead_mm - _NEAR_MM) / motion.rate_mm_per_s
-
-    def _close_squeeze(self, state: PlantState, closure_mm: float, step_s: float) -> RelaxingForce:
-        if state.obj is None:
-            return RelaxingForce()
-        return state.squeeze.close_to(
-            state.obj,
-            closure_mm,
-            step_s=step_s,
-            compliance=self.compliance,
-            ruptured=state.ruptured,
-        )
-
-    def _squeeze_between(
-        self, state: PlantState, following: PlantState, share: float, *, touching: bool
-    ) -> RelaxingForce:
-        if state.obj is None:
-            return RelaxingForce()
-        before_n, after_n = state.squeeze.elastic_n, following.squeeze.elastic_n
-        return state.squeeze.change_to(
-            state.obj,
-            elastic_n=before_n + share * (after_n - before_n),
-            step_s=share * (following.time_s - state.time_s),
-            touching=touching,
-        )
 
     def _load_n(
         self, state: PlantState, closure_mm: float, force_n: float, placement: Placement

@@ -8,8 +8,7 @@ sensors had under dead weights (0.8 to 1.6, a standard deviation of 0.4), conduc
 presses against a load cell), resistances still 10-20 % from settled 2.5 s after the fingers stop
 (weights on Velostat) and an exponential that misses most of what is still to come, noise of a tenth
 to a few tenths of a percent. Its rest values suit the 4.7 kohm that the twin's pixels are read
-through, as where `palpate doctor` chose the reference resistor. `low-rest` is the same sheet with
-the rest values of five real sensors, read through the same 4.7 kohm.
+through, as where `palpate doctor` chose the reference resistor.
 Surroundings, wear and suction are plausible at both levels, not measured: the paper's Figures 1b, 3
 and 4 print no numbers.
 
@@ -24,130 +23,80 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-Level: TypeAlias = Literal["lab", "field", "low-rest"]
+Level: TypeAlias = Literal["lab", "field"]
 Pair: TypeAlias = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ranges:
-    """Ranges of one level; attributes are grouped by the part that they describe."""
+    """Ranges of one level, the laboratory's by default, grouped by the part that they describe."""
 
     # Sheet at rest.
-    rest_ohm_log: Pair
-    rest_pixel_log_sd: float
+    rest_ohm_log: Pair = (7e3, 20e3)
+    rest_pixel_log_sd: float = 0.12
     # Static law of one pixel: gain * ((F - threshold) / unit_force) ** exponent, saturating.
-    unit_force_n_log: Pair
-    exponent: Pair
-    threshold_n: Pair
-    saturation_log: Pair
-    sheet_pixel_log_sd: float
-    place_common_log_sd: float
-    place_pixel_log_sd: float
+    unit_force_n_log: Pair = (1.3, 2.1)
+    exponent: Pair = (1.15, 1.55)
+    threshold_n: Pair = (0.05, 0.2)
+    saturation_log: Pair = (40.0, 150.0)
+    sheet_pixel_log_sd: float = 0.12
+    place_common_log_sd: float = 0.04
+    place_pixel_log_sd: float = 0.08
     # Hysteresis: how far the force must fall, in ratio, before the sheet follows it down.
-    hysteresis: Pair
+    hysteresis: Pair = (0.03, 0.10)
     # Families of creep to draw from (one that is listed twice comes twice as often), and the ranges
     # of each.
-    families: tuple[str, ...]
-    two_mode_scale: Pair
-    slow_power_share: Pair
-    slow_power_exponent: Pair
-    slow_power_start_s_log: Pair
-    hetero_share: Pair
-    hetero_time_s_log: Pair
-    creep_place_log_sd: float
+    families: tuple[str, ...] = ("two-mode", "slow-power", "hetero")
+    two_mode_scale: Pair = (1.0, 1.0)
+    slow_power_share: Pair = (0.45, 0.75)
+    slow_power_exponent: Pair = (0.25, 0.55)
+    slow_power_start_s_log: Pair = (0.1, 0.4)
+    hetero_share: Pair = (0.30, 0.50)
+    hetero_time_s_log: Pair = (0.4, 25.0)
+    creep_place_log_sd: float = 0.15
     # Resistance spike on each movement of a finger.
-    spike_decay_s: Pair
-    spike_per_mm: Pair
-    spike_per_target: Pair
+    spike_decay_s: Pair = (0.06, 0.12)
+    spike_per_mm: Pair = (0.03, 0.08)
+    spike_per_target: Pair = (0.4, 0.8)
     # Noise of one pixel, as a fraction of its resistance; converter noise in counts.
-    white_noise: Pair
-    slow_noise: Pair
-    adc_noise_counts: float
+    white_noise: Pair = (0.0005, 0.0012)
+    slow_noise: Pair = (0.0003, 0.0010)
+    adc_noise_counts: float = 0.3
     # Gripper.
-    finger_mm_per_n: Pair
-    pad_travel_mm: Pair
-    pad_force_n: Pair
-    width_repeat_sd_mm: float
-    off_centre: float
+    finger_mm_per_n: Pair = (0.17, 0.26)
+    pad_travel_mm: Pair = (0.15, 0.45)
+    pad_force_n: Pair = (1.5, 4.0)
+    width_repeat_sd_mm: float = 0.02
+    off_centre: float = 0.6
     # How far the object lies off the middle between the fingers, and how far the rails and gears
     # let the servo go back before a finger follows.
-    off_middle_mm: Pair
-    backlash_mm: Pair
+    off_middle_mm: Pair = (0.0, 1.0)
+    backlash_mm: Pair = (0.03, 0.12)
     # Servo current: friction of the gears, in mA and as a share of the grip, the share by which it
     # rises and falls along the way and its scatter (sd of the logarithm) from movement to movement;
     # change of the torque of an ampere from session to session, and while the motor warms up.
-    servo_friction_ma: Pair
-    servo_friction_share: Pair
-    servo_friction_along: Pair
-    servo_friction_period_mm: Pair
-    servo_friction_movement_sd: Pair
-    servo_warm_share: Pair
+    servo_friction_ma: Pair = (20.0, 60.0)
+    servo_friction_share: Pair = (0.05, 0.25)
+    servo_friction_along: Pair = (0.05, 0.15)
+    servo_friction_period_mm: Pair = (3.0, 20.0)
+    servo_friction_movement_sd: Pair = (0.05, 0.15)
+    servo_warm_share: Pair = (-0.06, 0.02)
     # Environment and wear.
-    rest_per_kelvin: Pair
-    rest_per_humidity_percent: Pair
-    gain_per_kelvin: Pair
-    gain_per_humidity_percent: Pair
-    break_in: Pair
-    break_in_cycles_log: Pair
-    rest_break_in: Pair
-    rest_per_1000_cycles: Pair
-    gain_per_1000_cycles: Pair
+    rest_per_kelvin: Pair = (-0.012, -0.004)
+    rest_per_humidity_percent: Pair = (-0.004, 0.001)
+    gain_per_kelvin: Pair = (-0.006, 0.006)
+    gain_per_humidity_percent: Pair = (-0.002, 0.002)
+    break_in: Pair = (0.1, 0.4)
+    break_in_cycles_log: Pair = (100.0, 600.0)
+    rest_break_in: Pair = (-0.1, 0.1)
+    rest_per_1000_cycles: Pair = (-0.03, 0.03)
+    gain_per_1000_cycles: Pair = (-0.03, 0.03)
     # Suction: share of the rest conductance that it can take away, and how strong it must be.
-    lift_share: Pair
-    lift_kpa_log: Pair
+    lift_share: Pair = (0.1, 0.5)
+    lift_kpa_log: Pair = (5.0, 30.0)
 
 
-LAB = Ranges(
-    rest_ohm_log=(7e3, 20e3),
-    rest_pixel_log_sd=0.12,
-    unit_force_n_log=(1.3, 2.1),
-    exponent=(1.15, 1.55),
-    threshold_n=(0.05, 0.2),
-    saturation_log=(40.0, 150.0),
-    sheet_pixel_log_sd=0.12,
-    place_common_log_sd=0.04,
-    place_pixel_log_sd=0.08,
-    hysteresis=(0.03, 0.10),
-    families=("two-mode", "slow-power", "hetero"),
-    two_mode_scale=(1.0, 1.0),
-    slow_power_share=(0.45, 0.75),
-    slow_power_exponent=(0.25, 0.55),
-    slow_power_start_s_log=(0.1, 0.4),
-    hetero_share=(0.30, 0.50),
-    hetero_time_s_log=(0.4, 25.0),
-    creep_place_log_sd=0.15,
-    spike_decay_s=(0.06, 0.12),
-    spike_per_mm=(0.03, 0.08),
-    spike_per_target=(0.4, 0.8),
-    white_noise=(0.0005, 0.0012),
-    slow_noise=(0.0003, 0.0010),
-    adc_noise_counts=0.3,
-    finger_mm_per_n=(0.17, 0.26),
-    pad_travel_mm=(0.15, 0.45),
-    pad_force_n=(1.5, 4.0),
-    width_repeat_sd_mm=0.02,
-    off_centre=0.6,
-    off_middle_mm=(0.0, 1.0),
-    backlash_mm=(0.03, 0.12),
-    servo_friction_ma=(20.0, 60.0),
-    servo_friction_share=(0.05, 0.25),
-    servo_friction_along=(0.05, 0.15),
-    servo_friction_period_mm=(3.0, 20.0),
-    servo_friction_movement_sd=(0.05, 0.15),
-    servo_warm_share=(-0.06, 0.02),
-    rest_per_kelvin=(-0.012, -0.004),
-    rest_per_humidity_percent=(-0.004, 0.001),
-    gain_per_kelvin=(-0.006, 0.006),
-    gain_per_humidity_percent=(-0.002, 0.002),
-    break_in=(0.1, 0.4),
-    break_in_cycles_log=(100.0, 600.0),
-    rest_break_in=(-0.1, 0.1),
-    rest_per_1000_cycles=(-0.03, 0.03),
-    gain_per_1000_cycles=(-0.03, 0.03),
-    lift_share=(0.1, 0.5),
-    lift_kpa_log=(5.0, 30.0),
-)
-
+LAB = Ranges()
 FIELD = replace(
     LAB,
     rest_ohm_log=(2e3, 20e3),
@@ -186,11 +135,7 @@ FIELD = replace(
     gain_per_1000_cycles=(-0.08, 0.08),
 )
 
-LEVELS: dict[str, Ranges] = {
-    "lab": LAB,
-    "field": FIELD,
-    "low-rest": replace(FIELD, rest_ohm_log=(0.6e3, 1.7e3)),
-}
+LEVELS: dict[str, Ranges] = {"lab": LAB, "field": FIELD}
 
 
 def ranges_of(level: str) -> Ranges:

@@ -25,11 +25,10 @@ class Readout:
         layout: ArrayLayout,
         oversampling: int,
         adc_noise_counts: float,
-        crosstalk: bool,
         seed: int,
         start_s: float,
     ) -> None:
-        self._sheet, self._layout, self._crosstalk = sheet, layout, crosstalk
+        self._sheet, self._layout = sheet, layout
         self._oversampling, self._adc_noise_counts = oversampling, adc_noise_counts
         self._rng = np.random.default_rng([seed, 3])
         self._slow = self._rng.standard_normal((2, layout.pixels))
@@ -46,7 +45,8 @@ class Readout:
             self._slow[0] + self._slow[1]
         )
         noisy = pixel_ohm * (1.0 + noise.reshape(pixel_ohm.shape))
-        seen = floating_readings_ohm(noisy) if self._crosstalk else noisy
+        leaks = self._layout.idle_lines == "floating"
+        seen = floating_readings_ohm(noisy) if leaks else noisy
         return ohm_to_volts(seen, divider=self._layout.divider)
 
     def counts(self, pixel_ohm: FloatArray, *, time_s: float) -> NDArray[np.int32]:

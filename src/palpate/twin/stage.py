@@ -17,26 +17,14 @@ class Scanned(Protocol):
 
     #: Called with the time before the world moves on to it.
     watchers: list[Callable[[float], None]]
-
-    @property
-    def clock(self) -> ManualClock:
-        """The clock that the devices move."""
-        ...
-
-    @property
-    def layout(self) -> ArrayLayout:
-        """Pixels and readout."""
-        ...
-
-    @property
-    def frame_rate_hz(self) -> float:
-        """Rate at which the array is scanned."""
-        ...
-
-    @property
-    def oversampling(self) -> int:
-        """Conversions summed per pixel."""
-        ...
+    #: The clock that the devices move.
+    clock: ManualClock
+    #: Pixels and readout.
+    layout: ArrayLayout
+    #: Rate at which the array is scanned.
+    frame_rate_hz: float
+    #: Conversions summed per pixel.
+    oversampling: int
 
     def scan(self, time_s: float) -> NDArray[np.int32]:
         """Return one scan of the array: counts summed over the conversions, shape (rows, cols)."""
@@ -50,25 +38,14 @@ class Stage(Scanned, Protocol):
     of recordings or of another simulator's physics.
     """
 
-    @property
-    def gripper(self) -> Literal["rigid", "soft"]:
-        """What drives the fingers: width or pressure."""
-        ...
-
-    @property
-    def seed(self) -> int:
-        """Seed of the devices' noise."""
-        ...
-
-    @property
-    def sheet_seed(self) -> int:
-        """Seed of the sensor and the gripper."""
-        ...
-
-    @property
-    def level(self) -> str:
-        """How much devices scatter (`palpate.twin.ranges`)."""
-        ...
+    #: What drives the fingers: width or pressure.
+    gripper: Literal["rigid", "soft"]
+    #: Seed of the devices' noise.
+    seed: int
+    #: Seed of the sensor and the gripper.
+    sheet_seed: int
+    #: How much devices scatter (`palpate.twin.ranges`).
+    level: str
 
     def now_s(self) -> float:
         """Return the clock's time, seconds."""
@@ -86,7 +63,7 @@ class Stage(Scanned, Protocol):
         """Return the present width (mm) or pressure (kPa)."""
         ...
 
-    def moving(self, time_s: float) -> bool:
+    def is_moving(self, time_s: float) -> bool:
         """Return whether the fingers are on their way."""
         ...
 

@@ -239,7 +239,7 @@ def draw_sheet(
 ) -> Sheet:
     """Draw a sheet.
 
-    `level` ("lab", "field" or "low-rest"): which ranges (`palpate.twin.ranges`).
+    `level` ("lab" or "field"): which ranges (`palpate.twin.ranges`).
     `family`: name in `FAMILIES`; by default one is drawn.
     """
     ranges = ranges_of(level)

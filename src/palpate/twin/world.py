@@ -39,14 +39,14 @@ class World:
     `seed`: seed of this session: placements, scatter from grasp to grasp, noise.
     `sheet_seed`: seed of the sensor and the gripper, the same for worlds that share them; `seed` by
         default.
-    `level` ("lab", "field" or "low-rest"): how much everything scatters (`palpate.twin.ranges`).
+    `level` ("lab" or "field"): how much everything scatters (`palpate.twin.ranges`).
     `gripper` ("rigid" or "soft"): width-driven fingers, or pneumatic ones driven by pressure.
-    `layout`: pixels and readout; by default the paper's for this kind of gripper.
+    `layout`: pixels and readout; by default the paper's for this kind of gripper. Readings leak
+        where its idle lines float.
     `clock`: the clock that the devices move; its own by default.
     `family`: relaxation family of the sheet (`palpate.twin.velostat.FAMILIES`); drawn by default.
     `environment`: temperature, humidity and earlier use.
     `remade`: takes the drawn sheet and returns the one to use, such as a sheet of another law.
-    `crosstalk`: whether the pixels are a passive matrix whose idle lines float.
     `soft_mm_per_n`: compliance of soft fingers.
 
     >>> import numpy as np
@@ -78,7 +78,6 @@ class World:
         family: str | None = None,
         environment: Environment | None = None,
         remade: Callable[[Sheet], Sheet] | None = None,
-        crosstalk: bool = False,
         soft_mm_per_n: float = SOFT_MM_PER_N,
     ) -> None:
         self.seed = seed
@@ -126,7 +125,6 @@ class World:
             layout=layout,
             oversampling=oversampling,
             adc_noise_counts=ranges.adc_noise_counts,
-            crosstalk=crosstalk,
             seed=seed,
             start_s=start_s,
         )
@@ -158,7 +156,7 @@ class World:
         width_mm = self._at(time_s).motion.width_mm(time_s)
         return width_mm if self.gripper == "rigid" else (OPEN_MM - width_mm) / SOFT_MM_PER_KPA
 
-    def moving(self, time_s: float) -> bool:
+    def is_moving(self, time_s: float) -> bool:
         """Return whether the fingers are on their way."""
         return self._at(time_s).motion.end_s > time_s
 

@@ -165,7 +165,6 @@ def _quiet(level: str, *, sensor: int) -> tuple[int, bool]:
         layout=world.layout,
         oversampling=world.oversampling,
         adc_noise_counts=ranges_of(level).adc_noise_counts,
-        crosstalk=False,
         seed=sensor,
         start_s=begin_s,
     )

@@ -17,7 +17,10 @@ from palpate.cli.flash import meaning
 from palpate.errors import DeviceNotFoundError
 from palpate.firmware_image import IMAGES, image_path
 from palpate.sensor.wire import unpack
-from palpate.sensor.wire_messages import BoardIdentity, CommandType
+from palpate.sensor.wire_messages import (
+    BoardIdentity,
+    Identify,
+)
 from palpate_studies.board_bytes import encode_message
 
 HEX = ":100000000C9434000C943E000C943E000C943E0082\n:00000001FF\n"
@@ -49,7 +52,7 @@ def board() -> Iterator[Board]:
             *packets, pending = (pending + data).split(b"\0")
             for packet in packets:
                 unpacked = unpack(packet)
-                if unpacked is not None and unpacked[0] == CommandType.IDENTIFY:
+                if unpacked is not None and unpacked[0] == Identify.kind:
                     board.asked.append(unpacked[1][0])
                     os.write(master, encode_message(identity(unpacked[1][0])))
 

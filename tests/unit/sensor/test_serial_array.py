@@ -22,12 +22,17 @@ from palpate.sensor.wire import unpack
 from palpate.sensor.wire_messages import (
     Ack,
     BoardIdentity,
-    CommandType,
     FrameMessage,
     Identify,
     Ping,
     Result,
+    SetCeiling,
+    SetLayout,
+    SetOversampling,
     SetPressure,
+    SetRate,
+    Start,
+    Stop,
 )
 from palpate_studies.board_bytes import encode_message
 
@@ -112,18 +117,18 @@ class PtyBoard(PtyPort):
             self.reset(now_s)
             return
         result = Result.OK
-        if kind == CommandType.IDENTIFY:
+        if kind == Identify.kind:
             self.send(encode_message(self.identity(tag=tag)))
             return
-        if kind == CommandType.LAYOUT:
+        if kind == SetLayout.kind:
             self.rows, self.cols = rest[:2]
-        if kind == CommandType.RATE:
+        if kind == SetRate.kind:
             (rate_mhz,) = struct.unpack("<I", bytes(rest))
             result = Result.TOO_FAST if rate_mhz > self.highest_rate_hz * 1e3 else Result.OK
-        if kind == CommandType.START:
+        if kind == Start.kind:
             self.stream = self.stream % 255 + 1
             self.started_us, self.sent = self.device_us(now_s), 0
-        if kind == CommandType.STOP:
+        if kind == Stop.kind:
             self.started_us = None
         ack = Ack(command=kind, tag=tag, result=result, highest_rate_hz=self.highest_rate_hz)
         self.send(encode_message(ack))
@@ -231,13 +236,13 @@ def test_layout_has_the_full_scale_that_the_board_states(
 def test_the_board_is_set_up_in_order(bench: Bench) -> None:
     board = bench.board()
     array = connect(bench, board)
-    assert [CommandType(kind).name for kind in board.seen] == [
-        "STOP", "LAYOUT", "OVERSAMPLING", "RATE", "IDENTIFY", "CEILING", "START",
-    ]  # fmt: skip
+    assert board.seen == [
+        one.kind for one in (Stop, SetLayout, SetOversampling, SetRate, Identify, SetCeiling, Start)
+    ]
     assert array.identity.board == "pty"
     array.send(SetPressure(target_kpa=10.0, slew_kpa_per_s=20.0))
     bench.sleep_s(0.001)
-    assert board.seen[-1] == CommandType.PRESSURE
+    assert board.seen[-1] == SetPressure.kind
 
 
 def test_board_that_resets_during_set_up_is_set_up_again(bench: Bench) -> None:
@@ -245,7 +250,7 @@ def test_board_that_resets_during_set_up_is_set_up_again(bench: Bench) -> None:
     board.resets_at_command = 4
     array = connect(bench, board)
     assert [array.read(timeout_s=0.1).sequence for _ in range(50)] == list(range(50))
-    assert [CommandType(kind).name for kind in board.seen].count("START") == 1
+    assert board.seen.count(Start.kind) == 1
     assert array.counters.restarts == 0
 
 
@@ -270,7 +275,7 @@ def test_nothing_is_sent_before_the_board_is_heard(bench: Bench) -> None:
     link.poll()
     link.poll()
     bench.sleep_s(0.01)
-    assert board.seen == [CommandType.IDENTIFY]
+    assert board.seen == [Identify.kind]
     while link.busy:
         bench.sleep_s(0.01)
         link.poll()
@@ -283,7 +288,7 @@ def test_a_silent_board_is_not_pinged(bench: Bench) -> None:
     array.read(timeout_s=0.1)
     array.send(Ping())
     bench.sleep_s(0.01)
-    assert board.seen[-1] == CommandType.PING
+    assert board.seen[-1] == Ping.kind
     board.started_us = None
     told, until_s = len(board.seen), bench.now_s() + RESTART_S
     while bench.now_s() < until_s:

@@ -23,7 +23,6 @@ from palpate.sensor.wire import (
 from palpate.sensor.wire_messages import (
     Ack,
     BoardMessage,
-    CommandType,
     FrameMessage,
     MessageType,
     Ping,
@@ -51,7 +50,7 @@ def sent(*sequences: int, stream: int = 9) -> bytes:
 
 def ack(next_sequence: int, *, stream: int = 9) -> bytes:
     answer = Ack(
-        command=CommandType.PING,
+        command=Ping.kind,
         tag=1,
         result=Result.OK,
         stream=stream,

@@ -18,10 +18,8 @@ from palpate.sensor.wire_messages import (
     BoardIdentity,
     CellSample,
     Command,
-    CommandType,
     FrameMessage,
     Ping,
-    ResetCause,
     Result,
     SetCeiling,
     SetLayout,
@@ -32,7 +30,7 @@ from palpate.sensor.wire_messages import (
 from palpate_studies.board_bytes import pack_ack, pack_frame, pack_identity
 
 ACK = Ack(
-    command=CommandType.RATE,
+    command=SetRate.kind,
     tag=200,
     result=Result.TOO_FAST,
     stream=7,
@@ -43,7 +41,7 @@ ACK = Ack(
 IDENTITY = BoardIdentity(
     tag=3, protocol=1, version=(1, 2, 3), features=3, rows=6, cols=2, oversampling=4,
     max_rows=16, max_cols=16, max_oversampling=64, settle_us=20, heartbeat_ms=500,
-    reset_cause=ResetCause.WATCHDOG, streaming=True, conversion_us=104, baud=1_000_000,
+    reset_cause=8, streaming=True, conversion_us=104, baud=1_000_000,
     rate_hz=250.0, highest_rate_hz=701.5, board="Arduino Mega 2560",
 )  # fmt: skip
 FRAME = FrameMessage(

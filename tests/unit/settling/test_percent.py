@@ -14,7 +14,6 @@ from palpate.settling.calibrated import Calibrated
 from palpate.settling.percent import without_percent
 from palpate.settling.predict import predict_settled
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.streaming import SettlingStream
 
 TIME_S = np.arange(1, 301) / 15
 REST_OHM = 40e3
@@ -69,15 +68,6 @@ def test_holds_that_know_their_unit_need_no_telling() -> None:
     told = predict_settled(TIME_S, percent, cutoff_s=2.5, unit="percent")
     assert rows[0].predicted == float(told.value)
     assert rows[1].predicted != rows[0].predicted
-
-
-def test_a_stream_is_told_too() -> None:
-    percent = 100 * (left(0.05) - 1)
-    stream = SettlingStream(channels=1, methods={"r": Relaxation()}, unit="percent")
-    for time_s, value in zip(TIME_S[:30], percent[:30], strict=True):
-        found = stream.push(time_s, [value])
-    told = predict_settled(TIME_S, percent, cutoff_s=TIME_S[29], unit="percent")
-    assert found["r"].value[0] == pytest.approx(float(told.value))
 
 
 def test_own_holds_in_percent_teach_what_the_same_holds_in_ohm_teach() -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate.sensor.array import RIGID_LAYOUT
 from palpate.signal.relative import excess_conductance, mean_change, relative_change_percent
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.velostat import FAMILIES, Environment
@@ -158,7 +159,7 @@ def test_the_servo_locks_before_it_breaks() -> None:
     world = World(block, seed=1)
     world.drive(5.0, rate=20.0)
     assert world.force_n(10.0) < 65.0
-    assert not world.moving(10.0)
+    assert not world.is_moving(10.0)
     assert world.drive_value(10.0) > 15.0
 
 
@@ -214,7 +215,8 @@ def test_surroundings_may_change_while_the_world_runs() -> None:
 
 
 def test_floating_lines_leak() -> None:
-    straight, leaky = held(2.5), held(2.5, crosstalk=True)
+    straight = held(2.5)
+    leaky = held(2.5, layout=replace(RIGID_LAYOUT, idle_lines="floating"))
     assert np.all(leaky.scan(3.0) > straight.scan(3.0))
 
 

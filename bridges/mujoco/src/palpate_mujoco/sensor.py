@@ -119,7 +119,6 @@ class PadSensor:
             layout=layout,
             oversampling=oversampling,
             adc_noise_counts=self._ranges.adc_noise_counts,
-            crosstalk=layout.idle_lines == "floating",
             seed=seed,
             start_s=self.clock.now_s(),
         )

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.clock import ManualClock
-from palpate.sensor.array import ArrayLayout
 from palpate.twin.mechanics import Motion, patch_reach_mm
 from palpate.twin.objects import Truth, TwinObject
 from palpate.twin.world import OPEN_MM
@@ -79,25 +78,14 @@ class MujocoWorld:
             level=level,
             clock=self.clock,
         )
+        #: Pixels and readout, and how they are scanned.
+        self.layout = self.sensor.layout
+        self.frame_rate_hz = self.sensor.frame_rate_hz
+        self.oversampling = self.sensor.oversampling
         self._motion = Motion(start_s=0.0, from_mm=OPEN_MM, to_mm=OPEN_MM, rate_mm_per_s=1.0)
         self._hold: MujocoWorld | None = None
         self._peak_n = 0.0
         self._build(obj, width_mm=OPEN_MM)
-
-    @property
-    def layout(self) -> ArrayLayout:
-        """Pixels and readout."""
-        return self.sensor.layout
-
-    @property
-    def frame_rate_hz(self) -> float:
-        """Rate at which the array is scanned."""
-        return self.sensor.frame_rate_hz
-
-    @property
-    def oversampling(self) -> int:
-        """Conversions summed per pixel."""
-        return self.sensor.oversampling
 
     @property
     def data(self) -> mujoco.MjData:
@@ -137,7 +125,7 @@ class MujocoWorld:
         self._at(time_s)
         return self._servo.width_mm
 
-    def moving(self, time_s: float) -> bool:
+    def is_moving(self, time_s: float) -> bool:
         """Return whether the fingers are on their way."""
         return self._motion.end_s > self._at(time_s)
 

@@ -11,7 +11,15 @@ from contextlib import contextmanager, suppress
 import numpy as np
 
 from palpate.sensor.wire import unpack
-from palpate.sensor.wire_messages import Ack, BoardIdentity, CommandType, FrameMessage, Result
+from palpate.sensor.wire_messages import (
+    Ack,
+    BoardIdentity,
+    FrameMessage,
+    Identify,
+    Result,
+    Start,
+    Stop,
+)
 from palpate_studies.board_bytes import encode_message
 
 
@@ -46,13 +54,13 @@ def board(master: int, *, rate_hz: float) -> None:
             packets = []
         for packet in packets:
             kind, payload = unpack(packet) or (0, b"\0")
-            if kind == CommandType.IDENTIFY:
+            if kind == Identify.kind:
                 os.write(master, encode_message(identity(payload[0], rate_hz)))
             else:
                 ack = Ack(command=kind, tag=payload[0], result=Result.OK)
                 os.write(master, encode_message(ack))
-            if kind in (CommandType.START, CommandType.STOP):
-                start_s, sent = time.monotonic() * (kind == CommandType.START), 0
+            if kind in (Start.kind, Stop.kind):
+                start_s, sent = time.monotonic() * (kind == Start.kind), 0
         if start_s and time.monotonic() >= start_s + sent / rate_hz:
             with suppress(BlockingIOError):  # nobody reads: lost, as on a real port
                 time_us = round((start_s + sent / rate_hz) * 1e6)

@@ -10,9 +10,8 @@ import numpy as np
 from scipy.optimize import OptimizeWarning, curve_fit
 
 from palpate.arrays import FloatArray
-from palpate.settling.predict import METHODS, method_named, predict_settled
+from palpate.settling.predict import predict_settled
 from palpate.settling.result import Status
-from palpate.settling.streaming import SettlingStream
 from palpate.signal.transient import WAIT_S
 from palpate_studies.benchmarks.running import Measured, Ratio, command_of, side_by_side_s
 
@@ -24,7 +23,6 @@ WANTED = {
     ("relaxation", 10_000): 100.0,
 }
 NEW_GRID_WANTED = 1.0
-PIXELS, RATE_HZ = 12, 15
 #: Of the holds drawn for timing.
 SAMPLES, CUTOFF_S, NOISE_PERCENT = 30, 2.5, 0.03
 NOTE = (
@@ -34,7 +32,7 @@ NOTE = (
 
 
 def measure(full: bool) -> Measured:
-    """Time single holds, batches, grids never met before and a streaming update."""
+    """Time single holds, batches and grids never met before."""
     sizes = (1, 8, 10_000, 100_000) if full else (1, 8, 10_000)
     peer_holds = 2000 if full else 300
     time_s, holds = synthetic_holds(max(sizes))
@@ -46,7 +44,7 @@ def measure(full: bool) -> Measured:
             for size in sizes
             for method in ("exponential", "relaxation")
         ]
-        ratios += [_new_grid(holds[0]), _update()]
+        ratios.append(_new_grid(holds[0]))
         agreement = _agreement(peer_holds)
     scaled = f"curve_fit takes one hold at a time: timed on at most {peer_holds}, and scaled up."
     return ratios, [NOTE, scaled, agreement]
@@ -109,27 +107,6 @@ def _new_grid(hold: FloatArray) -> Ratio:
         ours=ours_s,
         theirs=theirs_s,
         wanted=NEW_GRID_WANTED,
-    )
-
-
-def _update() -> Ratio:
-    """Compare one frame's update of all methods with one fit of each pixel."""
-    stream = SettlingStream(channels=PIXELS, methods={name: method_named(name) for name in METHODS})
-    rng, frames = np.random.default_rng(3), count()
-    time_s, holds = synthetic_holds(PIXELS)
-
-    def push() -> None:
-        now_s = next(frames) / RATE_HZ
-        stream.push(now_s, 20 * np.exp(-1.5 * now_s) - 60 + rng.normal(0, 0.1, PIXELS))
-
-    ours_s, theirs_s = side_by_side_s(push, partial(_fit_each, time_s, holds), repeats=2 * SAMPLES)
-    return Ratio(
-        what="one streaming update, all methods",
-        size=PIXELS,
-        of="pixels",
-        peer=CURVE_FIT,
-        ours=ours_s,
-        theirs=theirs_s,
     )
 
 
