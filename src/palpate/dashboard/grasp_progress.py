@@ -189,7 +189,7 @@ def grasp_progress_of(
 
 
 def _touch_time_s(grasp_state: GraspState) -> float | None:
-    """Return the time from which the answer's time is counted, once there is contact."""
+    """Return the first contact, from which the answer's time counts."""
     if not any(moment.name == "contact" for moment in grasp_state.result.moments):
         return None
     felt_s = grasp_state.attempt.felt_s

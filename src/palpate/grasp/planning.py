@@ -1,4 +1,4 @@
-"""From a calibration to a plan: the laws that the controller reads by."""
+"""From a calibration to a plan with the controller's force laws."""
 
 from __future__ import annotations
 

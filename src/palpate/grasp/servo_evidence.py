@@ -113,7 +113,7 @@ def _interpolate_force(at: FloatArray, closure: FloatArray, force_n: FloatArray)
 
 
 def early_gain(estimate: ContactEstimate, plan: Plan) -> Gain:
-    """Return how this contact reads, soon after a step, against the sheet's early law."""
+    """Return the gain of this contact, soon after a step, against the sheet's early law."""
     gain = Gain.from_calibration(law_sd=plan.early_law.residual_sd, more_sd=SETTLE.haste_sd)
     felt = force_by_gripper(estimate, plan) if estimate.steps else None
     if felt is None:

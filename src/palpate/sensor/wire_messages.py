@@ -173,7 +173,7 @@ BoardMessage = FrameMessage | Ack | BoardIdentity
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Command:
-    """What the host sends."""
+    """A packet from the host."""
 
     #: First byte of its packet.
     kind: ClassVar[int]
@@ -183,7 +183,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identify(Command):
-    """Ask for an `BoardIdentity`."""
+    """Ask for the `BoardIdentity`."""
 
     kind: ClassVar[int] = 0x81
 

@@ -281,7 +281,7 @@ def test_a_new_grasp_begins_a_new_curve_and_forgets_the_last_verdict(rehearsal: 
 
 
 @pytest.mark.parametrize("began", [False, True])
-def test_a_grasp_stopped_before_the_hand_moved_says_so_and_not_how_the_last_one_ended(
+def test_stop_before_the_hand_moves_replaces_the_last_outcome(
     rehearsal: Rehearsal, *, began: bool
 ) -> None:
     devices = rehearsal.session.devices

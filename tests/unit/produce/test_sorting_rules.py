@@ -212,7 +212,7 @@ def test_the_decision_becomes_a_verdict_with_its_reason() -> None:
     assert verdict.explanation == done.decision.why
 
 
-def test_purity_counts_what_rules_placed_and_time_what_hands_do() -> None:
+def test_score_has_purity_of_placed_items_and_time_of_grasps() -> None:
     placed = [
         Placed(bin="kiwi", belongs="kiwi", grasps=1, grasping_s=10.0),
         Placed(bin="kiwi", belongs="lime", grasps=3, grasping_s=30.0),

@@ -318,7 +318,7 @@ def test_device_time_is_followed_with_its_drift(bench: Bench, drift_ppm: float) 
     assert np.all(np.diff(scanned) >= 0)
 
 
-def test_sequence_and_microseconds_wrap_unseen(bench: Bench) -> None:
+def test_wraps_of_sequence_and_microseconds_are_undone(bench: Bench) -> None:
     board = bench.board(first_us=2**32 - 800_000, first_sequence=2**32 - 100)
     array = connect(bench, board)
     frames = [array.read(timeout_s=0.1) for _ in range(300)]

@@ -102,7 +102,7 @@ class Within:
     def probability(self, evidence: Evidence) -> float | None:
         """Return the probability that the item's value is within; None if it was not measured.
 
-        Its interval is read as of an error that is normal, with a spread of its own to each side.
+        The error is taken as normal, with a spread for each side of the interval.
 
         >>> size = Measurement(value=50.0, low=49.0, high=52.0, unit="mm")
         >>> Within("size_mm", 50.0, 90.0).probability(Evidence(size_mm=size))
