@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,7 +15,9 @@ from palpate.cli.items import add_label, open_store
 from palpate.cli.options import JsonOption, StoreOption, opt, refuse_options
 from palpate.cli.output import percent_text, print_json
 from palpate.errors import InputError
+from palpate.produce.learning import LabelLearner, LabelledTable, LearnedScore
 from palpate.produce.records import About
+from palpate.produce.store import Store
 from palpate.produce.teaching import labelled_of, read_labelled
 from palpate.terminal_table import print_table
 
@@ -69,24 +72,10 @@ def teach(
         known = read_labelled(table)
     else:
         with open_store(store, create=bool(say)) as opened:
-            for text in say or []:
-                item, equals, label = text.partition("=")
-                if not equals or not label.strip():
-                    raise InputError(f"--say {text}: must be ITEM=LABEL")
-                opened.item(item)
-                add_label(opened, item, about=about, text=label.strip())
+            _label_items(opened, say or [], about=about)
             known = labelled_of(opened, about, kind=kind)
     learner = known.learn(strangers=question is Question.KIND)
-    score = learner.score()
-    named: list[dict[str, Any]] = []
-    if blank := known.unlabelled():
-        rows = known.rows[blank]
-        named = [
-            {"item_id": known.items[row], "label": str(label), "probability": float(chance.max())}
-            for row, label, chance in zip(
-                blank, learner.predict(rows), learner.probabilities(rows), strict=True
-            )
-        ]
+    score, named = learner.score(), _name_unlabelled(known, learner)
     if as_json:
         print_json(
             {
@@ -102,18 +91,47 @@ def teach(
                 "named": named,
             }
         )
-        return
+    else:
+        _print(score, named, method=learner.method, labels=learner.labels)
+
+
+def _label_items(store: Store, texts: Sequence[str], *, about: About) -> None:
+    for text in texts:
+        item, equals, label = text.partition("=")
+        if not equals or not label.strip():
+            raise InputError(f"--say {text}: must be ITEM=LABEL")
+        store.item(item)
+        add_label(store, item, about=about, text=label.strip())
+
+
+def _name_unlabelled(known: LabelledTable, learner: LabelLearner) -> list[dict[str, Any]]:
+    """Return the label of each item without one, as in the JSON."""
+    blank = known.unlabelled()
+    if not blank:
+        return []
+    rows = known.rows[blank]
+    return [
+        {"item_id": known.items[row], "label": str(label), "probability": float(chance.max())}
+        for row, label, chance in zip(
+            blank, learner.predict(rows), learner.probabilities(rows), strict=True
+        )
+    ]
+
+
+def _print(
+    score: LearnedScore, named: Sequence[dict[str, Any]], *, method: str, labels: Sequence[str]
+) -> None:
     console = Console(highlight=False)
     console.print(
-        f"{score.items} labelled items, {learner.method}: {percent_text(score.right)} named "
+        f"{score.items} labelled items, {method}: {percent_text(score.right)} named "
         f"rightly when left out ({percent_text(score.right_by_chance)} by always naming the most "
         f"common), overconfident by {100 * score.overconfidence:+.0f} points",
         markup=False,
     )
     print_table(
-        ("label", *(f">{label}" for label in learner.labels)),
+        ("label", *(f">{label}" for label in labels)),
         [
-            (escape(true), *(str(row.get(label, 0)) for label in learner.labels))
+            (escape(true), *(str(row.get(label, 0)) for label in labels))
             for true, row in score.confusion.items()
         ],
         console=console,
