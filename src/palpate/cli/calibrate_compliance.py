@@ -6,6 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
+from palpate.calibrate.guided import measure_block
+from palpate.calibrate.servo_current import measure_current, measure_gears
 from palpate.cli.calibrate_bench import (
     calibration_file,
     earlier_calibration,
@@ -15,8 +17,6 @@ from palpate.cli.options import CalibrationOption, JsonOption, RigOption, SeedOp
 from palpate.cli.output import print_json
 from palpate.errors import InputError
 from palpate.estimate.compliance import Compliance
-from palpate.grasp.calibrating import measure_block
-from palpate.grasp.calibrating_current import measure_current, measure_gears
 from palpate.grasp.planning import DWELL_S
 from palpate.rig.simulated import GuidedBench
 from palpate.sensor.calibration import Calibration, join_currents

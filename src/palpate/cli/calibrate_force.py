@@ -11,6 +11,14 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from palpate.calibrate.dead_weights import (
+    FEWEST,
+    check_loads,
+    has_hysteresis,
+    read_loads,
+    weigh,
+)
+from palpate.calibrate.guided import HOLDS_N, measure_force, measure_rest
 from palpate.cli import options as option
 from palpate.cli.calibrate_bench import (
     ask_user,
@@ -26,7 +34,6 @@ from palpate.clock import RealClock
 from palpate.errors import CalibrationError, InputError
 from palpate.estimate.force_follower import SPREAD_N, half_width_percent, most_useful_n
 from palpate.estimate.force_law import ForceLaw
-from palpate.grasp.calibrating import HOLDS_N, measure_force, measure_rest
 from palpate.grasp.paper_method import with_line_law
 from palpate.grasp.planning import DWELL_S, HORIZON_S, with_force_law
 from palpate.plots.force_calibration import force_calibration_figure
@@ -34,13 +41,6 @@ from palpate.plots.style import check_plot, save_figure
 from palpate.rig.board_cell import board_with_cells, mean_counts
 from palpate.rig.file import load_cells_stated
 from palpate.sensor.calibration import Calibration
-from palpate.sensor.dead_weights import (
-    FEWEST,
-    check_loads,
-    has_hysteresis,
-    read_loads,
-    weigh,
-)
 from palpate.sensor.rest_calibration import now_text, with_rest
 
 

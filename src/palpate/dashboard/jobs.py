@@ -9,6 +9,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from palpate.calibrate.dead_weights import check_loads, weigh
+from palpate.calibrate.guided import HOLDS_N, Bench, measure_force, measure_rest
 from palpate.dashboard.grasp_progress import force_laws
 from palpate.dashboard.messages import (
     Calibrated,
@@ -24,7 +26,6 @@ from palpate.dashboard.messages import (
 from palpate.dashboard.telemetry import Telemetry
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
 from palpate.estimate.damage_file import read_recorded_model
-from palpate.grasp.calibrating import HOLDS_N, Bench, measure_force, measure_rest
 from palpate.grasp.phases import Phase
 from palpate.grasp.planning import DWELL_S, HORIZON_S, plan_grasp, with_force_law
 from palpate.grasp.requests import Requests
@@ -45,7 +46,6 @@ from palpate.sensor.array import (
     link_counters,
 )
 from palpate.sensor.calibration import Calibration, ForcePairs, RestValues
-from palpate.sensor.dead_weights import check_loads, weigh
 from palpate.sensor.health import FrameColumns, Health, examine
 from palpate.sensor.rest_calibration import now_text, rest_values, with_rest
 from palpate.sensor.serial_array import SerialArray

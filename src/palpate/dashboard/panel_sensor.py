@@ -8,6 +8,7 @@ from functools import partial
 from markupsafe import Markup
 from nicegui import run, ui
 
+from palpate.calibrate.dead_weights import check_loads
 from palpate.dashboard.app_state import AppState, age_text
 from palpate.dashboard.messages import Action, Calibrated, CalibrateForce, CalibrateRest, Examine
 from palpate.dashboard.panel_html import panel_html, panel_svg
@@ -15,7 +16,6 @@ from palpate.dashboard.session import CalibrationFailure
 from palpate.dashboard.viewer import Viewer, heading, paragraph
 from palpate.errors import InputError, PalpateError
 from palpate.sensor.calibration import Calibration
-from palpate.sensor.dead_weights import check_loads
 from palpate.sensor.findings import Severity
 from palpate.sensor.health import Health
 

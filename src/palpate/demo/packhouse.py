@@ -12,9 +12,9 @@ from uuid import UUID
 import numpy as np
 
 from palpate.arrays import FloatArray
+from palpate.calibrate.guided import measure_rest
 from palpate.errors import InputError
 from palpate.files import atomic_path
-from palpate.grasp.calibrating import measure_rest
 from palpate.grasp.estimator import Observation
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from palpate.calibrate.guided import Bench
 from palpate.clock import Clock, RealClock
 from palpate.errors import InputError
-from palpate.grasp.calibrating import Bench
 from palpate.gripper.interface import Gripper
 from palpate.rig.board_cell import BoardLoadCell, board_with_cells
 from palpate.rig.file import open_devices, read_rig_file

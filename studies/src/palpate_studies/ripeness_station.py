@@ -17,7 +17,7 @@ from uuid import UUID
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.grasp.calibrating import measure_rest
+from palpate.calibrate.guided import measure_rest
 from palpate.grasp.estimator import Observation
 from palpate.grasp.planning import HORIZON_S, plan_grasp
 from palpate.grasp.runner import run_grasp

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.calibrate.dead_weights import check_loads, has_hysteresis, read_loads, weigh
 from palpate.clock import ManualClock
 from palpate.errors import CalibrationError, InputError
 from palpate.gripper.interface import GripperCommand
 from palpate.sensor.array import RIGID_LAYOUT, Frame
-from palpate.sensor.dead_weights import check_loads, has_hysteresis, read_loads, weigh
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.calibrate.guided import Bench, measure_block, measure_force, measure_rest
+from palpate.calibrate.servo_current import measure_current, measure_gears
 from palpate.errors import CalibrationError, DeviceError, DeviceTimeoutError
 from palpate.estimate.servo_force import CurrentLaw
-from palpate.grasp.calibrating import Bench, measure_block, measure_force, measure_rest
-from palpate.grasp.calibrating_current import measure_current, measure_gears
 from palpate.grasp.planning import plan_grasp
 from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.calibration import BlockPairs, Calibration

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from palpate.calibrate.guided import Bench
 from palpate.errors import CalibrationError
-from palpate.grasp.calibrating import Bench
 from palpate.gripper.interface import GripperCommand
 from palpate.sensor.calibration import CurrentPairs
 

@@ -1,0 +1,1 @@
+"""Procedures of calibration, shared by the command line and the page."""
