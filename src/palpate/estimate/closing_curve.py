@@ -69,6 +69,8 @@ _GAIN_FROM = 0.3
 #: A reading below this many standard deviations of faint forces may be drift before the contact:
 #: such a step shows only that the force was no larger.
 FELT = 2.0
+#: Fewest felt steps that show a curve.
+_FEWEST = 2
 #: Steps of a long closing that are used: neighbours carry the same information.
 _MOST_STEPS = 14
 
@@ -127,7 +129,7 @@ def measure_closing(
     >>> size_mm
     Measurement(40 mm, 39.87 to 40.12, ok)
     """
-    if np.count_nonzero(curve.felt) < 2 or force.middle <= 0:
+    if np.count_nonzero(curve.felt) < _FEWEST or force.middle <= 0:
         return None
     tail = (1 - force.level) / 2
     log_sd = np.log(force.high / max(force.low, 1e-3 * force.middle)) / (2 * ndtri(1 - tail))
@@ -334,8 +336,9 @@ class ClosingSteps:
 
     @property
     def felt(self) -> NDArray[np.bool_]:
-        """Steps whose force can't be drift."""
-        return self.force_n > self.faint_n
+        """Steps whose force can't be drift; where they are too few, all that read any."""
+        sure = self.force_n > self.faint_n
+        return sure if np.count_nonzero(sure) >= _FEWEST else self.force_n > 0
 
     @property
     def rising(self) -> FloatArray:

@@ -159,7 +159,7 @@ def start_sweep(state: GraspState, plan: Plan, *, rows: tuple[int, ...] | None =
     slowed = estimate.sweep is not None
     if not slowed and near - estimate.closure > approach_step(plan):
         # An expectation may be wrong: no command goes further than is safe, whatever is there.
-        safe = APPROACH.haste_fraction * safe_step(estimate, plan)
+        safe = safe_step(estimate, plan)
         hasty_s = _command_s(estimate, frames=APPROACH.haste_frames) + plan.safety.latency_s
         end, rate = near, max(rate, min(safe / hasty_s, plan.gripper.fastest))
     most_n = math.inf

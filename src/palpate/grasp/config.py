@@ -43,7 +43,6 @@ class Approach:
     ahead_frames : 1.25 to 4 frames, guess. Reach of a command ahead.
     ahead_s : 0.01 to 0.05 s, guess. And beyond those frames.
     haste_frames : 1 to 2 frames, guess. The same where no object is expected yet.
-    haste_fraction : 0.5 to 1 1, guess. Of the safe step, where no object is expected yet.
     expected_mm : 2 to 10 mm, requirement. Error of an expected size.
     stand_s : 0.15 to 0.4 s, twin. Spike of a movement at speed is over.
     idle_s : 0.3 to 2 s, guess. A hand that does not move is sent again.
@@ -58,7 +57,6 @@ class Approach:
     ahead_frames: float = 2.0
     ahead_s: float = 0.02
     haste_frames: float = 1.25
-    haste_fraction: float = 0.85
     expected_mm: float = 5.0
     stand_s: float = 0.21
     idle_s: float = 0.7
@@ -97,7 +95,6 @@ class Squeeze:
     """Size of the next closing step.
 
     force_fraction : 0.5 to 1 1, twin. Of the missing force that one step may add.
-    beyond_fraction : 0.2 to 1 1, guess. Of a step once the force is there.
     further : 1 to 2 1, guess. Of the depth so far that a step may add.
     stiffening : 1.1 to 1.6 1, guess. Slope over that of the last steps.
     most_of_target : 1.2 to 2 1, requirement. Of the target that no step exceeds.
@@ -111,7 +108,6 @@ class Squeeze:
     """
 
     force_fraction: float = 0.75
-    beyond_fraction: float = 0.5
     further: float = 1.2
     stiffening: float = 1.3
     most_of_target: float = 1.5

@@ -114,9 +114,6 @@ def squeeze_step(estimate: ContactEstimate, plan: Plan, *, goal_n: float) -> flo
     already: how steeply the force rises is known only as far as it was felt.
     """
     rise_n = max(plan.force_step_n, SQUEEZE.force_fraction * (goal_n - estimate.force_n))
-    if 0.0 < goal_n < estimate.force_n:
-        # Beyond the goal a step is only there to be read.
-        rise_n *= SQUEEZE.beyond_fraction
     longest = SQUEEZE.further * squeeze_depth(estimate, plan) + plan.fine_step
     if plan.target_force_n is None and plan.lift_force_n is None:
         left_mm = plan.gentle_mm - deformation_mm(estimate, plan)
