@@ -143,7 +143,7 @@ def test_stronger_kind_gets_a_higher_limit(damage_file: Path, palpate: Command) 
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["--kind", "kiwi"], "--kind kiwi: give --damage FILE too"),
+        (["--kind", "kiwi"], "--kind kiwi: needs --damage FILE, which defines the kinds"),
         (
             ["--damage", "{file}", "--kind", "plum"],
             "no kind 'plum'; it tells apart: kiwi, melon; leave",

@@ -76,7 +76,7 @@ def idle() -> Iterator[palpate.Rig]:
         ({"target_force_n": 200.0}, "at most 15 N"),
         ({"target_force_n": float("nan")}, "target_force_n nan"),
         ({"expect_size_mm": 0.0}, "expect_size_mm 0: give at least 1 mm"),
-        ({"kind": "kiwi"}, "give damage=FILE too"),
+        ({"kind": "kiwi"}, "needs damage=FILE, which defines the kinds"),
     ],
 )
 def test_grasp_refuses_what_the_command_refuses(
