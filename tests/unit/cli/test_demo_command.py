@@ -31,6 +31,7 @@ def test_proposed_commands_of_the_demo_run(
         palpate(*arguments, status=int("exit status 1" in line))
 
 
+@pytest.mark.slow
 def test_a_store_is_not_added_to_twice(packhouse: Path, palpate: Command) -> None:
     assert "is there already" in palpate("demo", "packhouse", "--out", packhouse, status=2).err
 
