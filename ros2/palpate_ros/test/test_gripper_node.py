@@ -217,7 +217,10 @@ def test_killed_client_leaves_a_bounded_grasp(
         f"{action}; rclpy.init(); n = Node('doomed'); goal = Action.Goal();"
         "hasattr(goal, 'command') and goal.command.position.append(0.0);"
         f"c = ActionClient(n, Action, '{name}'); c.wait_for_server();"
-        "f = c.send_goal_async(goal); rclpy.spin_until_future_complete(n, f);"
+        # An answer can be lost while the server has not found the client yet: ask again.
+        "send = lambda: c.send_goal_async(goal);"
+        "wait = lambda f: rclpy.spin_until_future_complete(n, f, timeout_sec=5.0) or f.done();"
+        "any(wait(send()) for _ in range(6));"
         "print('sent', flush=True); rclpy.spin(n)"
     )
     doomed = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
