@@ -76,7 +76,7 @@ _MOST_STEPS = 14
 
 
 class ClosingAnswer(NamedTuple):
-    """What the curve and the settled force show of the object."""
+    """Size and stiffness of an object, from its closing curve and the settled force."""
 
     size_mm: Measurement
     stiffness: Measurement
@@ -336,7 +336,7 @@ class ClosingSteps:
 
     @property
     def felt(self) -> NDArray[np.bool_]:
-        """Steps whose force can't be drift; where they are too few, all that read any."""
+        """Steps whose force can't be drift; too few of these, and all with a force count."""
         sure = self.force_n > self.faint_n
         return sure if np.count_nonzero(sure) >= _FEWEST else self.force_n > 0
 
