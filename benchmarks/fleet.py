@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.grasp.planning import force_now
+from palpate.calibrate.laws import force_now
 from palpate.recording import RecordingInfo, RecordingWriter
 from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm

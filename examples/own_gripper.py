@@ -20,8 +20,8 @@ from dataclasses import replace
 import numpy as np
 
 import palpate
+from palpate.calibrate.laws import DWELL_S, HORIZON_S
 from palpate.clock import Clock, ManualClock
-from palpate.grasp.planning import DWELL_S, HORIZON_S
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.rig import Rig
 from palpate.sensor.array import RIGID_LAYOUT, Frame

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 import typer
 
+from palpate.calibrate.laws import HORIZON_S, placements_of
 from palpate.cli import calibrate_force, calibrate_rest, run
 from palpate.clock import ManualClock
 from palpate.estimate.pixel_law import fit_laws
-from palpate.grasp.planning import HORIZON_S, placements_of
 from palpate.gripper.interface import GripperCommand
 from palpate.rig.simulated import FACES
 from palpate.sensor.array import RIGID_LAYOUT

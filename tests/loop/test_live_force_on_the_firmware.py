@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from palpate.calibrate.laws import force_now
 from palpate.cli.live_reading import LiveReading
 from palpate.cli.live_view import LiveView
 from palpate.cli.sensor_source import SensorSource
 from palpate.clock import ManualClock
-from palpate.grasp.planning import force_now
 from palpate.gripper.interface import GripperCommand
 from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.array import RIGID_LAYOUT

@@ -225,7 +225,7 @@ def recalibrate_job(calibration: str) -> Job:
 
 def _force_tables(path: Path, *, text: str) -> Iterator[Any]:
     """Yield tables with a row for each frame; null where another sensor made the frame."""
-    from palpate.grasp.planning import force_now
+    from palpate.calibrate.laws import force_now
     from palpate.sensor.calibration import Calibration
     from palpate.signal.relative import excess_conductance
 

@@ -143,7 +143,7 @@ def recalibrate(
 
     Example: palpate archive recalibrate archive --calibration calibration.json
     """
-    from palpate.grasp.planning import laws_of
+    from palpate.calibrate.laws import laws_of
     from palpate.sensor.calibration import Calibration
     from palpate_archive.evaluating import recalibrate_job
 

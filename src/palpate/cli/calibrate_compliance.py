@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from palpate.calibrate.guided import measure_block
+from palpate.calibrate.laws import DWELL_S
 from palpate.calibrate.servo_current import measure_current, measure_gears
 from palpate.cli.calibrate_bench import (
     calibration_file,
@@ -17,7 +18,6 @@ from palpate.cli.options import CalibrationOption, JsonOption, RigOption, SeedOp
 from palpate.cli.output import print_json
 from palpate.errors import InputError
 from palpate.estimate.compliance import Compliance
-from palpate.grasp.planning import DWELL_S
 from palpate.rig.simulated import GuidedBench
 from palpate.sensor.calibration import Calibration, join_currents
 

@@ -19,6 +19,7 @@ from palpate.calibrate.dead_weights import (
     weigh,
 )
 from palpate.calibrate.guided import HOLDS_N, measure_force, measure_rest
+from palpate.calibrate.laws import DWELL_S, HORIZON_S, with_force_law
 from palpate.cli import options as option
 from palpate.cli.calibrate_bench import (
     ask_user,
@@ -35,7 +36,6 @@ from palpate.errors import CalibrationError, InputError
 from palpate.estimate.force_follower import SPREAD_N, half_width_percent, most_useful_n
 from palpate.estimate.force_law import ForceLaw
 from palpate.grasp.paper_method import with_line_law
-from palpate.grasp.planning import DWELL_S, HORIZON_S, with_force_law
 from palpate.plots.force_calibration import force_calibration_figure
 from palpate.plots.style import check_plot, save_figure
 from palpate.rig.board_cell import board_with_cells, mean_counts

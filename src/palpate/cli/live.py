@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 from rich.live import Live
 
+from palpate.calibrate.laws import force_now
 from palpate.cli import options as option
 from palpate.cli.live_reading import LiveReading, pace_frames
 from palpate.cli.live_view import DRAW_HZ, LiveView
@@ -23,7 +24,6 @@ from palpate.errors import InputError
 from palpate.estimate.force_follower import FollowsForce
 from palpate.foxglove import LAYOUT
 from palpate.foxglove.channels import Link
-from palpate.grasp.planning import force_now
 from palpate.recording import Event
 from palpate.sensor.array import Frame
 

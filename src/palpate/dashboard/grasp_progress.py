@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from palpate.calibrate.laws import laws_with_memory
 from palpate.errors import CalibrationError
 from palpate.estimate.force import StaticLaw
 from palpate.estimate.force_now import ContactGains, ForceLaws
@@ -17,7 +18,6 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.answers import forecast
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
-from palpate.grasp.planning import laws_with_memory
 from palpate.grasp.result import GraspResult, Moment
 from palpate.grasp.state import GraspState
 from palpate.sensor.calibration import Calibration

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from palpate.calibrate.dead_weights import check_loads, weigh
 from palpate.calibrate.guided import HOLDS_N, Bench, measure_force, measure_rest
+from palpate.calibrate.laws import DWELL_S, HORIZON_S, with_force_law
 from palpate.dashboard.grasp_progress import force_laws
 from palpate.dashboard.messages import (
     Calibrated,
@@ -27,7 +28,7 @@ from palpate.dashboard.telemetry import Telemetry
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
 from palpate.estimate.damage_file import read_recorded_model
 from palpate.grasp.phases import Phase
-from palpate.grasp.planning import DWELL_S, HORIZON_S, plan_grasp, with_force_law
+from palpate.grasp.planning import plan_grasp
 from palpate.grasp.requests import Requests
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState

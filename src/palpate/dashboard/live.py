@@ -12,6 +12,7 @@ from itertools import chain
 import numpy as np
 
 from palpate.arrays import FloatArray
+from palpate.calibrate.laws import DWELL_S, HORIZON_S
 from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.dashboard.messages import (
     Frames,
@@ -23,7 +24,6 @@ from palpate.dashboard.messages import (
 from palpate.estimate.force_now import ForceNow
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.phases import Phase
-from palpate.grasp.planning import DWELL_S, HORIZON_S
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.events import ContactState, watch_contact
 from palpate.signal.relative import (

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from palpate.calibrate.laws import HORIZON_S
 from palpate.errors import CalibrationError, InputError
 from palpate.estimate.line_law import fit_settled_line
 from palpate.estimate.measurement import Measurement
@@ -18,7 +19,6 @@ from palpate.grasp.approach import abort_insensitive, end_attempt, wait
 from palpate.grasp.paper import Paper
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
-from palpate.grasp.planning import HORIZON_S
 from palpate.grasp.rest import take_rest
 from palpate.grasp.state import GraspState
 from palpate.grasp.step_size import close_by, read_step

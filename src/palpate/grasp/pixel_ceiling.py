@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from palpate.calibrate.laws import laws_of
 from palpate.errors import CalibrationError
-from palpate.grasp.planning import laws_of
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.sensor.calibration import Calibration
 from palpate.signal.circuit import resistance_ohm

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.arrays import FloatArray
+from palpate.calibrate.laws import placements_of
 from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.pixel_law import read_left_out
 from palpate.estimate.weights_check import FEWEST_PLACEMENTS, read_left_out_loads
-from palpate.grasp.planning import placements_of
 from palpate.plots.style import BLUE, INK, ORANGE, log_axis, new_figure
 from palpate.sensor.calibration import Calibration
 

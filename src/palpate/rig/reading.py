@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.arrays import FloatArray
+from palpate.calibrate.laws import force_now
 from palpate.errors import CalibrationError
 from palpate.estimate.force_follower import FollowsForce
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.planning import force_now
 from palpate.sensor.array import Frame
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm

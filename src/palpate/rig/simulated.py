@@ -11,10 +11,10 @@ from typing import Protocol
 import numpy as np
 
 from palpate.calibrate.guided import Bench, measure_block, measure_force, measure_rest
+from palpate.calibrate.laws import DWELL_S, HORIZON_S, pairs_at
 from palpate.calibrate.servo_current import measure_current, measure_gears
 from palpate.errors import DeviceError, InputError
 from palpate.estimate.force import PowerForceLaw
-from palpate.grasp.planning import DWELL_S, HORIZON_S, pairs_at
 from palpate.rig import Rig
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import BlockPairs, Calibration, CurrentPairs, join_currents

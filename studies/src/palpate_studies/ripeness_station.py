@@ -18,8 +18,9 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.calibrate.guided import measure_rest
+from palpate.calibrate.laws import HORIZON_S
 from palpate.grasp.estimator import Observation
-from palpate.grasp.planning import HORIZON_S, plan_grasp
+from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand
 from palpate.produce.felt_pixels import pixels_of_grasp

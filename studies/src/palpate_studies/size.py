@@ -15,11 +15,12 @@ import numpy as np
 import typer
 
 from palpate.arrays import FloatArray
+from palpate.calibrate.laws import DWELL_S
 from palpate.estimate.compliance import Compliance
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
-from palpate.grasp.planning import DWELL_S, plan_grasp
+from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.rig.simulated import calibrate_twin
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm

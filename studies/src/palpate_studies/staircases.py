@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import FloatArray
 from palpate.calibrate.guided import Bench, measure_rest
+from palpate.calibrate.laws import DWELL_S, HORIZON_S, force_now, laws_of, laws_with_memory
 from palpate.errors import CalibrationError
 from palpate.estimate.force_follower import FollowsForce, ForceFollower
 from palpate.estimate.force_now import ForceNow
-from palpate.grasp.planning import DWELL_S, HORIZON_S, force_now, laws_of, laws_with_memory
 from palpate.gripper.interface import GripperCommand
 from palpate.rig.simulated import calibrate_twin, twin_bench
 from palpate.sensor.calibration import ForcePairs

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from palpate.calibrate.laws import force_now
 from palpate.estimate.force_follower import (
     SPREAD_N,
     ForceFollower,
@@ -12,7 +13,6 @@ from palpate.estimate.force_follower import (
     most_useful_n,
 )
 from palpate.estimate.force_law import ForceLaw
-from palpate.grasp.planning import force_now
 from palpate.sensor.calibration import ForcePairs
 
 WEIGHTS_N = np.array(SPREAD_N)

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
+from palpate.calibrate.laws import force_now
 from palpate.clock import ManualClock
 from palpate.errors import RecordingError
 from palpate.grasp.decide_again import decide_again
 from palpate.grasp.estimator import Observation
-from palpate.grasp.planning import force_now
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperCommand, GripperState

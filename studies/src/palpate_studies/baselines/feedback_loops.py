@@ -19,9 +19,10 @@ from typing import TypeAlias
 import numpy as np
 
 from palpate.arrays import FloatArray
+from palpate.calibrate.laws import HORIZON_S
 from palpate.estimate.line_law import LineForceLaw, fit_settled_line
 from palpate.grasp.plan import Plan
-from palpate.grasp.planning import HORIZON_S, plan_grasp
+from palpate.grasp.planning import plan_grasp
 from palpate.gripper.interface import GripperCommand
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.settling.exponential import Exponential

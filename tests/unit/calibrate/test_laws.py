@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from palpate.calibrate.laws import pairs_at
 from palpate.errors import CalibrationError
-from palpate.grasp.planning import pairs_at
 from palpate.sensor.calibration import ForcePairs
 
 PAIRS = ForcePairs(

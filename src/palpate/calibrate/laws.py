@@ -1,0 +1,145 @@
+"""The force laws of a calibration, for a grasp and for the live view."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import CalibrationError
+from palpate.estimate.force import PowerForceLaw
+from palpate.estimate.force_follower import FollowsForce, ForceFollower
+from palpate.estimate.force_law import ForceLaw
+from palpate.estimate.force_now import ForceLaws, ForceNow
+from palpate.estimate.pixel_law import PixelReading, PlacedReadings, fit_laws
+from palpate.estimate.sheet_creep import OwnCreep
+from palpate.estimate.weights_check import score_left_out_loads, score_left_out_placements
+from palpate.sensor.calibration import Calibration, ForcePairs
+
+#: A step is read this long after its movement, in the calibration as in the grasp, because the
+#: sheet lags and the two readings must lag alike. It is no whole number of frames at 15 Hz, so that
+#: rounding never decides which frame is the first after it.
+DWELL_S = 0.42
+#: When the sheet counts as settled (paper, section 2.2).
+HORIZON_S = 20.0
+
+
+def laws_of(pairs: ForcePairs) -> ForceLaws:
+    """Return the reading with its early and settled law, by pixel if calibrated so.
+
+    Raises
+    ------
+    CalibrationError
+        If the calibration has no readings of force at the times that a grasp needs.
+    """
+    read_at = {since: pairs_at(pairs, since_move_s=since) for since in (DWELL_S, HORIZON_S)}
+    if not pairs.pixel_excess:
+        early, settled = (PowerForceLaw.fit(x, force_n=f) for x, f in read_at.values())
+        return ForceLaws(PixelReading.sum_pixels(), early, settled)
+    return ForceLaws(*fit_laws(placements_of(pairs)))
+
+
+def laws_with_memory(pairs: ForcePairs) -> ForceLaws:
+    """Return the laws of a calibration and one with the sheet's lag, for `ForceNow`.
+
+    Raises
+    ------
+    CalibrationError
+        As `laws_of`.
+    """
+    excess, force_n = pairs_at(pairs, since_move_s=HORIZON_S)
+    return laws_of(pairs)._replace(memory=ForceLaw.fit(excess, force_n=force_n))
+
+
+def force_now(pairs: ForcePairs) -> FollowsForce:
+    """Return the force tracker from frames alone, by the laws of a grasp.
+
+    Dead weights give settled readings only: there it is `ForceLaw`, which knows from other sensors
+    how a sheet lags.
+
+    Raises
+    ------
+    CalibrationError
+        As `laws_of`.
+    """
+    if is_made_by_weights(pairs):
+        return ForceFollower(ForceLaw.fit(list(pairs.excess), force_n=pairs.force_n))
+    return ForceNow(laws_with_memory(pairs), early_s=DWELL_S, settled_s=HORIZON_S)
+
+
+def is_made_by_weights(pairs: ForcePairs) -> bool:
+    """Return whether a calibration was made with dead weights."""
+    return bool(pairs.since_move_s) and bool(np.isclose(pairs.since_move_s, HORIZON_S).all())
+
+
+def placements_of(pairs: ForcePairs) -> PlacedReadings:
+    """Return the readings that the laws of a grasp are fitted to, by placement."""
+    since_s = np.array(pairs.since_move_s)
+    used = np.isclose(since_s, DWELL_S) | np.isclose(since_s, HORIZON_S)
+    return PlacedReadings(
+        run=np.array(pairs.run, dtype=float)[used],
+        pixel_excess=np.array(pairs.pixel_excess)[used],
+        force_n=np.array(pairs.force_n)[used],
+        early=np.isclose(since_s, DWELL_S)[used],
+    )
+
+
+def with_force_law(recorded: Calibration) -> Calibration:
+    """Return the calibration with its force law and the error to expect of the next placement.
+
+    From dead weights the law is `palpate.ForceLaw`, from a load cell one of settled readings.
+
+    Raises
+    ------
+    CalibrationError
+        If its force pairs can't carry a law.
+    """
+    pairs = recorded.force
+    settled = np.isclose(pairs.since_move_s, HORIZON_S)
+    excess, force_n = np.array(pairs.excess)[settled], np.array(pairs.force_n)[settled]
+    held_out: dict[str, Any] = {"of": "settled force"}
+    if is_made_by_weights(pairs):
+        known = ForceLaw.fit(list(excess), force_n=force_n)
+        held_out["error_percent"] = score_left_out_loads(excess, force_n=force_n)
+        return replace(recorded, force_law=known.as_dict(), held_out=held_out)
+    errors = score_left_out_placements(placements_of(pairs))
+    held_out |= {"error_percent": errors["settled"], "early_error_percent": errors["early"]}
+    law = PowerForceLaw.fit(excess, force_n=force_n)
+    return replace(recorded, force_law=law.as_dict(), held_out=held_out)
+
+
+def pairs_at(
+    pairs: ForcePairs, *, since_move_s: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return excess and force of the pairs that were read this long after the movement.
+
+    Raises
+    ------
+    CalibrationError
+        If there are none.
+    """
+    if not pairs.since_move_s:
+        raise CalibrationError(
+            "the calibration has rest values only, and a grasp needs force: run `palpate calibrate "
+            "force` with a load cell"
+        )
+    chosen = np.isclose(pairs.since_move_s, since_move_s)
+    if not chosen.any():
+        read = ", ".join(f"{since:g}" for since in sorted(set(pairs.since_move_s)))
+        raise CalibrationError(
+            f"force calibration: no pairs read {since_move_s:g} s after a movement (the file has "
+            f"{read} s); calibrate the force again"
+        )
+    return np.array(pairs.excess)[chosen], np.array(pairs.force_n)[chosen]
+
+
+def fit_creep(pairs: ForcePairs, reading: PixelReading) -> OwnCreep | None:
+    """Return the sheet's creep in each hold, from the last step to the end."""
+    since_s, run = np.array(pairs.since_move_s), np.array(pairs.run)
+    excess = np.array(pairs.pixel_excess if pairs.pixel_excess else pairs.excess)
+    seen = reading.reading(excess.reshape(since_s.size, 1, -1))
+    held = np.flatnonzero(np.isclose(since_s[1:], HORIZON_S) & np.isclose(since_s[:-1], DWELL_S))
+    held = held[run[held] == run[held + 1]]
+    return OwnCreep.fit(seen[held], settled=seen[held + 1], early_s=DWELL_S, settled_s=HORIZON_S)
