@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.produce.bruise import model as bruise_model
-from palpate.produce.bruise.model import REFERENCES, simulated_sides
+from palpate.produce.bruise.model import REFERENCES, load_simulated_sides
 from palpate_studies import bruise
 from palpate_studies.bruise import (
     SAME_WIDTH,
@@ -105,9 +105,9 @@ def test_an_area_is_compared_on_the_same_drawn_sensors() -> None:
 def test_simulated_sides_survive_their_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    learned_on, known = simulated_sides()
+    learned_on, known = load_simulated_sides()
     save_sides(known, learned_on, tmp_path / "sides.json")
     monkeypatch.setattr(bruise_model, "_SIMULATED", tmp_path / "sides.json")
-    again = simulated_sides()[1]
+    again = load_simulated_sides()[1]
     assert all(np.array_equal(again[name].rows, known[name].rows) for name in REFERENCES)
     assert all(again[name].labels == known[name].labels for name in REFERENCES)

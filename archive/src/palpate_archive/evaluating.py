@@ -162,10 +162,10 @@ def _settled_rows(
     method: str,
     horizon_s: float,
 ) -> Iterator[dict[str, Any]]:
-    from palpate.holds import settled_value
+    from palpate.holds import measure_settled_value
     from palpate.settling.predict import predict_settled
 
-    settled = [settled_value(time_s, each, horizon_s=horizon_s) for each in values]
+    settled = [measure_settled_value(time_s, each, horizon_s=horizon_s) for each in values]
     for cutoff_s in CUTOFFS_S:
         if not time_s[0] <= cutoff_s <= time_s[-1]:
             continue

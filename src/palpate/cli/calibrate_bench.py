@@ -54,20 +54,20 @@ def open_bench(rig: str, *, seed: int, placements: int = 1) -> Iterator[GuidedBe
     number = count(1)
     with open_board_bench(Path(rig)) as (bench, cell):
 
-        def tared(what: str) -> None:
+        def ask_and_tare(what: str) -> None:
             ask_user(f"{what}, then Enter")
             cell.tare()
 
-        def placed(what: str) -> None:
-            tared(f"{what} between the open fingers, touching neither")
+        def ask_to_place(what: str) -> None:
+            ask_and_tare(f"{what} between the open fingers, touching neither")
 
         yield GuidedBench(
             bench=bench,
-            reseat=lambda _: placed(
+            reseat=lambda _: ask_to_place(
                 f"placement {next(number)} of {placements}: the load cell, with another face"
             ),
-            place_block=lambda: placed("the rigid block with the load cell"),
-            take_away=lambda: tared("take the block out: nothing between the fingers"),
+            place_block=lambda: ask_to_place("the rigid block with the load cell"),
+            take_away=lambda: ask_and_tare("take the block out: nothing between the fingers"),
             simulated=False,
         )
 

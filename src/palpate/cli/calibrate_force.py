@@ -107,7 +107,7 @@ def _calibrate_by_cell(rig: str, *, seed: int, out: Path) -> Calibration:
         bench, layout = guided.bench, guided.bench.array.layout
         earlier = earlier_calibration(out, layout=layout, simulated=guided.simulated)
 
-        def placed(run: int) -> None:
+        def reseat(run: int) -> None:
             show(run + 1)
             guided.reseat(run)
 
@@ -115,7 +115,7 @@ def _calibrate_by_cell(rig: str, *, seed: int, out: Path) -> Calibration:
         pairs = measure_force(
             bench,
             holds_n=HOLDS_N,
-            reseat=placed,
+            reseat=reseat,
             dwell_s=DWELL_S,
             horizon_s=HORIZON_S,
         )

@@ -130,7 +130,7 @@ def qualification_document(
 ) -> Document:
     """Return the JSON of a qualification; null for unknown values."""
 
-    def known(value: float) -> float | None:
+    def write_number(value: float) -> float | None:
         return value if math.isfinite(value) else None
 
     return {
@@ -141,12 +141,12 @@ def qualification_document(
         "tolerance": demand.tolerance,
         "limits": list(demand.limits),
         "figures": {
-            name: {end: known(getattr(figure, end)) for end in ("value", "low", "high")}
+            name: {end: write_number(getattr(figure, end)) for end in ("value", "low", "high")}
             for name, figure in found.figures.items()
         },
         "line": {"slope": found.slope, "offset": found.offset},
         "scatter": {
-            name: {"between": known(scatter.between), "within": known(scatter.within)}
+            name: {"between": write_number(scatter.between), "within": write_number(scatter.within)}
             for name, scatter in (("reference", found.reference), ("grasp", found.grasp))
         },
         "confusion": confusion_of(found, demand.limits).tolist(),

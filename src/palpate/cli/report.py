@@ -157,7 +157,7 @@ def _item_tiles(page: ItemHistory) -> dict[str, tuple[str, str, str]]:
         measured = page.latest(name)
         if measured is not None:
             ends = (
-                f"{_fixed_digits(measured.low, digits)} to {_fixed_digits(measured.high, digits)}"
+                f"{_format_digits(measured.low, digits)} to {_format_digits(measured.high, digits)}"
             )
             tiles[caption] = (_number(measured, digits), unit, ends)
     for about in About:
@@ -185,13 +185,15 @@ def _number(measured: Measurement | None, digits: int) -> str:
     """Return a value, marked if its status is not `ok`."""
     if measured is None:
         return "-"
-    return f"{_fixed_digits(measured.middle, digits)}{'' if measured.status is Status.OK else ' *'}"
+    return (
+        f"{_format_digits(measured.middle, digits)}{'' if measured.status is Status.OK else ' *'}"
+    )
 
 
-def _fixed_digits(value: float, digits: int) -> str:
+def _format_digits(value: float, digits: int) -> str:
     """Return a number with a typographic minus.
 
-    >>> _fixed_digits(-45.04, 1)
+    >>> _format_digits(-45.04, 1)
     '\N{MINUS SIGN}45.0'
     """
     return f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")

@@ -24,7 +24,7 @@ from palpate.cli.settle_source import (
     rest_stretch,
 )
 from palpate.errors import InputError
-from palpate.holds import Hold, settled_value
+from palpate.holds import Hold, measure_settled_value
 from palpate.plots.style import check_plot
 from palpate.scoring.predictions import Prediction, decide_holds, predict_holds
 from palpate.scoring.table import ScoreTable
@@ -290,5 +290,5 @@ def _read_settled_holds(files: Sequence[Path], *, horizon_s: float, percent: boo
         hold
         for file in source.files()
         for hold in source.holds(file, until_s=horizon_s)
-        if not isnan(settled_value(hold.time_s, hold.values, horizon_s=horizon_s))
+        if not isnan(measure_settled_value(hold.time_s, hold.values, horizon_s=horizon_s))
     ]

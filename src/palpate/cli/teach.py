@@ -18,7 +18,7 @@ from palpate.errors import InputError
 from palpate.produce.learning import LabelLearner, LabelledTable, LearnedScore
 from palpate.produce.records import About
 from palpate.produce.store import Store
-from palpate.produce.teaching import labelled_of, read_labelled
+from palpate.produce.teaching import read_labelled, read_labels_about
 from palpate.terminal_table import print_table
 
 
@@ -73,7 +73,7 @@ def teach(
     else:
         with open_store(store, create=bool(say)) as opened:
             _label_items(opened, say or [], about=about)
-            known = labelled_of(opened, about, kind=kind)
+            known = read_labels_about(opened, about, kind=kind)
     learner = known.learn(strangers=question is Question.KIND)
     score, named = learner.score(), _name_unlabelled(known, learner)
     if as_json:
@@ -106,7 +106,7 @@ def _label_items(store: Store, texts: Sequence[str], *, about: About) -> None:
 
 def _name_unlabelled(known: LabelledTable, learner: LabelLearner) -> list[dict[str, Any]]:
     """Return the label of each item without one, as in the JSON."""
-    blank = known.unlabelled()
+    blank = known.find_unlabelled()
     if not blank:
         return []
     rows = known.rows[blank]

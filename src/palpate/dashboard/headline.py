@@ -56,7 +56,7 @@ def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
         # Not the verdict of the grasp before.
         return _headline(activity.value, "busy")
     if grasped is not None:
-        return _ended(session, grasped)
+        return _describe_end(session, grasped)
     if progress is None:
         text = activity.value
         if activity is Activity.WATCHING and not devices.sensor_alone:
@@ -134,7 +134,7 @@ def _without_grasp(devices: DeviceState, *, stale: bool) -> dict[str, Any] | Non
     return None
 
 
-def _ended(session: Session, grasped: Grasped) -> dict[str, Any]:
+def _describe_end(session: Session, grasped: Grasped) -> dict[str, Any]:
     """Return the headline of a grasp that has ended."""
     progress, words = session.devices.live.progress, _verdict(grasped.result, session)
     low_n = None if progress is None else progress.bounds.damage_low_n

@@ -96,7 +96,7 @@ def _begin(app_state: AppState, client: Client, *, script: str) -> Viewer:
     client.on_connect(lambda: app_state.session.join(client.id, tab=client.tab_id))
     client.on_delete(lambda: app_state.session.leave(client.id))
     viewer = Viewer(app_state.session, viewer_id=client.id)
-    ui.on("press", lambda event: viewer.pressed(event.args))
+    ui.on("press", lambda event: viewer.record_press(event.args))
     return viewer
 
 

@@ -103,7 +103,7 @@ def document(
         "nothing_there": headline["text"] == outcome_text(Outcome.NOTHING_THERE),
         "item": session.devices.item_id,
         "kind": session.form.kind,
-        "measured": _measured(session),
+        "measured": _list_measurements(session),
         "recording": None if session.devices.recording is None else session.devices.recording.name,
     }
 
@@ -250,7 +250,7 @@ def _pixel_findings(health: Health | None) -> list[dict[str, Any]]:
     ]
 
 
-def _measured(session: Session) -> dict[str, Any]:
+def _list_measurements(session: Session) -> dict[str, Any]:
     """Return the measurements with their intervals, and the twin's true values."""
     grasped, progress = session.devices.grasped, session.devices.live.progress
     result: GraspResult | None = None

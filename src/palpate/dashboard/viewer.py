@@ -52,7 +52,7 @@ class Viewer:
         """Whether this viewer drives."""
         return self._session.driver == self._id
 
-    def pressed(self, known: object) -> None:
+    def record_press(self, known: object) -> None:
         """Record the page's state at the time of a press.
 
         How many stops: a press of stop has a faster way than all others, and what was pressed
@@ -83,14 +83,14 @@ class Viewer:
     def do(self, action: Action, act: Callable[[], object]) -> bool:
         """Run an action without devices; return its success, and show a refusal."""
 
-        def checked() -> None:
+        def act_if_allowed() -> None:
             """Do it, unless this viewer may not now."""
             why = self._session.refusal(action, viewer=self._id)
             if why:
                 raise InputError(why)
             act()
 
-        return self._try(checked)
+        return self._try(act_if_allowed)
 
     def button(
         self,
@@ -114,14 +114,14 @@ class Viewer:
             # Above: what is below may be the stop button.
             hint = ui.tooltip("").props('anchor="top middle" self="bottom middle"')
 
-        def gated() -> None:
+        def refresh_button() -> None:
             """Enable the button, or give the reason why not."""
             why = self._session.refusal(action, viewer=self._id)
             button.set_enabled(not why)
             hint.set_text(why)
             hint.set_visibility(bool(why))
 
-        self.on_refresh(gated, of=button)
+        self.on_refresh(refresh_button, of=button)
 
     def enable_for_driver(self, field: DisableableElement) -> None:
         """Enable a field of the next grasp for the driver alone; others see its value."""

@@ -156,13 +156,13 @@ class CurrentMonitor:
         answered = estimate.now_s > self._risen_s + READING.lag_s
         if not answered or estimate.watched_n > self._plan.no_push_n:
             return None
-        return self._unexplained_rise(pull_ma)
+        return self._report_unexplained_rise(pull_ma)
 
     @property
     def _most_empty_ma(self) -> float:
         return CURRENT.sheet_factor * max(*self._empty_ma, 0.0) + CURRENT.more_ma
 
-    def _unexplained_rise(self, pull_ma: float) -> Alarm:
+    def _report_unexplained_rise(self, pull_ma: float) -> Alarm:
         words = (
             f"the servo's current rose to {pull_ma:.0f} mA, {max(self._empty_ma):.0f} mA moved the "
             "empty hand, and the sheet shows nothing; run `palpate doctor`"
@@ -199,4 +199,4 @@ class CurrentMonitor:
         if len(self._empty_ma) < CURRENT.readings:
             self._empty_ma.append(pull_ma)
             return None
-        return None if pull_ma <= self._most_empty_ma else self._unexplained_rise(pull_ma)
+        return None if pull_ma <= self._most_empty_ma else self._report_unexplained_rise(pull_ma)

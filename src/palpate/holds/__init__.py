@@ -5,14 +5,14 @@
 left out; `contacts` and `cutting` find the holds.
 """
 
-from palpate.holds.hold import SETTLED_WINDOW_S, Hold, recorded_value, settled_value
+from palpate.holds.hold import SETTLED_WINDOW_S, Hold, find_recorded_value, measure_settled_value
 from palpate.holds.holds_file import iterate_holds, read_holds
 
 __all__ = [
     "SETTLED_WINDOW_S",
     "Hold",
+    "find_recorded_value",
     "iterate_holds",
+    "measure_settled_value",
     "read_holds",
-    "recorded_value",
-    "settled_value",
 ]

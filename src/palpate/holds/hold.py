@@ -67,7 +67,7 @@ class Hold:
         return drawn
 
 
-def settled_value(
+def measure_settled_value(
     time_s: NDArray[np.float64], values: NDArray[np.float64], *, horizon_s: float
 ) -> float:
     """Return the mean of the last 0.5 s before the horizon; NaN where the hold ends before.
@@ -78,9 +78,9 @@ def settled_value(
     `horizon_s`: time of the settled value, seconds.
 
     >>> time_s = np.arange(0, 21, 0.25)
-    >>> settled_value(time_s, time_s, horizon_s=20.0)
+    >>> measure_settled_value(time_s, time_s, horizon_s=20.0)
     19.75
-    >>> settled_value(time_s, time_s, horizon_s=30.0)
+    >>> measure_settled_value(time_s, time_s, horizon_s=30.0)
     nan
     """
     usual_interval_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
@@ -90,12 +90,12 @@ def settled_value(
     return float(values[window].mean()) if reached and window.any() else float("nan")
 
 
-def recorded_value(
+def find_recorded_value(
     time_s: NDArray[np.float64], values: NDArray[np.float64], *, cutoff_s: float
 ) -> float:
     """Return the last sample up to the cut-off; NaN if there is none.
 
-    >>> recorded_value(np.array([0.0, 1.0, 2.0]), np.array([9.0, 8.0, 7.0]), cutoff_s=1.5)
+    >>> find_recorded_value(np.array([0.0, 1.0, 2.0]), np.array([9.0, 8.0, 7.0]), cutoff_s=1.5)
     8.0
     """
     count = int(np.searchsorted(time_s, cutoff_s, side="right"))

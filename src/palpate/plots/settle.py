@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.holds import Hold, settled_value
+from palpate.holds import Hold, measure_settled_value
 from palpate.holds.cutting import CutColumn
 from palpate.plots.style import GREY, INK, legend_below, log_axis, look_of, new_figure
 from palpate.settling.result import SettlingMethod
@@ -140,7 +140,7 @@ def _draw_panel(
     axis.axvspan(hold.time_s[0], cutoff_s, color="#F0F0F0", zorder=0, label="window used")
     axis.plot(hold.time_s[shown & ~seen], hold.values[shown & ~seen], ".", color="#BBBBBB", ms=2.5)
     axis.plot(hold.time_s[seen], hold.values[seen], ".", color=INK, ms=3.5, label="samples")
-    settled = settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
+    settled = measure_settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
     if np.isfinite(settled):
         axis.axhline(settled, color=GREY, ls="--", lw=1, label="settled value")
     if seen.any():

@@ -254,7 +254,7 @@ class LabelledTable:
             items=[self.items[index] for index in known],
         )
 
-    def unlabelled(self) -> list[int]:
+    def find_unlabelled(self) -> list[int]:
         """Return the numbers of the rows without a label."""
         return [index for index, label in enumerate(self.labels) if not label]
 

@@ -12,10 +12,10 @@ import numpy as np
 from palpate.errors import InputError
 from palpate.grasp.result import Outcome
 from palpate.holds.strict import read_table
-from palpate.produce.bruise.examination import labelled_sides
+from palpate.produce.bruise.examination import read_labelled_sides
 from palpate.produce.learning import LabelledTable
 from palpate.produce.records import About, Grasp, Source
-from palpate.produce.ripeness.history import labelled_histories
+from palpate.produce.ripeness.history import read_labelled_histories
 
 if TYPE_CHECKING:
     from palpate.produce.store import Store
@@ -34,7 +34,7 @@ def read_labelled(path: str | os.PathLike[str]) -> LabelledTable:
     >>> path = Path(tempfile.mkdtemp()) / "grades.csv"
     >>> _ = path.write_text("item_id,label,firmness,size_mm\\nA1,soft,41,60\\nA2,,47,61\\n")
     >>> table = read_labelled(path)
-    >>> table.features, table.rows.tolist(), table.unlabelled()
+    >>> table.features, table.rows.tolist(), table.find_unlabelled()
     (('firmness', 'size_mm'), [[41.0, 60.0], [47.0, 61.0]], [1])
     """
     try:
@@ -57,7 +57,7 @@ def read_labelled(path: str | os.PathLike[str]) -> LabelledTable:
     )
 
 
-def labelled_of(store: Store, about: About, *, kind: str | None) -> LabelledTable:
+def read_labels_about(store: Store, about: About, *, kind: str | None) -> LabelledTable:
     """Return the table of the store's grasps with people's labels.
 
     `about`: identity and bin (a grade) have a row an item, those without a label too; ripeness one
@@ -69,7 +69,7 @@ def labelled_of(store: Store, about: About, *, kind: str | None) -> LabelledTabl
     if about in (About.BRUISE, About.RIPENESS) and kind is None:
         raise InputError(f"{about}: name the kind of the items with --kind")
     if about is About.BRUISE:
-        sides = labelled_sides(store, kind=str(kind)).values()
+        sides = read_labelled_sides(store, kind=str(kind)).values()
         table = max(sides, key=lambda one: len(one.rows), default=None)
     elif about is About.RIPENESS:
         table = _ripeness_table(store, kind=str(kind))
@@ -113,7 +113,7 @@ def _ripeness_table(store: Store, *, kind: str) -> LabelledTable:
     verdicts = store.verdicts(About.RIPENESS, source=Source.PERSON, kind=kind)
     rows = [
         ([day.firmness], label, history.item_id)
-        for history, labels in labelled_histories(store, verdicts, drive="width")
+        for history, labels in read_labelled_histories(store, verdicts, drive="width")
         for day, label in zip(history.days, labels, strict=True)
         if label is not None
     ]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.holds import Hold, recorded_value, settled_value
+from palpate.holds import Hold, find_recorded_value, measure_settled_value
 from palpate.scoring.deciding import find_decision
 from palpate.settling.percent import for_hold
 from palpate.settling.result import SettledEstimate, SettlingMethod, Status
@@ -193,8 +193,8 @@ def _pair(
         predicted=value,
         low=low,
         high=high,
-        settled=settled_value(hold.time_s, hold.values, horizon_s=horizon_s),
-        recorded=recorded_value(hold.time_s, hold.values, cutoff_s=cutoff_s),
+        settled=measure_settled_value(hold.time_s, hold.values, horizon_s=horizon_s),
+        recorded=find_recorded_value(hold.time_s, hold.values, cutoff_s=cutoff_s),
         status=status,
     )
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-from palpate.holds import SETTLED_WINDOW_S, Hold, settled_value
+from palpate.holds import SETTLED_WINDOW_S, Hold, measure_settled_value
 from palpate.settling.baselines import LogLaw
 from palpate.settling.percent import without_percent
 from palpate.settling.relaxation import Relaxation
@@ -148,7 +148,7 @@ class Calibrated:
         self, hold: Hold, cutoff_s: float, horizon_s: float, level: float, positive: bool
     ) -> tuple[FloatArray, float, float] | None:
         """Return features of a past hold up to the cut-off, its change after, half its interval."""
-        settled = settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
+        settled = measure_settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
         time_s = hold.time_s[hold.time_s <= cutoff_s]
         values = hold.values[None, : time_s.size]
         if np.isnan(settled) or not time_s.size or not np.ptp(values):

@@ -30,7 +30,7 @@ from palpate.produce.bruise.model import (
     BruiseModel,
     Side,
     default_model,
-    simulated_sides,
+    load_simulated_sides,
     table_sides,
 )
 from palpate.produce.bruise.shape import LoadShape, median_shape, shape_of
@@ -551,7 +551,7 @@ def second_report(seeds: Sequence[int]) -> StudyReport:
         "rot": rotten,
     }
     rows, ways = list[dict[str, Any]](), list[dict[str, Any]]()
-    _, known = simulated_sides()
+    _, known = load_simulated_sides()
     for name, remade in remakes.items():
         found = [
             one

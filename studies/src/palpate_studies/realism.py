@@ -14,7 +14,7 @@ import numpy as np
 import typer
 
 from palpate.arrays import FloatArray
-from palpate.holds import Hold, read_holds, settled_value
+from palpate.holds import Hold, measure_settled_value, read_holds
 from palpate.scoring.predictions import predict_holds
 from palpate.sensor.array import ArrayLayout
 from palpate.settling.exponential import Exponential
@@ -176,7 +176,7 @@ def hold_quantities(holds: Sequence[Hold]) -> dict[str, FloatArray]:
     """Return how far holds are from settled at 2.5 s, what predictors miss there, and the noise."""
     long, to_come, noise = list[Hold](), list[float](), list[float]()
     for hold in holds:
-        settled = settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
+        settled = measure_settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
         if not settled > 0:
             continue
         long.append(hold)

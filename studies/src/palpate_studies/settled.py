@@ -18,7 +18,7 @@ import typer
 from palpate import predict_settled
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.holds import Hold, read_holds, settled_value
+from palpate.holds import Hold, measure_settled_value, read_holds
 from palpate.settling.baselines import LogLaw
 from palpate.settling.calibrated import Calibrated
 from palpate.settling.result import SettlingMethod, Status
@@ -181,7 +181,7 @@ def _read(files: Sequence[Path]) -> dict[str, list[Hold]]:
 
 
 def _settled(hold: Hold) -> float:
-    return settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
+    return measure_settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
 
 
 def judge(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from palpate.holds import Hold, settled_value
+from palpate.holds import Hold, measure_settled_value
 from palpate.scoring.predictions import Prediction, predict_holds, summarise
 from palpate.settling.baselines import Recorded
 from palpate.settling.exponential import Exponential, fit_exponential
@@ -172,7 +172,7 @@ def figure_5(holds: Sequence[Hold]) -> Figure:
     time_s = holds[0].time_s
     seen = time_s <= FIGURE_5_CUTOFF_S
     fit = fit_exponential(time_s[seen], np.array([hold.values[seen] for hold in holds]))
-    known = [settled_value(one.time_s, one.values, horizon_s=HORIZON_S) for one in holds]
+    known = [measure_settled_value(one.time_s, one.values, horizon_s=HORIZON_S) for one in holds]
     errors = np.where(fit.status == Status.OK, 100 * np.abs(fit.settled / known - 1), np.nan)
     order = np.argsort(errors)
     shown = int(order[np.isfinite(errors).sum() // 2])

@@ -42,11 +42,11 @@ def test_a_press_that_comes_late_moves_nothing(monkeypatch: pytest.MonkeyPatch) 
     session.join("a")
     viewer = Viewer(session, viewer_id="a", now_s=lambda: now_s[0])
     for at_s, said in ((100.0, ""), (96.5, ""), (88.0, "the press came 12 s late: press again")):
-        viewer.pressed({"stops": session.stops, "at_s": at_s})
+        viewer.record_press({"stops": session.stops, "at_s": at_s})
         viewer.order(Examine())
         assert ("late" in said) == any("late" in one for one in refused), refused
     assert refused[-1] == "the press came 12 s late: press again"
-    viewer.pressed({"stops": session.stops, "at_s": 101.0})
+    viewer.record_press({"stops": session.stops, "at_s": 101.0})
     now_s[0] = 130.0
     viewer.release()
     assert refused[-1] == "the press came 29 s late: press again"
@@ -67,7 +67,7 @@ def test_viewer_order_and_its_check_are_not_separated_by_a_stop() -> None:
     session = Session(send=send)
     session.join("a")
     viewer = Viewer(session, viewer_id="a", now_s=lambda: 0.0)
-    viewer.pressed({"stops": 0, "at_s": 0.0})
+    viewer.record_press({"stops": 0, "at_s": 0.0})
     viewer.order(OpenRig(name="sim-rigid"))
     stops[0].join()
     assert sent == [OpenRig(name="sim-rigid"), StopNow(1)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.holds import recorded_value, settled_value
+from palpate.holds import find_recorded_value, measure_settled_value
 from palpate.scoring.predictions import Prediction, summarise
 from palpate.settling.result import Status
 from palpate_studies.bootstrap import bootstrap_interval
@@ -33,7 +33,7 @@ def predictions(predicted, *, low, high, settled, recorded) -> list[Prediction]:
 def test_settled_value_is_the_mean_of_the_last_half_second() -> None:
     time_s = np.array([0.0, 19.4, 19.5, 19.75, 20.0, 20.25])
     values = np.array([9.0, 8.0, 1.0, 2.0, 6.0, 100.0])
-    assert settled_value(time_s, values, horizon_s=20.0) == 3.0
+    assert measure_settled_value(time_s, values, horizon_s=20.0) == 3.0
 
 
 @pytest.mark.parametrize(
@@ -41,21 +41,21 @@ def test_settled_value_is_the_mean_of_the_last_half_second() -> None:
 )
 def test_a_hold_reaches_the_horizon_within_one_interval(last_s: float, reaches: bool) -> None:
     time_s = np.arange(0, last_s + 0.01, 0.05)
-    settled = settled_value(time_s, np.ones(time_s.size), horizon_s=20.0)
+    settled = measure_settled_value(time_s, np.ones(time_s.size), horizon_s=20.0)
     assert np.isfinite(settled) == reaches
 
 
 def test_no_settled_value_where_nothing_was_sampled_before_the_horizon() -> None:
     time_s = np.array([0.0, 10.0, 30.0])
-    assert np.isnan(settled_value(time_s, time_s, horizon_s=20.0))
-    assert np.isnan(settled_value(time_s[:1], time_s[:1], horizon_s=20.0))
+    assert np.isnan(measure_settled_value(time_s, time_s, horizon_s=20.0))
+    assert np.isnan(measure_settled_value(time_s[:1], time_s[:1], horizon_s=20.0))
 
 
 def test_recorded_value_includes_the_sample_at_the_cutoff() -> None:
     time_s = np.array([0.5, 1.0, 2.0])
-    assert recorded_value(time_s, 10 * time_s, cutoff_s=2.0) == 20.0
-    assert recorded_value(time_s, 10 * time_s, cutoff_s=1.99) == 10.0
-    assert np.isnan(recorded_value(time_s, time_s, cutoff_s=0.4))
+    assert find_recorded_value(time_s, 10 * time_s, cutoff_s=2.0) == 20.0
+    assert find_recorded_value(time_s, 10 * time_s, cutoff_s=1.99) == 10.0
+    assert np.isnan(find_recorded_value(time_s, time_s, cutoff_s=0.4))
 
 
 def test_no_figure_where_there_is_nothing_to_be_a_share_of() -> None:

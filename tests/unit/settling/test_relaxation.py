@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from palpate.holds import read_holds, settled_value
+from palpate.holds import measure_settled_value, read_holds
 from palpate.settling.calibrated import Calibrated
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettledEstimate, Status
@@ -84,7 +84,7 @@ def test_at_the_horizon_the_samples_are_the_answer() -> None:
     time_s = np.arange(0.0, 25.0, 0.1)
     values = log_hold(time_s)
     estimate = predict(time_s, values).hold(0)
-    assert estimate.value == pytest.approx(settled_value(time_s, values, horizon_s=20.0))
+    assert estimate.value == pytest.approx(measure_settled_value(time_s, values, horizon_s=20.0))
 
 
 def test_a_batch_is_its_holds_one_by_one() -> None:
@@ -121,7 +121,7 @@ def test_a_loading_over_a_minute_is_predicted_when_it_is_known() -> None:
     share = (60.0 - back_s) / (60.0 - back_s).sum()
     values = 10.0 * np.exp(-0.08 * np.log(time_s[:, None] + back_s + 0.3) @ share)
     seen = time_s <= 2.5
-    truth = settled_value(time_s, values, horizon_s=20.0)
+    truth = measure_settled_value(time_s, values, horizon_s=20.0)
     known, unknown = (
         method.predict(time_s[seen], values[None, seen], horizon_s=20.0, level=0.9).value[0]
         for method in (Relaxation(loading_s=60.0), Relaxation())
@@ -151,7 +151,7 @@ def score(file: Path, *, cutoff_s: float) -> Array:
     """Return |error| and half-width in percent of the settled value, and coverage, per hold."""
     rows = []
     for hold in read_holds(file):
-        settled = settled_value(hold.time_s, hold.values, horizon_s=20.0)
+        settled = measure_settled_value(hold.time_s, hold.values, horizon_s=20.0)
         seen = hold.time_s <= cutoff_s
         estimate = predict(hold.time_s[seen], hold.values[seen]).hold(0)
         rows.append(
@@ -207,7 +207,7 @@ def test_calibration_on_other_specimens_covers_and_narrows(real_data: Path) -> N
         if hold.hold_id.startswith("1_10_E"):
             continue
         seen = hold.time_s <= 2.5
-        settled = settled_value(hold.time_s, hold.values, horizon_s=20.0)
+        settled = measure_settled_value(hold.time_s, hold.values, horizon_s=20.0)
         plain, sharp = (
             m.predict(hold.time_s[seen], hold.values[None, seen], horizon_s=20.0, level=0.9).hold(0)
             for m in (Relaxation(), calibrated)
@@ -226,7 +226,7 @@ def test_an_unloaded_stretch_in_front_changes_little(from_ohm: float) -> None:
     rest = from_ohm + rng.normal(0, 0.2, 45)
     raw_s = np.concatenate([np.arange(45) / 30, time_s + 1.5])
     raw = np.concatenate([rest, held])
-    truth = settled_value(time_s, held, horizon_s=20.0)
+    truth = measure_settled_value(time_s, held, horizon_s=20.0)
     seen = raw_s <= 4.0
     found = predict(raw_s[seen], raw[seen], horizon_s=21.5).hold(0)
     assert found.value == pytest.approx(truth, rel=0.04)
@@ -237,7 +237,7 @@ def test_a_relative_change_that_begins_with_contact_is_not_drawn_out() -> None:
     time_s = np.arange(0.0, 21.0, 1 / 15)
     shape = 1 - 0.5 * np.exp(-time_s / 0.08) + 0.02 * np.log((time_s + 0.3) / 20)
     values = np.where(time_s < 0.1, 0.0, -50.0 * shape)
-    truth = settled_value(time_s, values, horizon_s=20.0)
+    truth = measure_settled_value(time_s, values, horizon_s=20.0)
     for cutoff_s, tolerance in ((1.0, 0.05), (2.5, 0.02)):
         seen = time_s <= cutoff_s
         assert predict(time_s[seen], values[seen]).hold(0).value == pytest.approx(

@@ -200,14 +200,14 @@ def learn_from(store: Store, *, kind: str) -> BruiseModel:
 
     Raises `InputError` if there are too few; `MissingExtraError` if scikit-learn is not installed.
     """
-    known = labelled_sides(store, kind=kind)
+    known = read_labelled_sides(store, kind=kind)
     items = len({item for table in known.values() for item in table.items})
     return BruiseModel.learn(
         known, learned_on=f"{items} labelled items of kind {kind} of the store"
     )
 
 
-def labelled_sides(store: Store, *, kind: str) -> dict[str, LabelledTable]:
+def read_labelled_sides(store: Store, *, kind: str) -> dict[str, LabelledTable]:
     """Return the labelled sides of a kind's items, bruised or sound, by reference.
 
     Of a bruised item the grasp that the label names counts, or else the last one before it: label

@@ -123,7 +123,7 @@ def _contrast_table(reference: str, rows: Sequence[tuple[FloatArray, str, str]])
     return LabelledTable.of(features, rows)
 
 
-def simulated_sides() -> tuple[str, dict[str, LabelledTable]]:
+def load_simulated_sides() -> tuple[str, dict[str, LabelledTable]]:
     """Return the labels and the simulated sides that ship with palpate, by reference."""
     document = json.loads(_SIMULATED.read_text())
     return document["learned_on"], {
@@ -146,5 +146,5 @@ def default_model() -> BruiseModel:
 
     Raises `MissingExtraError` if scikit-learn is not installed.
     """
-    learned_on, known = simulated_sides()
+    learned_on, known = load_simulated_sides()
     return BruiseModel.learn(known, learned_on=learned_on)

@@ -159,7 +159,7 @@ def measure(readings: PairedReadings, demand: Demand) -> Agreement:
     slopes, offsets = deming_lines(*means, ratio=ratio, leave_out=True)
     converted = offsets[place] + slopes[place] * grasp
     difference = converted - read
-    first, second = _repeated_readings(readings)
+    first, second = _pair_repeats(readings)
     figures = {
         "limit_of_agreement": _LIMITS * float(difference.std(ddof=1)),
         "r_squared": _r_squared(grasp, read),
@@ -194,7 +194,7 @@ def confusion_of(found: Agreement, limits: tuple[float, ...]) -> NDArray[np.int6
     return table if limits else table[:0, :0]
 
 
-def _repeated_readings(readings: PairedReadings) -> tuple[FloatArray, FloatArray]:
+def _pair_repeats(readings: PairedReadings) -> tuple[FloatArray, FloatArray]:
     """Return the first two readings of the reference on each item that has two."""
     read = np.isfinite(readings.reference)
     item, value = readings.item[read], readings.reference[read]

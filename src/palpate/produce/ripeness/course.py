@@ -20,7 +20,7 @@ from scipy.special import logsumexp, softmax
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.produce.ripeness.firmness import DayFelt, pooled_variance
+from palpate.produce.ripeness.firmness import DayFelt, pool_variance
 
 #: Fewest items and days that a course can be learned from.
 FEWEST_COURSES, FEWEST_DAYS = 4, 3
@@ -75,7 +75,7 @@ class Course:
         low, high = (float(level) for level in np.quantile(felt, [0.05, 0.95]))
         fall = max(high - low, 1e-3)
         last_day = max(1.0, *(day.day for item in useful for day in item))
-        grasp_sd = math.sqrt(pooled_variance([day for item in useful for day in item]))
+        grasp_sd = math.sqrt(pool_variance([day for item in useful for day in item]))
 
         def course_at(offset: FloatArray) -> Course:
             """Return the course at offsets, in standard deviations, from the weak priors."""

@@ -132,10 +132,10 @@ def by_day(felt: Iterable[tuple[datetime, float]]) -> tuple[DayFelt, ...]:
     return tuple(days)
 
 
-def pooled_variance(days: Sequence[DayFelt]) -> float:
+def pool_variance(days: Sequence[DayFelt]) -> float:
     """Return the variance from grasp to grasp of one day; 0 where no day had two grasps.
 
-    >>> pooled_variance([DayFelt(day=0.0, firmness=1.0, grasps=3, spread=0.5)])
+    >>> pool_variance([DayFelt(day=0.0, firmness=1.0, grasps=3, spread=0.5)])
     0.25
     """
     again = [day for day in days if day.grasps > 1]

@@ -105,7 +105,7 @@ def learn_rule(
     Raises `InputError` if there are too few, or a stage was never given.
     """
     verdicts = store.verdicts(About.RIPENESS, source=Source.PERSON, kind=kind)
-    last_first = labelled_histories(store, verdicts[::-1], drive=drive, drift=drift)
+    last_first = read_labelled_histories(store, verdicts[::-1], drive=drive, drift=drift)
     known = list(islice(last_first, _MOST_ITEMS))
     if not known:
         raise InputError(
@@ -119,7 +119,7 @@ def learn_rule(
     )
 
 
-def labelled_histories(
+def read_labelled_histories(
     store: Store, verdicts: Sequence[Verdict], *, drive: Drive, drift: Drift | None = None
 ) -> Iterator[tuple[FirmnessHistory, list[str | None]]]:
     """Yield the items of these verdicts that were felt, in that order, with a label for each day.

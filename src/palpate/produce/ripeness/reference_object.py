@@ -29,7 +29,7 @@ from palpate.produce.ripeness.firmness import (
     RIPENESS_N,
     by_day,
     firmness_of,
-    pooled_variance,
+    pool_variance,
 )
 
 #: Drift is taken to wander by this much in the root of a day (sheets that break in lose 10 to 40 %
@@ -91,8 +91,8 @@ class Drift:
                 f"the reference object was grasped on {len(days)} day(s){kept} by a gripper driven "
                 f"by {drive}; grasp it on every day with the fruit"
             )
-        first, variance = days[0], pooled_variance(days)
-        moved = _expected_drift(
+        first, variance = days[0], pool_variance(days)
+        moved = _expect_drift(
             np.array([day.day - first.day for day in days]),
             np.array([day.firmness - first.firmness for day in days]),
             variance=np.array([variance / day.grasps for day in days]),
@@ -136,7 +136,7 @@ class Drift:
         )
 
 
-def _expected_drift(day: FloatArray, moved: FloatArray, *, variance: FloatArray) -> FloatArray:
+def _expect_drift(day: FloatArray, moved: FloatArray, *, variance: FloatArray) -> FloatArray:
     """Return the expected drift of each day, given the readings of all days.
 
     The first day's scatter is in the change of every later one. How much of what is read is drift
