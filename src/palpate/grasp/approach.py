@@ -292,7 +292,7 @@ def _record_residual(state: GraspState, plan: Plan) -> GripperCommand | None:
         if estimate.closure > max(furthest, plan.step):
             return _open_by(estimate, plan.step, plan)
         left_n = float(plan.early_law.force_n(now.reading).value)
-        if left_n > (1.0 - GUARDS.falls_fraction) * estimate.force_n:
+        if left_n > GUARDS.left_fraction * estimate.force_n:
             state.add_fault(
                 "the sheet reads as much after the fingers went back as while they touched; see "
                 "what `palpate doctor` reports"

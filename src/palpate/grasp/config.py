@@ -157,14 +157,12 @@ class Guards:
     patience_s : 1 to 10 s, guess. A sheet comes to rest; the first frames come; a pixel moves.
     sheet_factor : 2 to 4 1, twin. Drift of a sheet's rest.
     pixel_factor : 1.3 to 2 1, twin. Drift of a pixel's rest beside the others'.
-    proving_steps : 1 to 3 steps, guess. Closing that proves a rest.
     too_far : 1.1 to 1.5 1, guess. Of the target that ends a movement.
     late_s : 0.06 to 0.12 s, twin. The sheet shows a rising force this late.
     lost_fraction : 0.2 to 0.5 1, twin. Of a grip that is left: gone.
-    falls_fraction : 0.15 to 0.4 1, study faults. Fall of the reading while closing.
-    each_fraction : 0.005 to 0.03 1, study faults. Fall of the reading at each step.
-    falls_steps : 2 to 4 steps, study faults. Steps of the one fall.
-    each_steps : 3 to 5 steps, study faults. Steps of the other.
+    left_fraction : 0.6 to 0.85 1, study faults. Of a touch still read after the way back.
+    falls_fraction : 0.005 to 0.03 1, study faults. Fall of the reading at each closing step.
+    falls_steps : 3 to 5 steps, study faults. Steps that fall in a row.
     rises_fraction : 0.05 to 0.2 1, study faults. Rise of the reading while opening.
     alone_hints : 1.5 to 4 hints, study faults. One finger grips, the other feels nothing.
     opening_s : 5 to 30 s, guess. Longest opening.
@@ -180,14 +178,12 @@ class Guards:
     patience_s: float = 3.0
     sheet_factor: float = 2.5
     pixel_factor: float = 1.6
-    proving_steps: float = 1.5
     too_far: float = 1.25
     late_s: float = 0.1
     lost_fraction: float = 0.35
-    falls_fraction: float = 0.25
-    each_fraction: float = 0.01
-    falls_steps: int = 2
-    each_steps: int = 3
+    left_fraction: float = 0.75
+    falls_fraction: float = 0.01
+    falls_steps: int = 3
     rises_fraction: float = 0.1
     alone_hints: float = 2.0
     opening_s: float = 10.0

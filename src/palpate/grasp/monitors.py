@@ -166,10 +166,8 @@ class ResponseMonitor:
             return False
         strongest = int(np.argmax(gripped))
         fallen = 1.0 - np.array(gripped[strongest:]) / gripped[strongest]
-        each = GUARDS.each_steps
-        if len(fallen) > each and np.diff(fallen)[-each:].min() > GUARDS.each_fraction:
-            return True
-        return len(fallen) > GUARDS.falls_steps and bool(fallen[-1] > GUARDS.falls_fraction)
+        last = np.diff(fallen)[-GUARDS.falls_steps :]
+        return last.size == GUARDS.falls_steps and bool(last.min() > GUARDS.falls_fraction)
 
     def _rises(self, state: GraspState) -> bool:
         """Whether the sheet shows more after the hand has opened than at its furthest step."""

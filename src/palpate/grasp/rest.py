@@ -88,7 +88,7 @@ def prove_rest(state: GraspState, proving_from: float, *, plan: Plan) -> bool:
         estimate.steps, estimate.touches, estimate.contact_s = (), (), None
         state.attempt.proving_from = None
         return False
-    if estimate.closure - proving_from >= GUARDS.proving_steps * plan.step:
+    if estimate.closure - proving_from >= plan.step:
         state.add_fault(
             "rest values are far below the calibration's, yet nothing presses: weather or wear "
             "moved the sheet; `palpate calibrate rest --empty` keeps the new ones"
