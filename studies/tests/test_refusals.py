@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 LADDER, TOUCH = "ladder,step,load_n,resistance_ohm\n", "recording_id,time_s,resistance_ohm,force_n"
-HISTORY = "recording_id,time_s,resistance_4wire_ohm,force_n\n"
 SOFT = "stroke_id,location_mm,depth_mm,voltage_v,force_n\n"
 INDEX, CURVES = "grasp_id,fruit,rupture_force_n\n", "grasp_id,closure_mm,force_n\na,1.0,2.0\n"
 #: Study, its files by option, and what is said.
@@ -27,8 +26,6 @@ CASES: tuple[tuple[str, dict[str, str], str], ...] = (
     ("presses", {"recordings": TOUCH + "\na,0,10,0\na,1,10,0\n"}, "no press in it"),
     ("presses", {"recordings": TOUCH + "\na,0,10\n"}, "3 fields where the header has 4"),
     ("strokes", {"recordings": TOUCH + ",touch,phase\na,0,10,0,0,rest\n"}, "sensor-pin-attempt"),
-    ("histories", {"recordings": HISTORY + "a-1,0,10,0\na-1,1,0,0\n"}, "resistance be above 0"),
-    ("histories", {"recordings": HISTORY + "a-1,0,10,0\na-1,1,10,0\n"}, "one kind of motion only"),
     ("soft-sensor", {"train": SOFT}, "no rows below the header"),
     ("soft-sensor", {"train": SOFT + "1,0,0.5,0.04,2\n1,0,0.5,0.05,3\n"}, "one depth only"),
     ("rupture", {"curves": CURVES, "index": ""}, "empty"),

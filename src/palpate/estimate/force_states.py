@@ -10,8 +10,6 @@ a gain of the sheet shifts the first input only.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -38,24 +36,21 @@ def log_reading(excess: ArrayLike) -> FloatArray:
 
 
 class ForceStates:
-    """The memory of one sheet, advanced sample by sample.
+    """The states of one sheet, advanced sample by sample.
 
-    Parameters
-    ----------
-    time_constants_s : sequence of float
-        Of the low-passed copies, rising; the maximum forgets with the last one.
+    The maximum fades with the last of `TIME_CONSTANTS_S`.
 
     Examples
     --------
-    >>> sheet = ForceStates(time_constants_s=(1.0,))
-    >>> sheet.step(0.0, 0.0).tolist()
-    [0.0, 0.0, 0.0]
+    >>> sheet = ForceStates()
+    >>> sheet.step(0.0, 0.0).tolist() == [0.0] * 8
+    True
     >>> sheet.step(1.0, 1.0).round(3).tolist()
-    [1.0, 0.368, 0.0]
+    [1.0, 0.0, 0.0, 0.0, 0.036, 0.368, 0.717, 0.0]
     """
 
-    def __init__(self, *, time_constants_s: Sequence[float] = TIME_CONSTANTS_S) -> None:
-        self._tau_s = np.asarray(time_constants_s, dtype=float)
+    def __init__(self) -> None:
+        self._tau_s = np.array(TIME_CONSTANTS_S)
         self._time_s: float | None = None
         self._copies = np.zeros(len(self._tau_s))
         self._peak = 0.0
@@ -72,7 +67,7 @@ class ForceStates:
 
         Returns
         -------
-        ndarray, shape (2 + n_time_constants,)
+        ndarray, shape (8,)
             The reading, its differences from the copies, ln(1 + fall / 0.05).
 
         Raises
@@ -95,21 +90,14 @@ class ForceStates:
         return np.concatenate([[reading], reading - self._copies, [fall]])
 
 
-def states_of(
-    time_s: ArrayLike,
-    reading: ArrayLike,
-    *,
-    time_constants_s: Sequence[float] = TIME_CONSTANTS_S,
-) -> FloatArray:
-    """Return the inputs at every sample of a recording, shape (n_times, 2 + n_time_constants).
+def states_of(time_s: ArrayLike, reading: ArrayLike) -> FloatArray:
+    """Return the inputs at every sample of a recording, shape (n_times, 8).
 
     Parameters
     ----------
     time_s, reading : array_like, shape (n_times,)
         As `ForceStates.step` takes them.
-    time_constants_s : sequence of float
-        As `ForceStates` takes them.
     """
-    memory = ForceStates(time_constants_s=time_constants_s)
+    sheet = ForceStates()
     steps = zip(np.asarray(time_s).tolist(), np.asarray(reading).tolist(), strict=True)
-    return np.array([memory.step(*step) for step in steps]).reshape(-1, 2 + len(time_constants_s))
+    return np.array([sheet.step(*step) for step in steps]).reshape(-1, 2 + len(TIME_CONSTANTS_S))

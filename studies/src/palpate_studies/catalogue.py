@@ -14,7 +14,6 @@ _SHOWN = {
     "noise": "Filters against mains pick-up and motor spikes, on the twin",
     "qualify": "Agreement with a penetrometer: 720 real apples, and simulated ones on the twin",
     "presses": "Force now on real Velostat under a robot's presses",
-    "histories": "Force of stretched silicone from the history of its resistance, real recordings",
     "soft-sensor": "Force of a microfluidic soft sensor, depths left out, real recordings",
     "hydrogel": "Force of a real hydrogel sensor in a robot's force loop, recordings left out",
     "strokes": "Force of real Velostat touched by pins, sensors left out",
