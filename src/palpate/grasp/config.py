@@ -131,7 +131,6 @@ class Settle:
     kept_factor : 1.5 to 3 1, guess. A reading of what is held changes by no more until 20 s.
     haste_sd : 0.05 to 0.2 ln, twin. Lag of larger steps.
     hysteresis_sd : 0.1 to 0.3 ln, guess. Hysteresis of soft fingers.
-    relaxing : 1 to 1.1 1, guess. Force now over the settled force.
     less_steep : 2 to 8 1, guess. A correction's slope may be less.
     eased_fraction : 0.2 to 0.5 1, guess. Of the goal that the hand opens below it.
     correction_s : 0.3 to 1 s, guess. Duration of a correction.
@@ -144,7 +143,6 @@ class Settle:
     kept_factor: float = 2.0
     haste_sd: float = 0.12
     hysteresis_sd: float = 0.15
-    relaxing: float = 1.03
     less_steep: float = 4.0
     eased_fraction: float = 0.3
     correction_s: float = 0.5

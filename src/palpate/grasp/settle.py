@@ -180,7 +180,8 @@ def press_on(
     """Close by the step that adds the missing force; None if no step is safe."""
     correction, trial = state.correction, copy(state.estimate)
     slope, fruitless = slope_n(trial, plan), math.inf
-    _take_settled(trial, force)
+    # The early law is for quick steps; here the settled force is known.
+    trial.set_force(force.middle, force.high)
     if correction.before is not None:
         closure, force_n = correction.before
         travel = trial.closure - closure
@@ -205,7 +206,7 @@ def ease_off(state: GraspState, force: Measurement, plan: Plan, *, goal_n: float
     The sheet's answer to unloading was not calibrated, nor the backlash of the gears.
     """
     estimate, correction = state.estimate, state.correction
-    _take_settled(estimate, force)
+    estimate.set_force(force.middle, force.high)
     slope, over_n = slope_n(estimate, plan), estimate.force_n - goal_n
     closure = estimate.closure - max(over_n / slope, plan.smallest_step)
     opened = max(closure - SETTLE.eased_fraction * goal_n / slope - plan.play, 0.0)
@@ -230,11 +231,3 @@ def come_back(state: GraspState, plan: Plan) -> GripperCommand | None:
     read = estimate.gain.apply_to(law)
     estimate.set_force(float(read.value), float(read.high))
     return GripperCommand(target=quantize_target(closure, plan), rate=travel / SETTLE.correction_s)
-
-
-def _take_settled(estimate: ContactEstimate, force: Measurement) -> None:
-    """Take the settled force as that of now: the early law is for quick steps.
-
-    An object that relaxes presses a little harder now than when settled.
-    """
-    estimate.set_force(SETTLE.relaxing * force.middle, SETTLE.relaxing * force.high)

@@ -49,8 +49,7 @@ def test_correction_upwards_adds_the_missing_force(plan: Plan) -> None:
     wish = press_on(state, settled(4.0), plan, missing_n=1.0)
     assert plan.gripper.highest - wish.target == pytest.approx(21.0 + 1.0 / N_PER_MM, abs=0.05)
     assert state.correction.count == 1
-    # An object that still relaxes presses a little harder than it will.
-    assert state.correction.before == (21.0, pytest.approx(1.03 * 4.0))
+    assert state.correction.before == (21.0, pytest.approx(4.0))
 
 
 def test_short_correction_lowers_the_slope_to_a_quarter_at_most(
@@ -82,7 +81,7 @@ def test_correction_that_is_not_safe_changes_nothing(plan: Plan) -> None:
 def test_correction_downwards_opens_well_below_the_target(plan: Plan) -> None:
     state = holding(5.0)
     command = ease_off(state, settled(5.0), plan, goal_n=4.0)
-    over_n = 1.03 * 5.0 - 4.0
+    over_n = 5.0 - 4.0
     closure = 21.0 - over_n / N_PER_MM
     assert state.correction.return_closure == pytest.approx(closure, abs=0.05)
     opened = closure - 0.3 * 4.0 / N_PER_MM - plan.play
