@@ -10,12 +10,12 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from palpate_studies.scoreboard import generated_pages
+from palpate_studies.scoreboard import generate_pages
 
 
 def main() -> int:
     """Write or check every page."""
-    pages = generated_pages(Path(__file__).parent)
+    pages = generate_pages(Path(__file__).parent)
     stale = {
         page: text for page, text in pages.items() if not page.exists() or page.read_text() != text
     }

@@ -75,7 +75,7 @@ def test_a_ratio_is_missed_only_where_something_is_wanted_of_a_peer_that_is_ther
 
 def test_predictors_are_timed_and_agree_with_curve_fit() -> None:
     time_s, holds = settling.synthetic_holds(20)
-    known = settling._known_grid("exponential", time_s=time_s, holds=holds, peer_holds=5)
+    known = settling._compare_on_known_grid("exponential", time_s=time_s, holds=holds, peer_holds=5)
     assert known.size == 20
     assert known.times > 1
     assert settling._new_grid(holds[0]).wanted == 1

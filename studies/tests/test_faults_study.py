@@ -8,8 +8,8 @@ import pytest
 
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate_studies.fault_devices import FAULTS
-from palpate_studies.fault_grasps import KINDS, Cell, Struck, cells, sampled, struck
-from palpate_studies.faults import judge, unexplained
+from palpate_studies.fault_grasps import KINDS, Cell, Struck, cells, sample_cells, struck
+from palpate_studies.faults import is_unexplained, judge
 
 pytestmark = pytest.mark.slow
 
@@ -31,7 +31,7 @@ def test_no_fault_goes_on_unseen(name: str) -> None:
     assert found.struck
     assert found.outcome in ("sensor_lost", "gripper_fault", "force_limit")
     assert found.reason
-    assert not unexplained(found)
+    assert not is_unexplained(found)
     assert found.peak_n < 1.2 * FORCE_CEILING_N
     assert not (thing == "strawberry" and found.damaged)
 
@@ -50,10 +50,10 @@ def test_a_sheet_turned_round_crushes_no_berry(speed: float, seed: int) -> None:
 
 
 def test_a_sample_has_every_fault_about_as_often() -> None:
-    chosen = sampled(2 * len(FAULTS), seed=3)
+    chosen = sample_cells(2 * len(FAULTS), seed=3)
     assert len(chosen) == len({(c.fault, c.phase, c.thing, c.kind, c.speed) for c in chosen})
     assert all(sum(cell.fault == name for cell in chosen) == 2 for name in FAULTS)
-    assert len(sampled(10**6, seed=3)) == len(cells())
+    assert len(sample_cells(10**6, seed=3)) == len(cells())
 
 
 def test_a_row_shows_the_worst() -> None:

@@ -12,19 +12,19 @@ from palpate.twin.world import GripperKind
 from palpate_studies.baselines.feedback_loops import (
     LOOPS,
     WAITS_S,
-    learned_laws,
-    learned_loop,
+    learn_laws,
     paper_loop,
+    run_learned_loop,
     taught_by,
 )
 from palpate_studies.baselines.told_everything import RIDGE
-from palpate_studies.force_control import compared, judge, scores
+from palpate_studies.force_control import compare_methods, judge, scores
 from palpate_studies.force_control_world import (
     TARGETS_N,
     UNLIMITED,
     Gripped,
-    controlled,
-    learned_damage,
+    grip_as_shipped,
+    learn_damage,
     task,
 )
 from palpate_studies.protocol.parts import SeenBeforeError
@@ -95,7 +95,7 @@ def test_a_soft_thing_is_not_pressed_to_its_target(kind: GripperKind) -> None:
         mass_g=2.0 * FRICTION[0] * 0.5 / N_PER_G,
     )
     wanted = replace(drawn, kind=kind, obj=tender, target_n=7.0, lift_n=0.5)
-    found = controlled(wanted, damage=learned_damage(seed=5))
+    found = grip_as_shipped(wanted, damage=learn_damage(seed=5))
     assert found.limited
     assert not found.damaged
     assert found.outcome == "held" or not found.lifted
@@ -119,10 +119,10 @@ def test_the_papers_line_as_feedback_says_the_target_where_it_stops() -> None:
 
 @pytest.mark.slow
 def test_a_learned_law_is_feedback_on_sensors_that_it_never_saw() -> None:
-    laws = learned_laws([task(seed, level="lab") for seed in (700_000, 700_004, 700_008)])
+    laws = learn_laws([task(seed, level="lab") for seed in (700_000, 700_004, 700_008)])
     with pytest.raises(SeenBeforeError, match="lab 175000 was used"):
-        learned_loop(task(700_001, level="lab"), RIDGE, laws=laws)
-    found = learned_loop(task(700_016, level="lab"), RIDGE, laws=laws)
+        run_learned_loop(task(700_001, level="lab"), RIDGE, laws=laws)
+    found = run_learned_loop(task(700_016, level="lab"), RIDGE, laws=laws)
     assert found.method == LOOPS[RIDGE]
     assert found.said_n == pytest.approx(found.task.target_n, rel=0.05)
     assert found.force_n == pytest.approx(found.task.target_n, rel=0.6)
@@ -136,7 +136,7 @@ def test_ours_is_compared_on_the_things_that_both_gripped() -> None:
     near, far = made(force_share=1.0), made(force_share=1.5)
     rival = replace(far, method="rival")
     other = replace(near, task=task(8, level="lab"), method="ours")
-    (row,) = compared([near, rival, other])
+    (row,) = compare_methods([near, rival, other])
     assert (row["cases"], row["ours_near"], row["rival_near"]) == (1, 1.0, 0.0)
     assert row["difference"] == -1.0
 
@@ -144,6 +144,6 @@ def test_ours_is_compared_on_the_things_that_both_gripped() -> None:
 def test_ours_without_its_limit_is_compared_with_rivals_alone() -> None:
     near, far = made(force_share=1.0), made(force_share=1.5)
     found = [far, replace(near, method=UNLIMITED), replace(far, method="rival")]
-    assert [row["rival"] for row in compared(found)] == ["rival"]
-    (row,) = compared(found, method=UNLIMITED)
+    assert [row["rival"] for row in compare_methods(found)] == ["rival"]
+    (row,) = compare_methods(found, method=UNLIMITED)
     assert (row["method"], row["ours_near"], row["rival_near"]) == (UNLIMITED, 1.0, 0.0)

@@ -7,9 +7,9 @@ import pytest
 
 from palpate.errors import PalpateError
 from palpate.estimate.damage_learning import FruitClosing, follow_closing
-from palpate_studies.protocol.paired import paired_difference
+from palpate_studies.protocol.paired import difference_of_pairs
 from palpate_studies.protocol.parts import Learned, SeenBeforeError
-from palpate_studies.rupture import RATES, RULE, applied, stops, tradeoff
+from palpate_studies.rupture import RATES, RULE, apply_policy, stops, tradeoff
 
 
 def pears(count: int, *, seed: int) -> list[FruitClosing]:
@@ -43,26 +43,26 @@ def test_what_makes_a_specimen_hard_for_both_drops_out_of_a_paired_difference() 
     hard = np.repeat(rng.uniform(1.0, 20.0, 30), 4)
     names = [str(k) for k in np.repeat(np.arange(30), 4)]
     rival = hard + 0.5 + 0.1 * rng.standard_normal(hard.size)
-    found = paired_difference(hard, rival, names, statistic=np.mean)
+    found = difference_of_pairs(hard, rival, names, statistic=np.mean)
     assert found.verdict == "ours"
     assert found.low < -0.5 < found.high
     assert found.high - found.low < 0.1
-    assert paired_difference(rival, hard, names, statistic=np.mean).verdict == "rival"
-    assert paired_difference(hard, hard, names).verdict == "undecided"
-    assert paired_difference([1.0], [2.0], ["a"]).to_dict()["low"] is None
+    assert difference_of_pairs(rival, hard, names, statistic=np.mean).verdict == "rival"
+    assert difference_of_pairs(hard, hard, names).verdict == "undecided"
+    assert difference_of_pairs([1.0], [2.0], ["a"]).to_dict()["low"] is None
     with pytest.raises(ValueError, match="not finite"):
-        paired_difference([np.nan, 1.0], [1.0, 1.0], ["a", "b"])
+        difference_of_pairs([np.nan, 1.0], [1.0, 1.0], ["a", "b"])
 
 
 def test_a_rupture_setting_is_never_used_on_fruit_that_it_was_chosen_on() -> None:
     fruit = pears(24, seed=1)
     with pytest.raises(SeenBeforeError, match="used for fitting or choosing"):
-        applied(RULE, [(fruit, fruit[:3])])
+        apply_policy(RULE, [(fruit, fruit[:3])])
 
 
 def test_rupture_settings_come_from_the_training_fruit_alone() -> None:
     training, test = pears(60, seed=1), pears(30, seed=2)
-    whole, part = (applied(RULE, [(training, some)]) for some in (test, test[:5]))
+    whole, part = (apply_policy(RULE, [(training, some)]) for some in (test, test[:5]))
     assert part.settings == pytest.approx(whole.settings[:5])
     assert stops(part, test[:5]) == pytest.approx(stops(whole, test)[:5])
     assert np.all(np.diff(whole.settings[0]) >= 0)

@@ -20,7 +20,7 @@ def test_a_file_is_no_folder_for_a_report(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.delattr(table2, "settled_readings")  # not even begun
+    monkeypatch.delattr(table2, "measure_settled_readings")  # not even begun
     file = tmp_path / "taken"
     file.write_text("mine")
     out = file / "report" if inside else file
@@ -48,7 +48,7 @@ def test_a_format_that_nothing_would_show_is_refused_before_the_work(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.delattr(table2, "settled_readings")  # not even begun
+    monkeypatch.delattr(table2, "measure_settled_readings")  # not even begun
     assert run(build_app(), ["study", "table2", *options], name="palpate") == 2
     assert reason in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

@@ -21,9 +21,9 @@ from palpate.produce.ripeness.firmness import firmness_of
 from palpate.produce.ripeness.stages import STAGES
 from palpate_studies import ripeness_station
 from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS
-from palpate_studies.ripeness import CONDITIONS, chosen, judge
+from palpate_studies.ripeness import CONDITIONS, choose_conditions, judge
 from palpate_studies.ripeness_felt import REFERENCE_ID, Felt, drift_of
-from palpate_studies.ripeness_scores import compared, judged, scores
+from palpate_studies.ripeness_scores import compare_ways, judge_days, scores
 from palpate_studies.ripeness_station import DAYS, draw_labelled, run_station
 from palpate_studies.twin_avocado import Avocado, draw_avocado
 
@@ -135,7 +135,7 @@ def made_up(station: Felt, *, worn: float, labelled_fruits: int = 12) -> Felt:
 def test_the_reference_object_keeps_what_drift_would_lose(station: Felt) -> None:
     felt = made_up(station, worn=-0.5)
     assert drift_of(felt).moved[-1] == pytest.approx(-0.5, abs=0.05)
-    found = scores(judged(felt))
+    found = scores(judge_days(felt))
     assert found["fruit_days"] == 10 * DAYS
     assert found["ours"]["exact"] > found["ours, no reference"]["exact"] + 0.1
     assert found["ours"]["exact"] > 0.85
@@ -146,7 +146,7 @@ def test_the_reference_object_keeps_what_drift_would_lose(station: Felt) -> None
 
 def test_learners_are_rivals_that_see_the_labels_of_every_station(station: Felt) -> None:
     felt, other = (made_up(station, worn=0.0, labelled_fruits=n) for n in (6, 12))
-    alone, taught = judged(felt, name="a"), judged(felt, taught=[other], name="a")
+    alone, taught = judge_days(felt, name="a"), judge_days(felt, taught=[other], name="a")
     for learner in STAGE_LEARNERS:
         assert scores(alone)[learner]["exact"] > 0.5
         assert scores(taught)[learner]["exact"] > 0.75
@@ -155,7 +155,7 @@ def test_learners_are_rivals_that_see_the_labels_of_every_station(station: Felt)
 
 
 def test_differences_are_paired_by_fruit(station: Felt) -> None:
-    rows = judged(made_up(station, worn=0.0), name="a")
+    rows = judge_days(made_up(station, worn=0.0), name="a")
     assert len({row.fruit for row in rows}) == 10
     never = [replace(row, said=row.said | {"settled change": row.said["ours"]}) for row in rows]
     always = [
@@ -163,7 +163,7 @@ def test_differences_are_paired_by_fruit(station: Felt) -> None:
         for row in rows
     ]
     for judgements, difference in ((never, 0.0), (always, -1.0)):
-        (row,) = (one for one in compared(judgements) if one["rival"] == "settled change")
+        (row,) = (one for one in compare_ways(judgements) if one["rival"] == "settled change")
         assert (row["difference"], row["cases"], row["specimens"]) == (difference, 40, 10)
 
 
@@ -190,10 +190,10 @@ def test_the_report_is_whole_and_says_that_it_is_simulated(station: Felt, tmp_pa
 
 
 def test_conditions_are_chosen_by_any_of_their_parts() -> None:
-    assert tuple(chosen()) == CONDITIONS
-    assert chosen(level="field") == [("field", "rigid", True), ("field", "soft", True)]
-    assert chosen(gripper="soft", aging=False) == [("lab", "soft", False)]
-    assert chosen(level="lab", gripper="rigid", aging=True) == [("lab", "rigid", True)]
+    assert tuple(choose_conditions()) == CONDITIONS
+    assert choose_conditions(level="field") == [("field", "rigid", True), ("field", "soft", True)]
+    assert choose_conditions(gripper="soft", aging=False) == [("lab", "soft", False)]
+    assert choose_conditions(level="lab", gripper="rigid", aging=True) == [("lab", "rigid", True)]
 
 
 def test_a_condition_that_is_not_compared_is_refused_before_any_grasp(

@@ -19,7 +19,7 @@ from palpate_studies.scoreboard import (
     as_first_table,
     as_table,
     fill_page,
-    generated_pages,
+    generate_pages,
     keep,
     read_claims,
     read_kept,
@@ -32,7 +32,7 @@ DOCS = ROOT / "docs"
 
 
 def test_generated_pages_agree_with_the_stored_results() -> None:
-    for page, wanted in generated_pages(DOCS).items():
+    for page, wanted in generate_pages(DOCS).items():
         assert page.read_text() == wanted, f"{page} is stale: run docs/generate_scoreboard.py"
 
 

@@ -12,7 +12,7 @@ from tests.pdf_fonts import check_all_fonts
 
 from palpate.estimate.measurement import Measurement
 from palpate_studies import size
-from palpate_studies.size import Sized, errors_mm, sized
+from palpate_studies.size import Sized, errors_mm, measure_sizes
 
 
 def said(value: float, half: float = 0.3) -> Measurement:
@@ -58,7 +58,7 @@ def test_size_study_is_finite_and_says_simulated(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_trees_of_the_size_see_all_that_ours_read_and_no_fruit_of_the_same_sensor() -> None:
-    berries = list(sized("lab", sensors=range(300, 303), berries=3))
+    berries = list(measure_sizes("lab", sensors=range(300, 303), berries=3))
     errors = errors_mm(berries, "trees")
     assert np.sqrt(np.mean(errors**2)) < 1.5
     # What a sensor shows of its own fruit changes nothing in its answers.

@@ -8,12 +8,18 @@ import pytest
 from palpate.rig.simulated import calibrate_twin
 from palpate_studies import staircases
 from palpate_studies.protocol.parts import SeenBeforeError
-from palpate_studies.staircases import FAINT_N, FollowedForce, followed, learned_from, numbers_of
+from palpate_studies.staircases import (
+    FAINT_N,
+    FollowedForce,
+    follow_staircases,
+    learn_from_staircases,
+    numbers_of,
+)
 
 
 @pytest.mark.slow
 def test_a_sheet_is_followed_by_the_laws_of_its_calibration() -> None:
-    found = followed(3, level="lab", staircases=1)
+    found = follow_staircases(3, level="lab", staircases=1)
     assert list(found) == ["settled", "by_time", "memory", "now"]
     (now,) = found["now"]
     assert (now.force_n > FAINT_N).all()
@@ -24,10 +30,10 @@ def test_a_sheet_is_followed_by_the_laws_of_its_calibration() -> None:
 
 @pytest.mark.slow
 def test_learners_follow_sheets_that_they_never_saw() -> None:
-    trees = learned_from([4, 5], level="lab", staircases=1)
+    trees = learn_from_staircases([4, 5], level="lab", staircases=1)
     with pytest.raises(SeenBeforeError, match="4 was used"):
-        followed(4, level="lab", staircases=1, trees=trees)
-    found = followed(3, level="lab", staircases=1, trees=trees)
+        follow_staircases(4, level="lab", staircases=1, trees=trees)
+    found = follow_staircases(3, level="lab", staircases=1, trees=trees)
     assert list(found) == list(staircases.METHODS)
     (now,), (learned,) = found["now"], found["trees"]
     np.testing.assert_array_equal(learned.force_n, now.force_n)
@@ -35,7 +41,7 @@ def test_learners_follow_sheets_that_they_never_saw() -> None:
     scores = staircases._scores([learned], [now])
     assert (scores["coverage"], scores["mean_half_width_n"]) == (None, None)
     runs = dict.fromkeys(staircases.LEVELS, found)
-    assert [row["rival"] for row in staircases._compared(runs)] == 2 * [*staircases.RIVALS]
+    assert [row["rival"] for row in staircases._compare_rivals(runs)] == 2 * [*staircases.RIVALS]
 
 
 @pytest.mark.slow

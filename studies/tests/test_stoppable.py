@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from palpate_studies import force_control_world
-from palpate_studies.force_control import gripped
-from palpate_studies.force_control_world import learned_damage, task
+from palpate_studies.force_control import grip_all
+from palpate_studies.force_control_world import learn_damage, task
 
 
 @pytest.mark.slow
@@ -30,7 +30,7 @@ def test_a_signal_ends_the_study_with_the_hand_safe(
     monkeypatch.setattr(force_control_world, "TwinGripper", Gripper)
     tasks = [task(seed, level="lab") for seed in (8, 9)]
     with pytest.raises(KeyboardInterrupt):
-        list(gripped(tasks, damage=learned_damage(seed=1), laws={}))
+        list(grip_all(tasks, damage=learn_damage(seed=1), laws={}))
     assert len(worlds) == 1
     assert not worlds[0].state().moving
     assert signal.getsignal(number) is before

@@ -39,7 +39,7 @@ from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import CONTACT_PERCENT, mean_change, relative_change_percent
 from palpate.twin.devices import TwinArray
 from palpate_studies.fruit_ranges import BRUISES
-from palpate_studies.protocol.paired import Difference, IntArray, drawn_difference
+from palpate_studies.protocol.paired import Difference, IntArray, bootstrap_difference
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
 from palpate_studies.second.fruit import corky, rotten
@@ -275,12 +275,12 @@ def _batch(
     ]
     classes = median_shape([one.shape(EARLY_S) for one in sound], with_width=False)
     return [
-        _examined(session, purpose, level, sensor, index, sound=classes, remade=remade)
+        _examine(session, purpose, level, sensor, index, sound=classes, remade=remade)
         for index in range(apples)
     ]
 
 
-def _examined(
+def _examine(
     session: Session,
     purpose: str,
     level: str,
@@ -387,10 +387,10 @@ def area_lost(ours: Scored, rival: Scored) -> Difference:
         truth = ours.bruised[chosen]
         return np.float64(area(truth, rival.score[chosen]) - area(truth, ours.score[chosen]))
 
-    return drawn_difference(of, ours.sensors)
+    return bootstrap_difference(of, ours.sensors)
 
 
-def known_of(examined: Sequence[Examined]) -> dict[str, LabelledTable]:
+def contrast_known(examined: Sequence[Examined]) -> dict[str, LabelledTable]:
     """Return the contrasts of sides to each reference, with the truth."""
     return table_sides(
         [(str(number), one.bruised, one.side(EARLY_S)) for number, one in enumerate(examined)]
@@ -404,7 +404,7 @@ def score_all(
 
     `known`: the sides that the model, and the learners in its place, are learned from.
     """
-    felt = known_of(tested)
+    felt = contrast_known(tested)
     changes = [
         one.presses["same_width"].mean_percent - one.presses["before"].mean_percent
         for one in tested
@@ -416,10 +416,10 @@ def score_all(
             [model.log_odds(replace(one, against={name: one.against[name]})) for one in sides]
         )
         scores |= {
-            way(learner, name): _learned(method, [known[name]], [felt[name]])
+            way(learner, name): _learn_and_score(method, [known[name]], [felt[name]])
             for learner, method in LEARNERS.items()
         }
-    scores[TOGETHER] = _learned("logistic", list(known.values()), list(felt.values()))
+    scores[TOGETHER] = _learn_and_score("logistic", list(known.values()), list(felt.values()))
     bruised = np.array([one.bruised for one in tested])
     sensors = [str(one.sensor) for one in tested]
     return {
@@ -441,7 +441,7 @@ def compare_all(scores: Mapping[str, Scored]) -> list[dict[str, Any]]:
     ]
 
 
-def _learned(
+def _learn_and_score(
     method: str, known: Sequence[LabelledTable], felt: Sequence[LabelledTable]
 ) -> FloatArray:
     """Learn from known sides by another pipeline, and return a score for each tested one."""
@@ -497,7 +497,7 @@ def judge(examined: Sequence[Examined]) -> StudyReport:
         learned_on = (
             f"{len(of['learn'])} simulated apples on {sensors} simulated sensors, level {level}"
         )
-        known[level] = known_of(of["learn"]), learned_on
+        known[level] = contrast_known(of["learn"]), learned_on
         model = BruiseModel.learn(known[level][0], learned_on=learned_on)
         scores = score_all(of["test"], model, known=known[level][0])
         counts[level] = {purpose: len(mine) for purpose, mine in of.items()}

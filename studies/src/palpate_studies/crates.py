@@ -67,7 +67,7 @@ class CrateItemGrasps:
         return self.kind if self.known else UNKNOWN
 
 
-def measured_crates(
+def measure_crates(
     *,
     level: str,
     sensor: int,

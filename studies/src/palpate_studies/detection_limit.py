@@ -76,13 +76,15 @@ def report(*, sensors: int = SENSORS) -> StudyReport:
         ],
         payload={
             "origin": "twin",
-            "weakest_n": {f"{a}, {b}": _known(values) for (a, b), values in limits.items()},
+            "weakest_n": {f"{a}, {b}": _replace_nan(values) for (a, b), values in limits.items()},
             "median_n": {
                 f"{level}, {face}": np.nanmedian(values, axis=0).tolist()
                 for (level, face), values in limits.items()
             },
             "spans_n": list(SPANS_N),
-            "departure_percent": {level: [_known(one) for one in bends[level]] for level in LEVELS},
+            "departure_percent": {
+                level: [_replace_nan(one) for one in bends[level]] for level in LEVELS
+            },
         },
     )
 
@@ -148,6 +150,6 @@ def _bends(force_n: FloatArray, percent: FloatArray, excess: FloatArray) -> list
     return rows
 
 
-def _known(values: FloatArray) -> list[list[float | None]]:
+def _replace_nan(values: FloatArray) -> list[list[float | None]]:
     """Return a table for JSON, which has no NaN."""
     return [[float(v) if np.isfinite(v) else None for v in row] for row in values]

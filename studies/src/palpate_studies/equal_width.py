@@ -97,7 +97,7 @@ def draw_curves(
     return figure
 
 
-def settled_readings(
+def measure_settled_readings(
     objects: Sequence[TwinObject],
     *,
     reading: str,

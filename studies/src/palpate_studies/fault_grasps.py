@@ -94,7 +94,7 @@ def cells() -> list[Cell]:
     return [cell for cell in found if not (cell.kind == "soft" and "current" in cell.fault)]
 
 
-def sampled(count: int, *, seed: int) -> list[Cell]:
+def sample_cells(count: int, *, seed: int) -> list[Cell]:
     """Return some cells of the campaign, every fault about as often."""
     rng = np.random.default_rng(seed)
     by_fault = {name: [cell for cell in cells() if cell.fault == name] for name in FAULTS}

@@ -10,7 +10,7 @@ import typer
 
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate_studies.fault_devices import FAULTS
-from palpate_studies.fault_grasps import KINDS, OBJECTS, Struck, cells, sampled, struck
+from palpate_studies.fault_grasps import KINDS, OBJECTS, Struck, cells, sample_cells, struck
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import as_row, group
 
@@ -32,7 +32,7 @@ def report(
 
     Example: palpate study faults --sample 400 --out reports
     """
-    chosen = sampled(sample, seed=_SAMPLE_SEED) if sample else cells()
+    chosen = sample_cells(sample, seed=_SAMPLE_SEED) if sample else cells()
     return judge([struck(cell, seed=_FIRST_SEED + k) for k, cell in enumerate(chosen)])
 
 
@@ -87,7 +87,7 @@ def judge(found: Sequence[Struck]) -> StudyReport:
     )
 
 
-def unexplained(one: Struck) -> bool:
+def is_unexplained(one: Struck) -> bool:
     """Whether a grasp ended otherwise than asked and gives no reason."""
     return not one.reason and one.outcome not in _PLAIN
 
@@ -104,7 +104,7 @@ def _worst(hit: Sequence[Struck]) -> dict[str, Any]:
         "stays_n": stays_n if stays_n > _NOTHING_N else 0.0,
         "crushed": sum(one.damaged for one in berries),
         "berries": len(berries),
-        "unexplained": sum(map(unexplained, hit)),
+        "unexplained": sum(map(is_unexplained, hit)),
         "safe_s": max(one.safe_s for one in hit),
     }
 

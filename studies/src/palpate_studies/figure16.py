@@ -122,7 +122,7 @@ command = as_command(report)
 def ripening(count: int) -> list[Avocado]:
     """Return the first fruits that are hard on the first day and ripe or more on the last."""
 
-    def drawn() -> Iterator[Avocado]:
+    def draw_line() -> Iterator[Avocado]:
         seed = FIRST_FRUIT
         while True:
             fruit = draw_avocado(np.random.default_rng(seed))
@@ -130,7 +130,7 @@ def ripening(count: int) -> list[Avocado]:
                 yield fruit
             seed += 1
 
-    fruits = drawn()
+    fruits = draw_line()
     return [next(fruits) for _ in range(count)]
 
 
@@ -148,7 +148,7 @@ def days_of(fruit: Avocado, hand: Hand, *, level: str, grasps: int) -> FloatArra
     return np.array(
         [
             [
-                _settled_percent(
+                _measure_settled_percent(
                     world, gripper, spot=fruit.spot(day, rng=rng), fruit=fruit, by=hand
                 )
                 for _ in range(grasps)
@@ -158,7 +158,7 @@ def days_of(fruit: Avocado, hand: Hand, *, level: str, grasps: int) -> FloatArra
     )
 
 
-def _settled_percent(
+def _measure_settled_percent(
     world: World, gripper: TwinGripper, *, spot: TwinObject, fruit: Avocado, by: Hand
 ) -> float:
     """Grasp one spot, hold it, open, and return the mean change at the end of the hold."""

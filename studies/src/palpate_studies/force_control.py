@@ -11,9 +11,9 @@ import typer
 from palpate_studies.baselines.feedback_loops import (
     LOOPS,
     Laws,
-    learned_laws,
-    learned_loop,
+    learn_laws,
     paper_loop,
+    run_learned_loop,
 )
 from palpate_studies.force_control_world import (
     GRASPS_PER_SHEET,
@@ -23,8 +23,8 @@ from palpate_studies.force_control_world import (
     UNLIMITED,
     Gripped,
     Task,
-    controlled,
-    learned_damage,
+    grip_as_shipped,
+    learn_damage,
     task,
 )
 from palpate_studies.protocol.paired import compare
@@ -49,25 +49,25 @@ def report(
     Example: palpate study force-control --grasps 100 --out reports
     """
     found = list[Gripped]()
-    damage = learned_damage(seed=FIRST_SEED)
+    damage = learn_damage(seed=FIRST_SEED)
     for level in LEVELS:
         tasks = [task(seed, level=level) for seed in range(FIRST_SEED, FIRST_SEED + grasps)]
         training = range(LEARNING_SEED, LEARNING_SEED + LEARNED_FROM)
-        laws = learned_laws([task(seed, level=level) for seed in training])
-        found += gripped(tasks, damage=damage, laws=laws)
+        laws = learn_laws([task(seed, level=level) for seed in training])
+        found += grip_all(tasks, damage=damage, laws=laws)
     return judge(found)
 
 
 command = as_command(report)
 
 
-def gripped(tasks: Sequence[Task], *, damage: DamageModel, laws: Laws) -> Iterator[Gripped]:
+def grip_all(tasks: Sequence[Task], *, damage: DamageModel, laws: Laws) -> Iterator[Gripped]:
     """Grip every task with and without the damage limit, and by each baseline."""
     for one in tasks:
-        yield controlled(one, damage=damage)
-        yield controlled(one, damage=None)
+        yield grip_as_shipped(one, damage=damage)
+        yield grip_as_shipped(one, damage=None)
         yield paper_loop(one)
-        yield from (learned_loop(one, learner, laws=laws) for learner in LOOPS)
+        yield from (run_learned_loop(one, learner, laws=laws) for learner in LOOPS)
 
 
 def scores(found: Sequence[Gripped]) -> dict[str, Any]:
@@ -103,7 +103,7 @@ def scores(found: Sequence[Gripped]) -> dict[str, Any]:
     }
 
 
-def compared(found: Sequence[Gripped], *, method: str = "ours") -> list[dict[str, Any]]:
+def compare_methods(found: Sequence[Gripped], *, method: str = "ours") -> list[dict[str, Any]]:
     """Return a method of ours against every rival on the things that both gripped, by sensor.
 
     A thing's loss is 1 where the settled force is not within 10 % of the target, whatever kept it.
@@ -166,7 +166,7 @@ def judge(found: Sequence[Gripped]) -> StudyReport:
         payload={
             "simulated": True,
             "summary": summary,
-            "compared": [*compared(found), *compared(found, method=UNLIMITED)],
+            "compared": [*compare_methods(found), *compare_methods(found, method=UNLIMITED)],
         },
     )
 

@@ -26,7 +26,7 @@ from palpate.twin.objects import FRICTION, TwinObject
 from palpate.twin.ranges import log_uniform, uniform
 from palpate.twin.velostat import Environment
 from palpate.twin.world import GripperKind, World
-from palpate_studies.stoppable import uninterrupted
+from palpate_studies.stoppable import require_uninterrupted
 
 #: This many grasps share a sensor, a gripper and their calibration.
 GRASPS_PER_SHEET = 4
@@ -119,7 +119,7 @@ def thing(
     )
 
 
-def learned_damage(*, seed: int) -> DamageModel:
+def learn_damage(*, seed: int) -> DamageModel:
     """Press other things in a test stand until they yield, and learn the limit from that.
 
     A user's step: the label is the force at which a thing yielded. The curves are coarsened and
@@ -131,12 +131,12 @@ def learned_damage(*, seed: int) -> DamageModel:
     while len(paths) < PRESSED:
         obj = thing(rng, size_mm=SIZES_MM["rigid"])
         if obj.yield_n < _PRESS_UP_TO_N:
-            paths.append(_pressed(obj, rng=rng))
+            paths.append(_press(obj, rng=rng))
             limits_n.append(obj.yield_n)
     return fit_damage_model(paths, rupture_force_n=limits_n, kinds=["thing"] * len(paths))
 
 
-def _pressed(obj: TwinObject, *, rng: np.random.Generator) -> list[ClosingState]:
+def _press(obj: TwinObject, *, rng: np.random.Generator) -> list[ClosingState]:
     """Return the states of a pressing, in the forces that a hand would have read."""
     curve, states = ClosingCurve(), list[ClosingState]()
     deformation_mm, force_n = 0.0, 0.0
@@ -194,7 +194,7 @@ class Gripped:
         return self.force_n / self.task.target_n - 1.0
 
 
-def controlled(task: Task, *, damage: DamageModel | None) -> Gripped:
+def grip_as_shipped(task: Task, *, damage: DamageModel | None) -> Gripped:
     """Grip with the controller as shipped; without a damage limit as its rivals do."""
     world = task.world()
     gripper, lifted = TwinGripper(world), list[float]()
@@ -214,7 +214,7 @@ def controlled(task: Task, *, damage: DamageModel | None) -> Gripped:
         longest_s=300.0,
     )
     array = TwinArray(world)
-    result = uninterrupted(
+    result = require_uninterrupted(
         run_grasp(plan, array=array, gripper=gripper, clock=world.clock, watchers=[arm])
     )
     force, truth = result.force_n, world.truth()

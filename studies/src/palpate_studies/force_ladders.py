@@ -83,7 +83,7 @@ class Ladder:
 
 def line(one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_]) -> Predicted:
     """Predict by the paper's line: slope from the other ladders, intercept from the steps given."""
-    value, half = _shared_slope(
+    value, half = _fit_shared_slope(
         [(ladder.relative_percent, ladder.load_n) for ladder in others],
         (one.relative_percent, one.load_n),
         told=told,
@@ -94,7 +94,7 @@ def line(one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_]) -> P
 
 def power(one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_]) -> Predicted:
     """Predict by a power law: exponent from the other ladders, gain from the steps given."""
-    value, half = _shared_slope(
+    value, half = _fit_shared_slope(
         [(np.log(ladder.excess_s), np.log(ladder.load_n)) for ladder in others],
         (np.log(one.excess_s), np.log(one.load_n)),
         told=told,
@@ -102,7 +102,9 @@ def power(one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_]) -> 
     return _in_newtons(value, half)
 
 
-def unweighed(one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_]) -> Predicted:
+def predict_unweighed(
+    one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_]
+) -> Predicted:
     """Predict by one power law of all other ladders, without any step of this one."""
     log_g, log_n = (
         np.concatenate([np.log(getattr(ladder, name)) for ladder in others])
@@ -118,13 +120,13 @@ def ours(one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_]) -> P
     law = ForceLaw.fit(
         one.inputs[told],
         force_n=one.load_n[told],
-        population=learn_population([known_contact(ladder) for ladder in others]),
+        population=learn_population([make_known_contact(ladder) for ladder in others]),
     )
     value, sd = law.log_force(one.inputs)
     return _in_newtons(value, interval_reach(LEVEL) * sd)
 
 
-def known_contact(ladder: Ladder) -> KnownContact:
+def make_known_contact(ladder: Ladder) -> KnownContact:
     """Return a ladder as what a population is learned from."""
     return KnownContact(inputs=ladder.inputs, force_n=ladder.load_n, place=ladder.name)
 
@@ -133,7 +135,7 @@ def _in_newtons(log_n: FloatArray, half: FloatArray | float) -> Predicted:
     return np.exp(log_n), np.exp(log_n - half), np.exp(log_n + half)
 
 
-def _shared_slope(
+def _fit_shared_slope(
     known: Sequence[tuple[FloatArray, FloatArray]],
     own: tuple[FloatArray, FloatArray],
     *,
@@ -155,7 +157,7 @@ def _shared_slope(
 MODELS: Mapping[str, Model] = {
     "line": line,
     "power": power,
-    "pooled": unweighed,
+    "pooled": predict_unweighed,
     "ours": ours,
 }
 

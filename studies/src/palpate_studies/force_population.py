@@ -47,10 +47,10 @@ def report(
     if write is not None:
         check_place(write)
     touches = [one for one in stroke_study.read_strokes(strokes) if one.scored.sum() > 1]
-    weights = [ladder_study.known_contact(one) for one in ladder_study.read_ladders(ladders)]
+    weights = [ladder_study.make_known_contact(one) for one in ladder_study.read_ladders(ladders)]
     parts: dict[str, Sequence[KnownContact]] = {
-        "strokes": [stroke_study.known_contact(one) for one in _spread(touches)],
-        "presses": [press_study.known_contact(one) for one in _spread(read_presses(presses))],
+        "strokes": [stroke_study.make_known_contact(one) for one in _spread(touches)],
+        "presses": [press_study.make_known_contact(one) for one in _spread(read_presses(presses))],
         # A few, but the only ones that show what a settled reading means: repeated.
         "ladders": [
             replace(one, place=f"{one.place}-{number}")

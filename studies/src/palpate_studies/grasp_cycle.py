@@ -24,13 +24,13 @@ from palpate.gripper.interface import GripperCommand
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
 from palpate.twin.world import GripperKind, World
-from palpate_studies.baselines.feedback_loops import STEP, close_until, read_ohm, touched_by
+from palpate_studies.baselines.feedback_loops import STEP, close_until, make_touch_check, read_ohm
 from palpate_studies.force_control_world import GRASPS_PER_SHEET, SIZES_MM, calibration_of, thing
 from palpate_studies.protocol.paired import compare
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS, group, mean, median
 from palpate_studies.second.things import other_thing
-from palpate_studies.stoppable import uninterrupted
+from palpate_studies.stoppable import require_uninterrupted
 
 #: The paper's time from contact to the prediction.
 _PAPER_PREDICTS_S = 2.5
@@ -134,7 +134,7 @@ def by_controller(sample: Sample, *, paper: Paper | None = None) -> Cycle:
                 at[f"{moment.name} peak"] = world.truth().peak_force_n
 
     array = TwinArray(world)
-    result = uninterrupted(
+    result = require_uninterrupted(
         run_grasp(plan, array=array, gripper=gripper, clock=world.clock, watchers=[watch])
     )
     force, size, stiffness = result.force_n, result.size_mm, result.stiffness_n_per_mm
@@ -167,7 +167,7 @@ def by_both_fingers(sample: Sample) -> Cycle:
     world = sample.world()
     array, gripper = TwinArray(world), TwinGripper(world)
     rest_ohm = read_ohm(array, seconds=0.5)
-    touched = touched_by(array, world, rest_ohm, both_fingers=True)
+    touched = make_touch_check(array, world, rest_ohm, both_fingers=True)
     step = STEP[sample.kind]
     closed = close_until(world, gripper, touched, step=step, kind=sample.kind)
     size_mm = np.nan
@@ -274,7 +274,7 @@ def judge(found: Sequence[Cycle]) -> StudyReport:
         for key, each in group(found, "sample.level", "sample.kind", "way")
     ]
     lead = ("level", "hand", "way")
-    rivals = compared(found)
+    rivals = compare_methods(found)
     return StudyReport(
         name="grasp-cycle",
         title="A gentle grasp from the open hand to the answer (simulated)",
@@ -366,7 +366,7 @@ def scores(found: Sequence[Cycle]) -> dict[str, Any]:
     }
 
 
-def compared(found: Sequence[Cycle]) -> list[dict[str, Any]]:
+def compare_methods(found: Sequence[Cycle]) -> list[dict[str, Any]]:
     """Return by how much fewer objects ours damages than each rival, of the same objects."""
     rows = list[dict[str, Any]]()
     for key, every in group(found, "sample.level", "sample.kind"):

@@ -16,7 +16,7 @@ from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.estimate.force_law import INPUTS
 from palpate.estimate.force_states import log_reading, states_of
-from palpate_studies.baselines.told_everything import boosted_trees
+from palpate_studies.baselines.told_everything import make_trees
 from palpate_studies.force_learning import KnownContact, interval_reach, learn_population
 from palpate_studies.recordings import leave_out, read_runs
 from palpate_studies.report import StudyReport, Table, as_command
@@ -176,9 +176,9 @@ def _by_law(
 def _by_trees(train: Sequence[Contact], tested: Sequence[Contact], *, gain: float) -> FloatArray:
     """Return the force by boosted trees, which see every channel and the states."""
 
-    def seen(contacts: Sequence[Contact]) -> FloatArray:
+    def list_inputs(contacts: Sequence[Contact]) -> FloatArray:
         each = [np.hstack([one.change[one.scored], _states(one, gain=gain)]) for one in contacts]
         return np.concatenate(each)
 
-    machine = boosted_trees().fit(seen(train), _forces(train))
-    return np.asarray(machine.predict(seen(tested)))
+    machine = make_trees().fit(list_inputs(train), _forces(train))
+    return np.asarray(machine.predict(list_inputs(tested)))

@@ -91,7 +91,7 @@ def command(
     out.mkdir(parents=True, exist_ok=True)
     written: list[dict[str, Any]] = []
     for path in clones:
-        written += _imported(path, out)
+        written += _import_tables(path, out)
     if as_json:
         typer.echo(json.dumps({"files": written}, indent=1))
         return
@@ -100,7 +100,7 @@ def command(
         typer.echo(f"{out / one['file']}: {one['rows']} rows from {where}")
 
 
-def _imported(path: Path, out: Path) -> list[dict[str, Any]]:
+def _import_tables(path: Path, out: Path) -> list[dict[str, Any]]:
     """Write the tables of every source that a clone holds."""
     found: list[dict[str, Any]] = []
     for source in SOURCES:

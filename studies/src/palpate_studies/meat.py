@@ -83,7 +83,7 @@ def judge(rows: list[dict[str, Any]]) -> StudyReport:
                 "presses": len(mine),
                 "force_n": math.exp(float(np.median([row["ln_force"] for row in mine]))),
                 "sd": scatter,
-                **{f"needed_{100 * fall:.0f}": _needed(by_sheet, fall) for fall in FALLS},
+                **{f"needed_{100 * fall:.0f}": _count_needed(by_sheet, fall) for fall in FALLS},
             }
         )
     return StudyReport(
@@ -102,7 +102,7 @@ def judge(rows: list[dict[str, Any]]) -> StudyReport:
     )
 
 
-def _needed(sd: float, fall: float) -> int:
+def _count_needed(sd: float, fall: float) -> int:
     """Return the specimens of each of two groups that show a fall.
 
     >>> _needed(0.4, 0.3)

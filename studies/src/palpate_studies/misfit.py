@@ -32,7 +32,7 @@ class Entry:
         return self.low - rounding <= self.published <= self.high + rounding
 
 
-def missed(entries: Iterable[Entry]) -> dict[str, dict[str, int]]:
+def count_missed(entries: Iterable[Entry]) -> dict[str, dict[str, int]]:
     """Return how many entries there are and how many are missed, fitted and predicted."""
     found = list(entries)
     return {

@@ -90,7 +90,7 @@ def clean_hold(sensor: int, *, level: str) -> CleanHold:
     )
 
 
-def _added_v(time_s: FloatArray, disturbance: str, rng: np.random.Generator) -> FloatArray:
+def _disturb_v(time_s: FloatArray, disturbance: str, rng: np.random.Generator) -> FloatArray:
     """Return what a disturbance adds on every wire, volt."""
     added, (mains_hz, has_spikes) = np.zeros(time_s.size), DISTURBANCES[disturbance]
     if mains_hz:
@@ -205,7 +205,7 @@ def sample_percent(
     """Disturb, pass the RC low pass, convert and filter a hold; times and mean change."""
     rng, divider = np.random.default_rng(seed), clean.divider
     volts = ohm_to_volts(clean.ohm, divider=divider)
-    volts = volts + _added_v(clean.time_s, disturbance, rng)[:, None, None]
+    volts = volts + _disturb_v(clean.time_s, disturbance, rng)[:, None, None]
     volts = volts + WHITE_V * rng.standard_normal(volts.shape)
     if chain.rc_s > 0:
         keep = np.exp(-1 / (chain.rc_s * ANALOG_HZ))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.estimate.force_states import log_reading, states_of
-from palpate_studies.baselines.told_everything import boosted_trees
+from palpate_studies.baselines.told_everything import make_trees
 from palpate_studies.force_learning import KnownContact, interval_reach, learn_population
 from palpate_studies.press_data import Press, read_presses
 from palpate_studies.protocol.paired import compare
@@ -106,15 +106,15 @@ def log_change(press: Press) -> FloatArray:
     return np.asarray(np.log(force_n / force_n[press.trace.told]))
 
 
-def _seen(press: Press) -> NDArray[np.bool_]:
+def _select_training(press: Press) -> NDArray[np.bool_]:
     """Return the samples to learn from."""
     place, given = np.arange(len(press.trace.time_s)), press.trace.told
     dense = (place <= given + _ALL_UNTIL) | (place > press.last_held) | (place % _EVERY == 0)
     return np.asarray((place > given) & dense)
 
 
-def _pooled(presses: Presses, each: Callable[[Press], FloatArray]) -> FloatArray:
-    return np.concatenate([each(press)[_seen(press)] for press in presses])
+def _pool(presses: Presses, each: Callable[[Press], FloatArray]) -> FloatArray:
+    return np.concatenate([each(press)[_select_training(press)] for press in presses])
 
 
 def _weight(presses: Presses) -> FloatArray:
@@ -122,7 +122,7 @@ def _weight(presses: Presses) -> FloatArray:
     parts = []
     for press in presses:
         released = np.arange(len(press.trace.time_s)) > press.last_held
-        part = np.where(released, _RELEASE_WEIGHT, 1.0)[_seen(press)]
+        part = np.where(released, _RELEASE_WEIGHT, 1.0)[_select_training(press)]
         parts.append(part / len(part) / settings.count(press.trace.group))
     weight = np.concatenate(parts)
     return np.asarray(weight / weight.mean())
@@ -137,7 +137,7 @@ def folds(presses: Presses) -> Iterator[tuple[list[Press], list[Press]]]:
 
 
 def _with_interval(follow: Callable[[Press], FloatArray], train: Presses) -> Follower:
-    errors = _pooled(train, lambda press: np.abs(follow(press) - log_change(press)))
+    errors = _pool(train, lambda press: np.abs(follow(press) - log_change(press)))
     order, weight = np.argsort(errors), _weight(train)
     share = np.cumsum(weight[order]) / weight.sum()
     half = errors[order[min(int(np.searchsorted(share, LEVEL)), len(order) - 1)]]
@@ -151,7 +151,7 @@ def clock(train: Presses) -> Follower:
         since_s = press.trace.time_s - press.trace.time_s[press.trace.told]
         return np.asarray(np.round(since_s / _TICK_S))
 
-    tick, change = _pooled(train, ticks), _pooled(train, log_change)
+    tick, change = _pool(train, ticks), _pool(train, log_change)
     order = np.argsort(tick, kind="stable")
     seen, starts = np.unique(tick[order], return_index=True)
     usual = np.array([np.median(part) for part in np.split(change[order], starts[1:])])
@@ -164,7 +164,7 @@ def static(train: Presses) -> Follower:
     def reading(press: Press) -> FloatArray:
         return _inputs(press)[:, 0]
 
-    x, y, weight = _pooled(train, reading), _pooled(train, log_change), _weight(train)
+    x, y, weight = _pool(train, reading), _pool(train, log_change), _weight(train)
     slope, share = 1.0, weight
     for _ in range(20):
         slope = float((share * x) @ y / max(float((share * x) @ x), 1e-12))
@@ -174,15 +174,15 @@ def static(train: Presses) -> Follower:
 
 def trees(train: Presses) -> Follower:
     """Learn boosted trees on the states since the force was given."""
-    machine = boosted_trees(loss="absolute_error", max_iter=_ROUNDS, early_stopping=False)
-    inputs = np.concatenate([_inputs(press)[_seen(press)] for press in train])
-    machine.fit(inputs, _pooled(train, log_change), sample_weight=_weight(train))
+    machine = make_trees(loss="absolute_error", max_iter=_ROUNDS, early_stopping=False)
+    inputs = np.concatenate([_inputs(press)[_select_training(press)] for press in train])
+    machine.fit(inputs, _pool(train, log_change), sample_weight=_weight(train))
     return _with_interval(lambda press: np.asarray(machine.predict(_inputs(press))), train)
 
 
 def ours(train: Presses) -> Follower:
     """Learn the population of `palpate.ForceLaw`; the measured force updates it."""
-    population = learn_population([known_contact(press) for press in train])
+    population = learn_population([make_known_contact(press) for press in train])
 
     def follow(press: Press) -> Prediction:
         states, given = _states(press), press.trace.told
@@ -194,9 +194,10 @@ def ours(train: Presses) -> Follower:
     return follow
 
 
-def known_contact(press: Press) -> KnownContact:
+def make_known_contact(press: Press) -> KnownContact:
     """Return a press, from the measured force on, as what a population is learned from."""
-    used = np.r_[press.trace.told, np.flatnonzero(_seen(press) & (press.trace.force_n > 0))]
+    training = _select_training(press) & (press.trace.force_n > 0)
+    used = np.r_[press.trace.told, np.flatnonzero(training)]
     weight = np.where(used > press.last_held, _RELEASE_WEIGHT, 1.0)
     return KnownContact(
         inputs=_states(press)[used],
@@ -265,7 +266,7 @@ def judge(splits: Iterable[tuple[Presses, Presses]]) -> dict[str, Any]:
         ],
         "summary": _summary(followed),
         "by_force": _by_part(followed),
-        "compared": _compared(followed),
+        "compared": _compare_models(followed),
         "level": LEVEL,
     }
 
@@ -313,7 +314,7 @@ def _by_part(followed: Mapping[str, Sequence[Followed]]) -> Rows:
     return rows
 
 
-def _compared(followed: Mapping[str, Sequence[Followed]]) -> Rows:
+def _compare_models(followed: Mapping[str, Sequence[Followed]]) -> Rows:
     """Return the error of ours less that of each other model, by setting of the presses.
 
     Over presses it is the median error of each, over the release that of each sample.

@@ -99,7 +99,7 @@ def press_quantities(presses: Sequence[Press]) -> dict[str, FloatArray]:
     exponent = _within_press_exponent(presses)
     creeps = []
     for press in presses:
-        time_s, log_gain = _held_gain(press, exponent)
+        time_s, log_gain = _find_held_gain(press, exponent)
         if time_s[-1] >= CREEP_TO_S:
             early, late = np.interp([CREEP_FROM_S, CREEP_TO_S], time_s, log_gain)
             creeps.append(100 * np.expm1(late - early))
@@ -113,11 +113,13 @@ def log_gains(presses: Sequence[Press]) -> dict[str, FloatArray]:
     exponent = _within_press_exponent(presses)
     gains: dict[str, list[float]] = {}
     for press in presses:
-        gains.setdefault(press.recording_id, []).append(float(_held_gain(press, exponent)[1][0]))
+        gains.setdefault(press.recording_id, []).append(
+            float(_find_held_gain(press, exponent)[1][0])
+        )
     return {name: np.array(gain) for name, gain in gains.items()}
 
 
-def _held_gain(press: Press, exponent: float) -> tuple[FloatArray, FloatArray]:
+def _find_held_gain(press: Press, exponent: float) -> tuple[FloatArray, FloatArray]:
     """Return time since the force was given, and ln conductance less the force's share of it."""
     trace = press.trace
     held = slice(trace.told, press.last_held + 1)

@@ -14,7 +14,7 @@ from palpate.twin.world import GripperKind
 from palpate_studies import ripeness_virtual
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.ripeness_felt import Felt
-from palpate_studies.ripeness_scores import WAYS, compared, judged, scores
+from palpate_studies.ripeness_scores import WAYS, compare_ways, judge_days, scores
 from palpate_studies.ripeness_station import (
     DAYS,
     GRASPS_AT_ONCE,
@@ -86,7 +86,7 @@ def report(
                 )
                 for sensor in range(sensors)
             ]
-            for condition in chosen(level=level, gripper=gripper, aging=aging)
+            for condition in choose_conditions(level=level, gripper=gripper, aging=aging)
         }
     )
 
@@ -94,7 +94,7 @@ def report(
 command = as_command(report)
 
 
-def chosen(
+def choose_conditions(
     *,
     level: StudiedLevel | None = None,
     gripper: GripperKind | None = None,
@@ -193,7 +193,9 @@ def _condition(condition: Condition, stations: Sequence[Felt]) -> dict[str, Any]
     rows = [
         row
         for index, felt in enumerate(stations)
-        for row in judged(felt, taught=[*stations[:index], *stations[index + 1 :]], name=str(index))
+        for row in judge_days(
+            felt, taught=[*stations[:index], *stations[index + 1 :]], name=str(index)
+        )
     ]
     if not any(row.wait_days > 0 for row in rows):
         raise InputError("all fruits were ripe from the first day on: judge more with --fruits")
@@ -206,6 +208,6 @@ def _condition(condition: Condition, stations: Sequence[Felt]) -> dict[str, Any]
         "fruits": sum(len(felt.others) for felt in stations),
         "grasps": sum(len(felt.grasps) for felt in stations),
         "damaged": sum(felt.damaged for felt in stations),
-        "compared": compared(rows),
+        "compared": compare_ways(rows),
         **scores(rows),
     }

@@ -63,7 +63,7 @@ def days_of(felt: Felt, item_id: str, drift: Drift | None) -> tuple[DayFelt, ...
     return history_of(grasps, item_id=item_id, drive=drive, drift=drift).days
 
 
-def labelled_of(felt: Felt, drift: Drift | None) -> list[tuple[Avocado, tuple[DayFelt, ...]]]:
+def select_labelled(felt: Felt, drift: Drift | None) -> list[tuple[Avocado, tuple[DayFelt, ...]]]:
     """Return every labelled fruit with its days."""
     return [
         (fruit, days_of(felt, f"labelled-{number}", drift))
@@ -73,7 +73,7 @@ def labelled_of(felt: Felt, drift: Drift | None) -> list[tuple[Avocado, tuple[Da
 
 def rule_of(felt: Felt, drift: Drift | None) -> RipenessRule:
     """Learn from the labelled fruits, whose labels are true stages."""
-    known = labelled_of(felt, drift)
+    known = select_labelled(felt, drift)
     return RipenessRule.learn(
         [days for _, days in known],
         labels=[[fruit.stage(round(day.day)) for day in days] for fruit, days in known],

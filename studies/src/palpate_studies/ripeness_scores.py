@@ -13,9 +13,9 @@ from palpate.produce.learning import LabelLearner
 from palpate.produce.ripeness.firmness import DayFelt
 from palpate.produce.ripeness.rule import judge_by_first_day, learn_stages
 from palpate.produce.ripeness.stages import RIPE, STAGES
-from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS, learned_stage, numbers_of
-from palpate_studies.protocol.paired import paired_difference
-from palpate_studies.ripeness_felt import Felt, days_of, drift_of, labelled_of, rule_of
+from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS, learn_stage, numbers_of
+from palpate_studies.protocol.paired import difference_of_pairs
+from palpate_studies.ripeness_felt import Felt, days_of, drift_of, rule_of, select_labelled
 from palpate_studies.ripeness_station import DAYS
 
 #: Ways to judge -> what they are.
@@ -63,7 +63,7 @@ class Judged:
     grasps: int
 
 
-def judged(felt: Felt, *, taught: Sequence[Felt] = (), name: str = "") -> list[Judged]:
+def judge_days(felt: Felt, *, taught: Sequence[Felt] = (), name: str = "") -> list[Judged]:
     """Judge every fruit that was not labelled, on every day by its days up to then.
 
     Parameters
@@ -77,7 +77,7 @@ def judged(felt: Felt, *, taught: Sequence[Felt] = (), name: str = "") -> list[J
     """
     drift = drift_of(felt)
     with_reference, without = (rule_of(felt, one) for one in (drift, None))
-    published = _published(felt)
+    published = _learn_published(felt)
     learners = _learners([felt, *taught])
     found = []
     for number, fruit in enumerate(felt.others):
@@ -92,7 +92,7 @@ def judged(felt: Felt, *, taught: Sequence[Felt] = (), name: str = "") -> list[J
             if felt.grasps[0].drive == "width":
                 own = STAGES.index(judge_by_first_day(days[:count]).stage)
             change = felt.as_published[f"fruit-{number}", day]
-            shown = _shown(felt, f"fruit-{number}", days[:count], raw[:count])
+            shown = _list_inputs(felt, f"fruit-{number}", days[:count], raw[:count])
             found.append(
                 Judged(
                     fruit=f"{name}/{number}",
@@ -138,7 +138,7 @@ def scores(rows: Sequence[Judged]) -> dict[str, Any]:
     return found
 
 
-def compared(rows: Sequence[Judged]) -> list[dict[str, Any]]:
+def compare_ways(rows: Sequence[Judged]) -> list[dict[str, Any]]:
     """Return the share of wrong stages of ours less that of each other way, by fruit."""
     wrong = {
         way: [float(row.said[way] != row.truth) for row in rows]
@@ -148,7 +148,7 @@ def compared(rows: Sequence[Judged]) -> list[dict[str, Any]]:
     return [
         {
             "rival": way,
-            **paired_difference(
+            **difference_of_pairs(
                 wrong["ours"], wrong[way], [row.fruit for row in rows], statistic=np.mean
             ).to_dict(),
         }
@@ -161,16 +161,16 @@ def _learners(stations: Sequence[Felt]) -> dict[str, Callable[[Sequence[float]],
     """Learn the stage of a day from every labelled fruit, shown up to that day."""
     rows, stages = list[list[float]](), list[int]()
     for felt in stations:
-        freed, raw = (labelled_of(felt, drift) for drift in (drift_of(felt), None))
+        freed, raw = (select_labelled(felt, drift) for drift in (drift_of(felt), None))
         for number, (fruit, days) in enumerate(freed):
             for count in range(1, len(days) + 1):
                 so_far = days[:count], raw[number][1][:count]
-                rows.append(_shown(felt, f"labelled-{number}", *so_far))
+                rows.append(_list_inputs(felt, f"labelled-{number}", *so_far))
                 stages.append(STAGES.index(fruit.stage(round(days[count - 1].day))))
-    return {learner: learned_stage(learner, rows, stages) for learner in STAGE_LEARNERS}
+    return {learner: learn_stage(learner, rows, stages) for learner in STAGE_LEARNERS}
 
 
-def _shown(
+def _list_inputs(
     felt: Felt, item_id: str, days: Sequence[DayFelt], raw: Sequence[DayFelt]
 ) -> list[float]:
     """Return what a learner sees: firmness freed of drift and raw, means of that day's grasps.
@@ -193,7 +193,7 @@ def _shown(
     return [*numbers_of(days), *numbers_of(raw), *means, change]
 
 
-def _published(felt: Felt) -> LabelLearner:
+def _learn_published(felt: Felt) -> LabelLearner:
     """Learn stages from the settled change, from the same labels as ours.
 
     Under one pressure a ripe fruit may read more than a hard one, for it lies against more pixels.

@@ -41,7 +41,7 @@ from palpate.twin.velostat import Environment
 from palpate.twin.world import OPEN_MM, SOFT_MM_PER_KPA, GripperKind, World
 from palpate_studies.fruit_ranges import AVOCADO_STAGES, STATION
 from palpate_studies.ripeness_felt import REFERENCE_ID, Felt, days_of, drift_of, rule_of
-from palpate_studies.stoppable import uninterrupted
+from palpate_studies.stoppable import require_uninterrupted
 from palpate_studies.twin_avocado import Avocado, draw_avocado
 
 #: Mornings; grasps of a labelled fruit on each, as many as the paper's; of the reference object.
@@ -164,7 +164,7 @@ class _Bench:
                     self._feel(fruit.spot(day, rng=self._rng), item_id=item_id)
                 times += at_once
             spot = fruit.spot(day, rng=self._rng)
-            self.as_published[item_id, day] = self._settled_percent(spot, fruit=fruit)
+            self.as_published[item_id, day] = self._read_settled_percent(spot, fruit=fruit)
 
     def kept(self, labelled: tuple[Avocado, ...], others: tuple[Avocado, ...] = ()) -> Felt:
         """Return all that was felt so far."""
@@ -193,15 +193,17 @@ class _Bench:
         self._hand.command(GripperCommand(target=target, rate=self._plan.rate))
         give_up_s = self._world.clock.now_s() + _LONGEST_PAUSE_S
         self._array.skip_until(self._world.clock.now_s() + _PAUSE_S)
-        while self._remembered_percent() < _REMEMBERS and self._world.clock.now_s() < give_up_s:
+        while (
+            self._read_remembered_percent() < _REMEMBERS and self._world.clock.now_s() < give_up_s
+        ):
             self._array.skip_until(self._world.clock.now_s() + _PAUSE_S)
 
-    def _remembered_percent(self) -> float:
+    def _read_remembered_percent(self) -> float:
         """Return how far the open hand still reads below the morning's rest values."""
         now_ohm = self._mean_ohm(after_s=0.0)
         return float(mean_change(relative_change_percent(now_ohm, rest_ohm=self._plan.rest_ohm)))
 
-    def _settled_percent(self, spot: TwinObject, *, fruit: Avocado) -> float:
+    def _read_settled_percent(self, spot: TwinObject, *, fruit: Avocado) -> float:
         """Close on a fruit as the paper does, and return what has settled after 20 s."""
         target = _PRESSURE_KPA
         if self._gripper == "rigid":
@@ -228,7 +230,7 @@ class _Bench:
         closing = ClosingWatch(self._plan)
         world.place(obj, fixture=True)
         self._wait_near(obj.size_mm)
-        result = uninterrupted(
+        result = require_uninterrupted(
             run_grasp(
                 self._plan,
                 array=self._array,

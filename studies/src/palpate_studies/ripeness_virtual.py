@@ -18,8 +18,8 @@ from palpate.errors import InputError
 from palpate.produce.ripeness.firmness import DayFelt
 from palpate.produce.ripeness.rule import RipenessRule
 from palpate.produce.ripeness.stages import RIPE, STAGES
-from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS, learned_stage, numbers_of
-from palpate_studies.protocol.paired import paired_difference
+from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS, learn_stage, numbers_of
+from palpate_studies.protocol.paired import difference_of_pairs
 from palpate_studies.report import StudyReport, Table
 from palpate_studies.second.fruit import WAYS, other_avocado
 from palpate_studies.twin_avocado import Avocado, draw_avocado
@@ -66,7 +66,7 @@ def report(*, sensors: int, fruits: int) -> StudyReport:
                 [
                     day
                     for sensor in range(SEED, SEED + sensors)
-                    for day in judged_days(make, sensor=sensor, fruits=fruits)
+                    for day in judge_days(make, sensor=sensor, fruits=fruits)
                 ]
             ),
         }
@@ -132,7 +132,7 @@ def _scores(days: Sequence[VirtualDay]) -> dict[str, Any]:
 
 def _wrong_less(days: Sequence[VirtualDay], rival_exact: Sequence[bool]) -> dict[str, Any]:
     """Return the share of wrong stages of ours less that of a rival, by fruit."""
-    return paired_difference(
+    return difference_of_pairs(
         [float(not day.exact) for day in days],
         [float(not exact) for exact in rival_exact],
         [day.fruit for day in days],
@@ -140,7 +140,7 @@ def _wrong_less(days: Sequence[VirtualDay], rival_exact: Sequence[bool]) -> dict
     ).to_dict()
 
 
-def judged_days(
+def judge_days(
     make: Callable[[Avocado, int], Avocado], *, sensor: int, fruits: int
 ) -> list[VirtualDay]:
     """Teach one virtual sensor with labelled fruit of a generator, and judge others of it.
@@ -155,26 +155,28 @@ def judged_days(
         How many are judged, four days each.
     """
     rng = np.random.default_rng([sensor, 41])
-    labelled = _shown(make, rng)
+    labelled = _draw_labelled(make, rng)
     others = [make(draw_avocado(rng), number) for number in range(fruits)]
     mornings = _MORNING_SD * rng.standard_normal(2 * DAYS)
-    taught = [_felt(one, rng, mornings[:DAYS], grasps=LABELLED_GRASPS) for one in labelled]
+    taught = [_feel(one, rng, mornings[:DAYS], grasps=LABELLED_GRASPS) for one in labelled]
     labels = [[one.stage(day) for day in range(DAYS)] for one in labelled]
     rule = RipenessRule.learn(taught, labels=labels, stages=STAGES)
     rows = [numbers_of(days[: count + 1]) for days in taught for count in range(DAYS)]
     ranks = [STAGES.index(label) for each in labels for label in each]
-    learners = {name: learned_stage(name, rows, ranks) for name in STAGE_LEARNERS}
+    learners = {name: learn_stage(name, rows, ranks) for name in STAGE_LEARNERS}
     found = []
     for number, fruit in enumerate(others):
-        days = _felt(fruit, rng, mornings[DAYS:], grasps=GRASPS)
+        days = _feel(fruit, rng, mornings[DAYS:], grasps=GRASPS)
         found += [
-            _judged(fruit, days[: count + 1], rule, learners, name=f"{sensor}/{number}")
+            _judge(fruit, days[: count + 1], rule, learners, name=f"{sensor}/{number}")
             for count in range(DAYS)
         ]
     return found
 
 
-def _shown(make: Callable[[Avocado, int], Avocado], rng: np.random.Generator) -> list[Avocado]:
+def _draw_labelled(
+    make: Callable[[Avocado, int], Avocado], rng: np.random.Generator
+) -> list[Avocado]:
     """Draw fruit to label until every stage was shown."""
     drawn = [make(draw_avocado(rng), number) for number in range(LABELLED)]
     while {one.stage(day) for one in drawn for day in range(DAYS)} != set(STAGES):
@@ -182,7 +184,7 @@ def _shown(make: Callable[[Avocado, int], Avocado], rng: np.random.Generator) ->
     return drawn
 
 
-def _felt(
+def _feel(
     fruit: Avocado, rng: np.random.Generator, mornings: np.ndarray, *, grasps: int
 ) -> list[DayFelt]:
     own = _FRUIT_SD * rng.standard_normal()
@@ -201,7 +203,7 @@ def _felt(
     return found
 
 
-def _judged(
+def _judge(
     fruit: Avocado,
     days: Sequence[DayFelt],
     rule: RipenessRule,

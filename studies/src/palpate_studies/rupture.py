@@ -24,7 +24,7 @@ from palpate.estimate.damage_learning import (
     split,
 )
 from palpate.estimate.measurement import Measurement
-from palpate_studies.baselines.told_everything import scaled_ridge
+from palpate_studies.baselines.told_everything import make_ridge
 from palpate_studies.protocol.paired import compare
 from palpate_studies.protocol.parts import Learned
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
@@ -111,8 +111,8 @@ def report(
         splits = [(closings, read_closings(test_curves, test_index))]
         how = f"learned from {index}, tested on {test_index}"
     tested = [closing for _, test in splits for closing in test]
-    methods = [shipped(splits, known=known) for known in (True, False)]
-    methods += [applied(policy, splits) for policy in (CAP, RULE, RIDGE)]
+    methods = [apply_shipped_limit(splits, known=known) for known in (True, False)]
+    methods += [apply_policy(policy, splits) for policy in (CAP, RULE, RIDGE)]
     entries, compared = tradeoff(methods, closings=tested), compare_grips(methods, tested)
     return StudyReport(
         name="rupture",
@@ -151,7 +151,9 @@ def report(
         payload={
             "second_generator": second,
             "nominal_rate": NOMINAL_RATE,
-            "rows": [row for training, test in splits for row in _stopped(training, test=test)],
+            "rows": [
+                row for training, test in splits for row in _predict_stop(training, test=test)
+            ],
             "tradeoff": entries,
             "compared": compared,
         },
@@ -161,13 +163,13 @@ def report(
 command = as_command(report)
 
 
-def _stopped(training: Closings, *, test: Closings) -> list[dict[str, Any]]:
+def _predict_stop(training: Closings, *, test: Closings) -> list[dict[str, Any]]:
     """Return what is predicted for each fruit at half load, and where its limit stops."""
     model = learn_damage(training)
     rows = []
     for one in test:
         half = at_half_load(one, model=model, kind=one.fruit)
-        scored = shipped_scores(one, model=model, kind_known=True)
+        scored = score_by_shipped_limit(one, model=model, kind_known=True)
         rupture_n = one.rupture_force_n
         stop_n = float(stop_forces(scored, rupture_n, at=np.array([NOMINAL_RATE]))[0])
         rows.append(
@@ -184,17 +186,19 @@ def _stopped(training: Closings, *, test: Closings) -> list[dict[str, Any]]:
     return rows
 
 
-def shipped(splits: Splits, *, known: bool) -> Method:
+def apply_shipped_limit(splits: Splits, *, known: bool) -> Method:
     """Return the limit that a grasp obeys, at each nominal rate; nothing of it is calibrated."""
     scores = list[Scored]()
     for training, test in splits:
         model = learn_damage(training, by_kind=known)
-        scores += [shipped_scores(one, model=model, kind_known=known) for one in test]
+        scores += [score_by_shipped_limit(one, model=model, kind_known=known) for one in test]
     name = "ours" if known else "ours, fruit unknown"
     return Method(name, scores, np.tile(RATES, (len(scores), 1)))
 
 
-def shipped_scores(closing: FruitClosing, *, model: DamageModel, kind_known: bool) -> Scored:
+def score_by_shipped_limit(
+    closing: FruitClosing, *, model: DamageModel, kind_known: bool
+) -> Scored:
     """Return the share of such fruit that each force would damage, as a grasp's limit has it.
 
     A grasp stops below `DamageModel.bound_n`; the share reaches the nominal rate at that force.
@@ -286,7 +290,7 @@ def learn_ridge(training: Closings) -> Scorer:
         rows = np.concatenate([features(closing) for closing in mine])
         load = np.concatenate([closing.force_n / closing.rupture_force_n for closing in mine])
         used = load > _FROM
-        return scaled_ridge().fit(rows[used], np.log(load[used]))
+        return make_ridge().fit(rows[used], np.log(load[used]))
 
     trained = _by_kind([closing for closing in training if len(closing.states)], fit)
 
@@ -319,7 +323,7 @@ def features(closing: FruitClosing) -> FloatArray:
         risen = np.maximum.accumulate(closing.samples[:, 1])
         at = np.searchsorted(risen, closing.force_n) + 1
         rows = [
-            _shown(
+            _list_inputs(
                 closing.samples[:count], log_stiffness=state.log_stiffness, force_n=state.force_n
             )
             for state, count in zip(closing.states, at.tolist(), strict=True)
@@ -328,7 +332,7 @@ def features(closing: FruitClosing) -> FloatArray:
     return _features[key]
 
 
-def _shown(seen: FloatArray, *, log_stiffness: float, force_n: float) -> list[float]:
+def _list_inputs(seen: FloatArray, *, log_stiffness: float, force_n: float) -> list[float]:
     closure_mm, rising_n = seen[:, 0], np.maximum.accumulate(seen[:, 1])
 
     def secant(low: float, high: float) -> float:
@@ -362,7 +366,7 @@ def _shown(seen: FloatArray, *, log_stiffness: float, force_n: float) -> list[fl
     ]
 
 
-def applied(policy: Policy, splits: Splits) -> Method:
+def apply_policy(policy: Policy, splits: Splits) -> Method:
     """Learn a policy and choose its settings on each training part, and score the test part.
 
     Raises

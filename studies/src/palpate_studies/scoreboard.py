@@ -33,7 +33,7 @@ _FILLED = ("count", "ours", "rival", "rival_name", "note")
 Claim: TypeAlias = Mapping[str, Any]
 
 
-def generated_pages(docs: Path) -> dict[Path, str]:
+def generate_pages(docs: Path) -> dict[Path, str]:
     """Return README.md and the results page, filled from the stored results."""
     claims, readme = read_claims(docs), docs.parent / "README.md"
     page = (docs / "kept" / "results.md.in").read_text(encoding="utf-8")

@@ -22,7 +22,7 @@ from palpate.holds import Hold, measure_settled_value, read_holds
 from palpate.settling.baselines import LogLaw
 from palpate.settling.calibrated import Calibrated
 from palpate.settling.result import SettlingMethod, Status
-from palpate_studies.baselines.told_everything import weighted_ridge
+from palpate_studies.baselines.told_everything import fit_weighted_ridge
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import mean, median
 
@@ -75,7 +75,7 @@ def show(hold: Hold, cutoff_s: float) -> Shown:
         profile=np.array([*(fall / drop), np.log(drop), drop]),
         drop=drop,
         log_law=float(below.hold(0).value),
-        change=float(np.log(_settled(hold)) - height[-1]),
+        change=float(np.log(_measure_settled(hold)) - height[-1]),
     )
 
 
@@ -85,18 +85,18 @@ Rule = Callable[[Shown], float]
 def multiple(others: Mapping[str, Sequence[Shown]]) -> Rule:
     """Return the constant multiple of the last reading: the median of materials alike."""
     change = np.array([one.change for holds in others.values() for one in holds])
-    middle = _weighted_median(change, _alike(others))
+    middle = _find_weighted_median(change, _alike(others))
     return lambda one: middle
 
 
-def scaled_log_law(others: Sequence[Shown]) -> Rule:
+def fit_scaled_log_law(others: Sequence[Shown]) -> Rule:
     """Return the change by the log law times the factor that others ask for (least error)."""
     guess = np.array([one.log_law for one in others])
     change = np.array([one.change for one in others])
     known = np.abs(guess) > _TINY
     if not known.any():
         return lambda one: one.log_law
-    factor = _weighted_median(change[known] / guess[known], np.abs(guess[known]))
+    factor = _find_weighted_median(change[known] / guess[known], np.abs(guess[known]))
     return lambda one: factor * one.log_law
 
 
@@ -114,12 +114,14 @@ def ridge(others: Mapping[str, Sequence[Shown]]) -> Rule:
                 np.median(np.abs(line(features[left]) - target[left]))
                 for name in others
                 for left in [names == name]
-                for line in [weighted_ridge(features[~left], target[~left], weight[~left], penalty)]
+                for line in [
+                    fit_weighted_ridge(features[~left], target[~left], weight[~left], penalty)
+                ]
             )
         )
 
     penalty = min(PENALTIES, key=miss) if len(others) > 1 else 1.0
-    line = weighted_ridge(features, target, weight, float(penalty))
+    line = fit_weighted_ridge(features, target, weight, float(penalty))
     return lambda one: float(line(one.profile[None])[0]) * one.drop
 
 
@@ -127,7 +129,7 @@ def _alike(others: Mapping[str, Sequence[Shown]]) -> FloatArray:
     return np.concatenate([np.full(len(holds), 1 / len(holds)) for holds in others.values()])
 
 
-def _weighted_median(values: FloatArray, weights: FloatArray) -> float:
+def _find_weighted_median(values: FloatArray, weights: FloatArray) -> float:
     order = np.argsort(values)
     below = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(below, below[-1] / 2)])
@@ -167,7 +169,9 @@ def _read(files: Sequence[Path]) -> dict[str, list[Hold]]:
         if name in found:
             raise InputError(f"{file}: a second file of the name {name}; rename one")
         found[name] = [
-            hold for hold in read_holds(file, until_s=HORIZON_S) if np.isfinite(_settled(hold))
+            hold
+            for hold in read_holds(file, until_s=HORIZON_S)
+            if np.isfinite(_measure_settled(hold))
         ]
         if not found[name]:
             raise InputError(f"{file}: no hold reaches {HORIZON_S:g} s, so none can be scored")
@@ -180,7 +184,7 @@ def _read(files: Sequence[Path]) -> dict[str, list[Hold]]:
     return found
 
 
-def _settled(hold: Hold) -> float:
+def _measure_settled(hold: Hold) -> float:
     return measure_settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
 
 
@@ -195,7 +199,7 @@ def judge(
     }
     rows = []
     for name, holds in {**materials, **held_out}.items():
-        others = [other for other in materials if not _shared(materials[other], holds)]
+        others = [other for other in materials if not _have_common_hold(materials[other], holds)]
         for cutoff_s in CUTOFFS_S:
             learned = {other: shown[other, cutoff_s] for other in others if other != name}
             found = _plain(holds, cutoff_s)
@@ -234,7 +238,7 @@ def judge(
     )
 
 
-def _shared(some: Sequence[Hold], others: Sequence[Hold]) -> bool:
+def _have_common_hold(some: Sequence[Hold], others: Sequence[Hold]) -> bool:
     """Return whether two files have a hold in common: then they are of the same specimens."""
     return bool({hold.hold_id for hold in some} & {hold.hold_id for hold in others})
 
@@ -248,7 +252,10 @@ def _plain(holds: Sequence[Hold], cutoff_s: float) -> dict[str, Scores]:
 def _scores(holds: Sequence[Hold], cutoff_s: float, *, method: str | SettlingMethod) -> Scores:
     rows = []
     for hold in holds:
-        settled, found = _settled(hold), predict_settled(hold, cutoff_s=cutoff_s, method=method)
+        settled, found = (
+            _measure_settled(hold),
+            predict_settled(hold, cutoff_s=cutoff_s, method=method),
+        )
         rows.append(
             (
                 100 * (found.value / settled - 1),
@@ -282,7 +289,7 @@ def _own_rows(name: str, holds: Sequence[Hold], *, count: int) -> list[dict[str,
         every = [show(hold, cutoff_s) for hold in holds]
         found: dict[str, list[Scores]] = {OURS: [], "log_law": []}
         for place in tested:
-            law = scaled_log_law([every[k] for k in past[place]])
+            law = fit_scaled_log_law([every[k] for k in past[place]])
             found[OURS].append(_scores([holds[place]], cutoff_s, method=methods[place]))
             found["log_law"].append(_by_rule([every[place]], law))
         rows += [

@@ -35,11 +35,11 @@ from palpate.signal.relative import (
 )
 from palpate.twin.devices import TwinArray
 from palpate.twin.objects import TwinObject, draw_object
-from palpate_studies.baselines.told_everything import TREES, left_out
+from palpate_studies.baselines.told_everything import TREES, answer_left_out
 from palpate_studies.protocol.paired import compare, rms
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
-from palpate_studies.stoppable import uninterrupted
+from palpate_studies.stoppable import require_uninterrupted
 from palpate_studies.twin_session import Session
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def report(
     Example: palpate study size --out reports
     """
     seeds = range(first_sensor, first_sensor + sensors)
-    found = {level: list(sized(level, sensors=seeds, berries=berries)) for level in LEVELS}
+    found = {level: list(measure_sizes(level, sensors=seeds, berries=berries)) for level in LEVELS}
     summary = [
         {"level": level, "way": way, **scores(found[level], way)}
         for level in LEVELS
@@ -106,7 +106,7 @@ def report(
             "origin": "twin",
             "published": PUBLISHED,
             "summary": summary,
-            "compared": [row for level in LEVELS for row in _compared(level, found[level])],
+            "compared": [row for level in LEVELS for row in _compare_ways(level, found[level])],
         },
         figures={"figure14": lambda: draw(found, shown=berries)},
     )
@@ -119,7 +119,7 @@ def scores(found: Sequence[Sized], way: str) -> dict[str, Any]:
     """Return how large the errors of one way are, and what its intervals cover."""
     error = errors_mm(found, way)
     error = error[np.isfinite(error)]
-    pairs = measured(found) if way == OURS else []
+    pairs = list_estimates(found) if way == OURS else []
     inside = [value.low <= true_mm <= value.high for value, true_mm in pairs]
     half = [0.5 * (value.high - value.low) for value, _ in pairs]
     return {
@@ -135,7 +135,7 @@ def scores(found: Sequence[Sized], way: str) -> dict[str, Any]:
     }
 
 
-def _compared(level: str, found: Sequence[Sized]) -> list[dict[str, Any]]:
+def _compare_ways(level: str, found: Sequence[Sized]) -> list[dict[str, Any]]:
     """Return the RMS error of ours less that of each other way on the same fruit, by sensor."""
     both = [one for one in found if one.same_steps is not None and np.isfinite(one.published_mm)]
     of, lost = [str(one.sensor) for one in both], {way: errors_mm(both, way) for way in WAYS}
@@ -239,15 +239,15 @@ class Sized:
     steps: FloatArray
 
 
-def sized(level: str, *, sensors: Sequence[int], berries: int) -> Iterator[Sized]:
+def measure_sizes(level: str, *, sensors: Sequence[int], berries: int) -> Iterator[Sized]:
     """Size `berries` strawberries on each sensor of a level, each in both ways."""
     for sensor in sensors:
         calibration = calibrate_twin(seed=sensor, level=level, apart_from="strawberry")
         for berry in range(berries):
             obj = draw_object(np.random.default_rng([sensor, berry, 31]), "strawberry")
-            session, seen = _faced(obj, level, sensor, berry), list[Observation]()
+            session, seen = _place_strawberry(obj, level, sensor, berry), list[Observation]()
             plan = replace(plan_grasp(calibration, gripper=session.gripper), **SAME_STEPS)
-            result = uninterrupted(
+            result = require_uninterrupted(
                 run_grasp(
                     plan,
                     array=TwinArray(session.world),
@@ -261,7 +261,7 @@ def sized(level: str, *, sensors: Sequence[int], berries: int) -> Iterator[Sized
             yield Sized(
                 sensor=sensor,
                 true_mm=obj.size_mm,
-                published_mm=previous_width_mm(_faced(obj, level, sensor, berry)),
+                published_mm=previous_width_mm(_place_strawberry(obj, level, sensor, berry)),
                 same_steps=result.size_mm,
                 damaged=session.world.truth().damaged,
                 pressed_to_mm=min(stop[-1].gripper.width_mm for stop in _stops(seen)),
@@ -269,7 +269,7 @@ def sized(level: str, *, sensors: Sequence[int], berries: int) -> Iterator[Sized
             )
 
 
-def _faced(obj: TwinObject, level: str, sensor: int, berry: int) -> Session:
+def _place_strawberry(obj: TwinObject, level: str, sensor: int, berry: int) -> Session:
     """Return a sensor and gripper with the strawberry between its fingers, not touched yet."""
     session = Session(sensor, level=level, trial=berry)
     session.close_to(START_MM)
@@ -300,14 +300,14 @@ def errors_mm(found: Sequence[Sized], way: str) -> FloatArray:
     if way == TREES:
         true_mm = np.array([one.true_mm for one in found])
         pressed_to_mm = np.array([one.pressed_to_mm for one in found])
-        thinner_mm = left_out(
+        thinner_mm = answer_left_out(
             np.array([one.steps for one in found]),
             asked=true_mm - pressed_to_mm,
             specimens=[str(one.sensor) for one in found],
         )
         return np.asarray(pressed_to_mm + thinner_mm - true_mm)
     if way == OURS:
-        return np.array([m.middle - true_mm for m, true_mm in measured(found)], dtype=float)
+        return np.array([m.middle - true_mm for m, true_mm in list_estimates(found)], dtype=float)
     seen = [one for one in found if np.isfinite(one.published_mm)]
     errors = np.array([one.published_mm - one.true_mm for one in seen], dtype=float)
     if way == "published":
@@ -319,7 +319,7 @@ def errors_mm(found: Sequence[Sized], way: str) -> FloatArray:
     return left
 
 
-def measured(found: Sequence[Sized]) -> list[tuple[Measurement, float]]:
+def list_estimates(found: Sequence[Sized]) -> list[tuple[Measurement, float]]:
     """Return each estimate of palpate with the true size."""
     return [(one.same_steps, one.true_mm) for one in found if one.same_steps is not None]
 
@@ -339,7 +339,7 @@ def draw(found: Mapping[str, Sequence[Sized]], *, shown: int) -> Figure:
             printed = [one.published_mm for one in some]
             true_mm = [one.true_mm for one in some]
             axis.plot(true_mm, printed, square, color=grey, label="published method (Figure 13)")
-            ours = measured(some)
+            ours = list_estimates(some)
             axis.errorbar(
                 [true for _, true in ours],
                 [one.middle for one, _ in ours],

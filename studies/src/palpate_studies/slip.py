@@ -110,7 +110,7 @@ def _happening(level: str, *, sensor: int, trial: int, kind: str) -> tuple[bool,
     array.close()
     fingers = _fingers(np.stack(frames), session=session, rest_ohm=rest_ohm)
     before = fingers[np.array(times) < event_s]
-    return _is_felt(before[-5:]), [at_s - event_s for at_s in _lost_s(times, fingers)]
+    return _is_felt(before[-5:]), [at_s - event_s for at_s in _find_loss_s(times, fingers)]
 
 
 def _hold(session: Session, rng: np.random.Generator) -> tuple[TwinObject, FloatArray]:
@@ -138,7 +138,7 @@ def _is_felt(fingers: FloatArray) -> bool:
     return bool((np.median(fingers, axis=0) < _HELD_PERCENT).all())
 
 
-def _lost_s(time_s: Sequence[float] | FloatArray, fingers: FloatArray) -> list[float]:
+def _find_loss_s(time_s: Sequence[float] | FloatArray, fingers: FloatArray) -> list[float]:
     """Return when a finger calls slip or removal; the changes have shape (frames, fingers)."""
     found, states = list[float](), [ContactState()] * fingers.shape[1]
     for now_s, changes in zip(time_s, running_median(fingers, length=3), strict=True):
@@ -178,7 +178,7 @@ def _quiet(level: str, *, sensor: int) -> tuple[int, bool]:
         ]
     )
     fingers = _fingers(counts, session=session, rest_ohm=rest_ohm)
-    return len(_lost_s(frames_s, fingers)), _is_felt(fingers[:15])
+    return len(_find_loss_s(frames_s, fingers)), _is_felt(fingers[:15])
 
 
 def _scores(found: Sequence[tuple[bool, list[float]]]) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.estimate.force_states import log_reading, states_of
-from palpate_studies.baselines.told_everything import boosted_trees, scaled_ridge
+from palpate_studies.baselines.told_everything import make_ridge, make_trees
 from palpate_studies.force_learning import KnownContact, interval_reach, learn_population
 from palpate_studies.recordings import leave_out, read_runs
 from palpate_studies.report import StudyReport, Table, as_command
@@ -150,12 +150,12 @@ def static(train: Strokes) -> Predictor:
 
 def ridge(train: Strokes) -> Predictor:
     """Learn a ridge on the inputs of the force law and past voltages."""
-    return _machine(train, scaled_ridge(1.0))
+    return _machine(train, make_ridge(1.0))
 
 
 def trees(train: Strokes) -> Predictor:
     """Learn boosted trees on the inputs of the force law and past voltages."""
-    return _machine(train, boosted_trees())
+    return _machine(train, make_trees())
 
 
 def _machine(train: Strokes, machine: Any) -> Predictor:

@@ -27,11 +27,11 @@ from palpate.produce.sorting.score import CARRY_S, TURN_S, Placed, score_sorting
 from palpate_studies.crates import (
     SORTED_GRASPS,
     CrateItemGrasps,
-    measured_crates,
+    measure_crates,
     read_crates,
     write_crates,
 )
-from palpate_studies.protocol.paired import paired_difference
+from palpate_studies.protocol.paired import difference_of_pairs
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS, group
 
@@ -167,7 +167,7 @@ def report(
             item
             for level in LEVELS
             for sensor in range(first, first + sensors)
-            for item in measured_crates(
+            for item in measure_crates(
                 level=level, sensor=sensor, taught=TAUGHT, sorted_items=items, second=second
             )
         ]
@@ -202,7 +202,7 @@ def identifiers(teaching: Sequence[CrateItemGrasps]) -> dict[str, Identifier]:
     return {OURS: _identifier(teaching), **learners}
 
 
-def named(method: str, count: int) -> str:
+def name_method(method: str, count: int) -> str:
     """Return the name of a method that may grasp an item so often."""
     return f"{method}, {count} grasp{'s' if count > 1 else ''}"
 
@@ -217,7 +217,7 @@ def answers(crates: Sequence[CrateItemGrasps]) -> list[Answer]:
             said = guess(item.grasps[0].grasp.measurements) or UNKNOWN
             found.append(Answer(level=level, method=NEAREST_MEAN, item=item, said=said, best=said))
         asked = [
-            (named(name, count), known, count)
+            (name_method(name, count), known, count)
             for name, known in identifiers(teaching).items()
             for count in range(1, SORTED_GRASPS + 1)
         ]
@@ -246,12 +246,12 @@ def against_learners(given: Sequence[Answer]) -> list[dict[str, Any]]:
             for name, each in group(mine, "method")
         }
         for count in range(1, SORTED_GRASPS + 1):
-            method = named(OURS, count)
+            method = name_method(OURS, count)
             items = [
                 f"{one.item.sensor}/{one.item.item_id}" for one in mine if one.method == method
             ]
             for learner in LEARNERS:
-                ours, theirs = lost[method], lost[named(learner, count)]
+                ours, theirs = lost[method], lost[name_method(learner, count)]
                 rows.append(
                     {
                         **key,
@@ -259,13 +259,13 @@ def against_learners(given: Sequence[Answer]) -> list[dict[str, Any]]:
                         "learner": learner,
                         "ours_wrong": float(np.mean(ours)),
                         "learner_wrong": float(np.mean(theirs)),
-                        **paired_difference(ours, theirs, items, statistic=np.mean).to_dict(),
+                        **difference_of_pairs(ours, theirs, items, statistic=np.mean).to_dict(),
                     }
                 )
     return rows
 
 
-def counted(answers: Sequence[Answer]) -> dict[str, Any]:
+def count_right(answers: Sequence[Answer]) -> dict[str, Any]:
     """Return shares of known items and strangers that one method named rightly."""
     known = [one for one in answers if one.item.known]
     strangers = [one for one in answers if not one.item.known]
@@ -285,18 +285,18 @@ def sort_crates(crates: Sequence[CrateItemGrasps]) -> dict[tuple[str, str], list
         teaching, sorting = _divide(mine)
         guess = learn_nearest_mean(teaching)
         placed.setdefault((key["level"], NEAREST_MEAN), []).extend(
-            _guessed(item, guess) for item in sorting
+            _guess_item(item, guess) for item in sorting
         )
         for name, known in identifiers(teaching).items():
             for most in range(1, SORTED_GRASPS + 1):
                 method = f"{name}, " + ("one grasp" if most == 1 else f"up to {most} grasps")
                 placed.setdefault((key["level"], method), []).extend(
-                    _sorted(item, known, most=most) for item in sorting
+                    _sort_item(item, known, most=most) for item in sorting
                 )
     return placed
 
 
-def _sorted(item: CrateItemGrasps, known: Identifier, *, most: int) -> Placed:
+def _sort_item(item: CrateItemGrasps, known: Identifier, *, most: int) -> Placed:
     """Sort one item with the grasps that were made of it, as far as they are asked for."""
     done = sort_item(
         item.item_id,
@@ -312,7 +312,7 @@ def _sorted(item: CrateItemGrasps, known: Identifier, *, most: int) -> Placed:
     )
 
 
-def _guessed(item: CrateItemGrasps, guess: Guess) -> Placed:
+def _guess_item(item: CrateItemGrasps, guess: Guess) -> Placed:
     """Sort one item by a method that names one kind, without uncertainty, from one grasp."""
     first = item.grasps[0]
     measured, bin_name = first.grasp.measurements, BOOK.default_bin
@@ -332,7 +332,7 @@ def _belongs(item: CrateItemGrasps) -> str:
 def judge(crates: Sequence[CrateItemGrasps]) -> StudyReport:
     """Put all ways of naming and sorting into tables."""
     given = answers(crates)
-    identified = [{**key, **counted(mine)} for key, mine in group(given, "level", "method")]
+    identified = [{**key, **count_right(mine)} for key, mine in group(given, "level", "method")]
     summary = [
         {
             "level": level,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palpate_studies.equal_width import CLOSURE_MM, SENSORS, LineStudy, settled_readings
+from palpate_studies.equal_width import CLOSURE_MM, SENSORS, LineStudy, measure_settled_readings
 from palpate_studies.report import StudyReport, as_command
 from palpate_studies.twin_session import drawn
 
@@ -30,7 +30,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
     """
     setups = [drawn(name) for name in SETUPS]
     conditions = {
-        f"closed by {closure_mm:g} mm": settled_readings(
+        f"closed by {closure_mm:g} mm": measure_settled_readings(
             setups,
             reading=STUDY.reading,
             width_mm=SIZE_MM - closure_mm,

@@ -141,7 +141,7 @@ class FollowedForce:
         return (self.low_n <= self.force_n) & (self.force_n <= self.high_n)
 
 
-def followed(
+def follow_staircases(
     sensor: int,
     *,
     level: str,
@@ -192,7 +192,7 @@ def followed(
     return found
 
 
-def learned_from(
+def learn_from_staircases(
     sensors: Sequence[int],
     *,
     level: str,
@@ -279,10 +279,10 @@ def report(
     remade, first = (other_sheet, SECOND_SHEET) if second else (None, FIRST_SHEET)
     taught = range(LEARNING_SHEET, LEARNING_SHEET + LEARNED_FROM)
     for level in LEVELS:
-        trees = learned_from(taught, level=level, staircases=staircases, remade=remade)
+        trees = learn_from_staircases(taught, level=level, staircases=staircases, remade=remade)
         for sensor in range(first, first + sheets):
             try:
-                each = followed(
+                each = follow_staircases(
                     sensor, level=level, staircases=staircases, remade=remade, trees=trees
                 )
             except CalibrationError as error:
@@ -328,7 +328,7 @@ def _scores(
     }
 
 
-def _compared(runs: Runs) -> list[dict[str, Any]]:
+def _compare_rivals(runs: Runs) -> list[dict[str, Any]]:
     """Return the RMS error of `now` less that of each rival on the same frames, by sheet."""
     return [
         row
@@ -377,7 +377,7 @@ def _report(runs: Runs, *, sheets: int, staircases: int, second: bool) -> StudyR
         payload={
             "second_generator": second,
             "summary": summary,
-            "compared": _compared(runs),
+            "compared": _compare_rivals(runs),
             "sheets": sheets,
             "staircases": staircases,
         },

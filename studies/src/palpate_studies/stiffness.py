@@ -23,7 +23,7 @@ from palpate.twin.world import GripperKind, World
 from palpate_studies.force_control_world import thing
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS, as_row, group, mean, median
-from palpate_studies.stoppable import uninterrupted
+from palpate_studies.stoppable import require_uninterrupted
 
 #: Two decades, N/mm.
 RANGE_N_PER_MM = (0.5, 50.0)
@@ -187,7 +187,7 @@ def _answer(
     nominal: float,
 ) -> Answer:
     gripper = TwinGripper(world)
-    result = uninterrupted(
+    result = require_uninterrupted(
         run_grasp(
             plan_grasp(calibration, gripper=gripper, target_force_n=target_force_n),
             array=TwinArray(world),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from palpate.grasp.result import GraspResult, Outcome
 
 
-def uninterrupted(result: GraspResult) -> GraspResult:
+def require_uninterrupted(result: GraspResult) -> GraspResult:
     """Return the result of a grasp that ran to its end.
 
     `run_grasp` takes Ctrl-C and SIGTERM for itself, to leave the hand safe. A study asks for no

@@ -23,7 +23,7 @@ from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.estimate.force_law import INPUTS, Population
 from palpate.estimate.force_states import log_reading, states_of
-from palpate_studies.baselines.told_everything import boosted_trees
+from palpate_studies.baselines.told_everything import make_trees
 from palpate_studies.force_learning import KnownContact, interval_reach, learn_population
 from palpate_studies.protocol.paired import compare
 from palpate_studies.recordings import leave_out, read_runs
@@ -206,7 +206,7 @@ def _origin(touch: Touch, told: str) -> float:
     return float(touch.log_force[touch.told[told]]) if told in touch.told else 0.0
 
 
-def _pooled(touches: Others, told: str, each: Callable[[Touch], FloatArray]) -> FloatArray:
+def _pool(touches: Others, told: str, each: Callable[[Touch], FloatArray]) -> FloatArray:
     return np.concatenate([each(one)[one.after(told)] for one in touches])
 
 
@@ -228,7 +228,7 @@ def constant(train: Others, told: str) -> Follower:
     """Learn one force, that of the place where it is known, or hold the force that was measured."""
 
     def middle(touches: Others) -> float:
-        return float(np.median(_pooled(touches, told, lambda one: one.log_force)))
+        return float(np.median(_pool(touches, told, lambda one: one.log_force)))
 
     usual = 0.0 if told in train[0].told else middle(train)
 
@@ -247,8 +247,8 @@ def clock(train: Others, told: str) -> Follower:
         return np.round((touch.time_s - start) / _TICK_S)
 
     def table(touches: Others) -> tuple[FloatArray, FloatArray]:
-        tick = _pooled(touches, told, ticks)
-        force = _pooled(touches, told, lambda one: one.log_force - _origin(one, told))
+        tick = _pool(touches, told, ticks)
+        force = _pool(touches, told, lambda one: one.log_force - _origin(one, told))
         seen = np.unique(tick)
         return seen, np.array([np.median(force[tick == one]) for one in seen])
 
@@ -263,8 +263,8 @@ def clock(train: Others, told: str) -> Follower:
 
 def static(train: Others, told: str) -> Follower:
     """Learn a power law; its gain from what is known of the place or of this touch."""
-    reading = _pooled(train, "nothing", lambda one: one.inputs[:, 0])
-    force = _pooled(train, "nothing", lambda one: one.log_force)
+    reading = _pool(train, "nothing", lambda one: one.inputs[:, 0])
+    force = _pool(train, "nothing", lambda one: one.log_force)
     slope, offset = _absolute_line(reading, force)
 
     def follow(touch: Touch, others: Others) -> FloatArray:
@@ -273,7 +273,7 @@ def static(train: Others, told: str) -> Follower:
             at = touch.told[told]
             return np.asarray(value + touch.log_force[at] - value[at])
         if told == "place" and others:
-            left = _pooled(others, told, lambda one: one.log_force - slope * one.inputs[:, 0])
+            left = _pool(others, told, lambda one: one.log_force - slope * one.inputs[:, 0])
             return np.asarray(value + float(np.median(left)) - offset)
         return np.asarray(value)
 
@@ -301,7 +301,7 @@ def _inputs(touch: Touch, told: str) -> FloatArray:
 
 def trees(train: Others, told: str) -> Follower:
     """Learn boosted trees on the same inputs; knowing the place, given by the mean of it."""
-    machine = boosted_trees(
+    machine = make_trees(
         loss="absolute_error", max_iter=100, max_leaf_nodes=15, min_samples_leaf=40
     )
 
@@ -310,14 +310,14 @@ def trees(train: Others, told: str) -> Follower:
         if told != "place":
             return inputs
         known = others or [touch]
-        reading = np.mean(_pooled(known, told, lambda one: one.inputs[:, 0]))
-        force = np.mean(_pooled(known, told, lambda one: one.log_force))
+        reading = np.mean(_pool(known, told, lambda one: one.inputs[:, 0]))
+        force = np.mean(_pool(known, told, lambda one: one.log_force))
         more = np.full((len(inputs), 1), force if others else np.nan)
         return np.concatenate([inputs, inputs[:, :1] - reading, more], axis=1)
 
     x = np.concatenate([seen(one, others_of(one, train))[one.after(told)] for one in train])
-    y = _pooled(train, told, lambda one: one.log_force - _origin(one, told))
-    w = _pooled(train, told, lambda one: one.weight)
+    y = _pool(train, told, lambda one: one.log_force - _origin(one, told))
+    w = _pool(train, told, lambda one: one.weight)
     machine.fit(x, y, sample_weight=w)
     return _with_interval(
         lambda touch, others: machine.predict(seen(touch, others)) + _origin(touch, told),
@@ -334,8 +334,8 @@ def ours(train: Others, told: str) -> Follower:
         law = ForceLaw(population)
         if told == "place" and others:
             law = ForceLaw.fit(
-                _pooled(others, told, lambda one: one.inputs[:, :INPUTS]),
-                force_n=np.exp(_pooled(others, told, lambda one: one.log_force)),
+                _pool(others, told, lambda one: one.inputs[:, :INPUTS]),
+                force_n=np.exp(_pool(others, told, lambda one: one.log_force)),
                 contact=[one.attempt for one in others for _ in range(one.scored.sum())],
                 population=population,
             )
@@ -350,10 +350,10 @@ def ours(train: Others, told: str) -> Follower:
 
 @lru_cache(maxsize=2)
 def _population(train: tuple[Touch, ...]) -> Population:
-    return learn_population([known_contact(one) for one in train if one.scored.sum() > 1])
+    return learn_population([make_known_contact(one) for one in train if one.scored.sum() > 1])
 
 
-def known_contact(touch: Touch) -> KnownContact:
+def make_known_contact(touch: Touch) -> KnownContact:
     """Return a touch as what a population is learned from."""
     used = np.flatnonzero(touch.scored)
     given = np.flatnonzero(used == touch.told["eighty_percent"])
@@ -451,7 +451,7 @@ def report(
         payload={
             "rows": _rows(scored),
             "summary": summary,
-            "compared": _compared(scored),
+            "compared": _compare_models(scored),
             "level": LEVEL,
         },
     )
@@ -545,7 +545,7 @@ def _figures(error: FloatArray, covered: Mask) -> dict[str, Any]:
     }
 
 
-def _compared(scored: Sequence[Scored]) -> Rows:
+def _compare_models(scored: Sequence[Scored]) -> Rows:
     """Return the error of ours less that of each other model, by pin of a sensor."""
     rows: Rows = []
     for key, some in group(scored, "told"):

@@ -33,11 +33,11 @@ def code_hash(study: str) -> str:
     """
     found = hashlib.sha256()
     for path in study_files(study):
-        found.update(_shown(path).encode() + _said(path))
+        found.update(_show_path(path).encode() + _read_code(path))
     return found.hexdigest()
 
 
-def _said(path: Path) -> bytes:
+def _read_code(path: Path) -> bytes:
     """Return what a file says: the syntax tree without docstrings, or all of it where it is data.
 
     >>> import tempfile
@@ -74,9 +74,9 @@ def study_files(study: str) -> list[Path]:
         path = None if name in modules or name.startswith(_SHOWING) else _file_of(name)
         if path is not None:
             modules[name] = path
-            waiting += [*_imported(path), name.rpartition(".")[0]]
+            waiting += [*_list_imports(path), name.rpartition(".")[0]]
     in_folders = {one for path in modules.values() for one in path.parent.glob("*.json")}
-    return sorted({*modules.values(), *in_folders}, key=_shown)
+    return sorted({*modules.values(), *in_folders}, key=_show_path)
 
 
 def _file_of(name: str) -> Path | None:
@@ -88,7 +88,7 @@ def _file_of(name: str) -> Path | None:
     return path if path.is_file() else None
 
 
-def _imported(path: Path) -> Iterator[str]:
+def _list_imports(path: Path) -> Iterator[str]:
     """Yield what a file imports when it runs, anywhere in it; names that may be no modules too."""
     waiting: list[ast.AST] = [ast.parse(path.read_text())]
     while waiting:
@@ -104,7 +104,7 @@ def _imported(path: Path) -> Iterator[str]:
         waiting += ast.iter_child_nodes(node)
 
 
-def _shown(path: Path) -> str:
+def _show_path(path: Path) -> str:
     return next(
         f"{name}/{path.relative_to(root).as_posix()}"
         for name, root in _ROOTS.items()

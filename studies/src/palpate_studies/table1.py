@@ -16,7 +16,7 @@ from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod, Status
 from palpate.signal.transient import WAIT_S
 from palpate_studies.bootstrap import bootstrap_interval
-from palpate_studies.misfit import Entry, missed, sentence
+from palpate_studies.misfit import Entry, count_missed, sentence
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.twin_session import twin_holds
 
@@ -65,7 +65,7 @@ def report(
     holds = {name: list(twin_holds(repeats=sensors[name], family=name)) for name in names}
     results = {name: _errors(made) for name, made in holds.items()}
     each = ", ".join(f"{count} of the family {name}" for name, count in sensors.items())
-    misfit = {name: missed(_entries(name, results[name])) for name in names}
+    misfit = {name: count_missed(_entries(name, results[name])) for name in names}
     return StudyReport(
         name="table1",
         title="Table 1: errors of the predicted settled value, percent of it",

@@ -11,7 +11,7 @@ from palpate_studies.equal_width import (
     as_json,
     cells_of,
     draw_curves,
-    settled_readings,
+    measure_settled_readings,
 )
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
@@ -34,7 +34,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
     Example: palpate study table2 --out reports
     """
     names = tuple(PUBLISHED)
-    found = settled_readings(
+    found = measure_settled_readings(
         [drawn(name) for name in names],
         reading="mean change",
         width_mm=WIDTH_MM,

@@ -10,7 +10,7 @@ from palpate_studies.equal_width import (
     SENSORS,
     LineStudy,
     draw_curves,
-    settled_readings,
+    measure_settled_readings,
 )
 from palpate_studies.report import StudyReport, as_command
 from palpate_studies.twin_session import drawn
@@ -50,7 +50,7 @@ def report(
     balls = {name: replace(drawn(name), size_mm=SIZE_MM) for name in PUBLISHED}
     width_mm, each = SIZE_MM - CLOSURE_MM, list(balls.values())
     readings = partial(
-        settled_readings, each, reading=STUDY.reading, width_mm=width_mm, sensors=sensors
+        measure_settled_readings, each, reading=STUDY.reading, width_mm=width_mm, sensors=sensors
     )
     return STUDY.report(
         {

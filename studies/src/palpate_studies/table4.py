@@ -11,7 +11,7 @@ from palpate.arrays import FloatArray
 from palpate.estimate.force import PowerForceLaw
 from palpate.estimate.line_law import LineForceLaw
 from palpate_studies.equal_width import r_squared
-from palpate_studies.misfit import Entry, missed, sentence
+from palpate_studies.misfit import Entry, count_missed, sentence
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
 from palpate_studies.twin_session import Reading, Session, drawn, grasps
@@ -48,7 +48,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
         level: {name: np.array([_line(made) for made in each]) for name, each in sheets.items()}
         for level, sheets in found.items()
     }
-    misfit = {level: missed(_entries(lines[level])) for level in LEVELS}
+    misfit = {level: count_missed(_entries(lines[level])) for level in LEVELS}
     return StudyReport(
         name="table4",
         title="Table 4: force against settled relative change, per silicone sheet",

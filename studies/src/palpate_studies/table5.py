@@ -21,7 +21,7 @@ from palpate.twin.devices import TwinLoadCell
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 from palpate_studies.bootstrap import bootstrap_interval
-from palpate_studies.misfit import Entry, missed, sentence
+from palpate_studies.misfit import Entry, count_missed, sentence
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
 from palpate_studies.twin_session import CLOSURES_MM, MATERIALS, SETTLED_MEAN_S, hold_each, stack
@@ -110,9 +110,9 @@ def _errors(level: str, *, sensors: int, repeats: int) -> dict[str, Errors]:
         ]
         methods = {**ROWS, OWN: (Calibrated(holds=tuple(own)), 2.5)}
         for index, (time_s, holds, force_n) in enumerate(learned):
-            law = LineForceLaw.fit(_settled(time_s, holds), force_n=force_n)
+            law = LineForceLaw.fit(_measure_settled(time_s, holds), force_n=force_n)
             time_s, tested, tested_n = _holds(sensor, level, index, repeats=repeats, session=1)
-            reference_n = law.force_n(_settled(time_s, tested)).value
+            reference_n = law.force_n(_measure_settled(time_s, tested)).value
             for name, (method, cutoff_s) in methods.items():
                 early = predict_settled(
                     time_s,
@@ -133,7 +133,7 @@ def _errors(level: str, *, sensors: int, repeats: int) -> dict[str, Errors]:
     }
 
 
-def _settled(time_s: FloatArray, holds: FloatArray) -> FloatArray:
+def _measure_settled(time_s: FloatArray, holds: FloatArray) -> FloatArray:
     return np.asarray(holds[:, time_s > HORIZON_S - SETTLED_MEAN_S].mean(axis=1))
 
 
@@ -182,7 +182,7 @@ def _misfit(errors: dict[str, Errors], *, groups: int) -> dict[str, dict[str, in
         of = [str(place * groups // len(lost)) for place in range(len(lost))]
         low, high = bootstrap_interval(lost, of, statistic=np.mean)
         entries.append(Entry(published=published, low=low, high=high))
-    return missed(entries)
+    return count_missed(entries)
 
 
 def _figure(rows: Sequence[dict[str, Any]]) -> Figure:

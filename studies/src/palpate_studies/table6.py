@@ -67,7 +67,7 @@ class Traces:
         return np.asarray(settled.value)
 
 
-def dropped_apple() -> Apple:
+def drop_apple() -> Apple:
     """Return the apple after its fall."""
     drawn = draw_apple(np.random.default_rng(6), bruises=None)
     flesh = replace(drawn.flesh, size_mm=SIZE_MM, force_at_1mm_n=FIRMNESS_N)
@@ -78,7 +78,7 @@ def dropped_apple() -> Apple:
 
 def grasp_free(level: str, sensor: int, *, repeats: int = REPEATS) -> Traces:
     """Grasp the apple before and after its fall, at one width, bruise to the first finger."""
-    session, apple = Session(sensor, level=level), dropped_apple()
+    session, apple = Session(sensor, level=level), drop_apple()
     before = _holds(session, replace(apple, bruise=None).facing(0.0), repeats=repeats)
     after = _holds(session, apple.facing(0.0), repeats=repeats)
     return _traces(session, before, after)
@@ -91,11 +91,11 @@ def grasp_supported(level: str, sensor: int, *, repeats: int = REPEATS) -> Trace
     of an apple whose other side is alike: the bruised one twice for the first finger, the sound
     one twice for the second.
     """
-    session, apple = Session(sensor, level=level), dropped_apple()
+    session, apple = Session(sensor, level=level), drop_apple()
     sound = replace(apple, bruise=None).facing(0.0)
     before = _holds(session, sound, repeats=repeats)
     sound_n = session.world.truth().force_n
-    bruised = _holds(session, _bruised_twice(apple), repeats=repeats)
+    bruised = _holds(session, _bruise_both_sides(apple), repeats=repeats)
     support_n = sound_n - session.world.truth().force_n
     other = _holds(session, sound, repeats=repeats)
     times = min(bruised.shape[1], other.shape[1])
@@ -120,7 +120,7 @@ def _traces(
     )
 
 
-def _bruised_twice(apple: Apple) -> TwinObject:
+def _bruise_both_sides(apple: Apple) -> TwinObject:
     """Return an apple both of whose sides are its bruised one."""
     faces = apple.facing(0.0).faces
     assert isinstance(faces, Faces)
@@ -170,7 +170,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
         for column in COLUMNS
         for level, each in by_level.items()
     ]
-    met = _met(entries)
+    met = _count_met(entries)
     support_n = {
         level: float(np.median([one.support_n for one in each]))
         for level, each in made["supported"].items()
@@ -194,7 +194,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             Table.wide(
                 "Mean relative change of an apple, percent",
                 [{**one, "apple": f"{one['variant']}, {one['level']}"} for one in entries],
-                {"row": "{row}", "column": "{column}", "published": _published},
+                {"row": "{row}", "column": "{column}", "published": _find_published},
                 over="apple",
                 form="{cell}",
             )
@@ -223,14 +223,14 @@ def summarise(made: list[Traces], row: str, column: str) -> dict[str, Any]:
     }
 
 
-def _published(entry: Any) -> str:
+def _find_published(entry: Any) -> str:
     row, column = entry["row"], entry["column"]
     if row not in PUBLISHED:
         return ""
     return "{:.3g} ± {:.2g}".format(*PUBLISHED[row][COLUMNS.index(column)])
 
 
-def _met(entries: list[dict[str, Any]]) -> dict[str, dict[str, dict[str, Any]]]:
+def _count_met(entries: list[dict[str, Any]]) -> dict[str, dict[str, dict[str, Any]]]:
     """Return for every published entry the median sensor's mean, and whether it is met.
 
     It is met where the difference of the means is below twice the published sd.

@@ -143,11 +143,11 @@ class Faces:
                 grid.along_mm[mine] - off_centre_mm[0] - face.contact_mm[0],
                 grid.across_mm[mine] - off_centre_mm[1] - face.contact_mm[1],
             )
-            caught = _caught(contact(face, side_mm), middle_mm, pitch_mm=grid.pitch_mm)
+            caught = _share_caught(contact(face, side_mm), middle_mm, pitch_mm=grid.pitch_mm)
             if_sound = caught
             if face.patch is not None:
                 sound = contact(replace(face, patch=None), side_mm)
-                if_sound = _caught(sound, middle_mm, pitch_mm=grid.pitch_mm)
+                if_sound = _share_caught(sound, middle_mm, pitch_mm=grid.pitch_mm)
             shares[mine] = caught / max(if_sound.sum(), 1e-12)
         return shares
 
@@ -186,7 +186,7 @@ def _round(along_mm: FloatArray, across_mm: FloatArray) -> FloatArray:
     return np.asarray(along_mm[:, None] ** 2 + across_mm**2)
 
 
-def _caught(
+def _share_caught(
     found: FaceContact, middle_mm: tuple[FloatArray, FloatArray], *, pitch_mm: float
 ) -> FloatArray:
     """Return the share of a contact's force that each pixel catches, shape (pixels,).

@@ -86,7 +86,7 @@ def paper_loop(task: Task) -> Gripped:
 
         return force_n
 
-    return corrected(task, name=PAPER_LINE, reader=reader)
+    return correct_by_reading(task, name=PAPER_LINE, reader=reader)
 
 
 @lru_cache(maxsize=4)
@@ -102,17 +102,17 @@ def _forecast(mean_percent: FloatArray) -> float:
     return float(np.asarray(found.value)[0])
 
 
-def learned_loop(task: Task, learner: str, *, laws: Laws) -> Gripped:
+def run_learned_loop(task: Task, learner: str, *, laws: Laws) -> Gripped:
     """Close to contact, then correct until the learned law reads the target, and lift."""
     answer = laws[learner].on([_sensor(task)])
 
     def factor(numbers: FloatArray, _law_n: float) -> float:
         return float(np.exp(answer(numbers[None])[0]))
 
-    return corrected(task, name=LOOPS[learner], reader=_calibrated_reader(task, factor))
+    return correct_by_reading(task, name=LOOPS[learner], reader=_make_reader(task, factor))
 
 
-def learned_laws(tasks: Sequence[Task]) -> Laws:
+def learn_laws(tasks: Sequence[Task]) -> Laws:
     """Grip other things by the calibrated law alone, and learn by what factor it is off."""
     taught = [(task, *each) for task in tasks for each in taught_by(task)]
     rows = np.array([numbers for _, numbers, _ in taught])
@@ -134,7 +134,9 @@ def taught_by(task: Task) -> list[tuple[FloatArray, float]]:
             found.append((numbers, float(np.log(settled_n / law_n))))
         return 1.0
 
-    corrected(task, name="the calibrated law", reader=_calibrated_reader(task, factor), world=world)
+    correct_by_reading(
+        task, name="the calibrated law", reader=_make_reader(task, factor), world=world
+    )
     return found
 
 
@@ -142,7 +144,7 @@ def _sensor(task: Task) -> str:
     return f"{task.level} {task.seed // GRASPS_PER_SHEET}"
 
 
-def _calibrated_reader(task: Task, factor: Callable[[FloatArray, float], float]) -> MakeReader:
+def _make_reader(task: Task, factor: Callable[[FloatArray, float], float]) -> MakeReader:
     """Return what reads the calibrated law's force times a factor.
 
     `factor` is of what was read, and of the force by that law.
@@ -200,7 +202,9 @@ def _read_all(array: TwinArray, rest_ohm: FloatArray, plan: Plan) -> tuple[list[
     ], law_n
 
 
-def corrected(task: Task, *, name: str, reader: MakeReader, world: World | None = None) -> Gripped:
+def correct_by_reading(
+    task: Task, *, name: str, reader: MakeReader, world: World | None = None
+) -> Gripped:
     """Close to contact, correct until a reading of the force is on target, lift, and hold.
 
     `name` is of the method; `world` the task's, where the caller looks into it too.
@@ -208,7 +212,7 @@ def corrected(task: Task, *, name: str, reader: MakeReader, world: World | None 
     world = task.world() if world is None else world
     array, gripper, kind = TwinArray(world), TwinGripper(world), task.kind
     rest_ohm = read_ohm(array, seconds=0.5)
-    touched = touched_by(array, world, rest_ohm)
+    touched = make_touch_check(array, world, rest_ohm)
     closed = close_until(world, gripper, touched, step=STEP[kind], kind=kind)
     touched_s, force_n = world.clock.now_s(), reader(array, gripper, rest_ohm)
     reading_n, step = force_n(closed, gripper.state().current_ma), STEP[kind] / 2
@@ -244,7 +248,7 @@ def corrected(task: Task, *, name: str, reader: MakeReader, world: World | None 
     )
 
 
-def touched_by(
+def make_touch_check(
     array: TwinArray, world: World, rest_ohm: FloatArray, *, both_fingers: bool = False
 ) -> Callable[[], bool]:
     """Return a check, after each step, whether the sheet passes the paper's threshold.

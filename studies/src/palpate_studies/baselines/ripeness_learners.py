@@ -49,7 +49,7 @@ def numbers_of(days: Sequence[DayFelt]) -> list[float]:
     ]
 
 
-def learned_stage(
+def learn_stage(
     learner: str, rows: Sequence[Sequence[float]], stages: Sequence[int]
 ) -> Callable[[Sequence[float]], int]:
     """Learn stages, as numbers, from rows of labelled days.

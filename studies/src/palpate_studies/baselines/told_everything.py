@@ -24,7 +24,7 @@ _TINY = 1e-9
 LEARNERS = {RIDGE: "ridge given everything", TREES: "boosted trees given everything"}
 
 
-def boosted_trees(**settings: Any) -> Any:
+def make_trees(**settings: Any) -> Any:
     """Return gradient boosting of trees, not fitted yet.
 
     Raises
@@ -37,7 +37,7 @@ def boosted_trees(**settings: Any) -> Any:
     return HistGradientBoostingRegressor(random_state=0, **settings)
 
 
-def scaled_ridge(penalty: float | None = None) -> Any:
+def make_ridge(penalty: float | None = None) -> Any:
     """Return ridge regression on standardised inputs; without a penalty it chooses one itself.
 
     Raises
@@ -53,7 +53,7 @@ def scaled_ridge(penalty: float | None = None) -> Any:
     return make_pipeline(StandardScaler(), ridge)
 
 
-def weighted_ridge(
+def fit_weighted_ridge(
     rows: FloatArray, truth: FloatArray, weight: FloatArray, penalty: float
 ) -> Answer:
     """Fit a ridge on standardised numbers, in which each case counts by its weight.
@@ -100,14 +100,14 @@ def learned(name: str, rows: FloatArray, *, asked: ArrayLike, seen: Sequence[str
     [20.0]
     """
     model = (
-        scaled_ridge()
+        make_ridge()
         if name == RIDGE
-        else boosted_trees(max_iter=300, learning_rate=0.05, max_leaf_nodes=15)
+        else make_trees(max_iter=300, learning_rate=0.05, max_leaf_nodes=15)
     )
     return Learned(found=model.fit(rows, np.asarray(asked)).predict, seen=frozenset(seen))
 
 
-def left_out(rows: FloatArray, *, asked: ArrayLike, specimens: Sequence[str]) -> FloatArray:
+def answer_left_out(rows: FloatArray, *, asked: ArrayLike, specimens: Sequence[str]) -> FloatArray:
     """Return the answers for each row by trees that learned on all other specimens.
 
     Shape (cases,); NaN where there is no other specimen.

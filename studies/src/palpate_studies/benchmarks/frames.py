@@ -29,14 +29,14 @@ def measure(full: bool) -> Measured:
         0, 0xAA, (50_000 if full else 10_000, ROWS, COLS), dtype=np.uint16
     )
     peers = ("readline of CSV", FLEXITAC)
-    ratios = [_compared(counts, piece, peer) for piece in PIECES for peer in peers]
+    ratios = [_compare(counts, piece, peer) for piece in PIECES for peer in peers]
     return ratios, ["All read from memory; neither peer has a checksum, a number or a time."]
 
 
 command = command_of("frames")
 
 
-def _compared(counts: NDArray[np.uint16], piece: int, peer: str) -> Ratio:
+def _compare(counts: NDArray[np.uint16], piece: int, peer: str) -> Ratio:
     data = stream(counts)
     lines = b"".join(b",".join(b"%d" % one for one in row.flat) + b"\r\n" for row in counts)
     acts = [lambda: decode(data, frames=len(counts), piece=piece)]

@@ -40,7 +40,7 @@ def measure(full: bool) -> Measured:
         # curve_fit warns where a hold leaves its covariance open; only its parameters count here.
         warnings.simplefilter("ignore", OptimizeWarning)
         ratios = [
-            _known_grid(method, time_s=time_s, holds=holds[:size], peer_holds=peer_holds)
+            _compare_on_known_grid(method, time_s=time_s, holds=holds[:size], peer_holds=peer_holds)
             for size in sizes
             for method in ("exponential", "relaxation")
         ]
@@ -71,7 +71,9 @@ def synthetic_holds(n_holds: int, *, seed: int = 1) -> tuple[FloatArray, FloatAr
     return time_s, holds
 
 
-def _known_grid(method: str, *, time_s: FloatArray, holds: FloatArray, peer_holds: int) -> Ratio:
+def _compare_on_known_grid(
+    method: str, *, time_s: FloatArray, holds: FloatArray, peer_holds: int
+) -> Ratio:
     """Compare a method with curve_fit where all that depends on the grid alone is known already."""
     size, some = len(holds), holds[:peer_holds]
     ours = partial(predict_settled, time_s, holds, cutoff_s=CUTOFF_S, method=method)

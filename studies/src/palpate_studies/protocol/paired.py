@@ -65,7 +65,7 @@ def rms(errors: FloatArray) -> np.floating[Any]:
     return np.float64(np.sqrt(np.mean(errors**2)))
 
 
-def paired_difference(
+def difference_of_pairs(
     ours: ArrayLike,
     rival: ArrayLike,
     specimens: Sequence[str],
@@ -108,7 +108,7 @@ def paired_difference(
     if not (np.isfinite(a).all() and np.isfinite(b).all()):
         raise ValueError("a loss is not finite; give every case a loss")
 
-    return drawn_difference(
+    return bootstrap_difference(
         lambda chosen: np.float64(statistic(a[chosen]) - statistic(b[chosen])), specimens
     )
 
@@ -144,14 +144,14 @@ def compare(
         {
             **named,
             "rival": rival,
-            **paired_difference(losses[ours], lost, specimens, statistic=statistic).to_dict(),
+            **difference_of_pairs(losses[ours], lost, specimens, statistic=statistic).to_dict(),
         }
         for rival, lost in losses.items()
         if rival != ours
     ]
 
 
-def drawn_difference(
+def bootstrap_difference(
     of: Callable[[IntArray], np.floating[Any]], specimens: Sequence[str]
 ) -> Difference:
     """Return a difference that is no statistic of single losses, with its interval.

@@ -52,13 +52,13 @@ def _still(time_s: FloatArray, displacement_mm: FloatArray) -> Iterator[tuple[in
         ended = place == len(time_s)
         if not ended and abs(displacement_mm[place] - displacement_mm[start]) <= _STILL_MM:
             continue
-        moved = start > 0 and _moved_mm(time_s, displacement_mm, start) > _MOTION_MM
+        moved = start > 0 and _find_travel_mm(time_s, displacement_mm, start) > _MOTION_MM
         if moved and time_s[place - 1] - time_s[start] >= _HELD_S:
             yield start, place
         start = place
 
 
-def _moved_mm(time_s: FloatArray, displacement_mm: FloatArray, start: int) -> float:
+def _find_travel_mm(time_s: FloatArray, displacement_mm: FloatArray, start: int) -> float:
     before = (time_s <= time_s[start]) & (time_s >= time_s[start] - _PEAK_S)
     return float(np.ptp(displacement_mm[before]))
 

@@ -43,7 +43,7 @@ def _recording(clone: Clone, folder: str) -> Iterator[tuple[str, float, float, f
     named = {part: f"{folder}/exp_{part}{ending}" for part in ("", "futek_extra_", "futek_")}
     if not set(named.values()) <= set(clone.names):
         return
-    ohm, force = (_sorted(clone.read(named[part])) for part in ("", "futek_extra_"))
+    ohm, force = (_sort_rows(clone.read(named[part])) for part in ("", "futek_extra_"))
     labels = sorted(
         float(line.split()[1])
         for line in clone.read(named["futek_"]).decode("utf-8", "replace").splitlines()
@@ -71,7 +71,7 @@ def _recording(clone: Clone, folder: str) -> Iterator[tuple[str, float, float, f
         )
 
 
-def _sorted(text: bytes) -> FloatArray:
+def _sort_rows(text: bytes) -> FloatArray:
     rows = numbers_of(text, columns=2)
     if not len(rows):
         return rows

@@ -18,13 +18,13 @@ from palpate.arrays import FloatArray
 from palpate.estimate.damage_learning import FruitClosing, follow_closing
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.ranges import log_uniform
-from palpate_studies.second.things import dough, foam, layered
+from palpate_studies.second.things import dough, draw_layered, foam
 
 #: Seed of everything drawn here.
 SEED = 96_500
 #: Kind -> whose size and stiffness it has, and its form.
 _KINDS: Mapping[str, tuple[str, Callable[[TwinObject], TwinObject]]] = {
-    "layered": ("mango", layered),
+    "layered": ("mango", draw_layered),
     "foam": ("kiwi", foam),
     "dough": ("banana", dough),
 }

@@ -32,7 +32,7 @@ class OtherItem(CrateItem):
     def side(self, turn: int) -> TwinObject:
         """Return the item as it lies after this many turns."""
         lies = CrateItem.side(self, turn)
-        return lies if lies.contact == "linear" else layered(lies)
+        return lies if lies.contact == "linear" else draw_layered(lies)
 
 
 def other_item(item: CrateItem) -> OtherItem:
@@ -54,24 +54,26 @@ def other_item(item: CrateItem) -> OtherItem:
 
 def other_thing(thing: TwinObject, *, number: int) -> TwinObject:
     """Return a thing of one of the three forms that follow no law of the twin, taken in turn."""
-    return (layered, foam, dough)[number % 3](thing)
+    return (draw_layered, foam, dough)[number % 3](thing)
 
 
-def layered(thing: TwinObject) -> TwinObject:
+def draw_layered(thing: TwinObject) -> TwinObject:
     """Return a thing with a skin on softer flesh, and a core: its stiffness falls, then rises."""
     flesh = thing.force_at_1mm_n
     skin_n = _SKIN_STIFFER * flesh * _SKIN_MM
     core_n = skin_n + flesh * (_CORE_MM - _SKIN_MM)
     end_n = core_n + _CORE_STIFFER * flesh * (_UP_TO_MM - _CORE_MM)
     points = ((0.0, 0.0), (_SKIN_MM, skin_n), (_CORE_MM, core_n), (_UP_TO_MM, end_n))
-    return _formed(thing, points, name="layered")
+    return _bend_curve(thing, points, name="layered")
 
 
 def foam(thing: TwinObject) -> TwinObject:
     """Return a thing that stiffens faster than a round one in contact does."""
     at_mm = np.linspace(0.0, _UP_TO_MM, _POINTS)
     force_n = thing.force_at_1mm_n * at_mm**_FOAM_EXPONENT
-    return _formed(thing, tuple(zip(at_mm.tolist(), force_n.tolist(), strict=True)), name="foam")
+    return _bend_curve(
+        thing, tuple(zip(at_mm.tolist(), force_n.tolist(), strict=True)), name="foam"
+    )
 
 
 def dough(thing: TwinObject) -> TwinObject:
@@ -81,7 +83,9 @@ def dough(thing: TwinObject) -> TwinObject:
     )
 
 
-def _formed(thing: TwinObject, points: Sequence[tuple[float, float]], *, name: str) -> TwinObject:
+def _bend_curve(
+    thing: TwinObject, points: Sequence[tuple[float, float]], *, name: str
+) -> TwinObject:
     """Return a thing with another curve that yields at the deformation at which it did."""
     yields_mm = (thing.yield_n / thing.force_at_1mm_n) ** (1.0 / thing.exponent)
     at_mm, force_n = np.array(points).T
