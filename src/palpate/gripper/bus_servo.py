@@ -11,21 +11,21 @@ from palpate.gripper.fingers import CrankFingers, HingedJaw
 from palpate.gripper.interface import GripperCommand, GripperLimits
 from palpate.gripper.packets import Register, RegisterRun
 from palpate.gripper.servo_line import ServoLine
-from palpate.gripper.x_series import RAD_PER_TICK
 
 #: A stop is confirmed by readings that report standing still, within this time.
 _STOPPED_S, _STOPPED_POLL_S = 0.3, 0.01
 
 
 class BusServoGripper(ABC):
-    """A `Gripper` behind a servo line; 4096 ticks of the servo are a turn.
+    """A `Gripper` behind a servo line.
 
     `fingers`: angle to width.
     `zero_tick`: position of their angle 0.
     `opens` (1 or -1): whether positions rise or fall as they open.
     """
 
-    #: Of one unit of the servo's velocity.
+    #: Of one unit of the servo's position, and of its velocity.
+    RAD_PER_TICK: ClassVar[float]
     RAD_PER_S: ClassVar[float]
     #: Addresses between which position, motion and current lie: they are read in one packet.
     STATE: ClassVar[tuple[int, int]]
@@ -77,7 +77,7 @@ class BusServoGripper(ABC):
         # 0 would mean as fast as it can.
         velocity = max(int(wanted.rate / steepest / self.RAD_PER_S), 1)
         self._start(tick, velocity=velocity, now=now)
-        takes_s = abs(tick - now) * RAD_PER_TICK / (velocity * self.RAD_PER_S)
+        takes_s = abs(tick - now) * self.RAD_PER_TICK / (velocity * self.RAD_PER_S)
         mean = abs(sent_mm - now_mm) / takes_s if takes_s > 0 else wanted.rate
         return GripperCommand(target=sent_mm, rate=mean)
 
@@ -113,9 +113,9 @@ class BusServoGripper(ABC):
         return bool(run.value(register) & bits)
 
     def _width_mm(self, tick: int) -> float:
-        return self._fingers.width_mm(self._opens * (tick - self._zero_tick) * RAD_PER_TICK)
+        return self._fingers.width_mm(self._opens * (tick - self._zero_tick) * self.RAD_PER_TICK)
 
     def _tick(self, width_mm: float) -> int:
         return self._zero_tick + self._opens * round(
-            self._fingers.angle_rad(width_mm) / RAD_PER_TICK
+            self._fingers.angle_rad(width_mm) / self.RAD_PER_TICK
         )

@@ -56,7 +56,7 @@ class DynamixelGripper(BusServoGripper):
         what it is set to.
     """
 
-    RAD_PER_S = x.RAD_PER_S_PER_VELOCITY
+    RAD_PER_TICK, RAD_PER_S = x.RAD_PER_TICK, x.RAD_PER_S_PER_VELOCITY
     STATE, POSITION, MOVEMENT = x.STATE, x.PRESENT_POSITION, (x.MOVING_STATUS, x.PROFILE_ONGOING)
 
     def __init__(

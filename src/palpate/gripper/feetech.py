@@ -50,7 +50,7 @@ class FeetechGripper(BusServoGripper):
         If the servo does not answer, is of an unknown kind or in another mode, or protects itself.
     """
 
-    RAD_PER_S = sts.RAD_PER_TICK
+    RAD_PER_TICK = RAD_PER_S = sts.RAD_PER_TICK
     STATE, POSITION, MOVEMENT = sts.STATE, sts.PRESENT_POSITION, (sts.MOVING, 1)
 
     def __init__(
