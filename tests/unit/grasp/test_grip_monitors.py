@@ -1,14 +1,14 @@
-"""When a held object counts as gone."""
+"""When a held object counts as gone, and when a reading does not follow the hand."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.factories import touch
+from tests.factories import closing_steps, touch
 
 from palpate.grasp.config import GUARDS
 from palpate.grasp.estimator import ContactEstimate, Observation
-from palpate.grasp.monitors import SlipMonitor
+from palpate.grasp.monitors import ResponseMonitor, SlipMonitor
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import Danger
@@ -41,3 +41,32 @@ def test_slip_monitor_reading_above_the_fraction_is_held(plan: Plan) -> None:
 
 def test_slip_monitor_hand_that_opens_is_not_watched(plan: Plan) -> None:
     assert SlipMonitor(plan).check(SEEN, held(0.0, phase=Phase.RELEASE)) is None
+
+
+def closed(*readings: float) -> GraspState:
+    """Return a squeeze whose steps read these values."""
+    estimate = ContactEstimate(
+        now_s=9.0, still_since_s=8.9, steps=closing_steps(readings, step_mm=1.0), contact_s=0.0
+    )
+    return GraspState(phase=Phase.SQUEEZE, estimate=estimate)
+
+
+@pytest.mark.parametrize(
+    ("readings", "is_alarm"),
+    [
+        ((1.0, 2.0, 1.9, 1.8, 1.7), True),
+        ((2.0, 1.9, 1.8, 1.7), True),
+        ((1.0, 2.0, 1.9, 1.8), False),
+        ((1.0, 2.0, 1.9, 1.8, 1.85), False),
+        ((2.0, 1.9, 1.91, 1.8, 1.7), False),
+        ((2.0, 1.999, 1.998, 1.997), False),
+        ((2.0, 1.9, 1.8, 1.7, 2.1), False),
+    ],
+)
+def test_response_monitor_three_closings_that_fall_are_an_alarm(
+    plan: Plan, readings: tuple[float, ...], is_alarm: bool
+) -> None:
+    alarm = ResponseMonitor(plan).check(SEEN, closed(*readings))
+    assert (alarm is not None) == is_alarm
+    if alarm is not None:
+        assert alarm.danger is Danger.UNSEEN_FORCE
