@@ -164,10 +164,9 @@ class ResponseMonitor:
         ]
         if not gripped or steps[-1].touch.deepest_percent > READING.felt_percent:
             return False
-        strongest = int(np.argmax(gripped))
-        fallen = 1.0 - np.array(gripped[strongest:]) / gripped[strongest]
-        last = np.diff(fallen)[-GUARDS.falls_steps :]
-        return last.size == GUARDS.falls_steps and bool(last.min() > GUARDS.falls_fraction)
+        rises = np.diff(gripped)[-GUARDS.falls_steps :]
+        falls = bool((rises < -GUARDS.falls_fraction * max(gripped)).all())
+        return falls and rises.size == GUARDS.falls_steps
 
     def _rises(self, state: GraspState) -> bool:
         """Whether the sheet shows more after the hand has opened than at its furthest step."""
