@@ -70,7 +70,7 @@ def test_compliance_goes_into_the_same_file(made: Path, palpate: Command) -> Non
         (("--rig", "sim-soft"), 3, "no load cell"),
     ],
 )
-def test_compliance_refusals(
+def test_compliance_refuses_bad_input_in_one_line(
     arguments: tuple[str, ...], status: int, message: str, palpate: Command
 ) -> None:
     assert message in palpate.refused("calibrate", "compliance", *arguments, status=status)

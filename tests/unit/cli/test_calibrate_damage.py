@@ -37,7 +37,7 @@ def test_real_fruit_is_learned_and_its_copy_left_out(
         assert made.held_out[kind].error_percent < made.held_out[kind].median_error_percent
 
 
-def test_json_is_one_document(tmp_path: Path, palpate: Command) -> None:
+def test_damage_json_is_one_document(tmp_path: Path, palpate: Command) -> None:
     options = write_closings(tmp_path, count=20)
     out = tmp_path / "damage.json"
     said = palpate("calibrate", "damage", *options, "--out", out, "--json").document
@@ -64,7 +64,7 @@ def test_weak_evidence_is_reported_as_such(tmp_path: Path, palpate: Command) -> 
     assert "usable" not in said
 
 
-def test_too_few_end_in_one_line(tmp_path: Path, palpate: Command) -> None:
+def test_damage_of_too_few_closings_is_refused(tmp_path: Path, palpate: Command) -> None:
     options = write_closings(tmp_path, count=11)
     out = tmp_path / "damage.json"
     error = palpate.refused("calibrate", "damage", *options, "--out", out)
@@ -80,7 +80,7 @@ def test_damage_file_does_not_overwrite_its_inputs(tmp_path: Path, palpate: Comm
     assert "kiwi: too few to be judged with some left out (12)" in shown
 
 
-def test_missing_folder_is_named(tmp_path: Path, palpate: Command) -> None:
+def test_damage_file_in_a_missing_folder_is_refused(tmp_path: Path, palpate: Command) -> None:
     options = write_closings(tmp_path, count=12)
     error = palpate.refused("calibrate", "damage", *options, "--out", tmp_path / "no" / "d.json")
     assert "d.json" in error

@@ -95,7 +95,9 @@ def test_the_second_cell_joins_the_first(bench: Bench, palpate: Command) -> None
         (("--rig", "none.toml", "--known-n", "-1"), "above 0 newtons"),
     ],
 )
-def test_cell_refusals(arguments: tuple[str, ...], message: str, palpate: Command) -> None:
+def test_load_cell_faults_are_refused_in_one_line(
+    arguments: tuple[str, ...], message: str, palpate: Command
+) -> None:
     assert message in palpate.refused("calibrate", "cell", *arguments)
 
 

@@ -32,7 +32,7 @@ def test_proposed_commands_of_the_demo_run(
 
 
 @pytest.mark.slow
-def test_a_store_is_not_added_to_twice(packhouse: Path, palpate: Command) -> None:
+def test_demo_into_an_existing_store_is_refused(packhouse: Path, palpate: Command) -> None:
     assert "is there already" in palpate("demo", "packhouse", "--out", packhouse, status=2).err
 
 
@@ -56,5 +56,5 @@ def test_recordings_are_labelled_simulated(tmp_path: Path, palpate: Command) -> 
         assert "simulated" in table.read_text(encoding="utf-8").splitlines()[0]
 
 
-def test_an_unknown_demo_names_those_there_are(palpate: Command) -> None:
+def test_demo_of_an_unknown_name_lists_the_demos(palpate: Command) -> None:
     assert "recordings, packhouse" in palpate("demo", "circus", status=2).err

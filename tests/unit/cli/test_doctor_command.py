@@ -15,7 +15,9 @@ from palpate.sensor.findings import CHECKS
 ORDER = [(row, col) for row in range(4) for col in range(2)]
 
 
-def test_a_healthy_rig(rig_file: Callable[..., Path], palpate: Command) -> None:
+def test_doctor_of_a_healthy_rig_exits_with_0(
+    rig_file: Callable[..., Path], palpate: Command
+) -> None:
     captured = palpate("doctor", "--rig", rig_file(), "--json")
     said = json.loads(captured.out)
     assert said["healthy"] is True
@@ -31,21 +33,25 @@ def test_a_rig_under_load_is_unhealthy(rig_file: Callable[..., Path], palpate: C
     assert "(unrest)" in palpate("doctor", "--rig", rig_file(pressed=True), status=1).out
 
 
-def test_a_recording_says_simulated(record_twin: Callable[..., Path], palpate: Command) -> None:
+def test_doctor_of_a_recording_says_simulated(
+    record_twin: Callable[..., Path], palpate: Command
+) -> None:
     out = palpate("doctor", "--recording", record_twin()).out
     assert "SIMULATED" in out
     assert "Healthy" in out
     assert "R3 C1" in out
 
 
-def test_recorded_presses_in_order(record_twin: Callable[..., Path], palpate: Command) -> None:
+def test_doctor_recorded_presses_in_order_have_no_finding(
+    record_twin: Callable[..., Path], palpate: Command
+) -> None:
     said = palpate("doctor", "--recording", record_twin(order=ORDER), "--press", "--json").document
     assert said["findings"] == []
     assert said["range_measured"] is True
     assert said["range_ohm"][0] < 0.11 * said["range_ohm"][1]
 
 
-def test_recorded_presses_of_crossed_rows(
+def test_doctor_recorded_presses_of_crossed_rows_are_found(
     record_twin: Callable[..., Path], palpate: Command
 ) -> None:
     crossed = [({1: 2, 2: 1}.get(row, row), col) for row, col in ORDER]
@@ -69,7 +75,7 @@ def test_recorded_presses_of_crossed_rows(
         (["--port", "/dev/no-such-port"], 3, "no port /dev/no-such-port"),
     ],
 )
-def test_mistakes_are_one_line(
+def test_doctor_mistakes_are_one_line(
     arguments: list[str], status: int, says: str, palpate: Command
 ) -> None:
     err = palpate("doctor", *arguments, status=status).err.strip()

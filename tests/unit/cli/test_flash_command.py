@@ -96,7 +96,7 @@ def put_avrdude(folder: Path, monkeypatch: pytest.MonkeyPatch, *, says: str, sta
 
 
 @pytest.mark.slow
-def test_writes_and_asks_the_board(
+def test_flash_runs_avrdude_and_then_asks_the_board(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     board: Board,
@@ -139,7 +139,7 @@ def test_writes_and_asks_the_board(
         ),
     ],
 )
-def test_a_failure_is_one_line(
+def test_flash_failure_is_one_line(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     board: Board,
@@ -159,7 +159,7 @@ def test_a_failure_is_one_line(
     assert not board.asked
 
 
-def test_silent_failure_still_says_something() -> None:
+def test_flash_failure_without_output_is_still_reported() -> None:
     assert meaning("") == "avrdude failed: no reason given"
 
 

@@ -14,7 +14,7 @@ from palpate.recording import load_recording
 pytestmark = pytest.mark.slow
 
 
-def test_json_is_one_document_and_the_same_twice(palpate: Command) -> None:
+def test_grasp_json_is_one_document_and_the_same_twice(palpate: Command) -> None:
     first = palpate("grasp", "--seed", "1", "--json").out
     assert palpate("grasp", "--seed", "1", "--json").out == first
     said = json.loads(first)
@@ -60,7 +60,7 @@ def test_a_damaged_object_is_reported_under_the_headline_and_not_in_green(
 
 @pytest.mark.parametrize("rig", ["sim-rigid", "sim-soft"])
 @pytest.mark.parametrize("wish", [["--target-force-n", "2.5"], ["--expect-size", "40"]])
-def test_its_recording_is_decided_again_alike(
+def test_grasp_recording_is_decided_again_alike(
     palpate: Command, tmp_path: Path, rig: str, wish: list[str]
 ) -> None:
     path = tmp_path / "grasp.mcap"
@@ -111,7 +111,7 @@ def test_soft_fingers_give_no_size_and_a_bound_of_stiffness(palpate: Command) ->
         (["--target-force-n", "nan"], 2, "must be above 0"),
     ],
 )
-def test_mistakes_are_one_line(
+def test_grasp_mistakes_are_one_line(
     palpate: Command, arguments: list[str], status: int, words: str
 ) -> None:
     assert words in palpate.refused("grasp", *arguments, status=status)

@@ -143,7 +143,7 @@ def test_an_existing_file_is_kept_unless_forced(tmp_path: Path, palpate: Command
         (["rig.toml", "--idle-lines", "wet"], "idle_lines 'wet'"),
     ],
 )
-def test_mistakes_write_nothing(
+def test_init_mistakes_write_nothing(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     palpate: Command,
@@ -155,7 +155,7 @@ def test_mistakes_write_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_questions_on_a_terminal(tmp_path: Path) -> None:
+def test_init_asks_on_a_terminal(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     master, slave = pty.openpty()
     program = "from palpate.cli import main; main()"

@@ -179,13 +179,15 @@ def test_the_list_shows_the_last_met_first(palpate: Command) -> None:
         (("--day", "2026-05-09"), []),
     ],
 )
-def test_filters(palpate: Command, filters: tuple[str, ...], names: list[str]) -> None:
+def test_items_filters_select_by_kind_batch_and_time(
+    palpate: Command, filters: tuple[str, ...], names: list[str]
+) -> None:
     found = palpate("items", "--json", *filters).document["items"]
     assert [item["item_id"] for item in found] == names
 
 
 @pytest.mark.usefixtures("filled")
-def test_a_line_of_the_list_has_the_last_of_everything(palpate: Command) -> None:
+def test_items_line_has_the_last_grasp_and_verdicts(palpate: Command) -> None:
     (line,) = palpate("items", "--json", "--kind", "avocado").document["items"]
     assert line["grasps"] == 2
     assert line["last_taken_at"] == "2026-05-03T12:00:00+00:00"
@@ -243,7 +245,9 @@ def test_label_of_a_person_is_stored(palpate: Command) -> None:
         (("--store", "none.sqlite"), "no such file"),
     ],
 )
-def test_mistakes_are_one_line(palpate: Command, arguments: tuple[str, ...], said: str) -> None:
+def test_items_mistakes_are_one_line(
+    palpate: Command, arguments: tuple[str, ...], said: str
+) -> None:
     assert said in palpate.refused("items", *arguments)
 
 

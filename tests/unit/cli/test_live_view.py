@@ -73,7 +73,7 @@ def test_rest_is_taken_first_without_a_calibration() -> None:
     assert screen.text().count("no contact") == 2
 
 
-def test_contact_and_pixels() -> None:
+def test_live_view_shows_contact_and_pixels() -> None:
     screen = Screen()
     counts = REST_COUNTS.copy()
     counts[0, 1], counts[3, 0], counts[3, 1] = 600, 0, 290

@@ -18,11 +18,11 @@ SCRIPT = (sys.executable, "-c", "from palpate.cli import main; main()")
 CARD = ("grasp", "--seed", "1", "--object", "rigid-block")
 
 
-def test_version(palpate: Command) -> None:
+def test_version_option_prints_the_version(palpate: Command) -> None:
     assert palpate("--version").out == f"palpate {__version__}\n"
 
 
-def test_without_a_verb_the_help_is_all_there_is(palpate: Command) -> None:
+def test_palpate_without_a_verb_prints_the_help(palpate: Command) -> None:
     captured = palpate(status=2)
     assert "grasp" in captured.out
     assert captured.err == ""

@@ -42,7 +42,7 @@ def cut(path: Path, *, share: float) -> None:
     path.write_bytes(whole[: int(len(whole) * share)])
 
 
-def test_inspect_counts(recorded: Path, palpate: Command) -> None:
+def test_inspect_counts_frames_and_losses(recorded: Path, palpate: Command) -> None:
     found = palpate("inspect", recorded, "--json").document
     assert (found["frames"], found["frames_lost"], found["intact"]) == (100, 1, True)
     assert found["rate_hz"] == pytest.approx(50.0)
@@ -57,7 +57,7 @@ def test_inspect_says_simulated_and_what_is_missing(recorded: Path, palpate: Com
     assert f"`palpate inspect {recorded} --recover FILE`" in text
 
 
-def test_recover_makes_it_whole(recorded: Path, palpate: Command) -> None:
+def test_recover_makes_a_cut_recording_whole(recorded: Path, palpate: Command) -> None:
     cut(recorded, share=0.6)
     shown = palpate("inspect", recorded, "--recover", recorded, "--json")
     assert json.loads(shown.out)["intact"] is True
@@ -91,7 +91,7 @@ def test_export_takes_the_form_from_the_name(
     assert (tmp_path / "run.parquet").read_bytes().startswith(b"PAR1")
 
 
-def test_a_recording_is_called_one(tmp_path: Path, palpate: Command) -> None:
+def test_record_into_another_file_type_is_refused(tmp_path: Path, palpate: Command) -> None:
     table = tmp_path / "run.csv"
     error = palpate("record", table, "--rig", "sim-rigid", "--duration", "1", status=2).err
     assert "a recording ends in .mcap" in error

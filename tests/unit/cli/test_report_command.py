@@ -126,7 +126,7 @@ def checked(page: str) -> Checker:
 
 
 @pytest.mark.usefixtures("store")
-def test_an_item(report: Callable[..., str]) -> None:
+def test_report_of_an_item_shows_its_grasps(report: Callable[..., str]) -> None:
     page = report("i0")
     assert checked(page).seen.count("svg") == 4
     for words in (
@@ -144,7 +144,7 @@ def test_an_item(report: Callable[..., str]) -> None:
 
 
 @pytest.mark.usefixtures("store")
-def test_a_batch(report: Callable[..., str]) -> None:
+def test_report_of_a_batch_shows_its_items(report: Callable[..., str]) -> None:
     page = report("--batch", "Monday")
     assert "Softening" in page
     assert "&lt;kiwi&gt; &amp; co" in page
@@ -207,7 +207,7 @@ def test_an_item_that_was_never_grasped_has_a_page(report: Callable[..., str]) -
     checked(page)
 
 
-def test_the_file_is_named_for_what_it_shows(palpate: Command) -> None:
+def test_report_file_is_named_after_its_item_or_batch(palpate: Command) -> None:
     names = ("A17", "A/17 (left)", "A 17 (left)")
     with Store.open() as store:
         for name in names:

@@ -132,7 +132,7 @@ def test_a_first_day_without_labels_is_an_assumption_and_not_kept(
         (("fruit-1", "--stages", "green,ready", "--ripe", "ready"), "is no stage of ripeness"),
     ],
 )
-def test_mistakes_are_one_line(
+def test_ripeness_mistakes_are_one_line(
     arguments: tuple[str, ...], said: str, made: Path, palpate: Command
 ) -> None:
     shown = palpate("ripeness", *arguments, "--store", made, status=2).err.strip()

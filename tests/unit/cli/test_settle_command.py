@@ -53,7 +53,7 @@ def document(palpate: Command, *arguments: object) -> dict:
     return printed.document
 
 
-def test_json_is_one_document_in_the_public_form(holds_csv: Path, palpate: Command) -> None:
+def test_settle_json_is_one_document_in_the_public_form(holds_csv: Path, palpate: Command) -> None:
     found = document(palpate, holds_csv)
     assert list(found["rows"][0])[: len(ROW_KEYS)] == ROW_KEYS
     assert list(found["summary"][0])[: len(SUMMARY_KEYS)] == SUMMARY_KEYS
@@ -207,7 +207,9 @@ def test_out_never_overwrites_its_input(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
-def test_plot_is_drawn(holds_csv: Path, tmp_path: Path, ending: str, palpate: Command) -> None:
+def test_settle_plot_is_drawn(
+    holds_csv: Path, tmp_path: Path, ending: str, palpate: Command
+) -> None:
     plot = tmp_path / f"plot.{ending}"
     palpate("settle", holds_csv, "--method", "relaxation", "--method", "recorded", "--plot", plot)
     magic = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[ending]
@@ -319,7 +321,7 @@ def test_a_pipe_is_read_once_and_refused_where_it_would_be_read_twice(
     assert len(found["rows"]) == 8
 
 
-def test_a_folder_and_no_file_at_all(tmp_path: Path, palpate: Command) -> None:
+def test_settle_of_a_folder_without_recordings_is_refused(tmp_path: Path, palpate: Command) -> None:
     assert "a folder" in palpate("settle", tmp_path, status=2).err
     assert palpate("settle", status=2).err.count("\n") == 1
 

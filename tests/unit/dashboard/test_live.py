@@ -222,7 +222,7 @@ def test_findings_appear_on_their_pixels() -> None:
     assert "reads open" in findings[0]["text"]
 
 
-def test_without_a_gripper_it_is_watched_and_not_grasped_with() -> None:
+def test_rig_without_a_gripper_is_watched_and_refuses_a_grasp() -> None:
     session = Session(send=lambda message: None)
     session.devices.take(
         Update(notes=(replace(SOURCE, gripper=None),), link=LinkStatus(stale=False))
@@ -247,7 +247,7 @@ def watched(*, stale: bool = False, counts: int = 300) -> dict:
     return document(session, generation=-1, after_s=0.0)["verdict"]
 
 
-def test_a_broken_sensor_is_not_called_ready() -> None:
+def test_broken_sensor_is_not_ready() -> None:
     assert (watched()["text"], watched()["kind"]) == ("ready", "idle")
     silent = watched(stale=True)
     assert (silent["text"], silent["kind"]) == ("the sensor is silent", "bad")

@@ -149,7 +149,7 @@ SPEEDS: tuple[Any, ...] = (0, 0.0, -1.0, 1e-300, 1e300, math.nan, math.inf, None
 
 
 @pytest.mark.parametrize("speed", SPEEDS)
-def test_session_refuses_speeds_that_end_the_devices(rehearsal: Rehearsal, speed: Any) -> None:
+def test_session_refuses_a_speed_out_of_range(rehearsal: Rehearsal, speed: Any) -> None:
     session = rehearsal.session
     for press in (
         lambda: session.request("a", SetSpeed(speed)),
@@ -164,7 +164,7 @@ def test_session_refuses_speeds_that_end_the_devices(rehearsal: Rehearsal, speed
 
 
 @pytest.mark.parametrize("seed", [-1, 2**32, 0.5, math.nan, math.inf, None, "7"])
-def test_session_refuses_seeds_that_end_the_devices(rehearsal: Rehearsal, seed: Any) -> None:
+def test_session_refuses_a_seed_out_of_range(rehearsal: Rehearsal, seed: Any) -> None:
     with pytest.raises(InputError, match=r"^seed: a whole number"):
         rehearsal.session.order("a", OpenRig(name="sim-rigid", seed=seed))
     assert rehearsal.sent == []
@@ -301,7 +301,7 @@ def test_stop_before_the_hand_moves_replaces_the_last_outcome(
     assert (page["operator"]["word"], page["trouble"]) == ("Ready", "no such file")
 
 
-def test_silent_devices_get_no_orders() -> None:
+def test_session_with_silent_devices_refuses_orders() -> None:
     silent_s = [0.5]
     session = Session(send=print, silent_s=lambda: silent_s[0])
     session.join("a")
@@ -310,7 +310,7 @@ def test_silent_devices_get_no_orders() -> None:
     assert "the devices are silent" in session.refusal(Action.OPEN, viewer="a")
 
 
-def test_devices_that_are_gone_refuse_everything(rehearsal: Rehearsal) -> None:
+def test_session_without_devices_refuses_every_action(rehearsal: Rehearsal) -> None:
     rehearsal.session.devices.take(DevicesLost("the process with the devices has ended"))
     for action in Action:
         assert "gone" in rehearsal.session.refusal(action, viewer="a")

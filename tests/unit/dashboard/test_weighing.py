@@ -130,7 +130,9 @@ def test_a_stop_between_two_weights_leaves_the_old_calibration(
     assert not order.file.exists()
 
 
-def test_without_load_cell_and_weights_nothing_begins(pad: PadAndUser, tmp_path: Path) -> None:
+def test_calibration_without_load_cell_and_weights_is_refused(
+    pad: PadAndUser, tmp_path: Path
+) -> None:
     assert pad.context is not None
     order = CalibrateForce(file=tmp_path / "calibration.json")
     with pytest.raises(DeviceError, match="give dead weights"):

@@ -90,7 +90,9 @@ def test_a_hand_that_expects_a_size_feels_again_before_the_object_can_be_there(
     assert blind <= before_s < blind + 0.3
 
 
-def test_sheet_with_a_full_residual_ends_the_grasp(plan: Plan, bench: Any) -> None:
+def test_sheet_that_reads_the_touch_after_the_way_back_ends_the_grasp(
+    plan: Plan, bench: Any
+) -> None:
     """From the first touch on every pixel flickers about one value, whatever the fingers do."""
     stuck = list[np.ndarray]()
 

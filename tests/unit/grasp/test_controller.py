@@ -37,7 +37,7 @@ def test_the_strongest_reading_is_that_since_the_last_movement(plan: Plan, bench
     assert fallen, "the last reading is not always the strongest"
 
 
-def test_tries_again_until_something_is_there(plan: Plan, bench: Any) -> None:
+def test_attempt_without_an_object_is_repeated_until_one_is_there(plan: Plan, bench: Any) -> None:
     bench.size_mm, entered = 0.0, list[str]()
 
     def somebody(grasp_state: GraspState) -> None:
@@ -54,7 +54,7 @@ def test_tries_again_until_something_is_there(plan: Plan, bench: Any) -> None:
     assert abs(result.size_mm.value - 50.3) < 0.3
 
 
-def test_nothing_there_after_the_last_try(plan: Plan, bench: Any) -> None:
+def test_last_attempt_without_an_object_ends_with_nothing_there(plan: Plan, bench: Any) -> None:
     bench.size_mm = 0.0
     result = bench.grasp(replace(plan, tries=2, longest_s=300.0))
     assert result.outcome is Outcome.NOTHING_THERE
@@ -89,7 +89,7 @@ def test_insensitive_law_refuses_to_grip(plan: Plan, bench: Any) -> None:
 
 
 @pytest.mark.parametrize("touched", [False, True])
-def test_waits_between_tries_unless_touched(plan: Plan, bench: Any, touched: bool) -> None:
+def test_hand_waits_between_attempts_unless_touched(plan: Plan, bench: Any, touched: bool) -> None:
     bench.size_mm, waiting_s = 0.0, list[float]()
 
     def hand(grasp_state: GraspState) -> None:
@@ -118,7 +118,7 @@ def test_hold_requires_a_certain_lift(plan: Plan, bench: Any) -> None:
     assert min(lifted_at_n) >= 4.0
 
 
-def test_too_weak_to_lift_is_put_back(plan: Plan, bench: Any) -> None:
+def test_object_that_no_safe_grip_lifts_is_put_back(plan: Plan, bench: Any) -> None:
     phases = set[Phase]()
     safety = replace(plan.safety, force_ceiling_n=3.0)
     heavy = replace(plan, lift_force_n=8.0, safety=safety)

@@ -111,7 +111,7 @@ def test_impossible_counts_end_the_grasp(plan: Plan, bench: Any, counts: int) ->
     assert bench.stops == 1
 
 
-def test_frames_of_another_shape(plan: Plan, bench: Any) -> None:
+def test_frames_of_another_shape_end_the_grasp(plan: Plan, bench: Any) -> None:
     spoil_frames(bench, lambda counts: counts[:2], when=lambda: bench.clock.now_s() > 3.0)
     result = bench.grasp(plan)
     assert result.outcome is Outcome.SENSOR_LOST
@@ -227,7 +227,7 @@ def test_impossible_reports_are_described(plan: Plan, bench: Any, name: str) -> 
     assert bench.stops == 1
 
 
-def test_a_current_that_is_no_longer_reported(plan: Plan, bench: Any) -> None:
+def test_current_that_is_no_longer_reported_ends_the_grasp(plan: Plan, bench: Any) -> None:
     state = bench.state
     bench.state = lambda: replace(state(), current_ma=40.0 if bench.force_n < 1.0 else math.nan)
     result = bench.grasp(plan)

@@ -145,7 +145,7 @@ def test_shorts_while_closing_make_the_force_unknown(plan: Plan) -> None:
     assert "pressed beyond what can be read" in alarm.words
 
 
-def test_shorts_from_the_first_frame_on(plan: Plan) -> None:
+def test_shorts_from_the_first_frame_on_are_an_alarm(plan: Plan) -> None:
     alarm = alarms(plan, [np.full((4, 2), 1023)] * 2)[1]
     assert alarm.danger is Danger.SENSOR_LOST
 

@@ -41,7 +41,7 @@ def test_target_is_reached_from_below(plan: Plan, bench: Any) -> None:
     assert 0.85 * 6.0 < max(forces) < 1.1 * 6.0
 
 
-def test_nothing_there(plan: Plan, bench: Any) -> None:
+def test_closing_on_nothing_ends_with_nothing_there(plan: Plan, bench: Any) -> None:
     bench.size_mm = 0.0
     result = bench.grasp(plan)
     assert result.outcome is Outcome.NOTHING_THERE
@@ -50,7 +50,7 @@ def test_nothing_there(plan: Plan, bench: Any) -> None:
     assert bench.width_mm == 74.0
 
 
-def test_object_taken_away(plan: Plan, bench: Any) -> None:
+def test_object_taken_away_ends_as_slipped(plan: Plan, bench: Any) -> None:
     def thief(_: Observation) -> None:
         if bench.force_n > 1.5 and bench.clock.now_s() > 12.0:
             bench.size_mm = 0.0
@@ -90,7 +90,7 @@ def test_sensor_lost_while_releasing_opens(plan: Plan, bench: Any) -> None:
     assert bench.width_mm == 74.0
 
 
-def test_stale_frames(plan: Plan, bench: Any) -> None:
+def test_stale_frames_end_the_grasp(plan: Plan, bench: Any) -> None:
     def nap(_: Observation) -> None:
         if bench.clock.now_s() > 3.0:
             # Time passes between scan and delivery: a reader that lags behind.
@@ -185,7 +185,7 @@ def test_lost_gripper_is_stopped_and_reported(plan: Plan, bench: Any) -> None:
     assert bench.stops == 1
 
 
-def test_gripper_that_can_not_even_be_stopped(plan: Plan, bench: Any) -> None:
+def test_gripper_that_cannot_be_stopped_is_reported(plan: Plan, bench: Any) -> None:
     def stop() -> None:
         raise DeviceError("port gone")
 
@@ -213,7 +213,7 @@ def test_gripper_that_does_not_follow_is_stopped(plan: Plan, bench: Any) -> None
     assert bench.clock.now_s() - jammed_s[0] < 2 * 0.15 + 0.4 + 0.1
 
 
-def test_missing_numbers_count_as_lost(plan: Plan, bench: Any) -> None:
+def test_missing_frame_numbers_count_as_lost(plan: Plan, bench: Any) -> None:
     def drop(observation: Observation) -> None:
         if observation.frame.sequence == 20:
             bench.sequence += 3

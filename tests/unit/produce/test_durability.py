@@ -89,7 +89,7 @@ def test_the_database_waits_for_the_disk(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_frozen_server_loses_no_grasp_and_hangs_nobody(
+def test_frozen_server_loses_no_grasp_and_delays_no_writer(
     postgresql_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import psycopg

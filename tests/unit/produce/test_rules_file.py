@@ -80,7 +80,7 @@ def test_the_example_is_a_good_file() -> None:
         ("default =", "most_grasps = 0\ndefault =", "line 1: most_grasps is 0, not 1 to 20"),
     ],
 )
-def test_every_mistake_is_one_line_with_its_place(
+def test_mistake_in_a_rules_file_is_one_line_with_its_place(
     write: Callable[[str], Path],
     old: str,
     new: str,
@@ -100,7 +100,7 @@ def test_a_file_without_rules_or_conditions_is_refused(write: Callable[[str], Pa
         read_rules(write('default = "x"\n[[rule]]\nbin = "y"'))
 
 
-def test_a_missing_file_says_so(tmp_path: Path) -> None:
+def test_missing_rules_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="No such file"):
         read_rules(tmp_path / "none.toml")
 

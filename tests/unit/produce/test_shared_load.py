@@ -118,7 +118,7 @@ def test_width_follows_from_the_pressure_at_contact() -> None:
     assert sum(covered) >= 5
 
 
-def test_sharing_is_corrected_for_size(by_size: dict[float, Felt]) -> None:
+def test_shared_pixels_are_corrected_for_the_size(by_size: dict[float, Felt]) -> None:
     small, large = (by_size[size] for size in SIZES_MM)
     read = small.read - large.read
     freed = [felt.freed()["shared_pixels"] for felt in (small, large)]
@@ -127,7 +127,7 @@ def test_sharing_is_corrected_for_size(by_size: dict[float, Felt]) -> None:
     assert all(one.low <= one.value <= one.high for one in freed)
 
 
-def test_sharing_is_corrected_for_force(by_size: dict[float, Felt]) -> None:
+def test_shared_pixels_are_corrected_for_the_force(by_size: dict[float, Felt]) -> None:
     felt = by_size[SIZES_MM[0]]
     force = felt.measured["force_n"]
     harder = felt.freed(force_n=replace(force, value=1.5 * force.value))["shared_pixels"]
@@ -136,7 +136,7 @@ def test_sharing_is_corrected_for_force(by_size: dict[float, Felt]) -> None:
     assert 0.05 < power <= 1.0 / 3.0 + 1e-9
 
 
-def test_sharing_needs_width_and_answer(by_size: dict[float, Felt]) -> None:
+def test_shared_pixels_need_a_width_and_an_answer(by_size: dict[float, Felt]) -> None:
     felt = by_size[SIZES_MM[0]]
     layout, force = felt.plan.layout, {"force_n": felt.measured["force_n"]}
     assert fraction_of_pixels(felt.seen, result=felt.result, layout=layout, measured=force) == {}

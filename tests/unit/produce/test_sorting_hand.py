@@ -67,9 +67,7 @@ def hand(table: CrateTable) -> SortingHand:
 
 
 @pytest.mark.slow
-def test_it_measures_and_takes_a_known_size_into_account(
-    table: CrateTable, hand: SortingHand
-) -> None:
+def test_hand_measures_and_uses_a_known_size(table: CrateTable, hand: SortingHand) -> None:
     egg = draw_crate(["egg"], seed=5)[0]
     table.bring(egg)
     first = hand.grasp("egg-1")
@@ -90,7 +88,7 @@ def test_it_measures_and_takes_a_known_size_into_account(
     assert not table.is_damaged()
 
 
-def test_it_stays_well_clear_of_an_item_that_may_be_thicker(
+def test_hand_stays_clear_of_an_item_that_may_be_thicker(
     table: CrateTable, hand: SortingHand
 ) -> None:
     watched = Watched(table)

@@ -185,13 +185,13 @@ def test_records_in_the_journal_file_are_read(without_root: Path) -> None:
         Store.open(path, create=False)
 
 
-def test_a_folder_that_may_not_be_written(without_root: Path) -> None:
+def test_folder_without_write_permission_is_one_line(without_root: Path) -> None:
     without_root.chmod(0o555)
     with pytest.raises(StoreError, match="can't be opened; check the folder and its rights"):
         Store.open(without_root / "items.sqlite")
 
 
-def test_the_disk_is_full(path: Path) -> None:
+def test_full_disk_is_one_line(path: Path) -> None:
     engine = make_engine(store_url(path))
 
     def no_room(connection: Any, record: object) -> None:
@@ -225,7 +225,7 @@ def test_file_that_is_no_store_or_damaged_is_refused_and_unchanged(
     assert path.read_bytes() == content
 
 
-def test_no_such_file_or_folder(tmp_path: Path) -> None:
+def test_missing_store_file_or_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="no such file; `palpate grasp --item NAME --store FILE`"):
         Store.open(tmp_path / "none.sqlite", create=False)
     assert not (tmp_path / "none.sqlite").exists()
@@ -253,7 +253,7 @@ def test_the_default_is_the_variable_then_a_file_here(
 
 
 @pytest.mark.slow
-def test_a_server_that_refuses_or_lacks_the_database(postgresql_server: str) -> None:
+def test_server_that_refuses_or_lacks_the_database_is_one_line(postgresql_server: str) -> None:
     url = f"postgresql://postgres@/{{}}?host={postgresql_server}"
     with pytest.raises(StoreError, match="no such database on the server") as refused:
         open_and_write(url.format("nothing_here"))
@@ -262,7 +262,7 @@ def test_a_server_that_refuses_or_lacks_the_database(postgresql_server: str) -> 
         open_and_write(f"postgresql://nobody@/postgres?host={postgresql_server}")
 
 
-def test_a_server_that_is_away(tmp_path: Path) -> None:
+def test_server_that_is_away_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(StoreAwayError, match="no answer; check the server") as away:
         open_and_write(f"postgresql://palpate:secret@/items?host={tmp_path}")
     assert away.value.exit_status == 3
@@ -270,14 +270,14 @@ def test_a_server_that_is_away(tmp_path: Path) -> None:
     assert "\n" not in str(away.value)
 
 
-def test_a_server_whose_user_may_only_read(postgresql_url: str) -> None:
+def test_server_user_without_write_permission_is_one_line(postgresql_url: str) -> None:
     open_and_write(postgresql_url)
     separator = "%20-c%20default_transaction_read_only=on"
     with pytest.raises(StoreError, match="read-only; name the primary server"):
         open_and_write(f"{postgresql_url}{separator}")
 
 
-def test_a_server_that_is_locked(postgresql_url: str) -> None:
+def test_locked_server_is_one_line(postgresql_url: str) -> None:
     open_and_write(postgresql_url)
     engine = make_engine(store_url(postgresql_url))
     with engine.begin() as connection:
@@ -287,7 +287,7 @@ def test_a_server_that_is_locked(postgresql_url: str) -> None:
     engine.dispose()
 
 
-def test_a_server_that_stops_meanwhile(postgresql_url: str) -> None:
+def test_store_connects_again_after_the_server_cut_it_off(postgresql_url: str) -> None:
     with Store.open(postgresql_url) as store:
         engine = make_engine(store_url(postgresql_url))
         with engine.begin() as connection:
@@ -307,7 +307,7 @@ def test_a_server_without_its_driver_names_the_extra(monkeypatch: pytest.MonkeyP
         Store.open("postgresql://hall3/items")
 
 
-def test_no_store_without_its_extra() -> None:
+def test_store_without_its_extra_names_the_extra() -> None:
     code = (
         "import sys; sys.modules['sqlalchemy'] = None; sys.argv = ['palpate', 'items']; "
         "from palpate.cli import main; main()"
@@ -318,7 +318,7 @@ def test_no_store_without_its_extra() -> None:
     assert done.stderr.count("\n") == 1
 
 
-def test_parquet_without_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parquet_without_its_extra_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'palpate\[data\]'"):
         require_parquet()

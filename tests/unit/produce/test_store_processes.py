@@ -82,7 +82,7 @@ def test_ten_processes_that_begin_with_no_store_lose_nothing(url: str) -> None:
         assert len(store.grasps_of("shared")) == WRITERS * GRASPS / 2
 
 
-def test_killed_while_writing(url: str) -> None:
+def test_writer_killed_while_writing_loses_nothing_acknowledged(url: str) -> None:
     rng = random.Random(0)
     writers = start(url, processes=KILLS, grasps=100_000)
     said: set[str] = set()

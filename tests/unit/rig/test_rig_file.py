@@ -26,7 +26,9 @@ from palpate.rig.file import read_rig_file
         ("use = 'unheard-of'\n", "no rig 'unheard-of'"),
     ],
 )
-def test_faults_are_named(tmp_path: Path, text: str, message: str) -> None:
+def test_rig_file_with_a_fault_is_refused_by_its_name(
+    tmp_path: Path, text: str, message: str
+) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(text)
     with pytest.raises(InputError, match=message) as caught:

@@ -33,7 +33,7 @@ def calibration() -> Calibration:
     )
 
 
-def test_round_trip(calibration: Calibration, tmp_path: Path) -> None:
+def test_saved_calibration_reads_back_equal(calibration: Calibration, tmp_path: Path) -> None:
     path = tmp_path / "pad.json"
     calibration.save(path)
     assert Calibration.load(path) == calibration
@@ -50,7 +50,7 @@ def test_text_of_a_recording_is_read_like_a_file(calibration: Calibration) -> No
         Calibration.from_text("[]")
 
 
-def test_cut_in_half(calibration: Calibration, tmp_path: Path) -> None:
+def test_calibration_file_cut_in_half_is_refused(calibration: Calibration, tmp_path: Path) -> None:
     path = tmp_path / "pad.json"
     text = calibration.as_text()
     path.write_text(text[: len(text) // 2])
@@ -59,7 +59,7 @@ def test_cut_in_half(calibration: Calibration, tmp_path: Path) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_random_bytes(tmp_path: Path) -> None:
+def test_calibration_file_of_random_bytes_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "pad.json"
     path.write_bytes(bytes(range(128, 256)))
     with pytest.raises(CalibrationError, match="not whole JSON"):
@@ -91,7 +91,7 @@ def edited(calibration: Calibration, path: Path, **changes: object) -> Path:
         ({"made_at": "yesterday"}, "made_at is 'yesterday'; it must be a date such as"),
     ],
 )
-def test_faults_are_named(
+def test_calibration_file_with_a_fault_is_refused_by_its_name(
     calibration: Calibration, tmp_path: Path, changes: dict[str, object], message: str
 ) -> None:
     path = edited(calibration, tmp_path / "pad.json", **changes)

@@ -70,7 +70,7 @@ def test_a_lost_or_torn_frame_is_counted(
 @pytest.mark.parametrize(
     ("rows", "garbage"), [(16, False), (12, True)], ids=["other rows", "other baud rate"]
 )
-def test_frames_that_do_not_fit_name_rows_and_baud(
+def test_frames_of_another_size_name_rows_and_baud_in_the_error(
     board: SendingBoard, rows: int, garbage: bool
 ) -> None:
     if garbage:

@@ -58,7 +58,7 @@ def codes(health: Health) -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize(("value", "code"), [(0, "open"), (1023, "short")], ids=["open", "short"])
-def test_dead_pixel(value: int, code: str) -> None:
+def test_dead_pixel_is_found(value: int, code: str) -> None:
     stretch, layout = twin_rest(1)
     health = examine(with_counts(stretch, (2, 1), value), layout=layout)
     assert codes(health) == [(code, "R2 C1")]
@@ -137,7 +137,7 @@ def test_a_quiet_converter_makes_no_pixel_stuck() -> None:
     assert examine(changed(stretch, counts), layout=layout).healthy
 
 
-def test_noisy_pixel() -> None:
+def test_noisy_pixel_is_found() -> None:
     stretch, layout = twin_rest(3)
     noise = np.random.default_rng(5).normal(1.0, 0.04, 150)
     health = examine(with_factor(stretch, layout, (3, 0), noise), layout=layout)
@@ -145,14 +145,14 @@ def test_noisy_pixel() -> None:
     assert health.pixels.noise_percent[3, 0] == pytest.approx(4.0, rel=0.2)
 
 
-def test_drifting_pixel() -> None:
+def test_drifting_pixel_is_found() -> None:
     stretch, layout = twin_rest(4)
     ramp = np.linspace(1.0, 0.93, 150)
     health = examine(with_factor(stretch, layout, (0, 1), ramp), layout=layout)
     assert codes(health) == [("drifting", "R0 C1")]
 
 
-def test_loose_pixel_drops_out_now_and_then() -> None:
+def test_loose_pixel_that_drops_out_is_found() -> None:
     stretch, layout = twin_rest(5)
     factor = np.ones(150)
     factor[[30, 31, 80, 120]] = 1e7
@@ -160,13 +160,13 @@ def test_loose_pixel_drops_out_now_and_then() -> None:
     assert codes(health) == [("loose", "R1 C1")]
 
 
-def test_faint_pixel() -> None:
+def test_faint_pixel_is_found() -> None:
     stretch, layout = twin_rest(6)
     health = examine(with_factor(stretch, layout, (2, 0), np.full(150, 15.0)), layout=layout)
     assert codes(health) == [("faint", "R2 C0")]
 
 
-def test_pixel_far_from_its_calibration() -> None:
+def test_pixel_far_from_its_calibration_is_found() -> None:
     """What all pixels share is climate; one that differs from them has changed."""
     stretch, layout = twin_rest(7)
     known = 0.9 * stretch.rest_ohm(layout=layout)
@@ -208,7 +208,7 @@ def test_lost_frames_are_counted() -> None:
     assert health.link.rate_hz == pytest.approx(RATE_HZ)
 
 
-def test_link_faults() -> None:
+def test_link_faults_are_found() -> None:
     stretch, layout = twin_rest(10)
     shaken = stretch.time_s + np.random.default_rng(2).uniform(0, 0.03, 150)
     events = LinkCounters(corrupt=5, late=2, restarts=1, drift_ppm=-7000.0)

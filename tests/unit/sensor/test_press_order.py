@@ -44,11 +44,11 @@ def named(findings: list[Finding]) -> list[tuple[str, str, str]]:
     return [(found.code, found.where, found.text) for found in findings]
 
 
-def test_wires_in_order() -> None:
+def test_wires_in_order_have_no_finding() -> None:
     assert pressed(lambda pixel: pixel) == []
 
 
-def test_two_rows_crossed() -> None:
+def test_two_crossed_rows_are_found() -> None:
     other = {0: 2, 2: 0, 1: 1, 3: 3}
     assert named(pressed(lambda pixel: (other[pixel[0]], pixel[1]))) == [
         ("swapped", "row R0", "answers as row R2"),
@@ -56,14 +56,14 @@ def test_two_rows_crossed() -> None:
     ]
 
 
-def test_columns_crossed() -> None:
+def test_crossed_columns_are_found() -> None:
     assert named(pressed(lambda pixel: (pixel[0], 1 - pixel[1]))) == [
         ("swapped", "column C0", "answers as column C1"),
         ("swapped", "column C1", "answers as column C0"),
     ]
 
 
-def test_single_pixels_crossed() -> None:
+def test_crossed_pixels_are_found() -> None:
     crossed = {(1, 0): (3, 1), (3, 1): (1, 0)}
     assert named(pressed(lambda pixel: crossed.get(pixel, pixel))) == [
         ("swapped", "R1 C0", "answers as R3 C1"),
@@ -71,7 +71,7 @@ def test_single_pixels_crossed() -> None:
     ]
 
 
-def test_a_pixel_that_does_not_answer() -> None:
+def test_pixel_without_an_answer_is_found() -> None:
     assert named(pressed(lambda pixel: pixel, deaf=(2, 1))) == [
         ("silent", "R2 C1", "did not answer its press")
     ]

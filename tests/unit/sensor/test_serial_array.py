@@ -352,7 +352,7 @@ def test_garbage_before_the_start_is_no_frame(bench: Bench) -> None:
     assert array.counters.lost == 0
 
 
-def test_unplugged_and_plugged_in_again(bench: Bench) -> None:
+def test_board_plugged_in_again_streams_on(bench: Bench) -> None:
     board = bench.board()
     array = connect(bench, board)
     before = [array.read(timeout_s=0.1) for _ in range(20)]

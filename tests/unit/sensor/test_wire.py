@@ -212,7 +212,7 @@ def test_bytes_of_another_baud_rate_are_never_a_message() -> None:
         assert decoder.feed(heard.tobytes()) == []
 
 
-def test_zeros_mean_nothing() -> None:
+def test_decoder_ignores_zeros_between_packets() -> None:
     decoder = Decoder()
     assert numbers(decoder, b"\0\0\0" + sent(0) + b"\0\0" + sent(1)) == [0, 1]
     assert decoder.counters == LinkCounters(frames=2)
