@@ -145,8 +145,14 @@ _SCHEMAS = Path(__file__).resolve().parent / "docs" / "schemas"
 
 
 def _grasp_numbers() -> str:
-    head = ("number", "value", "range", "unit", "source", "quantity")
-    return _table(head, ((f"`{name}`", *row) for name, *row in rows()))
+    """Return every tuned number of a grasp; a ratio has no unit."""
+    return _table(
+        ("number", "value (range)", "source", "quantity"),
+        (
+            (f"`{name}`", f"{value} {'' if unit == '1' else f'{unit} '}({span})", source, quantity)
+            for name, value, span, unit, source, quantity in rows()
+        ),
+    )
 
 
 TABLES: dict[str, Callable[[], str]] = {
