@@ -187,7 +187,7 @@ class Course:
             f"{force} N {last[force]:.0f} to {self.after[force]:.0f} %" for force in self.after
         )
         advice = "within the tolerance" if self.enough else f"most would show {self.next_n:g} N"
-        say(f"{load_n:g} N: half intervals at {each}; {advice}")
+        say(f"{load_n:g} N: half-width of the interval at {each}; {advice}")
 
     def to_dict(self) -> dict[str, dict[str, float]]:
         """Return half of the interval at each force before and after the weights, percent."""

@@ -39,7 +39,7 @@ def state_document(session: Session) -> dict[str, object]:
         "bin": (session.devices.placed.get("bin") or {}).get("name"),
         "rig": None if session.rig is None else session.rig.name,
         "simulated": None if source is None else source.simulated,
-        "fresh": not live.link.stale and session.hung_s is None,
+        "fresh": not live.link.stale and session.silence_s is None,
         "hand_open": live.open_hand,
         "driver": session.driver is not None,
         "trouble": session.devices.trouble,
@@ -160,7 +160,7 @@ def _touching(moments: Sequence[Moment]) -> list[int]:
 
 
 def _link(session: Session) -> dict[str, Any]:
-    link, hung_s = session.devices.live.link, session.hung_s
+    link, hung_s = session.devices.live.link, session.silence_s
     hung = hung_s is not None
     counted = asdict(replace(link, age_s=link.age_s + (hung_s or 0.0)))
     waiting = session.devices.activity in (Activity.OPENING, Activity.IDLE, Activity.REPLAYING)

@@ -324,7 +324,7 @@ class Session:
     # -- what may be pressed --------------------------------------------------------------------
 
     @property
-    def hung_s(self) -> float | None:
+    def silence_s(self) -> float | None:
         """Silence of the devices' process, seconds; None while it reports."""
         silent_s = self._silent_s()
         return silent_s if silent_s > _HUNG_S else None
@@ -334,7 +334,7 @@ class Session:
         activity, guide = self.devices.activity, self.devices.guide
         if activity is Activity.GONE:
             return "the devices are gone: start palpate serve again"
-        if self.hung_s is not None:
+        if self.silence_s is not None:
             return "the devices are silent: if the hand may move, use the emergency stop"
         if viewer != self.driver:
             if self.driver is None:

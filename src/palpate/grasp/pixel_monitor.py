@@ -165,7 +165,7 @@ class PixelMonitor:
 
     def _find_stuck(self) -> NDArray[np.bool_]:
         """Return which pixels did not change in many movements, while the others did."""
-        stuck = self._known & (self._unchanged >= PIXELS.moves)
+        stuck = self._unchanged >= PIXELS.moves
         others = self._unchanged[self._known & ~stuck]
         lively = others.size > 0 and int(others.max()) <= PIXELS.other_moves
         return np.asarray(stuck & lively)

@@ -102,7 +102,7 @@ def _make_grid(name: str, *, fingers: int, most_lines: int) -> ArrayLayout:
         )
     if fingers < 1 or sizes[0] % fingers:
         raise InputError(
-            f"layout {name} on {fingers} fingers: each finger needs as many of the {sizes[0]} rows"
+            f"layout {name}: {sizes[0]} rows cannot be shared equally by {fingers} fingers"
         )
     each = sizes[0] // fingers
     return ArrayLayout(

@@ -18,7 +18,7 @@ def test_each_weight_reports_the_narrowed_intervals(capsys: pytest.CaptureFixtur
         weights.take(8.0 * load_n**1.2, load_n)
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 3
-    assert lines[0].startswith("1.5 N: half intervals at 1.5 N ")
+    assert lines[0].startswith("1.5 N: half-width of the interval at 1.5 N ")
     assert "most would show" in lines[0]
     document = weights.to_dict()
     assert set(document) == {"1.5_n", "4_n", "9_n"}

@@ -230,7 +230,7 @@ def test_an_order_that_failed_leaves_the_rig_watched_and_says_why(rehearsal: Reh
     assert rehearsal.session.devices.trouble == "no pairs read 0.42 s after a movement"
 
 
-def test_a_rig_that_does_not_open_leaves_none(rehearsal: Rehearsal) -> None:
+def test_session_after_a_failed_opening_has_no_rig(rehearsal: Rehearsal) -> None:
     order = OpenRig(name="lost.toml")
     rehearsal.session.order("a", order)
     rehearsal.tell(Began(order=order), Ended(order=order, trouble="no such port"))

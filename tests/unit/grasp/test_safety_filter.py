@@ -43,7 +43,7 @@ def test_filter_command_never_cuts_an_opening(plan: Plan) -> None:
     assert filter_command(wish, pressed(20.0), plan) is wish
 
 
-def test_stop_here_of_a_lagging_hand_is_where_it_is_and_no_further(plan: Plan) -> None:
+def test_stop_here_of_a_lagging_hand_is_its_reported_position(plan: Plan) -> None:
     reported = 20.0 - 0.3
     command = stop_here(pressed(5.0, tracking_lag=0.3), plan)
     assert 0.0 <= command.target - plan.gripper.target(reported) < plan.resolution

@@ -182,7 +182,7 @@ def said(
     )
 
 
-def test_the_last_verdicts_count() -> None:
+def test_evidence_of_several_verdicts_uses_the_last_of_each() -> None:
     known = evidence_of(
         [],
         identifier=None,

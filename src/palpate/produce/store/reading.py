@@ -1,4 +1,4 @@
-"""Rows to records."""
+"""Items, grasps and verdicts read from the rows of a store."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ class UtcTime(sa.types.TypeDecorator[datetime]):
         return f"{text}Z"
 
     def process_result_value(self, value: Any, dialect: sa.Dialect) -> datetime | None:
-        """Read a moment."""
+        """Return a stored time in UTC."""
         if value is None:
             return None
         moment = datetime.fromisoformat(value) if isinstance(value, str) else value
