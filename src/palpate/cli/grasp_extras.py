@@ -38,7 +38,7 @@ class Limit:
         self._path = path
         self._low_n = math.inf
 
-    def see(self, state: GraspState) -> None:
+    def add_state(self, state: GraspState) -> None:
         """Take the controller's next state."""
         self._low_n = state.estimate.damage_low_n
 
@@ -83,9 +83,9 @@ class StoreEntry:
         from palpate.produce.ripeness.closing import ClosingWatch
 
         self._closing = ClosingWatch(plan)
-        return self._closing.see
+        return self._closing.add_state
 
-    def see(self, observation: Observation) -> None:
+    def add_observation(self, observation: Observation) -> None:
         """Take the next observation."""
         self._seen.append(observation)
 
@@ -169,9 +169,9 @@ def run_watched(
     `stack` closes the recording, after the answer is printed.
     """
     subscribers: list[Subscriber] = []
-    watchers: list[Watcher] = [] if limit is None else [limit.see]
+    watchers: list[Watcher] = [] if limit is None else [limit.add_state]
     if entry is not None:
-        subscribers.append(entry.see)
+        subscribers.append(entry.add_observation)
         watchers.append(entry.watch(plan))
     recorder = None
     if record is not None:

@@ -51,7 +51,7 @@ class LiveView:
         self._column = column
 
     def render(self) -> RenderableType:
-        """Draw."""
+        """Return the view as it is now."""
         simulated = self._reading.source.simulated
         title = f"[bold]palpate live[/]  {self._reading.source.name}"
         return Panel(

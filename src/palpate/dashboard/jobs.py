@@ -234,7 +234,7 @@ def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
             gripper=rig.gripper,
             clock=rig.clock,
             subscribers=[recorder, telemetry.observe],
-            watchers=[telemetry.take_belief, react, closing.see],
+            watchers=[telemetry.take_belief, react, closing.add_state],
             requests=context.requests,
         )
         # Before the recording is closed: a slow disk must not delay the confirmation.

@@ -250,7 +250,7 @@ class _Hand:
             gripper=self._gripper,
             clock=clock,
             subscribers=[seen.append],
-            watchers=[closing.see],
+            watchers=[closing.add_state],
         )
         grasp = make_grasp_record(
             result,

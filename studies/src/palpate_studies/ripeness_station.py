@@ -237,7 +237,7 @@ class _Bench:
                 gripper=self._hand,
                 clock=world.clock,
                 subscribers=[observations.append],
-                watchers=[closing.see],
+                watchers=[closing.add_state],
             )
         )
         self.damaged += world.truth(horizon_s=0.0).damaged

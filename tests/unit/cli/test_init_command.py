@@ -131,7 +131,7 @@ def test_an_existing_file_is_kept_unless_forced(tmp_path: Path, palpate: Command
     [
         (["rig.json"], "ends in .toml"),
         (["rig.toml", "--layout", "round"], "no layout"),
-        (["rig.toml", "--layout", "5x3", "--fingers", "2"], "5x3 on 2 fingers: each finger needs"),
+        (["rig.toml", "--layout", "5x3", "--fingers", "2"], "5 rows cannot be shared equally"),
         (["rig.toml", "--layout", "6x3", "--fingers", "-2"], "--fingers -2: give a whole number"),
         (["rig.toml", "--layout", "soft-3x2", "--fingers", "3"], "is on 2 fingers, not on 3"),
         (["rig.toml", "--reference-ohm", "-5"], "above 0 ohm"),

@@ -98,14 +98,14 @@ def ask(
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.7", "::", "robot.local"])
-def test_beyond_the_loopback_needs_a_token(host: str) -> None:
+def test_address_beyond_the_loopback_needs_a_token(host: str) -> None:
     assert not is_loopback(host)
     with pytest.raises(InputError, match="give a --token"):
         check_token(host, None)
     check_token(host, TOKEN)
 
 
-def test_the_loopback_needs_none_and_a_short_one_is_refused_anywhere() -> None:
+def test_token_on_the_loopback_is_optional_and_never_short() -> None:
     check_token("127.0.0.1", None)
     check_token("::1", None)
     with pytest.raises(InputError, match="has 3 characters; give at least 8"):

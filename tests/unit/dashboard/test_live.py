@@ -359,7 +359,7 @@ def test_the_operator_reads_the_target_of_the_grasp_that_runs_and_then_of_the_ne
     assert shown["target"] == "gentle squeeze"
 
 
-def test_a_missed_target_is_not_green_while_it_holds_either() -> None:
+def test_headline_of_a_held_object_off_its_target_is_not_green() -> None:
     session = Session(send=lambda message: None)
     answer = GraspResult(outcome=Outcome.HELD, force_n=FORCE)
     session.devices.live.take_progress(

@@ -71,7 +71,7 @@ def grasped(world: World, plan: Plan) -> Felt:
         gripper=TwinGripper(world),
         clock=world.clock,
         subscribers=[seen.append],
-        watchers=[watch.see, beliefs.append],
+        watchers=[watch.add_state, beliefs.append],
     )
     assert result.force_n is not None
     measured = {"force_n": result.force_n} | watch.list_measurements()

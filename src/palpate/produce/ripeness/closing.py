@@ -32,7 +32,7 @@ class ClosingWatch:
         self.plan = plan
         self._held: GraspState | None = None
 
-    def see(self, grasp_state: GraspState) -> None:
+    def add_state(self, grasp_state: GraspState) -> None:
         """Add the controller's next state."""
         if grasp_state.phase is Phase.HOLD:
             self._held = grasp_state

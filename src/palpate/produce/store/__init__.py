@@ -1,4 +1,4 @@
-"""The memory of items and grasps: one SQLite file, or PostgreSQL."""
+"""The store of items and grasps, in an SQLite file or PostgreSQL."""
 
 from palpate.produce.store.database import Store
 
