@@ -80,7 +80,7 @@ def sort_with_rig(
     _check_measurable(report.book, supply, rules=rules)
     with nullcontext() if simulated and store is None else Store.open(store) as kept:
         identifier = None
-        if report.book.asks("class"):
+        if report.book.has_condition("class"):
             if isinstance(supply, SimulatedCrate) and (kept is None or not kept.items(limit=1)):
                 identifier = _grasp_training_items(supply, kept)
                 check_kinds(report.book, taught=identifier.kinds, path=rules)
@@ -119,7 +119,7 @@ def _learn_kinds(
     guess: bool = True,
 ) -> Identifier | None:
     """Learn kinds from the store if the rules need them."""
-    if not book.asks("class"):
+    if not book.has_condition("class"):
         return None
     identifier = learn_kinds(kept) if guess else None
     taught = () if identifier is None else identifier.kinds
@@ -132,7 +132,7 @@ def _check_measurable(book: RuleBook, supply: Supply, *, rules: Path) -> None:
     if supply.hand.plan.gripper.drive == "width":
         return
     for rule in book.rules:
-        if rule.asks("class") or rule.asks("size_mm"):
+        if rule.has_condition("class") or rule.has_condition("size_mm"):
             raise InputError(
                 f"rules file {rules} line {rule.line}: asks for class or size, and fingers driven "
                 "by pressure measure neither size nor stiffness; use fingers driven by width"

@@ -238,7 +238,7 @@ class _Known:
 
         items = store.items_named([item_id]) if item_id else ()
         kind = items[0].kind if items else None
-        is_guessed = kind is None and rules is not None and rules.asks("class")
+        is_guessed = kind is None and rules is not None and rules.has_condition("class")
         return cls(
             kind=kind,
             grasps=store.grasps_of(item_id) if items else (),

@@ -75,7 +75,7 @@ def _draw_courses(
     )
     axis.plot(day, _select_shown(middle, width), color=BLUE, lw=1)
     for stage in rule.stages[1:]:
-        level = float(_select_shown([rule.begins(stage)], width)[0])
+        level = float(_select_shown([rule.find_boundary(stage)], width)[0])
         axis.axhline(level, color=ORANGE, lw=0.8, ls="--")
         axis.annotate(
             f"{stage} below" if width else f"{stage} above",

@@ -92,7 +92,7 @@ def layout_named(
 
 
 def _make_grid(name: str, *, fingers: int, most_lines: int) -> ArrayLayout:
-    """Return the layout of rows x columns, as many rows on each finger."""
+    """Return the layout of rows x columns, the rows shared equally by the fingers."""
     rows, _, cols = name.partition("x")
     sizes = [int(side) for side in (rows, cols) if side.isdecimal()]
     if len(sizes) != 2 or not all(1 <= size <= most_lines for size in sizes):

@@ -106,7 +106,7 @@ class FrameColumns:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkReadings:
-    """The stretch as frames in time."""
+    """Times and losses of the frames of a stretch."""
 
     #: Received, and missing in the numbering.
     frames: int

@@ -145,7 +145,9 @@ def test_courses_are_learned_from_items_that_softened(rule: RipenessRule) -> Non
 
 
 def test_boundaries_are_learned_where_labels_change(rule: RipenessRule) -> None:
-    assert np.exp([rule.begins(stage) for stage in STAGES[1:]]) == pytest.approx(BOUNDS, rel=0.12)
+    assert np.exp([rule.find_boundary(stage) for stage in STAGES[1:]]) == pytest.approx(
+        BOUNDS, rel=0.12
+    )
 
 
 def test_unseen_items_are_judged_right_and_their_intervals_cover(rule: RipenessRule) -> None:
@@ -230,7 +232,7 @@ def test_stages_have_the_names_of_the_user(rule: RipenessRule) -> None:
     found = replace(rule, stages=stages, learner=learner)
     assert np.argmax(found.probabilities([1.95, 0.95, 0.05]), axis=1).tolist() == [0, 1, 2]
     with pytest.raises(InputError, match="'green' is not reached by softening"):
-        found.begins("green")
+        found.find_boundary("green")
 
 
 def test_without_labels_an_item_is_judged_by_its_first_day() -> None:

@@ -76,7 +76,7 @@ def test_less_than_the_lines_have_is_a_short_not_a_negative_resistance() -> None
     assert found.tolist() == [[0.0, 0.0]] * 4
 
 
-def test_open_stays_open() -> None:
+def test_pixel_resistance_of_an_open_pixel_is_infinite() -> None:
     counts = np.zeros((4, 2), dtype=int)
     assert np.isinf(pixel_resistance_ohm(counts, layout=layout("floating", line_ohm=10.0))).all()
 

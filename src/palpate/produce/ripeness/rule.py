@@ -33,7 +33,7 @@ _NODE_WEIGHTS = _NODE_WEIGHTS / _NODE_WEIGHTS.sum()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Days:
-    """A time to wait, with its interval; 0 and below: that long ago."""
+    """Days until a stage, with their interval; negative once it has passed."""
 
     #: Median and ends of the interval, days; infinite where it may never come.
     value: float
@@ -130,7 +130,7 @@ class RipenessRule:
         order = [self.learner.labels.index(stage) for stage in self.stages]
         return self.learner.probabilities(np.reshape(firmness, (-1, 1)))[:, order]
 
-    def begins(self, stage: str) -> float:
+    def find_boundary(self, stage: str) -> float:
         """Return the firmness below which a stage, or a softer one, is the more probable.
 
         Raises `InputError` if it is the first stage or none of them.
@@ -153,7 +153,7 @@ class RipenessRule:
             last.firmness + self.course.mean_sd(last) * _NODES
         )
         tail = (1.0 - LEVEL) / 2.0
-        wait = courses.day_below(self.begins(ripe)) - last.day
+        wait = courses.day_below(self.find_boundary(ripe)) - last.day
         low, value, high = courses.quantile(wait, [tail, 0.5, 1.0 - tail])
         if np.isfinite(value):
             low, high = value - _WIDER * (value - low), value + _WIDER * (high - value)

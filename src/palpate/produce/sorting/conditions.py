@@ -85,7 +85,7 @@ class OneOf:
         """Whether every item that meets the other, of the same key, meets this one."""
         return isinstance(other, OneOf) and other.names <= self.names
 
-    def common(self, other: OneOf | Within) -> str | None:
+    def describe_overlap(self, other: OneOf | Within) -> str | None:
         """Return the overlap of both in words; None without one."""
         both = sorted(self.names & other.names) if isinstance(other, OneOf) else []
         return f"{self.key} {', '.join(both)}" if both else None
@@ -125,7 +125,7 @@ class Within:
         """Whether every item that meets the other, of the same key, meets this one."""
         return isinstance(other, Within) and self.low <= other.low and other.high <= self.high
 
-    def common(self, other: OneOf | Within) -> str | None:
+    def describe_overlap(self, other: OneOf | Within) -> str | None:
         """Return the overlap of both in words; None without one."""
         if not isinstance(other, Within):
             return None

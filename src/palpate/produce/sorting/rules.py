@@ -28,7 +28,7 @@ class Rule:
     #: Its line in the file.
     line: int = 0
 
-    def asks(self, key: str) -> bool:
+    def has_condition(self, key: str) -> bool:
         """Whether one of its conditions is of this key."""
         return any(condition.key == key for condition in self.conditions)
 
@@ -67,9 +67,9 @@ class RuleBook:
     #: Grasps of one item before it goes there.
     most_grasps: int = MOST_GRASPS
 
-    def asks(self, key: str) -> bool:
+    def has_condition(self, key: str) -> bool:
         """Whether any rule has a condition of this key."""
-        return any(rule.asks(key) for rule in self.rules)
+        return any(rule.has_condition(key) for rule in self.rules)
 
     @property
     def bins(self) -> tuple[str, ...]:
@@ -148,7 +148,7 @@ def _explain_no_rule(book: RuleBook, evidence: Evidence) -> str:
     low, high = nearest.probability(evidence)
     # All that is known of what any rule asks for; a known kind in any case.
     has_kind = evidence.identity is not None
-    names = [key for key in CONDITIONS if book.asks(key) or (key == "class" and has_kind)]
+    names = [key for key in CONDITIONS if book.has_condition(key) or (key == "class" and has_kind)]
     known = ", ".join(filter(None, map(evidence.describe, names))) or "not measured"
     if high <= 1.0 - nearest.confidence:
         return f"{known}, which no rule takes"

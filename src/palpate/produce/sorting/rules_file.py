@@ -127,7 +127,7 @@ def _partial_overlap(one: Rule, other: Rule) -> str | None:
         return None
     if _is_wider(one, other) or _is_wider(other, one):
         return None
-    common = [ours[theirs.key].common(theirs) for theirs in other.conditions]
+    common = [ours[theirs.key].describe_overlap(theirs) for theirs in other.conditions]
     return None if None in common else ", ".join(filter(None, common))
 
 
