@@ -167,8 +167,7 @@ class PixelMonitor:
         """Return which pixels did not change in many movements, while the others did."""
         stuck = self._unchanged >= PIXELS.moves
         others = self._unchanged[self._known & ~stuck]
-        lively = others.size > 0 and int(others.max()) <= PIXELS.other_moves
-        return np.asarray(stuck & lively)
+        return np.asarray(stuck & (others.max(initial=0) <= PIXELS.other_moves))
 
     def _under_load(self, counts: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which pixels are under load."""

@@ -146,7 +146,9 @@ def test_a_web_socket_stays_open_without_a_request(monkeypatch: pytest.MonkeyPat
     assert asyncio.run(talk_late()) == "here"
 
 
-def test_most_connections_leave_files_for_others(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_most_connections_is_half_of_the_file_limit_up_to_1000(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     for soft, most in ((1024, 512), (65_536, 1000), (-1, 1000)):
         monkeypatch.setattr(
             connections.resource, "getrlimit", lambda which, soft=soft: (soft, soft)

@@ -88,7 +88,7 @@ def test_the_converters_noise_does_not_hide_a_dead_pixel(
     [(1.0, set()), (1e6, {"open", "faint"}), (1e-6, {"short"})],
     ids=["healthy", "open", "short"],
 )
-def test_pixels_behind_floating_lines(factor: float, found: set[str]) -> None:
+def test_bad_pixel_behind_floating_lines_is_found_alone(factor: float, found: set[str]) -> None:
     """Current flows around an open pixel: it may read faint, but nothing else is blamed."""
     bare = replace(RIGID_LAYOUT, idle_lines="floating")
     rng = np.random.default_rng(4)

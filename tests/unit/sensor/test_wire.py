@@ -295,9 +295,7 @@ def test_counts_of_a_frame_cannot_be_written_to() -> None:
     ("ahead", "lost", "restarts"),
     [(2**31 - 1, 2**31 - 1, 0), (2**31, 2**31 + 1, 1)],
 )
-def test_half_of_the_range_is_where_a_gap_becomes_a_restart(
-    ahead: int, lost: int, restarts: int
-) -> None:
+def test_gap_of_half_the_sequence_range_is_a_restart(ahead: int, lost: int, restarts: int) -> None:
     """From half of the range on a number lies behind: the board has begun again."""
     frame = FrameMessage(
         sequence=0,
