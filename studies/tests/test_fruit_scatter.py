@@ -73,7 +73,7 @@ def test_real_food_relaxes_within_what_twin_fruit_does(real_data: Path) -> None:
 
 @pytest.mark.parametrize(("places", "exact"), [(1, 0.944), (10, 0.982)])
 def test_error_free_reading_of_some_places_limits_the_stage(places: int, exact: float) -> None:
-    """The ceiling that docs/ripeness.md states."""
+    """The ceiling that docs/results.md states."""
     random = np.random.default_rng(5)
     hits = []
     for _ in range(1000):
@@ -87,7 +87,7 @@ def test_error_free_reading_of_some_places_limits_the_stage(places: int, exact: 
 
 
 def test_error_free_size_and_stiffness_limit_the_kind() -> None:
-    """The ceiling that docs/sort.md states."""
+    """The ceiling that docs/results.md states."""
 
     def read(items: int, seed: int) -> tuple[FloatArray, list[str]]:
         drawn = draw_crate(list(CRATE_TAUGHT) * items, seed=seed)
