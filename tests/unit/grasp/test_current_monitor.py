@@ -102,6 +102,15 @@ def test_a_standing_hand_above_the_ceiling_is_known(calibrated: Plan) -> None:
     assert found[-1].danger is Danger.FORCE_LIMIT
 
 
+def test_one_current_of_a_standing_hand_above_the_ceiling_raises_no_alarm(
+    calibrated: Plan,
+) -> None:
+    watch, estimate = CurrentMonitor(calibrated), estimate_of(100.0, closure=24.0, still=True)
+    currents = [of_force(8.0)] * 3 + [of_force(22.0)]
+    states = [GripperState(time_s=0.0, width_mm=50.0, current_ma=ma) for ma in currents]
+    assert [watch.check(state, estimate=estimate) for state in states] == [None] * 4
+
+
 @pytest.mark.parametrize("reading", [0.0, 1.0])
 def test_force_without_a_reading_of_the_sheet_raises_an_alarm(
     calibrated: Plan, reading: float
