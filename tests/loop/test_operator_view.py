@@ -25,7 +25,7 @@ from tests.loop.test_dashboard import (
 )
 
 from palpate.dashboard.headline import OUTCOMES, PHASES
-from palpate.dashboard.messages import Activity
+from palpate.dashboard.messages import DeviceActivity
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness, outcome_text
@@ -193,7 +193,7 @@ LAID_OUT = """async ([words, nexts, whys, firm]) => {
 @pytest.mark.parametrize("size", [*SIZES, *LARGE, *LOW])
 def test_all_that_it_can_say_fits(browser: Browser, address: str, size: str) -> None:
     words = [word for _, word in PHASES.values()]
-    words += [*(word for word, _ in OUTCOMES.values()), *Activity]
+    words += [*(word for word, _ in OUTCOMES.values()), *DeviceActivity]
     words += [*firmness_words(), "Damaged", "Hand closed", "Off target"]
     nexts = [next_step for _, next_step in OUTCOMES.values()]
     nexts += ["check its cable and power; it goes on as soon as it answers"]

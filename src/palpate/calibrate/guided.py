@@ -67,7 +67,7 @@ _PACES = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class SheetReading:
     """The sheet and the load cell read at one time; attributes as in `ForcePairs`."""
 
     since_move_s: float
@@ -130,7 +130,7 @@ def measure_force(
     `horizon_s`: when the sheet counts as settled.
     Raises `CalibrationError` if the load cell never feels the hand.
     """
-    rows: list[tuple[int, Reading]] = []
+    rows: list[tuple[int, SheetReading]] = []
     with _opening_after(bench):
         for run, levels in enumerate(holds_n):
             _open(bench)
@@ -201,9 +201,9 @@ def _release(bench: Bench) -> None:
 
 def _close_to_force(
     bench: Bench, rest: RestBaseline, level_n: float, *, dwell_s: float, horizon_s: float
-) -> tuple[list[Reading], bool]:
+) -> tuple[list[SheetReading], bool]:
     """Close step by step to a force and settle; return the readings and the success."""
-    readings: list[Reading] = []
+    readings: list[SheetReading] = []
     moved_s, room = bench.clock.now_s(), True
     while room and bench.cell.read_n() < level_n:
         looking = bench.cell.read_n() < _TOUCH_N
@@ -298,14 +298,14 @@ def _measure_rest(bench: Bench, *, duration_s: float) -> RestBaseline:
 
 def _take_reading(
     bench: Bench, rest: RestBaseline, moved_s: float, *, since_move_s: float, mean_s: float
-) -> Reading:
+) -> SheetReading:
     """Read this long after a movement: means of the last `mean_s`."""
     ohm = _ohm(bench, moved_s + since_move_s, mean_s=mean_s)
     # A pixel beyond the converter's range has at least the conductance of its last step.
     readable_ohm = np.maximum(ohm, bench.array.layout.divider.least_ohm)
     excess = np.nan_to_num(excess_conductance(readable_ohm, rest_ohm=rest.rest_ohm)).mean(axis=0)
     relative = mean_change(relative_change_percent(ohm, rest_ohm=rest.rest_ohm))
-    return Reading(
+    return SheetReading(
         since_move_s=since_move_s,
         pixel_excess=tuple(excess.ravel().tolist()),
         relative_percent=float(np.mean(relative)),

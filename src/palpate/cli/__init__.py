@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 import palpate
-from palpate.cli.lazy_group import HELP, Entry, LazyGroup
+from palpate.cli.lazy_group import HELP, LazyCommand, LazyGroup
 from palpate.cli.options import opt
 from palpate.errors import PalpateError
 
@@ -59,7 +59,7 @@ _PACKAGES = {"study": _STUDIES, "bench": _STUDIES, "archive": _ARCHIVE}
 #: Verb -> the module of its function, where that has another name.
 _PLACES = {"ports": "flash"}
 VERBS = {
-    verb: Entry(
+    verb: LazyCommand(
         f"palpate.cli.{_PLACES.get(verb, verb)}:{verb}", summary, heading, _PACKAGES.get(verb)
     )
     for heading, verbs in GROUPS.items()

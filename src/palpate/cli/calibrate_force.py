@@ -154,7 +154,7 @@ def _percent(error: float | None) -> str:
     return "not reached: out of range" if error is None else f"{error:.0f} %"
 
 
-class Course:
+class WeightSeries:
     """The law after each weight, with the width of its intervals.
 
     `tolerance_percent`: half of the interval at 1.5, 4 and 9 N at which no more is asked for; 0
@@ -202,7 +202,7 @@ class Course:
 
 def weigh_loads(
     rig: str, *, loads: Path | None, out: Path, tolerance_percent: float
-) -> tuple[Calibration, Course]:
+) -> tuple[Calibration, WeightSeries]:
     """Read dead weights as the user lays them down, and fit the law to them.
 
     Raises `InputError` if the rig is simulated, the loads can't carry a calibration, or `out` is
@@ -215,7 +215,7 @@ def weigh_loads(
             "(--rig sim-rigid has a load cell)"
         )
     listed = None if loads is None else read_loads(loads)
-    course = Course(tolerance_percent=tolerance_percent)
+    course = WeightSeries(tolerance_percent=tolerance_percent)
     with closing(open_source(rig=rig)) as source:
         earlier = earlier_calibration(out, layout=source.array.layout, simulated=source.simulated)
         if earlier is None:
@@ -244,14 +244,14 @@ def weigh_loads(
     return replace(made, held_out=held_out, made_at=now_text()), course
 
 
-def _take_until_enough(loads_n: Sequence[float], course: Course) -> Iterator[float]:
+def _take_until_enough(loads_n: Sequence[float], course: WeightSeries) -> Iterator[float]:
     for load_n in loads_n:
         if course.enough:
             return
         yield load_n
 
 
-def _ask_loads(course: Course) -> Iterator[float]:
+def _ask_loads(course: WeightSeries) -> Iterator[float]:
     """Ask for one weight after the other, the most useful one first, until Enter alone."""
     loads_n: list[float] = []
     while not course.enough:

@@ -18,7 +18,7 @@ HELP: Any = "markdown"
 GROUP = "palpate.verbs"
 
 
-class Entry(NamedTuple):
+class LazyCommand(NamedTuple):
     """A command that is not loaded yet."""
 
     #: `module:name` of its function, or of a mapping of further entries.
@@ -34,13 +34,13 @@ class Entry(NamedTuple):
 class LazyGroup(TyperGroup):
     """A group of commands by name and summary, which loads the one that runs."""
 
-    def offer(self, entries: Mapping[str, Entry]) -> None:
+    def offer(self, entries: Mapping[str, LazyCommand]) -> None:
         """Add commands."""
         for name, (_, summary, heading, _) in entries.items():
             self.commands[name] = TyperCommand(
                 name=name, help=summary, rich_help_panel=heading, rich_markup_mode=HELP
             )
-        self._entries: dict[str, Entry] = {**entries}
+        self._entries: dict[str, LazyCommand] = {**entries}
 
     def load(self, name: str) -> Any:
         """Return a command, loaded.
@@ -58,7 +58,7 @@ class LazyGroup(TyperGroup):
         return super().resolve_command(ctx, args)
 
 
-def load_command(name: str, entry: Entry) -> Any:
+def load_command(name: str, entry: LazyCommand) -> Any:
     """Load a command, or a group of commands.
 
     Raises `InputError` if its package is not installed.
@@ -72,7 +72,7 @@ def load_command(name: str, entry: Entry) -> Any:
     if isinstance(found, Mapping):
         text = f"{entry.summary}\n\nExample: palpate {name} {next(iter(found))}"
         group = LazyGroup(name=name, help=text, no_args_is_help=True, rich_markup_mode=HELP)
-        group.offer({step: Entry(*row) for step, row in found.items()})
+        group.offer({step: LazyCommand(*row) for step, row in found.items()})
         return group
     app = typer.Typer(add_completion=False, rich_markup_mode=HELP)
     app.command(name=name, **getattr(module, "SETTINGS", {}))(found)

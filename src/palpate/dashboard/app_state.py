@@ -28,7 +28,7 @@ from palpate.dashboard.folder import (
 from palpate.dashboard.headline import kind_of
 from palpate.dashboard.item_store import ItemStore
 from palpate.dashboard.messages import (
-    Activity,
+    DeviceActivity,
     DevicesLost,
     Grasped,
     GraspOrder,
@@ -386,7 +386,7 @@ class AppState:
         )
         # The grasp has not ended before its result is out: who sees the end asks for the result,
         # and for the item.
-        self.session.devices.activity, self.session.devices.order = Activity.GRASPING, order
+        self.session.devices.activity, self.session.devices.order = DeviceActivity.GRASPING, order
         self._task = asyncio.ensure_future(self._place_and_publish(place, entry, document))
 
     async def _place_and_publish(
@@ -403,7 +403,7 @@ class AppState:
         if devices.grasped is grasped:
             devices.placed = placed
         self._publish(entry, document, placed)
-        if devices.activity is Activity.GRASPING:
+        if devices.activity is DeviceActivity.GRASPING:
             devices.rest()
 
     def _publish(

@@ -27,9 +27,9 @@ from palpate.dashboard.jobs import (
 from palpate.dashboard.messages import (
     Began,
     BeingRecorded,
-    Calibrated,
     CalibrateForce,
     CalibrateRest,
+    CalibrationRenewed,
     Confirm,
     Ended,
     Examine,
@@ -61,7 +61,7 @@ from palpate.sensor.health import Health
 from palpate.sensor.serial_array import SerialArray
 from palpate.twin.paced_array import PacedArray
 
-_JOBS: dict[type[Order], Callable[..., Grasped | Calibrated | Health | None]] = {
+_JOBS: dict[type[Order], Callable[..., Grasped | CalibrationRenewed | Health | None]] = {
     GraspOrder: grasp,
     OpenHand: open_hand,
     CalibrateRest: calibrate_rest,
@@ -224,7 +224,7 @@ class DeviceProcess:
         if isinstance(order, Play):
             self._playback = PlaybackClock(speed=order.speed)
         self._telemetry.note(Began(order=order))
-        found: Grasped | Calibrated | Health | None = None
+        found: Grasped | CalibrationRenewed | Health | None = None
         trouble, stopped = "", False
         self._grasping = isinstance(order, GraspOrder)
         try:
@@ -249,7 +249,7 @@ class DeviceProcess:
         )
         self._telemetry.set_plan(None)
 
-    def _run_order(self, order: Order) -> Grasped | Calibrated | Health | None:
+    def _run_order(self, order: Order) -> Grasped | CalibrationRenewed | Health | None:
         if isinstance(order, OpenRig):
             self._open(order)
             return None

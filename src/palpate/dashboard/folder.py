@@ -78,7 +78,7 @@ class Entry:
 _FIELDS = frozenset(field.name for field in fields(Entry))
 
 
-class Summary(NamedTuple):
+class GraspSummary(NamedTuple):
     """A grasp as the list of recordings shows it."""
 
     outcome: str
@@ -101,7 +101,7 @@ class History:
         self._file = folder / _FILE
         #: Name of each renamed recording now, by the name that its grasp is kept under.
         self._names = dict[str, str]()
-        self._of_recording = dict[str, Summary]()
+        self._of_recording = dict[str, GraspSummary]()
         self._recent = deque[Entry](maxlen=LISTED_GRASPS)
         #: How the grasps of the last day with any ended.
         self._day, self._of_day = date.min, Counter[str]()
@@ -121,7 +121,7 @@ class History:
         """The last grasps, the newest first."""
         return list(reversed(self._recent))
 
-    def of(self, recording: str) -> Summary | None:
+    def of(self, recording: str) -> GraspSummary | None:
         """Return the stored grasp of a recording, or None."""
         return self._of_recording.get(recording)
 
@@ -191,7 +191,7 @@ class History:
             self._day, self._of_day = day, Counter()
         self._of_day[entry.outcome] += 1
         if entry.recording:
-            summary = Summary(entry.outcome, entry.item_id, entry.simulated)
+            summary = GraspSummary(entry.outcome, entry.item_id, entry.simulated)
             self._of_recording[entry.recording] = summary
 
     def _follow(self, before: str, after: str) -> None:

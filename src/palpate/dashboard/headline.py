@@ -7,14 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from palpate.dashboard.messages import Activity, Grasped
+from palpate.dashboard.messages import DeviceActivity, Grasped
 from palpate.dashboard.session import DeviceState, Session
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import UNKNOWN_FIRMNESS, outcome_text, verdict
 
 #: Headline after a stop, once the hand has opened: there is nothing to be done about it.
 STOPPED_OPEN = "stopped, hand open"
-_OF_THEIR_OWN = (Activity.RESTING, Activity.WEIGHING, Activity.EXAMINING, Activity.RELEASING)
+_OF_THEIR_OWN = (
+    DeviceActivity.RESTING,
+    DeviceActivity.WEIGHING,
+    DeviceActivity.EXAMINING,
+    DeviceActivity.RELEASING,
+)
 #: Each phase in words, and in one word that is read from afar.
 PHASES = {
     "wait": ("waiting until the sheet has recovered", "Measuring"),
@@ -47,9 +52,9 @@ def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
     """Return the headline: of the last grasp, the running one, or the present activity."""
     devices, activity = session.devices, session.devices.activity
     grasped, progress = devices.grasped, devices.live.progress
-    if activity is Activity.GONE:
+    if activity is DeviceActivity.GONE:
         return _headline("the devices are gone", "bad")
-    found = _without_grasp(devices, stale=stale) if activity is Activity.WATCHING else None
+    found = _without_grasp(devices, stale=stale) if activity is DeviceActivity.WATCHING else None
     if found is not None:
         return found
     if activity in _OF_THEIR_OWN:
@@ -59,9 +64,9 @@ def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
         return _describe_end(session, grasped)
     if progress is None:
         text = activity.value
-        if activity is Activity.WATCHING and not devices.sensor_alone:
+        if activity is DeviceActivity.WATCHING and not devices.sensor_alone:
             text = "ready"
-        return _headline(text, "busy" if activity is Activity.GRASPING else "idle")
+        return _headline(text, "busy" if activity is DeviceActivity.GRASPING else "idle")
     # In its last phase, for a moment, the grasp has ended.
     text = phase_text(progress.phase) or outcome_text(progress.answer.outcome)
     if not progress.decided:
@@ -206,7 +211,7 @@ def operator_view(session: Session, *, headline: Mapping[str, Any]) -> dict[str,
         The verdict as the whole page shows it.
     """
     target_force_n = session.form.target_force_n
-    if session.devices.activity in (Activity.GRASPING, Activity.REPLAYING):
+    if session.devices.activity in (DeviceActivity.GRASPING, DeviceActivity.REPLAYING):
         target_force_n = session.shown_target_n
     return {
         "word": _capital(_word(session.devices, headline)),
@@ -221,12 +226,12 @@ def _word(devices: DeviceState, headline: Mapping[str, Any]) -> str:
         return OUTCOMES[Outcome.STOPPED][0]
     if (
         headline["text"] == STOPPED_OPEN
-        or activity is Activity.GONE
+        or activity is DeviceActivity.GONE
         or (headline["kind"] == "bad" and grasped is None)
         or devices.calibration_failure is not None
     ):
         return str(headline["text"])
-    if activity not in (Activity.WATCHING, Activity.GRASPING, Activity.REPLAYING):
+    if activity not in (DeviceActivity.WATCHING, DeviceActivity.GRASPING, DeviceActivity.REPLAYING):
         return str(activity)
     if headline["bin"]:
         return str(headline["bin"])
@@ -237,7 +242,7 @@ def _word(devices: DeviceState, headline: Mapping[str, Any]) -> str:
         if grasped.result.outcome is not Outcome.HELD:
             return OUTCOMES[grasped.result.outcome][0]
         return "Off target" if headline["on_target"] is False else firmness or "held"
-    if progress is None and activity is Activity.GRASPING:
+    if progress is None and activity is DeviceActivity.GRASPING:
         return "Closing"
     if devices.sensor_alone:
         return "contact" if devices.live.touching else "Ready"
@@ -253,17 +258,17 @@ def _word(devices: DeviceState, headline: Mapping[str, Any]) -> str:
 
 def _next(devices: DeviceState, headline: Mapping[str, Any]) -> str:
     grasped, progress, activity = devices.grasped, devices.live.progress, devices.activity
-    if activity is Activity.GONE:
+    if activity is DeviceActivity.GONE:
         return "Start palpate serve again"
     if devices.guide is not None:
         return devices.guide.text
-    if activity is Activity.IDLE:
+    if activity is DeviceActivity.IDLE:
         return "Choose a rig on the full page"
-    if activity is Activity.GRASPING:
+    if activity is DeviceActivity.GRASPING:
         if progress is not None and progress.phase == "hold":
             return "Take the item, then press Release"
         return "Keep your hands away"
-    if activity is not Activity.WATCHING:
+    if activity is not DeviceActivity.WATCHING:
         return "Wait"
     if devices.calibration_failure is not None:
         return "Repeat it on the page Calibrate, or go on without"

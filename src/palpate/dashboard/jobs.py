@@ -14,9 +14,9 @@ from palpate.calibrate.guided import HOLDS_N, Bench, measure_force, measure_rest
 from palpate.calibrate.laws import DWELL_S, HORIZON_S, with_force_law
 from palpate.dashboard.grasp_progress import force_laws
 from palpate.dashboard.messages import (
-    Calibrated,
     CalibrateForce,
     CalibrateRest,
+    CalibrationRenewed,
     Examine,
     FrameSource,
     Grasped,
@@ -274,7 +274,7 @@ class _NoCell:
         raise DeviceError("this rig has no load cell that palpate can read")
 
 
-def calibrate_rest(order: CalibrateRest, *, context: JobContext) -> Calibrated:
+def calibrate_rest(order: CalibrateRest, *, context: JobContext) -> CalibrationRenewed:
     """Open the hand and take the rest values; refused when something presses or moves.
 
     Raises
@@ -310,7 +310,7 @@ def _rest_alone(context: JobContext) -> RestValues:
     return rest_values(taken, layout=context.rig.array.layout)
 
 
-def calibrate_force(order: CalibrateForce, *, context: JobContext) -> Calibrated:
+def calibrate_force(order: CalibrateForce, *, context: JobContext) -> CalibrationRenewed:
     """Pair readings with newtons and fit the law; the expected errors are part of the result.
 
     Raises
@@ -372,14 +372,14 @@ def _weigh(loads_n: list[float], context: JobContext) -> ForcePairs:
     return weigh(array, loads_n=loads_n, place=place, clock=context.rig.clock).pairs
 
 
-def _store_calibration(made: Calibration, *, file: Path, context: JobContext) -> Calibrated:
+def _store_calibration(made: Calibration, *, file: Path, context: JobContext) -> CalibrationRenewed:
     """Store the calibration in its file, and use it from now on."""
     before = context.rig.calibration
     before_ohm = made.rest_ohm if before is None else before.rest_ohm
     file.parent.mkdir(parents=True, exist_ok=True)
     made.save(file)
     context.rig = replace(context.rig, calibration=made)
-    return Calibrated(
+    return CalibrationRenewed(
         file=file,
         rest_ohm=made.rest_ohm,
         change_percent=100.0 * (made.rest_ohm / before_ohm - 1.0),

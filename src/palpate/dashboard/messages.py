@@ -173,7 +173,7 @@ def _is_within(value: object, low: float, high: float) -> bool:
     return isinstance(value, int | float) and low <= value <= high
 
 
-class Activity(StrEnum):
+class DeviceActivity(StrEnum):
     """Activity of the devices."""
 
     IDLE = "no rig"
@@ -204,14 +204,14 @@ class Action(StrEnum):
     FILES = "rename or delete"
 
 
-ACTIVITIES: dict[type[Order], Activity] = {
-    OpenRig: Activity.OPENING,
-    GraspOrder: Activity.GRASPING,
-    OpenHand: Activity.RELEASING,
-    CalibrateRest: Activity.RESTING,
-    CalibrateForce: Activity.WEIGHING,
-    Examine: Activity.EXAMINING,
-    Play: Activity.REPLAYING,
+ACTIVITIES: dict[type[Order], DeviceActivity] = {
+    OpenRig: DeviceActivity.OPENING,
+    GraspOrder: DeviceActivity.GRASPING,
+    OpenHand: DeviceActivity.RELEASING,
+    CalibrateRest: DeviceActivity.RESTING,
+    CalibrateForce: DeviceActivity.WEIGHING,
+    Examine: DeviceActivity.EXAMINING,
+    Play: DeviceActivity.REPLAYING,
 }
 ACTIONS: dict[type[Order | Request], Action] = {
     OpenRig: Action.OPEN,
@@ -313,7 +313,7 @@ class Guide:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Calibrated:
+class CalibrationRenewed:
     """A calibration was renewed."""
 
     file: Path
@@ -344,7 +344,7 @@ class Ended:
 
     order: Order
     #: Its result.
-    found: Grasped | Calibrated | Health | None = None
+    found: Grasped | CalibrationRenewed | Health | None = None
     #: Empty, or one line with the problem and the remedy.
     trouble: str = ""
     #: Whether it was stopped before it had a result, or before it began.

@@ -13,7 +13,7 @@ from palpate.arrays import FloatArray
 from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.dashboard.headline import headline_of, operator_view, phase_text
 from palpate.dashboard.live import Live, finite
-from palpate.dashboard.messages import Activity
+from palpate.dashboard.messages import DeviceActivity
 from palpate.dashboard.session import Session
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.phases import Phase
@@ -30,7 +30,7 @@ def state_document(session: Session) -> dict[str, object]:
     """Return the state of a session; it changes with every event."""
     live, source = session.devices.live, session.devices.live.source
     # Until the devices have begun, what is known is of the grasp before.
-    begun = session.devices.activity is Activity.GRASPING and session.devices.grasped is None
+    begun = session.devices.activity is DeviceActivity.GRASPING and session.devices.grasped is None
     running = live.progress if begun else None
     return {
         "activity": session.devices.activity.value,
@@ -163,7 +163,11 @@ def _link(session: Session) -> dict[str, Any]:
     link, hung_s = session.devices.live.link, session.silence_s
     hung = hung_s is not None
     counted = asdict(replace(link, age_s=link.age_s + (hung_s or 0.0)))
-    waiting = session.devices.activity in (Activity.OPENING, Activity.IDLE, Activity.REPLAYING)
+    waiting = session.devices.activity in (
+        DeviceActivity.OPENING,
+        DeviceActivity.IDLE,
+        DeviceActivity.REPLAYING,
+    )
     return dict(zip(counted, finite(list(counted.values())), strict=True)) | {
         "hung_s": hung_s,
         "stale": hung or (link.stale and not waiting),

@@ -13,7 +13,7 @@ from urllib.parse import quote
 from nicegui import run, ui
 
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.folder import Summary, is_simulated, recording_named
+from palpate.dashboard.folder import GraspSummary, is_simulated, recording_named
 from palpate.dashboard.messages import Action, Play
 from palpate.dashboard.panel_grasp import SPEEDS
 from palpate.dashboard.panel_html import day_text
@@ -74,7 +74,7 @@ class _Listed:
 
     file: Path
     status: os.stat_result
-    grasp: Summary | None
+    grasp: GraspSummary | None
     simulated: bool
 
 

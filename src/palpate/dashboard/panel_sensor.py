@@ -10,7 +10,13 @@ from nicegui import run, ui
 
 from palpate.calibrate.dead_weights import check_loads
 from palpate.dashboard.app_state import AppState, age_text
-from palpate.dashboard.messages import Action, Calibrated, CalibrateForce, CalibrateRest, Examine
+from palpate.dashboard.messages import (
+    Action,
+    CalibrateForce,
+    CalibrateRest,
+    CalibrationRenewed,
+    Examine,
+)
 from palpate.dashboard.panel_html import panel_html, panel_svg
 from palpate.dashboard.session import CalibrationFailure
 from palpate.dashboard.viewer import Viewer, heading, paragraph
@@ -100,9 +106,9 @@ def _result(app_state: AppState, viewer: Viewer) -> None:
     box = ui.html("", sanitize=False).props("id=calibrated")
     devices = app_state.session.devices
 
-    def show(ended: Calibrated | CalibrationFailure | None) -> None:
+    def show(ended: CalibrationRenewed | CalibrationFailure | None) -> None:
         match ended:
-            case Calibrated():
+            case CalibrationRenewed():
                 box.set_content(panel_html("calibrated", made=ended))
             case CalibrationFailure():
                 box.set_content(panel_html("failure", failure=ended))

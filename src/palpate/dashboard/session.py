@@ -17,12 +17,12 @@ from palpate.dashboard.messages import (
     ACTIONS,
     ACTIVITIES,
     Action,
-    Activity,
     Began,
     BeingRecorded,
-    Calibrated,
     CalibrateForce,
     CalibrateRest,
+    CalibrationRenewed,
+    DeviceActivity,
     DevicesLost,
     Ended,
     FrameSource,
@@ -73,7 +73,7 @@ class DeviceState:
 
     def __init__(self, *, on_grasped: Callable[[Grasped, GraspOrder], None]) -> None:
         self._on_grasped = on_grasped
-        self.activity = Activity.IDLE
+        self.activity = DeviceActivity.IDLE
         self.live = Live()
         #: What the user is to do now.
         self.guide: Guide | None = None
@@ -85,7 +85,7 @@ class DeviceState:
         self.placed: Mapping[str, Any] = {}
         #: Its item; empty without one.
         self.item_id = ""
-        self.calibrated: Calibrated | None = None
+        self.calibrated: CalibrationRenewed | None = None
         self.health: Health | None = None
         #: Of the last order, if it was a calibration that was stopped or failed.
         self.calibration_failure: CalibrationFailure | None = None
@@ -122,7 +122,7 @@ class DeviceState:
     def take(self, update: Update | DevicesLost) -> None:
         """Take an update of the devices."""
         if isinstance(update, DevicesLost):
-            self.activity, self.trouble = Activity.GONE, update.text
+            self.activity, self.trouble = DeviceActivity.GONE, update.text
             self.live.link = replace(self.live.link, stale=True)
             return
         for note in update.notes:
@@ -173,7 +173,7 @@ class DeviceState:
 
     def rest(self) -> None:
         """End the order, so that the next may begin."""
-        self.activity = Activity.WATCHING if self.rig_open else Activity.IDLE
+        self.activity = DeviceActivity.WATCHING if self.rig_open else DeviceActivity.IDLE
         self.order = None
 
     def _end(self, note: Ended) -> None:
@@ -195,7 +195,7 @@ class DeviceState:
                 if isinstance(note.order, GraspOrder):
                     self.live.end_grasp()
                     self._on_grasped(note.found, note.order)
-            case Calibrated():
+            case CalibrationRenewed():
                 self.calibrated = note.found
             case Health():
                 self.health = note.found
@@ -284,7 +284,7 @@ class Session:
     def shown_target_n(self) -> float | None:
         """Target force of the shown grasp: the recorded one, else the last ordered."""
         progress = self.devices.live.progress
-        if self.devices.activity is Activity.REPLAYING and progress is not None:
+        if self.devices.activity is DeviceActivity.REPLAYING and progress is not None:
             return progress.bounds.target_n
         return self.target_force_n
 
@@ -332,7 +332,7 @@ class Session:
     def refusal(self, action: Action, *, viewer: str) -> str:
         """Return why this can't be pressed now; empty if it can."""
         activity, guide = self.devices.activity, self.devices.guide
-        if activity is Activity.GONE:
+        if activity is DeviceActivity.GONE:
             return "the devices are gone: start palpate serve again"
         if self.silence_s is not None:
             return "the devices are silent: if the hand may move, use the emergency stop"
@@ -345,10 +345,10 @@ class Session:
         if action in (Action.SPEED, Action.FILES):
             return ""
         if action is Action.STEER:
-            return "" if activity is Activity.REPLAYING else "nothing is replayed"
-        if action is Action.RELEASE and activity is Activity.GRASPING:
+            return "" if activity is DeviceActivity.REPLAYING else "nothing is replayed"
+        if action is Action.RELEASE and activity is DeviceActivity.GRASPING:
             return ""
-        if activity not in (Activity.WATCHING, Activity.IDLE):
+        if activity not in (DeviceActivity.WATCHING, DeviceActivity.IDLE):
             return f"{activity!s}: wait, or press stop"
         if action in (Action.OPEN, Action.PLAY):
             return ""
@@ -387,7 +387,7 @@ class Session:
 
     def release(self, viewer: str) -> None:
         """Release the object, or open the hand."""
-        if self.devices.activity is Activity.GRASPING:
+        if self.devices.activity is DeviceActivity.GRASPING:
             self.request(viewer, ReleaseNow())
         else:
             self.order(viewer, OpenHand())
@@ -404,7 +404,7 @@ class Session:
         self._check(ACTIONS[type(request)], viewer)
         check_numbers(request)
         self._send(request)
-        if isinstance(request, SetSpeed) and self.devices.activity is not Activity.REPLAYING:
+        if isinstance(request, SetSpeed) and self.devices.activity is not DeviceActivity.REPLAYING:
             self.rig = self.rig and replace(self.rig, speed=request.speed)
 
     def _check(self, action: Action, viewer: str) -> None:

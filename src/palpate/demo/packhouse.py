@@ -121,7 +121,7 @@ def write_packhouse(
 def _fill(store: Store, *, progress: Callable[[float], None]) -> None:
     """Grasp everything on each morning: the ball first, then apples, then avocados."""
     rng = np.random.default_rng(_SEED)
-    ball, hand = draw_object(rng, "ball-44lbs"), _Hand(rng)
+    ball, hand = draw_object(rng, "ball-44lbs"), _Station(rng)
     apples = {f"apple-{number + 1}": draw_object(rng, "apple") for number in range(_APPLES)}
     apples["A17"] = draw_object(rng, "apple")
     for name in apples:
@@ -155,7 +155,7 @@ def _label(store: Store, item_id: str, about: About, text: str, *, at: datetime)
     )
 
 
-def _grasp_apples(hand: _Hand, apples: dict[str, TwinObject], day: int) -> list[Grasp]:
+def _grasp_apples(hand: _Station, apples: dict[str, TwinObject], day: int) -> list[Grasp]:
     """Grasp both pairs of sides of each apple; on the second day one of A17 is bruised."""
     found = []
     for name, apple in apples.items():
@@ -206,7 +206,7 @@ class _Avocado:
         return replace(self.flesh, force_at_1mm_n=force_n)
 
 
-class _Hand:
+class _Station:
     """One sensor on one gripper, calibrated once; every morning its rest values are taken."""
 
     def __init__(self, rng: np.random.Generator) -> None:

@@ -34,7 +34,7 @@ FOLDS = 5
 _LOG_BOUNDS_N = (-20.0, 20.0)
 
 
-class Prediction(NamedTuple):
+class RupturePrediction(NamedTuple):
     """The rupture force as known at one moment of a closing, all in newtons.
 
     `force_n`: the force level just passed.
@@ -73,12 +73,12 @@ class DamageModel:
         if not 0 < self.rate < 1:
             raise ValueError(f"rate is {self.rate}; it must lie between 0 and 1")
 
-    def predict(self, state: ClosingState, *, kind: str = "") -> Prediction:
+    def predict(self, state: ClosingState, *, kind: str = "") -> RupturePrediction:
         """Return the rupture force from one state of a closing curve (kind ``""``: not known)."""
         kind = kind if kind in self.strengths else ""
         predicted_n = self.strengths[kind].predict_n(state)
         low_n = max(self.low_shares[kind] * predicted_n, state.force_n)
-        return Prediction(state.force_n, predicted_n, low_n)
+        return RupturePrediction(state.force_n, predicted_n, low_n)
 
     def bound_n(self, stiffness: Measurement, *, kind: str = "") -> float:
         """Return the force below which at most a fraction `rate` of objects are damaged, N.
@@ -102,7 +102,7 @@ class DamageModel:
         return float(weight @ strength.below(force_n, log_stiffness))
 
 
-def half_load(predictions: Sequence[Prediction]) -> Prediction | None:
+def half_load(predictions: Sequence[RupturePrediction]) -> RupturePrediction | None:
     """Return the prediction as it stood when the force first reached half of its own prediction.
 
     Where the object ruptured before that, the last one known; None where nothing was known.

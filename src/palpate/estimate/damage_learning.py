@@ -14,7 +14,7 @@ from palpate.estimate.damage import (
     FOLDS,
     NOMINAL_RATE,
     DamageModel,
-    Prediction,
+    RupturePrediction,
     fit_damage_model,
     half_load,
 )
@@ -105,7 +105,9 @@ def split(
     ]
 
 
-def at_half_load(closing: FruitClosing, *, model: DamageModel, kind: str) -> Prediction | None:
+def at_half_load(
+    closing: FruitClosing, *, model: DamageModel, kind: str
+) -> RupturePrediction | None:
     """Return a model's prediction for a closing when half of it is reached."""
     return half_load([model.predict(state, kind=kind) for state in closing.states])
 

@@ -16,7 +16,7 @@ _ENTRY = re.compile(r"(\w+) : (\S+ to \S+) (.+?), ([a-z ]+)\.\s+(.+)")
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class ReadingNumbers:
     """From frames and reports to an estimate.
 
     now_s : 0.05 to 0.3 s, guess. Span of the frames whose mean is read as now.
@@ -240,7 +240,7 @@ class Current:
     more_ma: float = 20.0
 
 
-READING, APPROACH, TOUCH = Reading(), Approach(), TouchDetection()
+READING, APPROACH, TOUCH = ReadingNumbers(), Approach(), TouchDetection()
 SQUEEZE, SETTLE, GUARDS = Squeeze(), Settle(), Guards()
 PIXELS, CURRENT = Pixels(), Current()
 GROUPS: dict[str, Any] = {

@@ -165,7 +165,7 @@ def _freeze(column: NDArray[_Item]) -> NDArray[_Item]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Summary:
+class RecordingSummary:
     """Counts of a recording; `rate_hz` is None with fewer than two frames.
 
     `frames_lost` counts the gaps in the numbering; `duration_s` is from first to last frame.
@@ -180,7 +180,7 @@ class Summary:
     load_cell_readings: int
 
 
-def summarise_recording(reader: RecordingReader, *, state: FileState) -> Summary:
+def summarise_recording(reader: RecordingReader, *, state: FileState) -> RecordingSummary:
     """Count what a recording holds.
 
     `state`: filled in: whether the file is whole.
@@ -195,7 +195,7 @@ def summarise_recording(reader: RecordingReader, *, state: FileState) -> Summary
             lost += 0 if last is None else max(0, message.sequence - last.sequence - 1)
             first, last = first or message, message
     duration_s = 0.0 if first is None or last is None else last.time_s - first.time_s
-    return Summary(
+    return RecordingSummary(
         frames=counts[Frame],
         frames_lost=lost,
         duration_s=duration_s,

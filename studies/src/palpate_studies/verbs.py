@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 import typer
 
-from palpate.cli.lazy_group import HELP, Entry, LazyGroup, load_command
+from palpate.cli.lazy_group import HELP, LazyCommand, LazyGroup, load_command
 from palpate.cli.options import QuietOption
 from palpate.cli.output import progress
 from palpate.errors import InputError
@@ -27,10 +27,10 @@ SETTINGS: dict[str, Any] = {
 }
 
 
-def catalogue(group: str) -> dict[str, Entry]:
+def catalogue(group: str) -> dict[str, LazyCommand]:
     """Return what installed packages offer in a group of entry points, by name."""
     rows = [row for point in entry_points(group=group) for row in point.load().items()]
-    return {name: Entry(f"{place}:command", text) for name, (place, text) in sorted(rows)}
+    return {name: LazyCommand(f"{place}:command", text) for name, (place, text) in sorted(rows)}
 
 
 def _names(group: str) -> Any:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.cli.calibrate_force import Course, _ask_loads, _take_until_enough
+from palpate.cli.calibrate_force import WeightSeries, _ask_loads, _take_until_enough
 from palpate.errors import InputError
 
 
-def course(tolerance_percent: float = 0.0) -> Course:
-    return Course(tolerance_percent=tolerance_percent)
+def course(tolerance_percent: float = 0.0) -> WeightSeries:
+    return WeightSeries(tolerance_percent=tolerance_percent)
 
 
 def test_each_weight_reports_the_narrowed_intervals(capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,9 +18,9 @@ from palpate.dashboard.device_process import DeviceProcess
 from palpate.dashboard.messages import (
     Began,
     BeingRecorded,
-    Calibrated,
     CalibrateForce,
     CalibrateRest,
+    CalibrationRenewed,
     Confirm,
     Ended,
     Examine,
@@ -288,7 +288,7 @@ def test_unreachable_hand_confirms_no_stop(opened: Page, monkeypatch: pytest.Mon
 
 def test_rest_is_calibrated_into_the_file_and_used(opened: Page, tmp_path: Path) -> None:
     ended = opened.done(CalibrateRest(file=tmp_path / "pad" / "calibration.json"))
-    assert isinstance(ended.found, Calibrated)
+    assert isinstance(ended.found, CalibrationRenewed)
     made = Calibration.load(ended.found.file)
     assert np.allclose(made.rest_ohm, ended.found.rest_ohm)
     assert np.abs(ended.found.change_percent).max() < 20
@@ -302,7 +302,7 @@ def test_rest_is_calibrated_into_the_file_and_used(opened: Page, tmp_path: Path)
 @pytest.mark.slow
 def test_the_force_is_calibrated_on_the_simulated_cell(opened: Page, tmp_path: Path) -> None:
     ended = opened.done(CalibrateForce(file=tmp_path / "calibration.json"))
-    assert isinstance(ended.found, Calibrated)
+    assert isinstance(ended.found, CalibrationRenewed)
     made = Calibration.load(ended.found.file)
     assert made.force_law["pairs"] >= 8
     assert made.held_out["error_percent"] == dict(ended.found.held_out)

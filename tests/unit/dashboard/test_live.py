@@ -13,7 +13,7 @@ from palpate.dashboard.grasp_progress import Bounds, GraspProgress
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S, Live
 from palpate.dashboard.messages import (
     Action,
-    Activity,
+    DeviceActivity,
     DevicesLost,
     Frames,
     FrameSource,
@@ -228,7 +228,7 @@ def test_rig_without_a_gripper_is_watched_and_refuses_a_grasp() -> None:
         Update(notes=(replace(SOURCE, gripper=None),), link=LinkStatus(stale=False))
     )
     session.join("a")
-    session.devices.activity = Activity.WATCHING
+    session.devices.activity = DeviceActivity.WATCHING
     assert session.refusal(Action.GRASP, viewer="a") == "this rig has no gripper"
     assert session.refusal(Action.RELEASE, viewer="a") == "this rig has no gripper"
     assert session.refusal(Action.EXAMINE, viewer="a") == ""
@@ -240,7 +240,7 @@ def test_rig_without_a_gripper_is_watched_and_refuses_a_grasp() -> None:
 def watched(*, stale: bool = False, counts: int = 300) -> dict:
     """Return the verdict of a page that watches a sensor which was read before."""
     session = Session(send=lambda message: None)
-    session.devices.activity = Activity.WATCHING
+    session.devices.activity = DeviceActivity.WATCHING
     session.devices.live.open_source(SOURCE)
     session.devices.live.add_frames(frames(1, counts=counts))
     session.devices.live.link = LinkStatus(frames=9, rate_hz=15.0, age_s=3.0 * stale, stale=stale)
@@ -307,7 +307,7 @@ def test_only_a_grasp_without_a_fault_is_green(
 def test_a_stop_is_neutral_once_the_hand_is_open(is_begun: bool) -> None:
     session = Session(send=lambda message: None)
     devices = session.devices
-    devices.activity, devices.stopped_early = Activity.WATCHING, not is_begun
+    devices.activity, devices.stopped_early = DeviceActivity.WATCHING, not is_begun
     devices.grasped = Grasped(result=GraspResult(outcome=Outcome.STOPPED)) if is_begun else None
     devices.live.open_source(SOURCE)
     devices.live.add_frames(replace(frames(1), reported=np.array([40.0])))
@@ -351,10 +351,10 @@ def test_a_force_beyond_the_learned_limit_is_not_green(low_n: float | None, kind
 
 def test_the_operator_reads_the_target_of_the_grasp_that_runs_and_then_of_the_next() -> None:
     session = Session(send=lambda message: None)
-    session.target_force_n, session.devices.activity = 3.0, Activity.GRASPING
+    session.target_force_n, session.devices.activity = 3.0, DeviceActivity.GRASPING
     shown = document(session, generation=-1, after_s=0.0)["operator"]
     assert shown["target"] == "3 N"
-    session.devices.activity = Activity.WATCHING
+    session.devices.activity = DeviceActivity.WATCHING
     shown = document(session, generation=-1, after_s=0.0)["operator"]
     assert shown["target"] == "gentle squeeze"
 
@@ -383,7 +383,7 @@ def test_headline_of_a_held_object_off_its_target_is_not_green() -> None:
 def test_a_replay_is_judged_by_its_own_target() -> None:
     """Not by that of the grasp that was ordered last, nor by what the form has for the next."""
     session = Session(send=lambda message: None)
-    session.target_force_n, session.devices.activity = 2.0, Activity.REPLAYING
+    session.target_force_n, session.devices.activity = 2.0, DeviceActivity.REPLAYING
     session.form.target_force_n = 2.0
     reached = replace(
         progress(9.0, 1.0),

@@ -12,11 +12,11 @@ import pytest
 
 from palpate.dashboard.messages import (
     Action,
-    Activity,
     Began,
-    Calibrated,
     CalibrateForce,
+    CalibrationRenewed,
     Confirm,
+    DeviceActivity,
     DevicesLost,
     Ended,
     Examine,
@@ -49,7 +49,7 @@ FRESH = LinkStatus(frames=10, rate_hz=15.0, age_s=0.02, stale=False)
 GRASP = GraspOrder(target_force_n=2.0, recording=Path("new.mcap"))
 
 
-CALIBRATED = Calibrated(
+CALIBRATED = CalibrationRenewed(
     file=Path("pad.json"), rest_ohm=np.ones((4, 2)), change_percent=np.zeros((4, 2))
 )
 
@@ -159,7 +159,7 @@ def test_session_refuses_a_speed_out_of_range(rehearsal: Rehearsal, speed: Any) 
         with pytest.raises(InputError, match=r"^speed: from 0.1 to 20$"):
             press()
     assert rehearsal.sent == []
-    assert session.devices.activity is Activity.WATCHING
+    assert session.devices.activity is DeviceActivity.WATCHING
     assert session.rig == OpenRig(name="sim-rigid")
 
 
@@ -226,7 +226,7 @@ def test_nothing_is_grasped_before_a_rig_is_open() -> None:
 def test_an_order_that_failed_leaves_the_rig_watched_and_says_why(rehearsal: Rehearsal) -> None:
     rehearsal.session.order("a", GRASP)
     rehearsal.tell(Ended(order=GRASP, trouble="no pairs read 0.42 s after a movement"))
-    assert rehearsal.session.devices.activity is Activity.WATCHING
+    assert rehearsal.session.devices.activity is DeviceActivity.WATCHING
     assert rehearsal.session.devices.trouble == "no pairs read 0.42 s after a movement"
 
 
@@ -234,7 +234,7 @@ def test_session_after_a_failed_opening_has_no_rig(rehearsal: Rehearsal) -> None
     order = OpenRig(name="lost.toml")
     rehearsal.session.order("a", order)
     rehearsal.tell(Began(order=order), Ended(order=order, trouble="no such port"))
-    assert rehearsal.session.devices.activity is Activity.IDLE
+    assert rehearsal.session.devices.activity is DeviceActivity.IDLE
     assert "no rig is open" in rehearsal.session.refusal(Action.GRASP, viewer="a")
     assert not rehearsal.session.refusal(Action.OPEN, viewer="a")
 
@@ -269,7 +269,7 @@ def test_only_a_requested_step_can_be_confirmed(rehearsal: Rehearsal) -> None:
 
 def test_recording_continues_during_watching(rehearsal: Rehearsal) -> None:
     rehearsal.session.order("a", Record(Path("watched.mcap")))
-    assert rehearsal.session.devices.activity is Activity.WATCHING
+    assert rehearsal.session.devices.activity is DeviceActivity.WATCHING
 
 
 def test_a_new_grasp_begins_a_new_curve_and_forgets_the_last_verdict(rehearsal: Rehearsal) -> None:
