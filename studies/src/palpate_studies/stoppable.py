@@ -18,7 +18,7 @@ def require_uninterrupted(result: GraspResult) -> GraspResult:
 
     Examples
     --------
-    >>> uninterrupted(GraspResult(outcome=Outcome.HELD)).outcome.value
+    >>> require_uninterrupted(GraspResult(outcome=Outcome.HELD)).outcome.value
     'held'
     """
     if result.outcome is Outcome.STOPPED:
