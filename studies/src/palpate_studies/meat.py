@@ -105,7 +105,7 @@ def judge(rows: list[dict[str, Any]]) -> StudyReport:
 def _count_needed(sd: float, fall: float) -> int:
     """Return the specimens of each of two groups that show a fall.
 
-    >>> _needed(0.4, 0.3)
+    >>> _count_needed(0.4, 0.3)
     16
     """
     return math.ceil(2.0 * (_QUANTILES * sd / math.log(1.0 - fall)) ** 2)

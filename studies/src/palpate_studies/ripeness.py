@@ -109,7 +109,7 @@ def choose_conditions(
 
     Examples
     --------
-    >>> chosen(gripper="soft", aging=True)
+    >>> choose_conditions(gripper="soft", aging=True)
     [('lab', 'soft', True), ('field', 'soft', True)]
     """
     asked = (level, gripper, aging)

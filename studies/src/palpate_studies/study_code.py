@@ -43,7 +43,7 @@ def _read_code(path: Path) -> bytes:
     >>> import tempfile
     >>> file = Path(tempfile.mkdtemp()) / "one.py"
     >>> texts = "def f(): 'Say.'; return 1", "def f(): return (1)  # so", "def f(): return 2"
-    >>> one, same, other = ((file.write_text(text), _said(file))[1] for text in texts)
+    >>> one, same, other = ((file.write_text(text), _read_code(file))[1] for text in texts)
     >>> one == same, same == other
     (True, False)
     """

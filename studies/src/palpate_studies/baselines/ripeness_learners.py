@@ -62,7 +62,7 @@ def learn_stage(
     Examples
     --------
     >>> rows = [[float(x), 0.0] for x in range(40)]
-    >>> stage = learned_stage("trees", rows, [int(x >= 20) for x in range(40)])
+    >>> stage = learn_stage("trees", rows, [int(x >= 20) for x in range(40)])
     >>> stage([3.0, 0.0]), stage([33.0, 0.0])
     (0, 1)
     """

@@ -61,7 +61,7 @@ def fit_weighted_ridge(
     Examples
     --------
     >>> rows = np.arange(10.0).reshape(5, 2)
-    >>> weighted_ridge(rows, rows[:, 0], np.ones(5), 1e-6)(rows).round(3).tolist()
+    >>> fit_weighted_ridge(rows, rows[:, 0], np.ones(5), 1e-6)(rows).round(3).tolist()
     [0.0, 2.0, 4.0, 6.0, 8.0]
     """
     share = weight / weight.sum()

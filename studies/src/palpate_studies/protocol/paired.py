@@ -55,7 +55,7 @@ class Difference:
 
 
 def rms(errors: FloatArray) -> np.floating[Any]:
-    """Return the root mean square, as a statistic for `paired_difference`.
+    """Return the root mean square, as a statistic for `difference_of_pairs`.
 
     Examples
     --------
@@ -98,7 +98,7 @@ def difference_of_pairs(
 
     Examples
     --------
-    >>> found = paired_difference([1.0, 1, 1, 1], [2.0, 3, 2, 2], ["a", "a", "b", "c"])
+    >>> found = difference_of_pairs([1.0, 1, 1, 1], [2.0, 3, 2, 2], ["a", "a", "b", "c"])
     >>> found.value, found.verdict
     (-1.0, 'ours')
     """
@@ -128,7 +128,7 @@ def compare(
     losses : mapping of str to array_like, shape (cases,)
         Method -> losses.
     specimens, statistic
-        As of `paired_difference`.
+        As of `difference_of_pairs`.
     ours : str
         The method that the others are compared with.
     named
@@ -167,7 +167,7 @@ def bootstrap_difference(
     Examples
     --------
     >>> worse = np.array([0.1, 0.2, 0.1, 0.4])
-    >>> drawn_difference(lambda chosen: worse[chosen].max(), ["a", "a", "b", "c"]).value
+    >>> bootstrap_difference(lambda chosen: worse[chosen].max(), ["a", "a", "b", "c"]).value
     0.4
     """
     every = np.arange(len(specimens))
