@@ -59,7 +59,7 @@ def plot(fruits: list, rule: object, path: Path) -> None:
         days = [day.day for day in fruit.days]
         axes.plot(days, [np.exp(day.firmness) for day in fruit.days], "o-", label=fruit.item_id)
     for stage in STAGES[1:]:
-        begins = np.exp(rule.begins(stage))
+        begins = np.exp(rule.find_boundary(stage))
         axes.axhline(begins, color="#8A8A8A", lw=0.8, ls="--")
         axes.annotate(f"{stage} below", (2.5, begins), fontsize=7, va="top")
     axes.set(xlabel="days since the first grasp", ylabel="stiffness at 5 N, N/mm", yscale="log")

@@ -41,6 +41,7 @@ def test_twenty_scans_are_each_stored_under_their_own_name(
             page.keyboard.press("Escape")
             machine.until(lambda at: at["activity"] == "watching")
             assert machine.ask("GET", "/result")[1]["item_id"] == f"A-{number}"
+            can_press(page, "#release")
             page.keyboard.press("F9")
             machine.ready()
         names = [item["item_id"] for item in machine.ask("GET", "/items")[1]["items"]]

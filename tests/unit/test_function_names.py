@@ -61,7 +61,7 @@ NO_PARTICIPLES = frozenset({"need", "speed", "seed", "feed", "exceed", "proceed"
 
 def is_participle(word: str) -> bool:
     return word in IRREGULAR or (
-        word.endswith("ed") and len(word) > 4 and word not in NO_PARTICIPLES
+        word.endswith("ed") and len(word) > 3 and word not in NO_PARTICIPLES
     )
 
 

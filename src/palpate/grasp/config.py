@@ -205,6 +205,7 @@ class Pixels:
     moves : 5 to 12 moves, study faults. Without a change: the pixel is stuck.
     other_moves : 1 to 5 moves, study faults. Of the others meanwhile, at most.
     all_moves : 3 to 6 moves, study faults. Without a change of any pixel.
+    few_moves : 1 to 4 moves, study faults. Without a change, in a long time.
     flicker_frames : 15 to 60 frames, guess. Show whether a sensor flickers.
     most_alike : 6 to 20 frames, study faults. Alike that are not new.
     unlike_counts : 4 to 20 counts, study faults. Pixels differ at rest.
@@ -216,6 +217,7 @@ class Pixels:
     moves: int = 8
     other_moves: int = 3
     all_moves: int = 4
+    few_moves: int = 2
     flicker_frames: int = 30
     most_alike: int = 10
     unlike_counts: int = 8
@@ -225,7 +227,8 @@ class Pixels:
 class Current:
     """Thresholds of the evidence in the servo's current.
 
-    sd : 4 to 6 sd, study faults. A rise is believed.
+    sd : 4 to 6 sd, study faults. A rise that one movement shows is believed.
+    twice_sd : 2.5 to 4 sd, study faults. Two in a row are believed.
     readings : 3 to 8 readings, guess.
         In a mean; short movements of an empty hand that show what its gears take.
     sheet_factor : 1.5 to 3 1, study faults. Of what the sheet shows.
@@ -234,6 +237,7 @@ class Current:
     """
 
     sd: float = 4.5
+    twice_sd: float = 3.0
     readings: int = 4
     sheet_factor: float = 2.0
     equal_readings: int = 16

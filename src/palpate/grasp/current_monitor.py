@@ -36,6 +36,7 @@ class CurrentMonitor:
         self._turning = deque[float](maxlen=CURRENT.equal_readings)
         self._read_s = math.nan
         self._judged = True
+        self._twice = 0
         self._empty_ma = list[float]()
         self._grouped, self._risen_s = 0, math.nan
         self._absent = 0
@@ -88,7 +89,7 @@ class CurrentMonitor:
         )
         return Alarm(danger=Danger.GRIPPER_FAULT, words=words)
 
-    def _least_n(self, readings: deque[tuple[float, float]]) -> float:
+    def _least_n(self, readings: deque[tuple[float, float]], *, deviations: float) -> float:
         """Return the lower bound of the force."""
         law = self._plan.current
         if law is None or not readings:
@@ -98,15 +99,15 @@ class CurrentMonitor:
         most_ma = float(np.mean(gears.at(width_mm)))
         # Friction scatters in proportion; of a mean that is no friction, or less than its scatter,
         # no proportion is taken.
-        scatter_ma = CURRENT.sd * gears.movement_ma
+        scatter_ma = deviations * gears.movement_ma
         if gears.mean_ma > gears.movement_ma:
             scatter_ma = most_ma * math.expm1(scatter_ma / gears.mean_ma)
-        most_ma += scatter_ma + CURRENT.sd * law.noise_ma / math.sqrt(len(readings))
+        most_ma += scatter_ma + deviations * law.noise_ma / math.sqrt(len(readings))
         per_n = law.ma_per_n * (1.0 + 2.0 * WARMTH_SD)
         return max(float(current_ma.mean()) - most_ma, 0.0) / per_n
 
     def _check_ceiling(self, readings: deque[tuple[float, float]]) -> Alarm | None:
-        least_n = self._least_n(readings)
+        least_n = self._least_n(readings, deviations=CURRENT.twice_sd)
         ceiling_n = self._plan.safety.force_ceiling_n
         if least_n <= ceiling_n:
             return None
@@ -178,10 +179,14 @@ class CurrentMonitor:
         force = self._plan.early_law.force_n(estimate.now.reading, level=self._plan.level)
         shown_n = float(np.nan_to_num(force.high))
         bound_n = CURRENT.sheet_factor * shown_n
-        least_n = self._least_n(self._stand)
+        least_n = self._least_n(self._stand, deviations=CURRENT.sd)
         if not self._judged:
             self._judged = True
-            least_n = max(least_n, self._least_n(self._pull))
+            least_n = max(least_n, self._least_n(self._pull, deviations=CURRENT.sd))
+            again_n = self._least_n(self._pull, deviations=CURRENT.twice_sd)
+            self._twice = self._twice + 1 if again_n > bound_n else 0
+            if self._twice > 1:
+                least_n = max(least_n, again_n)
         if least_n <= bound_n:
             return None
         words = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.grasp.config import PIXELS, READING
+from palpate.grasp.config import GUARDS, PIXELS, READING
 from palpate.grasp.estimator import Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import Alarm, Danger
@@ -25,9 +25,10 @@ class PixelMonitor:
     Where a load brings a pixel to the end step by step, it reads the least that it can be, and the
     others go on; once it has brought most of those that it presses there, nothing is known of it
     any more, and that is an alarm too. A pixel that sticks in the middle of its range is known
-    after eight movements of the fingers, all of them together after four, and in a hand that stands
-    too where the sensor flickers. Pixels that all read the same are known at the second frame. A
-    single one that sticks in the hold is not known here.
+    after eight movements of the fingers (two in three seconds or more, where the others are
+    lively), all of them together after four, and in a hand that stands too where the sensor
+    flickers. Pixels that all read the same are known at the second frame. A single one that sticks
+    in the hold is not known here.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -49,6 +50,8 @@ class PixelMonitor:
         self._loaded = np.zeros(rest_ohm.shape, dtype=bool)
         self._unchanged = np.zeros(rest_ohm.shape, dtype=int)
         self._shaken = np.zeros(rest_ohm.shape, dtype=bool)
+        self._changed_s = np.full(rest_ohm.shape, np.inf)
+        self._now_s = 0.0
         self._counted_at = 0.0
         self._frames = self._alike = self._longest = 0
         self._closure = 0.0
@@ -75,7 +78,10 @@ class PixelMonitor:
         frame = observation.frame
         counts = np.asarray(frame.counts, dtype=float) / frame.oversampling
         before = counts if self._counts is None else self._counts
-        self._shaken |= counts != before
+        changed = counts != before
+        self._shaken |= changed
+        self._changed_s = np.where(changed, frame.time_s, np.fmin(self._changed_s, frame.time_s))
+        self._now_s = frame.time_s
         self._count_alike(alike=bool((counts == before)[self._known].all()))
         equal = self._unlike and float(np.ptp(counts[self._known])) <= 1
         self._equal = self._equal + 1 if equal else 0
@@ -164,10 +170,18 @@ class PixelMonitor:
             self._counted_at = closure
 
     def _find_stuck(self) -> NDArray[np.bool_]:
-        """Return which pixels did not change in many movements, while the others did."""
-        stuck = self._unchanged >= PIXELS.moves
-        others = self._unchanged[self._known & ~stuck]
-        return np.asarray(stuck & (others.max(initial=0) <= PIXELS.other_moves))
+        """Return which pixels did not change in many movements, or in few in a long time."""
+        long = self._now_s - self._changed_s > GUARDS.patience_s
+        return self._find_unchanged(PIXELS.moves, others=PIXELS.other_moves) | (
+            self._find_unchanged(PIXELS.few_moves, others=1) & long
+        )
+
+    def _find_unchanged(self, moves: int, *, others: int) -> NDArray[np.bool_]:
+        """Return which pixels did not change in `moves` movements, while the others did."""
+        unchanged = self._unchanged >= moves
+        rest = self._unchanged[self._known & ~unchanged]
+        lively = rest.size > 0 and int(rest.max()) <= others
+        return np.asarray(unchanged & lively)
 
     def _under_load(self, counts: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which pixels are under load."""

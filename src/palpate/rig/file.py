@@ -72,7 +72,7 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
             raise InputError(
                 f"rig file {path}: next to `use` only `calibration` may stand; leave the rest out"
             )
-        rig = open_rig(used_in(path, stated), object_name=object_name, seed=seed)
+        rig = open_rig(name_used_rig(path, stated), object_name=object_name, seed=seed)
         if "calibration" not in stated:
             return rig
         return with_calibration(rig, path.parent / str(stated["calibration"]))
@@ -122,7 +122,7 @@ def check_layout(
         )
 
 
-def used_in(path: Path, stated: Mapping[str, Any]) -> str:
+def name_used_rig(path: Path, stated: Mapping[str, Any]) -> str:
     """Return the rig that `use` names.
 
     Raises `InputError` if it names another rig file that only passes on: such files could name each

@@ -230,11 +230,11 @@ def grip_as_shipped(task: Task, *, damage: DamageModel | None) -> Gripped:
         limited=result.limited,
         on_target_s=_on_target_s(result),
         force_n=truth.force_n,
-        damaged=damaged(world, task),
+        damaged=is_damaged(world, task),
     )
 
 
-def damaged(world: World, task: Task) -> bool:
+def is_damaged(world: World, task: Task) -> bool:
     return world.truth().peak_force_n >= task.obj.yield_n
 
 

@@ -320,7 +320,7 @@ def _compare_models(followed: Mapping[str, Sequence[Followed]]) -> Rows:
     Over presses it is the median error of each, over the release that of each sample.
     """
 
-    def released(each: Sequence[Followed]) -> FloatArray:
+    def select_release(each: Sequence[Followed]) -> FloatArray:
         return np.concatenate([np.abs(one.log_error[one.released]) for one in each])
 
     ours = followed["ours"]
@@ -332,6 +332,6 @@ def _compare_models(followed: Mapping[str, Sequence[Followed]]) -> Rows:
     groups = [one.press.trace.group for one in ours for _ in range(int(one.released.sum()))]
     # Recordings of presses that are never let go have no release.
     if groups:
-        lost = {model: released(each) for model, each in followed.items()}
+        lost = {model: select_release(each) for model, each in followed.items()}
         rows += compare(lost, groups, part="released")
     return rows

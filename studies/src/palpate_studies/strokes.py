@@ -305,7 +305,7 @@ def trees(train: Others, told: str) -> Follower:
         loss="absolute_error", max_iter=100, max_leaf_nodes=15, min_samples_leaf=40
     )
 
-    def seen(touch: Touch, others: Others) -> FloatArray:
+    def list_inputs(touch: Touch, others: Others) -> FloatArray:
         inputs = _inputs(touch, told)
         if told != "place":
             return inputs
@@ -315,12 +315,12 @@ def trees(train: Others, told: str) -> Follower:
         more = np.full((len(inputs), 1), force if others else np.nan)
         return np.concatenate([inputs, inputs[:, :1] - reading, more], axis=1)
 
-    x = np.concatenate([seen(one, others_of(one, train))[one.after(told)] for one in train])
+    x = np.concatenate([list_inputs(one, others_of(one, train))[one.after(told)] for one in train])
     y = _pool(train, told, lambda one: one.log_force - _origin(one, told))
     w = _pool(train, told, lambda one: one.weight)
     machine.fit(x, y, sample_weight=w)
     return _with_interval(
-        lambda touch, others: machine.predict(seen(touch, others)) + _origin(touch, told),
+        lambda touch, others: machine.predict(list_inputs(touch, others)) + _origin(touch, told),
         train,
         told,
     )

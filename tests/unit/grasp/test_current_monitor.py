@@ -121,6 +121,12 @@ def test_force_without_a_reading_of_the_sheet_raises_an_alarm(
     assert "and the sheet at most" in alarm.words
 
 
+def test_weaker_force_is_detected_by_two_movements(calibrated: Plan) -> None:
+    watch = CurrentMonitor(calibrated)
+    assert moved(watch, of_force(2.6), closure=20.0)[-1] is None
+    assert moved(watch, of_force(2.6), closure=21.0)[-1] is not None
+
+
 def test_force_on_the_sheet_too_raises_no_alarm(calibrated: Plan) -> None:
     watch = CurrentMonitor(calibrated)
     assert moved(watch, of_force(6.0), closure=20.0, reading=12.0) == [None] * 5
@@ -305,10 +311,11 @@ def smallest_n(plan: Plan, movements: int) -> float:
     raise AssertionError("no force is an alarm")
 
 
-@pytest.mark.parametrize("movements", [1, 2, 3])
-def test_lower_bound_of_the_force_follows_the_current(calibrated: Plan, movements: int) -> None:
+@pytest.mark.parametrize(("movements", "deviations"), [(1, 4.5), (2, 3.0), (3, 3.0)])
+def test_lower_bound_of_the_force_follows_the_current(
+    calibrated: Plan, movements: int, deviations: float
+) -> None:
     """Gears at their most, four readings, a cold motor; twice what the sheet shows at most."""
-    deviations = 4.5
     shown_n = float(calibrated.early_law.force_n(0.0, level=calibrated.level).high)
     gears_ma = GEARS_MA * np.exp(deviations * 4.0 / GEARS_MA) + deviations * 6.0 / np.sqrt(4)
     per_n = MA_PER_N * (1.0 + 2.0 * 0.035)
@@ -348,8 +355,8 @@ def test_force_limit_comes_where_the_current_proves_the_ceiling(
 ) -> None:
     """Gears and noise may take their share, and a warm servo more for each newton."""
     assert calibrated.current is not None
-    gears_ma = GEARS_MA * np.exp(CURRENT.sd * 4.0 / GEARS_MA)
-    noise_ma = CURRENT.sd * 6.0 / np.sqrt(CURRENT.readings)
+    gears_ma = GEARS_MA * np.exp(CURRENT.twice_sd * 4.0 / GEARS_MA)
+    noise_ma = CURRENT.twice_sd * 6.0 / np.sqrt(CURRENT.readings)
     per_n = MA_PER_N * (1.0 + 2.0 * WARMTH_SD)
     proven_n = fraction * calibrated.safety.force_ceiling_n
     found = moved(

@@ -44,7 +44,7 @@ from palpate_studies.force_control_world import (
     Gripped,
     Task,
     calibration_of,
-    damaged,
+    is_damaged,
 )
 from palpate_studies.protocol.parts import Learned
 
@@ -242,7 +242,7 @@ def correct_by_reading(
         lifted=True,
         dropped=world.dropped,
         force_n=world.truth().force_n,
-        damaged=damaged(world, task),
+        damaged=is_damaged(world, task),
         said_n=reading_n,
         on_target_s=on_target_s,
     )
@@ -256,14 +256,14 @@ def make_touch_check(
     The mean over all pixels has to (section 2.1); with `both_fingers` the mean of each finger.
     """
 
-    def touched() -> bool:
+    def is_touching() -> bool:
         change = relative_change_percent(read_ohm(array, seconds=_DWELL_S), rest_ohm=rest_ohm)
         if both_fingers:
             fingers = finger_means(change, finger_of_row=world.layout.finger_of_row)
             return bool(np.all(fingers <= CONTACT_PERCENT))
         return bool(mean_change(change) <= CONTACT_PERCENT)
 
-    return touched
+    return is_touching
 
 
 def read_ohm(array: TwinArray, *, seconds: float, last: int | None = None) -> FloatArray:
