@@ -1,7 +1,7 @@
 """Monitors of a grasp: each checks one danger after every frame.
 
-A monitor is a class with `check`; add one to the lists below (what the sheet shows of the grip) or
-in `runner` (what only the runner sees). Those of the pixels, of the servo's current and of the
+A monitor is a class with `check`. Add one to `GRIP` below if it needs the estimate, or make it in
+`run_grasp` if it has to see every frame. Those of the pixels, of the servo's current and of the
 gripper's movements have a memory and a file each.
 """
 
@@ -17,7 +17,7 @@ from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.rest import strange_rest
-from palpate.grasp.safety import Alarm, Danger
+from palpate.grasp.safety import FORCE_CEILING_N, Alarm, Danger
 from palpate.grasp.state import GraspState
 
 _HOLDING = (Phase.SQUEEZE, Phase.SETTLE, Phase.HOLD)
@@ -37,16 +37,13 @@ class Monitor(Protocol):
 class BoardMonitor:
     """Ends the grasp where the sensor's board has tripped: one pixel shows more than is allowed."""
 
-    def __init__(self, plan: Plan) -> None:
-        self._plan = plan
-
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
         """Return the trip of the board's own ceiling."""
         if not observation.frame.ceiling_tripped:
             return None
         words = (
             "the board's own ceiling has tripped: a pixel reads more than "
-            f"{self._plan.safety.force_ceiling_n:g} N allow; take the cause away, then open the "
+            f"{FORCE_CEILING_N:g} N allow; take the cause away, then open the "
             "rig again"
         )
         return Alarm(danger=Danger.FORCE_LIMIT, words=words)

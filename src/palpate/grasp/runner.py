@@ -216,7 +216,7 @@ def run_grasp(
     """
     controller, feed = GraspController(plan), _Feed(array, clock=clock, plan=plan)
     state, hand = controller.state, _Hand(gripper, plan=plan)
-    board, pixels, rest = BoardMonitor(plan), PixelMonitor(plan), RestMonitor(plan)
+    board, pixels, rest = BoardMonitor(), PixelMonitor(plan), RestMonitor(plan)
     views, watching = list(subscribers), list(watchers)
     requests = Requests() if requests is None else requests
 
