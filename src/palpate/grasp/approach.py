@@ -200,7 +200,7 @@ def continue_sweep(state: GraspState, plan: Plan) -> GripperCommand | None:
     frozen = sweep.is_frozen and estimate.still_since_s is None
     # With more than a push takes the object is gripped, and the other finger may not show it.
     gripped = estimate.watched_n > sweep.most_n
-    if sweep.time_s and (frozen or gripped or sweep.feels_contact(plan.current)):
+    if sweep.time_s and (frozen or gripped or sweep.is_touching(plan.current)):
         return _end_sweep(state, stop_here(estimate, plan))
     near = sweep.end < plan.gripper.span
     frames = APPROACH.haste_frames if near else APPROACH.ahead_frames

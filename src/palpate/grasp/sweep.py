@@ -104,7 +104,7 @@ class Sweep:
         latest = self.log_ohm[-many:]
         return len(latest) == many and all(np.array_equal(latest[0], one) for one in latest)
 
-    def feels_contact(self, current: CurrentLaw | None) -> bool:
+    def is_touching(self, current: CurrentLaw | None) -> bool:
         """Whether a pixel or the servo shows a contact now."""
         time_s = np.array(self.time_s)
         now = time_s > time_s[-1] - TOUCH.latest_s

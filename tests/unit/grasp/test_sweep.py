@@ -30,7 +30,7 @@ def first_touch_s(
         for pixel, per_s in change.items():
             log_ohm.flat[pixel] += per_s * max(time_s - begins_s, 0.0)
         sweep = sweep.with_frame(time_s, log_ohm=log_ohm, gears_ma=float("nan"))
-        if sweep.feels_contact(None):
+        if sweep.is_touching(None):
             return time_s
     return None
 
@@ -95,7 +95,7 @@ def test_a_change_counts_from_six_deviations_and_a_hundredth_on(
             log_ohm = noise * rng.standard_normal((4, 2)).clip(-2.5, 2.5)
             log_ohm[1, 1] += sign * step * (index >= 20)
             sweep = sweep.with_frame((index + 1) / RATE_HZ, log_ohm=log_ohm, gears_ma=float("nan"))
-            touched.append(sweep.feels_contact(None))
+            touched.append(sweep.is_touching(None))
         assert not any(touched[:20])
         assert touched[20] is felt
 
@@ -116,5 +116,5 @@ def test_a_pull_of_the_servo_is_a_touch_beside_the_pixels(more_ma: float, felt: 
         pull_ma = more_ma if index == 15 else 0.0
         log_ohm = NOISE * rng.standard_normal((4, 2))
         sweep = sweep.with_frame((index + 1) / RATE_HZ, log_ohm=log_ohm, gears_ma=pull_ma)
-        assert not sweep.feels_contact(None)
-    assert sweep.feels_contact(current) is felt
+        assert not sweep.is_touching(None)
+    assert sweep.is_touching(current) is felt
