@@ -39,7 +39,8 @@ class ReadingNumbers:
 class Approach:
     """Closing at speed, and the touch that ends it.
 
-    overrun_steps : 1 to 3 steps, twin. Travel from a touch until the hand stands.
+    overrun_steps : 1 to 3 steps, twin.
+        Travel from a touch until the hand stands; the speed of the approach follows from it.
     ahead_frames : 1.25 to 4 frames, guess. Reach of a command ahead.
     ahead_s : 0.01 to 0.05 s, guess. And beyond those frames.
     haste_frames : 1 to 2 frames, guess. The same where no object is expected yet.
@@ -158,7 +159,7 @@ class Guards:
     too_far : 1.1 to 1.5 1, guess. Of the target that ends a movement.
     late_s : 0.06 to 0.12 s, twin. The sheet shows a rising force this late.
     lost_fraction : 0.2 to 0.5 1, twin. Of a grip that is left: gone.
-    left_fraction : 0.6 to 0.85 1, study faults. Of a touch still read after the way back.
+    left_fraction : 0.6 to 0.85 1, guess. Of a touch still read after the way back.
     falls_fraction : 0.005 to 0.03 1, study faults. Fall of the reading at each closing step.
     falls_steps : 3 to 5 steps, study faults. Steps that fall in a row.
     rises_fraction : 0.05 to 0.2 1, study faults. Rise of the reading while opening.

@@ -102,7 +102,8 @@ class Plan:
     dwell_s, confirm_s : float
         Wait after each step before it is read; further wait to confirm a contact.
     rate, squeeze_rate : float
-        Speed of closing before a touch, and after it.
+        Speed of steps and of backing off before the contact, and of steps after it. The approach at
+        speed has its own (`approach.start_sweep`).
     horizon_s : float
         When the sheet counts as settled, from the end of the last movement.
     tries : int

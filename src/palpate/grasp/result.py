@@ -33,10 +33,10 @@ class Outcome(StrEnum):
     FORCE_LIMIT = "force_limit"
     #: Not done within the plan's longest time (`monitors`).
     TIMED_OUT = "timed_out"
-    #: No frame, or only old ones (`runner`); a rest that is not this sheet's, one finger alone, or
-    #: a sheet that shows less while the hand closes (`monitors`); pixels that jump, stick or read
-    #: all the same (`pixel_monitor`); a sheet that does not follow the fingers (`approach`); a
-    #: servo that pulls more than the sheet shows (`current_monitor`).
+    #: No frame, only old ones, or one that can't be (`runner`); a rest that is not this sheet's,
+    #: one finger alone, or a sheet that shows less while the hand closes (`monitors`); pixels that
+    #: are open, short, stuck or read all the same (`pixel_monitor`); a sheet that does not follow
+    #: the fingers (`approach`); a servo that pulls more than the sheet shows (`current_monitor`).
     SENSOR_LOST = "sensor_lost"
     #: The gripper does not answer or fails, is not where it was sent, closes too fast or reports
     #: what can't be (`tracking_monitor`, for `runner`); its current sticks (`current_monitor`).
@@ -89,7 +89,7 @@ class GraspResult:
         the force below the target), `answer`, the outcome; and of single fingers `finger_contact`,
         `finger_slip`, `finger_removal`, and `touch` where a hand touched the open fingers.
     faults : tuple of str
-        Faults outside the grasp itself: a recorder that failed, a device's last message.
+        Why it ended otherwise than asked, and other failures: a recorder, a device's message.
     """
 
     outcome: Outcome

@@ -47,7 +47,7 @@ class Reaction(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafetyLimits:
-    """Bounds that no plan can exceed.
+    """Bounds of every command of a grasp.
 
     Attributes
     ----------
