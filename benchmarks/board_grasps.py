@@ -1,4 +1,4 @@
-"""Grasps with a hobby servo through the real firmware, and through `sim-rigid` with the same seeds.
+"""Grasps by hobby servo and real firmware, and by `sim-rigid` with the same seeds.
 
     python benchmarks/board_grasps.py --board mega2560 --grasps 40 --out docs/boards/mega2560.json
 

@@ -38,7 +38,7 @@ PATIENCE_MS = 300_000
 
 
 class StillHand:
-    """A hand that stands open: all that a rig needs beside its array to be watched."""
+    """A gripper that stays open, for a rig that only shows its array."""
 
     limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
 
@@ -59,7 +59,7 @@ class StillHand:
 
 
 def write_rig(folder: Path, *, port: str, rate_hz: float) -> Path:
-    """Write a rig file for a board on a port, with a hand that stands still."""
+    """Write a rig file for a board on a port, with an open gripper."""
     ohm = tuple((11_000.0,) * RIGID_LAYOUT.cols for _ in range(RIGID_LAYOUT.rows))
     still = tuple((0.1,) * RIGID_LAYOUT.cols for _ in range(RIGID_LAYOUT.rows))
     Calibration(
@@ -80,7 +80,7 @@ def write_rig(folder: Path, *, port: str, rate_hz: float) -> Path:
 
 
 def flexitac_on_a_line(rate_hz: float) -> AbstractContextManager[tuple[str, int]]:
-    """Run a board that sends 12 x 32 pixels in a process of its own; give the port and it."""
+    """Run a board of 12 x 32 pixels in a process; return port and process."""
     from palpate_studies.benchmarks.pty_board import on_a_port
 
     def send(master: int) -> None:

@@ -1,4 +1,4 @@
-"""The real firmware on the AVR simulator for a long time: losses, jitter and delay of the link.
+"""The real firmware on the AVR simulator for long runs: losses, jitter and delay.
 
     python benchmarks/firmware_link.py --seconds 3600 --rate 250 --rows 4 --cols 2
 

@@ -1,4 +1,4 @@
-"""What a hundred stations take: bytes and seconds of one frame, measured here, times all of them.
+"""Load of a hundred stations: bytes and seconds of one measured frame, multiplied.
 
     python benchmarks/fleet.py --stations 100
 

@@ -1,4 +1,4 @@
-"""What one frame costs from its bytes to the next command, in a grasp on the twin (simulated).
+"""Cost of one frame from its bytes to the next command, in a simulated grasp.
 
     python benchmarks/frame.py --rate 250
 

@@ -1,4 +1,4 @@
-"""A shift at a line: a client of OPC UA and one of Modbus grasp item after item, on the twin.
+"""A line's shift: clients of OPC UA and Modbus grasp simulated items in turn.
 
 Run `python benchmarks/line_shift.py --items 50`. Each client in turn orders the grasps, releases,
 and compares every result with that of HTTP. Printed are the results that differ, how long a result

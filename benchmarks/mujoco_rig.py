@@ -1,4 +1,4 @@
-"""Grasps in MuJoCo next to grasps on the twin: the same objects and sheets, two kinds of physics.
+"""Grasps in MuJoCo beside the twin's: equal objects and sheets, two physics engines.
 
     python benchmarks/mujoco_rig.py --grasps 40
     python benchmarks/mujoco_rig.py --grasps 40 --rigs mujoco-so101
@@ -43,7 +43,7 @@ def grasped(rig_name: str, *, seed: int) -> Grasp:
 
 
 def error(name: str, measured: Measurement, true: float) -> float | None:
-    """Return an error: mm, percent points, or ln of the ratio in percent; None without a number."""
+    """Return an error (mm, points, ln ratio in percent); None without a number."""
     if not measured.number:
         return None
     if name in ("size_mm", "settled_percent"):

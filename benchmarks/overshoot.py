@@ -1,4 +1,4 @@
-"""Largest true force of healthy grasps to a target, on the twin, against 1.5 x target + 0.5 N.
+"""Largest true force of healthy simulated grasps, against 1.5 x target + 0.5 N.
 
     python benchmarks/overshoot.py --seed 910000 --objects 104 --processes 2
 

@@ -1,4 +1,4 @@
-"""What each bridge adds to a watched board of 250 frames/s: HTTP, OPC UA, Modbus TCP and MQTT.
+"""Cost of each bridge beside a watched board: HTTP, OPC UA, Modbus TCP, MQTT.
 
 Run `python benchmarks/packhouse.py --seconds 30`. The board is a process at the far end of a
 pseudo-terminal (simulated), the broker a real mosquitto. Printed are the loop's period and the
@@ -83,7 +83,7 @@ def watch(
     ask: Callable[[], object] | None = None,
     base: tuple[float, float] | None = None,
 ) -> tuple[float, float]:
-    """Print and return the processor time (%) and the median answer (ms); `base` as a ratio."""
+    """Print and return processor time (%) and median response (ms); `base` as a ratio."""
     from benchmarks.dashboard import cpu_s, devices_of, link
 
     while link(address)["period_p99_s"] is None:

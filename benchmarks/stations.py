@@ -1,4 +1,4 @@
-"""Fifty stations write grasps into one PostgreSQL store: nothing lost, and how long a write takes.
+"""Fifty stations write into one PostgreSQL store: records lost, and time of a write.
 
     python benchmarks/stations.py --stations 50 --seconds 600 --every 5
 

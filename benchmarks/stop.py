@@ -1,4 +1,4 @@
-"""How long STOP takes by the number of recordings in the folder and of viewers (simulated rig).
+"""Time to stop by number of recordings in the folder and of viewers (simulated).
 
 Run `python benchmarks/stop.py`. For each size of the folder it serves one with as many grasps in
 its history, opens one and three pages in Chromium, lets a new recording appear every two seconds,
@@ -132,7 +132,7 @@ def echo_ms(connection: socket.socket) -> float:
 
 
 def measure(address: str, *, count: int, bare: socket.socket) -> tuple[list[float], list[float]]:
-    """Ask for stops at odd moments; return how long each took, and each bare round trip, ms."""
+    """Request stops at irregular times; return each duration and round trip, ms."""
     host, moments, echoes = urlsplit(address).netloc, np.random.default_rng(1), []
     kept, found = http.client.HTTPConnection(host, timeout=30), []
     for number in range(count):

@@ -1,4 +1,4 @@
-"""A store of a million grasps: bulk and single writes, an item's page, beside plain sqlite3.
+"""A store of a million grasps beside plain sqlite3: writes, and an item's page.
 
 Run `python benchmarks/store.py --grasps 1000000`; `--store URL` measures PostgreSQL instead (an
 empty database). DuckDB over the exported Parquet stands beside where it is installed.

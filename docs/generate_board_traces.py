@@ -1,4 +1,4 @@
-"""Draw the safe line and the servo's pulses of a Mega through its faults, on the AVR simulator.
+"""Draw a Mega's safe line and servo pulses during faults, on the AVR simulator.
 
     python docs/generate_board_traces.py
 

@@ -1,4 +1,4 @@
-"""Ripeness of a batch: who is ripe today, who will be when, as a table and a picture.
+"""Ripeness of a batch: ripe items today, expected dates, as table and figure.
 
     python examples/batch_ripeness.py items.sqlite Monday
 

@@ -1,4 +1,4 @@
-"""Learn the gentle grasp from exported grasps on a CPU, and let the policy drive a hand.
+"""Learn the gentle grasp from exported grasps on a CPU, and run the policy.
 
     python examples/learn_from_grasps.py [GRASPS [TRIALS]]
 
@@ -63,14 +63,14 @@ def record(folder: Path, *, grasps: int) -> Path:
 
 
 def seen(states: Sequence[np.ndarray]) -> np.ndarray:
-    """Return what the policy sees: force and change per pixel, now and before, and the speed."""
+    """Return the policy's inputs: force and change per pixel, now and before, and speed."""
     ticks = [np.nan_to_num(states[max(len(states) - 1 - past, 0)]) for past in PAST]
     moved_mm = [ticks[0][0] - tick[0] for tick in ticks[1:]]
     return np.concatenate([*(tick[1:] for tick in ticks), moved_mm])
 
 
 def train(dataset: Path) -> Any:
-    """Imitate the commands up to the release: the way to go (mm), and the speed's logarithm."""
+    """Imitate the commands before the release: travel (mm), and ln speed."""
     table = pq.read_table(dataset / "data").to_pydict()
     episodes = np.array(table["episode_index"])
     inputs, outputs = [], []

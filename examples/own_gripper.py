@@ -32,7 +32,7 @@ PADS_MM_PER_N = 0.2
 
 
 class Plates:
-    """Two plates closing on a spring: the only thing that the hand and the sheet share."""
+    """Two plates closing on a spring, shared by gripper and sheet."""
 
     def __init__(self, clock: Clock, *, size_mm: float, n_per_mm: float) -> None:
         self.clock, self.size_mm, self.n_per_mm = clock, size_mm, n_per_mm
@@ -55,7 +55,10 @@ class Plates:
 
 
 class MyGripper:
-    """What palpate asks of a gripper. A command says where to go and how fast, in mm and mm/s."""
+    """The gripper interface.
+
+    A command gives a target and a rate, mm and mm/s.
+    """
 
     limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
 
@@ -92,7 +95,7 @@ class MyGripper:
 
 
 class MySensor:
-    """What palpate asks of a sensor: frames of counts, each with its number and its time."""
+    """The sensor interface: frames of counts, each with its number and time."""
 
     layout = RIGID_LAYOUT
 

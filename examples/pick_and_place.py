@@ -1,4 +1,4 @@
-"""Pick, carry and place a fruit, with newtons while it is carried: an arm's own loop in 20 lines.
+"""Pick, carry and place a fruit under force control, in an arm's own loop.
 
     python examples/pick_and_place.py [RIG]
 

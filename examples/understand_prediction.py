@@ -1,4 +1,4 @@
-"""Why one exponential is not enough, in four pictures. Read it from top to bottom like a notebook.
+"""Four figures on the limits of one exponential, to read like a notebook.
 
     python examples/understand_prediction.py pictures
 

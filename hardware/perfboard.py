@@ -83,7 +83,7 @@ PARTS: dict[str, tuple[Hole, Hole]] = {
 
 
 def nets() -> list[frozenset[str]]:
-    """Return what the wires join: names such as ``Mega 49``, ``row S0`` and ``1 kΩ a``."""
+    """Return the nets of the wires: ``Mega 49``, ``row S0``, ``1 kΩ a`` and others."""
     places: dict[str, Hole] = {f"Mega {name}": (1, row) for row, name in MEGA.items()}
     places |= {f"out {name}": (MUX_COLUMN, row) for row, name in OUT.items()}
     for mux, first in MUXES.items():

@@ -10,7 +10,7 @@ from palpate.cli import build_app, run
 
 
 def write_closings(folder: Path, *, count: int, melons: int = 0) -> list[str]:
-    """Write closings on springs: kiwis rupture at about 1.5 mm, melons at 6; return the options."""
+    """Write closings on springs (kiwis rupture near 1.5 mm, melons near 6); return options."""
     rng = np.random.default_rng(4)
     curves, index = ["grasp_id,closure_mm,force_n"], ["grasp_id,fruit,rupture_force_n"]
     for number in range(count + melons):

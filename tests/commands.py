@@ -37,7 +37,7 @@ class Command:
         return printed
 
     def refused(self, *words: object, status: int = 2) -> str:
-        """Run a command line that must end with one line of error and nothing else; return it."""
+        """Run a command line that must end with exactly one line of error; return it."""
         out, err = self(*words, status=status)
         assert out == ""
         assert err.count("\n") == 1, err

@@ -1,4 +1,4 @@
-"""Records, touches and grasps of the twin, with all that a test does not speak of filled in."""
+"""Records, contacts and grasps of the twin, with defaults for all unmentioned values."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
 
 
 def make_grasp(item_id: str = "A17", **known: Any) -> Grasp:
-    """Return the record of a grasp by rigid fingers on the twin that held its item at noon."""
+    """Return the record of a simulated rigid grasp that held its item at noon."""
     usual = {"taken_at": NOON, "rig": "sim-rigid", "drive": "width", "origin": "twin"}
     return Grasp(item_id=item_id, **(usual | {"outcome": Outcome.HELD} | known))
 
@@ -55,7 +55,7 @@ def draw(name: str, *seed: int) -> TwinObject:
 def grasp_on_twin(
     world: World, calibration: Calibration, *, views: dict[str, Any] | None = None, **wishes: Any
 ) -> GraspResult:
-    """Grasp what lies between the twin's fingers; `wishes` go to the plan, `views` to the loop."""
+    """Grasp an object on the twin; `wishes` set the plan, `views` the loop."""
     gripper = TwinGripper(world)
     plan = plan_grasp(calibration, gripper=gripper, **wishes)
     array = TwinArray(world)

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def file_size_limit(most: int) -> Iterator[None]:
-    """Let no file grow beyond a size, bytes: writing fails as on a full disk, after a part."""
+    """Limit file sizes, bytes; a write then fails partway, as on a full disk."""
     before, handled = resource.getrlimit(resource.RLIMIT_FSIZE), signal.getsignal(signal.SIGXFSZ)
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))

@@ -21,7 +21,7 @@ PATIENCE_S = 60.0
 
 
 class BrokerProcess:
-    """Mosquitto on a free port of the loopback; may be killed, started again and held up."""
+    """Mosquitto on a free loopback port, which can be killed, restarted and paused."""
 
     def __init__(self, folder: Path, *, options: str = "allow_anonymous true") -> None:
         with socket.socket() as free:
@@ -47,7 +47,7 @@ class BrokerProcess:
         )
 
     def kill(self) -> None:
-        """End it at once: what it has acknowledged and not delivered is gone, that is its own."""
+        """Kill it at once, with all messages acknowledged but not delivered."""
         self._process.kill()
         self._process.wait()
         self._log.close()

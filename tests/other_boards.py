@@ -1,4 +1,4 @@
-"""Boards of other makers on a pseudo-terminal, in step with a manual clock, and what opens them.
+"""Other makers' boards on a pseudo-terminal, in step with a manual clock.
 
 Each reads a sheet that answers a load by a power law and creeps for some seconds.
 """
@@ -105,7 +105,7 @@ class SendingBoard(PtyPort):
 
 
 class SendingClock(ManualClock):
-    """A manual clock that boards run by; in a hurry it skips the time when none sends."""
+    """A manual clock for boards; in fast mode it skips time without transmission."""
 
     def __init__(self, start_s: float = 100.0, *, in_a_hurry: bool = False) -> None:
         super().__init__(start_s)
@@ -155,7 +155,7 @@ def marked(counts: NDArray[np.int32]) -> bytes:
 
 
 def heard_at(data: bytes, *, sent_baud: int, read_baud: int) -> bytes:
-    """Return what a port set to another speed makes of bytes: start bit, eight bits, stop bit."""
+    """Return the bytes received at another port speed: start bit, eight bits, stop bit."""
     bits = [bit for byte in data for bit in (0, *((byte >> k) & 1 for k in range(8)), 1)] + [1] * 20
     heard, at = bytearray(), 0.0
     step = sent_baud / read_baud

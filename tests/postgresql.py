@@ -1,4 +1,4 @@
-"""A private PostgreSQL server for the tests: own folder, own user, reached by a socket alone."""
+"""A private PostgreSQL server for tests: own folder and user, socket only."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The far end of a serial port, on a real pseudo-terminal, in step with a manual clock."""
+"""The far end of a serial pseudo-terminal, in step with a manual clock."""
 
 from __future__ import annotations
 

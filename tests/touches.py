@@ -19,7 +19,7 @@ def resistance_ohm(
     drift: float = 0.0,
     seed: int = 1,
 ) -> NDArray[np.float64]:
-    """Return a sheet that falls to a fifth at each touch and creeps by a tenth while held."""
+    """Return a sheet whose resistance falls to a fifth in contact and creeps a tenth."""
     log_ohm = np.full(time_s.size, np.log(rest_ohm)) + drift * time_s / time_s[-1]
     for number, (close_s, open_s) in enumerate(touches):
         held = (time_s >= close_s) & (time_s < open_s)

@@ -1,4 +1,4 @@
-"""Time is always passed in: a real clock for hardware, a manual one for the twin and the tests."""
+"""Clocks: a real one for hardware, a manual one for the twin and the tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""The one error tree. Every message states what, where and what to do, in one line.
+"""The error tree.
+
+Every message is one line that states what, where and what to do.
 
 World outcomes (a slip, a hold that is too short) are statuses on results; only bad input and broken
 equipment raise. `exit_status` is what the command line returns for the error.
@@ -57,11 +59,14 @@ class WireError(DeviceError):
 
 
 class StoreError(PalpateError):
-    """A store of items that can't be used as it is: not one, read-only, newer, damaged."""
+    """A store of items that can't be used: not a store, read-only, newer or damaged."""
 
 
 class StoreAwayError(StoreError):
-    """A store that does not answer now: no server, locked, disk full. Trying later may help."""
+    """A store that does not answer: no server, locked, disk full.
+
+    A later attempt may succeed.
+    """
 
     exit_status = 3
 

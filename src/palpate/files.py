@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 @contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary path next to `path`; put it in place only if the block succeeds.
+    """Yield a temporary path beside `path`; move it into place if the block succeeds.
 
     `path`: where the finished file goes. Its folder must exist.
     Yields a file in the same folder and with the same ending, for the block to write.
@@ -61,7 +61,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary folder next to `path`; put it in place only if the block succeeds.
+    """Yield a temporary folder beside `path`; move it into place if the block succeeds.
 
     `path`: the new folder; its own folder must exist.
     Raises `InputError` if it is there already, or its folder is not.
@@ -101,7 +101,7 @@ def _mode(final: Path) -> int:
 
 
 def sync_folder(folder: Path) -> None:
-    """Bring a folder's entries to the disk: after a power cut a new name has its new content."""
+    """Flush a folder's entries to disk, so that a new file survives a power cut."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -158,7 +158,7 @@ def check_new(output: Path, *, option: str = "--out") -> None:
 
 
 def csv_cell(value: object) -> object:
-    """Return a cell for a CSV file: text that a spreadsheet would run as a formula is quoted.
+    """Return a cell for a CSV file; text that spreadsheets run as formula is quoted.
 
     Names of items, holds and files come from whoever typed them. A leading apostrophe makes them
     text in Excel, LibreOffice and Google Sheets (OWASP, "CSV Injection").

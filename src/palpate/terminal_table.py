@@ -97,7 +97,7 @@ def _span(column: Column, console: Console) -> tuple[int, int]:
 
 
 def _paragraph(table: Table, row: tuple[RenderableType, ...]) -> Text:
-    """Return a row with the name of its column before each cell, second lines in brackets."""
+    """Return a row with its column's name before each cell, second lines in brackets."""
     pieces = []
     for column, cell in zip(table.columns, row, strict=True):
         name = ", ".join(str(column.header).split("\n")).strip(", ")

@@ -30,7 +30,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def examined() -> list[Examined]:
-    """Return a few apples of each purpose; those of the level field are those of paper again."""
+    """Return a few apples of each purpose; `field` reuses those of `paper`."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(bruise, "REFERENCE_APPLES", 1)
         purposes = {"learn": 20, "test": 4}

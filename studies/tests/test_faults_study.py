@@ -38,7 +38,7 @@ def test_no_fault_goes_on_unseen(name: str) -> None:
 
 @pytest.mark.parametrize(("speed", "seed"), [(1.0, 920_913), (2.0, 920_914)])
 def test_a_sheet_turned_round_crushes_no_berry(speed: float, seed: int) -> None:
-    """It shows less the harder the hand presses: 7.2 and 5.6 N before that ended a grasp."""
+    """The reading falls as force rises; forces of 7.2 and 5.6 N occurred before."""
     found = struck(
         Cell(fault="inverted", phase="squeeze", thing="strawberry", kind="rigid", speed=speed),
         seed=seed,

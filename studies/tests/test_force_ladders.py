@@ -1,4 +1,4 @@
-"""The ladder study: on invented and on real ladders, and on files that can't be used."""
+"""The ladder study on invented and real ladders, and on unusable files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's Table 1 on the twin: what it was fitted to must hold, and what is ours is scored."""
+"""The paper's Table 1 on the twin: fitted values hold, the others are scored."""
 
 from __future__ import annotations
 

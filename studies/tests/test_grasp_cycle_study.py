@@ -103,7 +103,7 @@ def test_a_push_that_fades_before_both_fingers_touch_is_no_falling_sheet() -> No
 
 @pytest.mark.slow
 def test_the_papers_steps_do_not_stop_at_one_finger() -> None:
-    """One finger pushes this object to the middle: its fall of 10 % alone is no contact."""
+    """One finger pushes this object to the middle, and a fall alone is no contact."""
     sample = Sample(seed=31_012, level="field", kind="rigid")
     for found in (by_controller(sample, paper=Paper()), by_both_fingers(sample)):
         assert found.outcome == "held"
@@ -111,6 +111,6 @@ def test_the_papers_steps_do_not_stop_at_one_finger() -> None:
 
 @pytest.mark.slow
 def test_paper_method_does_not_call_a_push_by_one_finger_held() -> None:
-    """The mean of all pixels falls by 10 % while one finger pushes and the other feels nothing."""
+    """The mean falls by 10 % while one finger pushes and the other is free."""
     found = by_controller(Sample(seed=5_900_006, level="field", kind="rigid"), paper=Paper())
     assert (found.outcome, found.peak_n) == ("sensor_lost", 0.0)

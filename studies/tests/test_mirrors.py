@@ -1,4 +1,4 @@
-"""What estimators and twin share is named on the results page, by names that the code still has."""
+"""Relations shared by estimators and twin are on the results page, by valid names."""
 
 from __future__ import annotations
 

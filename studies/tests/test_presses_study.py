@@ -1,4 +1,4 @@
-"""The press study: what a press is, when the force is told, and that nothing leaks."""
+"""The press study: presses, time of the force, and separation of test data."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ HEADER = "recording_id,time_s,resistance_ohm,force_n\n"
 
 
 def press_csv(path: Path, *, recordings: int = 4, presses: int = 4) -> Path:
-    """Write invented recordings: ramps of 0.4 s to 10 N, held 1.2 s, released at once."""
+    """Write invented recordings: ramps of 0.4 s to 10 N, 1.2 s hold, sudden release."""
     lines = []
     for recording in range(recordings):
         rng = np.random.default_rng(recording)

@@ -1,4 +1,4 @@
-"""Where and what a study may write is looked at before its work, which can take hours."""
+"""A study's output paths are checked before its work of hours."""
 
 from __future__ import annotations
 

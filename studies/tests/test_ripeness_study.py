@@ -71,7 +71,7 @@ def test_firmness_follows_the_fruit_and_not_the_ball(station: Felt) -> None:
 
 
 def made_up(station: Felt, *, worn: float, labelled_fruits: int = 12) -> Felt:
-    """Return what a station would keep if stiffness were read with a little noise and drift."""
+    """Return a station's records for stiffness with a little noise and drift."""
     rng = np.random.default_rng(8)
     labelled, others = (tuple(draw_avocado(rng) for _ in range(n)) for n in (labelled_fruits, 10))
     grasps: list[Grasp] = []

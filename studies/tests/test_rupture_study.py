@@ -40,7 +40,7 @@ def test_on_real_fruit_it_is_firmer_than_a_cap(
 
 @pytest.mark.slow
 def test_a_gentle_squeeze_deforms_by_less_than_what_ruptured_any_fruit(real_data: Path) -> None:
-    """From the first 0.15 N on, which the force sensor of the recordings shows; 2 mm were too much.
+    """From the recordings' first 0.15 N on; 2 mm was too much.
 
     The recording hand is softer than none, so the fruit themselves gave way by less still.
     """

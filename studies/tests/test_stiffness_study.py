@@ -23,7 +23,7 @@ def test_every_object_has_the_secant_stiffness_that_was_asked_for(stiffness: flo
 
 
 def test_a_bound_that_excludes_nothing_rigid_has_no_upper_end() -> None:
-    """A grasp reports every wide interval as a bound; only some of them reach what is rigid."""
+    """Every wide interval is a bound, and some include rigid objects."""
     wide, unbounded = (
         Answer(
             gripper="soft",

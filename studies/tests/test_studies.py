@@ -1,4 +1,4 @@
-"""What holds for every study, at sizes that take seconds, and what single ones have to show."""
+"""Requirements on every study at small size, and on single ones."""
 
 from __future__ import annotations
 

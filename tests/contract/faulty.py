@@ -43,7 +43,7 @@ class FailingArray:
 
 
 def reading(counts: int | None) -> Spoil:
-    """Return what makes the first pixel read so, or what it reads at the first call (None)."""
+    """Return a change of the first pixel's reading; None is its first reading."""
     stuck = [] if counts is None else [counts]
 
     def spoil(frame: np.ndarray) -> np.ndarray:

@@ -37,7 +37,7 @@ REPLY_S = 0.4
 
 @dataclass(frozen=True, kw_only=True)
 class Hand:
-    """An open gripper, what lets time pass, and where its fingers really are (mm or kPa)."""
+    """An open gripper, a way to let time pass, and true finger positions (mm, kPa)."""
 
     gripper: Gripper
     clock: ManualClock
@@ -157,7 +157,7 @@ TRAVEL = ServoTravel(open_us=690, closed_us=2310, open_mm=74.0, closed_mm=5.0)
 
 
 def on_hobby_servo(world: World, board: FirmwareBoard) -> tuple[SerialArray, HobbyServoGripper]:
-    """Return the array and the fingers of a board on the simulator that drives a servo."""
+    """Return the array and fingers of a simulated board with a hobby servo."""
     array = SerialArray(
         FirmwareStream(world, board=board, travel=TRAVEL),
         clock=world.clock,

@@ -1,4 +1,4 @@
-"""A board with a pressure regulator that moves the twin's soft fingers, at the level of its bytes.
+"""A board with a pressure regulator for simulated soft fingers, byte for byte.
 
 It speaks the wire of `docs/protocol.md` as the firmware does: slew, heartbeat, read-back. The real
 firmware runs on the AVR simulator (`palpate.twin.firmware`); this one needs no toolchain.

@@ -228,7 +228,7 @@ class ServoBus:
         self._put(x.PRESENT_POSITION, x.CENTRE_TICK + turned + self.position_error)
 
     def _look(self, time_s: float) -> None:
-        """Do what the servo does by itself: stop without a host, and give way at its limit."""
+        """Do the servo's own actions: stop without a host, yield at its limit."""
         with self._lock:
             if self._looking or not self._get(x.TORQUE_ENABLE):
                 return

@@ -1,4 +1,4 @@
-"""A Feetech servo that falls silent, protects itself or loses its host, at the real driver."""
+"""The Feetech driver with a servo that is silent, overloaded or without a host."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def test_a_register_that_does_not_keep_its_value_is_refused(
 
 
 def test_a_stop_on_the_leash_ends_the_way(gripper: FeetechGripper, world: World) -> None:
-    """It has arrived where it was sent for now, and waits to be sent on to its old target."""
+    """A stop lets the servo reach its next short goal and stay there."""
     gripper.command(GripperCommand(target=40.0, rate=10.0))
     pass_time(world, 3.0)
     gripper.stop()

@@ -1,4 +1,4 @@
-"""The driver of a hobby servo, on the firmware, with a board or a host that fails."""
+"""The hobby-servo driver on the firmware, with a board or a host that fails."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A sensor, an object or a user that ends a grasp: on rigid and on soft fingers of the twin."""
+"""Sensor, object or user end a grasp, on simulated rigid and soft fingers."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ GAP_MM, BEGINS_S = 14.0, 1.0
 
 @dataclass(kw_only=True)
 class Struck:
-    """A grasp that is struck by a fault when the object is held, or before it is touched."""
+    """A grasp with a fault during the hold or before contact."""
 
     world: World
     array: FailingArray
@@ -65,7 +65,7 @@ class Struck:
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One row of the table: what happens, how the grasp ends, what is said, when it is known."""
+    """One row of the table: the fault, the end, the message, its time."""
 
     strike: Callable[[Struck], None]
     outcome: Outcome

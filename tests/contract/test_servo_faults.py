@@ -1,4 +1,4 @@
-"""The real servo driver against a servo that fails in every way, alone and in a grasp."""
+"""The servo driver against every failure of a servo, alone and in a grasp."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_servo_line_reply_cut_by_its_deadline_is_a_timeout(bus: ServoBus, cut_at
 def test_a_late_reply_is_no_answer_to_the_next_question(
     world: World, bus: ServoBus, late_s: float
 ) -> None:
-    """However late replies come (each may take 50 ms), an answer is right, or there is none."""
+    """Replies may take 50 ms each; an answer is right or absent."""
     line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=0.05)
     gripper = DynamixelGripper(line, clock=world.clock, fingers=CrankFingers())
     close_slowly(gripper)
@@ -137,7 +137,7 @@ def test_a_stop_that_is_not_obeyed_is_told(gripper: DynamixelGripper, bus: Servo
 def test_stopping_a_hand_that_holds_leaves_its_goal(
     gripper: DynamixelGripper, bus: ServoBus, world: World
 ) -> None:
-    """A new goal where it is would take the grip away that a loaded servo holds with."""
+    """A new goal would remove the force of a loaded servo."""
     close_slowly(gripper)
     world.clock.sleep_s(6.0)
     bus.position_error = 40
@@ -270,7 +270,7 @@ def test_the_current_of_closing_is_positive(model_number: int) -> None:
 
 
 def test_torque_is_off_while_the_mode_changes(world: World, bus: ServoBus) -> None:
-    """An earlier host left the torque on, in another mode: the servo refuses to change it so."""
+    """An earlier host left torque on in another mode, which the servo won't change."""
     bus.set(x.OPERATING_MODE, x.Mode.POSITION)
     bus.set(x.TORQUE_ENABLE, 1)
     gripper = on_servo(world, bus)

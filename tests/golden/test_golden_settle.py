@@ -1,4 +1,4 @@
-"""The document of `palpate settle` on a file small enough to be worked out by hand."""
+"""The document of `palpate settle` on a file small enough to compute by hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A store as each released schema left it opens in this version with all that it held.
+"""A store of each released schema opens in this version without loss.
 
 `schema-N.sql` is SQLite's dump of a store written by the version that introduced schema N. It is
 never regenerated, so that a later change of a migration shows here.
@@ -31,7 +31,7 @@ def restored(schema: int, folder: Path) -> Path:
 
 
 def layout(path: Path) -> dict[str, list[object]]:
-    """Return the columns of every table, what they refer to, and the columns of every index."""
+    """Return the columns, references and indexes of every table."""
     connection = sqlite3.connect(path)
     found: dict[str, list[object]] = {}
     for kind, name in connection.execute("SELECT type, name FROM sqlite_master ORDER BY name"):

@@ -1,4 +1,4 @@
-"""Both codecs against the same bytes: Python's here, C++'s through the core built for this host."""
+"""Both codecs on the same bytes: Python's, and C++'s through the host build."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ def firmware_built() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark every test of this folder as slow: it starts a browser, a board or a broker."""
+    """Mark every test of this folder slow, as each starts a browser, board or broker."""
     for item in items:
         if Path(__file__).parent in item.path.parents:
             item.add_marker(pytest.mark.slow)

@@ -1,4 +1,4 @@
-"""The ceiling that the board itself checks: armed by every rig, and acting without the host."""
+"""The board's own ceiling: armed by every rig, effective without the host."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def test_a_grasp_below_the_ceiling_does_not_trip_it(rigid: Desk) -> None:
 
 
 def test_a_trip_opens_the_hand_and_ends_the_next_grasp_at_once(rigid: Desk) -> None:
-    """The ceiling is lowered below what is held: the board trips, and the host reads that."""
+    """The ceiling is set below the held force, so that the board trips."""
     gripper, clock = rigid.rig.gripper, rigid.world.clock
     plan = plan_grasp(rigid.rig.calibration, gripper=gripper, target_force_n=3.0)
 
@@ -174,7 +174,7 @@ def test_a_trip_is_not_forgotten_in_a_reset(rigid: Desk) -> None:
 
 
 def test_the_board_vents_soft_fingers_without_the_host(soft: Desk) -> None:
-    """Their force stays below the ceiling on the twin, so the board gets a lower one."""
+    """The twin's soft fingers stay below the ceiling, so a lower one is set."""
     soft.wait(0.3)
     soft.array.arm_ceiling(ceiling_counts(soft.rig.calibration, force_n=2.0))
     soft.rig.gripper.command(GripperCommand(target=20.0, rate=60.0))

@@ -1,4 +1,4 @@
-"""A board as it is sold, with a boot loader in front: connecting, resets, the watchdog."""
+"""A board with a boot loader, as sold: connection, resets, watchdog."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ CONNECTED_S = 2.5
 def boards(
     seed: int = 1, *, name: str = "mega2560"
 ) -> Iterator[tuple[World, FirmwareBoard, FirmwareStream]]:
-    """Yield a board that has just been reset by opening its port, wired to the twin's pixels."""
+    """Yield a board just reset by opening its port, wired to simulated pixels."""
     boot_loader = STOCK[name]
     if not boot_loader.is_file():
         skip(f"no boot loader at {boot_loader}: install arduino-core-avr")
@@ -103,7 +103,7 @@ RESTARTED_S = {"reset": (0.5, 7.0), "hang": (0.25, 0.5)}
 
 @pytest.mark.parametrize("how", RESTARTED_S)
 def test_a_mega_that_restarts_goes_on(how: str) -> None:
-    """Fingers under pressure are pinged; where a ping is on its way at a reset, it takes longer."""
+    """Fingers under pressure are pinged; a reset delays a ping under way."""
     shortest_s, longest_s = RESTARTED_S[how]
     with boards() as (world, board, stream):
         array = connected(world, stream, contents=Contents.PRESSURE)

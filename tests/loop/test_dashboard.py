@@ -1,4 +1,4 @@
-"""The dashboard in a browser: what people see and press, on simulated rigs served for real."""
+"""The dashboard in a browser, on simulated rigs behind a real server."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def address(folder: Path) -> Iterator[str]:
 
 @pytest.fixture(autouse=True)
 def hand_left_open(address: str) -> Iterator[None]:
-    """After each test, passed or failed, its rig watches with an open hand, and nobody drives."""
+    """Open the gripper and end driving after each test, passed or failed."""
     yield
     free(address)
 
@@ -145,7 +145,7 @@ def driver(come: Callable[..., Page]) -> Page:
 
 
 def drive(page: Page) -> None:
-    """Take over, unless the page drives; it may get to between a look and a click."""
+    """Take control unless the page has it, which may happen just before the click."""
     page.evaluate(
         "() => { const take = document.getElementById('take-over');"
         " if (take.checkVisibility()) take.click(); }"

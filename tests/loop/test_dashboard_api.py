@@ -1,4 +1,4 @@
-"""The dashboard for machines: a grasp, a stop, results and refusals over HTTP, on the twin."""
+"""The dashboard's HTTP interface on the twin: a grasp, a stop, results and refusals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The run on the page: grasp after grasp with verdict and bin, and the table of them."""
+"""Repeated grasps on the page, with verdict, bin and table."""
 
 from __future__ import annotations
 

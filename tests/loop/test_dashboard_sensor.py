@@ -1,4 +1,4 @@
-"""A sensor without a gripper on the page: pads at their true shape, and one pixel near."""
+"""A sensor without gripper on the page: pads in true shape, one pixel enlarged."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ STEP_S = 0.004
 
 
 class PressedBoard:
-    """A board on a line, and a ball that is pressed against its pads on request."""
+    """A board on a line, with a ball pressed on its pads on request."""
 
     def __init__(self) -> None:
         self._ball = draw_object(np.random.default_rng(SHEET), BALL)

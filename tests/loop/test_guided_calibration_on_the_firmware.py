@@ -44,7 +44,7 @@ newtons_per_count = {list(NEWTONS_PER_COUNT)}
 
 
 class Bench:
-    """A board, a hand, two load cells with a face, and a user who does what is asked."""
+    """A board, a gripper, two load cells with a face, and an obedient user."""
 
     def __init__(self) -> None:
         self.clock = ManualClock(50.0)
@@ -90,7 +90,7 @@ class Bench:
         return ""
 
     def _press(self, load_n: float) -> None:
-        """Close until the pad carries a load, as a weight would; what it relaxes by is made up."""
+        """Close until the pad carries a load like a weight; its relaxation is invented."""
         gripper, clock = self.gripper(), self.clock
         if self._pressed is None:
             self._pressed = draw_object(np.random.default_rng(1), "ecoflex-10")

@@ -1,4 +1,4 @@
-"""The view for whoever stands at the machine, and what all views owe to people who can't see."""
+"""The operator's view, and accessibility of all views."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def at(browser: Browser, url: str, size: tuple[int, int], **options: str) -> Ite
 
 
 def fits(page: Page) -> None:
-    """Check that all of it is in sight, nothing lies over another, and there is no scrolling."""
+    """Check that all of it is visible without overlap and without scrolling."""
     assert page.evaluate(FITS % PARTS) == []
     assert not page.evaluate(OVERLAP % PARTS)
     root = "document.documentElement"

@@ -1,4 +1,4 @@
-"""A shift with a scanner at `/operate`: names come as keys, and no mouse is touched."""
+"""A shift with a scanner at `/operate`: item names arrive as keys, without mouse."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.usefixtures("firmware_built")
 
 
 class Rig:
-    """The twin's pixels on a simulated board, and the host at the other end of its line."""
+    """The twin's pixels on a simulated board, and the host on its line."""
 
     def __init__(
         self,
@@ -161,7 +161,7 @@ def test_counts_are_those_of_the_twin_s_own_readout_within_the_noise() -> None:
 
 
 def _assert_one_gap(frames: list[Frame], *, longest_s: float) -> None:
-    """Numbers rise by one or more, and time goes on by the period but for one gap."""
+    """Check that sequence and time advance regularly, with one gap."""
     assert np.all(np.diff([frame.sequence for frame in frames]) >= 1)
     steps_s = np.sort(np.diff([frame.time_s for frame in frames]))
     assert 0.01 < steps_s[-1] < longest_s

@@ -1,4 +1,4 @@
-"""STOP in a browser: nothing covers it, nothing swallows it, and it says whether it arrived."""
+"""STOP in a browser: never covered, never lost, and confirmed."""
 
 from __future__ import annotations
 
@@ -269,7 +269,7 @@ def test_offline_it_says_so_and_what_is_shown_is_grey(one: Viewer) -> None:
 
 
 def works_again(one: Viewer) -> None:
-    """Check that a press arrives, also on a page that loads anew because it was away for long."""
+    """Check that a press arrives, also on a page reloaded after a long absence."""
     fresh(one.page)
     with one.page.expect_response(lambda reply: reply.url.endswith("/stop") and reply.ok):
         one.page.touchscreen.tap(*one.middle)
@@ -347,7 +347,7 @@ def test_what_a_stop_overtakes_does_not_begin_after_it(browser: Browser, address
 def test_while_orders_can_not_be_sent_it_says_so_and_keeps_none(
     browser: Browser, address: str
 ) -> None:
-    """Answers come, the socket of the presses is away: kept, a press would move the hand later."""
+    """With the socket away, a stored press would move the gripper later."""
     with viewer(browser, address, "laptop") as one:
         page = one.page
         drive(page)

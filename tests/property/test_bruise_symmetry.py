@@ -1,4 +1,4 @@
-"""What is judged of a bruise does not depend on which finger, or which end of it, touches it."""
+"""Bruise results do not depend on which finger or finger end is in contact."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ def test_any_readings_any_plan(plan: Plan, counts: list[int], data: st.DataObjec
 
 @dataclass
 class Adversary:
-    """A hand that moves at the rate sent, on an object that swells, stiffens and changes gain."""
+    """A gripper at the commanded rate, on an object that swells, stiffens and changes gain."""
 
     rng: np.random.Generator
     size_mm: float = 35.0

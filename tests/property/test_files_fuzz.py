@@ -1,4 +1,4 @@
-"""Damaged, hostile and odd files of every kind are refused in a line: never a traceback.
+"""Damaged, hostile and odd files are refused in one line, without traceback.
 
 `PALPATE_FUZZ=3000` tries that many files of each kind.
 """

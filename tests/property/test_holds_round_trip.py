@@ -1,4 +1,4 @@
-"""Whatever is written as a holds file is read back exactly, however the file is cut up."""
+"""A written holds file is read back exactly, in any split of its text."""
 
 from __future__ import annotations
 

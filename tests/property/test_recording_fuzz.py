@@ -1,4 +1,4 @@
-"""Damaged recordings are read as far as they go, or refused in one line: nothing else."""
+"""Damaged recordings are read up to the damage, or refused in one line."""
 
 from __future__ import annotations
 

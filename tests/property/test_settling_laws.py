@@ -39,7 +39,7 @@ def predict(method, time_s: np.ndarray, values: np.ndarray):
 @settings(max_examples=40, deadline=None)
 @given(hold=holds(), power=st.integers(-20, 20))
 def test_scale_and_sign_are_exact(method, hold, power: int) -> None:
-    """A power of two and a sign are no rounding at all, so nothing may differ."""
+    """A power of two and a sign cause no rounding, so results are identical."""
     time_s, values = hold
     plain = predict(method, time_s, values)
     for factor in (-1.0, 2.0**power):
@@ -52,7 +52,7 @@ def test_scale_and_sign_are_exact(method, hold, power: int) -> None:
 @settings(max_examples=40, deadline=None)
 @given(hold=holds(), shift=st.sampled_from([-100.0, -1.0, 64.0, 4096.0]))
 def test_zero_may_lie_anywhere(method, hold, shift: float) -> None:
-    """Up to the rounding of the sum; where that tips a status, it must be one on the edge."""
+    """Equal up to rounding of the sum; a changed status must be a borderline one."""
     time_s, values = hold
     # Rounded to a grid that the shift can't disturb, the sum is exact.
     values = np.round(values * 2**20) / 2**20

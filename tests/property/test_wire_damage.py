@@ -1,4 +1,4 @@
-"""The decoder against damage: what it accepts is what was sent, and it is soon back in step.
+"""The decoder on damaged bytes accepts only sent messages and soon resynchronises.
 
 `PALPATE_FULL=1` runs every change, deletion and insertion in 200 frames, 100 000 random ones of
 each length and a million fuzzed pieces (ten minutes); otherwise a fixed share of them.

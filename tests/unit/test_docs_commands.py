@@ -1,4 +1,4 @@
-"""What the pages show runs: commands in `sh` blocks, all Python, and the options of the others.
+"""The pages' commands: `sh` blocks and Python run; options of others exist.
 
 A page is a story: its blocks run in order, in one folder and one Python namespace. Commands that
 need a board stand in `console` blocks behind a `$`; of those the verb and its options are checked.
@@ -78,7 +78,7 @@ def test_every_block_of_the_page_runs(
 
 
 def shown_commands() -> list[tuple[str, str]]:
-    """Return page and line of every palpate command that a reader is to type at a board."""
+    """Return page and line of every palpate command shown for a board."""
     return [
         (page.stem, line.removeprefix("$ "))
         for page in sorted((ROOT / "docs").glob("*.md"))

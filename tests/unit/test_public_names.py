@@ -71,7 +71,7 @@ def test_every_place_that_states_the_version_states_the_same() -> None:
 
 
 def test_help_of_the_grasp_verb_loads_nothing_that_a_grasp_needs() -> None:
-    """Numbers and optimisers take three times as long to load as the help takes to print."""
+    """Numbers and optimisers take three times the time of the help text."""
     program = (
         "import sys; from palpate.cli import build_app; build_app().load('grasp'); "
         "print({'numpy', 'scipy', 'palpate.rig'} & set(sys.modules))"

@@ -1,1 +1,1 @@
-"""Grasps, holds and frames of many stations as partitioned Parquet, and work on all of it."""
+"""Grasps, holds and frames of many stations as partitioned Parquet, with analysis of all."""

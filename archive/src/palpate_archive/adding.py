@@ -1,4 +1,4 @@
-"""From recordings and stores to the parts of an archive; what is there is not added again."""
+"""Adds recordings and stores to an archive, each part once."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _BATCH = 10_000
 def add_recordings(
     archive: Archive, paths: Iterable[str | os.PathLike[str]], *, station: str | None = None
 ) -> Iterator[dict[str, int]]:
-    """Add the frames of recordings, and their holds; yield the rows of each kind, one by one.
+    """Add the frames and holds of recordings; yield the rows of each kind in turn.
 
     `station`: where they were made; by default the name of each one's rig.
     Yields kind -> rows; empty where the archive holds the recording already. Raises
@@ -70,7 +70,7 @@ def _add_recording(
 
 
 def add_store(archive: Archive, store: Store, *, station: str) -> dict[str, int]:
-    """Add the grasps of a store that the archive does not hold yet; return the rows by kind."""
+    """Add the grasps of a store that the archive lacks; return the rows by kind."""
     check_name("station", station)
     held = {
         grasp_id
@@ -148,7 +148,7 @@ def _hold_table(holds: Iterable[Hold], labels: dict[str, str]) -> Any:
 
 
 def _frame_table(table: dict[str, list[Any]], labels: dict[str, str], rows: int, cols: int) -> Any:
-    """Return frames in columns that are the same for every sensor: pixels row by row in a list."""
+    """Return frames in columns common to all sensors: a list of pixels row by row."""
     pixels = [f"r{row}c{col}" for row in range(rows) for col in range(cols)]
     count = len(table["time_s"])
     columns = {

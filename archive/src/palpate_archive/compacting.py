@@ -43,7 +43,7 @@ def _without_joined(archive: Archive, parts: Sequence[Part]) -> list[Part]:
 
 
 def _batches(archive: Archive, parts: Sequence[Part]) -> Iterator[list[Part]]:
-    """Yield parts to be joined, in their order: two at least, with not too many rows."""
+    """Yield parts to be joined, in order: at least two, up to a row limit."""
     batch, rows = list[Part](), 0
     for part in parts:
         count = int(pa.parquet.read_metadata(archive.path(part)).num_rows)

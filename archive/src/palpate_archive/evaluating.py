@@ -1,4 +1,4 @@
-"""Estimate all of an archive again: each file gives one of results, whole or not at all.
+"""Estimates a whole archive again, with one result file for each file, written atomically.
 
 So results do not depend on the order or the number of processes, and a second run does only what
 is new or has changed.
@@ -95,7 +95,7 @@ def plan_tasks(job: Job, archive: Archive, *, to: Path) -> list[Task]:
 def perform(
     tasks: Sequence[Task], *, show: Callable[[float], None], workers: int | None = None
 ) -> int:
-    """Do tasks on the cores of this machine, a part on each at a time; return the rows written.
+    """Do tasks on all cores, one part each; return the number of rows written.
 
     Raises `PalpateError` if a process died, as it does without memory enough.
     """
@@ -129,7 +129,7 @@ def delete_others(results: Path, tasks: Sequence[Task]) -> None:
 
 
 def settle_job(*, method: str, horizon_s: float) -> Job:
-    """Predict the settled value of every hold, and state it where the hold is long enough."""
+    """Predict the settled value of every hold, with the recorded one of long holds."""
     return Job(
         name=f"settle-{method}",
         reads="holds",

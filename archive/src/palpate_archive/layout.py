@@ -132,7 +132,7 @@ def sources_of(path: Path) -> list[str]:
 
 
 def write_tables(path: Path, tables: Iterable[Any], *, marks: dict[bytes, str]) -> int:
-    """Write tables of one schema into one Parquet file, whole or not at all; return the rows."""
+    """Write tables of one schema into one Parquet file atomically; return the row count."""
     parquet, rows = pa.parquet, 0
     path.parent.mkdir(parents=True, exist_ok=True)
     left: Iterator[Any] = iter(tables)

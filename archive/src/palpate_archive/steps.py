@@ -116,7 +116,7 @@ def settle(
     to: ToOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Predict every hold's settled value from 1, 2.5 and 5 s, next to the value it reached.
+    """Predict every hold's settled value from 1, 2.5 and 5 s, beside the recorded value.
 
     Example: palpate archive settle archive --method exponential
     """

@@ -1,4 +1,4 @@
-"""Grasps of the twin as a LeRobot data set, read by pyarrow and pandas as LeRobot reads it.
+"""Simulated grasps as a LeRobot data set, read by pyarrow and pandas as LeRobot does.
 
 LeRobot itself is too heavy for the tests: `bridges/lerobot/check_with_lerobot.py` asks it.
 """

@@ -1,4 +1,4 @@
-"""A policy's hand on the twin: what it observes, and that no policy presses too hard."""
+"""A policy's gripper on the twin: its observations, and its limit of force."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_a_silent_sensor_stops_the_fingers() -> None:
 
 
 def damage_file(path: Path, *, n: Callable[[float], float]) -> Path:
-    """Write what springs of 2 to 12 N/mm teach that yield at a force by their stiffness."""
+    """Write a damage file learned from springs of 2 to 12 N/mm."""
     rng, paths, limits_n = np.random.default_rng(3), [], []
     for stiffness in np.geomspace(2.0, 12.0, 24):
         limits_n.append(float(n(stiffness) * np.exp(0.1 * rng.standard_normal())))

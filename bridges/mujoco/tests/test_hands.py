@@ -1,4 +1,4 @@
-"""The models of the hands: sound by MuJoCo's own checks, and of the geometry that they state."""
+"""Gripper models: valid by MuJoCo's checks, and of the stated geometry."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rigs in MuJoCo: a whole grasp, what ends one early, and a core that does without them."""
+"""The MuJoCo rigs: a whole grasp, early ends, and a core without MuJoCo."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def planned(calibration: Calibration, world: MujocoWorld, target_force_n: float)
 
 
 def springs_that_yield(n: float) -> DamageModel:
-    """Return what springs of 2 to 12 N/mm teach that all yield at about one force."""
+    """Return a damage limit learned from springs that yield at about one force."""
     rng, paths, limits_n = np.random.default_rng(3), [], []
     for stiffness in np.geomspace(2.0, 12.0, 24):
         limits_n.append(float(n * np.exp(0.1 * rng.standard_normal())))

@@ -46,7 +46,7 @@ class Weighing:
 
 
 def read_loads(path: Path) -> list[float]:
-    """Return the loads of a table with a column `load_n`, in the order of the file.
+    """Return the loads of a table's column `load_n`, in the order of the file.
 
     Raises `InputError` if the file can't be read, has no such column, or holds what can't be loads
     in newtons.

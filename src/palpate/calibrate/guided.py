@@ -51,7 +51,7 @@ class LoadCell(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Pace:
-    """Rates (mm/s or kPa/s) and steps (mm or kPa) of a closing on the load cell."""
+    """Rates (mm/s, kPa/s) and steps (mm, kPa) of a closing on the load cell."""
 
     approach: float
     rate: float
@@ -118,7 +118,7 @@ def measure_force(
     dwell_s: float,
     horizon_s: float = 20.0,
 ) -> ForcePairs:
-    """Close on a load cell in steps and pair its force with readings of the sheet.
+    """Close on a load cell in steps and pair its force with sheet readings.
 
     Each run is a fresh placement of the cell. A run closes step by step, as a grasp does, reading
     every step after `dwell_s`; at each force of its list it stands still until `horizon_s` and
@@ -162,7 +162,7 @@ def measure_force(
 def measure_block(
     bench: Bench, *, block_mm: float, up_to_n: float, repeats: int, dwell_s: float
 ) -> BlockPairs:
-    """Close on a rigid block of known size with the load cell, and record the closings."""
+    """Close on a rigid block of known size with the load cell, and record it."""
     limits = bench.gripper.limits
     reported: list[float] = []
     force_n: list[float] = []

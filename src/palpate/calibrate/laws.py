@@ -87,7 +87,7 @@ def placements_of(pairs: ForcePairs) -> PlacedReadings:
 
 
 def with_force_law(recorded: Calibration) -> Calibration:
-    """Return the calibration with its force law and the error to expect of the next placement.
+    """Return the calibration with its force law and the error expected of the next placement.
 
     From dead weights the law is `palpate.ForceLaw`, from a load cell one of settled readings.
 

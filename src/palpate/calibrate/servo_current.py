@@ -1,4 +1,4 @@
-"""Calibration of the servo's current: slow closings on a load cell, and of the empty hand."""
+"""Calibration of the servo's current, from slow closings on a load cell and without load."""
 
 from __future__ import annotations
 

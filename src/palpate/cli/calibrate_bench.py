@@ -27,7 +27,7 @@ def ask_user(what: str) -> None:
 
 
 def has_load_cell(rig: str) -> bool:
-    """Return whether a rig, by name or file, has a load cell that palpate can read.
+    """Return whether a rig, by name or file, has a readable load cell.
 
     Raises `InputError` if a rig file can't be read, or its description of the load cells is wrong.
     """
@@ -73,7 +73,7 @@ def open_bench(rig: str, *, seed: int, placements: int = 1) -> Iterator[GuidedBe
 
 
 def calibration_file(rig: str, out: Path | None) -> Path:
-    """Return the output file of a step: the given one, the rig file's or the default.
+    """Return the output file of a step: the option's, the rig file's or the default.
 
     Raises `InputError` if the rig file can't be read, or the calibration could not be written in
     the end.

@@ -34,7 +34,7 @@ def compliance(
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Close on a rigid block of known size; all that closes further is the gripper itself.
+    """Close on a rigid block of known size to measure the gripper's own compliance.
 
     Where the gripper reports its motor's current, that is recorded with the force, then again with
     the hand empty, which gives the friction of the gears.

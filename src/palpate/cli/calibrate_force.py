@@ -97,7 +97,7 @@ def force(
 
 
 def _calibrate_by_cell(rig: str, *, seed: int, out: Path) -> Calibration:
-    """Read settled holds on the load cell and fit the laws of a grasp to them."""
+    """Read settled holds on the load cell and fit the force laws to them."""
     placements = len(HOLDS_N)
     with (
         open_bench(rig, seed=seed, placements=placements) as guided,

@@ -1,4 +1,4 @@
-"""`palpate export FILE`: a recording, or the holds in it, as a table; grasps for LeRobot."""
+"""`palpate export FILE`: a recording or its holds as a table, or grasps for LeRobot."""
 
 from __future__ import annotations
 

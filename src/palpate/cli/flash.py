@@ -174,7 +174,10 @@ def meaning(output: str, *, board: str = "mega2560") -> str:
 
 
 def _refuse_other_files(image: Path) -> None:
-    """An Intel hex file begins each line with a colon and ends with its end record."""
+    """Refuse a file that is not a complete Intel hex file.
+
+    Each line begins with a colon, and the last one is the end record.
+    """
     try:
         lines = image.read_text(encoding="ascii").split()
     except OSError as error:

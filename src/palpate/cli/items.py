@@ -1,4 +1,4 @@
-"""`palpate items`: the items of a store as a list, one item's page, or a file."""
+"""`palpate items`: the items of a store, one item's page or a file."""
 
 from __future__ import annotations
 

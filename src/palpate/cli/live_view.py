@@ -1,4 +1,4 @@
-"""The picture that `palpate live` draws: a heat map per finger, the aggregate, and the link."""
+"""The terminal view of `palpate live`: a heat map per finger, aggregate and link."""
 
 from __future__ import annotations
 

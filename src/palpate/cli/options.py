@@ -64,7 +64,7 @@ def complete_rigs(incomplete: str) -> list[str]:
 
 
 def complete_items(context: typer.Context, incomplete: str) -> list[str]:
-    """Return the items of the store that the command line names, or of the usual one."""
+    """Return the items of the store on the command line, or of the default one."""
     from palpate.errors import PalpateError
     from palpate.produce.store import Store
 

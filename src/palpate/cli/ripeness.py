@@ -157,7 +157,7 @@ class _Judged:
 
 
 class _Judge:
-    """Judges items by the labelled ones of their kind, learned once for each kind and gripper."""
+    """Judges items by labelled ones; learned once for each kind and gripper."""
 
     def __init__(
         self, store: Store, *, reference: str | None, stages: tuple[str, ...], ripe: str
@@ -169,7 +169,7 @@ class _Judge:
         self._rule_of = cache(self._learn_rule)
 
     def judge(self, item: Item) -> _Judged:
-        """Judge one item by labelled ones of its kind, grasped by the same kind of fingers."""
+        """Judge one item by labelled ones of its kind and kind of gripper."""
         grasps = self._store.grasps_of(item.item_id)
         drive = drive_of(grasps, item_id=item.item_id)
         drift = self._drift_of(drive)

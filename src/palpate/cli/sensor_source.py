@@ -1,4 +1,4 @@
-"""Sources of frames for a command: a rig, a rig file, or a board on a port."""
+"""Sources of frames for a command: a rig, a rig file or a board."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class SensorSource:
 
 
 def open_source(rig: str | None = None, *, port: str | None = None) -> SensorSource:
-    """Open the sensor of a rig (its gripper is left alone), or of the board on a port.
+    """Open the sensor of a rig without its gripper, or of a board.
 
     `rig`: name of a rig, or a rig file; it states the rest itself. Where nothing at all is given,
         ./rig.toml or $PALPATE_RIG.

@@ -1,4 +1,4 @@
-"""Output of `palpate settle`: JSON, tables, a file, and a plot of typical and worst holds."""
+"""Output of `palpate settle`: JSON, tables, a file and a plot of selected holds."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def check_out(out: Path | None, *, inputs: Sequence[Path]) -> None:
 
 
 def write(document: ScoreTable, out: Path) -> None:
-    """Write the document as JSON, or its rows as CSV or Parquet, whole or not at all."""
+    """Write the document as JSON, or its rows as CSV or Parquet, atomically."""
     ending = out.suffix.lower()
     with atomic_path(out) as partial:
         if ending == ".json":

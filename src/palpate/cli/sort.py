@@ -1,4 +1,4 @@
-"""`palpate sort`: the bin of each item with the reason, or the kind of one item."""
+"""`palpate sort`: each item's bin with the reason, or the kind of one item."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The runner in a browser: a device process, a session with the rules, a thin page."""
+"""The runner in a browser: a device process, a session with rules, a thin page."""

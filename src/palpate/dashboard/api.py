@@ -1,4 +1,4 @@
-"""The dashboard for machines: HTTP and JSON, described by OpenAPI, with the rights of the page."""
+"""HTTP and JSON for machines, described by OpenAPI, with the access rights of the page."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def _add_orders(api: FastAPI, app_state: AppState) -> None:
 
     @api.post("/grasp", status_code=202, responses=_refusals(400, 409))
     async def grasp(wanted: GraspRequest) -> GraspBegun:
-        """Begin a grasp; the object is held until it is released, for a minute at most."""
+        """Begin a grasp; the object is held until its release, for a minute at most."""
         with _translate_errors(bad_value=422):
             return GraspBegun(recording=await app_state.grasp(DRIVER, **wanted.model_dump()))
 

@@ -170,7 +170,7 @@ class AppState:
         self._task: asyncio.Future[None] | None = None
 
     async def open(self) -> None:
-        """Start the devices' process, wait until it can receive a stop, and open the first rig."""
+        """Start the devices' process, wait until it accepts a stop, and open the first rig."""
         self.loop = asyncio.get_running_loop()
         settings = self.settings
         self._process = DeviceClient(self.take)
@@ -336,7 +336,7 @@ class AppState:
             raise InputError(f"{name} is in use: wait until its grasp, recording or replay ends")
 
     def calibration_file(self) -> Path:
-        """Return the calibration file of the rig: named in the rig file, or in the folder."""
+        """Return the calibration file of the rig: from the rig file, or in the folder."""
         rig = self.session.rig
         if rig is not None and rig.name.endswith(".toml"):
             named = find_calibration_file(Path(rig.name))

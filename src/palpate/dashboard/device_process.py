@@ -73,7 +73,7 @@ _WATCH_TIMEOUT_S, _LOST_S = 0.2, 0.5
 
 
 def run_devices(connection: Connection) -> None:
-    """Serve the page at the other end of a pipe until it closes (the process's main)."""
+    """Serve the page over a pipe until it closes (the main function of the process)."""
     # Ctrl-C in the terminal reaches this process too; while a grasp runs, the runner handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     DeviceProcess(connection).run()

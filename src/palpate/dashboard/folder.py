@@ -169,7 +169,7 @@ class History:
             self.version += 1
 
     def csv_parts(self) -> Iterator[str]:
-        """Yield a table of every grasp of the folder; the names of columns end in their units."""
+        """Yield a table of every grasp of the folder; column names end in their units."""
         columns = ["ended_at", "item_id", "outcome", "verdict", "firmness", "damaged", "bin", "why"]
         columns += ["stage", "bruised"]
         columns += [name + end for name in _MEASURED for end in ("", "_low", "_high")]

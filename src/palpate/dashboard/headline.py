@@ -77,7 +77,7 @@ def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
 
 
 def phase_text(phase: str) -> str:
-    """Return a phase in words; empty for the last one, in which a grasp has ended."""
+    """Return a phase in words; empty for the last one, after the grasp has ended."""
     return PHASES.get(phase, ("", ""))[0]
 
 
@@ -116,7 +116,7 @@ def _is_word(firmness: str) -> bool:
 
 
 def _without_grasp(devices: DeviceState, *, stale: bool) -> dict[str, Any] | None:
-    """Return the headline of a sensor at fault, a calibration or a stop; None without these."""
+    """Return the headline of a fault, a calibration or a stop; None without these."""
     live, failure = devices.live, devices.calibration_failure
     if stale and live.link.frames:
         why = "check its cable and power; it goes on as soon as it answers"

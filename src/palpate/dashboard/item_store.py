@@ -108,7 +108,7 @@ class ItemStore:
         return placed
 
     def _place(self, grasp: Grasp, *, item_id: str, is_stored: bool) -> dict[str, Any]:
-        """Apply the rules to the item and describe it; store the decision on a stored grasp."""
+        """Apply the rules to the item and describe it; store the decision with its grasp."""
         from palpate.produce.sorting.rules import decide
         from palpate.produce.sorting.run import Sorted, bin_verdict, evidence_of
         from palpate.produce.store import Store

@@ -311,7 +311,7 @@ def _rest_alone(context: JobContext) -> RestValues:
 
 
 def calibrate_force(order: CalibrateForce, *, context: JobContext) -> CalibrationRenewed:
-    """Pair readings with newtons and fit the law; the expected errors are part of the result.
+    """Pair readings with newtons and fit the law; the result includes the expected errors.
 
     Raises
     ------

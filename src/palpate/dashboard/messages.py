@@ -32,7 +32,7 @@ _MOST_S = sys.float_info.max
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenRig:
-    """Close the rig and open this one; `speed`: seconds of simulated time in a real one."""
+    """Close the rig and open this one; `speed` is simulated seconds per real second."""
 
     name: str
     object_name: str | None = None
@@ -62,7 +62,7 @@ class OpenHand:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrateRest:
-    """Take the rest values with the hand open and nothing on the sensor; renew the file."""
+    """Take the rest values with open gripper and unloaded sensor, and update the file."""
 
     file: Path
 
@@ -356,7 +356,7 @@ class Ended:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedStretch:
-    """A stretch of a recording, for its curve, and the progress of the grasp at its end."""
+    """A part of a recording, for its curve, and the grasp's progress at its end."""
 
     frames: Frames
     progress: GraspProgress | None

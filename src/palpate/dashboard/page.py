@@ -52,7 +52,7 @@ def build_page(
     item_id: str | None = None,
     recording: str | None = None,
 ) -> None:
-    """Fill the page of one viewer, at a tab of `TABS`, an item or a recording."""
+    """Fill the page of one viewer, at one of `TABS`, an item or a recording."""
     viewer = _begin(app_state, client, script="live.js")
     _header(app_state, viewer, other=("/operate", "Operate"))
     ui.on("seek", lambda event: viewer.request(Seek(event.args)))

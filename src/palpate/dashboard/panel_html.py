@@ -63,7 +63,7 @@ def _largest(values: FloatArray) -> float:
 
 
 def _number(value: float, spec: str) -> str:
-    """Return a number as `format` writes it, with a minus sign in place of a hyphen."""
+    """Return a number formatted by `format`, with a minus sign in place of a hyphen."""
     if not math.isfinite(value):
         return "open"
     return format(float(value), spec).replace("-", "\N{MINUS SIGN}")

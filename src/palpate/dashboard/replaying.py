@@ -39,7 +39,7 @@ from palpate.sensor.calibration import Calibration
 
 
 class PlaybackClock:
-    """A clock that can be paused, moved and sped up; safe to use from two threads.
+    """A thread-safe clock that can be paused, moved and sped up.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def play(
     confirmed: Event,
     playback: PlaybackClock,
 ) -> None:
-    """Show a recording, and the decisions of the controller on its grasp, if it holds one.
+    """Play a recording, with the controller's decisions if it holds a grasp.
 
     It stays on the screen until the user wants to see the rig again, or stops it. `playback` pauses
     and moves it.

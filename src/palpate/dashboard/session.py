@@ -114,7 +114,7 @@ class DeviceState:
         return source is not None and source.gripper is None and not source.replayed
 
     def expect(self, order: Order) -> None:
-        """Count an order as begun before the devices answer: a second press must not repeat it."""
+        """Count an order as begun before the devices answer, so that it is not repeated."""
         if isinstance(order, Record):
             return
         self.activity, self.guide, self.order = ACTIVITIES[type(order)], None, order

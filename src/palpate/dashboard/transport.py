@@ -142,7 +142,7 @@ async def run_on(loop: asyncio.AbstractEventLoop, work: Awaitable[_T]) -> _T:
 
 
 class AppThread:
-    """Runs an ASGI application on the event loop of a thread, except for some of its paths.
+    """Runs an ASGI application on the event loop of a thread, except for some paths.
 
     The server's own loop then has nothing to do but to read requests, check who sent them, and
     answer the direct paths: a page that is built or a slow disk holds up the other loop alone.

@@ -1,4 +1,4 @@
-"""A packhouse to try: grasps of the twin on two weeks of mornings in a store, and sorting rules."""
+"""A packhouse to try: simulated grasps of two weeks in a store, and sorting rules."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ def _label(store: Store, item_id: str, about: About, text: str, *, at: datetime)
 
 
 def _grasp_apples(hand: _Station, apples: dict[str, TwinObject], day: int) -> list[Grasp]:
-    """Grasp both pairs of sides of each apple; on the second day one of A17 is bruised."""
+    """Grasp both pairs of sides of each apple; A17 is bruised on the second day."""
     found = []
     for name, apple in apples.items():
         for angle_deg in _SIDES_DEG:

@@ -84,7 +84,7 @@ class ClosingAnswer(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Grid:
-    """The grid: gains x shapes x scales x scatters, and at each place what is solved for."""
+    """The grid: gains x shapes x scales x scatters, and the values solved at each."""
 
     #: Shape (gains, shapes, scales, scatters). Probability of each place; sums to 1.
     weight: FloatArray
@@ -182,7 +182,7 @@ def _quantiles(values: FloatArray, weight: FloatArray, at: list[float]) -> tuple
 
 
 def _posterior(curve: ClosingSteps, *, give: Compliance, rng: np.random.Generator) -> _Posterior:
-    """Weigh the grid twice, the second time where the scale was found, and draw from it."""
+    """Weigh the grid twice, the second time around the scale found, and draw from it."""
     scales = np.geomspace(0.02, STIFFEST_N_PER_MM, _SCALES)
     seen = scales[_weigh(curve, give, scales).weight.sum(axis=(0, 1, 3)) > 1e-5]
     step = scales[1] / scales[0]
@@ -207,14 +207,14 @@ def _posterior(curve: ClosingSteps, *, give: Compliance, rng: np.random.Generato
 
 
 def _gains(curve: ClosingSteps) -> FloatArray:
-    """Return equally likely gains, of ln force, about which the rest of the doubt is solved for."""
+    """Return equally likely gains, of ln force; the other uncertainty is solved for each."""
     middles = ndtri((np.arange(_GAINS) + 0.5) / _GAINS)
     kept = np.sqrt(1 - _SOLVED_SHARE**2) / np.std(middles)
     return np.asarray(curve.stated_sd * kept * middles)
 
 
 def _weigh(curve: ClosingSteps, give: Compliance, scales: FloatArray) -> _Grid:
-    """Weigh every place of the grid by how well the steps agree on where contact began there."""
+    """Weigh each place of the grid by the scatter of its contact over the steps."""
     touch_mm, design = _contact_equations(curve, give, scales)
     scatters = np.array(list(_SCATTERS))
     doubt = scatters[:, None] ** 2 + (curve.floor_n / curve.looks.read_n) ** 2
@@ -282,7 +282,7 @@ def _not_before(
 
 
 def unforgotten(force_n: FloatArray, *, faint_n: float) -> FloatArray:
-    """Return the rise of ln force at each step that the sheet has not forgotten yet.
+    """Return the rise of ln force at each step that still lags in the sheet.
 
     `force_n`, shape (n_steps,): forces of a closing, newtons; below `faint_n` they count as that.
 
@@ -297,7 +297,7 @@ def unforgotten(force_n: FloatArray, *, faint_n: float) -> FloatArray:
 
 
 def tilt_sd(law_sd: float) -> float:
-    """Return the scatter of a contact's exponent about the law's, from the scatter of the law."""
+    """Return the scatter of a contact's exponent, from the scatter of the law."""
     return float(np.clip(_TILT_SHARE * law_sd, *_TILT_SDS))
 
 
@@ -336,7 +336,7 @@ class ClosingSteps:
 
     @property
     def felt(self) -> NDArray[np.bool_]:
-        """Steps whose force can't be drift; too few of these, and all with a force count."""
+        """Return the steps with a force above drift, or all with force if too few."""
         sure = self.force_n > self.faint_n
         return sure if np.count_nonzero(sure) >= _FEWEST else self.force_n > 0
 

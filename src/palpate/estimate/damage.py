@@ -1,4 +1,4 @@
-"""The damage limit of an object, from its stiffness and from closings that ended in rupture.
+"""The damage limit of an object, from its stiffness and from closings up to rupture.
 
 Two answers. The *prediction* is the likely rupture force with a lower bound. The *limit* of a grasp
 (`DamageModel.bound_n`) is the force below which at most a nominal fraction of objects like those
@@ -48,7 +48,7 @@ class RupturePrediction(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DamageModel:
-    """A model learned from closings that ended in rupture, for one kind of object or for any.
+    """A model learned from closings that ended in rupture, for one kind or for all.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class DamageModel:
 
 
 def half_load(predictions: Sequence[RupturePrediction]) -> RupturePrediction | None:
-    """Return the prediction as it stood when the force first reached half of its own prediction.
+    """Return the prediction made when the force first reached half of it.
 
     Where the object ruptured before that, the last one known; None where nothing was known.
     """

@@ -1,4 +1,4 @@
-"""The damage file: a learned damage limit with where it comes from, as people read and keep it.
+"""The damage file: a learned damage limit and its sources, as readable text.
 
 JSON, written whole or not at all. Every number has a name with its unit; the logarithms are natural
 ones of newtons and N/mm.

@@ -1,4 +1,4 @@
-"""Learning a damage limit from recorded closings, and what it is worth on those left out."""
+"""Learning a damage limit from recorded closings, and its error on closings left out."""
 
 from __future__ import annotations
 
@@ -65,7 +65,9 @@ def _fault(closing: FruitClosing) -> str | None:
 def learn_damage(
     closings: Sequence[FruitClosing], *, by_kind: bool = True, rate: float = NOMINAL_RATE
 ) -> DamageModel:
-    """Fit a damage model to recorded closings; `rate` of the objects may be damaged at the limit.
+    """Fit a damage model to recorded closings.
+
+    At the limit, a fraction `rate` of the objects may be damaged.
 
     Raises `InputError` if there are too few to learn from.
     """
@@ -113,7 +115,7 @@ def at_half_load(
 
 
 def score_left_out(closings: Sequence[FruitClosing]) -> dict[str, HeldOut]:
-    """Score a model on closings left out of it, by kind; ``""`` is for an unknown kind.
+    """Score a model on closings left out of it, by kind (`""`: kind unknown).
 
     Raises `InputError` if there are too few to leave some out.
     """
@@ -239,7 +241,7 @@ def follow_closing(
 
 
 def copies(closings: Sequence[FruitClosing]) -> dict[str, str]:
-    """Return the closings that are the same recording as an earlier one, with that one's name.
+    """Return the closings that repeat an earlier recording, with its name.
 
     Two names for one fruit are no second fruit: learned from twice, or learned from and then tested
     on, it would make a model look better than it is.

@@ -1,4 +1,4 @@
-"""Firmness as an index from 0 to 100, which has a value wherever an object was touched."""
+"""Firmness: an index from 0 to 100 with a value wherever an object was touched."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Static force laws: newtons from a settled reading, with an interval and the range they hold in.
+"""Static force laws: newtons from a settled reading, with an interval and their valid range.
 
 `PowerForceLaw` reads the excess conductance G/G0 - 1 summed over pixels, which hardly depends on
 how the load spreads over them.
@@ -109,7 +109,7 @@ def check_pairs(reading: ArrayLike, force_n: ArrayLike) -> tuple[FloatArray, Flo
 
 
 def enough_pairs(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the pairs as they are, or refuse too few of them or one load only."""
+    """Return the pairs unchanged; refuse too few of them, or a single load."""
     if len(x) < MIN_PAIRS:
         raise CalibrationError(
             f"force calibration: {len(x)} usable pairs, at least {MIN_PAIRS} needed; add loads"
@@ -137,7 +137,7 @@ def law_sd(gradient: FloatArray, *, covariance: ArrayLike, residual_sd: float) -
 
 
 def law_as_dict(law: Any) -> dict[str, Any]:
-    """Return a law's name and numbers as plain values for a calibration file, as it reads back."""
+    """Return a law's name and numbers as plain values for a calibration file."""
     return {"law": law.name, **{name: _as_list(value) for name, value in asdict(law).items()}}
 
 

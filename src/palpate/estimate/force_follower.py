@@ -1,4 +1,4 @@
-"""Newtons at every frame by the law of dead weights, and which weight narrows it most."""
+"""Force at every frame by the dead-weight law, and which weight would narrow it most."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class ForceFollower:
         self._law, self._states, self._touch = law, ForceStates(), TouchWatch()
 
     def step(self, time_s: float, excess: ArrayLike) -> Measurement:
-        """Take a frame and return the force now; 0 with an upper end where nothing touches.
+        """Take a frame and return the force now; 0 with an upper end without contact.
 
         `time_s`: not earlier than the last one.
         `excess`, shape (rows, cols): excess conductance of each pixel; NaN where one does not read.

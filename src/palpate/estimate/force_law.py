@@ -1,4 +1,4 @@
-"""Force now from a reading and its history: a power law with linear memory, as a regression.
+"""Force now from the sheet's history: a power law with linear memory, as a regression.
 
 ln force = w . [1, x, x - x1, ..., x - x6, fall, curve], with x the logarithm of the excess
 conductance, x1 to x6 its low-passed copies and `fall` the fall from its recent maximum. The weights
@@ -97,7 +97,7 @@ def standardise(inputs: FloatArray, *, centre: FloatArray, scale: FloatArray) ->
 
 
 def with_curve(inputs: FloatArray) -> FloatArray:
-    """Return inputs with the square of the reading: a power law bends where the sheet saturates."""
+    """Return inputs with the reading's square, as a saturating sheet bends the power law."""
     return np.column_stack([inputs, np.maximum(inputs[:, 0], 0.0) ** 2])
 
 
@@ -115,7 +115,7 @@ def with_memory(spread: FloatArray, share: float) -> FloatArray:
 
 
 class ForceLaw:
-    """Newtons with an interval from the reading of a sheet, at any time of a contact.
+    """Newtons with an interval from a sheet's reading, at any time of a contact.
 
     A reading is the inputs of one sample, as `ForceStates` makes them, or an excess conductance
     G/G0 - 1 summed over pixels, which counts as settled.
@@ -159,7 +159,7 @@ class ForceLaw:
         contact: Sequence[object] | None = None,
         population: Population | None = None,
     ) -> Self:
-        """Return the law of a sheet on which forces were measured, ready for its next contact.
+        """Return the law of a sheet with measured forces, ready for its next contact.
 
         Parameters
         ----------
@@ -230,7 +230,7 @@ class ForceLaw:
     def force(
         self, reading: Any, *, level: float = 0.9, touched: bool | None = None
     ) -> Measurement:
-        """Return the force at a reading; 0 with an upper end where nothing touches the sheet.
+        """Return the force at a reading; 0 with an upper end without contact.
 
         `touched`: whether something does; by default the reading shows it.
         """

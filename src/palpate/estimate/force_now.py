@@ -1,4 +1,4 @@
-"""Force now from the laws of a calibration: soon after a movement, settled, and with memory.
+"""Force now from a calibration's laws: after a movement, settled, and with memory.
 
 A sheet that was just loaded reads by its early law, one at rest for long by its settled law;
 between the two, creep is about even in the logarithm of time. A live view does not know when the
@@ -54,7 +54,7 @@ class ForceLaws(NamedTuple):
 
 
 class ContactGains(NamedTuple):
-    """Gain of the present contact by each of the two laws; None for what is not known."""
+    """Gain of the present contact by each of the two laws; None where unknown."""
 
     early: Gain | None = None
     settled: Gain | None = None
@@ -86,7 +86,7 @@ class ForceNow:
         self._last_s = self._moved_s = -math.inf
 
     def step(self, time_s: float, excess: ArrayLike) -> Measurement:
-        """Take a frame and return the force now; 0 with an upper end where nothing touches.
+        """Take a frame and return the force now; 0 with an upper end without contact.
 
         `time_s`: not earlier than the last one.
         `excess`, shape (rows, cols): excess conductance of each pixel; NaN where one does not read.
@@ -133,7 +133,7 @@ class ForceNow:
 
 
 def _mean_of(one: Measurement, other: Measurement) -> Measurement:
-    """Return the mean of two forces in ln force, wider by as far as each lies from it."""
+    """Return the mean of two ln forces, wider by their distance from it."""
     value = math.sqrt(one.middle * other.middle)
     apart = abs(math.log(one.middle / other.middle)) / 2.0
     down, up = (

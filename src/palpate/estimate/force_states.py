@@ -1,4 +1,4 @@
-"""States of a creeping sheet: its reading, how it lags behind itself, how far it has fallen.
+"""States of a creeping sheet: its reading, its lag and its fall from the peak.
 
 A sheet answers a force at once and through creep with a spread of time constants. One reading
 therefore corresponds to many forces; the reading together with its history corresponds to few. The

@@ -30,7 +30,7 @@ class MeasuredForce:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gain:
-    """By how much the force of a contact differs from the force by the sheet's law."""
+    """Ratio of a contact's force to the force by the sheet's law."""
 
     #: Of ln (true force / force by the law).
     log_mean: float
@@ -48,7 +48,7 @@ class Gain:
         return cls(log_mean=0.0, log_sd=float(np.hypot(law_sd, more_sd)), law_sd=law_sd)
 
     def update(self, measured: MeasuredForce, *, sheet_n: float) -> Gain:
-        """Return the gain after a force was measured; `sheet_n` is the force by the sheet's law.
+        """Return the gain after a force measurement; `sheet_n` is the sheet law's force.
 
         Compared in newtons: a force that may be anything from a half to nothing has no logarithm
         to speak of.
@@ -95,6 +95,6 @@ class Gain:
         )
 
     def _reaches(self, log_half: FloatArray, reach: float) -> FloatArray:
-        """Return half widths of ln force with this doubt in the place of the law's own."""
+        """Return half widths of ln force with this uncertainty in place of the law's own."""
         rest = np.maximum(log_half**2 - (reach * self.law_sd) ** 2, 0.0)
         return np.asarray(np.sqrt(rest + (reach * self.log_sd) ** 2))

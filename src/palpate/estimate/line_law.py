@@ -1,4 +1,4 @@
-"""The paper's line from the mean relative change to force (Table 4): for a narrow span only."""
+"""The paper's line from mean relative change to force (Table 4), over a narrow range."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ class LineForceLaw:
 
 
 def fit_settled_line(pairs: ForcePairs, *, horizon_s: float) -> LineForceLaw:
-    """Fit the line to the pairs of a calibration that were read at the settling horizon.
+    """Fit the line to the pairs of a calibration read at the settling horizon.
 
     Raises `CalibrationError` if there are none, or too few.
     """

@@ -66,7 +66,7 @@ class Measurement:
 
     @property
     def middle(self) -> float:
-        """The value, or the middle of what is possible: by ratio, where no end is negative."""
+        """The value, or the middle of its range; geometric where no end is negative."""
         if self.value is not None:
             return self.value
         if 0 < self.low <= self.high:

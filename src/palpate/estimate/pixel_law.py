@@ -1,4 +1,4 @@
-"""Force as a sum over pixels: the load of each follows from its own excess conductance.
+"""Force as a sum over pixels, each load from the pixel's own excess conductance.
 
 Force adds over pixels; conductance does not, because a pixel's law is not linear and begins at a
 threshold. So the same force spread over four pixels or over two gives another summed conductance,
@@ -110,7 +110,7 @@ class PixelReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PixelForceLaw:
-    """force = scale * reading ** exponent, with scatter in proportion and a floor in newtons."""
+    """force = scale * reading ** exponent, with proportional scatter and a floor in newtons."""
 
     name: ClassVar[str] = "pixels"
     reads: ClassVar[str] = "pixels"
@@ -197,7 +197,7 @@ class PixelForceLaw:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacedReadings:
-    """Readings of a sheet with a load cell's force, some soon after a movement, some settled."""
+    """Sheet readings with load-cell forces: some soon after a movement, some settled."""
 
     run: FloatArray
     pixel_excess: FloatArray

@@ -1,4 +1,4 @@
-"""Force from the servo's current while the fingers close: a second measurement next to the sheet's.
+"""Force from the servo's current during closing: a second measurement beside the sheet's.
 
 While a servo closes, the friction of its gears adds to the grip, so the current is linear in the
 force. At rest it is not: friction then carries any part of the grip, either way. One reading is
@@ -66,7 +66,7 @@ class CurrentLaw:
 
     @classmethod
     def fit(cls, pairs: CurrentPairs) -> CurrentLaw:
-        """Fit the line, to readings on a load cell and, if there are any, of the empty hand.
+        """Fit the line to readings on a load cell and without load, if any.
 
         Raises `CalibrationError` if the readings are too few, or the current does not rise with the
         force.
@@ -107,7 +107,7 @@ class CurrentLaw:
         movement: ArrayLike,
         tilt_sd: float = 0.0,
     ) -> MeasuredForce | None:
-        """Return the force at the end of a closing; None if no reading is of a grip.
+        """Return the force at the end of a closing; None without a reading under load.
 
         A sheet that is blind to faint forces gives shares that are too small, the more so the
         smaller they are: force = share * end + (1 - share) * blind, `blind` some tenths of a

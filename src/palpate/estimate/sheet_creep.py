@@ -31,7 +31,7 @@ _MAD = 1.4826
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OwnCreep:
-    """Growth of the reading of one sheet from soon after a step until it counts as settled."""
+    """Growth of one sheet's reading from soon after a step until it counts as settled."""
 
     #: Of ln(settled reading / early reading) over the holds of the calibration.
     log_mean: float

@@ -96,7 +96,7 @@ def _stiffness_n_per_mm(softness_mm_per_n: float) -> float:
 def _together(
     curve: ClosingSteps, give: Compliance, opening_mm: float, force_n: float
 ) -> tuple[float, float] | None:
-    """Return ln softness (mm/N) of hand and object together, and its scatter but for the force's.
+    """Return ln compliance (mm/N) of gripper and object, and its scatter without the force's.
 
     From the first touch on the fingers went `way_mm` more, and the force rose by what it is now
     less what it was then. Both were read with the same gain, so what the gain leaves open is left

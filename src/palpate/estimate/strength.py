@@ -1,4 +1,4 @@
-"""The force at which a held object will rupture, predicted from its stiffness at half that force.
+"""The force at which a held object ruptures, from its stiffness at half that force.
 
 One line in logarithms, ln(rupture force) = a + b ln(stiffness), with the scatter about it. On
 recorded fruit neither more features of the curve (its early stiffness, how it bends, how far it has

@@ -21,7 +21,7 @@ FEWEST_PLACEMENTS = 3
 
 
 def score_left_out_placements(placements: PlacedReadings) -> dict[str, dict[str, float | None]]:
-    """Return the median errors of the laws that a grasp reads, on placements left out, percent.
+    """Return the median errors of a grasp's laws on placements left out, percent.
 
     A grasp is one more placement, so every placement counts once: by its readings near the force,
     or by the nearest one where it was not closed that far. What differs from place to place is a
@@ -67,7 +67,7 @@ def _error_near(log_force: FloatArray, error: FloatArray) -> dict[str, float | N
 
 
 def score_left_out_loads(excess: ArrayLike, *, force_n: ArrayLike) -> dict[str, float | None]:
-    """Return the median error near 1, 5 and 10 N of loads left out of the fit, percent.
+    """Return the median error near 1, 5 and 10 N of held-out loads, percent.
 
     None where no load is near.
     """
@@ -93,7 +93,7 @@ def read_left_out_loads(excess: ArrayLike, *, force_n: ArrayLike) -> FloatArray:
 
 
 def score_line_on_left_out(pairs: ForcePairs, *, horizon_s: float) -> dict[str, float | None]:
-    """Return the median error of the paper's line near 1, 5 and 10 N, percent, as above.
+    """Return the paper line's median error near 1, 5 and 10 N, percent, as above.
 
     Every placement is left out once; of one placement, every load.
     """

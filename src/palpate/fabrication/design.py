@@ -1,4 +1,4 @@
-"""The design of a sensor: its dimensions, in millimetres, and the designs that have a name."""
+"""The design of a sensor: its dimensions in millimetres, and the named designs."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class SensorDesign:
 
     @property
     def bars_mm(self) -> tuple[float, float]:
-        """Width of the column bars and height of the row bars: what crosses in a pixel.
+        """Width of the column bars and height of the row bars, crossing in a pixel.
 
         As wide as the overhang lets them be; where the pixel's corners are round, the corners of
         the crossing decide.

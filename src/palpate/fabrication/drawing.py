@@ -64,7 +64,7 @@ def write_layer_dxf(pattern: Pattern, layer: Layer, path: Path) -> None:
 
 
 def _list_cuts(pattern: Pattern, layer: Layer) -> list[Outline]:
-    """Return the lines of a layer and its marks, mirrored where its other side is up."""
+    """Return the lines of a layer and its marks, mirrored where its back is up."""
     cuts = [*layer.parts, *pattern.mark_outlines]
     return [cut.mirror(pattern.width) for cut in cuts] if layer.mirrored else cuts
 
@@ -125,7 +125,7 @@ def _names(pattern: Pattern) -> Iterable[str]:
 
 
 def _dimensions(pattern: Pattern) -> Iterable[str]:
-    """Draw the size of the body, mm, and write that of the pixels and their pitch below it."""
+    """Draw the body's size, mm, and write the pixels' size and pitch below it."""
     body, design, out = pattern.body, pattern.design, 2.0
     style = 'font-family="sans-serif" font-size="1.6" fill="#404040"'
     x, y = body.centre

@@ -1,4 +1,4 @@
-"""From a design to shapes: five layers that lie on each other, with marks to lay them by.
+"""From a design to shapes: five stacked layers, with marks to align them.
 
 Everything is placed as the finished sensor is seen from its cover. Rows leave their pixels on the
 left and run down in lanes; columns run straight down and are gathered next to them. Row copper
@@ -265,7 +265,7 @@ def _jog_levels(xs: Sequence[float], pad_xs: Sequence[float]) -> list[int]:
 def _tapes(
     body: Rect, *, pads: Rect, split: float, margin: float
 ) -> tuple[tuple[PointMm, ...], tuple[PointMm, ...]]:
-    """Return the corners of base and cover: alike, but each has its own half of the tail's end."""
+    """Return the corners of base and cover, which differ at the tail's end."""
     right, end = pads.right + margin, pads.bottom + margin
     shoulder: list[PointMm] = [(body.right, body.bottom), (right, body.bottom)]
     if body.right - right < 2 * TAPE_CORNER_MM:

@@ -1,4 +1,4 @@
-"""Patterns that can't be cut or can't work, each with what is wrong and by how much."""
+"""Patterns that can't be cut or can't work, with the reason and the amount."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def _same_layer(nets: Sequence[Stroke], *, letter: str, cutter: Cutter) -> Itera
 
 
 def _folds(design: SensorDesign, *, cutter: Cutter) -> Iterator[str]:
-    """Even a lone line must not run into itself at a turn: turns are spaced as the pads are."""
+    """Refuse turns spaced so tightly that a single line would cross itself."""
     beside_mm = design.pad_pitch_mm - design.trace_mm
     if cutter.gap_mm - beside_mm > _TINY_MM:
         yield (
@@ -156,7 +156,7 @@ def _folds(design: SensorDesign, *, cutter: Cutter) -> Iterator[str]:
 
 
 def _across_layers(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
-    """Row and column copper may lie over each other only with Velostat between, and some to spare.
+    """Refuse row and column copper that overlaps without Velostat and its margin between.
 
     What is left next to the crossing must keep its distance too: layers are laid by hand.
     """
@@ -178,7 +178,7 @@ def _across_layers(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
 
 
 def _coverage_mm(crossing: Rect, *, pixel: Rect, corner_mm: float) -> float:
-    """Return how far a pixel stands out round a rectangle, mm; negative where it doesn't cover it.
+    """Return how far a pixel extends around a rectangle, mm; negative where it falls short.
 
     The edge of a rounded rectangle is `corner_mm` from an inner rectangle, whose distance to each
     corner of the crossing decides.

@@ -1,4 +1,4 @@
-"""Flat shapes in millimetres, x to the right and y down: boxes, outlines with arcs, strokes."""
+"""Flat shapes in millimetres, x right and y down: boxes, outlines with arcs, strokes."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class Outline:
 
 
 def arc_radius(one: Vertex, two: Vertex) -> float:
-    """Return the radius of the arc from `one` to `two`, mm; `one` must have a bulge."""
+    """Return the radius of the arc from `one` to `two`, mm; `one` needs a bulge."""
     chord = math.hypot(two.x - one.x, two.y - one.y)
     return chord * (1 + one.bulge**2) / (4 * abs(one.bulge))
 
@@ -168,7 +168,7 @@ def circle(centre: PointMm, *, diameter: float) -> Outline:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stroke:
-    """A line of right-angled bends whose width may change from leg to leg: one piece of copper."""
+    """A line of right-angled bends, with a width for each leg: one copper part."""
 
     #: Its middle line, mm; neighbours differ in x or in y, not in both.
     points: tuple[PointMm, ...]

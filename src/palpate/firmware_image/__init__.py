@@ -1,4 +1,4 @@
-"""The firmware as it goes on a board: `make -C firmware` builds it, the wheel carries it."""
+"""The firmware image for a board, built by `make -C firmware`, carried by the wheel."""
 
 from __future__ import annotations
 

@@ -154,7 +154,7 @@ def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan)
 def _bound_by_travel(
     estimate: ContactEstimate, force: Measurement, plan: Plan
 ) -> tuple[Measurement | None, Measurement | None]:
-    """Return the size and stiffness that the travel since the touch and the force leave possible.
+    """Return the size and stiffness possible with the travel since contact and the force.
 
     For a touch so faint that too few steps show a curve. The object was touched between the last
     step that felt nothing and the first at which both fingers surely pressed. It gave way by no

@@ -82,7 +82,7 @@ def plan_of_recording(info: RecordingInfo, *, gripper: Gripper, hold_s: float = 
 
 
 def read_by_paper(source: Replay, paper: Paper) -> GraspResult:
-    """Read a recorded grasp of any method as the paper's would: the hand moves as recorded.
+    """Read a recorded grasp of any method as the paper's would, with the recorded movements.
 
     Contact is the first stillness whose mean change passes the threshold; the prediction comes
     at the cutoff after the last movement. The extra closing is the recorded one.

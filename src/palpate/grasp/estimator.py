@@ -73,7 +73,7 @@ class Touch:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClosingStep:
-    """One step of the closing, read after its dwell; mm or kPa by the gripper's drive."""
+    """One step of the closing, read after its dwell; mm or kPa by the drive."""
 
     closure: float
     touch: Touch
@@ -192,12 +192,18 @@ class ContactEstimate(HandMotion):
 
     @property
     def watched_n(self) -> float:
-        """Grip force that both of the last two frames show, newtons: one alone may be a spike."""
+        """Grip force that both of the last two frames show, newtons.
+
+        A single frame may be a spike.
+        """
         return min((n for _, n in self.frames_n[-2:]), default=0.0)
 
     @property
     def rise_n_per_s(self) -> float:
-        """Rate of rise of the force in the last frames, N/s: one alone may be a spike."""
+        """Rate of rise of the force in the last frames, N/s.
+
+        A single frame may be a spike.
+        """
         if len(self.frames_n) < _RISE_FRAMES:
             return 0.0
         (then_s, then_n), (now_s, _) = self.frames_n[0], self.frames_n[-1]

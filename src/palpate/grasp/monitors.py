@@ -35,7 +35,7 @@ class Monitor(Protocol):
 
 
 class BoardMonitor:
-    """Ends the grasp where the sensor's board has tripped: one pixel shows more than is allowed."""
+    """Ends the grasp where the sensor's board has tripped on the reading of one pixel."""
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
         """Return the trip of the board's own ceiling."""
@@ -72,7 +72,7 @@ class CeilingMonitor:
         self._plan = plan
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
-        """Return an alarm for a force above the ceiling, in two frames or the last step."""
+        """Return an alarm for force above the ceiling, in two frames or one step."""
         estimate, ceiling_n = state.estimate, self._plan.safety.force_ceiling_n
         if estimate.force_n <= ceiling_n:
             return None
@@ -102,7 +102,7 @@ class SlipMonitor:
 
 
 class FingersMonitor:
-    """Holds still when one finger shows a grip and the other none: a grip presses both."""
+    """Holds still when only one finger shows a grip, as a grip presses both."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan

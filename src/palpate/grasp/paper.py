@@ -13,7 +13,7 @@ from palpate.files import structure
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Paper:
-    """Settings of a grasp as in Figure 13, with the prediction of equations 2 and 3.
+    """Settings of a grasp by Figure 13, with the prediction of equations 2 and 3.
 
     Attributes
     ----------

@@ -61,7 +61,7 @@ def by_paper(plan: Plan, paper: Paper, *, calibration: Calibration) -> Plan:
 
 
 def with_line_law(recorded: Calibration) -> Calibration:
-    """Return the calibration with the line of Table 4, and its error on placements left out.
+    """Return the calibration with the line of Table 4, and its error on held-out placements.
 
     Raises `CalibrationError` if its pairs can't carry a line.
     """

@@ -6,7 +6,9 @@ from enum import StrEnum
 
 
 class Phase(StrEnum):
-    """The state of a grasp; `done` is the only end, and settling may begin again after a hold.
+    """The state of a grasp.
+
+    `done` is the only end, and settling may begin again after a hold.
 
     What happens within `approach` and `settle` is in `GraspState.activity`.
     """

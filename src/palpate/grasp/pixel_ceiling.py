@@ -1,4 +1,4 @@
-"""The force ceiling as a reading of one pixel, which a board checks without the host."""
+"""The force ceiling as one pixel's reading, which a board checks without the host."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ class PixelMonitor:
 
     @property
     def doubtful(self) -> bool:
-        """Whether a pixel has just jumped to an end of its range: the frame is not used."""
+        """Whether a pixel has just jumped to a range end; such frames are skipped."""
         sudden = (self._ended > 0) & ~self._pressed
         return bool((self._known & ((self._opened > 0) | sudden)).any())
 
@@ -170,7 +170,7 @@ class PixelMonitor:
             self._counted_at = closure
 
     def _find_stuck(self) -> NDArray[np.bool_]:
-        """Return which pixels did not change in many movements, or in few in a long time."""
+        """Return the pixels unchanged in many movements, or in few over a long time."""
         long = self._now_s - self._changed_s > GUARDS.patience_s
         return self._find_unchanged(PIXELS.moves, others=PIXELS.other_moves) | (
             self._find_unchanged(PIXELS.few_moves, others=1) & long

@@ -1,4 +1,4 @@
-"""Whether a held object is secure to pull: a stem that has to tear, as in harvesting."""
+"""Whether a held object is secure to pull, as a stem must tear in harvesting."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from threading import Event
 
 @dataclass(frozen=True, slots=True)
 class Requests:
-    """Requests to a running grasp, each carried out once. Set an event to wish for it.
+    """Requests to a running grasp, each carried out once; set an event to make one.
 
     `stop`: end it at once; what that means for the hand is in `palpate.grasp.safety`.
     `release`: give the object back, whatever the grasp is doing.

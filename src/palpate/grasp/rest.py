@@ -19,7 +19,7 @@ from palpate.signal.relative import rest_baseline
 
 
 def take_rest(state: GraspState, *, plan: Plan) -> bool:
-    """Take the rest values from the frames before the first movement; return whether there are any.
+    """Take the rest values from frames before the first movement; return whether any exist.
 
     If those are no rest, newer frames are waited for. After that, frames that move give way to the
     calibration's values; and where steady ones lie far below those, the closing has to show that

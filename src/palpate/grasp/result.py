@@ -48,7 +48,7 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Moment:
-    """An event of a grasp: its time on the sensor's clock, name, and finger, if any."""
+    """An event of a grasp: its time (sensor clock), its name, and any finger."""
 
     time_s: float
     name: str

@@ -21,7 +21,9 @@ _EXACT = 1e-9
 def filter_command(
     wish: GripperCommand | None, estimate: ContactEstimate, plan: Plan
 ) -> GripperCommand | None:
-    """Return the safe part of a command; None for no movement. An opening is never cut.
+    """Return the safe part of a command; None for no movement.
+
+    An opening is never cut.
 
     What is cut takes as long as the wish would have: it comes more slowly, and so overruns less.
     """

@@ -36,7 +36,7 @@ class Pull:
 
 
 def force_by_gripper(estimate: ContactEstimate, plan: Plan) -> MeasuredForce | None:
-    """Return the force at the present closure as the gripper itself measures it, if it can."""
+    """Return the gripper's own measurement of force at the present closure, if it has one."""
     if plan.bend is not None:
         return _force_by_pressure(estimate, plan, plan.bend)
     if plan.current is None or not estimate.pulls or not estimate.steps:

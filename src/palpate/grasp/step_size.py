@@ -108,7 +108,7 @@ def _step_to_bound(estimate: ContactEstimate, plan: Plan) -> float:
 
 
 def squeeze_step(estimate: ContactEstimate, plan: Plan, *, goal_n: float) -> float:
-    """Return the step that raises the force by a fixed amount, more far from the target.
+    """Return the step that raises the force by a fixed amount, larger far from target.
 
     The first steps after a touch are fine, and none goes much further than the fingers have pressed
     already: how steeply the force rises is known only as far as it was felt.
@@ -159,7 +159,7 @@ def deformation_mm(estimate: ContactEstimate, plan: Plan) -> float:
 
 
 def slope_high_n(estimate: ContactEstimate, plan: Plan) -> float:
-    """Return how steeply the force may rise: as the last steps saw, with room for stiffening."""
+    """Return the steepest likely rise of force, from the last steps, with room for stiffening."""
     return min(SQUEEZE.stiffening * slope_n(estimate, plan), plan.steepest_n)
 
 
@@ -198,7 +198,7 @@ def _certain_rise_n(force_n: float) -> float:
 
 
 def _slope_bound_n(estimate: ContactEstimate, plan: Plan) -> float:
-    """Return the largest slope consistent with steps without a certain rise, N per mm or kPa.
+    """Return the largest slope consistent with steps without certain rise, N per mm or kPa.
 
     Travel counts from the first force that can't be drift, and from the last step at which one
     finger still felt nothing: until then the other one alone pushed the object to the middle.

@@ -79,7 +79,7 @@ class Following:
         limits: GripperLimits,
         safety: SafetyLimits,
     ) -> Following:
-        """Begin to follow a command that was sent at `now_s`, when the gripper was at `state`."""
+        """Begin to follow a command sent at `now_s`, with the gripper at `state`."""
         begin = limits.reading_of(state)
         ends_s = now_s + abs(sent.target - begin) / sent.rate
         return cls(

@@ -1,4 +1,4 @@
-"""A hand on one servo of a bus: what servos of all makes have in common."""
+"""A gripper on one bus servo: the part common to servos of all makes."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class BusServoGripper(ABC):
         """Make a position that it is passing its goal."""
 
     def command(self, wanted: GripperCommand) -> GripperCommand:
-        """Send the fingers to a width; return what was sent, in whole steps of the servo.
+        """Send the fingers to a width; return the width sent, in whole servo steps.
 
         The rate returned is the mean over the travel: the servo turns evenly, the fingers don't.
 
@@ -82,7 +82,9 @@ class BusServoGripper(ABC):
         return GripperCommand(target=sent_mm, rate=mean)
 
     def stop(self) -> None:
-        """Stop where it is, if it moves: a new goal would only loosen a grip that holds.
+        """Stop a moving servo where it is.
+
+        A new goal at rest would only loosen a grip.
 
         Raises `DeviceError` if no reading confirms that it stands still.
         """

@@ -101,7 +101,9 @@ class DynamixelGripper(BusServoGripper):
         )
 
     def stop(self) -> None:
-        """Stop where it is, if it moves: a new goal would only loosen a grip that holds.
+        """Stop a moving servo where it is.
+
+        A new goal at rest would only loosen a grip.
 
         Raises `DeviceError` if no reading confirms that it stands still; then it is left to its
         watchdog, which is set to its shortest.
@@ -126,7 +128,9 @@ class DynamixelGripper(BusServoGripper):
                 raise
 
     def clear_errors(self) -> None:
-        """Reboot the servo and set it up again: for the user to ask, once the cause is gone.
+        """Reboot the servo and set it up again.
+
+        The user asks for it after removing the cause.
 
         Raises `DeviceError` if the error comes back at once, or the servo does not.
         """
@@ -194,7 +198,7 @@ class DynamixelGripper(BusServoGripper):
             self._line.write(register, value)
 
     def _check_reading(self, run: RegisterRun) -> int:
-        """Return the position of a reading, if the servo can have come there since the last one."""
+        """Return the position of a reading that the servo can have reached since the last."""
         now_s, tick = self._clock.now_s(), run.value(self.POSITION)
         last, self._last = self._last, (now_s, tick)
         if last is None:

@@ -1,4 +1,4 @@
-"""A hand on one Feetech STS3215 bus servo: a jaw that turns against a fixed one (SO-101).
+"""A gripper on one Feetech STS3215 bus servo: a jaw against a fixed one (SO-101).
 
 The servo follows a position and gives way at a torque limit. It has no watchdog, so while closing
 it is never sent further than it goes in `leash_s`: a host that falls silent stops the hand there.

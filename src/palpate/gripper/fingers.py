@@ -1,4 +1,4 @@
-"""From a servo's angle to the opening of the fingers and back: a crank with sliders, a hinge."""
+"""Finger opening from servo angle and back: a crank with sliders, or a hinge."""
 
 from __future__ import annotations
 
@@ -76,7 +76,9 @@ class CrankFingers:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HingedJaw:
-    """A jaw on the servo's horn. The opening is the chord between the middles of the two pads.
+    """A jaw on the servo's horn.
+
+    The opening is the chord between the middles of the two pads.
 
     >>> jaw = HingedJaw(jaw_mm=70.0)
     >>> round(jaw.width_mm(1.0), 2), round(jaw.angle_rad(67.12), 3)

@@ -1,4 +1,4 @@
-"""Fingers on racks, driven by a hobby servo whose pulses come from a board with palpate's firmware.
+"""Rack fingers on a hobby servo, driven by pulses from a board with palpate's firmware.
 
 The board keeps travel and ramp, and holds the fingers where they are when it hears nothing for half
 a second; `state` keeps it awake. A hobby servo reports nothing: the width is that of its pulses.
@@ -31,7 +31,7 @@ _SHOWN_S = 0.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoTravel:
-    """Pulses and openings of the open and of the closed fingers; in between they are linear.
+    """Pulses and openings of open and closed fingers; linear in between.
 
     Examples
     --------
@@ -107,7 +107,7 @@ class HobbyServoGripper:
             self.release()
 
     def state(self) -> GripperState:
-        """Return the opening of the present pulses, and show the board that the host is alive.
+        """Return the opening of the present pulses, and send the board a heartbeat.
 
         Raises `DeviceError` if the board is gone, sends no pulses, or held the fingers because it
         heard nothing.
@@ -181,7 +181,7 @@ class HobbyServoGripper:
         """Nothing to let go of: the board holds the fingers where they are."""
 
     def _pulse_now(self, frame_us: int, now_s: float) -> float:
-        """Continue the ramp from the newest frame to now: frames are up to 70 ms apart."""
+        """Continue the ramp from the newest frame to now; frames may be 70 ms apart."""
         since_s = now_s - max(self._board.newest_s, self._commanded_s)
         way_us = self._target_us - frame_us
         return frame_us + math.copysign(min(abs(way_us), self._rate * max(since_s, 0.0)), way_us)
@@ -214,7 +214,7 @@ def open_gripper(
     closed_mm: float,
     fastest_mm_per_s: float = 60.0,
 ) -> HobbyServoGripper:
-    """Open fingers on a hobby servo of the board that reads their sensor. They open first.
+    """Open the gripper of a hobby servo on the sensor's board; its fingers open first.
 
     Parameters
     ----------

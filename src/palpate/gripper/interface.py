@@ -55,7 +55,7 @@ class GripperLimits:
         return self.highest - closure if self.drive == "width" else self.lowest + closure
 
     def clamp(self, wanted: GripperCommand) -> GripperCommand:
-        """Return a command with its target within the range, and no faster than it may be.
+        """Return a command with its target within the range and its rate within the limit.
 
         Examples
         --------
@@ -82,7 +82,7 @@ class GripperState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GripperCommand:
-    """Where to go and how fast: mm and mm/s, or kPa and kPa/s, by the gripper's `drive`."""
+    """Target and rate of a movement: mm and mm/s, or kPa and kPa/s, by `drive`."""
 
     target: float
     rate: float

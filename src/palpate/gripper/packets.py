@@ -1,4 +1,4 @@
-"""How servo packets are laid out: DYNAMIXEL Protocol 2.0, and 1.0, which Feetech servos speak too.
+"""Layout of servo packets: DYNAMIXEL Protocol 2.0, and 1.0, which Feetech servos use too.
 
 Sources: ROBOTIS e-Manual, "DYNAMIXEL Protocol 1.0" and "2.0"; Feetech, "SCS/STS protocol manual".
 """
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 
 class Register(NamedTuple):
-    """Address and size in bytes of a value of the control table, and how it encodes its sign."""
+    """Address, size in bytes and sign encoding of a value of the control table."""
 
     address: int
     size: int
@@ -62,7 +62,7 @@ class Packets:
     alert: int
 
     def request(self, number: int, instruction: int, given: bytes) -> list[int]:
-        """Return a packet with room for the header and the checksum that the SDK fills in."""
+        """Return a packet with room for the header and checksum that the SDK fills in."""
         length = self.place(1 + len(given) + self.word)
         return [*bytes(self.number_at), number, *length, instruction, *given, *bytes(self.word)]
 

@@ -128,7 +128,7 @@ class ServoLine:
             self._send(self._layout.request(self._id, _WRITE, given))
 
     def reboot(self) -> None:
-        """Restart the servo: the only way to clear a hardware error. Its torque is off then."""
+        """Restart the servo, the only way to clear a hardware error; torque goes off."""
         self._ask(_REBOOT, b"", answer=0)
 
     def errors(self) -> HardwareError:
@@ -141,7 +141,7 @@ class ServoLine:
             self._port.closePort()
 
     def _ask(self, instruction: int, given: bytes, *, answer: int) -> bytes:
-        """Make one exchange, again if it failed on the line; return the `answer` bytes it gave."""
+        """Make one exchange, with a retry after line errors; return its `answer` bytes."""
         layout, is_silent, is_damaged = self._layout, True, False
         for _ in range(_TRIES):
             packet = layout.request(self._id, instruction, given)

@@ -1,4 +1,4 @@
-"""The memory table of Feetech STS servos, as far as a gripper needs it, as data.
+"""The memory table of Feetech STS servos as data, limited to a gripper's needs.
 
 Source: Feetech, "SMS/STS series memory table" (STS3215). Little-endian; signed values are a
 magnitude with a sign bit.

@@ -1,4 +1,4 @@
-"""The control table of DYNAMIXEL X-series servos, as far as a gripper needs it, as data.
+"""The control table of DYNAMIXEL X-series servos as data, limited to a gripper's needs.
 
 Source: ROBOTIS e-Manual, control tables of XL430-W250, XM430-W350 and XL330-M288 (Protocol 2.0).
 """

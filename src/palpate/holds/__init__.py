@@ -1,4 +1,4 @@
-"""Tables from any logger or of known columns, the contacts in them, and the holds after those.
+"""Tables from any logger or of known columns, their contacts, and the holds after contact.
 
 `holds_file` and `strict` want columns of known names and refuse a damaged file with its line.
 `table_files` and `recordings` recognise columns, units and clocks of any table and report what is

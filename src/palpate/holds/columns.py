@@ -1,4 +1,4 @@
-"""Recognising the columns of a table of readings: names, units, and ways to write a time."""
+"""Recognition of a table's columns: names, units and ways to write a time."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def words_of(name: str) -> list[str]:
 
 
 def time_unit_of(name: str) -> str | None:
-    """Return the unit of a clock's name, "" for a clock without one, None for no clock.
+    """Return the unit of a clock's name, "" for a clock without one, None otherwise.
 
     >>> [time_unit_of(name) for name in ("time_s", "millis", "Time [ms]", "timestamp", "force_n")]
     ['s', 'ms', 'ms', '', None]
@@ -85,7 +85,7 @@ def time_unit_of(name: str) -> str | None:
 
 
 def find_clock(names: Sequence[str]) -> str | None:
-    """Return the column that is the clock; one that names its unit before one that doesn't."""
+    """Return the column that is the clock; one with a unit takes precedence."""
     units = {name: time_unit_of(name) for name in names}
     clocks = [name for name, unit in units.items() if unit is not None]
     return min(clocks, key=lambda name: (units[name] == "", "date" in words_of(name)), default=None)
@@ -110,7 +110,7 @@ def unit_of(name: str) -> Unit | None:
 
 
 def scale_of(name: str) -> float:
-    """Return the factor that a prefix in a reading's name gives: 1000 for kilo-ohms, else 1.
+    """Return the factor of a prefix in a reading's name: 1000 for kilo-ohms, else 1.
 
     >>> [scale_of(name) for name in ("S1 [kOhm]", "R (MΩ)", "ch1_mV", "p_kPa", "resistance_ohm")]
     [1000.0, 1000000.0, 0.001, 1000.0, 1.0]
@@ -120,7 +120,7 @@ def scale_of(name: str) -> float:
 
 
 def _split_prefix(name: str) -> tuple[Unit, float] | None:
-    """Return the unit and factor of the last word of a name that is a unit with a prefix."""
+    """Return unit and factor of a name's last word, if it is a prefixed unit."""
     found = list(_PREFIXED.finditer(re.sub(r"([a-z])([A-Z])", r"\1 \2", name)))
     if not found:
         return None

@@ -1,4 +1,4 @@
-"""Holds out of a recording: what is touched, and from when on the reading only settles.
+"""Holds in a recording: the contact, and when only settling remains.
 
 Nothing here knows a sensor. A movement is a change of at least a tenth of the recording's whole
 range within 0.3 s: a finger that closes or a weight that is laid down does that, a slow stretch
@@ -305,7 +305,7 @@ def _side_of_load(shape: ContactOutline, unit: str | None) -> tuple[bool, bool]:
 def _find_loading_end_s(
     stretch: Stretch, toward: float, *, time_s: FloatArray, height: FloatArray
 ) -> float:
-    """Return when loading ends, from where the curve is farthest beyond the chord of its start."""
+    """Return when loading ends: where the curve is farthest from its initial chord."""
     until_s = min(stretch.end_s, stretch.onset_s + LOADING_S)
     first = max(0, int(np.searchsorted(time_s, stretch.onset_s)) - 1)
     stop = int(np.searchsorted(time_s, until_s, side="right"))

@@ -151,7 +151,7 @@ def _cut_column(readings: Readings, name: str, cut: CutAt) -> CutColumn:
 def _select_usable(
     values: NDArray[np.float64], unit: Unit | None, *, remarks: list[str]
 ) -> tuple[Unit | None, NDArray[np.bool_]]:
-    """Return the unit, None where readings can't be of it, and which readings can be used."""
+    """Return the unit, None where the readings can't have it, and the usable readings."""
     finite = np.isfinite(values)
     below = int(np.sum(values[finite] <= 0))
     if unit != "ohm" or below == 0:
@@ -193,7 +193,7 @@ def _spans(
 def _converter(
     readings: Readings, name: str, values: NDArray[np.float64]
 ) -> tuple[Divider | None, list[float]]:
-    """Return what makes ohm of counts, and the ends of its range, which show nothing of the load.
+    """Return the conversion of counts to ohm, and the saturated ends of its range.
 
     Without a divider, counts stay as they are.
     """

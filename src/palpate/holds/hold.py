@@ -70,7 +70,7 @@ class Hold:
 def measure_settled_value(
     time_s: NDArray[np.float64], values: NDArray[np.float64], *, horizon_s: float
 ) -> float:
-    """Return the mean of the last 0.5 s before the horizon; NaN where the hold ends before.
+    """Return the mean of the last 0.5 s before the horizon; NaN where unrecorded.
 
     A sample covers the time up to the next one, so a hold reaches the horizon when its last
     sample is no more than one usual interval before it.

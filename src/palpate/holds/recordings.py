@@ -78,7 +78,7 @@ def read_recording(
     unit: Unit | None = None,
     divider: Divider | None = None,
 ) -> Readings:
-    """Read one recording from a file, from arrays by name, or from a pandas data frame.
+    """Read one recording from a file, from arrays by name or from a pandas DataFrame.
 
     Parameters
     ----------
@@ -283,7 +283,7 @@ def _average_repeats(column: NDArray[np.float64], order: NDArray[np.intp]) -> ND
 
 
 def relative_readings(readings: Readings, *, rest_s: tuple[float, float], mean: bool) -> Readings:
-    """Return a recording as relative changes, percent: of each column, or of all in the mean.
+    """Return a recording as relative changes, percent: of each column, or their mean.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Tables of known columns, whatever their form: used as they are, or refused with the line."""
+"""Tables of known columns in any format; an invalid one is refused with the line."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ def _check_cells(
     word: str,
     places: Sequence[int],
 ) -> Table:
-    """Return cells as a table; refuse the first row with one that is no number and should be."""
+    """Return cells as a table; refuse the first row with a non-numeric cell."""
     faults: list[tuple[int, str]] = []
     for column, values in numbers.items():
         wrong = np.flatnonzero(np.isnan(values)).tolist()

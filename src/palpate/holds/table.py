@@ -1,4 +1,4 @@
-"""A table as columns of text or numbers, and which numbers and rows of it can be worked with."""
+"""A table as columns of text or numbers, and its usable numbers and rows."""
 
 from __future__ import annotations
 

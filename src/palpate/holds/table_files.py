@@ -186,7 +186,7 @@ def _read_spreadsheet(path: Path) -> Table:
 
 
 def _text(cell: Any) -> str:
-    """Return a cell as a text file would have it; a workbook has no whole numbers of its own."""
+    """Return a cell as a text file would have it; a workbook stores no integers."""
     if isinstance(cell, float) and not isinstance(cell, bool):
         return repr(int(cell)) if cell.is_integer() else repr(cell)
     if isinstance(cell, datetime | date | time):
@@ -195,7 +195,7 @@ def _text(cell: Any) -> str:
 
 
 def table_of_arrays(source: Any, *, name: str) -> Table:
-    """Return a table of arrays by name, or of a data frame (anything with columns that index it).
+    """Return a table of arrays by name, or of a DataFrame (any object with columns).
 
     A data frame's index takes part where it has times in it or a name.
 

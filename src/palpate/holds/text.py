@@ -234,7 +234,7 @@ def find_layout(lines: Sequence[str], *, name: str) -> Layout:
 
 
 def layout_of(rows: Sequence[Sequence[str]], *, separator: str | None = None) -> Layout | None:
-    """Return the layout of rows that are split into fields, None where they are no table."""
+    """Return the layout of rows split into fields, None if they form no table."""
     numbers = [_numbers_in(row) for row in rows]
     widths = Counter(
         len(row) for row, count in zip(rows, numbers, strict=True) if len(row) > 1 and count
@@ -257,7 +257,7 @@ def layout_of(rows: Sequence[Sequence[str]], *, separator: str | None = None) ->
 
 
 def _numbers_in(row: Sequence[str]) -> int:
-    """Return how many fields are numbers or moments, less those that are text; 0: no data."""
+    """Return the count of numeric or time fields less text fields; 0 means no data."""
     number = text = missing = 0
     for field in row:
         stripped = field.strip()
@@ -271,7 +271,7 @@ def _numbers_in(row: Sequence[str]) -> int:
 
 
 def _header(above: Sequence[Sequence[str]], width: int) -> list[str]:
-    """Return the names in the line above the data, with the units of a line of units."""
+    """Return the names above the data, with the units of a line of units."""
     lines = [[field.strip() for field in row][:width] for row in above[-2:]]
     lines = [line + [""] * (width - len(line)) for line in lines]
     units = [""] * width

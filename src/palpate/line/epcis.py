@@ -1,4 +1,4 @@
-"""The grasps of an item as events of EPCIS 2.0, for the traceability of a packhouse."""
+"""The grasps of an item as events of EPCIS 2.0, for a packhouse's traceability."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ def read_label(text: str) -> str:
 
 
 def item_uri(item_id: str) -> str:
-    """Return an item's URI: the GS1 Digital Link of a label's item, a URN of another.
+    """Return an item's URI: GS1 Digital Link for a labelled item, else a URN.
 
     >>> item_uri("(01)04012345000016(21)A17"), item_uri("tray 4")
     ('https://id.gs1.org/01/04012345000016/21/A17', 'urn:palpate:item:tray%204')

@@ -1,4 +1,4 @@
-"""A station as a controller of a line sees it: one state, one result, three commands."""
+"""A station for a line's controller: one state, one result, three commands."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Line(Protocol):
 
 
 class CommandRefusedError(Exception):
-    """A command that can't be carried out now; its text is one line that says why."""
+    """A command that can't be carried out now; its text is a one-line reason."""
 
 
 def line_state(document: Mapping[str, Any]) -> LineState:

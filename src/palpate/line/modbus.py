@@ -72,7 +72,10 @@ class ModbusStation:
         registers: list[int],
         set_values: Sequence[int] | None,
     ) -> ExcCodes | None:
-        """Answer one request; called by the server before it reads or after it was sent values."""
+        """Answer one request.
+
+        The server calls it before a read and after a write.
+        """
         if set_values is None:
             registers[:] = self.registers()[start_address : start_address + len(registers)]
             return None

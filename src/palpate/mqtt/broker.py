@@ -1,4 +1,4 @@
-"""The broker's file: where it is, by which topic, and how it is known to be the right one."""
+"""The broker's file: its address, topic, and the means to verify its identity."""
 
 from __future__ import annotations
 

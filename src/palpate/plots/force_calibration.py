@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def force_calibration_figure(calibration: Calibration) -> Figure:
-    """Draw excess conductance over force, and below it the error of readings left out of the fit.
+    """Draw excess conductance over force, with the held-out error below.
 
     Raises
     ------

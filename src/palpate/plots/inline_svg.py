@@ -1,4 +1,4 @@
-"""Figures as SVG inside a web page: its fonts, and its colours by day and by night."""
+"""Figures as SVG inside a web page: its fonts, and its light and dark colours."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _INK_EVERYWHERE: dict[Any, Any] = {
 def page_figure(
     *, columns: int = 1, width_in: float = 5.4, height_in: float = 2.9
 ) -> Iterator[tuple[Figure, Any]]:
-    """Yield a figure for a page and its row of axes, drawn on the page's own ground."""
+    """Yield a figure for a page and its row of axes, on the page's background."""
     import matplotlib as mpl
 
     with (
@@ -56,7 +56,7 @@ def page_figure(
 
 
 def inline_svg(figure: Figure, *, label: str) -> str:
-    """Return a figure as an ``<svg>`` element that takes its colours and font from the page.
+    """Return a figure as an ``<svg>`` element with the page's colours and font.
 
     Parameters
     ----------

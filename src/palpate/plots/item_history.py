@@ -1,4 +1,4 @@
-"""One item over its grasps: how its measurements went, and what its pixels read on each side."""
+"""One item over its grasps: its measurements, and the pixel readings on each side."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _ON_DARK, _ON_LIGHT = "#FDFDFD", "#101010"
 def history_figure(
     page: ItemHistory, name: str, *, label: str, zone: tzinfo | None = None
 ) -> Figure:
-    """Draw one measurement of an item over time, with its intervals and the verdicts of people.
+    """Draw one measurement of an item over time, with its intervals and people's verdicts.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def history_figure(
 
 
 def pixels_figure(grasps: Sequence[Grasp]) -> Figure | None:
-    """Draw what each pixel read at the answer, the last grasp of each side; None without pixels."""
+    """Draw the pixel readings at the answer, last grasp of each side; None without pixels."""
     sides = {g.angle_deg: g for g in grasps if g.pixel_settled_percent is not None}
     shown = list(sides.items())[-_MOST_SIDES:]
     if not shown:

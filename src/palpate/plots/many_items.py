@@ -1,4 +1,4 @@
-"""A batch or a day at a glance: size against stiffness, softening, how many of each, and when."""
+"""Overview of a batch or a day: size against stiffness, softening, counts and times."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MOST_VECTORS = 1500
 
 
 def size_stiffness_figure(pages: Sequence[ItemHistory]) -> Figure | None:
-    """Draw every item by its last size and stiffness, by kind; None if none has both."""
+    """Draw every item by its last size and stiffness, by kind; None if impossible."""
     points = [
         (kind_of(page), size.middle, stiffness.middle)
         for page in pages
@@ -70,7 +70,7 @@ def size_stiffness_figure(pages: Sequence[ItemHistory]) -> Figure | None:
 
 
 def softening_figure(pages: Sequence[ItemHistory], *, zone: tzinfo | None = None) -> Figure | None:
-    """Draw the stiffness of each item over its days; None if none was grasped on two."""
+    """Draw the stiffness of each item over its days; None without two days."""
     tracks = []
     for page in pages:
         name = "stiffness_n_per_mm"

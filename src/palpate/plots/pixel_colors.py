@@ -1,4 +1,4 @@
-"""One colour map for a pixel's relative change: on the page, in the terminal, in reports and plots.
+"""One colour map for a pixel's relative change, on pages, terminal, reports and plots.
 
 It diverges from dark, because nothing pressed is the usual case: a fall of the resistance goes
 through red to pale yellow (points of matplotlib's inferno), a rise through blue to pale blue. Both
@@ -51,7 +51,7 @@ def is_dark(change_percent: float) -> bool:
 
 
 def change_colormap() -> LinearSegmentedColormap:
-    """Return the same as matplotlib takes it, for values from -80 % (0) to 80 % (1)."""
+    """Return it as a matplotlib colour map, from -80 % (0) to 80 % (1)."""
     from matplotlib.colors import LinearSegmentedColormap
 
     stops = [*reversed(FALL), *RISE[1:]]

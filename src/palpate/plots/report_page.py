@@ -1,4 +1,4 @@
-"""Reports as one HTML file that needs nothing else: by day, by night and on paper."""
+"""Reports as one self-contained HTML file with light, dark and print styles."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ _AHEAD_DAYS = 3.0
 def item_figure(
     history: FirmnessHistory, ripeness: Ripeness, *, rule: RipenessRule | None
 ) -> Figure:
-    """Draw the grasps of one item, the courses that agree with them, and where stages begin.
+    """Draw the grasps of one item, the courses consistent with them, and the stages.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ def settle_figure(
     level: float,
     overviews: Sequence[tuple[str, CutColumn]] = (),
 ) -> Figure:
-    """Draw a few holds with the forecast of every method; the first method also gets its band.
+    """Draw a few holds with each method's forecast; the first one with its band.
 
     Recordings that the holds were cut from are above them, each with its title.
     """
@@ -109,7 +109,7 @@ def _value_label(unit: str | None) -> str:
 
 
 def _draw_overview(figure: Figure, row: Any, title: str, recording: CutColumn) -> None:
-    """Draw a recording over the width of a row of the grid, its holds shaded and numbered."""
+    """Draw a recording across a row of the grid, its holds shaded and numbered."""
     for axis in row:
         axis.remove()
     axis = figure.add_subplot(row[0].get_gridspec()[row[0].get_subplotspec().rowspan.start, :])

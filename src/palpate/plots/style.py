@@ -71,7 +71,7 @@ _STYLE: dict[Any, Any] = {
 
 
 def look_of(method: str) -> tuple[str, str]:
-    """Return the colour and marker of a method; unknown ones get a spare look by their name.
+    """Return the colour and marker of a method; others get one by their name.
 
     Examples
     --------
@@ -91,7 +91,7 @@ def new_figure(
     height_in: float = 4.0,
     shared: bool = False,
 ) -> Iterator[tuple[Figure, Any]]:
-    """Yield a figure and its axes, shape (rows, columns); what the block draws is in our style.
+    """Yield a figure in palpate's style and its axes, shape (rows, columns).
 
     A figure wider than a page is made as wide as that. `shared` axes have one scale, and numbers
     at the outer ones alone.
@@ -112,7 +112,7 @@ def new_figure(
 
 
 def legend_below(figure: Figure, axes: Any, *, entry_in: float = _ENTRY_IN) -> None:
-    """Put one legend for all axes below the figure, row by row in as many columns as fit."""
+    """Put one legend for all axes below the figure, in as many columns as fit."""
     entries: dict[str, Any] = {}
     for axis in axes.flat:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
@@ -129,7 +129,7 @@ def legend_below(figure: Figure, axes: Any, *, entry_in: float = _ENTRY_IN) -> N
 
 
 def letter_panels(figure: Figure) -> None:
-    """Put a, b, c... at the panels of a figure, row by row; a single panel gets none."""
+    """Letter the panels of a figure row by row; a single panel stays plain."""
     panels = [axis for axis in figure.axes if axis.get_visible() and axis.get_label() != COLORBAR]
     if len(panels) < 2:
         return
@@ -147,7 +147,7 @@ def letter_panels(figure: Figure) -> None:
 
 
 def log_axis(axis: Axis) -> None:
-    """Make an axis logarithmic, with plain numbers at 1, 2 and 5 of a few decades, more in one."""
+    """Make an axis logarithmic, with plain numbers at 1, 2 and 5 of a decade."""
 
     def between_decades(value: float, _: object) -> str:
         low, high = axis.get_view_interval()

@@ -151,7 +151,7 @@ class LabelLearner:
         return np.concatenate([of_labels * (1.0 - unlike), unlike], axis=1)
 
     def typicality(self, table: ArrayLike) -> FloatArray:
-        """Return the fraction of known rows that are at least as unlike the labels, shape (n,)."""
+        """Return the fraction of known rows at least as atypical of the labels, shape (n,)."""
         unlike = self._normal.background_probability(np.asarray(table, dtype=float))
         as_unlike = np.count_nonzero(self._unlike >= unlike[:, None], axis=1)
         return np.asarray((1.0 + as_unlike) / (len(self._unlike) + 1.0))
@@ -166,7 +166,7 @@ class LabelLearner:
         ]
 
     def score(self) -> LearnedScore:
-        """Return how well the known rows are named by models that did not see their items."""
+        """Return the accuracy of names given to known rows, with their items held out."""
         best = np.argmax(self._held_out, axis=1)
         right = float(np.mean(best == self._truth))
         pairs = Counter(zip(self._truth.tolist(), best.tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""Reading MCAP records from a file that may be cut short or damaged, in bounded memory.
+"""Reads the MCAP records of a truncated or damaged file in bounded memory.
 
 The mcap package's readers are strict and trust lengths. Here every length is checked against the
 file and a limit, checksums are compared, and reading stops where the framing is lost.
@@ -55,7 +55,7 @@ class FileState:
 
 
 def read_blocks(stream: IO[bytes], *, state: FileState) -> Iterator[list[McapRecord]]:
-    """Yield the records of each block (a chunk, or one record outside chunks), in file order.
+    """Yield the records of each block (a chunk, or one unchunked record), in file order.
 
     `stream`: seekable, at its start.
     `state`: filled in while reading.

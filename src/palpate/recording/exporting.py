@@ -174,7 +174,7 @@ def _write_parquet(path: Path, tables: Iterable[Columns]) -> int:
 
 
 def _kind(column: str) -> str:
-    """Name the Arrow type of a column: a batch without any value must not change it."""
+    """Name the Arrow type of a column, also for a batch without any value."""
     if column in ("events", "hold_id", "channel", "unit"):
         return "string"
     if column == "moving":

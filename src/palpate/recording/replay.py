@@ -1,4 +1,4 @@
-"""A recording as a sensor: the same frames, in the same order, at the same times of its clock."""
+"""A recording as a sensor: the same frames, order and times of its clock."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class Replay:
 
 
 class ReplayGripper:
-    """The gripper of a recording: it reports the recorded states and does what it did then.
+    """The gripper of a recording, which reports the recorded states and repeats its movements.
 
     Commands are taken and change nothing. Where the same decisions are made from the same frames,
     they are the commands that were sent.

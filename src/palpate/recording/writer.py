@@ -1,4 +1,4 @@
-"""Writing a recording so that a killed process or a full disk costs at most its last second."""
+"""Writes a recording so that a crash or full disk costs at most one second."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _TIMEOUT_S = 1.0
 
 
 class DirectFile:
-    """A file whose every write reaches the system at once, whole or with the system's error."""
+    """A file whose writes reach the system at once, complete or with its error."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
@@ -127,7 +127,7 @@ class RecordingWriter:
             raise self._failure(error) from error
 
     def add_observation(self, frame: Frame, *, gripper: GripperState) -> None:
-        """Add a frame and the gripper's state that belongs to it, so that a replay pairs them."""
+        """Add a frame and the gripper's state at its time, as a pair for replay."""
         self.add(gripper)
         self.add(frame)
 

@@ -1,4 +1,4 @@
-"""Rigs by name or by rig file: an array, a gripper, a clock and the calibration that fits them.
+"""Rigs by name or rig file: an array, a gripper, a clock and their calibration.
 
 A rig is opened by a function `open(*, object_name, seed) -> Rig`. Built-in ones are rows of
 `BUILT_IN`; other packages add theirs as entry points of the group `palpate.rigs`.
@@ -79,7 +79,7 @@ class Rig:
     _grip: Grip | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        """Arm the ceiling of a board, which acts without the host; close all if that fails."""
+        """Arm the ceiling that the board checks without the host; close all on failure."""
         from palpate.grasp.pixel_ceiling import ceiling_counts
         from palpate.sensor.serial_array import SerialArray
 
@@ -205,7 +205,7 @@ class Rig:
 
 
 def rig_names() -> tuple[str, ...]:
-    """Return the names of the rigs that can be asked for: built in first, then other packages'."""
+    """Return the names of the available rigs: built in first, then other packages'."""
     others = sorted(point.name for point in entry_points(group=ENTRY_POINTS))
     return (*BUILT_IN, *(name for name in others if name not in BUILT_IN))
 

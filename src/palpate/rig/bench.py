@@ -1,4 +1,4 @@
-"""A real rig as the bench of a calibration: devices, the hand open, load cells at zero."""
+"""A real rig as bench of a calibration: open gripper, load cells at zero."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _POLL_S = 0.05
 
 @contextmanager
 def open_board_bench(path: Path) -> Iterator[tuple[Bench, BoardLoadCell]]:
-    """Open the bench of a rig file with `[load_cells]`; at the end, however it comes, the hand too.
+    """Open the bench of a rig file with `[load_cells]`; open the gripper at the end.
 
     Yields the bench, and its load cell, to be set to zero again where it is placed again.
 
@@ -49,7 +49,7 @@ def open_board_bench(path: Path) -> Iterator[tuple[Bench, BoardLoadCell]]:
 def bench_of(
     array: PressureArray, *, gripper: Gripper, clock: Clock, newtons_per_count: tuple[float, ...]
 ) -> Iterator[tuple[Bench, BoardLoadCell]]:
-    """Open the hand, set the load cells to zero, and leave the hand open at the end.
+    """Open the gripper and set the load cells to zero; open it at the end.
 
     Nobody knows how large the thing between the fingers is: the slow way begins at the open hand.
 

@@ -67,7 +67,7 @@ class BoardLoadCell:
         return float(np.mean((raw - self._zero) * self._scale))
 
     def _look(self) -> tuple[CellSample, ...]:
-        """Take in the newest readings; return them if they are fresh and each cell is alive."""
+        """Return the newest readings if they are fresh and each load cell works."""
         self._array.newest()
         now_s, found = self._clock.now_s(), self._array.load_cells
         if not now_s - self._array.newest_s < _OLD_S or not found:

@@ -164,7 +164,7 @@ def read_rig_file(path: Path) -> RigFile:
 
 
 def load_cells_stated(path: Path) -> tuple[float, ...] | None:
-    """Return the newtons per count that a rig file states for its load cells, None for none.
+    """Return the newtons per count stated for a rig file's load cells, or None.
 
     Raises `InputError` if the file can't be read, or its table ``[load_cells]`` is at fault.
     """
@@ -227,7 +227,7 @@ def read_stated(path: Path) -> dict[str, Any]:
 
 
 def find_calibration_file(path: Path) -> Path | None:
-    """Return where a rig file has its calibration, made or not; None where it names none.
+    """Return the path of a rig file's calibration, made or not; None without one.
 
     Raises `InputError` as `read_stated` does.
     """
@@ -236,7 +236,7 @@ def find_calibration_file(path: Path) -> Path | None:
 
 
 def open_stated(path: Path, part: str, table: Any, **shared: Any) -> Any:
-    """Call the opener that a table names; it gets what is shared if it has a parameter for it.
+    """Call the opener that a table names, with the shared objects that it takes.
 
     Raises `InputError` if there is no such table (None), or its opener is misnamed or refuses what
     it holds.

@@ -1,4 +1,4 @@
-"""A grasp that goes on holding: the control loop guards it until the object is released."""
+"""A grasp that goes on holding under its control loop until its release."""
 
 from __future__ import annotations
 

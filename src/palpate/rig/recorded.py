@@ -32,7 +32,7 @@ class GraspRecorder:
         self._writer.add_observation(observation.frame, gripper=observation.gripper)
 
     def end(self, result: GraspResult, requests: Requests | None = None) -> None:
-        """Write when the release or the stop was decided, so that a replay decides it then.
+        """Write the time of the release or stop, so that a replay decides it then.
 
         `requests`: those of the grasp; without them nobody asked for a release.
         """
@@ -49,7 +49,7 @@ class GraspRecorder:
 def record_grasp(
     path: Path, *, rig: Rig, plan: Plan, damage: str | None
 ) -> Iterator[GraspRecorder]:
-    """Yield the recorder of one grasp, to a new recording with what its decisions rest on.
+    """Yield the recorder of one grasp, to a new recording with its decisions' inputs.
 
     So a replay can decide it again.
 
@@ -70,7 +70,7 @@ def record_grasp(
 
 
 def recording_info(rig: Rig | SensorRig, *, seed: int) -> RecordingInfo:
-    """Return the description in a recording of a rig: a replay plays it, and decides nothing.
+    """Return a description for a recording of a rig, whose replay decides nothing.
 
     `seed` counts for simulated rigs.
 

@@ -17,7 +17,7 @@ from palpate.sensor.calibration import Calibration
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorRig:
-    """An open array with its clock; it has the fields of a `Rig`, and nothing that moves."""
+    """An open array with its clock; it has a `Rig`'s fields but no gripper."""
 
     #: As asked for.
     name: str
@@ -41,7 +41,7 @@ class SensorRig:
 
 
 def open_rig_or_sensor(name: str, *, object_name: str | None = None, seed: int) -> Rig | SensorRig:
-    """Open a rig as `open_rig` does, or the sensor of a rig file that names no gripper."""
+    """Open a rig as `open_rig` does, or the sensor of a rig file without gripper."""
     path = Path(name)
     stated = read_stated(path) if name.endswith(".toml") else {"use": name}
     if "use" in stated or "gripper" in stated:

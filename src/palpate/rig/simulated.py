@@ -1,4 +1,4 @@
-"""Rigs on the twin: rigid fingers, soft ones, and rigid ones read through the real firmware."""
+"""Rigs on the twin: rigid fingers, soft fingers, and rigid ones on the real firmware."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _BLOCK_MM, _LARGER_MM, _BLOCK_N, _BLOCK_REPEATS = 40.0, 50.0, 15.0, 3
 
 
 class Workplace(Stage, Protocol):
-    """A world on which a calibration can be made: what lies between the fingers is changed."""
+    """A simulated world for calibrations, where the object between the fingers is changed."""
 
     def place(self, obj: TwinObject | None) -> None:
         """Take the object away and put another (or none) between the open fingers."""

@@ -57,7 +57,7 @@ def find_decision(
     horizon_s: float = 20.0,
     level: float = 0.9,
 ) -> Decision:
-    """Return the first prediction of one hold whose half-width is small enough twice in a row.
+    """Return the first prediction of one hold with two successive half-widths small enough.
 
     Parameters
     ----------

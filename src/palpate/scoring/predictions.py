@@ -66,7 +66,7 @@ class Prediction:
 
     @property
     def of_remaining_percent(self) -> float:
-        """|Error| in % of the change still to come: it does not depend on unit or baseline."""
+        """Absolute error in % of the remaining change, independent of unit and baseline."""
         return _percent(abs(self.predicted - self.settled), self.settled - self.recorded)
 
     @property
@@ -177,7 +177,7 @@ def _pair(
     horizon_s: float,
     decided: bool | None = None,
 ) -> Prediction:
-    """Pair an estimate with the value that the hold settled to; None means no sample at all."""
+    """Pair an estimate with the settled value of the hold; None means without samples."""
     value, low, high, status = np.nan, np.nan, np.nan, Status.TOO_SHORT
     if estimate is not None:
         value, low, high = (float(end) for end in (estimate.value, estimate.low, estimate.high))
@@ -229,7 +229,7 @@ def _batch(holds: Iterable[Hold]) -> Iterator[list[Hold]]:
 def _predict_batch(
     batch: Sequence[Hold], method: SettlingMethod, cutoff_s: float, horizon_s: float, level: float
 ) -> list[SettledEstimate | None]:
-    """Predict each hold of a batch, all those of one unit, loading and grid in one call."""
+    """Predict each hold of a batch, with one call per unit, loading and grid."""
     grids: dict[tuple[str | None, float, bytes], list[int]] = {}
     windows: list[FloatArray] = []
     for index, hold in enumerate(batch):

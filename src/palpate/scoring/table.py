@@ -197,7 +197,7 @@ def print_scores(summary: Sequence[Mapping[str, Any]], console: Console, *, leve
 
 
 def format_figure(figure: float | None) -> str:
-    """Return a percentage or a time with as many decimals as its column has room for."""
+    """Return a percentage or a time with as many decimals as its column can hold."""
     if figure is None or not np.isfinite(figure):
         return "-"
     if abs(figure) >= 1e4:

@@ -1,4 +1,4 @@
-"""The calibration file: rest values, raw force and closure pairs, and the law made of them.
+"""The calibration file: rest values, raw force and closure pairs, and the fitted law.
 
 JSON, written whole or not at all. The raw pairs are always kept, so a better law can be fitted to
 an old calibration; the law's own numbers are next to them for people who read the file.
@@ -91,7 +91,7 @@ class ForcePairs:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BlockPairs:
-    """Closing on a rigid block of known size: all the closure is pads, fingers and servo.
+    """Closing on a rigid block of known size, which measures the gripper's own compliance.
 
     Attributes
     ----------

@@ -78,7 +78,7 @@ class Finding:
         return CHECKS[self.code]
 
     def is_about(self, row: int, col: int) -> bool:
-        """Return whether it is about a pixel, or a line or all of them that it belongs to."""
+        """Return whether it concerns a pixel, its line or all pixels."""
         return self.where in (
             pixel_name(row, col),
             f"row R{row}",
@@ -88,7 +88,7 @@ class Finding:
 
 
 def pixel_name(row: int, col: int) -> str:
-    """Return the name of a pixel: the multiplexer channels of its row and column, from 0.
+    """Return the name of a pixel: its row's and column's multiplexer channels, from 0.
 
     >>> pixel_name(0, 1)
     'R0 C1'

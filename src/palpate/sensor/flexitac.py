@@ -1,4 +1,4 @@
-"""FlexiTac's board: 12 x 32 or 16 x 32 pixels of 8 bits at 2 megabaud, without a checksum.
+"""FlexiTac's board: 12 x 32 or 16 x 32 pixels, 8 bits, no checksum.
 
 `open_board` is what a rig file names for its `[array]`. The format is that of the MIT-licensed
 package `flexitac` 0.3.1: a marker AA 55, then a byte a pixel, row by row, the ten bits of the

@@ -1,4 +1,4 @@
-"""A pressure array on a serial port: waits for the next frame, reopens the port after an unplug."""
+"""A pressure array on a serial port, which it reopens after an unplug."""
 
 from __future__ import annotations
 

@@ -158,7 +158,7 @@ def _typical_value(values: FloatArray) -> float:
 
 
 def at_ends(mean_counts: FloatArray, *, layout: ArrayLayout) -> tuple[BoolArray, BoolArray]:
-    """Return masks of counts at the open end and at the short end of the range."""
+    """Return masks of counts at the open end and the short end of the range."""
     at_ground = np.asarray(mean_counts <= _END_COUNTS)
     at_supply = np.asarray(mean_counts >= layout.divider.full_scale - 1 - _END_COUNTS)
     upper = layout.divider.taxel_leg == "upper"

@@ -74,7 +74,7 @@ def find_port(
     clock: Clock,
     open_stream: Callable[[str], ByteStream] = SerialStream,
 ) -> str:
-    """Return the port of the one board: by its USB id, else by asking who answers.
+    """Return the port of the only board, by USB id or by its answer.
 
     Raises `DeviceNotFoundError` if there is no board; `DeviceError` if several boards answer.
     """

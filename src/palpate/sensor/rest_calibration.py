@@ -19,7 +19,9 @@ from palpate.signal.relative import refuse_load, rest_baseline
 def rest_values(
     stretch: FrameColumns, *, layout: ArrayLayout, known_ohm: NDArray[np.float64] | None = None
 ) -> RestValues:
-    """Return the rest values of a stretch; `known_ohm` are earlier ones, to notice a load by.
+    """Return the rest values of a stretch.
+
+    The earlier ones, `known_ohm`, show whether the sensor is loaded.
 
     Raises `CalibrationError` if something presses or moves, or a pixel is open or short.
     """

@@ -137,7 +137,7 @@ class SerialArray(PortArray):
         )
 
     def newest(self) -> FrameMessage | None:
-        """Return the newest frame as the board sent it, with status and pressure; None before one.
+        """Return the newest frame as sent, with status and pressure; None before the first.
 
         Takes in what has come, without waiting; `read` still gives every frame.
 
@@ -166,7 +166,7 @@ class SerialArray(PortArray):
             self._link.send(command)
 
     def arm_ceiling(self, counts: int) -> None:
-        """Set the reading of a pixel at which the board vents and lowers its safe line.
+        """Set the pixel reading at which the board vents and lowers its safe line.
 
         It acts without the host, and is set again after a reset of the board. Frames report a trip
         until this is called again, whether the board was reset meanwhile or not.

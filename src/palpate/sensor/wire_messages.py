@@ -252,7 +252,7 @@ class SetPressure(Command):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetCeiling(Command):
-    """Set the reading per conversion, 0 to 1023, at which the board vents; 0 is off."""
+    """Set the reading per conversion, 0 to 1023, at which the board vents; 0 disables."""
 
     kind: ClassVar[int] = 0x89
     form: ClassVar[str] = "H"

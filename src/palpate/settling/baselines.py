@@ -51,7 +51,7 @@ class Recorded:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogLaw:
-    """Least squares of a + b ln(t - t_p + t_0), read off at the horizon.
+    """Least squares of a + b ln(t - t_p + t_0), evaluated at the horizon.
 
     Attributes
     ----------

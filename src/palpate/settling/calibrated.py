@@ -147,7 +147,7 @@ class Calibrated:
     def _show_past(
         self, hold: Hold, cutoff_s: float, horizon_s: float, level: float, positive: bool
     ) -> tuple[FloatArray, float, float] | None:
-        """Return features of a past hold up to the cut-off, its change after, half its interval."""
+        """Return a past hold's features up to the cut-off, later change and half interval."""
         settled = measure_settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
         time_s = hold.time_s[hold.time_s <= cutoff_s]
         values = hold.values[None, : time_s.size]
@@ -192,7 +192,7 @@ def _half(found: SettledEstimate, unit: FloatArray) -> FloatArray:
 def _learn_line(
     features: FloatArray, truth: FloatArray, half_interval: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the experts' weighted line, and its errors with each hold left out of the fit."""
+    """Return the weighted line of the experts, and each hold's error when left out."""
     lines = _fit(features, truth)
     others = [np.arange(truth.size) != k for k in range(truth.size)]
     left_out = np.array([_fit(features[k], truth[k]) for k in others if k.any()] or [lines])
@@ -207,7 +207,7 @@ def _learn_line(
 
 
 def _fit(features: FloatArray, truth: FloatArray) -> FloatArray:
-    """Return the experts as lines: method, constant, and for each feature a line and a multiple.
+    """Return the experts as lines: method, constant, and a line and multiple per feature.
 
     The slope of a line counts one hold without any, so it takes several to show one (ridge); the
     multiple is that of the least absolute error.

@@ -142,7 +142,7 @@ def _recall(time_bytes: bytes, after_s: float, loading_s: float, scaled: bool) -
 def _covariances(
     samples: FloatArray, *, time_s: FloatArray, others: NDArray[np.intp]
 ) -> FloatArray:
-    """Return the covariance of (other bins, value at the horizon) less the last bin, unit scale."""
+    """Return covariances of (other bins, value at the horizon) less the last bin, unit scale."""
     last, count = samples.size - 1, others.size
 
     def outer(rows: FloatArray) -> FloatArray:

@@ -177,7 +177,7 @@ def _decays(x_bytes: bytes) -> tuple[FloatArray, FloatArray]:
 def _improve(
     x: FloatArray, y: FloatArray, log_rate: FloatArray, *, free: NDArray[np.bool_]
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return the step in ln(rate), and then the amplitude, the mean decay and the explained sum.
+    """Return the step in ln(rate), the amplitude, the mean decay and the explained sum.
 
     The explained sum is p^2 / q, of the products p of the centred decay with the data and q with
     itself; each comes with its two derivatives with respect to the rate.

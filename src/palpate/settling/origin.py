@@ -1,4 +1,4 @@
-"""Where settling begins: after a baseline, at the peak, and past the ringing of a contact."""
+"""Where settling begins: after a baseline, at the peak, or past contact ringing."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Window:
 
 
 def windows(time_s: FloatArray, values: FloatArray, *, positive: bool) -> Iterator[Window]:
-    """Group holds by the origin of their time and the first sample that shows how they settle.
+    """Group holds by their time origin and the first sample that shows their settling.
 
     `positive`: whether they are logarithms of positive values: then the size of a fall shows a
     contact.

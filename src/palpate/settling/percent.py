@@ -1,4 +1,4 @@
-"""Relative changes in percent, seen as what they are of: R / R_rest = 1 + percent / 100.
+"""Relative changes in percent as ratios: R / R_rest = 1 + percent / 100.
 
 Rest is at 0 % and nothing falls below -100 %, so this ratio is positive like ohm, has the shapes
 of ohm and no scale that matters. Without it a reading near -100 % is a number like any other, and
@@ -48,7 +48,7 @@ class InPercent:
 
 
 def for_hold(method: SettlingMethod, *, unit: str | None, loading_s: float) -> SettlingMethod:
-    """Return the method for what is known of a hold: its unit, and how long loading took."""
+    """Return the method for the known facts of a hold: unit and loading time."""
     if loading_s > 0 and isinstance(method, Relaxation):
         method = replace(method, loading_s=loading_s)
     return InPercent(method=method) if unit == PERCENT else method
@@ -66,7 +66,7 @@ def as_percent(ratio: SettledEstimate) -> SettledEstimate:
 
 
 def without_percent(hold: Hold) -> Hold:
-    """Return the hold in a unit that need not be given: one in percent as shares of rest."""
+    """Return the hold in fractions of rest if it is in percent."""
     if hold.unit != PERCENT:
         return hold
     return replace(hold, values=of_rest(hold.values), unit=None)

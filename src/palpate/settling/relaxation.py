@@ -206,7 +206,7 @@ def _statuses(
 def _average_end(
     time_s: FloatArray, seen: FloatArray, *, horizon_s: float, quantile: FloatArray
 ) -> FloatArray:
-    """Return the mean of the last samples up to the horizon, and its interval by their noise."""
+    """Return the mean of the last samples up to the horizon, with its noise interval."""
     upto = max(1, int(np.searchsorted(time_s, horizon_s, side="right")))
     last = seen[:, :upto][:, time_s[:upto] >= horizon_s - SETTLED_WINDOW_S]
     last = last if last.size else seen[:, upto - 1 : upto]

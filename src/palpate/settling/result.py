@@ -131,7 +131,7 @@ class SettlingMethod(Protocol):
     def predict(
         self, time_s: FloatArray, values: FloatArray, *, horizon_s: float, level: float
     ) -> SettledEstimate:
-        """Predict the value at the horizon from the samples given, all of which may be used.
+        """Predict the value at the horizon from the given samples, all of which may count.
 
         Parameters
         ----------

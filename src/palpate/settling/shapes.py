@@ -1,4 +1,4 @@
-"""The shapes that a hold may have: typical curves, and how far a hold may deviate from one.
+"""Shapes of a hold: typical curves, and the possible deviation of a hold.
 
 Two formulas, each with a reason: creep in log time and its tilted forms (viscoelastic solids,
 carbon-black composites, slow loading), and decays, plain (the paper's equation 2) or stretched.
@@ -37,7 +37,7 @@ _LOADED = 3 * _WEIGHTS * ((_NODES + 1) / 2) ** 2 * (1 - _BACK)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Deviation:
-    """How a hold differs from its curve; all standard deviations are in units of its scale."""
+    """Deviation of a hold from its curve; standard deviations are in units of its scale."""
 
     #: Of one sample.
     noise: float

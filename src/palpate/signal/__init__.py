@@ -1,1 +1,1 @@
-"""Arrays in, arrays out: counts to ohm, relative change, events and the windows of a hold."""
+"""Arrays in, arrays out: counts to ohm, relative change, events and hold windows."""

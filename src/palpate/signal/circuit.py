@@ -44,7 +44,7 @@ class Divider:
 
     @property
     def least_ohm(self) -> float:
-        """Least resistance that differs from a short: half a step from the end of the range."""
+        """Least resistance that differs from a short: half a step from the range's end."""
         return self.reference_ohm * 1.5 / (self.full_scale - 1.5)
 
 

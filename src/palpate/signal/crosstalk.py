@@ -1,4 +1,4 @@
-"""Undoing the leak of a passive pixel matrix, where every pixel shares its lines with others.
+"""Correction of the crosstalk in a passive matrix, where pixels share lines.
 
 Selecting row i and column j of a bare resistor matrix reads pixel (i, j) in parallel with every
 detour through other pixels. What the detours do depends on the idle lines:
@@ -85,7 +85,7 @@ def unmix_floating(readings_ohm: ArrayLike) -> _Array:
 
 
 def unmix_held(readings_ohm: ArrayLike, *, reference_ohm: float) -> _Array:
-    """Solve the readings of a matrix with idle rows held at a rail back to pixel resistances.
+    """Solve a matrix with idle rows held at a rail for its pixel resistances.
 
     With y the pixel's share of the supply across the reference resistor, y = g / (g_ref + column
     sum of g), so that g = g_ref y / (1 - column sum of y).

@@ -125,7 +125,7 @@ def mean_change(change_percent: ArrayLike) -> FloatArray:
 
 
 def finger_means(change_percent: ArrayLike, *, finger_of_row: Sequence[int]) -> FloatArray:
-    """Return the mean over the pixels of each finger: shape (..., rows, cols) to (..., fingers).
+    """Return the mean of each finger's pixels: shape (..., rows, cols) to (..., fingers).
 
     >>> finger_means([[-50.0, -30.0], [0.0, -2.0]], finger_of_row=(0, 1)).tolist()
     [-40.0, -1.0]
@@ -151,7 +151,7 @@ def largest_change(change_percent: ArrayLike) -> FloatArray:
 
 
 def total_excess(excess: ArrayLike) -> FloatArray:
-    """Return the sum of excess conductances: shape (..., rows, cols) to (...); NaN if none reads.
+    """Return the sum of excess conductances: (..., rows, cols) to (...); NaN without a reading.
 
     It hardly depends on how a force spreads over the pixels, as long as the law is near linear.
 

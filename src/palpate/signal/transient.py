@@ -38,7 +38,7 @@ class HoldWindow:
 
 
 def peak_index(values: ArrayLike) -> NDArray[np.intp]:
-    """Return the index of the peak: the extreme that the signal has moved farthest away from.
+    """Return the index of the peak, the extreme from which the signal moves farthest.
 
     Ohm and relative change fall after contact, other readings rise: with the extreme opposite to
     the direction of settling as the peak, nothing depends on sign, scale or where zero lies. Of

@@ -1,4 +1,4 @@
-"""A mixed crate on the twin: items of several kinds, each of their sides a little different.
+"""A mixed crate on the twin: items of several kinds, whose sides differ a little.
 
 What is drawn here is the truth that nobody who sorts may see: kind, size and strength of each item.
 The kinds were fixed, with their reasons, before anything was measured on them.
@@ -166,7 +166,7 @@ def _draw_item(rng: np.random.Generator, name: str, kind: CrateKind) -> TwinObje
 
 
 def hertz_force_at_1mm_n(modulus_mpa: float, *, size_mm: float) -> float:
-    """Return the force at 1 mm between two plates of a ball of that modulus (Hertz; ASAE S368).
+    """Return the force at 1 mm on a ball between plates (Hertz; ASAE S368).
 
     Each side is indented by half: F = 4/3 E / (1 - nu**2) sqrt(d/2) (1/2)**1.5 at 1 mm.
 
@@ -178,7 +178,7 @@ def hertz_force_at_1mm_n(modulus_mpa: float, *, size_mm: float) -> float:
 
 
 class CrateTable:
-    """A hand over a table to which items of a crate are brought one by one.
+    """A gripper over a table to which crate items come one by one.
 
     `sensor`: seed of the sensor and the gripper, as for calibration.
     `seed`: seed of the session.

@@ -1,4 +1,4 @@
-"""The twin as a sensor, a gripper and a load cell: the interfaces of the hardware, with its faults.
+"""The twin as sensor, gripper and load cell behind the hardware's interfaces, with its faults.
 
 The reported current of a position servo consists of grip torque and gear friction, and depends on
 the temperature of its motor. While the fingers move, friction of the gears adds to the grip
@@ -45,7 +45,9 @@ _STILL_MM = 1e-6
 
 
 class TwinArray:
-    """The sheet's readout. Reading moves the manual clock on to the next frame when none waits.
+    """The sheet's readout.
+
+    Reading moves the manual clock on to the next frame when none waits.
 
     Frames are scanned on a fixed raster from the moment of opening. What passes while nobody reads
     is queued, oldest first, as a serial driver would.
@@ -88,7 +90,7 @@ class TwinArray:
         clock.sleep_s(max(time_s - clock.now_s(), 0.0))
 
     def blank_frames(self) -> None:
-        """From now on frames come in time, but their counts are 0: nobody will look at them."""
+        """Send frames with zero counts from now on, while none is examined."""
         self._unseen = np.zeros((self.layout.rows, self.layout.cols), dtype=np.int32)
 
     def close(self) -> None:
@@ -176,7 +178,7 @@ class TwinGripper:
 
 
 class TwinLoadCell:
-    """A load cell in the place of the object: the grip force in steps of one gram, with noise."""
+    """A load cell in the object's place: grip force in 1 g steps, with noise."""
 
     def __init__(self, world: Stage) -> None:
         self._world = world

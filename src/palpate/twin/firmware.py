@@ -1,4 +1,4 @@
-"""The real firmware on the AVR simulator, with its pins and its serial line in Python's hands.
+"""The real firmware on the AVR simulator, with pins and serial line under Python control.
 
 Needs the images that `make -C firmware` and `make -C firmware/sim` build. Everything it gives is
 simulated; the program that runs is the one that goes on the board.
@@ -139,7 +139,7 @@ class FirmwareBoard:
         return float(self._library.board_cycle(self._board)) / CLOCK_HZ
 
     def run_until(self, time_s: float) -> None:
-        """Let the program run up to `time_s`, at most one second on (what it sends is kept).
+        """Run the program up to `time_s`, at most one second on; its output is kept.
 
         Raises `ValueError` if that is more than a second ahead: take the bytes in between;
         `DeviceError` if the program has crashed.
@@ -150,7 +150,7 @@ class FirmwareBoard:
             raise DeviceError(f"the firmware crashed at {self.now_s():.6f} s of simulated time")
 
     def write_bytes(self, data: bytes) -> int:
-        """Put bytes on the line to the board; return how many its queue of 4096 took."""
+        """Put bytes on the line to the board; return how many its 4096-byte queue took."""
         return int(self._library.board_give(self._board, data, len(data)))
 
     def read_bytes(self) -> bytes:
@@ -181,7 +181,7 @@ class FirmwareBoard:
         self._library.board_set_noise_mv(self._board, noise_mv)
 
     def set_load(self, index: int, raw: int) -> None:
-        """Set what load cell `index` (0 or 1) reads from now on; before, it is absent."""
+        """Set the reading of load cell `index` (0 or 1), which is absent until then."""
         self._library.board_set_load(self._board, index, raw)
 
     def reset(self) -> None:

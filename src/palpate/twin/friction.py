@@ -1,4 +1,4 @@
-"""Friction of both fingers, which holds an object against a pull along the pads until it slides."""
+"""Friction of both fingers, which holds an object against a pull along the pads."""
 
 from __future__ import annotations
 

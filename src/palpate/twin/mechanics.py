@@ -1,4 +1,4 @@
-"""From closure to force to the load of each pixel: object, pads, fingers and servo in series.
+"""From closure to force to pixel loads: object, pads, fingers and servo in series.
 
 An object that relaxes shares its closure with a gripper that gives way. Its elastic force E(x) is
 remembered by parts that fade: of every change of E a share s_k decays with the time constant tau_k.
@@ -56,7 +56,7 @@ def object_force_n(
 
 
 def _law(obj: TwinObject, *, ruptured: bool) -> Callable[[float], tuple[float, float]]:
-    """Return what gives force and slope at a deformation: it is asked many times for one object."""
+    """Return the function from deformation to force and slope of one object."""
     scale, yield_n, unhurt = _RUPTURED_FORCE if ruptured else 1.0, obj.yield_n, _elastic(obj)
 
     def law(deformation_mm: float) -> tuple[float, float]:
@@ -103,7 +103,7 @@ def unhurt_deformation_mm(obj: TwinObject, force_n: float) -> float:
 def _piece(
     curve: tuple[tuple[float, float], ...], value: float, *, by: int
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the two points of a curve between which a deformation (0) or force (1) lies."""
+    """Return the two points of a curve around a deformation (0) or force (1)."""
     after = bisect_left(curve, value, lo=1, hi=len(curve) - 1, key=lambda point: point[by])
     return curve[after - 1], curve[after]
 
@@ -185,7 +185,7 @@ def pixel_shares(
 
 
 def patch_reach_mm(obj: TwinObject, deformation_mm: float, *, pitch_mm: float) -> float:
-    """Return how far the force of a contact spreads: by the pad's cover, and as in Hertz contact.
+    """Return the spread of a contact's force, mm: pad cover and Hertz contact.
 
     Each side of a round object is indented by half; the contacts of a flat one do not grow.
 
@@ -200,7 +200,7 @@ def patch_reach_mm(obj: TwinObject, deformation_mm: float, *, pitch_mm: float) -
 
 @dataclass(frozen=True, slots=True)
 class RelaxingForce:
-    """An object's elastic force, the parts of it that are fading, and the force that is left."""
+    """An object's elastic force, its relaxing parts, and the force that remains."""
 
     elastic_n: float = 0.0
     relaxing_n: tuple[float, ...] = ()
@@ -220,7 +220,7 @@ class RelaxingForce:
         compliance: HandCompliance,
         ruptured: bool = False,
     ) -> RelaxingForce:
-        """Return the squeeze after a step that ends at a closure; 0 and below is no contact."""
+        """Return the squeeze after a step that ends at a closure; contact is above 0."""
         parts = _fading(obj, step_s)
         if closure_mm <= 0:
             return self._change(obj, parts, elastic_n=0.0, touching=False)

@@ -1,4 +1,4 @@
-"""Simulated time at the pace of the clock on the wall, or some times as fast."""
+"""Simulated time at the pace of a real clock, or a multiple of it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from palpate.sensor.array import ArrayLayout, Frame, PressureArray
 
 
 class PacedArray:
-    """An array of simulated time whose frames are held back until the wall's clock is there too.
+    """An array on simulated time whose frames wait for the real clock.
 
     The twin knows nothing of it: its clock has moved to the frame already, and nobody asks it for
     more until the frame is given. `speed`: seconds of its time in a second on the wall.

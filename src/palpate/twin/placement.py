@@ -1,4 +1,4 @@
-"""Where pixels are on their fingers, and what chance gives to each object and each contact."""
+"""Positions of pixels on their fingers, and the random part of objects and contacts."""
 
 from __future__ import annotations
 

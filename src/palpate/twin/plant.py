@@ -261,7 +261,7 @@ class Plant:
         return contact_s if state.time_s < contact_s < nearest else nearest
 
     def _clear_s(self, state: PlantState) -> float:
-        """Return for how long nothing will press: what fades until then is exact over any step."""
+        """Return how long the pads stay unloaded; fading is exact over any step until then."""
         if state.closure_mm >= 0 or state.pixels.target.any():
             return 0.0
         motion = state.motion

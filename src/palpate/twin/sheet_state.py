@@ -1,4 +1,4 @@
-"""What the resistances of a sheet depend on, moved along by loads that change with time.
+"""Variables behind a sheet's resistances, advanced under loads that change with time.
 
 Nothing here knows what presses: the twin's own fingers (`palpate.twin.plant`) or another simulator.
 """
@@ -17,7 +17,7 @@ from palpate.twin.velostat import Creep, Sheet
 
 @dataclass(frozen=True, slots=True)
 class SheetState:
-    """The pixels of one sheet at one time, flattened; between two times the target is a line.
+    """The pixels of one sheet at one time, flattened; targets are linear in between.
 
     >>> from palpate.sensor.array import RIGID_LAYOUT
     >>> from palpate.twin.velostat import draw_sheet, two_mode_creep
@@ -81,7 +81,7 @@ class SheetState:
         sheet: Sheet,
         creep: Creep,
     ) -> SheetState:
-        """Return the state within a step, `share` of it (`step_s`) on the way to its end."""
+        """Return the state within a step, a fraction `share` of `step_s` towards its end."""
         felt_n = self.felt_n + share * (following.felt_n - self.felt_n)
         target = self.target + share * (following.target - self.target)
         return self._step(step_s, felt_n, target, travel_mm, sheet, creep)
@@ -105,7 +105,7 @@ class SheetState:
         sheet: Sheet,
         creep: Creep,
     ) -> SheetState:
-        """Return the state after a step, with creep and spikes under a target that is a line."""
+        """Return the state after a step, with creep and spikes under a linear target."""
         crept = follow_line(
             self.creep, start=self.target, end=target, rate=step_s / creep.tau_s[:, None]
         )
@@ -131,7 +131,7 @@ def exact_step(rate: FloatArray) -> tuple[FloatArray, FloatArray]:
 def follow_line(
     value: FloatArray, *, start: FloatArray, end: FloatArray, rate: FloatArray
 ) -> FloatArray:
-    """Return where first-order lags end up when their target goes in a line over one step.
+    """Return the end of first-order lags whose target is linear over one step.
 
     `value`: lags at the start of the step.
     `start`, `end`: target at both ends of the step.

@@ -52,7 +52,7 @@ class Stage(Scanned, Protocol):
         ...
 
     def drive(self, target: float, *, rate: float, time_s: float | None = None) -> float:
-        """Send the fingers to a width (mm, mm/s) or the pressure to a value (kPa, kPa/s)."""
+        """Move the fingers to a width (mm, mm/s) or pressure to a value (kPa, kPa/s)."""
         ...
 
     def halt(self, *, time_s: float | None = None) -> None:

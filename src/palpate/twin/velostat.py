@@ -56,7 +56,7 @@ class Creep:
 
 
 def two_mode_creep(rng: np.random.Generator, scale: float) -> Creep:
-    """Draw the family fitted to Table 1: 0.131 at 1.96 s, 0.068 at 17.2 s, 0.0103 ln(1 + t/3.2)."""
+    """Draw the family fitted to Table 1: two exponential modes and 0.0103 ln(1 + t/3.2)."""
     middle = 0.131 * np.exp(0.28 * rng.standard_normal())
     middle_s = 1.96 * np.exp(0.37 * rng.standard_normal())
     slow = 0.068 + 0.026 * rng.standard_normal()
@@ -71,7 +71,7 @@ def two_mode_creep(rng: np.random.Generator, scale: float) -> Creep:
 
 
 def slow_power_creep(share: float, *, exponent: float, start_s: float) -> Creep:
-    """Return creep whose rest falls as (1 + t/start_s) ** -exponent, as a sum over log-spaced s."""
+    """Return creep that remains as (1 + t/start_s) ** -exponent, a sum over log-spaced times."""
     ratio = 3.0
     s = ratio ** np.arange(-9.0, 3.0)
     weight = share * np.log(ratio) / gamma(exponent) * s**exponent * np.exp(-s)
@@ -80,7 +80,7 @@ def slow_power_creep(share: float, *, exponent: float, start_s: float) -> Creep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Family:
-    """How a sheet creeps: a draw for each grasp, and the coordinate in which creep is linear."""
+    """Creep of a sheet: a draw for each grasp, and the coordinate of linear creep."""
 
     name: str
     relative: bool
@@ -145,7 +145,7 @@ FAMILIES: dict[str, Callable[[np.random.Generator, Ranges], Family]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Environment:
-    """Surroundings and use of a sheet; the defaults are the paper's room and a new sheet."""
+    """Environment and wear of a sheet; by default the paper's room and a new sheet."""
 
     #: Climate.
     temperature_c: float = ROOM_C
@@ -205,7 +205,7 @@ class Sheet:
         return x / (1.0 + x / self.saturation)
 
     def follow(self, played_n: FloatArray, load_n: FloatArray) -> FloatArray:
-        """Return the load that the sheet feels: at once when rising, behind by a ratio in fall."""
+        """Return the load on the sheet: immediate when rising, delayed by a ratio when falling."""
         return np.minimum(np.maximum(played_n, load_n), load_n * (1.0 + self.hysteresis))
 
     def rest_factor(self, environment: Environment) -> float:

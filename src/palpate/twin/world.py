@@ -1,4 +1,4 @@
-"""One world: an object, a gripper, a sheet and its readout. Everything it gives is simulated."""
+"""One simulated world: an object, a gripper, a sheet and its readout."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ class World:
     # -- the gripper ------------------------------------------------------------------------------
 
     def drive(self, target: float, *, rate: float, time_s: float | None = None) -> float:
-        """Send the fingers to a width (mm, mm/s) or the pressure to a value (kPa, kPa/s).
+        """Move the fingers to a width (mm, mm/s) or pressure to a value (kPa, kPa/s).
 
         `time_s` is the clock's by default. Returns the target.
         """
@@ -282,7 +282,7 @@ class World:
         return resistance.reshape(self.layout.rows, self.layout.cols)
 
     def _at(self, time_s: float) -> PlantState:
-        """Advance to a time, let the watchers see what comes before it, and return the state."""
+        """Advance to a time, notify watchers of earlier events, and return the state."""
         for watcher in self.watchers:
             watcher(time_s)
         return self._advance(time_s)

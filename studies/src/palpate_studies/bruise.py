@@ -101,7 +101,7 @@ class ApplePress:
     settled_percent: FloatArray
 
     def shape(self, cutoff_s: float) -> LoadShape:
-        """Return how the load lies: the last three frames before a time, or (20 s) the end."""
+        """Return the load's distribution over the last three frames before a time, or the end."""
         change = self.settled_percent
         if cutoff_s < HOLD_S:
             change = self.change_percent[self.time_s <= cutoff_s][-3:].mean(axis=0)
@@ -121,7 +121,7 @@ def press(
     open_mm: float = OPEN_MM,
     to_mm: float | None = None,
 ) -> ApplePress:
-    """Lay an apple between the fingers, one side to the first of them, and grasp it.
+    """Lay an apple between the fingers, one side to the first of them; grasp it.
 
     The fingers close slowly until both feel the paper's 10 %, then on by a fixed way;
     or, without looking for contact, to a width that is given.
@@ -198,7 +198,7 @@ class Examined:
         return self.apple.bruise is not None
 
     def side(self, cutoff_s: float) -> Side:
-        """Return what is judged, and all that it is compared with, at a time of the hold."""
+        """Return the inputs of every method at a time of the hold."""
         shapes = {name: one.shape(cutoff_s) for name, one in self.presses.items()}
         return Side(
             shape=shapes["now"],
@@ -218,7 +218,7 @@ def examine(
     processes: int | None = None,
     remade: Callable[[Apple], Apple] | None = None,
 ) -> list[Examined]:
-    """Draw this many apples for each purpose and level, half of them bruised, and grasp them.
+    """Draw this many apples for each purpose and level, half of them bruised; grasp them.
 
     Parameters
     ----------
@@ -326,7 +326,7 @@ def _examine(
 
 
 def _presses(session: Session, turned: Sequence[tuple[Apple, float]]) -> list[ApplePress]:
-    """Grasp one apple after the other, or one apple turned; the first with fingers wide open."""
+    """Grasp each apple, or one apple turned; the fingers open fully before the first."""
     made: list[ApplePress] = []
     for apple, angle_deg in turned:
         open_mm = min(made[-1].width_mm + GAP_MM, OPEN_MM) if made else OPEN_MM
@@ -337,7 +337,7 @@ def _presses(session: Session, turned: Sequence[tuple[Apple, float]]) -> list[Ap
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scored:
-    """Scores of one way on the test apples of a level; a higher one means bruised.
+    """Scores of one method on the test apples of a level; higher means bruised.
 
     Attributes
     ----------
@@ -359,13 +359,13 @@ class Scored:
         return area(self.bruised, self.score)
 
     def found(self) -> float:
-        """Return the share of bruised sides that score above all but 5 % of sound ones."""
+        """Return the fraction of bruised sides that score above 95 % of sound ones."""
         limit = np.quantile(self.score[~self.bruised], 1.0 - FALSE_ALARMS)
         return float(np.mean(self.score[self.bruised] > limit))
 
 
 def area(bruised: NDArray[np.bool_], score: FloatArray) -> float:
-    """Return the area under the ROC curve: how often a bruised one scores above a sound one.
+    """Return the area under the ROC curve: how often bruised scores above sound.
 
     Examples
     --------
@@ -381,7 +381,7 @@ def area(bruised: NDArray[np.bool_], score: FloatArray) -> float:
 
 
 def area_lost(ours: Scored, rival: Scored) -> Difference:
-    """Return what ours lacks of a whole area under the ROC curve, less what a rival lacks."""
+    """Return our area missing under the ROC curve less a rival's."""
 
     def of(chosen: IntArray) -> np.floating:
         truth = ours.bruised[chosen]
@@ -463,7 +463,7 @@ def report(
     seed: Annotated[int, typer.Option(help="Seed of apples and sensors.", min=0)] = 1,
     second: SecondOption = False,
 ) -> StudyReport:
-    """Grasp many sound and bruised apples on the twin, and tell them apart in every way.
+    """Grasp many simulated apples, sound and bruised, and classify them by every method.
 
     With --out, the sides learned from at each level are written too. --second judges bruises of
     another shape, rot, and the same apples of the first, two dozen on a sensor, by what the sides
@@ -544,7 +544,7 @@ def judge(examined: Sequence[Examined]) -> StudyReport:
 
 
 def second_report(seeds: Sequence[int]) -> StudyReport:
-    """Judge the same apples, bruised in two ways or rotten, by the model that palpate ships."""
+    """Judge the same apples, bruised in two ways or rotten, by the shipped model."""
     remakes: dict[str, Callable[[Apple], Apple] | None] = {
         "first": None,
         "second": corky,

@@ -63,7 +63,7 @@ class CrateItemGrasps:
 
     @property
     def named(self) -> str:
-        """The answer of a method that makes no mistake: the kind, or unknown for a stranger."""
+        """The answer of a faultless method: the kind, or unknown for an untrained kind."""
         return self.kind if self.known else UNKNOWN
 
 
@@ -75,7 +75,7 @@ def measure_crates(
     sorted_items: int,
     second: bool = False,
 ) -> list[CrateItemGrasps]:
-    """Calibrate a sensor, grasp a number of items of each kind to teach it, then a crate to sort.
+    """Calibrate a sensor, grasp training items of each kind, then a crate to sort.
 
     A stranger of each kind comes with every second sorted item of a taught kind (rounded up), so
     that a quarter of the crate is strange. `second`: all items are of the second generator.

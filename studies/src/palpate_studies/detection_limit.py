@@ -26,7 +26,7 @@ LAWS = ("line in mean change", "line in summed excess", "power law in excess")
 
 
 def report(*, sensors: int = SENSORS) -> StudyReport:
-    """Find the weakest force that simulated sensors see, and how linear they are up to 30 N.
+    """Find the weakest detectable force of simulated sensors, and their linearity up to 30 N.
 
     Example: palpate study detection-limit --out reports
     """

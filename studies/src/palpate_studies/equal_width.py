@@ -1,4 +1,4 @@
-"""Objects grasped at one width, as in section 3.2 of the paper: settled change and curves.
+"""Objects grasped at one width (section 3.2 of the paper): settled change and curves.
 
 The paper prints no widths. Here the fingers close by the middle of Table 1's five closures.
 """
@@ -127,7 +127,7 @@ def measure_settled_readings(
 
 
 def cells_of(found: Settled, index: int) -> list[str]:
-    """Return mean and sd of the median sensor for one object, and the means' range, by level."""
+    """Return mean and sd of one object's median sensor, and the range of means."""
     each = [found[level][index] for level in LEVELS]
     return [mean_and_range(v.mean(axis=1), v.std(axis=1, ddof=1)) for v in each]
 

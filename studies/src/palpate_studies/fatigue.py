@@ -1,4 +1,4 @@
-"""Figure 4 of the paper: 2 500 cycles, and by how much a calibrated force drifts over them."""
+"""Figure 4 of the paper: 2 500 cycles and the drift of a calibrated force."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The twin's array and gripper until they are struck by a fault: one row for each."""
+"""The twin's array and gripper with a fault from a given time: one row each."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def _flat(value: int) -> Spoil:
 
 
 def _unfelt(counts: Counts, first: Counts) -> Counts:
-    """The object lies off the sheet: each pixel reads as at first, and shakes a little."""
+    """The object lies off the sheet: each pixel keeps its first reading, with small noise."""
     return np.asarray(np.clip(first + counts % 3 - 1, 2, _TOP - 3), dtype=np.int32)
 
 

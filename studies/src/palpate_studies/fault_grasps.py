@@ -1,4 +1,4 @@
-"""One grasp on the twin that a single fault strikes in one phase, and what came of it."""
+"""One grasp on the twin with a single fault in one phase, and its outcome."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class Struck:
 
 
 def cells() -> list[Cell]:
-    """Return the whole campaign; what only a servo can show is left out of soft fingers."""
+    """Return the whole campaign; soft fingers have no faults of a servo."""
     found = [
         Cell(fault=fault, phase=phase, thing=thing, kind=kind, speed=speed)
         for fault, phase, thing, kind, speed in product(FAULTS, STRUCK, OBJECTS, KINDS, SPEEDS)

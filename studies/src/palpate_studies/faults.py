@@ -1,4 +1,4 @@
-"""Single faults of sheet, wire, servo and host in every phase of a grasp, and what they do."""
+"""Single faults of sheet, wire, servo and host in every phase of a grasp."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def report(
         int, typer.Option("--sample", help="Grasps, every fault about as often; 0: all.", min=0)
     ] = 200,
 ) -> StudyReport:
-    """Strike grasps on the twin with single faults: true force, what stays, outcome, time to safe.
+    """Apply single faults to simulated grasps: true force, outcome, time to a safe state.
 
     Example: palpate study faults --sample 400 --out reports
     """

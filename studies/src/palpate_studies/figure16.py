@@ -1,4 +1,4 @@
-"""Figure 16 of the paper: an avocado over four days, and what soft fingers would have to be."""
+"""Figure 16 of the paper: an avocado over four days, and requirements on soft fingers."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Hand:
     stopped: bool = False
 
     def target(self, fruit: Avocado) -> float:
-        """Return the width or pressure that the paper's way uses for a fruit on all days."""
+        """Return the width or pressure of the paper's method for a fruit on all days."""
         if self.gripper == "rigid":
             return fruit.size_mm - CLOSED_BY_MM
         if not self.stopped:
@@ -77,7 +77,7 @@ def report(
     *,
     grasps: int = GRASPS,
 ) -> StudyReport:
-    """Grasp avocados ten times a day for four days, by rigid and by two kinds of soft fingers.
+    """Grasp avocados ten times a day for four days, by rigid and two soft grippers.
 
     Example: palpate study figure16 --out reports
     """
@@ -120,7 +120,7 @@ command = as_command(report)
 
 
 def ripening(count: int) -> list[Avocado]:
-    """Return the first fruits that are hard on the first day and ripe or more on the last."""
+    """Return the first fruits, hard on the first day and ripe on the last."""
 
     def draw_line() -> Iterator[Avocado]:
         seed = FIRST_FRUIT
@@ -161,7 +161,7 @@ def days_of(fruit: Avocado, hand: Hand, *, level: str, grasps: int) -> FloatArra
 def _measure_settled_percent(
     world: World, gripper: TwinGripper, *, spot: TwinObject, fruit: Avocado, by: Hand
 ) -> float:
-    """Grasp one spot, hold it, open, and return the mean change at the end of the hold."""
+    """Grasp one spot, hold, open, and return the mean change at the hold's end."""
     gripper.release()
     world.clock.sleep_s(STILL_S)
     world.place(spot, fixture=True)

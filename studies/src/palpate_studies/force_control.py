@@ -44,7 +44,7 @@ def report(
     *,
     grasps: Annotated[int, typer.Option(help="Things gripped at each level.", min=1)] = 8,
 ) -> StudyReport:
-    """Grip random things to a force, lift them, and count what was missed, dropped and damaged.
+    """Grip random objects to a force, lift them, and count misses, drops and damage.
 
     Example: palpate study force-control --grasps 100 --out reports
     """
@@ -104,7 +104,7 @@ def scores(found: Sequence[Gripped]) -> dict[str, Any]:
 
 
 def compare_methods(found: Sequence[Gripped], *, method: str = "ours") -> list[dict[str, Any]]:
-    """Return a method of ours against every rival on the things that both gripped, by sensor.
+    """Return a method of ours against every rival on objects gripped by both, by sensor.
 
     A thing's loss is 1 where the settled force is not within 10 % of the target, whatever kept it.
     """

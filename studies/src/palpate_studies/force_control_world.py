@@ -1,4 +1,4 @@
-"""Random things gripped to a force by the controller and lifted, and what came of it.
+"""Random objects gripped to a force by the controller and lifted, with their outcomes.
 
 What their user would have found out before comes from a test stand and a calibration.
 """
@@ -120,7 +120,7 @@ def thing(
 
 
 def learn_damage(*, seed: int) -> DamageModel:
-    """Press other things in a test stand until they yield, and learn the limit from that.
+    """Press training objects in a test stand until they yield, and learn their limit.
 
     A user's step: the label is the force at which a thing yielded. The curves are coarsened and
     blurred as the hand will read them: a guard that learned from clean curves takes every wobble
@@ -153,7 +153,7 @@ def _press(obj: TwinObject, *, rng: np.random.Generator) -> list[ClosingState]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gripped:
-    """The outcome of one task; None where the method gives or does nothing of the kind.
+    """The outcome of one task; None for a quantity that the method does not give.
 
     Attributes
     ----------
@@ -248,5 +248,5 @@ def _on_target_s(result: GraspResult) -> float | None:
 
 @lru_cache(maxsize=2)
 def calibration_of(sheet: int, level: str, kind: GripperKind) -> Calibration:
-    """Calibrate a sensor and gripper by a user's steps; the grasps of one sheet share it."""
+    """Calibrate a sensor and gripper by a user's steps, once for each sheet."""
     return calibrate_twin(seed=sheet, level=level, apart_from="", kind=kind)

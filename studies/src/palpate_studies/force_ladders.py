@@ -141,7 +141,7 @@ def _fit_shared_slope(
     *,
     told: NDArray[np.bool_],
 ) -> tuple[FloatArray, FloatArray]:
-    """Return value and half width of a line with a slope in common and an own intercept."""
+    """Return slope and half width of lines with a shared slope and own intercepts."""
     centred = [(x - x.mean(), y - y.mean()) for x, y in known]
     squares = float(sum(x @ x for x, _ in centred))
     slope = float(sum(x @ y for x, y in centred)) / squares
@@ -170,7 +170,7 @@ def report(
         typer.Option(help="Ladders to predict; without, each in turn is left out.", metavar="CSV"),
     ] = None,
 ) -> StudyReport:
-    """Predict dead weights on real sensors, each given those nearest to 1.5, 4 and 9 N.
+    """Predict dead weights on real sensors, each calibrated near 1.5, 4 and 9 N.
 
     Example: palpate study force-ladders --ladders ladders.csv
     """

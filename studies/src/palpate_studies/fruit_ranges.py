@@ -1,4 +1,4 @@
-"""Every range that the fruit of the studies is drawn from: apples and bruises, avocados, a station.
+"""All ranges of the studies' fruit: apples and bruises, avocados, a station.
 
 Fixed, with their reasons, before anything was measured on them. Fruit scatters alike at both levels
 of the twin; what the levels change is sheet and gripper (`palpate.twin.ranges`).

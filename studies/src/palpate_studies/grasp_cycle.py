@@ -1,4 +1,4 @@
-"""The main job: seconds from the open hand to a touch and to an answer, and what that risks.
+"""The main job: seconds from open gripper to contact and answer, with its risks.
 
 Each object is grasped by palpate, by the paper's steps, and by the servo's current alone.
 """
@@ -205,7 +205,7 @@ def by_current(sample: Sample) -> Cycle:
 
 
 def _pull_ma(gripper: TwinGripper, world: World, *, current: CurrentLaw, count: int) -> float:
-    """Return the mean of the next readings of the current, less what the gears take there."""
+    """Return the mean of the next current readings, less the gears' friction."""
     readings = list[float]()
     for _ in range(count):
         world.clock.sleep_s(_CURRENT_EVERY_S)
@@ -222,7 +222,7 @@ def _plain(
     size_mm: float,
     predicts_s: float = _PAPER_PREDICTS_S,
 ) -> Cycle:
-    """Return what a way without a controller made of it, the hand standing where it touched."""
+    """Return the outcome of a method without a controller, with the gripper at contact."""
     touch_s, touch_peak_n = world.clock.now_s(), world.truth().peak_force_n
     world.clock.sleep_s(predicts_s)
     truth = world.truth()
@@ -333,7 +333,7 @@ def judge(found: Sequence[Cycle]) -> StudyReport:
 
 
 def scores(found: Sequence[Cycle]) -> dict[str, Any]:
-    """Return times, forces and errors of one way; None where it measures nothing of the kind."""
+    """Return times, forces and errors of one method; None for an unmeasured quantity."""
 
     def middle(name: str, share: float = 0.5) -> float | None:
         return median([abs(getattr(one, name)) for one in found], share)

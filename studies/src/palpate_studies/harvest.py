@@ -46,7 +46,7 @@ command = as_command(report)
 
 
 def pulls(seed: int, *, level: str) -> list[dict[str, Any]]:
-    """Grip one fruit and pull at it ten times, each time as it is held at the answer."""
+    """Grip one fruit and pull at it ten times from its state at the answer."""
     rng = np.random.default_rng([seed, 51])
     name = FRUIT[seed % len(FRUIT)]
     sheet = seed // GRASPS_PER_SHEET

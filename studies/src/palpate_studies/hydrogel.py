@@ -1,4 +1,4 @@
-"""Force of a hydrogel sensor in a robot's force loop, each recording left out in turn."""
+"""Force of a hydrogel sensor in a robot's force loop, each recording held out."""
 
 from __future__ import annotations
 

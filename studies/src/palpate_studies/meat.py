@@ -1,4 +1,4 @@
-"""What a squeeze can show of meat: real double presses of a plant-based steak, and a sheet's error.
+"""Squeezes of meat: real double presses of a plant-based steak, and a sheet's error.
 
 The steak is the only meat whose curves are open. It has no ages and no doneness; what it shows is
 how far specimens of one steak differ, and so how far a cut must change before a squeeze shows it.
@@ -39,7 +39,7 @@ def report(
         Path, typer.Option(help="food_double_presses.csv.gz.", metavar="CSV", exists=True)
     ],
 ) -> StudyReport:
-    """Find how far specimens of one plant-based steak differ, and how far a cut must change.
+    """Measure the spread of specimens of one plant-based steak, and the detectable change.
 
     Example: palpate study meat --presses food_double_presses.csv.gz
     """
@@ -50,7 +50,7 @@ command = as_command(report)
 
 
 def read_presses(path: Path) -> list[dict[str, Any]]:
-    """Return one row a double press: how long it took, its direction and ln of its first peak."""
+    """Return one row a double press: duration, direction and ln of its first peak."""
     table = read_table(path, columns=_COLUMNS)
     names, first, of = np.unique(table["curve"].astype(str), return_index=True, return_inverse=True)
     return [

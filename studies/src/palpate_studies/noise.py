@@ -220,7 +220,7 @@ def sample_percent(
 
 
 def _errors(holds: list[CleanHold], chain: Chain, disturbance: str) -> dict[str, float]:
-    """Return the RMS error from 2 s on and that of the value predicted at 2.5 s, medians."""
+    """Return median RMS errors: from 2 s on, and of the prediction at 2.5 s."""
     pairs = []
     for seed, clean in enumerate(holds):
         time_s, percent = sample_percent(clean, chain, disturbance, seed=seed)

@@ -1,4 +1,4 @@
-"""Real presses of a sheet with a load cell: where each begins, and when the force is given."""
+"""Real presses of a sheet with a load cell: their start, and their force's time."""
 
 from __future__ import annotations
 

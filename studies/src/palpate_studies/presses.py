@@ -245,7 +245,7 @@ def compare_with_cell(press: Press, prediction: Prediction) -> Followed:
 
 
 def judge(splits: Iterable[tuple[Presses, Presses]]) -> dict[str, Any]:
-    """Follow every press that is tested by every model, learned on the others, and score it."""
+    """Follow every held-out press by every model, learned on the others; score it."""
     followed: dict[str, list[Followed]] = {name: [] for name in MODELS}
     for train, tested in splits:
         for name, learn in MODELS.items():
@@ -315,7 +315,7 @@ def _by_part(followed: Mapping[str, Sequence[Followed]]) -> Rows:
 
 
 def _compare_models(followed: Mapping[str, Sequence[Followed]]) -> Rows:
-    """Return the error of ours less that of each other model, by setting of the presses.
+    """Return our error less that of each other model, by setting of the presses.
 
     Over presses it is the median error of each, over the release that of each sample.
     """

@@ -41,7 +41,7 @@ CHECKED = ("r_squared", "r_squared_ceiling", "share_within", "share_within_ceili
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pool:
-    """Twin fruit that were grasped: ln of the true stiffness, and of what each grasp measured."""
+    """Grasped fruit of the twin: ln of true stiffness and of each grasp's measurement."""
 
     truth: FloatArray
     grasps: FloatArray
@@ -103,7 +103,7 @@ command = as_command(report)
 
 
 def side_pairs(path: Path) -> PairedReadings:
-    """Return the first side of each apple as the grasp, and both sides as the reference."""
+    """Return the first side of each apple as grasp, both sides as reference."""
     columns = read_table(
         path, columns={"side1_lbf": "number or empty", "side2_lbf": "number or empty"}
     )

@@ -70,7 +70,7 @@ Quantities = Mapping[str, FloatArray]
 
 
 def ladder_quantities(ladders: Sequence[Ladder]) -> dict[str, FloatArray]:
-    """Return exponent, scatter about its own line and error of the other ladders' law, per ladder.
+    """Return exponent, own scatter and error of the other ladders' law, per ladder.
 
     Ladders are compared in threes (two to learn from, one to predict), as that is how many real
     ones there are.
@@ -109,7 +109,7 @@ def press_quantities(presses: Sequence[Press]) -> dict[str, FloatArray]:
 
 
 def log_gains(presses: Sequence[Press]) -> dict[str, FloatArray]:
-    """Return ln conductance at equal force of each press when its force was given, by recording."""
+    """Return each press's ln conductance at equal force at its force's time, by recording."""
     exponent = _within_press_exponent(presses)
     gains: dict[str, list[float]] = {}
     for press in presses:
@@ -120,7 +120,7 @@ def log_gains(presses: Sequence[Press]) -> dict[str, FloatArray]:
 
 
 def _find_held_gain(press: Press, exponent: float) -> tuple[FloatArray, FloatArray]:
-    """Return time since the force was given, and ln conductance less the force's share of it."""
+    """Return time since force application, and ln conductance less the force's part."""
     trace = press.trace
     held = slice(trace.told, press.last_held + 1)
     log_gain = _log(trace.excess[held]) - exponent * _log(trace.force_n[held])
@@ -156,7 +156,7 @@ def halves(gains: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def _within_press_exponent(presses: Sequence[Press]) -> float:
-    """Return the slope of ln excess over ln force while the force rises, gains left out."""
+    """Return the slope of ln excess over ln force during loading, without gains."""
     forces: list[FloatArray] = []
     excesses: list[FloatArray] = []
     for press in presses:
@@ -175,7 +175,7 @@ def _log(values: FloatArray) -> FloatArray:
 
 
 def hold_quantities(holds: Sequence[Hold]) -> dict[str, FloatArray]:
-    """Return how far holds are from settled at 2.5 s, what predictors miss there, and the noise."""
+    """Return each hold's distance from settled at 2.5 s, predictors' errors, and noise."""
     long, to_come, noise = list[Hold](), list[float](), list[float]()
     for hold in holds:
         settled = measure_settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
@@ -214,7 +214,7 @@ def twin_ladder(sensor: int, *, level: str) -> Ladder:
 
 
 def twin_presses(sensor: int, *, level: str, count: int) -> tuple[list[Press], list[Press]]:
-    """Press one sensor `count` times with a flat face, as one pixel and as all of them see it.
+    """Press one sensor `count` times with a flat face, as one pixel and as all.
 
     A real indenter presses one place after another of a sheet that is a single pixel. Here the
     pixels stand for the places, one in each press; the sum over all of them averages places.
@@ -259,7 +259,7 @@ def _press(session: Session, size_mm: float) -> tuple[FloatArray, FloatArray, Fl
 
 
 def twin_weights(sensor: int, *, level: str, count: int) -> list[Hold]:
-    """Hold a ball for 20 s, `count` times; pixels in parallel, ohm, time 0 where the fingers stop.
+    """Hold a ball for 20 s, `count` times; parallel pixels, ohm, time 0 at standstill.
 
     The real recordings begin there too: their loggers missed the contact, or were strained already.
     """
@@ -333,7 +333,7 @@ command = as_command(report)
 
 
 def compare(quantity: str, real: FloatArray, twin: Quantities) -> dict[str, Any]:
-    """Return a quantity of real recordings and of the twin; kinder is below the real interval."""
+    """Compare a quantity of recordings and twin; "kinder" is below the real interval."""
     of = np.nanstd if quantity == "exponent" else np.nanmedian
     drawn = np.random.default_rng(0).choice(real, size=(2000, real.size))
     lowest = float(np.quantile(of(drawn, axis=1), 0.05))

@@ -1,4 +1,4 @@
-"""The frame of a study: a function that returns a report, its command, tables, figures and JSON."""
+"""The frame of a study: a report function, its command, tables, figures and JSON."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def _folder(out: Path | None) -> Path | None:
-    """Refuse, before the hours of a study, a folder that could not be written to after them."""
+    """Refuse an unwritable folder before the study's long work."""
     if out is not None:
         places = (out, *out.absolute().parents)
         existing = next(place for place in places if place.exists())
@@ -144,7 +144,7 @@ class Table:
         rows: Sequence[Mapping[str, Any]],
         columns: Columns | Sequence[str] | None = None,
     ) -> Table:
-        """Return a table of the rows of a study's JSON; a cell of an unknown figure is a dash.
+        """Return a table of a study's JSON rows; an unknown value is a dash.
 
         Parameters
         ----------
@@ -176,7 +176,7 @@ class Table:
     def wide(
         cls, title: str, rows: Sequence[Mapping[str, Any]], lead: Columns, *, over: str, form: str
     ) -> Table:
-        """Return a table with a column for each value of one key; several rows share a cell.
+        """Return a table with one column per value of a key; rows share a cell.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""Records of a ripeness station, and what is learned from them: drift, and a rule from labels."""
+"""Records of a ripeness station, with their drift and a rule learned from labels."""
 
 from __future__ import annotations
 

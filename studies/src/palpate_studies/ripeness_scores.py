@@ -64,7 +64,7 @@ class Judged:
 
 
 def judge_days(felt: Felt, *, taught: Sequence[Felt] = (), name: str = "") -> list[Judged]:
-    """Judge every fruit that was not labelled, on every day by its days up to then.
+    """Judge every unlabelled fruit on every day, by its days up to then.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def judge_days(felt: Felt, *, taught: Sequence[Felt] = (), name: str = "") -> li
 
 
 def scores(rows: Sequence[Judged]) -> dict[str, Any]:
-    """Return exact and within-one shares of each way, and what the days to ripe are worth."""
+    """Return each method's exact and within-one fractions, and its error in days to ripe."""
     found: dict[str, Any] = {"fruit_days": len(rows)}
     for way in WAYS:
         off = np.array([abs(row.truth - row.said[way]) for row in rows if row.said[way] >= 0])
@@ -139,7 +139,7 @@ def scores(rows: Sequence[Judged]) -> dict[str, Any]:
 
 
 def compare_ways(rows: Sequence[Judged]) -> list[dict[str, Any]]:
-    """Return the share of wrong stages of ours less that of each other way, by fruit."""
+    """Return our fraction of wrong stages less that of each other method, by fruit."""
     wrong = {
         way: [float(row.said[way] != row.truth) for row in rows]
         for way in WAYS
@@ -173,7 +173,7 @@ def _learners(stations: Sequence[Felt]) -> dict[str, Callable[[Sequence[float]],
 def _list_inputs(
     felt: Felt, item_id: str, days: Sequence[DayFelt], raw: Sequence[DayFelt]
 ) -> list[float]:
-    """Return what a learner sees: firmness freed of drift and raw, means of that day's grasps.
+    """Return a learner's inputs: firmness with and without drift, and the day's means.
 
     And the settled change at one width or pressure. A mean that no grasp gave is 0.
     """

@@ -1,4 +1,4 @@
-"""A bench at which avocados of the twin are felt on some mornings, by a sensor that also ages.
+"""A bench for simulated avocados on several mornings, with a sensor that also ages.
 
 Each fruit lies in a nest that centres it, as does the reference object, a rubber ball that is felt
 first every morning. Between mornings the same hand grasps other things all day. Everything goes
@@ -104,7 +104,7 @@ def run_station(
 
 
 def draw_labelled(rng: np.random.Generator, fewest: int) -> tuple[Avocado, ...]:
-    """Draw fruits until there are enough and, if there are any, they show every stage in time."""
+    """Draw fruits until enough, and until every stage appears in time, if any."""
     drawn = [draw_avocado(rng) for _ in range(fewest)]
     while drawn and {one.stage(day) for one in drawn for day in range(DAYS)} != set(AVOCADO_STAGES):
         drawn.append(draw_avocado(rng))
@@ -204,7 +204,7 @@ class _Bench:
         return float(mean_change(relative_change_percent(now_ohm, rest_ohm=self._plan.rest_ohm)))
 
     def _read_settled_percent(self, spot: TwinObject, *, fruit: Avocado) -> float:
-        """Close on a fruit as the paper does, and return what has settled after 20 s."""
+        """Close on a fruit as the paper does, and return the 20 s value."""
         target = _PRESSURE_KPA
         if self._gripper == "rigid":
             target = round(fruit.size_mm) - _CLOSED_BY_MM

@@ -58,7 +58,7 @@ class VirtualDay:
 
 
 def report(*, sensors: int, fruits: int) -> StudyReport:
-    """Judge fruit that ripens unlike that on which the rules were made, and fruit like it."""
+    """Judge fruit that ripens unlike the training fruit, and fruit that ripens alike."""
     rows = [
         {
             "generator": name,

@@ -18,7 +18,7 @@ LEVELS = ("lab", "field")
 
 
 def group(items: Sequence[Item], *names: str) -> Iterator[tuple[dict[str, Any], list[Item]]]:
-    """Yield the items that agree in some attributes, with these as the start of a row.
+    """Yield the items with equal attributes, with these attributes as start of a row.
 
     A dotted name is known by its last part.
 
@@ -78,7 +78,7 @@ def as_row(item: Any) -> dict[str, Any]:
 
 
 def running_median(values: ArrayLike, *, length: int) -> FloatArray:
-    """Return the median of each sample and the `length` - 1 before it; NaN is left out.
+    """Return the median of each sample and the `length` - 1 before it, without NaN.
 
     It drops single outliers and delays a step by half its length.
 

@@ -1,4 +1,4 @@
-"""When to stop closing on a fruit: the limit of a grasp compared with three baselines.
+"""The time to stop closing on a fruit: a grasp's limit and three baselines.
 
 Settings of the methods are chosen on other fruit than those that are scored. The ridge sees all
 that a closing curve shows.
@@ -51,7 +51,7 @@ Splits: TypeAlias = Sequence[tuple[Closings, Closings]]
 
 
 class Scored(NamedTuple):
-    """How near the limit a policy thinks to be, with the force at which it came to think so."""
+    """A policy's estimated nearness to the limit, with the force at that moment."""
 
     force_n: FloatArray
     score: FloatArray
@@ -69,7 +69,7 @@ class Policy(NamedTuple):
 
 
 class Method(NamedTuple):
-    """A policy applied: its scores along each closing, and the scores at which it stops there.
+    """An applied policy: its scores along each closing, and the scores of its stops.
 
     `settings` has shape (closings, rates), chosen for each of `RATES` without that closing.
     """
@@ -187,7 +187,7 @@ def _predict_stop(training: Closings, *, test: Closings) -> list[dict[str, Any]]
 
 
 def apply_shipped_limit(splits: Splits, *, known: bool) -> Method:
-    """Return the limit that a grasp obeys, at each nominal rate; nothing of it is calibrated."""
+    """Return the limit of a grasp at each nominal rate, without any fit."""
     scores = list[Scored]()
     for training, test in splits:
         model = learn_damage(training, by_kind=known)
@@ -199,7 +199,7 @@ def apply_shipped_limit(splits: Splits, *, known: bool) -> Method:
 def score_by_shipped_limit(
     closing: FruitClosing, *, model: DamageModel, kind_known: bool
 ) -> Scored:
-    """Return the share of such fruit that each force would damage, as a grasp's limit has it.
+    """Return the fraction of fruit damaged at each force, by the limit of a grasp.
 
     A grasp stops below `DamageModel.bound_n`; the share reaches the nominal rate at that force.
     """
@@ -367,7 +367,7 @@ def _list_inputs(seen: FloatArray, *, log_stiffness: float, force_n: float) -> l
 
 
 def apply_policy(policy: Policy, splits: Splits) -> Method:
-    """Learn a policy and choose its settings on each training part, and score the test part.
+    """Learn a policy and its settings on each training part; score the test part.
 
     Raises
     ------
@@ -387,7 +387,7 @@ def apply_policy(policy: Policy, splits: Splits) -> Method:
 
 
 def specimen(closing: FruitClosing) -> str:
-    """Return what a recording is known by: two files may use one name for two fruits."""
+    """Return a recording's specimen: two files may use one name for two fruits."""
     return f"{closing.grasp_id} ({closing.rupture_force_n:g} N, {len(closing.samples)} samples)"
 
 
@@ -452,7 +452,7 @@ def compare_grips(methods: Sequence[Method], closings: Closings) -> list[dict[st
 
 
 def tradeoff(methods: Sequence[Method], *, closings: Closings) -> list[dict[str, Any]]:
-    """Report the grip of each method at each nominal rate of rupture, and the rate it had.
+    """Report the grip and the actual rupture rate of each method at each nominal rate.
 
     Parameters
     ----------

@@ -90,7 +90,7 @@ def multiple(others: Mapping[str, Sequence[Shown]]) -> Rule:
 
 
 def fit_scaled_log_law(others: Sequence[Shown]) -> Rule:
-    """Return the change by the log law times the factor that others ask for (least error)."""
+    """Return the change by the log law times a factor learned from others."""
     guess = np.array([one.log_law for one in others])
     change = np.array([one.change for one in others])
     known = np.abs(guess) > _TINY
@@ -101,7 +101,7 @@ def fit_scaled_log_law(others: Sequence[Shown]) -> Rule:
 
 
 def ridge(others: Mapping[str, Sequence[Shown]]) -> Rule:
-    """Return a ridge on every feature, its penalty chosen with one material left out in turn."""
+    """Return a ridge on every feature, its penalty chosen with one material held out."""
     names = np.repeat(list(others), [len(holds) for holds in others.values()])
     holds = [one for some in others.values() for one in some]
     features = np.array([one.profile for one in holds])
@@ -239,7 +239,7 @@ def judge(
 
 
 def _have_common_hold(some: Sequence[Hold], others: Sequence[Hold]) -> bool:
-    """Return whether two files have a hold in common: then they are of the same specimens."""
+    """Return whether two files share a hold, and so their specimens."""
     return bool({hold.hold_id for hold in some} & {hold.hold_id for hold in others})
 
 

@@ -1,4 +1,4 @@
-"""Figure 14 of the paper: the size of strawberries, from closing in steps of 1 mm.
+"""Figure 14 of the paper: the size of strawberries, by closing in 1 mm steps.
 
 They are sized on the twin by the paper's Figure 13, and by a grasp of palpate, whose readings at
 its last steps are the inputs of trees.
@@ -136,7 +136,7 @@ def scores(found: Sequence[Sized], way: str) -> dict[str, Any]:
 
 
 def _compare_ways(level: str, found: Sequence[Sized]) -> list[dict[str, Any]]:
-    """Return the RMS error of ours less that of each other way on the same fruit, by sensor."""
+    """Return our RMS error less each other method's on the same fruit, by sensor."""
     both = [one for one in found if one.same_steps is not None and np.isfinite(one.published_mm)]
     of, lost = [str(one.sensor) for one in both], {way: errors_mm(both, way) for way in WAYS}
     finite = {way: e for way, e in lost.items() if way == OURS or np.isfinite(e).all()}
@@ -144,7 +144,7 @@ def _compare_ways(level: str, found: Sequence[Sized]) -> list[dict[str, Any]]:
 
 
 def last_steps(observations: Sequence[Observation], *, plan: Plan, give: Compliance) -> FloatArray:
-    """Return the numbers of the last stops, the narrowest last; shape (1 + 9 * stops,).
+    """Return the numbers of the last stops, narrowest last; shape (1 + 9 * stops,).
 
     After the width of the narrowest, for each: how much wider it is, the force by the calibrated
     law of early readings and how far the fingers give way under it, excess conductance, changes
@@ -210,7 +210,7 @@ def _pull_ma(observations: Sequence[Observation], *, before_s: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sized:
-    """One strawberry: its size, the estimate of each way, and what our grasp did to it.
+    """One strawberry: its size, each method's estimate, and damage by our grasp.
 
     Attributes
     ----------
@@ -279,7 +279,7 @@ def _place_strawberry(obj: TwinObject, level: str, sensor: int, berry: int) -> S
 
 
 def previous_width_mm(session: Session) -> float:
-    """Close as in Figure 13 until all pixels' mean has fallen by 10 %; return the width before."""
+    """Close by Figure 13 until the mean falls by 10 %; return the width before."""
     rest_ohm, width_mm = session.mean_ohm(), START_MM
     while width_mm > session.gripper.limits.lowest:
         before_mm, width_mm = width_mm, width_mm - STEP_MM

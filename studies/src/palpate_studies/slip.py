@@ -1,4 +1,4 @@
-"""Slip and removal: how surely and how soon they are seen, and how often nothing is called one."""
+"""Slip and removal: detection rate, delay and false alarms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Force of a microfluidic soft sensor from its voltage, depths of press left out of training.
+"""Force of a microfluidic soft sensor from its voltage, with depths of press held out.
 
 Han et al., IEEE RA-L 3(2), 2018: strokes down and up at three places, with a load cell. A method
 sees the past of its own stroke; place, depth and speed are labels.
@@ -123,7 +123,7 @@ def read_strokes(path: Path) -> list[Stroke]:
 
 
 def _by_depth(known: Strokes) -> list[tuple[str, Strokes, Strokes]]:
-    """Return each depth of a place, counted from the shallowest, and all others to learn from."""
+    """Return each depth of a place, from the shallowest, and the others for training."""
     depths: dict[float, set[float]] = {}
     for one in known:
         depths.setdefault(one.place_mm, set()).add(one.depth_mm)

@@ -1,4 +1,4 @@
-"""A mixed crate: the kind of each item by touch alone, strangers among them, and its bin by rules.
+"""A mixed crate: each item's kind by touch, untrained kinds included, and its bin.
 
 The baselines are learners in place of palpate's, and the nearest class mean in size and stiffness,
 which may call an item unknown.
@@ -132,7 +132,7 @@ def learn_nearest_mean(teaching: Sequence[CrateItemGrasps]) -> Guess:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """The answer of one method on one item: a kind or unknown, and its best guess of a kind."""
+    """One method's answer for an item: a kind or unknown, and its likeliest kind."""
 
     level: str
     method: str
@@ -155,7 +155,7 @@ def report(
     ] = None,
     second: SecondOption = False,
 ) -> StudyReport:
-    """Name and sort the items of mixed crates, strangers among them; purity and items per hour.
+    """Name and sort mixed crates with untrained kinds; report purity and items per hour.
 
     Example: palpate study sorting --out reports
     """
@@ -208,7 +208,7 @@ def name_method(method: str, count: int) -> str:
 
 
 def answers(crates: Sequence[CrateItemGrasps]) -> list[Answer]:
-    """Let every method, taught on a sensor, name its crate; ours also taught on the others."""
+    """Name a crate by every method, trained on its sensor; ours also on others."""
     found = list[Answer]()
     for key, mine in group(crates, "level", "sensor"):
         (teaching, sorting), level = _divide(mine), key["level"]
@@ -297,7 +297,7 @@ def sort_crates(crates: Sequence[CrateItemGrasps]) -> dict[tuple[str, str], list
 
 
 def _sort_item(item: CrateItemGrasps, known: Identifier, *, most: int) -> Placed:
-    """Sort one item with the grasps that were made of it, as far as they are asked for."""
+    """Sort one item with as many of its grasps as the rules ask for."""
     done = sort_item(
         item.item_id,
         book=replace(BOOK, most_grasps=most),
@@ -385,7 +385,7 @@ def judge(crates: Sequence[CrateItemGrasps]) -> StudyReport:
 
 
 def draw(summary: Sequence[Mapping[str, Any]]) -> Figure:
-    """Draw errors over items per hour: each line goes from one grasp an item to three."""
+    """Draw errors over items per hour, one line per method, one to three grasps."""
     from palpate.plots.style import BLUE, ORANGE, new_figure
 
     ways = {"ours, ": ("palpate", BLUE), "boosted trees, ": ("boosted trees", ORANGE)}

@@ -329,7 +329,7 @@ def _scores(
 
 
 def _compare_rivals(runs: Runs) -> list[dict[str, Any]]:
-    """Return the RMS error of `now` less that of each rival on the same frames, by sheet."""
+    """Return the RMS error of `now` less each rival's on the same frames, by sheet."""
     return [
         row
         for level, each in runs.items()

@@ -138,7 +138,7 @@ def answers_of(
 def repeat(
     level: str, *, seed: int, stiffness: float, gripper: GripperKind, grasps: int
 ) -> dict[str, Any]:
-    """Grasp one object again and again on one sensor, and return how much its firmness varies."""
+    """Grasp one object repeatedly on one sensor; return the spread of its firmness."""
     obj = object_of(stiffness, seed=seed)
     calibration = calibrate_twin(seed=seed, level=level, apart_from="", kind=gripper)
     answers = [
@@ -164,7 +164,7 @@ def repeat(
 
 
 def object_of(stiffness: float, *, seed: int) -> TwinObject:
-    """Draw an object of a secant stiffness: flat or round, like a spring or relaxing like fruit.
+    """Draw an object of given secant stiffness: flat or round, elastic or relaxing.
 
     Half of them are of each, as the things of the force control study are; they stand any force.
     """
@@ -211,7 +211,7 @@ def _answer(
 
 
 def scores(answers: Sequence[Answer]) -> dict[str, Any]:
-    """Return how near answers come, how wide they are, and how many exclude no rigid object."""
+    """Return error and width of the answers, and how many exclude no rigid object."""
     given = [one for one in answers if np.isfinite(one.value)]
     # Nothing rigid is excluded; a grasp reports other wide intervals as bounds too.
     open_above = sum(one.high >= STIFFEST_N_PER_MM for one in given)

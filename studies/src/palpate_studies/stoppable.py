@@ -1,4 +1,4 @@
-"""A study that is asked to stop ends, not only the grasp that it was making."""
+"""Stopping of a whole study at the user's request, beyond its current grasp."""
 
 from __future__ import annotations
 

@@ -97,7 +97,7 @@ class Touch:
 
     @property
     def weight(self) -> FloatArray:
-        """How much each sample counts in a fit: unloading is short, and half of the task."""
+        """Weight of each sample in a fit, as unloading is short but half the task."""
         return np.where(self.phase == "unloading", 2.0, 1.0)
 
     def after(self, told: str) -> Mask:
@@ -180,7 +180,7 @@ def _touch(
 
 
 def _touch_inputs(time_s: FloatArray, reading: FloatArray) -> FloatArray:
-    """Return the states, and what a touch as a whole shows: how high it rose, since when it lasts.
+    """Return the states, and a contact's features: its peak and its age.
 
     Contact is where the reading shows it, not the load cell.
     """
@@ -225,7 +225,7 @@ def _with_interval(
 
 
 def constant(train: Others, told: str) -> Follower:
-    """Learn one force, that of the place where it is known, or hold the force that was measured."""
+    """Learn one force, that of the known place, or hold the measured force."""
 
     def middle(touches: Others) -> float:
         return float(np.median(_pool(touches, told, lambda one: one.log_force)))
@@ -262,7 +262,7 @@ def clock(train: Others, told: str) -> Follower:
 
 
 def static(train: Others, told: str) -> Follower:
-    """Learn a power law; its gain from what is known of the place or of this touch."""
+    """Learn a power law; its gain from the place's data or this contact's."""
     reading = _pool(train, "nothing", lambda one: one.inputs[:, 0])
     force = _pool(train, "nothing", lambda one: one.log_force)
     slope, offset = _absolute_line(reading, force)
@@ -300,7 +300,7 @@ def _inputs(touch: Touch, told: str) -> FloatArray:
 
 
 def trees(train: Others, told: str) -> Follower:
-    """Learn boosted trees on the same inputs; knowing the place, given by the mean of it."""
+    """Learn boosted trees on the same inputs; a known place adds its mean."""
     machine = make_trees(
         loss="absolute_error", max_iter=100, max_leaf_nodes=15, min_samples_leaf=40
     )
@@ -546,7 +546,7 @@ def _figures(error: FloatArray, covered: Mask) -> dict[str, Any]:
 
 
 def _compare_models(scored: Sequence[Scored]) -> Rows:
-    """Return the error of ours less that of each other model, by pin of a sensor."""
+    """Return our error less that of each other model, by pin of a sensor."""
     rows: Rows = []
     for key, some in group(scored, "told"):
         for phase in ("all", "unloading"):

@@ -1,4 +1,4 @@
-"""The code that the figures of a study rest on; its hash shows when it has changed since.
+"""The code behind a study's figures, whose hash shows later changes.
 
 What a file says is hashed, not how it is written: comments, docstrings and line breaks don't count.
 """
@@ -27,7 +27,7 @@ _SHOWING = (
 
 
 def code_hash(study: str) -> str:
-    """Return the SHA-256 of all files of product and studies that a study imports, by path.
+    """Return the SHA-256 of all product and study files that a study imports.
 
     Files of JSON in their folders count too; those that only show what was found do not.
     """
@@ -38,7 +38,7 @@ def code_hash(study: str) -> str:
 
 
 def _read_code(path: Path) -> bytes:
-    """Return what a file says: the syntax tree without docstrings, or all of it where it is data.
+    """Return a file's content: the syntax tree without docstrings, or the bytes of data.
 
     >>> import tempfile
     >>> file = Path(tempfile.mkdtemp()) / "one.py"
@@ -89,7 +89,7 @@ def _file_of(name: str) -> Path | None:
 
 
 def _list_imports(path: Path) -> Iterator[str]:
-    """Yield what a file imports when it runs, anywhere in it; names that may be no modules too."""
+    """Yield all names that a file imports when run, whether modules or not."""
     waiting: list[ast.AST] = [ast.parse(path.read_text())]
     while waiting:
         node = waiting.pop()

@@ -1,4 +1,4 @@
-"""Table 1 and Figures 5 and 6 of the paper: accelerated estimation of the settled value."""
+"""Table 1, Figures 5 and 6 of the paper: accelerated estimation of the settled value."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def _row(predictions: Sequence[Prediction], cutoff_s: float) -> dict[str, float 
 def _entries(
     family: str, errors: Mapping[str, Sequence[Mapping[str, float | None]]]
 ) -> list[Entry]:
-    """Return the published entries with our intervals; the recorded one at 20 s is 0 by nature."""
+    """Return the published entries with our intervals; the entry at 20 s is always 0."""
     return [
         Entry(
             published=value,

@@ -1,4 +1,4 @@
-"""Table 3 and Figure 9 of the paper: six exercise balls, and the pixel that changes most."""
+"""Table 3, Figure 9 of the paper: six exercise balls and the most sensitive pixel."""
 
 from __future__ import annotations
 

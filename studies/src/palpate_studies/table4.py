@@ -1,4 +1,4 @@
-"""Table 4 and Figure 11c of the paper: force against relative change, a line for each sheet."""
+"""Table 4, Figure 11c of the paper: force by relative change, one line per sheet."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def _line(made: list[Reading]) -> list[float]:
 
 
 def _entries(lines: Mapping[str, FloatArray]) -> list[Entry]:
-    """Return R^2, slope and intercept of each sheet with the range over sensors; none was fitted.
+    """Return R^2, slope and intercept of each sheet with the range over sensors, unfitted.
 
     The range of forces was, and a sheet's slope and intercept with it in part.
     """

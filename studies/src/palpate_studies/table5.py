@@ -1,4 +1,4 @@
-"""Table 5 of the paper: error of the force at 20 s, estimated early, on the twin."""
+"""Table 5 of the paper: error of an early estimate of the 20 s force."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ command = as_command(report)
 
 
 def _errors(level: str, *, sensors: int, repeats: int) -> dict[str, Errors]:
-    """Return for each row its errors against the line of the settled reading and the load cell."""
+    """Return each row's errors against the settled reading's line and the load cell."""
     found: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
     for sensor in range(sensors):
         learned = [
@@ -172,7 +172,7 @@ def _rows(errors: dict[str, Errors], level: str) -> list[dict[str, Any]]:
 
 
 def _misfit(errors: dict[str, Errors], *, groups: int) -> dict[str, dict[str, int]]:
-    """Count the printed newtons outside our 90 % interval; holds of a sensor and sheet go together.
+    """Count the printed newtons outside our 90 % interval, holds grouped by sensor and sheet.
 
     Errors are of the settled reading, as the paper's can only be.
     """

@@ -1,4 +1,4 @@
-"""Table 6 and Figure 17b of the paper: an apple before and after its fall, free or supported."""
+"""Table 6, Figure 17b of the paper: an apple before and after its fall."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def drop_apple() -> Apple:
 
 
 def grasp_free(level: str, sensor: int, *, repeats: int = REPEATS) -> Traces:
-    """Grasp the apple before and after its fall, at one width, bruise to the first finger."""
+    """Grasp the apple before and after its fall, at one width, bruise first."""
     session, apple = Session(sensor, level=level), drop_apple()
     before = _holds(session, replace(apple, bruise=None).facing(0.0), repeats=repeats)
     after = _holds(session, apple.facing(0.0), repeats=repeats)
@@ -144,7 +144,7 @@ def _holds(session: Session, apple: TwinObject, *, repeats: int) -> FloatArray:
 
 
 def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
-    """Grasp a simulated apple before and after its fall, free and held in place by a support.
+    """Grasp a simulated apple before and after its fall, free and in a support.
 
     Example: palpate study table6 --out reports
     """
@@ -213,7 +213,7 @@ command = as_command(report)
 
 
 def summarise(made: list[Traces], row: str, column: str) -> dict[str, Any]:
-    """Return mean and sd over the grasps of the median sensor, and both with their range."""
+    """Return the median sensor's mean and sd over the grasps, both with their range."""
     values = [one.values(column, *ROWS[row]) for one in made]
     mean, sd = np.array([v.mean() for v in values]), np.array([v.std(ddof=1) for v in values])
     return {

@@ -1,4 +1,4 @@
-"""A twin apple: not quite round, not equally firm all around, and bruised on one cheek or not.
+"""A simulated apple, not quite round or uniformly firm, with or without one bruise.
 
 Its outline across the equator is given by the support function of a convex body (distance from the
 axis to the tangent in a direction t),
@@ -94,7 +94,7 @@ class Face:
     patch: Patch | None = None
 
     def stiffness(self, fruit_mm: float) -> float:
-        """Return the stiffness of this side over that of a round, sound one of the fruit's size."""
+        """Return the stiffness ratio of this side to a round, sound fruit of its size."""
         sound = contact(replace(self, patch=None), _USUAL_SIDE_MM).pressure.sum()
         # Hertz: force goes as the root of the radius of curvature.
         curved = math.sqrt(self.curvature_mm / fruit_mm)
@@ -104,7 +104,7 @@ class Face:
 
 @dataclass(frozen=True, slots=True)
 class FaceContact:
-    """Pressure on one face: places along and across from the contact point, and what is there.
+    """Pressure on one face: positions along and across from the contact point, and values.
 
     `pressure` has shape (along, across) and is 1 in the middle of a sound contact.
     """
@@ -170,7 +170,7 @@ def contact(face: Face, side_mm: float) -> FaceContact:
 
 @lru_cache(maxsize=256)
 def first_touch(face: Face) -> tuple[float, float, float]:
-    """Return how much later than a round fruit a finger touches, and where: mm along and across."""
+    """Return a finger's contact delay against a round fruit, and its position, mm."""
     if face.patch is None:
         return 0.0, 0.0, 0.0
     reach_mm = face.patch.radius_mm + _BESIDE_MM
@@ -202,7 +202,7 @@ def _share_caught(
 
 
 def _overlap(apart_mm: FloatArray, *, pitch_mm: float) -> FloatArray:
-    """Return the share of a spread load that a pixel catches whose middle is this far from it."""
+    """Return the fraction of a spread load on a pixel at this distance."""
     edges = apart_mm[..., None] + np.array([0.5, -0.5]) * pitch_mm
     t = np.clip(edges / _SPREAD_MM, -1.0, 1.0)
     below = 0.25 * (3.0 * t - t**3)
@@ -211,7 +211,7 @@ def _overlap(apart_mm: FloatArray, *, pitch_mm: float) -> FloatArray:
 
 @lru_cache(maxsize=256)
 def _give(faces: Faces) -> tuple[float, float]:
-    """Return how far each side gives way under one force: F = K d ** 1.5 on both."""
+    """Return the deformation of each side under one force, F = K d ** 1.5."""
     one, other = (face.stiffness(faces.fruit_mm) ** (-2 / 3) for face in faces.faces)
     return one, other
 
@@ -270,7 +270,7 @@ class Apple:
         return self.flesh.size_mm / 2.0
 
     def facing(self, angle_deg: float) -> TwinObject:
-        """Return the apple as two fingers meet it, the first at this angle, the second opposite."""
+        """Return the apple between two fingers, the first at this angle, the second opposite."""
         sides = (self._face(angle_deg, across=1.0), self._face(angle_deg + 180.0, across=-1.0))
         faces = Faces(faces=sides, fruit_mm=self.flesh.size_mm)
         apart_mm = self._support(angle_deg)[0] + self._support(angle_deg + 180.0)[0]

@@ -1,4 +1,4 @@
-"""A twin avocado that ripens: how firm it is on which day, and what a grasp of one spot meets.
+"""A simulated avocado that ripens: its firmness by day, and one spot's in a grasp.
 
 Its elastic force at 1 mm falls as
 
@@ -84,7 +84,7 @@ class Avocado:
         return high
 
     def spot(self, day: float, *, rng: np.random.Generator) -> TwinObject:
-        """Return what one grasp meets on a day: the fruit as it is at one spot."""
+        """Return one grasp's object on a day: the fruit at one spot."""
         firmness_n = self.force_at_1mm_n(day) * float(np.exp(self.spot_log_sd * rng.normal()))
         rupture_n = self.rupture_per_root * float(np.sqrt(firmness_n))
         return TwinObject(

@@ -1,4 +1,4 @@
-"""One sensor on the twin in the hands of an experimenter: rest, grasps to a width, holds."""
+"""One simulated sensor in an experimenter's hands: rest, grasps to a width, holds."""
 
 from __future__ import annotations
 

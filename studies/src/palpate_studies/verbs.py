@@ -97,7 +97,7 @@ def bench(
 def _run(
     name: str | None, *, group: str, listing: bool, quiet: bool, context: typer.Context
 ) -> None:
-    """List what packages offer, or run one of it with the rest of the command line."""
+    """List a package's offers, or run one with the rest of the command line."""
     verb, known = str(context.info_name), catalogue(group)
     if listing or name in (None, "--help"):
         text = f"palpate {verb} NAME [options]\n\nExample: palpate {verb} {next(iter(known))}"

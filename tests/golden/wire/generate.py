@@ -1,4 +1,4 @@
-"""Writes vectors.json, once per version of the protocol; both codecs are then held to the file."""
+"""Writes vectors.json once per protocol version, for tests of both codecs."""
 
 from __future__ import annotations
 

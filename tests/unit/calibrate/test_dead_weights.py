@@ -98,7 +98,7 @@ def test_grams_and_newtons() -> None:
 
 
 class Pressed:
-    """A readout whose every pixel follows the load laid on, up to the end of its converter."""
+    """A readout whose pixels follow the load up to the converter's end."""
 
     layout = RIGID_LAYOUT
 

@@ -1,4 +1,4 @@
-"""A rig file whose array is a twin's, and recordings of twins, for commands that read a sensor."""
+"""A rig file and recordings on the twin, for commands that read a sensor."""
 
 from __future__ import annotations
 

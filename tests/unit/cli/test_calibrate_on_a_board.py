@@ -1,4 +1,4 @@
-"""`palpate calibrate cell | compliance | force` with load cells on a board, from a rig file."""
+"""`palpate calibrate` with the load cells of a board from a rig file."""
 
 from __future__ import annotations
 

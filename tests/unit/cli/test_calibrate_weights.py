@@ -1,4 +1,4 @@
-"""Dead weights at the command line: what each narrows, and when no more are asked for."""
+"""Dead weights on the command line: gain of each, and when to stop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`palpate demo`: the files it writes, and that what it proposes to try works as typed."""
+"""`palpate demo`: its files, and the commands that it proposes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`palpate flash` with a stand-in for avrdude on the PATH, and a board on a pseudo-terminal."""
+"""`palpate flash` with a substitute for avrdude, and a board on a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def image(tmp_path: Path) -> Path:
 
 
 def put_avrdude(folder: Path, monkeypatch: pytest.MonkeyPatch, *, says: str, status: int) -> Path:
-    """Put a program of that name on the PATH that notes its arguments; return the note."""
+    """Put a program of that name on the PATH that records its arguments."""
     note = folder / "arguments"
     program = folder / "bin" / "avrdude"
     program.parent.mkdir()

@@ -1,4 +1,4 @@
-"""Help of every verb: it fits the terminal, loses nothing and names one thing one way."""
+"""Help of every verb: terminal width, completeness and consistent names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a failure means to a user of any verb: one line and an exit status, no traceback."""
+"""Failures of any verb: one line and an exit status, no traceback."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which rig a verb takes where none is named: this folder's, the environment's, or the twin."""
+"""The default rig of a verb: the folder's, the environment's or the twin."""
 
 from __future__ import annotations
 

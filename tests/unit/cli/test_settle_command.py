@@ -32,7 +32,7 @@ SUMMARY_KEYS = [
 
 @pytest.fixture
 def holds_csv(tmp_path: Path) -> Path:
-    """Five falling holds of 21 s, one of 8 s, one constant and one of a single sample."""
+    """Five falling holds of 21 s, one of 8 s, one constant, one single sample."""
     random = np.random.default_rng(3)
     lines = ["hold_id,time_s,value"]
     for number in range(6):

@@ -67,7 +67,7 @@ def grasp(item_id: str, at: tuple[float, float], *, rng: np.random.Generator, n:
 
 @pytest.fixture
 def store(tmp_path: Path) -> Path:
-    """A store with ten labelled items of each kind, and a batch of three that nobody labelled."""
+    """A store with ten labelled items of each kind, and three unlabelled ones."""
     rng = np.random.default_rng(8)
     path = tmp_path / "items.sqlite"
     with Store.open(path) as kept:

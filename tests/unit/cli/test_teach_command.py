@@ -1,4 +1,4 @@
-"""`palpate teach`: labels from a table or the store, how well they are learned, and names."""
+"""`palpate teach`: labels from a table or the store, and their score."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ async def application(scope: Any, receive: Any, send: Any) -> None:
 
 
 class Waits:
-    """A clock that stands still: all come at the same moment. It keeps how long each wait was."""
+    """A clock that stands still and records the length of each wait."""
 
     def __init__(self) -> None:
         self.waited_s: list[float] = []

@@ -1,4 +1,4 @@
-"""The pages have an event loop of their own; a stop is answered on the server's."""
+"""Pages run on their own event loop; the server's loop answers a stop."""
 
 from __future__ import annotations
 

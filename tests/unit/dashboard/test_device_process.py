@@ -1,4 +1,4 @@
-"""The devices' side of the pipe, on the twin: orders, requests, and what is left behind."""
+"""The devices' end of the pipe, simulated: orders, requests and remains."""
 
 from __future__ import annotations
 
@@ -313,7 +313,7 @@ def test_the_force_is_calibrated_on_the_simulated_cell(opened: Page, tmp_path: P
 
 
 def test_a_guided_calibration_of_the_force_can_be_stopped(opened: Page, tmp_path: Path) -> None:
-    """A simulated one takes tenths of a second: some stops come when it has ended already."""
+    """A simulated calibration takes tenths of a second, so some stops come late."""
     for attempt in range(50):
         order = CalibrateForce(file=tmp_path / f"calibration-{attempt}.json")
         opened.send(order)

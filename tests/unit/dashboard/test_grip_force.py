@@ -1,4 +1,4 @@
-"""Newtons on the page: by the calibration's laws, and by what a grasp learned of its contact."""
+"""Newtons on the page, by the calibration's laws and the contact's gain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The grasps of a folder: listed, counted, given as a table, kept from one run to the next."""
+"""The grasps of a folder: list, count, table, and persistence between runs."""
 
 from __future__ import annotations
 

@@ -381,7 +381,7 @@ def test_headline_of_a_held_object_off_its_target_is_not_green() -> None:
 
 
 def test_a_replay_is_judged_by_its_own_target() -> None:
-    """Not by that of the grasp that was ordered last, nor by what the form has for the next."""
+    """Neither the last order's target nor the form's counts."""
     session = Session(send=lambda message: None)
     session.target_force_n, session.devices.activity = 2.0, DeviceActivity.REPLAYING
     session.form.target_force_n = 2.0

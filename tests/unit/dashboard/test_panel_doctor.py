@@ -1,4 +1,4 @@
-"""The doctor's report on the page: the same findings as in a terminal, set for a page."""
+"""The doctor's report on the page, with the same findings as the terminal's."""
 
 from __future__ import annotations
 

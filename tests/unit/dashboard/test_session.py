@@ -1,4 +1,4 @@
-"""The rules of the page: who drives, what may be pressed when, what is shown after."""
+"""The page's rules: control, permitted orders, and the following display."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What keeps a viewer's page up to date, and lets go of what is no longer on it."""
+"""Updates of a viewer's page, and release of its unused resources."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_a_press_that_comes_late_moves_nothing(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_viewer_order_and_its_check_are_not_separated_by_a_stop() -> None:
-    """Stops are sent from another thread: an order that was checked must not begin after one."""
+    """Stops come from another thread, and must prevent an order already checked."""
     sent: list[object] = []
     stops: list[Thread] = []
 

@@ -1,4 +1,4 @@
-"""Dead weights on the page: one after the other, each when the user says that it lies there."""
+"""Dead weights on the page, one by one, each confirmed by the user."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ REST_OHM = 9000.0
 
 
 class PadAndUser:
-    """A sheet that follows a power law at once, and someone who lays on it what the guide says."""
+    """A sheet with an instant power law, and a user who follows the guide."""
 
     layout = RIGID_LAYOUT
     limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)

@@ -76,7 +76,7 @@ def test_doubt_of_the_gain_widens_the_interval_until_it_covers() -> None:
 def read_as(
     read_n: np.ndarray, *, n_per_mm: float, law_sd: float
 ) -> tuple[Measurement, ClosingSteps]:
-    """Close on a spring in many steps, with forces read as given; the last one is right."""
+    """Close on a spring in many steps with given forces; the last is correct."""
     opening = 40.0 - STEPS_N / n_per_mm - GIVE.give_mm(STEPS_N)
     curve = ClosingSteps(width_mm=opening, force_n=read_n, gain_sd=0.03, law_sd=law_sd, floor_n=0.1)
     held = Measurement(value=8.0, low=7.6, high=8.4, unit="n", level=0.9)

@@ -126,7 +126,7 @@ def felt(low: float, value: float, high: float) -> Measurement:
 @pytest.mark.slow
 @pytest.mark.parametrize("rate", [0.01, 0.1])
 def test_bound_lets_no_more_objects_be_damaged_than_it_says(rate: float) -> None:
-    """Fruit whose compliance is felt to 0.07 mm/N, about a fifth; the promise holds on average."""
+    """Fruit compliance is known to 0.07 mm/N, a fifth; the bound holds on average."""
     rng, damaged, count = np.random.default_rng(11), 0, 0
     for seed in (1, 2, 3, 4):
         paths, limits_n, kinds = orchard(120, seed=seed)

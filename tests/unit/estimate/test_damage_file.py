@@ -1,4 +1,4 @@
-"""The damage file: what is written is read, and what is bad is refused in one line."""
+"""The damage file: round trip, and refusal of bad files in one line."""
 
 from __future__ import annotations
 

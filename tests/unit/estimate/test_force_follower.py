@@ -1,4 +1,4 @@
-"""Newtons at every frame by the law of dead weights; the weight that narrows it most."""
+"""Newtons at every frame by the dead-weight law, and the most useful next weight."""
 
 from __future__ import annotations
 

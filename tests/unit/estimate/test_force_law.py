@@ -1,4 +1,4 @@
-"""The force law: what known forces do to it, what it says without any, and its file."""
+"""The force law: effect of known forces, prior alone, and its file."""
 
 from __future__ import annotations
 

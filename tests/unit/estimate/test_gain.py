@@ -1,4 +1,4 @@
-"""Current law, gain of a contact, and bending fingers: what they refuse, and how sure they are."""
+"""Current law, gain of a contact and bending fingers: refusals and uncertainty."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_no_reading_of_a_grip_measures_nothing() -> None:
 
 
 def closed_empty(*, movement_sd: float, seed: int = 3) -> CurrentPairs:
-    """Return two long closings and forty short ones of gears that take 36 to 44 mA on their way."""
+    """Return two long and forty short closings of gears that take 36 to 44 mA."""
     rng = np.random.default_rng(seed)
     runs = [np.linspace(70.0, 10.0, 400)] * 2
     runs += [np.linspace(70.0 - 1.5 * k, 68.6 - 1.5 * k, 7) for k in range(40)]
@@ -164,7 +164,7 @@ def test_a_sure_measurement_outweighs_an_unsure_sheet_and_the_other_way_round() 
 
 
 def test_an_outlier_moves_the_gain_less_than_what_is_near() -> None:
-    """A movement of the gears may take three times what others do; six sheets' errors it is not."""
+    """A movement may take three times the usual current; the sheet's error is smaller."""
     sheet = Gain.from_calibration(law_sd=0.1)
 
     def mean(force_n: float) -> float:

@@ -1,4 +1,4 @@
-"""Force as a sum over pixels: the spread of the load drops out, doubts come from placements."""
+"""Force as a sum over pixels: independent of load spread, uncertain by placement."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ FORCE_N = np.array([0.0, 0.6, 2.0, 4.0, 6.0])
 def grasped(
     stiffness: float, *, gain: float = 1.0, half: float = 0.1, gain_sd: float = 0.1
 ) -> Measurement:
-    """Close on an object of 40 mm, on a sheet that reads every force times the gain."""
+    """Close on a 40 mm object, with every force read times the gain."""
     width_mm = 40.0 - (3.5 + 1.0 / stiffness) * FORCE_N
     width_mm[0] = 40.5
     curve = ClosingSteps(
@@ -71,7 +71,7 @@ def test_errors_of_the_sheet_lie_inside_the_interval(stiffness: float) -> None:
 
 
 def test_first_and_last_force_are_read_with_one_gain() -> None:
-    """What is measured is the softness of hand and object together, in proportion to the gain."""
+    """The measured compliance of gripper and object is proportional to the gain."""
     plain, more = (3.5 + 1 / grasped(0.1, gain=gain, half=0.02).value for gain in (1.0, 1.3))
     assert 1.3 * more == pytest.approx(plain, rel=0.02)
 

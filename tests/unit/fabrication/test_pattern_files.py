@@ -67,7 +67,7 @@ def polygons(text: str, tmp_path: Path) -> list[Polygon]:
 
 
 def cut_layers(pattern: Pattern, tmp_path: Path) -> dict[str, tuple[list[Polygon], list[Polygon]]]:
-    """Return per layer its parts and its marks, turned back to how the sensor is seen."""
+    """Return each layer's parts and marks, mirrored back to the sensor's view."""
     layers = {}
     for layer in pattern.layers():
         shapes = polygons(draw_layer_svg(pattern, layer), tmp_path)

@@ -1,4 +1,4 @@
-"""The touch after a way at speed: what the sheet remembers of the first one is waited for."""
+"""Contact after a fast approach, with a wait for the first contact's residual."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_residual_of_the_sheet_is_not_a_touch(plan: Plan, bench: Any) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("level", ["lab", "field"])
 def test_slowing_down_before_an_expected_size_is_no_touch(level: str) -> None:
-    """Resistances rise with the speed of the fingers, and fall as they slow down or by noise."""
+    """Resistances rise with finger speed, and fall on deceleration or by noise."""
     calibration = calibrate_twin(seed=5, level=level, apart_from="strawberry")
     # So light that a finger which pushes it to the middle feels nothing.
     berry = replace(draw("strawberry", 11), mass_g=0.1)
@@ -159,7 +159,7 @@ def test_second_finger_is_approached_at_speed(plan: Plan, bench: Any) -> None:
 
 
 def test_nearly_equal_fingers_are_a_touch_and_not_a_push(plan: Plan, bench: Any) -> None:
-    """A sheet that is nearly blind to a newton: one finger just feels it, the other just not."""
+    """On a nearly insensitive sheet, one finger barely detects 1 N, the other not."""
     rest, size_mm = list[np.ndarray](), bench.size_mm
 
     def faint(frame: Frame) -> Frame:

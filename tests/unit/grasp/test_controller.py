@@ -1,4 +1,4 @@
-"""Tries, lifting, the damage limit, and what single fingers feel, on a spring in the hand."""
+"""Tries, lift, damage limit and single fingers, on a spring in the gripper."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def test_on_target_is_reported_before_the_answer(plan: Plan, bench: Any) -> None
 
 
 def test_a_push_on_one_finger_is_no_contact(plan: Plan, bench: Any) -> None:
-    """The first finger pushes the object for 3 mm before the other one touches it too."""
+    """The first finger pushes the object for 3 mm before contact of the other."""
 
     def pushed(frame: Frame) -> Frame:
         # A sheet without any noise would count as stuck.
@@ -198,7 +198,7 @@ def test_run_grasp_command_that_the_gripper_rounds_is_taken_as_sent(plan: Plan, 
 
 
 def test_corrections_are_steps_of_the_closing_too(plan: Plan, bench: Any) -> None:
-    """The object gives way once the squeeze has ended; the hand closes on, and reads again."""
+    """The object yields after the squeeze; the gripper closes on and reads again."""
     seen = list[GraspState]()
 
     def watch(grasp_state: GraspState) -> None:

@@ -15,7 +15,7 @@ N_PER_MM = 2.0
 
 
 def touch(force_n: float) -> Touch:
-    """Return what the sheet of these tests reads at a force: twice as many excess conductances."""
+    """Return the sheet's reading at a force, with twice the excess conductance."""
     return Touch(
         time_s=1.0, finger_percent=(-30.0, -30.0), relative_percent=-30.0, reading=2.0 * force_n
     )
@@ -26,7 +26,7 @@ def settled(force_n: float) -> Measurement:
 
 
 def holding(force_n: float) -> GraspState:
-    """Return the state of a hand that has squeezed to a force, and knows what it settles to."""
+    """Return the state of a gripper after a squeeze, with its settled force known."""
     closures = (20.0, 20.5, 21.0)
     steps = tuple(
         ClosingStep(closure=each, touch=touch(force_n - N_PER_MM * (21.0 - each)))
@@ -55,7 +55,7 @@ def test_correction_upwards_adds_the_missing_force(plan: Plan) -> None:
 def test_short_correction_lowers_the_slope_to_a_quarter_at_most(
     plan: Plan,
 ) -> None:
-    """Half a millimetre raised it by 0.1 N where 1 N was expected: at most four times as far."""
+    """Half a millimetre gave 0.1 N instead of 1 N; the next step is quadrupled."""
     state = holding(4.0)
     state.correction.before = (20.5, 3.9)
     wish = press_on(state, settled(4.0), plan, missing_n=0.2)

@@ -27,7 +27,7 @@ def calibrated(plan: Plan) -> Plan:
 
 
 def estimate_of(reading: float, *, closure: float, still: bool) -> ContactEstimate:
-    """Return the estimate of a grasp whose sheet reads so, in a hand that stands or moves."""
+    """Return the estimate with a sheet reading, for a resting or moving gripper."""
     percent = -2.0 * reading
     touch = Touch(
         time_s=10.0, finger_percent=(percent, percent), relative_percent=percent, reading=reading
@@ -115,7 +115,7 @@ def test_one_current_of_a_standing_hand_above_the_ceiling_raises_no_alarm(
 def test_force_without_a_reading_of_the_sheet_raises_an_alarm(
     calibrated: Plan, reading: float
 ) -> None:
-    """An object beside the sheet: known at once where it is much, else by two movements."""
+    """An object beside the sheet is noticed at once, or by two movements."""
     alarm = moved(CurrentMonitor(calibrated), of_force(6.0), closure=20.0, reading=reading)[-1]
     assert alarm.danger is Danger.UNSEEN_FORCE
     assert "and the sheet at most" in alarm.words
@@ -171,7 +171,7 @@ def swept(
     reading: Callable[[float], float] = lambda closure: 0.0,
     rng: np.random.Generator | None = None,
 ) -> tuple[float, Alarm | None]:
-    """Close by 30 mm at 15 mm/s in one go, 15 frames/s and a look each 10 ms.
+    """Close by 30 mm at 15 mm/s without pause, at 15 frames/s.
 
     Returns the closure at which an alarm came, and it.
     """
@@ -301,7 +301,7 @@ def test_a_step_back_that_falls_between_two_frames_is_no_grip(calibrated: Plan) 
 
 
 def smallest_n(plan: Plan, movements: int) -> float:
-    """Return the smallest force that is an alarm after so many movements, to a twentieth of 1 N."""
+    """Return the smallest force with an alarm after these movements, to 0.05 N."""
     for force_n in np.arange(0.0, 8.0, 0.05):
         watch = CurrentMonitor(plan)
         for movement in range(movements):
@@ -315,7 +315,7 @@ def smallest_n(plan: Plan, movements: int) -> float:
 def test_lower_bound_of_the_force_follows_the_current(
     calibrated: Plan, movements: int, deviations: float
 ) -> None:
-    """Gears at their most, four readings, a cold motor; twice what the sheet shows at most."""
+    """Highest gear friction, four readings, cold motor; at most twice the sheet's force."""
     shown_n = float(calibrated.early_law.force_n(0.0, level=calibrated.level).high)
     gears_ma = GEARS_MA * np.exp(deviations * 4.0 / GEARS_MA) + deviations * 6.0 / np.sqrt(4)
     per_n = MA_PER_N * (1.0 + 2.0 * 0.035)
@@ -342,7 +342,7 @@ def test_the_gears_are_learned_from_four_movements_however_long_the_hand_stands(
 
 
 def test_one_report_seen_often_is_not_stuck(calibrated: Plan) -> None:
-    """A recording that is decided again gives the same report whenever the hand is looked at."""
+    """A recording repeats the same report at every reading of the gripper."""
     watch = CurrentMonitor(calibrated)
     state = GripperState(time_s=1.0, width_mm=50.0, current_ma=GEARS_MA, moving=True)
     estimate = estimate_of(0.0, closure=24.0, still=False)

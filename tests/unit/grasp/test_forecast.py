@@ -1,4 +1,4 @@
-"""What is held is never forecast to read next to nothing, however fast the reading falls."""
+"""The forecast of a held object stays above zero, however fast its reading falls."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_the_sheets_own_creep_takes_its_place(plan: Plan) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_forecast_of_the_change_follows_the_creep_that_the_calibration_knows(seed: int) -> None:
-    """Simulated soft fingers, gently; the forecast by shapes alone was 15 to 30 % too deep."""
+    """Gentle simulated soft fingers; shapes alone forecast 15 to 30 % too deep."""
     calibration = calibrate_twin(seed=seed, level="lab", apart_from="tomato", kind="soft")
     obj = draw("tomato", seed, 10)
     world = World(obj, seed=seed, sheet_seed=seed, level="lab", gripper="soft")

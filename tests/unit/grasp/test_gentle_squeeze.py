@@ -1,4 +1,4 @@
-"""Where a squeeze without a target ends: once the stiffness is known, or the object gives way."""
+"""End of a squeeze without target: stiffness known, or the object yields."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SQUEEZING = (Phase.SQUEEZE, Activity.FORECAST, Phase.HOLD)
 
 
 def grasped(plan: Plan, bench: Any, n_per_mm: float) -> tuple[GraspResult, float, float]:
-    """Grasp a spring; return the result, and the largest forces of the touch and the squeeze."""
+    """Grasp a spring; return the result and peak forces of contact and squeeze."""
     bench.n_per_mm = n_per_mm
     touch_n, squeeze_n = [0.0], [0.0]
 

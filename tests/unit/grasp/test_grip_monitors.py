@@ -1,4 +1,4 @@
-"""When a held object counts as gone, and when a reading does not follow the hand."""
+"""Loss of a held object, and readings that do not follow the gripper."""
 
 from __future__ import annotations
 

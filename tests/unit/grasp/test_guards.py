@@ -1,4 +1,4 @@
-"""What ends a grasp whose sensor or gripper tells what can't be, on a spring in the hand."""
+"""Faults of sensor and gripper that end a grasp, on a spring."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_shorts_in_a_grip_end_it(plan: Plan, bench: Any, where: Any) -> None:
 
 
 def test_all_counts_at_the_top_while_closing_open_the_hand(plan: Plan, bench: Any) -> None:
-    """One wire of the dividers' ground is off: the fingers close on a block that nobody feels."""
+    """With a ground wire off, the fingers close on an undetected block."""
     bench.n_per_mm = 50.0
     peaks = list[float]()
     spoil_frames(bench, lambda counts: counts * 0 + 1023, when=lambda: bench.clock.now_s() > 1.0)
@@ -187,7 +187,7 @@ def test_one_odd_interval_does_not_move_the_stale_limit(
 
 
 def test_two_frames_close_together_do_not_move_the_stale_limit(plan: Plan, bench: Any) -> None:
-    """A late frame that the next one follows at once, and then a gap of three periods."""
+    """A late frame, the next at once, then a gap of three periods."""
     read, gap_s = bench.read, [3 * PERIOD_S]
 
     def bunched(*, timeout_s: float) -> Frame:
@@ -257,7 +257,7 @@ def test_running_past_the_target_is_known_at_once(plan: Plan, bench: Any) -> Non
 
 
 def test_a_hand_that_closes_too_fast_is_not_held(plan: Plan, bench: Any) -> None:
-    """Its driver takes the speed in other units, and reports that it was sent as wanted."""
+    """The driver uses other speed units, and reports the wanted speed as sent."""
     command = bench.command
 
     def faster(wanted: Any) -> Any:
@@ -273,7 +273,7 @@ def test_a_hand_that_closes_too_fast_is_not_held(plan: Plan, bench: Any) -> None
 
 
 def test_a_hand_that_never_moves_is_known_after_a_few_commands(plan: Plan, bench: Any) -> None:
-    """The steps are so short that each alone is within what a loaded servo may be off."""
+    """Each short step alone is within the position error of a loaded servo."""
     sent = list[Any]()
     bench.command = lambda wanted: sent.append(wanted) or wanted
     result = bench.grasp(replace(plan, step=0.2, fine_step=0.2))
@@ -283,7 +283,7 @@ def test_a_hand_that_never_moves_is_known_after_a_few_commands(plan: Plan, bench
 
 
 def test_a_hand_that_never_moved_is_still_sent_to_open(plan: Plan, bench: Any) -> None:
-    """A release that is asked for after as many commands as it takes to call it blocked."""
+    """A release requested after the number of commands that count as blocked."""
     sent, requests, sent_s = list[Any](), Requests(), list[float]()
 
     def command(wanted: Any) -> Any:
@@ -310,7 +310,7 @@ def test_a_hand_that_never_moved_is_still_sent_to_open(plan: Plan, bench: Any) -
 def test_frames_from_the_future_are_taken_up_to_the_age_of_old_ones(
     plan: Plan, bench: Any, ahead_s: float, outcome: str
 ) -> None:
-    """Two clocks may differ; by more than the limit of a stale frame they are not believed."""
+    """Two clocks may differ by at most the limit of a stale frame."""
 
     def ahead(frame: Frame) -> Frame:
         late = frame.sequence > 30

@@ -1,4 +1,4 @@
-"""The paper's method on the twin: contact by the mean of all pixels, size, settled value, force."""
+"""The paper's method on the twin: contact by mean, size, settled value, force."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_recorded_paper_grasp_is_decided_again_alike(tmp_path: Path, palpate: Co
 def test_the_papers_own_grasp_is_read_alike_as_the_hand_moved(
     tmp_path: Path, palpate: Command
 ) -> None:
-    """Steps of 1 mm end within a frame, so that no frame sees the hand move."""
+    """Steps of 1 mm end within a frame, so no frame shows movement."""
     file = tmp_path / "run.mcap"
     live = grasped(palpate, "--extra-mm", "0.5", "--record", file)
     read = palpate("replay", file, "--method", "paper", "--json").document

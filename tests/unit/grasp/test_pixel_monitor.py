@@ -71,7 +71,7 @@ def test_a_sheet_pressed_beyond_the_range_is_no_short(plan: Plan) -> None:
 
 
 def climbing(pixels: int) -> list[Any]:
-    """Return frames in which so many pixels come to the top count by count, six are loaded."""
+    """Return frames in which pixels rise to the top by counts; six are loaded."""
     frames = at_rest(2)
     for number in range(20):
         frame = np.full((4, 2), 900) + number % 2
@@ -189,7 +189,7 @@ def test_sensor_that_usually_repeats_frames_raises_no_alarm(plan: Plan) -> None:
 
 
 def test_equal_pixels_raise_an_alarm(plan: Plan) -> None:
-    """Their flicker keeps each of them awake, and at rest no two of them are alike."""
+    """Their noise keeps each pixel alive, and none are alike at rest."""
     unlike = np.linspace(8000.0, 10_000.0, 8).reshape(4, 2)
     frames = [np.linspace(300, 380, 8).reshape(4, 2).round() for _ in range(3)]
     frames += [512 + np.arange(8).reshape(4, 2) % 2 * (number % 2) for number in range(2)]
@@ -219,7 +219,7 @@ def test_two_silent_pixels_are_a_quiet_sheet_and_not_stuck(
 def test_unusual_repeats_of_frames_raise_an_alarm(
     plan: Plan, lively: int, alike: int, known: bool
 ) -> None:
-    """Of so many frames, so many in a row were alike once; then none is new any more."""
+    """Repeated frames occurred once in normal use; then no frame is new."""
     frames = [np.full((4, 2), REST + number % 2) for number in range(lively - alike + 1)]
     frames += [frames[-1]] * (alike - 1)
     frames += [np.full((4, 2), REST + 9)] * 12

@@ -1,4 +1,4 @@
-"""`Outcome` lists every reason to end a grasp: the modules that decide one are named there."""
+"""`Outcome` lists every reason for an end, with the module that decides it."""
 
 from __future__ import annotations
 

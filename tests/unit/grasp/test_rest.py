@@ -1,4 +1,4 @@
-"""Rest values of a grasp: weather, a hand on the sheet, and a thing that is held already."""
+"""Rest values of a grasp: climate, a loaded sheet, an object already held."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_a_sheet_that_never_rests_is_read_by_the_old_values(plan: Plan, bench: A
 
 @pytest.mark.slow
 def test_field_sheet_in_another_climate_measures_the_size() -> None:
-    """A hot day: the sheet reads a third less at rest than when it was calibrated."""
+    """On a hot day the sheet reads a third less at rest than when calibrated."""
     calibration = calibrate_twin(seed=172, level="field", apart_from="strawberry")
     thing = draw("strawberry", 5)
     world = World(thing, seed=9171, sheet_seed=172, level="field")

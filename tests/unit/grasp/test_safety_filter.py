@@ -13,7 +13,7 @@ from palpate.gripper.interface import GripperCommand
 
 
 def pressed(force_n: float, **known: float) -> ContactEstimate:
-    """Return the estimate of a hand that has closed by 20 mm and presses with a force."""
+    """Return the estimate of a gripper closed by 20 mm with a given force."""
     return ContactEstimate(closure=20.0, sent=20.0, force_n=force_n, force_high_n=force_n, **known)
 
 

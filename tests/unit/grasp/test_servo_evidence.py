@@ -1,4 +1,4 @@
-"""A spring in a hand whose servo tells its current: what that mends, up and down."""
+"""A spring in a gripper with servo current, which corrects the force."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LAW = CurrentLaw(gears=GEARS, ma_per_n=16.0, noise_ma=6.0)
 
 @pytest.fixture
 def slow(bench: Any) -> Any:
-    """A hand that takes its time, so that frames fall into its movements, and tells its current.
+    """A slow gripper with frames during its movements and with servo current.
 
     Its sheet reads `gain` times what it was calibrated to.
     """

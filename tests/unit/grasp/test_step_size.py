@@ -1,4 +1,4 @@
-"""How far the hand closes next: by slope, noise, and what is known of the damage limit."""
+"""The next closing step, from slope, noise and the damage limit."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_slope_n_ignores_travel_with_one_finger_in_contact(plan: Plan) -> None:
 
 
 def test_squeeze_step_is_not_much_longer_than_the_depth_so_far(plan: Plan) -> None:
-    """Far from its goal a step could be long, but the slope is known only as far as it was felt."""
+    """Far from target a step could be long, but the slope's range is short."""
     estimate = stairs(force_n=[0.8, 1.3], step_mm=0.25)
     depth_mm = squeeze_depth(estimate, plan)
     assert depth_mm == pytest.approx(0.25 + 0.8 / 2.0, rel=0.1)
@@ -106,7 +106,7 @@ def test_run_grasp_where_noise_looks_like_a_slope_stays_near_the_target(
 
 
 def felt(*, first: float, second: float, force_n: float) -> ContactEstimate:
-    """Return the estimate of a hand that has closed by a millimetre while its fingers felt this."""
+    """Return the estimate of a gripper closed by 1 mm with these finger forces."""
     touch = Touch(
         time_s=1.0,
         finger_percent=(first, second),

@@ -19,7 +19,7 @@ def first_touch_s(
     noise: float = NOISE,
     slowed: bool = False,
 ) -> float | None:
-    """Return when a way of 3 s says that it touched; `change` per second of some pixels."""
+    """Return the contact time in a 3 s approach; some pixels `change` per second."""
     rng = np.random.default_rng(seed)
     sweep = Sweep(rate=10.0, end=60.0, since_s=0.0, slowed=slowed)
     for index in range(int(3.0 * RATE_HZ)):
@@ -42,7 +42,7 @@ def test_rise_of_the_movement_is_not_a_touch(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_noise_alone_is_no_touch(seed: int) -> None:
-    """Single frames of a noisy sheet fall by more than the slow falls that are looked for."""
+    """Single noisy frames fall further than the slow falls of a contact."""
     assert first_touch_s({}, begins_s=0.0, seed=seed, noise=0.005) is None
 
 
@@ -108,7 +108,7 @@ def test_a_moderate_touch_soon_after_slowing_down_is_noticed() -> None:
 
 @pytest.mark.parametrize(("more_ma", "felt"), [(0.0, False), (33.0, False), (41.0, True)])
 def test_a_pull_of_the_servo_is_a_touch_beside_the_pixels(more_ma: float, felt: bool) -> None:
-    """From 4.5 deviations of noise (6 mA) and 15 % of what the gears take (54 mA) on."""
+    """Limits are 4.5 deviations of noise (6 mA) and 15 % of friction (54 mA)."""
     gears = GearFriction(mean_ma=54.0, mean_sd_ma=1.0, movement_ma=4.0)
     current = CurrentLaw(gears=gears, ma_per_n=16.0, noise_ma=6.0)
     rng, sweep = np.random.default_rng(4), Sweep(rate=10.0, end=60.0, since_s=0.0)

@@ -1,4 +1,4 @@
-"""A gripper that does not go where it was sent: late, beyond, idle, or an impossible report."""
+"""A gripper off its command: late, beyond, idle, or an impossible report."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_idle_is_less_than_a_third_of_what_the_rate_makes(
 def speeds(
     limits: GripperLimits, moves: list[tuple[float, float, float]], *, every_s: float
 ) -> list[str]:
-    """Return the complaints about movements of a rate, a real speed and a way, one after another.
+    """Return the messages for movements of given rate, true speed and distance.
 
     Between two of them the hand stands for half a second.
     """

@@ -20,7 +20,7 @@ MUX_OHM, REFERENCE_OHM, SUPPLY_V = 70.0, 4700.0, 5.0
 def read_pixel(
     pixel_ohm: NDArray[np.float64], row: int, col: int, pin_ohm: float
 ) -> tuple[float, float]:
-    """Return what the divider reads of a pixel, ohm, and the current of its row's pin."""
+    """Return the divider's reading of a pixel, ohm, and its row pin's current."""
     rows, cols = pixel_ohm.shape
     network, driven = np.zeros((rows + cols, rows + cols)), np.zeros(rows + cols)
     network[:rows, rows:] = -1.0 / pixel_ohm

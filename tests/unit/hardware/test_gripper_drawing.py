@@ -1,4 +1,4 @@
-"""The drawing of the gripper to cut: one set of lines in both files, pieces apart on the sheet."""
+"""The gripper drawing: equal lines in both files, parts apart on the sheet."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where holds are cut on real recordings, against the load cell that the cutter may not read."""
+"""Cuts of holds in real recordings, against the load cell hidden from the cutter."""
 
 from __future__ import annotations
 

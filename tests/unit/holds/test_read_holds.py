@@ -1,4 +1,4 @@
-"""Holds files as users have them: what is read, and what is refused in one line that says where."""
+"""Users' holds files: accepted ones, and one-line refusals with their place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings in the forms that users have: each gives the same holds, or one clear line."""
+"""Users' recording formats: each gives the same holds, or one clear line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bruises of items in a store: what they are held against, what labels teach, what is said."""
+"""Bruises of stored items: references, training by labels, and texts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is acknowledged survives a power cut, a second writer and a server that never answers."""
+"""Acknowledged records survive a power cut, a second writer and a dead server."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from palpate.produce.store.engine import make_engine, store_url
 
 @pytest.fixture
 def synced(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
-    """Return a list that fills with what reached the disk: inode, and its size at that moment."""
+    """Return a list that records each file sync: inode, and size then."""
     calls: list[tuple[int, int]] = []
     really = os.fsync
 

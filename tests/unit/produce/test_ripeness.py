@@ -1,4 +1,4 @@
-"""Ripeness: firmness of grasps, drift, courses, stages and what is said of an item of the store."""
+"""Ripeness: firmness of grasps, drift, courses, stages and the text for an item."""
 
 from __future__ import annotations
 
@@ -244,7 +244,7 @@ def test_without_labels_an_item_is_judged_by_its_first_day() -> None:
 
 
 def drifted(item_id: str, truth: float, *, ratio: float, day: float) -> Grasp:
-    """Return a grasp at 5 N read, by a sensor that reads `ratio` times the true force.
+    """Return a grasp at 5 N by a sensor that reads `ratio` times the force.
 
     Of a thing of 60 mm by a hand that gives way by 0.25 mm/N; the ball is like a spring, fruit is
     round.
@@ -261,7 +261,7 @@ def drifted(item_id: str, truth: float, *, ratio: float, day: float) -> Grasp:
 
 
 def ball_at(read_over_true: float, *, day: float) -> Grasp:
-    """Return a grasp of a ball of 4 N/mm by a hand that does not give way."""
+    """Return a grasp of a 4 N/mm ball by a gripper without compliance."""
     return grasp("ball", 4.0, day=day, width_mm=60.0 + 5.0 / 4.0 / 1.25 * math.log(read_over_true))
 
 

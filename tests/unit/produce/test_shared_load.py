@@ -1,4 +1,4 @@
-"""Soft fingers: how wide an item is, and how many pixels share its load, whatever its size."""
+"""Soft fingers: width of an item, and pixels that share its load."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def grasped(world: World, plan: Plan) -> Felt:
 
 @cache
 def on_sensor(seed: int) -> dict[float, Felt]:
-    """Return one grasp each of a small and a large fruit that are alike in all else."""
+    """Return one grasp of a small and a large fruit, otherwise alike."""
     calibration = calibrate_twin(seed=seed, level="lab", apart_from="avocado", kind="soft")
     fruit = draw_avocado(np.random.default_rng(3)).spot(0.0, rng=np.random.default_rng(4))
     found = {}
@@ -165,7 +165,7 @@ def test_residual_before_the_touch_is_ignored() -> None:
 
 
 def test_closing_without_a_light_touch_has_no_exponent(by_size: dict[float, Felt]) -> None:
-    """The sheet forgets the last grasp meanwhile: all pixels but one read less than at first."""
+    """The last grasp's residual fades: all pixels but one read less than at first."""
     felt = by_size[SIZES_MM[0]]
     last = max(one.time_s for one in felt.result.moments if one.name == "answer")
     rest = np.asarray(felt.seen[0].frame.counts)

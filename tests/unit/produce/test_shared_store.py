@@ -1,4 +1,4 @@
-"""Records written here reach the shared store once, in order, while it is away and after."""
+"""Local records reach the shared store once, in order, during and after its absence."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ OpenStore = Callable[[str], AbstractContextManager[Store]]
 
 @contextmanager
 def station(monkeypatch: pytest.MonkeyPatch, folder: Path, url: str) -> Iterator[Store]:
-    """Yield the store of one station: a state folder of its own, the server of all."""
+    """Yield the store of one station: own state folder, shared server."""
     monkeypatch.setenv("XDG_STATE_HOME", str(folder))
     with Store.open(url) as store:
         yield store

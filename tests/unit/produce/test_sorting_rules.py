@@ -1,4 +1,4 @@
-"""From what is known of an item to its bin, and from its first grasp to the last."""
+"""From an item's known facts to its bin, from first to last grasp."""
 
 from __future__ import annotations
 

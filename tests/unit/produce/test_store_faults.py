@@ -1,4 +1,4 @@
-"""What a user reads when a store can't be used: one line, and an exit status that fits."""
+"""Messages for an unusable store: one line, and a fitting exit status."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def path(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def without_root() -> Iterator[Path]:
-    """Give up root's rights, to which no file is read-only; yield a folder of one's own."""
+    """Drop root's rights, which ignore read-only files; yield a private folder."""
     folder = Path(tempfile.mkdtemp(prefix="palpate-store-"))
     was = os.geteuid()
     if was == 0:

@@ -1,4 +1,4 @@
-"""Many processes write at once and are killed at any step: no acknowledged grasp is lost."""
+"""Many processes write at once and are killed anywhere; no acknowledged grasp is lost."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def start(url: str, *, processes: int, grasps: int) -> subprocess.Popen[str]:
 
 
 def written(url: str) -> set[str]:
-    """Return every grasp of the store, of the shared one if it has one; each once and whole."""
+    """Return every grasp of the store, or of the shared one; each once, complete."""
     with Store.open(url, create=False) as store:
         grasps = list(store.grasps())
         assert store.away is None
@@ -61,7 +61,7 @@ def in_order(lines: str, found: list[str]) -> bool:
 def test_process_killed_before_each_statement_loses_nothing_acknowledged(
     url: str, work: str
 ) -> None:
-    """A grasp is there whole or not at all, and the shared store has each once, in order."""
+    """A grasp is stored completely or not, and once in the shared store, in order."""
     command = [sys.executable, str(WRITER), "steps", url, work]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     steps = int(done.stdout.splitlines()[-1].split()[1])

@@ -28,7 +28,7 @@ def info() -> RecordingInfo:
 
 @pytest.fixture
 def messages() -> list[RecordedMessage]:
-    """Four seconds at 50 frames/s: closing for 1 s, still for 2 s, opening for 1 s."""
+    """Four seconds at 50 frames/s: closing 1 s, still 2 s, opening 1 s."""
     rng = np.random.default_rng(0)
     made: list[RecordedMessage] = []
     for k in range(200):

@@ -28,7 +28,7 @@ from palpate.signal.circuit import resistance_ohm
 def grasp(
     *, gripper: bool = True, counts_held: int = 600, seconds: float = 3.0
 ) -> list[RecordedMessage]:
-    """Rest 1 s, close 0.5 s, hold, open 0.5 s and rest 1.5 s, at 50 frames/s."""
+    """Rest 1 s, close 0.5 s, hold, open 0.5 s, rest 1.5 s; 50 frames/s."""
     made: list[RecordedMessage] = []
     opened_s = 1.5 + seconds
     for k in range(int((opened_s + 2.0) * 50)):

@@ -1,4 +1,4 @@
-"""The picture of a recording shows every pixel, the gripper, the load cells and the events."""
+"""A recording's figure shows every pixel, gripper, load cells and events."""
 
 import dataclasses
 

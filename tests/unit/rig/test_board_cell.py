@@ -1,4 +1,4 @@
-"""Load cells of a board as reference forces: a real serial array, a board on a pseudo-terminal."""
+"""Load cells on a board as reference, over a pseudo-terminal."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ REST_OHM = 8e3 * np.exp(np.random.default_rng(1).normal(0, 0.2, (4, 2)))
 def pressed(
     wiring: Callable[[Pixel], Pixel], *, deaf: Pixel | None = None, rest_ohm: np.ndarray = REST_OHM
 ) -> list[Finding]:
-    """Press what the watch asks for, at 50 Hz, by a finger that spills over, on creeping pixels."""
+    """Press as asked, at 50 Hz, with spread to neighbours, on creeping pixels."""
     watch = PressWatch(rest_ohm, timeout_s=5.0)
     rng = np.random.default_rng(2)
     load, memory = np.zeros((4, 2)), np.zeros((4, 2))

@@ -1,4 +1,4 @@
-"""Settling learned from a sensor's own holds, on invented sheets that settle in their own way."""
+"""Settling learned from a sensor's own holds, on invented sheets."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TIME_S = np.arange(1, 303) / 15.0
 
 
 def holds(seed: int, count: int, *, noise: float = 0.03) -> FloatArray:
-    """Sheets that gain a fifth between 2.5 s and 20 s, late: no general prior expects that."""
+    """Sheets that gain a fifth late, from 2.5 s to 20 s, against the prior."""
     rng = np.random.default_rng(seed)
     level = -rng.uniform(20, 60, count)[:, None]
     share = 0.3 * np.exp(0.1 * rng.standard_normal(count))[:, None]

@@ -20,7 +20,7 @@ REST_OHM = 40e3
 
 
 def left(level: float) -> NDArray[np.float64]:
-    """Return R / R_rest of a hold whose contact is over in a fifth of a second."""
+    """Return R / R_rest of a hold with a contact of 0.2 s."""
     fast, slow = 0.8 * np.exp(-TIME_S / 0.08), 0.15 * np.exp(-TIME_S / 2.0)
     return np.asarray(level * (1 + slow - 0.03 * np.log(TIME_S + 0.3)) + fast)
 

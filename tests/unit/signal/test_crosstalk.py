@@ -37,7 +37,7 @@ def node_voltages(resistors: list[Resistor], sources_v: dict[str, float]) -> dic
 def divider_reading_ohm(
     matrix: NDArray[np.float64], row: int, col: int, *, reference_ohm: float, held: bool
 ) -> float:
-    """Read one pixel as the board does: 5 V on its row, the reference resistor on its column."""
+    """Read one pixel as the board does: 5 V on its row, divider on column."""
     resistors = [
         (f"row{i}", f"col{j}", float(matrix[i, j]))
         for i in range(matrix.shape[0])

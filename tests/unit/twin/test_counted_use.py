@@ -1,4 +1,4 @@
-"""Who keeps the count of a sheet's use, and says it anew, counts no contact twice."""
+"""Repeated counts of a sheet's use count no contact twice."""
 
 from __future__ import annotations
 

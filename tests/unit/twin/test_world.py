@@ -1,4 +1,4 @@
-"""A world as a whole: cause and effect, determinism, truth, and that it is not kind."""
+"""A whole world: cause and effect, determinism, truth, realistic difficulty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The files of a LeRobot data set, format v3.0: frames, episodes, tasks, statistics, what is what.
+"""The files of a LeRobot v3.0 data set: frames, episodes, tasks, statistics, description.
 
 Written as LeRobot 0.4's own writer lays them out; its loader reads them
 (`bridges/lerobot/check_with_lerobot.py`).

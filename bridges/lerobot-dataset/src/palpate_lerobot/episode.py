@@ -1,4 +1,4 @@
-"""A recorded grasp as an episode: what was seen and commanded at each tick of an even raster.
+"""A recorded grasp as an episode: observations and commands on an even time grid.
 
 A recording keeps no commands. They are decided again, by the controller and from the recorded
 frames, as `palpate replay` does; what the hand did is as it was recorded.
@@ -84,7 +84,7 @@ class GraspTrack:
         return action_names(self.info.gripper.drive)
 
     def at_rate(self, fps: int) -> NDArray[np.intp]:
-        """Return which frame is nearest to each tick of a raster that begins with the first.
+        """Return the frame nearest to each tick of an even grid from the first.
 
         Raises
         ------
@@ -102,7 +102,7 @@ class GraspTrack:
 
 
 def state_names(layout: ArrayLayout, drive: str) -> list[str]:
-    """Return the names of what is observed with a sensor on a gripper of one drive.
+    """Return the observation names of a sensor on a gripper of one drive.
 
     Examples
     --------

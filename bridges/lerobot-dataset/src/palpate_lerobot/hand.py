@@ -1,4 +1,4 @@
-"""A calibrated hand as a learned policy drives it: newtons out, openings in, never too much force.
+"""A calibrated gripper for a learned policy: newtons out, openings in, force limited.
 
 Its names are those of the data sets that `palpate export --lerobot` writes, so that what was
 learned from recorded grasps can drive it.
@@ -35,7 +35,7 @@ _ANY = Measurement(value=1e3, low=1e-6, high=1e9, unit="n_per_mm", level=0.9)
 
 
 def learned_limit_n(path: Path, *, kind: str = "") -> float:
-    """Return what any object of a kind bears by a damage file, at most the ceiling, N.
+    """Return the force that any object of a kind withstands, at most the ceiling, N.
 
     Nothing is known of the one object yet: the limit is that of soft and stiff ones together.
 
@@ -135,7 +135,7 @@ class PolicyHand:
         return dict(zip(self.state_names, values, strict=True))
 
     def send(self, action: Mapping[str, float]) -> dict[str, float]:
-        """Send the hand where a policy wants it, as far as is safe; return what was sent.
+        """Move towards the policy's opening as far as is safe; return the opening sent.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""palpate in MuJoCo: the pressure sensor on pads of any model, and a hand that grasps with it."""
+"""palpate in MuJoCo: the sensor on pads of any model, and a gripper that grasps."""
 
 from palpate_mujoco.pads import Pad, TouchGrid
 from palpate_mujoco.sensor import PadSensor

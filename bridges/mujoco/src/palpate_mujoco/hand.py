@@ -1,4 +1,4 @@
-"""Hands as MuJoCo models: where their pads are, and how the opening follows from their servo."""
+"""Grippers as MuJoCo models: positions of their pads, and opening by servo angle."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _OPENING_MM = 2e3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hand:
-    """A hand of two fingers, driven by one servo, that opens as wide as the twin's.
+    """A gripper of two fingers on one servo, with the twin's opening range.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Hand:
         return mujoco.MjSpec.from_file(str(files("palpate_mujoco") / "hands" / self.model))
 
     def place_mm(self, size_mm: float, *, lead_mm: float, first_finger: int) -> float:
-        """Return where on x the middle of an object is, which one finger meets `lead_mm` early.
+        """Return the x of an object that one finger reaches `lead_mm` before the other.
 
         That finger is always the one that moves, if only one does.
         """
@@ -98,7 +98,7 @@ def hand_named(name: str) -> Hand:
 
 
 class Servo:
-    """The servo of a hand in one model: the opening in mm, on a way of constant speed.
+    """The servo of a gripper in one model: opening in mm, at constant speed.
 
     Parameters
     ----------

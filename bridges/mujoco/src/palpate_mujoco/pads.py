@@ -23,7 +23,7 @@ Touch: TypeAlias = tuple[int, float, tuple[float, float]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pad:
-    """Where the sheet of one finger lies on a geom; vectors are in the geom's own frame.
+    """The sheet of one finger on a geom; vectors are in the geom's frame.
 
     Attributes
     ----------
@@ -185,7 +185,7 @@ class PadLoads:
         return touched
 
     def _frame(self, data: mujoco.MjData, pad: int) -> Any:
-        """Return origin (m), normal, along and across of a pad in the world, and middle (mm)."""
+        """Return a pad's origin (m), normal, along and across in the world, and middle (mm)."""
         geom = self._geom[pad]
         axes = (data.geom_xmat[geom].reshape(3, 3) @ self._turn[pad]).T
         return data.geom_xpos[geom].tolist(), axes.tolist(), self._middle_mm[pad]

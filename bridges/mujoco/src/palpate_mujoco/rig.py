@@ -1,4 +1,4 @@
-"""The rigs `mujoco` and `mujoco-so101`: a hand in MuJoCo, an object of the twin, a calibration."""
+"""The rigs `mujoco` and `mujoco-so101`: a MuJoCo gripper, a simulated object, a calibration."""
 
 from __future__ import annotations
 

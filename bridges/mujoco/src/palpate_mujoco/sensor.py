@@ -1,4 +1,4 @@
-"""A pressure sensor on pads of any MuJoCo model: contacts through the twin's sheet to counts."""
+"""A sensor on pads of any MuJoCo model: contacts through the simulated sheet to counts."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ class PadSensor:
         self._placed += 1
 
     def copy(self, data: mujoco.MjData) -> PadSensor:
-        """Return a sensor that goes on from here on its own, on a copy of the state."""
+        """Return an independent sensor that continues from a copy of the state."""
         other = copy.copy(self)
         other.watchers, other.data = [], data
         return other

@@ -1,4 +1,4 @@
-"""An object of the twin in a MuJoCo model: two halves, and the twin's law of force between them.
+"""A simulated object in MuJoCo: two halves with the twin's force law between them.
 
 The halves lie in each other; the left pad meets only the left half, the right pad the right one.
 Their one joint is by how much the object is flattened. On what it stands, it slides along the
@@ -127,7 +127,7 @@ class Thing:
         self.ruptured = False
 
     def copy(self, data: mujoco.MjData) -> Thing:
-        """Return the object as it goes on from here on its own, on a copy of the state."""
+        """Return an independent object that continues from a copy of the state."""
         other = copy.copy(self)
         other._data = data
         return other

@@ -1,4 +1,4 @@
-"""A hand, an object and pads in MuJoCo, as the stage that the twin's devices stand on."""
+"""A gripper, an object and pads in MuJoCo, as a stage for the twin's devices."""
 
 from __future__ import annotations
 

@@ -320,5 +320,5 @@ def _record_of(angle_deg: float, *, visits: Sequence[Sequence[Grasp]]) -> list[G
 
 
 def _turn_deg(one: Grasp, other: Grasp, whole_deg: float) -> float:
-    """Return the angle between the sides of two grasps; 180: a pair of fingers swapped is alike."""
+    """Return the angle between the sides of two grasps; swapped fingers (180) are alike."""
     return abs(math.remainder((one.angle_deg or 0.0) - (other.angle_deg or 0.0), whole_deg))

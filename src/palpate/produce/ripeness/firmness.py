@@ -45,7 +45,7 @@ class DayFelt:
 
 
 def firmness_of(grasp: Grasp) -> float | None:
-    """Return the firmness by a grasp; None if it did not hold or measure the item.
+    """Return the firmness by a grasp; None if the object was not held or measured.
 
     Fingers driven by width: ln of the stiffness in N/mm as it would be at 5 N (round bodies stiffen
     as the cube root of the force), from the firmness index of the answer, because a gentle squeeze
@@ -133,7 +133,7 @@ def by_day(felt: Iterable[tuple[datetime, float]]) -> tuple[DayFelt, ...]:
 
 
 def pool_variance(days: Sequence[DayFelt]) -> float:
-    """Return the variance from grasp to grasp of one day; 0 where no day had two grasps.
+    """Return the variance between grasps of one day; 0 where no day had two.
 
     >>> pool_variance([DayFelt(day=0.0, firmness=1.0, grasps=3, spread=0.5)])
     0.25

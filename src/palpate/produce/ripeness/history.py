@@ -29,7 +29,7 @@ _MOST_ITEMS = 200
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FirmnessHistory:
-    """An item's firmness over time by one kind of gripper, drift removed where that is known."""
+    """An item's firmness over time by one kind of gripper, corrected for known drift."""
 
     #: Which item.
     item_id: str
@@ -122,7 +122,7 @@ def learn_rule(
 def read_labelled_histories(
     store: Store, verdicts: Sequence[Verdict], *, drive: Drive, drift: Drift | None = None
 ) -> Iterator[tuple[FirmnessHistory, list[str | None]]]:
-    """Yield the items of these verdicts that were felt, in that order, with a label for each day.
+    """Yield the touched items of these verdicts, in order, with a label for each day.
 
     `verdicts`: of people; the label of a day is the last one given near it.
     """

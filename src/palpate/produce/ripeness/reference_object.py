@@ -106,7 +106,7 @@ class Drift:
         )
 
     def at(self, when: datetime) -> float:
-        """Return the change at a time: between days in a line, before and after them constant."""
+        """Return the change at a time: linear between days, constant outside them."""
         day = (when - self.first_at).total_seconds() / DAY_S
         return float(np.interp(day, self.days, self.moved))
 
@@ -158,7 +158,7 @@ def _expect_drift(day: FloatArray, moved: FloatArray, *, variance: FloatArray) -
 def _log_force_errors(
     grasps: Sequence[Grasp], *, give_mm_per_n: float
 ) -> tuple[tuple[datetime, float], ...]:
-    """Return ln of the force read over the true one in each grasp, but for a constant.
+    """Return ln of measured over true force in each grasp, up to a constant.
 
     From the width to which the hand would have closed for 5 N read; how steeply force rises over
     width follows from the gripper's give and the object's own firmness on its first day.

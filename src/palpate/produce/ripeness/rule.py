@@ -78,7 +78,7 @@ class Ripeness:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RipenessRule:
-    """The rule learned for one kind on one rig: stages from labels, days to ripe from the course.
+    """The rule learned for one kind on one rig: stages by labels, days by course.
 
     A day's firmness alone shows the stage: on fruit of five generators no learner that sees all
     days so far names more (palpate study ripeness --second).
@@ -192,7 +192,7 @@ def learn_stages(
 
 
 def judge_by_first_day(days: Sequence[DayFelt]) -> Ripeness:
-    """Judge an item by how much it softened since its own first day, taken as hard.
+    """Judge an item by its softening since its own first day, taken as hard.
 
     For fingers driven by width alone. Without a course there are no days to ripe.
 

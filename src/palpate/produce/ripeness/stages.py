@@ -20,7 +20,7 @@ _SOFTNESS = 0.1
 
 
 def own_probabilities(firmness: float, *, first_firmness: float) -> FloatArray:
-    """Return the probability of each of `STAGES` relative to an item's own first day, shape (4,).
+    """Return the probability of each of `STAGES` from an item's own first day, shape (4,).
 
     `firmness`, `first_firmness`: ln of the stiffness in N/mm now and on the first day.
 

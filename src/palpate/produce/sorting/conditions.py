@@ -35,7 +35,7 @@ class Evidence:
     grasps: int = 0
 
     def chances(self, key: str) -> Mapping[str, float]:
-        """Return the probability of each name that the item may have; empty if none is known."""
+        """Return the probability of each possible name of the item; empty if none is known."""
         if key == "ripeness":
             return self.ripeness
         if key == "bruised":

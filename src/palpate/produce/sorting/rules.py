@@ -1,4 +1,4 @@
-"""Sorting rules, and the bin that they choose for an item, with the reason in a sentence.
+"""Sorting rules, the bin that they choose for an item, and the reason.
 
 A rule's conditions are each a probability, and together their product. Where a verdict that a rule
 asks for was never given, all that is known is a range from 0 up: a rule answers yes, no, or that it

@@ -82,7 +82,7 @@ def check_kinds(book: RuleBook, *, taught: Collection[str], path: str | Path) ->
 
 
 def refuse_hidden(rules: Sequence[Rule], *, path: str) -> None:
-    """Refuse a rule that an earlier one hides, or that overlaps an earlier one in part.
+    """Refuse a rule that an earlier one hides or partly overlaps.
 
     The first match wins, so an exception comes before the general rule, and that is welcome. A
     rule is unreachable where an earlier one takes all that it takes, as easily. It overlaps where

@@ -82,7 +82,7 @@ def score_sorting(placed: Sequence[Placed], *, book: RuleBook) -> Score:
 
 
 def true_bin(book: RuleBook, *, kind: str, taught: bool, size_mm: float) -> str:
-    """Return the bin of an item about which everything is known, apart from ripeness and bruises.
+    """Return the bin of a fully known item, without ripeness and bruises.
 
     >>> from palpate.produce.sorting.conditions import OneOf
     >>> from palpate.produce.sorting.rules import Rule

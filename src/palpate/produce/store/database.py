@@ -106,7 +106,7 @@ class Store(StoreReader):
             self._enqueue(connection, [(item_kind(item), item.item_id)])
 
     def add_calibration(self, text: str) -> str:
-        """Add the text of a calibration file; return its id, the same for the same text."""
+        """Add the text of a calibration file; return its id, equal for equal text."""
         with self._write() as connection:
             return write_calibration(connection, text)
 
@@ -228,7 +228,7 @@ class Store(StoreReader):
         return super()._fetch(lambda c: list(read_waiting(c, SHARED, limit=_SENT_TOGETHER)))
 
     def _copy_subject(self, verdict: Verdict) -> None:
-        """Copy the item and the grasp of a verdict here, if only the shared store has them."""
+        """Copy the item and grasp of a verdict here, if absent from the local store."""
         item = sa.select(ITEMS.c.item_id).where(ITEMS.c.item_id == verdict.item_id)
         grasp = sa.select(GRASPS.c.grasp_id).where(GRASPS.c.grasp_id == verdict.grasp_id)
         missing = super()._fetch(lambda c: (c.scalar(item) is None, c.scalar(grasp) is None))

@@ -1,4 +1,4 @@
-"""Everything that is known of one item, as a page to look at or as JSON.
+"""All that is known of one item, as a page or as JSON.
 
 The JSON is `item.json` and `items.json` of `docs/schemas`.
 """

@@ -22,7 +22,7 @@ class AnsweringConnection(psycopg.Connection[Any]):
     """A connection that is lost once an answer takes too long."""
 
     def wait(self, *args: Any, **kwargs: Any) -> Any:
-        """Wait for the server; after the time limit the socket is shut and the wait fails.
+        """Wait for the server; after the time limit, shut the socket and fail.
 
         Raises `psycopg.OperationalError` if no answer came in time.
         """

@@ -32,7 +32,7 @@ def read_items(connection: sa.Connection, query: sa.Select[Any]) -> tuple[Item, 
 
 
 def read_grasps(connection: sa.Connection, query: sa.Select[Any]) -> dict[int, Grasp]:
-    """Return the grasps that a query over `GRASPS` finds, by their numbers and in its order."""
+    """Return the grasps found by a query over `GRASPS`, by number, in its order."""
     rows = [dict(row) for row in connection.execute(query).mappings()]
     numbers = [row.pop("number") for row in rows]
     measured = _measurements(connection, numbers)
@@ -216,7 +216,7 @@ class StoreReader:
     def verdicts(
         self, about: About, *, source: Source | None = None, kind: str | None = None
     ) -> tuple[Verdict, ...]:
-        """Return the verdicts on all items, or on those of a kind: labels to learn from."""
+        """Return the verdicts on all items, or on those of a kind, as training labels."""
         query = narrow(verdict_query().join(ITEMS), kind=kind)
         return self._verdicts(query, about=about, source=source)
 

@@ -36,7 +36,7 @@ class Sender:
         self._wake.set()
 
     def close(self) -> None:
-        """Try to send the rest, for a limited time; the remaining records wait in the file."""
+        """Try to send the rest, for a limited time; unsent records stay in the file."""
         self._closing = True
         self._wake.set()
         self._thread.join(_FAREWELL_S)

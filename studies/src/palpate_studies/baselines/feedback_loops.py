@@ -1,4 +1,4 @@
-"""Simpler ways to grip: close to a threshold, correct by a reading of the force, lift.
+"""Simpler ways to grip: close to a threshold, correct by a force reading, lift.
 
 `paper_loop` is the paper's own proposal. Section 3.3 fits force to the settled mean relative change
 by a line (Table 4), and proposes to grip to a force with that reading as feedback. No such loop is
@@ -113,7 +113,7 @@ def run_learned_loop(task: Task, learner: str, *, laws: Laws) -> Gripped:
 
 
 def learn_laws(tasks: Sequence[Task]) -> Laws:
-    """Grip other things by the calibrated law alone, and learn by what factor it is off."""
+    """Grip training objects by the calibrated law alone, and learn its factor of error."""
     taught = [(task, *each) for task in tasks for each in taught_by(task)]
     rows = np.array([numbers for _, numbers, _ in taught])
     logs = [log for *_, log in taught]
@@ -205,7 +205,7 @@ def _read_all(array: TwinArray, rest_ohm: FloatArray, plan: Plan) -> tuple[list[
 def correct_by_reading(
     task: Task, *, name: str, reader: MakeReader, world: World | None = None
 ) -> Gripped:
-    """Close to contact, correct until a reading of the force is on target, lift, and hold.
+    """Close to contact, correct until the force reading is on target, lift, and hold.
 
     `name` is of the method; `world` the task's, where the caller looks into it too.
     """
@@ -267,7 +267,7 @@ def make_touch_check(
 
 
 def read_ohm(array: TwinArray, *, seconds: float, last: int | None = None) -> FloatArray:
-    """Wait, and return the mean resistance of the last three frames, or as many last frames."""
+    """Wait, and return the mean resistance of the last frames, at most three."""
     count = max(int(seconds * 15), 3)
     frames = [array.read(timeout_s=1.0) for _ in range(count)]
     kept = frames[-3:] if last is None else frames[-last:]
@@ -294,7 +294,7 @@ def close_until(
 
 
 def drive(world: World, gripper: TwinGripper, closure: float, *, kind: GripperKind) -> float:
-    """Go to a closure and wait until the hand is there; return the servo current on the way, mA."""
+    """Close to a width and wait; return the servo current on the way, mA."""
     limits = gripper.limits
     closure = min(closure, limits.span)
     way = abs(closure - limits.closure(gripper.state()))

@@ -1,4 +1,4 @@
-"""Learners of the stage of a fruit, told that day's and all earlier days' grasps; not tuned.
+"""Untuned learners of a fruit's stage, from all grasps up to the day.
 
 They learn from the same labelled fruits as ours, of all sensors that are given.
 """

@@ -1,4 +1,4 @@
-"""Learners given everything that a method of ours reads, as numbers; one setting each, not tuned.
+"""Untuned learners that receive every input of our method as numbers.
 
 A study describes each case by a row of numbers and asks for one number. Ridge regression and
 boosted trees learn it on other sensors or specimens than those that they are scored on.

@@ -1,4 +1,7 @@
-"""A board at the far end of a pseudo-terminal, in a process of its own: its wire is never slow."""
+"""A board at the far end of a pseudo-terminal, in its own process.
+
+The port is as fast as a pipe.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,7 @@ from palpate_studies.board_bytes import encode_message
 
 @contextmanager
 def on_a_port(act: Callable[[int], None]) -> Iterator[tuple[str, int]]:
-    """Run what serves a port's far end, by its file descriptor; yield the port and the process."""
+    """Serve a port's far end in a process; yield the port and the process."""
     master, slave = os.openpty()
     tty.setraw(slave)
     child = os.fork()

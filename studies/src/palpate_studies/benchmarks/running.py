@@ -1,4 +1,4 @@
-"""The frame of a benchmark: ratios to named peers, their table and JSON, and its command.
+"""The frame of a benchmark: ratios to named peers, their table, JSON and command.
 
 A benchmark is a file with a function `measure(full)`, which takes whether to measure the full sizes
 and returns its ratios and notes, and a row in `palpate_studies.catalogue`.
@@ -30,7 +30,7 @@ COLUMNS = ("what", "size", "peer", "palpate", "peer's", "times as good", "wanted
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ratio:
-    """One piece of work, by palpate and by a peer in the same run; less is better."""
+    """One piece of work by palpate and a peer in one run; less is better."""
 
     #: What is done, and how much of it.
     what: str

@@ -74,7 +74,7 @@ def synthetic_holds(n_holds: int, *, seed: int = 1) -> tuple[FloatArray, FloatAr
 def _compare_on_known_grid(
     method: str, *, time_s: FloatArray, holds: FloatArray, peer_holds: int
 ) -> Ratio:
-    """Compare a method with curve_fit where all that depends on the grid alone is known already."""
+    """Compare a method with curve_fit, with all that depends on the grid computed beforehand."""
     size, some = len(holds), holds[:peer_holds]
     ours = partial(predict_settled, time_s, holds, cutoff_s=CUTOFF_S, method=method)
     ours()

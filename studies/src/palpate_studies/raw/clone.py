@@ -1,4 +1,4 @@
-"""Files of a clone at a commit, read through git: the working tree may be anything."""
+"""Files of a clone at a commit, read through git, independent of the working tree."""
 
 from __future__ import annotations
 

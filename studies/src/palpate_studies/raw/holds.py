@@ -46,7 +46,7 @@ def write_silicone(clone: Clone, out: Path) -> list[tuple[str, int]]:
 
 
 def _still(time_s: FloatArray, displacement_mm: FloatArray) -> Iterator[tuple[int, int]]:
-    """Yield the first sample and the one after the last of each hold after a motion."""
+    """Yield the first sample and the end of each hold after a motion."""
     start = 0
     for place in range(1, len(time_s) + 1):
         ended = place == len(time_s)

@@ -1,4 +1,4 @@
-"""A second generator of fruit: bruises and ripening of shapes that no estimator was written for.
+"""Second generator of fruit: bruises and ripening of other shapes than any estimator assumes.
 
 The first generator's bruise falls from its middle to its rim as a paraboloid and is always dented;
 its avocados soften along one S-shaped curve. Fixed before anything was scored on them:

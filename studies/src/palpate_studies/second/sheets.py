@@ -1,4 +1,4 @@
-"""A sheet of another kind than the twin's: what no estimator of force or settling was written for.
+"""Second generator of sheets: laws that no estimator of force or settling assumes.
 
 Fixed before anything was scored on it. The twin's sheets follow a power law that saturates, lag
 behind a falling load by a ratio, and creep ever slower in the relative change or in log
@@ -57,7 +57,7 @@ class OtherSheet(Sheet):
 
 
 def other_sheet(sheet: Sheet) -> OtherSheet:
-    """Return a sheet of the second generator with the gains, noise and wear of one of the first."""
+    """Return a sheet of the second generator with a first one's gains, noise and wear."""
     known = {field.name: getattr(sheet, field.name) for field in fields(Sheet)}
     family = RootFamily(name="even pace", relative=False, draw=_even_creep)
     return OtherSheet(**known | {"family": family})

@@ -53,12 +53,12 @@ def other_item(item: CrateItem) -> OtherItem:
 
 
 def other_thing(thing: TwinObject, *, number: int) -> TwinObject:
-    """Return a thing of one of the three forms that follow no law of the twin, taken in turn."""
+    """Return an object of one of three forms beyond the twin's laws, in turn."""
     return (draw_layered, foam, dough)[number % 3](thing)
 
 
 def draw_layered(thing: TwinObject) -> TwinObject:
-    """Return a thing with a skin on softer flesh, and a core: its stiffness falls, then rises."""
+    """Return an object with skin, softer flesh and core: stiffness falls, then rises."""
     flesh = thing.force_at_1mm_n
     skin_n = _SKIN_STIFFER * flesh * _SKIN_MM
     core_n = skin_n + flesh * (_CORE_MM - _SKIN_MM)
@@ -77,7 +77,7 @@ def foam(thing: TwinObject) -> TwinObject:
 
 
 def dough(thing: TwinObject) -> TwinObject:
-    """Return a thing that loses half of its force, most of it at once: it gives back little."""
+    """Return an object that loses half of its force, mostly at once, nearly without recovery."""
     return replace(
         thing, name="dough", relaxing_share=_DOUGH_SHARES, relaxing_time_s=_DOUGH_TIMES_S
     )
