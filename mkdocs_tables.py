@@ -1,4 +1,4 @@
-"""Tables of the reference pages, made from the code so that they can't fall behind it.
+"""Tables of the reference pages, generated from the code and so always current.
 
 A page has one below the line `<!-- table: NAME -->`; `docs/generate_tables.py` writes it there.
 """

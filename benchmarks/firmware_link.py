@@ -82,7 +82,7 @@ def run_link(
         "frames": counters.frames,
         "frames_lost": counters.lost,
         "corrupt": counters.corrupt,
-        "conversions_misrouted": machine.misrouted,
+        "conversions_misrouted": machine.misroute_count,
         "times_real_time": round((machine.now_s() - start_s) / (time.perf_counter() - began), 2),
         **tally.summary(rate_hz=rate_hz),
     }

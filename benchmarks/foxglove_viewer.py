@@ -64,7 +64,7 @@ def address_of(process: subprocess.Popen[str]) -> str:
 
 def share_percent(pid: int, *, seconds: float) -> float:
     """Return the share of a core that a process takes from now on."""
-    from benchmarks.packhouse import cpu_s
+    from benchmarks.dashboard import cpu_s
 
     before_s, began_s = cpu_s(pid), time.monotonic()
     time.sleep(seconds)
@@ -73,7 +73,8 @@ def share_percent(pid: int, *, seconds: float) -> float:
 
 def view(pid: int, address: str, *, seconds: float) -> None:
     """Take every channel, and print what came, how late, and what it cost."""
-    from benchmarks.packhouse import cpu_s, shown
+    from benchmarks.dashboard import cpu_s
+    from benchmarks.packhouse import print_latency
     from tests.foxglove_client import foxglove_client
 
     counts: Counter[str] = Counter()
@@ -92,7 +93,7 @@ def view(pid: int, address: str, *, seconds: float) -> None:
     missing = sum(after - before - 1 for before, after in pairwise(numbers))
     print(f"one viewer: {share:.1f} % of a core; load {os.getloadavg()[0]:.1f}")
     print(f"  {sum(counts.values()) / took_s:.0f} messages/s, {missing} of {len(numbers)} missing")
-    shown("  from the frame to the viewer, its last message", late_ms)
+    print_latency("  from the frame to the viewer, its last message", late_ms)
 
 
 def main() -> None:

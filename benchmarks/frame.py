@@ -74,7 +74,7 @@ class DecodedArray:
             oversampling=message.oversampling,
         )
 
-    def _packed(self, timeout_s: float) -> tuple[Frame, bytes]:
+    def _read_packed(self, timeout_s: float) -> tuple[Frame, bytes]:
         frame = self._array.read(timeout_s=timeout_s)
         self._sequence += 1
         message = FrameMessage(

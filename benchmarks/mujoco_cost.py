@@ -85,14 +85,14 @@ def on_an_arm() -> tuple[mujoco.MjModel, mujoco.MjData]:
     return model, data
 
 
-def timed(work: Callable[[], None]) -> float:
+def time_work(work: Callable[[], None]) -> float:
     """Return the processor's seconds that some work takes."""
     before_s = time.process_time()
     work()
     return time.process_time() - before_s
 
 
-def measured(
+def measure_model(
     name: str,
     model: mujoco.MjModel,
     held: mujoco.MjData,
@@ -117,7 +117,7 @@ def measured(
         while sensor.clock.now_s() < until_s:
             array.read(timeout_s=1.0)
 
-    pairs = [(timed(without), timed(with_sensor)) for _ in range(rounds)]
+    pairs = [(time_work(without), time_work(with_sensor)) for _ in range(rounds)]
     assert sensor.load_n.any()
     slower = median(after / before for before, after in pairs) - 1.0
     rates = [seconds / model.opt.timestep / median(column) for column in zip(*pairs, strict=True)]
@@ -141,11 +141,11 @@ def main() -> None:
         world = holding(name)
         held[name] = (world.model, world.data, WIDOWX.pads)
     slower = [
-        measured(name, *state, every_s=1 / 15, seconds=options.seconds, rounds=options.rounds)
+        measure_model(name, *state, every_s=1 / 15, seconds=options.seconds, rounds=options.rounds)
         for name, state in held.items()
     ]
     for name, state in held.items():
-        measured(name, *state, every_s=EVERY_S, seconds=options.seconds, rounds=options.rounds)
+        measure_model(name, *state, every_s=EVERY_S, seconds=options.seconds, rounds=options.rounds)
     sys.exit(max(slower) > MOST)
 
 

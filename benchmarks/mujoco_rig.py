@@ -27,7 +27,7 @@ QUANTITIES = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
 Grasp: TypeAlias = tuple[str, dict[str, tuple[Measurement, float]]]
 
 
-def grasped(rig_name: str, *, seed: int) -> Grasp:
+def grasp_drawn(rig_name: str, *, seed: int) -> Grasp:
     """Grasp what a seed draws."""
     rig = open_rig(rig_name, seed=seed)
     plan = plan_grasp(rig.calibration, gripper=rig.gripper)
@@ -82,7 +82,7 @@ def main() -> None:
     seeds = range(options.first_seed, options.first_seed + options.grasps)
     print("errors: size in mm, settled in percent points, force and stiffness in % (of ln)")
     for rig_name in options.rigs:
-        report(rig_name, [grasped(rig_name, seed=seed) for seed in seeds])
+        report(rig_name, [grasp_drawn(rig_name, seed=seed) for seed in seeds])
 
 
 if __name__ == "__main__":

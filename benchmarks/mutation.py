@@ -103,7 +103,7 @@ def mutants(source: str) -> list[tuple[str, str]]:
     return made
 
 
-def noticed(tests: list[str], *, package: Path) -> bool:
+def is_noticed(tests: list[str], *, package: Path) -> bool:
     """Return whether a test fails with the package that lies in a folder."""
     environment = os.environ | {"PYTHONPATH": str(package)}
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
@@ -130,11 +130,11 @@ def main() -> None:
     survived = []
     with tempfile.TemporaryDirectory() as folder:
         shutil.copytree(ROOT / "src" / "palpate", Path(folder) / "palpate")
-        if noticed(told.tests, package=Path(folder)):
+        if is_noticed(told.tests, package=Path(folder)):
             raise SystemExit("the tests fail without a fault")
         for what, text in drawn:
             (Path(folder) / within).write_text(text)
-            if not noticed(told.tests, package=Path(folder)):
+            if not is_noticed(told.tests, package=Path(folder)):
                 survived.append(what)
                 print(what, flush=True)
     share = 1 - len(survived) / len(drawn)

@@ -69,7 +69,7 @@ def took_ms(address: str, path: str, *, method: str = "GET") -> float:
     return 1e3 * (time.perf_counter() - began_s)
 
 
-def shown(name: str, ms: list[float]) -> None:
+def print_latency(name: str, ms: list[float]) -> None:
     p50, p99 = np.quantile(ms, [0.5, 0.99])
     print(f"{name}: p50 {p50:.1f} ms, p99 {p99:.1f} ms, longest {max(ms):.1f} ms (n {len(ms)})")
 
@@ -112,7 +112,7 @@ def watch(
         flush=True,
     )
     if asked_ms:
-        shown("  answer", asked_ms)
+        print_latency("  answer", asked_ms)
         if base is not None and not math.isnan(base[1]):
             print(f"  {answer_ms / base[1]:.2f} x HTTP's")
     return busy, answer_ms
@@ -141,8 +141,8 @@ def results(port: int, folder: Path, *, count: int) -> None:
         call_ms.append(1e3 * (time.perf_counter() - began_s))
         listening.until("result")
         arrived_ms.append(1e3 * (time.perf_counter() - began_s))
-    shown("handing over a result (what a grasp waits for)", call_ms)
-    shown("from there to a subscriber, through outbox and broker", arrived_ms)
+    print_latency("handing over a result (what a grasp waits for)", call_ms)
+    print_latency("from there to a subscriber, through outbox and broker", arrived_ms)
     publisher.close()
     listening.close()
 
@@ -184,7 +184,9 @@ def main() -> None:
             broker.hang()
             ask = http_asker(address)
             watched(address, pid, what="the broker hangs, HTTP asked", ask=ask, base=base)
-            shown("POST /api/stop", [took_ms(address, "/stop", method="POST") for _ in range(100)])
+            print_latency(
+                "POST /api/stop", [took_ms(address, "/stop", method="POST") for _ in range(100)]
+            )
             broker.go_on()
         results(broker.port, folder, count=500)
         broker.kill()

@@ -29,7 +29,7 @@ import numpy as np
 from palpate.errors import PalpateError
 from palpate.produce.store import Store
 from palpate.produce.store.sender import Sender
-from store import made_up_grasps
+from store import invent_grasps
 
 DEBIAN = Path("/usr/lib/postgresql")
 TEMPLATES = 200
@@ -68,7 +68,7 @@ def station(
     """Write grasps until the time; return those acknowledged, those refused, and ms for each."""
     os.environ["XDG_STATE_HOME"] = str(folder / f"station-{number}")
     rng = np.random.default_rng(number)
-    templates = list(made_up_grasps(TEMPLATES))
+    templates = list(invent_grasps(TEMPLATES))
     acknowledged, refused, spent_ms = list[str](), list[str](), list[float]()
     due_s = time.time() + every_s * rng.random()
     with Store.open(url) as store, Sender(url) as sender:
@@ -93,7 +93,7 @@ def station(
     return acknowledged, refused, spent_ms
 
 
-def asked(url: str, question: str) -> int:
+def query_number(url: str, question: str) -> int:
     """Return the one number that the database answers."""
     import sqlalchemy
 
@@ -112,7 +112,7 @@ def main() -> None:
     told = parser.parse_args()
     with tempfile.TemporaryDirectory() as place, server(Path(place)) as url:
         os.environ["XDG_STATE_HOME"] = place
-        empty = asked(url, SIZE)
+        empty = query_number(url, SIZE)
         with get_context("spawn").Pool(told.stations) as pool:
             # Not before every process is there.
             pool.map(os.path.exists, ["/"] * told.stations, chunksize=1)
@@ -122,13 +122,13 @@ def main() -> None:
                 pool.apply_async(station, (url, number), ways) for number in range(told.stations)
             ]
             time.sleep(told.seconds / 2)
-            cuts = asked(url, CUT)
+            cuts = query_number(url, CUT)
             ended = [one.get() for one in running]
         said = {name for names, _, _ in ended for name in names}
         refused = {name for _, names, _ in ended for name in names}
         with Store.open(url) as store:
             kept = {grasp.grasp_id for grasp in store.grasps()}
-        grown = asked(url, SIZE) - empty
+        grown = query_number(url, SIZE) - empty
     spent_ms = np.array([ms for _, _, each in ended for ms in each])
     print(
         f"{told.stations} stations, {told.seconds:g} s, a grasp every {told.every:g} s; "

@@ -33,7 +33,7 @@ PAGES = 300
 VALUES = {"settled_percent": -30.0, "size_mm": 60.0, "force_n": 2.5, "stiffness_n_per_mm": 4.0}
 
 
-def made_up_grasps(count: int) -> Iterator[Grasp]:
+def invent_grasps(count: int) -> Iterator[Grasp]:
     """Yield grasps of `count / PER_ITEM` items, spread over a season."""
     rng = random.Random(0)
     items = max(1, count // PER_ITEM)
@@ -63,7 +63,7 @@ def made_up_grasps(count: int) -> Iterator[Grasp]:
 
 def fill(store: Store, *, grasps: int) -> None:
     started_s = time.perf_counter()
-    left = made_up_grasps(grasps)
+    left = invent_grasps(grasps)
     batch: list[Grasp] = []
     for grasp in left:
         batch.append(grasp)
@@ -76,17 +76,17 @@ def fill(store: Store, *, grasps: int) -> None:
 
 
 def single_writes(store: Store, *, count: int = 200) -> None:
-    new = [g for g, _ in zip(made_up_grasps(2 * count), range(count), strict=False)]
+    new = [g for g, _ in zip(invent_grasps(2 * count), range(count), strict=False)]
     new = [Grasp(**{**_fields(g), "grasp_id": str(uuid.uuid4())}) for g in new]
-    spent_ms = timed(new, store.add_grasp)
+    spent_ms = time_each(new, store.add_grasp)
     print(f"single   add_grasp, on the disk when it returns: {_spread(spent_ms)}")
 
 
 def pages(store: Store, *, names: list[str]) -> np.ndarray:
     store.add_verdict(Verdict(item_id=names[0], about=About.BIN, text="bin 2", given_at=START))
-    spent_ms = timed(names, lambda name: item_page(store, name))
+    spent_ms = time_each(names, lambda name: item_page(store, name))
     print(f"page     item, {PER_ITEM} grasps, 4 measurements each: {_spread(spent_ms)}")
-    listed_ms = timed(range(10), lambda _: item_pages(store, store.items(limit=50)))
+    listed_ms = time_each(range(10), lambda _: item_pages(store, store.items(limit=50)))
     print(f"list     the last 50 items with their pages: {_spread(listed_ms)}")
     return spent_ms
 
@@ -108,7 +108,7 @@ def plain_pages(path: Path, *, names: list[str]) -> np.ndarray:
         ).fetchall()
         connection.execute("SELECT * FROM verdicts WHERE item_id = ?", one).fetchall()
 
-    spent_ms = timed(names, page)
+    spent_ms = time_each(names, page)
     connection.close()
     return spent_ms
 
@@ -126,10 +126,10 @@ def duckdb_pages(store: Store, folder: Path, *, names: list[str]) -> np.ndarray 
         "ORDER BY taken_at"
     )
     with duckdb.connect() as connection:
-        return timed(names[:30], lambda name: connection.execute(query, [name]).fetchall())
+        return time_each(names[:30], lambda name: connection.execute(query, [name]).fetchall())
 
 
-def timed(over: Iterable[Any], act: Callable[[Any], object]) -> np.ndarray:
+def time_each(over: Iterable[Any], act: Callable[[Any], object]) -> np.ndarray:
     spent_ms = []
     for one in over:
         started_s = time.perf_counter()

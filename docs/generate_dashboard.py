@@ -30,7 +30,7 @@ size_mm = [35, 60]
 
 
 @contextmanager
-def served(folder: Path) -> Iterator[str]:
+def serve_rig(folder: Path) -> Iterator[str]:
     """Serve a simulated rig; yield the address."""
     command = [
         sys.executable,
@@ -107,7 +107,7 @@ def main() -> None:
     out = parser.parse_args().out
     with (
         tempfile.TemporaryDirectory() as folder,
-        served(Path(folder)) as address,
+        serve_rig(Path(folder)) as address,
         sync_playwright() as play,
         play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as browser,
     ):

@@ -36,7 +36,7 @@ def main(arguments: list[str]) -> None:
             for item in store.of_batch(batch)
         ]
     judged = [judge_ripeness(fruit, rule=rule, ripe=RIPE) for fruit in fruits]
-    simulated = any(grasp.simulated for fruit in fruits for grasp in fruit.grasps)
+    simulated = any(grasp.is_simulated for fruit in fruits for grasp in fruit.grasps)
     print(f"{batch}{' (simulated)' if simulated else ''}: {len(fruits)} fruits")
     for fruit, said in zip(fruits, judged, strict=True):
         wait = said.days_to_ripe

@@ -62,7 +62,7 @@ def record(folder: Path, *, grasps: int) -> Path:
     return folder / "grasps"
 
 
-def seen(states: Sequence[np.ndarray]) -> np.ndarray:
+def build_inputs(states: Sequence[np.ndarray]) -> np.ndarray:
     """Return the policy's inputs: force and change per pixel, now and before, and speed."""
     ticks = [np.nan_to_num(states[max(len(states) - 1 - past, 0)]) for past in PAST]
     moved_mm = [ticks[0][0] - tick[0] for tick in ticks[1:]]
@@ -81,7 +81,7 @@ def train(dataset: Path) -> Any:
         # The release comes last, and is not the policy's to decide.
         end = 1 + int(np.flatnonzero(actions[:, 0] < actions[-1, 0]).max())
         for tick in range(end):
-            inputs.append(seen(states[: tick + 1]))
+            inputs.append(build_inputs(states[: tick + 1]))
             way_mm = actions[tick, 0] - states[tick, 0]
             outputs.append([way_mm, np.log(max(actions[tick, 1], 0.5))])
     policy = make_pipeline(
@@ -104,7 +104,7 @@ def grasp(policy: Any, *, seed: int, is_capped: bool) -> dict[str, Any]:
         felt = hand.observe()
         states.append(np.array(list(felt.values())))
         if felt["force_n"] == 0.0 or tick % PRESSING_TICKS == 0:
-            way_mm, log_rate = policy.predict([seen(states)])[0]
+            way_mm, log_rate = policy.predict([build_inputs(states)])[0]
             target_mm = float(np.clip(felt["width_mm"] + way_mm, limits.lowest, limits.highest))
             rate = float(np.clip(np.exp(log_rate), 0.5, 20.0))
         if is_capped:

@@ -26,7 +26,7 @@ def main(rig_name: str) -> None:
             reading = rig.read()
             print(f"{reading.time_s:6.2f} s  {reading.force_n.text(digits=2)} N")
         result = grip.release()
-        print(f"{result.outcome}{' (simulated)' if rig.simulated else ''}")
+        print(f"{result.outcome}{' (simulated)' if rig.is_simulated else ''}")
 
 
 if __name__ == "__main__":

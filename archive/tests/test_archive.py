@@ -169,14 +169,14 @@ def test_settle_gives_the_same_bytes_on_any_cores_and_is_done_once(
     job = settle_job(method="relaxation", horizon_s=5.0)
     one, two = (plan_tasks(job, archive, to=tmp_path / name) for name in ("one", "two"))
     assert perform(one, show=shown, workers=2) == sum(task.perform() for task in two) > 0
-    assert all(task.done for task in one)
+    assert all(task.is_done for task in one)
     for mine, other in zip(one, two, strict=True):
         assert mine.target.read_bytes() == other.target.read_bytes()
     [table, _] = contents(tmp_path / "one").values()
     known = {"ok", "unproven", "too_short", "misfit", "not_settling", "fell_back"}
     assert set(table["status"]) <= known
     other_job = settle_job(method="relaxation", horizon_s=6.0)
-    assert not any(task.done for task in plan_tasks(other_job, archive, to=tmp_path / "one"))
+    assert not any(task.is_done for task in plan_tasks(other_job, archive, to=tmp_path / "one"))
 
 
 def test_perform_takes_one_thread_on_any_machine(archive: Archive, tmp_path: Path) -> None:
@@ -196,7 +196,7 @@ def test_process_that_dies_is_one_line_and_a_second_run_completes(
     assert perform(tasks, show=shown, workers=1) == sum(
         len(table) for table in contents(archive.root / "holds").values()
     )
-    assert all(task.done for task in tasks)
+    assert all(task.is_done for task in tasks)
 
 
 def test_delete_others_removes_results_of_parts_that_were_joined(

@@ -1,4 +1,4 @@
-"""Latency and loss of the ROS 2 bridge: frames of the twin at 250 Hz, two processes over DDS.
+"""Latency and loss of the ROS 2 bridge: simulated 250 Hz frames over DDS.
 
 After `source VENV/bin/ros.sh`: `python ros2/benchmarks/latency.py --seconds 600 [--reliable]`. The
 stamp of a frame is the moment at which it was handed to the node, on the same machine's clock;

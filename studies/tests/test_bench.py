@@ -67,9 +67,9 @@ def test_help_shows_an_example(capsys) -> None:
 
 def test_a_ratio_is_missed_only_where_something_is_wanted_of_a_peer_that_is_there() -> None:
     assert ratio().times == 1.5
-    assert not ratio(wanted=1.5).missed
-    assert ratio(wanted=1.6).missed
-    assert not ratio(wanted=9.0, theirs=None).missed
+    assert not ratio(wanted=1.5).is_missed
+    assert ratio(wanted=1.6).is_missed
+    assert not ratio(wanted=9.0, theirs=None).is_missed
     assert row(ratio(wanted=1.6)) == ("act", "1 hold", "p", "2 s", "3 s", "1.5", "1.6, missed")
 
 

@@ -40,7 +40,7 @@ def examined() -> list[Examined]:
 
 def test_sides_are_placed_and_grasped_as_said(examined: list[Examined]) -> None:
     learned = [one for one in examined if one.purpose == "learn"]
-    assert sum(one.bruised for one in learned) == 20
+    assert sum(one.is_bruised for one in learned) == 20
     for one in learned:
         assert set(one.presses) == {"before", "now", "other"}
         assert all(np.isfinite(press.settled_percent).all() for press in one.presses.values())

@@ -15,7 +15,7 @@ def test_side_pairs_reads_both_sides(tmp_path: Path) -> None:
     path.write_text("side1_lbf,side2_lbf\n15,16\n14,\n")
     pairs = side_pairs(path)
     assert pairs.items == 2
-    assert int(pairs.paired.sum()) == 1
+    assert int(pairs.has_both.sum()) == 1
     assert np.isfinite(pairs.reference).sum() == 3
 
 

@@ -47,7 +47,7 @@ def test_a_station_feels_every_day_through_the_devices(station: Felt) -> None:
     assert len(fruit) == FEW_GRASPS * DAYS
     assert all({"firmness", "width_mm"} <= set(grasp.measurements) for grasp in station.grasps)
     assert len(ball) == 2 * FEW_GRASPS * DAYS
-    assert all(grasp.outcome is Outcome.HELD and grasp.simulated for grasp in station.grasps)
+    assert all(grasp.outcome is Outcome.HELD and grasp.is_simulated for grasp in station.grasps)
     assert all(grasp.pixel_settled_percent is not None for grasp in station.grasps)
     assert len({grasp.temperature_c for grasp in fruit}) == DAYS
     assert set(station.as_published) == {("fruit-0", day) for day in range(DAYS)}

@@ -39,7 +39,7 @@ from palpate_studies import (
 )
 from palpate_studies.catalogue import BENCHMARKS, STUDIES
 from palpate_studies.report import StudyReport
-from palpate_studies.twin_session import Session, drawn
+from palpate_studies.twin_session import Session, draw_named
 
 pytestmark = pytest.mark.slow
 
@@ -192,7 +192,7 @@ def test_fixture_keeps_a_ball_near_the_middle() -> None:
     def shares(*, fixture: bool) -> list[float]:
         spread = []
         for trial in range(6):
-            session, ball = Session(1, level="lab", trial=trial), drawn("ball-44lbs")
+            session, ball = Session(1, level="lab", trial=trial), draw_named("ball-44lbs")
             session.place(ball, fixture=fixture)
             reading = session.grasp(ball.size_mm, width_mm=ball.size_mm - 3.0, hold_s=3.0)
             spread.append(float(np.ptp(reading.change_percent)))
@@ -207,7 +207,7 @@ def test_pixel_at_the_end_of_its_converter_reads_the_least_that_it_can_show() ->
         level="field",
         remade=lambda sheet: replace(sheet, gain=1e4 * sheet.gain, saturation=1e6),
     )
-    pad = drawn("dragonskin-30")
+    pad = draw_named("dragonskin-30")
     session.place(pad)
     reading = session.grasp(pad.size_mm, width_mm=pad.size_mm - 3.0, hold_s=1.0)
     least_ohm = session.world.layout.divider.least_ohm

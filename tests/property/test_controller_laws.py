@@ -80,14 +80,14 @@ def test_any_readings_any_plan(plan: Plan, counts: list[int], data: st.DataObjec
         frame = Frame(time_s=index / 15, sequence=index, counts=np.full((2, 1), reading))
         state = GripperState(time_s=index / 15, width_mm=width)
         command = controller.step(Observation(frame=frame, gripper=state))
-        if grasp_state.ended:
+        if grasp_state.has_ended:
             assert command is None
             break
         if command is None:
             continue
         assert_bounded(grasp_state, command, plan=plan, width=width)
         width = width if sticks else command.target
-    assert grasp_state.ended
+    assert grasp_state.has_ended
 
 
 @dataclass
@@ -140,7 +140,7 @@ def grasped(plan: Plan, *, seed: int, rate_hz: float) -> set[str]:
         observation = world.observe(index, every_s=1 / rate_hz)
         command = controller.step(observation)
         activities.add(grasp_state.activity)
-        if grasp_state.ended:
+        if grasp_state.has_ended:
             break
         if command is not None:
             assert_bounded(
@@ -150,7 +150,7 @@ def grasped(plan: Plan, *, seed: int, rate_hz: float) -> set[str]:
                 width=plan.gripper.target(grasp_state.estimate.closure),
             )
             world.target_mm, world.rate = command.target, command.rate
-    assert grasp_state.ended
+    assert grasp_state.has_ended
     return activities
 
 

@@ -141,7 +141,7 @@ def _hold_table(holds: Iterable[Hold], labels: dict[str, str]) -> Any:
         columns["channel"] += [hold.channel] * count
         columns["unit"] += [hold.unit] * count
     kinds = {"time_s": pa.float64(), "value": pa.float64()}
-    return _labelled(
+    return _label_rows(
         {name: pa.array(v, type=kinds.get(name, pa.string())) for name, v in columns.items()},
         labels,
     )
@@ -169,17 +169,17 @@ def _frame_table(table: dict[str, list[Any]], labels: dict[str, str], rows: int,
     for ending, kind in (("counts", pa.int32()), ("ohm", pa.float64())):
         each = zip(*(table[f"{pixel}_{ending}"] for pixel in pixels), strict=True)
         columns[ending] = pa.array(each, type=pa.list_(kind))
-    return _labelled(columns, labels)
+    return _label_rows(columns, labels)
 
 
-def _labelled(columns: dict[str, Any], labels: dict[str, str]) -> Any:
+def _label_rows(columns: dict[str, Any], labels: dict[str, str]) -> Any:
     """Return a table whose first columns give each row's recording and origin."""
     count = len(next(iter(columns.values())))
     named = {name: pa.array([text] * count, type=pa.string()) for name, text in labels.items()}
     return pa.table(named | columns)
 
 
-def found_recordings(paths: Iterable[Path]) -> Iterator[Path]:
+def find_recordings(paths: Iterable[Path]) -> Iterator[Path]:
     """Yield recordings: those named, and those in folders, in the order of their names."""
     for path in paths:
         yield from sorted(path.rglob("*.mcap")) if path.is_dir() else [path]

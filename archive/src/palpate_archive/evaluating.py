@@ -64,7 +64,7 @@ class Task:
     mark: str
 
     @property
-    def done(self) -> bool:
+    def is_done(self) -> bool:
         """Whether the results are there."""
         try:
             marks = pa.parquet.read_schema(self.target).metadata or {}
@@ -134,18 +134,18 @@ def settle_job(*, method: str, horizon_s: float) -> Job:
         name=f"settle-{method}",
         reads="holds",
         settings=f"{method} {CUTOFFS_S} {horizon_s} {_LEVEL}",
-        tables=partial(_settled_tables, method=method, horizon_s=horizon_s),
+        tables=partial(_build_settled_tables, method=method, horizon_s=horizon_s),
     )
 
 
-def _settled_tables(path: Path, *, method: str, horizon_s: float) -> Iterator[Any]:
+def _build_settled_tables(path: Path, *, method: str, horizon_s: float) -> Iterator[Any]:
     """Yield one table: a row for each hold, channel and cut-off."""
     names = ["recording", "hold_id", "channel", "unit", "time_s", "value"]
     table = pa.parquet.read_table(path, columns=names, partitioning=None, use_threads=False)
     rows = [
         row
         for alike in _alike(table)
-        for row in _settled_rows(*alike, method=method, horizon_s=horizon_s)
+        for row in _build_settled_rows(*alike, method=method, horizon_s=horizon_s)
     ]
     text = ("recording", "hold_id", "channel", "unit", "status")
     numbers = ("cutoff_s", "value", "low", "high", "level", "settled")
@@ -154,7 +154,7 @@ def _settled_tables(path: Path, *, method: str, horizon_s: float) -> Iterator[An
     yield pa.Table.from_pylist(rows, schema=pa.schema([(name, kinds[name]) for name in order]))
 
 
-def _settled_rows(
+def _build_settled_rows(
     labels: list[tuple[str, ...]],
     time_s: FloatArray,
     values: FloatArray,

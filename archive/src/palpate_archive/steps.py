@@ -55,13 +55,13 @@ def add(
     Example: palpate archive add recordings --to archive --station north
     """
     from palpate.produce.store.database import Store
-    from palpate_archive.adding import add_recordings, add_store, found_recordings
+    from palpate_archive.adding import add_recordings, add_store, find_recordings
     from palpate_archive.layout import Archive, check_name
 
     for path in files or []:
         if not path.exists():
             raise InputError(f"{path}: no such file or folder")
-    recordings = list(found_recordings(files or []))
+    recordings = list(find_recordings(files or []))
     if not recordings and store is None:
         raise InputError("nothing to add: name recordings, a folder that holds some, or --store")
     if store is not None and station is None:
@@ -161,7 +161,7 @@ def _work_on(archive: Path, job: Job, *, to: Path | None, quiet: bool) -> None:
     tasks = plan_tasks(job, Archive(archive), to=results)
     if not tasks:
         raise InputError(f"{archive}: holds no {job.reads}; add some with `palpate archive add`")
-    left = [task for task in tasks if not task.done]
+    left = [task for task in tasks if not task.is_done]
     with progress(job.name, total=len(left), quiet=quiet) as show:
         rows = perform(left, show=show) if left else 0
     delete_others(results / job.name, tasks)

@@ -14,7 +14,7 @@ from palpate.estimate.damage_file import DamageFile
 from palpate.estimate.strength import ClosingCurve
 from palpate.rig import Rig, open_rig
 from palpate.sensor.array import Frame
-from palpate_lerobot.hand import PolicyHand, learned_limit_n
+from palpate_lerobot.hand import PolicyHand, read_learned_limit_n
 
 pytestmark = pytest.mark.slow
 
@@ -113,11 +113,11 @@ def damage_file(path: Path, *, n: Callable[[float], float]) -> Path:
 
 
 def test_the_limit_of_a_damage_file_is_below_what_all_of_them_bear(tmp_path: Path) -> None:
-    weak = learned_limit_n(damage_file(tmp_path / "weak.json", n=lambda _: 4.0))
+    weak = read_learned_limit_n(damage_file(tmp_path / "weak.json", n=lambda _: 4.0))
     by_stiffness = damage_file(tmp_path / "stiff.json", n=lambda stiffness: stiffness)
     assert 1.0 < weak < 4.0
-    assert learned_limit_n(by_stiffness, kind="spring") < 2.0
+    assert read_learned_limit_n(by_stiffness, kind="spring") < 2.0
     strong = damage_file(tmp_path / "strong.json", n=lambda _: 80.0)
-    assert learned_limit_n(strong) == 15.0
+    assert read_learned_limit_n(strong) == 15.0
     with pytest.raises(InputError, match="pear"):
-        learned_limit_n(strong, kind="pear")
+        read_learned_limit_n(strong, kind="pear")

@@ -81,7 +81,7 @@ def check_held(rig: Rig, *, size_mm: float) -> None:
     assert rig.truth is not None
     truth = rig.truth()
     assert result.outcome is Outcome.HELD
-    assert rig.simulated
+    assert rig.is_simulated
     assert truth["size_mm"] == thing("strawberry").size_mm
     assert result.size_mm.value == pytest.approx(truth["size_mm"], abs=size_mm)
     assert result.force_n.low < truth["force_n"] < result.force_n.high

@@ -84,7 +84,7 @@ def _since_s(message: Any, *, zero_ns: int) -> float:
 
 
 def _state(message: Any, *, zero_ns: int) -> GripperState:
-    """Return a hand's state: of a joint's opening, or of a pressure, whose movement is unknown."""
+    """Return a gripper's state: a joint's opening, or a pressure with unknown movement."""
     time_s = _since_s(message, zero_ns=zero_ns)
     if hasattr(message, "fluid_pressure"):
         return GripperState(time_s=time_s, pressure_kpa=message.fluid_pressure / 1e3)

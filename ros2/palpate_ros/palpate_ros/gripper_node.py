@@ -1,4 +1,4 @@
-"""`ros2 run palpate_ros gripper`: a hand with its sensor. Grasps are actions; stop is a service."""
+"""`ros2 run palpate_ros gripper`: gripper and sensor, with grasp action and stop service."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from palpate.rig.recorded import recording_info
 from palpate.sensor.array import PressureArray
 from palpate.twin.paced_array import PacedArray
 from palpate_ros.hand import Grasping, Hand
-from palpate_ros.messages import measured
+from palpate_ros.messages import build_measurement
 from palpate_ros.parameters import HAND, SHARED, declare
 from palpate_ros.spinning import run
 from palpate_ros.topics import Provenance, SensorTopics
@@ -46,14 +46,14 @@ class GripperNode(Node):
     def __init__(self) -> None:
         super().__init__("palpate_gripper")
         declare(self, SHARED | HAND)
-        self._rig = rig = self._opened()
+        self._rig = rig = self._open_rig()
         array: PressureArray = rig.array
-        if rig.simulated:
+        if rig.is_simulated:
             array = PacedArray(array, speed=self._value("speed"))
         first = array.read(timeout_s=2.0)
         info = recording_info(rig, seed=self._value("seed"))
         info = replace(info, gripper=rig.gripper.limits)
-        if rig.simulated:
+        if rig.is_simulated:
             # Simulated time begins at 0; other nodes live now.
             info = replace(info, clock_zero_unix_ns=time.time_ns() - round(first.time_s * 1e9))
         about = Provenance(
@@ -103,7 +103,7 @@ class GripperNode(Node):
     def _value(self, name: str) -> Any:
         return self.get_parameter(name).value
 
-    def _opened(self) -> Rig:
+    def _open_rig(self) -> Rig:
         return open_rig(
             self._value("rig"), object_name=self._value("object") or None, seed=self._value("seed")
         )
@@ -164,8 +164,8 @@ class GripperNode(Node):
             outcome=str(found.outcome if order.over.is_set() else Outcome.HELD),
             decision_time_s=math.nan if found.decision_time_s is None else found.decision_time_s,
             measurements=_measurements(found),
-            limited=found.limited,
-            simulated=self._rig.simulated,
+            limited=found.is_limited,
+            simulated=self._rig.is_simulated,
             faults=list(found.faults),
         )
 
@@ -194,7 +194,7 @@ def _measurements(found: GraspResult) -> list[Measurement]:
         "stiffness": found.stiffness_n_per_mm,
         "settled_change": found.settled_percent,
     }
-    return [measured(Measurement, name, value) for name, value in named.items()]
+    return [build_measurement(Measurement, name, value) for name, value in named.items()]
 
 
 def main() -> None:

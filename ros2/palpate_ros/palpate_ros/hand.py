@@ -1,4 +1,4 @@
-"""The one thread that owns a rig: it watches the sensor, grasps when told, and leaves it safe."""
+"""The thread that owns a rig: it reads the sensor, grasps, and leaves safely."""
 
 from __future__ import annotations
 
@@ -120,7 +120,10 @@ class Hand:
         return order
 
     def open(self, width_mm: float | None = None) -> Moving | None:
-        """Open fully or to a width; what is held is given back, fully open. None: already busy."""
+        """Open fully or to a width; a held object is released fully.
+
+        None means that the gripper is busy.
+        """
         with self._lock:
             busy = self._now
             if isinstance(busy, Grasping):

@@ -54,7 +54,7 @@ def wrench(force_n: float, *, stamp: Time, frame_id: str) -> WrenchStamped:
 
 
 def joint_state(state: GripperState, *, name: str, before: GripperState, stamp: Time) -> JointState:
-    """Return a hand driven by width: metres, and 0 m/s exactly while it does not move."""
+    """Return a width-driven gripper's joint: metres, and 0 m/s exactly at rest."""
     passed_s = state.time_s - before.time_s
     speed = (state.width_mm - before.width_mm) / passed_s if passed_s > 0 else 0.0
     message = JointState(name=[name], position=[state.width_mm / 1e3])
@@ -96,7 +96,7 @@ def status(
     )
 
 
-def measured(kind: Any, name: str, found: Measurement | None) -> Any:
+def build_measurement(kind: Any, name: str, found: Measurement | None) -> Any:
     """Return a measurement as a message of type `kind`; NaN where nothing is known."""
     if found is None:
         nan = math.nan

@@ -42,7 +42,7 @@ class SensorNode(LifecycleNode):
         self._active, self._ending = threading.Event(), threading.Event()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Open the sensor; a fault is one line in the log, and the node stays unconfigured."""
+        """Open the sensor; a fault gives one log line and an unconfigured node."""
         name = str(self.get_parameter("rig").value)
         try:
             self._source = source = open_source(rig=name)
@@ -143,7 +143,7 @@ def _calibration(source: SensorSource) -> Calibration | None:
     return source.calibration
 
 
-def _begun() -> SensorNode:
+def _start_node() -> SensorNode:
     node = SensorNode()
     if node.get_parameter("autostart").value:
         if node.trigger_configure() is not TransitionCallbackReturn.SUCCESS:
@@ -154,7 +154,7 @@ def _begun() -> SensorNode:
 
 def main() -> None:
     """Run the node until Ctrl-C."""
-    run(_begun, name="palpate_sensor")
+    run(_start_node, name="palpate_sensor")
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ class Owner(Protocol):
 
 
 def run(make: Callable[[], Owner], *, name: str) -> None:
-    """Make a node and spin it until a signal comes; then let go of the devices, then of ROS."""
+    """Make a node and spin it until a signal; then close devices and ROS."""
     # ROS's own signal handlers would take it away before the devices are safe.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:

@@ -132,7 +132,7 @@ class SensorTopics:
     def diagnose(self) -> None:
         """Publish the sensor's health, as far as it can be judged now."""
         now = self._node.get_clock().now().to_msg()
-        array = DiagnosticArray(status=[self._judged()])
+        array = DiagnosticArray(status=[self._diagnose()])
         array.header.stamp = now
         self._diagnostics.publish(array)
 
@@ -171,7 +171,7 @@ class SensorTopics:
             while self._quiet and frame.time_s - self._quiet[0].time_s > _JUDGED_S:
                 self._quiet.popleft()
 
-    def _judged(self) -> DiagnosticStatus:
+    def _diagnose(self) -> DiagnosticStatus:
         name = f"{self._node.get_name()}: sensor"
         said = {"name": name, "hardware_id": self._about.info.rig or "palpate"}
         with self._lock:

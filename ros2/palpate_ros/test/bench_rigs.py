@@ -1,4 +1,4 @@
-"""Rigs of the tests, found by entry points: the twin, calibrated once for all of them."""
+"""Rigs of the tests as entry points: the twin, calibrated once for all."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def open_bench(*, object_name: str | None, seed: int) -> Rig:
 
 
 def open_servo(*, object_name: str | None, seed: int) -> Rig:
-    """Open a servo on the port PALPATE_TEST_PORT; its hand is empty, the sheet is another world's.
+    """Open a servo on the port PALPATE_TEST_PORT, empty, with an unrelated simulated sheet.
 
     A process of its own holds the servo, so that this one can be killed.
     """

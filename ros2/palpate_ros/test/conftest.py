@@ -1,4 +1,4 @@
-"""Nodes in processes of their own, talking over DDS with a client in the test's process."""
+"""Nodes in their own processes, connected over DDS to a client in the test."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _ENTRY_POINTS = "[palpate.rigs]\nbench = bench_rigs:open_bench\nservo = bench_ri
 
 @pytest.fixture(scope="session")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Return the environment of every process: a domain of its own, the rigs of the tests."""
+    """Return the processes' environment: a domain of their own, and the test rigs."""
     folder = tmp_path_factory.mktemp("rigs")
     calibrate_twin(seed=5, level="lab", apart_from="strawberry").save(folder / "pad.json")
     found = folder / "palpate_bench-0.dist-info"

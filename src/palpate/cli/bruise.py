@@ -63,7 +63,7 @@ def bruise(
         print_json(
             {
                 "item_id": item,
-                "bruised": found.bruised,
+                "bruised": found.is_bruised,
                 "probability": found.probability,
                 "before_percent": found.before_percent,
                 "now_percent": found.sides[0].mean_percent,
@@ -76,7 +76,7 @@ def bruise(
         )
     else:
         _print(item, found)
-    if found.bruised:
+    if found.is_bruised:
         raise typer.Exit(1)
 
 
@@ -91,7 +91,7 @@ def _learn(store: Store, item: str) -> BruiseModel:
 
 def _print(item: str, found: ItemBruise) -> None:
     console = Console(highlight=False)
-    verdict, note = "bruised" if found.bruised else "sound", " (simulated)" * found.simulated
+    verdict, note = "bruised" if found.is_bruised else "sound", " (simulated)" * found.simulated
     console.print(f"[bold]{escape(item)}: {verdict}[/bold]{note}")
     rows = [
         (

@@ -86,7 +86,7 @@ def _examine_source(source: SensorSource, *, duration_s: float, press: bool) -> 
         layout=layout,
         whole=whole,
         known_ohm=known_ohm,
-        asked_hz=source.asked_hz,
+        asked_hz=source.requested_rate_hz,
         events=events,
         also=also,
     )
@@ -127,14 +127,14 @@ def _follow_presses(
     """Follow the presses; return the frames of rest and presses, and the findings."""
     watch, asked, taken = PressWatch(rest.rest_ohm(layout=layout)), None, rest.frames()
     for frame in frames:
-        if watch.expected is not None and watch.expected != asked:
-            asked = watch.expected
+        if watch.next_place is not None and watch.next_place != asked:
+            asked = watch.next_place
             where = f"pixel {pixel_name(*asked)} (finger {layout.finger_of_row[asked[0]]})"
             prompt(f"press {where}, hold it for a moment, let go")
         ohm = pixel_resistance_ohm(frame.counts, layout=layout, oversampling=frame.oversampling)
         watch.add_frame(frame.time_s, ohm)
         taken.append(frame)
-        if watch.done:
+        if watch.is_done:
             break
     watch.end_early()
     return FrameColumns.of(taken), tuple(order_findings(watch.presses, layout=layout))

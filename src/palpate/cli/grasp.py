@@ -160,7 +160,7 @@ def grasp(
                 result,
                 target_force_n=target_force_n,
                 title=f"[bold]{devices.subject or 'unknown object'}[/] on {devices.name}",
-                simulated=devices.simulated,
+                simulated=devices.is_simulated,
                 seed=seed,
                 truth=truth,
                 limited=limited,

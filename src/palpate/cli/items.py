@@ -246,7 +246,7 @@ def _print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
             Text(page.item.kind or "-"),
             Text(page.item.batch or "-"),
             time_text(page.grasps[-1].taken_at) if page.grasps else "-",
-            f"{len(page.grasps)}{f' {_MARK}' if page.simulated else '  '}",
+            f"{len(page.grasps)}{f' {_MARK}' if page.is_simulated else '  '}",
             _value(page.latest("size_mm"), 1),
             _value(page.latest("firmness"), 0),
             _value(page.latest("stiffness_n_per_mm"), 2),
@@ -255,7 +255,7 @@ def _print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
         for page in pages
     ]
     print_table(columns, rows, console=console)
-    if any(page.simulated for page in pages):
+    if any(page.is_simulated for page in pages):
         console.print(f"{_MARK} simulated on the twin", style="dim")
     if more:
         console.print(f"the last {len(pages)} items; --limit shows more", style="dim")
@@ -276,7 +276,7 @@ def _print_page(page: ItemHistory) -> None:
     if not page.grasps:
         shown.append(Text(f"not grasped yet: palpate grasp --item {item.item_id!r}", style="dim"))
     title = Text(item.item_id, style="bold")
-    subtitle = SIMULATED if page.simulated else None
+    subtitle = SIMULATED if page.is_simulated else None
     print_card(console, *parts, *shown, title=title, subtitle=subtitle)
 
 

@@ -102,7 +102,7 @@ def qualify(
     found = agreement_of(pairs, demand)
     effort = effort_of(found, demand, grasp_s=grasp_s, handling_s=handling_s)
     document = qualification_document(
-        found, effort, demand, unit=unit, items=pairs.items, pairs=int(pairs.paired.sum())
+        found, effort, demand, unit=unit, items=pairs.items, pairs=int(pairs.has_both.sum())
     )
     if report is not None:
         write_report(report, document, found=found, source=readings.name)

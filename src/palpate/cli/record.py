@@ -52,7 +52,7 @@ def record(
         opened = _open_rig(rig, port=port, seed=seed, endless=duration_s is None)
         stack.callback(opened.close)
         array, gripper, info = opened.array, opened.gripper, recording_info(opened, seed=seed)
-        name = f"{opened.name} (simulated)" if opened.simulated else opened.name
+        name = f"{opened.name} (simulated)" if opened.is_simulated else opened.name
         # Before the file: a signal while that is begun or finished must not tear it either.
         stopped = stack.enter_context(_stop_signals())
         writer = stack.enter_context(RecordingWriter(file, info=info))
@@ -84,7 +84,7 @@ def _open_rig(name: str | None, *, port: str | None, seed: int, endless: bool) -
         board = open_board(port=port)
         return SensorRig(name=board.name, array=board, clock=RealClock(), calibration=None)
     rig = open_rig_or_sensor(name, seed=seed)
-    if rig.simulated and endless:
+    if rig.is_simulated and endless:
         rig.close()
         raise InputError(f"--rig {name} is simulated and would never end: give a --duration")
     return rig

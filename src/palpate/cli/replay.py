@@ -68,7 +68,7 @@ def replay(
 
 def _play(source: Replay, *, as_json: bool) -> None:
     played = []
-    while not source.ended:
+    while not source.has_ended:
         frame = source.read(timeout_s=float("inf"))
         if as_json:
             counts = frame.counts.tolist()

@@ -145,7 +145,7 @@ def _item_report(page: ItemHistory, *, store: str) -> str:
     return render_page(
         title=item.item_id,
         chips=chips,
-        simulated=page.simulated,
+        simulated=page.is_simulated,
         body=body,
         foot=f"From the {store}. {_FOOT}",
     )
@@ -205,7 +205,7 @@ def _group_report(title: str, pages: Sequence[ItemHistory], *, store: str, day: 
     return render_page(
         title=title,
         chips=_summary_labels(pages, grasps),
-        simulated=any(grasp.simulated for grasp in grasps),
+        simulated=any(grasp.is_simulated for grasp in grasps),
         body=[
             _group_tiles(pages, grasps),
             _group_figures(pages, grasps, day=day),

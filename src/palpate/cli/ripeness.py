@@ -82,7 +82,7 @@ def ripeness(
         judge = _Judge(known, reference=reference, stages=names, ripe=ripe)
         judged = [judge.judge(item) for item in asked]
         for one in judged:
-            if not one.assumed:
+            if not one.is_assumed:
                 known.add_verdict(verdict_of(one.ripeness, one.history))
     if plot is not None:
         from palpate.plots.ripeness import item_figure
@@ -126,12 +126,12 @@ class _Judged:
     drift: Drift | None
 
     @property
-    def assumed(self) -> bool:
+    def is_assumed(self) -> bool:
         return is_assumed(self.ripeness, self.history)
 
     @property
-    def simulated(self) -> bool:
-        return any(grasp.simulated for grasp in self.history.grasps)
+    def is_simulated(self) -> bool:
+        return any(grasp.is_simulated for grasp in self.history.grasps)
 
     def to_dict(self) -> dict[str, object]:
         """Return the JSON form; the time of a stage that is never reached is null."""
@@ -143,7 +143,7 @@ class _Judged:
         return {
             "item_id": self.item.item_id,
             "kind": self.item.kind,
-            "simulated": self.simulated,
+            "simulated": self.is_simulated,
             "drive": history.drive,
             "stage": found.stage,
             "probabilities": found.probabilities,
@@ -207,7 +207,7 @@ def _print(judged: Sequence[_Judged]) -> None:
             Text(one.item.item_id),
             Text(one.ripeness.stage, style="bold"),
             "assumed"
-            if one.assumed
+            if one.is_assumed
             else percent_text(one.ripeness.probabilities[one.ripeness.stage]),
             _days_text(one.ripeness.days_to_ripe),
             f"{len(one.history.grasps)} on {_count_text(len(one.history.days), 'day')}",
@@ -232,7 +232,7 @@ def _print(judged: Sequence[_Judged]) -> None:
         ]
         quantity = ">stiffness, N/mm" if width else ">pixels sharing"
         print_table((">day", quantity, ">settled, %", ">grasps"), days, console=console)
-    unsure = [one.item.item_id for one in judged if one.ripeness.unsure and not one.assumed]
+    unsure = [one.item.item_id for one in judged if one.ripeness.unsure and not one.is_assumed]
     if unsure:
         console.print(
             f"below {percent_text(SURE)} probability: {', '.join(unsure)}; "
@@ -242,7 +242,7 @@ def _print(judged: Sequence[_Judged]) -> None:
     for advice in dict.fromkeys(one.drift.advice for one in judged if one.drift is not None):
         if advice:
             console.print(f"[yellow]! {advice}[/]")
-    if any(one.simulated for one in judged):
+    if any(one.is_simulated for one in judged):
         console.print("[bold yellow]SIMULATED[/]: these grasps were made on the twin")
 
 

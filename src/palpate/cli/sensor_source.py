@@ -38,7 +38,7 @@ class SensorSource:
     simulated: bool = False
 
     @property
-    def asked_hz(self) -> float | None:
+    def requested_rate_hz(self) -> float | None:
         """The rate that the board was set to, if there is a board."""
         board = self.array.identity if isinstance(self.array, SerialArray) else None
         return None if board is None else board.rate_hz
@@ -120,6 +120,6 @@ def open_source(rig: str | None = None, *, port: str | None = None) -> SensorSou
         name=devices.name,
         array=devices.array,
         calibration=devices.calibration,
-        gripper=devices.gripper if devices.simulated else None,
-        simulated=devices.simulated,
+        gripper=devices.gripper if devices.is_simulated else None,
+        simulated=devices.is_simulated,
     )

@@ -133,7 +133,7 @@ def _identify(item: str, *, store: str | None, as_json: bool) -> None:
         identity = known.identify(touches)
         verdict = identity_verdict(item, identity, given_at=datetime.now(UTC))
         opened.add_verdict(verdict)
-    simulated = any(grasp.simulated for grasp in grasps)
+    simulated = any(grasp.is_simulated for grasp in grasps)
     if as_json:
         print_json(
             {

@@ -40,7 +40,7 @@ class SortReport:
         )
         self._placed.append(placed)
         self._rows.append(_row(done, placed))
-        self._simulated |= any(grasp.simulated for grasp in done.grasps)
+        self._simulated |= any(grasp.is_simulated for grasp in done.grasps)
         if self.show is not None:
             self.show(len(self._rows))
 

@@ -368,7 +368,7 @@ class AppState:
             ),
             item_id=order.item_id,
             target_force_n=order.target_force_n,
-            simulated=live.source is not None and live.source.simulated,
+            simulated=live.source is not None and live.source.is_simulated,
             curve=list(live.curve),
         )
         document = self._document(grasped, order, ended_at=entry.ended_at)

@@ -244,7 +244,7 @@ class Live:
         return self.curve[max(at - 1, 0)].force if self.curve else None
 
     @property
-    def settled(self) -> tuple[float, Measurement | None] | None:
+    def settled_measurement(self) -> tuple[float, Measurement | None] | None:
         """Mean change (percent) and force, as measured at the horizon of the forecast.
 
         None before, and where the hand did not hold still until then.

@@ -257,7 +257,7 @@ class FrameSource:
     laws: ForceLaws | None = None
 
     @property
-    def simulated(self) -> bool:
+    def is_simulated(self) -> bool:
         """Whether any of it is simulated."""
         return self.origin != "hardware"
 

@@ -38,7 +38,7 @@ def state_document(session: Session) -> dict[str, object]:
         "answered": running is not None and running.decided,
         "bin": (session.devices.placed.get("bin") or {}).get("name"),
         "rig": None if session.rig is None else session.rig.name,
-        "simulated": None if source is None else source.simulated,
+        "simulated": None if source is None else source.is_simulated,
         "fresh": not live.link.stale and session.silence_s is None,
         "hand_open": live.open_hand,
         "driver": session.driver is not None,
@@ -76,7 +76,7 @@ def document(
             "name": source.name,
             "subject": source.subject,
             "origin": source.origin,
-            "simulated": source.simulated,
+            "simulated": source.is_simulated,
             "replayed": source.replayed,
             "newtons": live.newtons,
         },
@@ -272,7 +272,7 @@ def _list_measurements(session: Session) -> dict[str, Any]:
         "decision_time_s": None if result is None else result.decision_time_s,
         "data_s": None if progress is None else progress.data_s,
         "settled": _at_horizon(session.devices.live),
-        "limited": result is not None and result.limited,
+        "limited": result is not None and result.is_limited,
         "damaged": truth.get("damaged"),
         "damaged_s": truth.get("damaged_s"),
         "force_now": _measurement_document(session.devices.live.force, None),
@@ -283,9 +283,9 @@ def _list_measurements(session: Session) -> dict[str, Any]:
 
 def _at_horizon(live: Live) -> dict[str, Any] | None:
     """Return the measured value at the forecast's horizon; None before."""
-    if live.settled is None:
+    if live.settled_measurement is None:
         return None
-    percent, force = live.settled
+    percent, force = live.settled_measurement
     return {"settled_percent": {"value": percent}, "force_n": _measurement_document(force, None)}
 
 

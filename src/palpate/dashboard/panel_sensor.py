@@ -73,7 +73,7 @@ def _force(app_state: AppState, viewer: Viewer) -> None:
         """Show how newtons are measured on the rig that is open."""
         source = app_state.session.devices.live.source
         cell = source is not None and source.has_load_cell
-        simulated = source is not None and source.simulated
+        simulated = source is not None and source.is_simulated
         loads.set_visibility(not cell and not simulated)
         button.set_visibility(cell or not simulated)
         how.set_content(f"<p>{html.escape(_instructions(cell=cell, simulated=simulated))}</p>")

@@ -244,7 +244,7 @@ class _Again:
         self.grasp_state = self._controller.state
 
     def step(self, frame: Frame, report: GripperState) -> None:
-        if not self.grasp_state.ended:
+        if not self.grasp_state.has_ended:
             self._controller.step(Observation(frame=frame, gripper=report))
         if self.grasp_state.phase is Phase.HOLD and frame.time_s >= self._end_s:
             self._controller.release()

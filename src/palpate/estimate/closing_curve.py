@@ -129,7 +129,7 @@ def measure_closing(
     >>> size_mm
     Measurement(40 mm, 39.87 to 40.12, ok)
     """
-    if np.count_nonzero(curve.felt) < _FEWEST or force.middle <= 0:
+    if np.count_nonzero(curve.is_certain) < _FEWEST or force.middle <= 0:
         return None
     tail = (1 - force.level) / 2
     log_sd = np.log(force.high / max(force.low, 1e-3 * force.middle)) / (2 * ndtri(1 - tail))
@@ -210,7 +210,7 @@ def _gains(curve: ClosingSteps) -> FloatArray:
     """Return equally likely gains, of ln force; the other uncertainty is solved for each."""
     middles = ndtri((np.arange(_GAINS) + 0.5) / _GAINS)
     kept = np.sqrt(1 - _SOLVED_SHARE**2) / np.std(middles)
-    return np.asarray(curve.stated_sd * kept * middles)
+    return np.asarray(curve.own_gain_sd * kept * middles)
 
 
 def _weigh(curve: ClosingSteps, give: Compliance, scales: FloatArray) -> _Grid:
@@ -220,7 +220,7 @@ def _weigh(curve: ClosingSteps, give: Compliance, scales: FloatArray) -> _Grid:
     doubt = scatters[:, None] ** 2 + (curve.floor_n / curve.looks.read_n) ** 2
     sharp_mm = max(give.residual_mm, _SHARPEST_MM)
     weight = 1.0 / (sharp_mm**2 + design[..., None, :, 1] ** 2 * doubt)
-    gain_sd = max(_SOLVED_SHARE * curve.stated_sd, 1e-3)
+    gain_sd = max(_SOLVED_SHARE * curve.own_gain_sd, 1e-3)
     known = np.array([np.inf, gain_sd, tilt_sd(curve.law_sd), LAG_SD, _GIVE_SD])
     # From the middle: sums of squares of whole widths would lose the digits that count.
     middle_mm = float(touch_mm.mean())
@@ -234,7 +234,7 @@ def _weigh(curve: ClosingSteps, give: Compliance, scales: FloatArray) -> _Grid:
     volume = np.log(weight).sum(axis=-1) - np.linalg.slogdet(precision)[1]
     evidence = 0.5 * (volume - left)
     mean[..., 0] += middle_mm
-    if not curve.felt[0]:
+    if not curve.is_certain[0]:
         variance = np.linalg.inv(precision)[..., 0, 0] + sharp_mm**2
         evidence += _not_before(curve, give, scales, mean[..., 0], np.sqrt(variance))
     evidence += np.log(list(_SHAPES.values()))[:, None, None] + np.log(list(_SCATTERS.values()))
@@ -277,7 +277,7 @@ def _not_before(
     """
     power = 1.0 / np.array(list(_SHAPES))[:, None, None]
     faint_mm = (curve.faint_n / scales[:, None]) ** power + float(give.give_mm(curve.faint_n))
-    beyond_mm = float(curve.width_mm[: np.argmax(curve.felt)].min()) + faint_mm
+    beyond_mm = float(curve.width_mm[: np.argmax(curve.is_certain)].min()) + faint_mm
     return np.asarray(log_ndtr((beyond_mm - size_mm) / sd_mm))
 
 
@@ -335,7 +335,7 @@ class ClosingSteps:
         return FELT * self.floor_n
 
     @property
-    def felt(self) -> NDArray[np.bool_]:
+    def is_certain(self) -> NDArray[np.bool_]:
         """Return the steps with a force above drift, or all with force if too few."""
         sure = self.force_n > self.faint_n
         return sure if np.count_nonzero(sure) >= _FEWEST else self.force_n > 0
@@ -343,30 +343,30 @@ class ClosingSteps:
     @property
     def rising(self) -> FloatArray:
         """Rise of ln force at each felt step that the sheet has not forgotten yet."""
-        return unforgotten(self.force_n[self.felt], faint_n=self.faint_n)
+        return unforgotten(self.force_n[self.is_certain], faint_n=self.faint_n)
 
     @property
-    def looked_at(self) -> NDArray[np.int64]:
+    def used_steps(self) -> NDArray[np.int64]:
         """Which of the felt steps are used: at most `_MOST_STEPS`, evenly spread."""
-        felt = int(np.count_nonzero(self.felt))
+        felt = int(np.count_nonzero(self.is_certain))
         return np.unique(np.linspace(0, felt - 1, min(felt, _MOST_STEPS)).round().astype(int))
 
     @property
     def looks(self) -> Looks:
         """The steps that are used."""
-        read_n = self.force_n[self.felt][self.looked_at]
+        read_n = self.force_n[self.is_certain][self.used_steps]
         share = read_n / read_n.max()
         weight = np.where(share > _GAIN_FROM, share**2, 0.0)
-        above, lagging = np.log(read_n), self.rising[self.looked_at]
+        above, lagging = np.log(read_n), self.rising[self.used_steps]
         return Looks(
             read_n=read_n,
-            width_mm=self.width_mm[self.felt][self.looked_at],
+            width_mm=self.width_mm[self.is_certain][self.used_steps],
             above=above - np.average(above, weights=weight),
             lagging=lagging - lagging[-1],
         )
 
     @property
-    def stated_sd(self) -> float:
+    def own_gain_sd(self) -> float:
         """Doubt of the gain without what the exponent makes of it, which is solved for."""
         tilted = tilt_sd(self.law_sd) * self.looks.above[-1]
         return float(np.sqrt(max(self.gain_sd**2 - tilted**2, (0.5 * self.gain_sd) ** 2)))

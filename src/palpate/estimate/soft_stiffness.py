@@ -61,7 +61,7 @@ def soft_stiffness(
     True ok
     False saturated
     """
-    if not curve.felt.any() or force.middle <= 0:
+    if not curve.is_certain.any() or force.middle <= 0:
         return None
     together = _together(curve, give, opening_mm, force.middle)
     if together is None:
@@ -102,7 +102,7 @@ def _together(
     less what it was then. Both were read with the same gain, so what the gain leaves open is left
     to the force.
     """
-    first = int(np.argmax(curve.felt))
+    first = int(np.argmax(curve.is_certain))
     touched_mm, first_n = float(curve.width_mm[first]), float(curve.force_n[first])
     way_mm = touched_mm - opening_mm
     if not way_mm > 0:

@@ -270,7 +270,7 @@ def _measure(
 def count_felt_steps(estimate: ContactEstimate, plan: Plan) -> int:
     """Return how many steps of the closing a stiffness can be estimated from."""
     found = _closing_curve(estimate, plan)
-    return 0 if found is None else int(np.count_nonzero(found[0].felt))
+    return 0 if found is None else int(np.count_nonzero(found[0].is_certain))
 
 
 def _closing_curve(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingSteps, Compliance] | None:

@@ -199,7 +199,7 @@ def continue_sweep(state: GraspState, plan: Plan) -> GripperCommand | None:
     # A hand that stands still shakes nothing: its position shows that it did not arrive.
     frozen = sweep.is_frozen and estimate.still_since_s is None
     # With more than a push takes the object is gripped, and the other finger may not show it.
-    gripped = estimate.watched_n > sweep.most_n
+    gripped = estimate.confirmed_force_n > sweep.most_n
     if sweep.time_s and (frozen or gripped or sweep.is_touching(plan.current)):
         return _end_sweep(state, stop_here(estimate, plan))
     near = sweep.end < plan.gripper.span

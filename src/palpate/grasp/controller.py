@@ -56,7 +56,7 @@ class GraspController:
         """Return the wish of the monitors first, then that of the state."""
         state, plan = self.state, self.plan
         if state.phase not in (Phase.RELEASE, Phase.DONE):
-            estimate, watched_n = state.estimate, state.estimate.watched_n
+            estimate, watched_n = state.estimate, state.estimate.confirmed_force_n
             if watched_n > plan.safety.force_ceiling_n:
                 estimate.set_force(watched_n, max(watched_n, estimate.force_high_n))
             alarm = self._ceiling.check(observation, state)
@@ -95,7 +95,7 @@ def closes_too_far(state: GraspState, plan: Plan) -> bool:
     if not moving or plan.target_force_n is None or not closing:
         return False
     late_s = GUARDS.late_s + estimate.period_s + plan.safety.latency_s
-    ahead_n = estimate.watched_n + late_s * estimate.rise_n_per_s
+    ahead_n = estimate.confirmed_force_n + late_s * estimate.rise_n_per_s
     return ahead_n > GUARDS.too_far * goal_n(plan)
 
 

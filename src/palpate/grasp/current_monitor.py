@@ -155,7 +155,7 @@ class CurrentMonitor:
         if math.isnan(self._risen_s):
             self._risen_s = time_s
         answered = estimate.now_s > self._risen_s + READING.lag_s
-        if not answered or estimate.watched_n > self._plan.no_push_n:
+        if not answered or estimate.confirmed_force_n > self._plan.no_push_n:
             return None
         return self._report_unexplained_rise(pull_ma)
 

@@ -92,7 +92,7 @@ def read_by_paper(source: Replay, paper: Paper) -> GraspResult:
     gripper = ReplayGripper(source)
     plan = plan_of_recording(replace(source.info, paper=paper.as_text()), gripper=gripper)
     state, closure, stops = GraspState(), math.nan, [0.0]
-    while not source.ended and state.phase not in (Phase.HOLD, Phase.RELEASE):
+    while not source.has_ended and state.phase not in (Phase.HOLD, Phase.RELEASE):
         frame = source.read(timeout_s=math.inf)
         report = gripper.state()
         # A small step begins and ends between two frames, neither of which sees it move.

@@ -52,5 +52,5 @@ def limit_document(
         "rate": file.model.rate,
         "low_n": low_n if shown else None,
         "passed": shown and (result.peak_force_n or 0.0) > low_n,
-        "kept_below_target": result.limited,
+        "kept_below_target": result.is_limited,
     }

@@ -116,14 +116,14 @@ class HandMotion:
     peak_force_n: float = 0.0
 
     @property
-    def lasted_s(self) -> float:
+    def duration_s(self) -> float:
         """Duration of the grasp until now, seconds."""
         return 0.0 if self.began_s is None else self.now_s - self.began_s
 
     @property
     def period_s(self) -> float:
         """Time from frame to frame, seconds."""
-        return self.lasted_s / max(self.frames - 1, 1)
+        return self.duration_s / max(self.frames - 1, 1)
 
     @property
     def still_s(self) -> float:
@@ -191,7 +191,7 @@ class ContactEstimate(HandMotion):
         return ContactEstimate(**kept | {"still_since_s": self.now_s})
 
     @property
-    def watched_n(self) -> float:
+    def confirmed_force_n(self) -> float:
         """Grip force that both of the last two frames show, newtons.
 
         A single frame may be a spike.
@@ -207,7 +207,7 @@ class ContactEstimate(HandMotion):
         if len(self.frames_n) < _RISE_FRAMES:
             return 0.0
         (then_s, then_n), (now_s, _) = self.frames_n[0], self.frames_n[-1]
-        return max(self.watched_n - then_n, 0.0) / (now_s - then_s)
+        return max(self.confirmed_force_n - then_n, 0.0) / (now_s - then_s)
 
     @property
     def now(self) -> Touch:

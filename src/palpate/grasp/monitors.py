@@ -185,7 +185,7 @@ class TimeMonitor:
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
         """Return an alarm if the grasp takes too long."""
-        if state.phase is Phase.HOLD or state.estimate.lasted_s <= self._plan.longest_s:
+        if state.phase is Phase.HOLD or state.estimate.duration_s <= self._plan.longest_s:
             return None
         words = f"not done within {self._plan.longest_s:g} s"
         return Alarm(danger=Danger.TIMED_OUT, words=words)

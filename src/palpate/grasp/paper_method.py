@@ -141,7 +141,7 @@ def settle_exponentially(state: GraspState, plan: Plan) -> GripperCommand | None
     )
     state.result = replace(
         state.result,
-        decision_time_s=round(estimate.now_s - state.touched_s, 6),
+        decision_time_s=round(estimate.now_s - state.first_contact_s, 6),
         settled_percent=settled,
         force_n=_force_by_line(settled, plan),
     )

@@ -32,7 +32,7 @@ def take_rest(state: GraspState, *, plan: Plan) -> bool:
     try:
         estimate.rest_ohm = rest_baseline(frames, known_ohm=plan.rest_ohm).rest_ohm
     except CalibrationError as refused:
-        waited_s = min(state.in_this_s, estimate.lasted_s)
+        waited_s = min(state.in_this_s, estimate.duration_s)
         if waited_s < plan.rest_s + GUARDS.patience_s:
             estimate.rest_frames, estimate.still_since_s = (), now
             return False

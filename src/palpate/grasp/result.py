@@ -113,7 +113,7 @@ class GraspResult:
         return f"GraspResult({', '.join([str(self.outcome), *parts])})"
 
     @property
-    def limited(self) -> bool:
+    def is_limited(self) -> bool:
         """Whether the damage limit kept the force below the target."""
         return any(moment.name == "damage_limit" for moment in self.moments)
 

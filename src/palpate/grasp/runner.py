@@ -226,7 +226,7 @@ def run_grasp(
 
     try:
         with _signals_as_flag(requests.stop):
-            while not state.ended:
+            while not state.has_ended:
                 # An opening that has begun is completed.
                 if state.phase is not Phase.RELEASE:
                     if requests.stop.is_set():

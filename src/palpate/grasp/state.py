@@ -96,7 +96,7 @@ class GraspState:
     result: GraspResult = field(default_factory=lambda: GraspResult(outcome=Outcome.STOPPED))
 
     @property
-    def ended(self) -> bool:
+    def has_ended(self) -> bool:
         """Whether the grasp has ended."""
         return self.phase is Phase.DONE
 
@@ -112,7 +112,7 @@ class GraspState:
         return self.estimate.now_s - self.since_s
 
     @property
-    def touched_s(self) -> float:
+    def first_contact_s(self) -> float:
         """Time of the first contact, if known."""
         times_s = (self.attempt.felt_s, self.estimate.contact_s, self.estimate.moved_s)
         return next(time_s for time_s in times_s if time_s is not None)
@@ -188,7 +188,7 @@ class GraspState:
         self.estimate.peak_force_n = max(self.estimate.peak_force_n, force.middle)
         self.result = replace(
             self.result,
-            decision_time_s=round(self.estimate.now_s - self.touched_s, 6),
+            decision_time_s=round(self.estimate.now_s - self.first_contact_s, 6),
             settled_percent=settled.relative_percent,
             force_n=force,
             peak_force_n=self.estimate.peak_force_n,

@@ -61,7 +61,7 @@ def _event(grasp: Grasp, *, verdicts: Sequence[Verdict]) -> dict[str, Any]:
         "action": "OBSERVE",
         "bizStep": "inspecting",
         "palpate:outcome": str(grasp.outcome),
-        "palpate:simulated": grasp.simulated,
+        "palpate:simulated": grasp.is_simulated,
     }
     reports: list[dict[str, Any]] = []
     for name, (kind, unit) in _REPORTED.items():

@@ -96,7 +96,7 @@ def _select_shown(firmness: ArrayLike, width: bool) -> NDArray[np.float64]:
 
 
 def _title(history: FirmnessHistory, ripeness: Ripeness) -> str:
-    simulated = ", simulated" if any(grasp.simulated for grasp in history.grasps) else ""
+    simulated = ", simulated" if any(grasp.is_simulated for grasp in history.grasps) else ""
     chance = 100 * ripeness.probabilities[ripeness.stage]
     title = f"{history.item_id}{simulated}: {ripeness.stage} ({chance:.0f} %)"
     days = ripeness.days_to_ripe

@@ -113,7 +113,7 @@ class Grasp:
     ...     outcome=Outcome.HELD,
     ...     measurements={"stiffness_n_per_mm": felt},
     ... )
-    >>> grasp.measurements["stiffness_n_per_mm"].value, grasp.simulated
+    >>> grasp.measurements["stiffness_n_per_mm"].value, grasp.is_simulated
     (2.1, True)
     """
 
@@ -172,7 +172,7 @@ class Grasp:
             object.__setattr__(self, "pixel_settled_percent", pixels)
 
     @property
-    def simulated(self) -> bool:
+    def is_simulated(self) -> bool:
         """Whether any of it is simulated."""
         return self.origin != "hardware"
 

@@ -51,7 +51,7 @@ class Replay:
             return next(ends, None)
 
     @property
-    def ended(self) -> bool:
+    def has_ended(self) -> bool:
         """Whether every frame was read."""
         return self._next is None
 

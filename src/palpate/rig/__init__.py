@@ -92,7 +92,7 @@ class Rig:
             raise
 
     @property
-    def simulated(self) -> bool:
+    def is_simulated(self) -> bool:
         """Whether any of it is simulated."""
         return self.origin != "hardware"
 
@@ -193,7 +193,7 @@ class Rig:
         self.close()
 
     def __repr__(self) -> str:
-        parts = [repr(self.name), "simulated" if self.simulated else "hardware", self.subject]
+        parts = [repr(self.name), "simulated" if self.is_simulated else "hardware", self.subject]
         return f"Rig({', '.join(part for part in parts if part)})"
 
     def _own_reader(self) -> Reader:

@@ -43,7 +43,7 @@ class Grip:
         self._rig, self._plan, self._reader, self._recorder = rig, plan, reader, recorder
         self._requests, self._known = Requests(), threading.Event()
         self._array: PacedArray | None = None
-        if rig.simulated:
+        if rig.is_simulated:
             # Simulated time runs ahead until the object is held, then with the clock on the wall.
             self._array = PacedArray(rig.array, speed=math.inf)
         self._result = GraspResult(outcome=Outcome.STOPPED)

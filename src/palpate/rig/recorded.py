@@ -82,9 +82,9 @@ def recording_info(rig: Rig | SensorRig, *, seed: int) -> RecordingInfo:
         rig=rig.name,
         firmware_version=firmware_version(rig.array),
         calibration=None if rig.calibration is None else rig.calibration.as_text(),
-        seed=seed if rig.simulated else None,
+        seed=seed if rig.is_simulated else None,
         versions={"palpate": __version__},
-        clock_zero_unix_ns=0 if rig.simulated else clock_zero_unix_ns(),
+        clock_zero_unix_ns=0 if rig.is_simulated else clock_zero_unix_ns(),
     )
 
 

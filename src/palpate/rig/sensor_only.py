@@ -31,7 +31,7 @@ class SensorRig:
     truth: Callable[[], Mapping[str, object]] | None = None
 
     @property
-    def simulated(self) -> bool:
+    def is_simulated(self) -> bool:
         """Whether any of it is simulated."""
         return self.origin != "hardware"
 

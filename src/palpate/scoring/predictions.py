@@ -23,7 +23,7 @@ _FIGURES: Mapping[str, tuple[str, Any]] = {
     "mean_abs_error_percent": ("error_percent", np.mean),
     "p90_abs_error_percent": ("error_percent", lambda size: np.quantile(size, 0.9)),
     "median_error_of_remaining_percent": ("of_remaining_percent", np.median),
-    "coverage": ("covered", np.mean),
+    "coverage": ("coverage", np.mean),
     "median_half_width_percent": ("half_width_percent", np.median),
 }
 
@@ -34,7 +34,7 @@ class Prediction:
 
     >>> row = Prediction(hold_id="a", method="recorded", cutoff_s=2.5, predicted=-48.0,
     ...     low=-53.0, high=-45.0, settled=-50.0, recorded=-40.0, status=Status.OK)
-    >>> row.error_percent, row.of_remaining_percent, row.half_width_percent, row.covered
+    >>> row.error_percent, row.of_remaining_percent, row.half_width_percent, row.coverage
     (4.0, 20.0, 8.0, 1.0)
     """
 
@@ -75,7 +75,7 @@ class Prediction:
         return _percent((self.high - self.low) / 2, self.settled)
 
     @property
-    def covered(self) -> float:
+    def coverage(self) -> float:
         """1 where the interval holds the settled value, else 0; NaN where either is unknown."""
         if np.isnan(self.low + self.high + self.settled):
             return np.nan

@@ -41,7 +41,7 @@ class PressWatch:
     `timeout_s`: how long a press is waited for.
 
     >>> watch = PressWatch(np.full((1, 2), 1000.0))
-    >>> watch.expected
+    >>> watch.next_place
     (0, 0)
     >>> for k in range(10):
     ...     watch.add_frame(0.1 * k, np.array([[1000.0, 300.0]]))
@@ -62,13 +62,13 @@ class PressWatch:
         self._calm_s: float | None = None
 
     @property
-    def expected(self) -> PixelPlace | None:
+    def next_place(self) -> PixelPlace | None:
         """The pixel to press now; None when done, or until the last is released."""
         waiting = self._leader is None or self._depth == 0.0
         return self._wanted[0] if self._wanted and waiting else None
 
     @property
-    def done(self) -> bool:
+    def is_done(self) -> bool:
         """Whether every pixel has had its turn."""
         return not self._wanted
 
@@ -82,7 +82,7 @@ class PressWatch:
 
         `ohm`: shape (rows, cols).
         """
-        if self.done:
+        if self.is_done:
             return
         self._since_s = time_s if self._since_s is None else self._since_s
         change = relative_change_percent(ohm, rest_ohm=self._base_ohm)

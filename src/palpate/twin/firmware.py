@@ -213,7 +213,7 @@ class FirmwareBoard:
         return int(self._library.board_conversions(self._board))
 
     @property
-    def misrouted(self) -> int:
+    def misroute_count(self) -> int:
         """Conversions at which multiplexer and direct row lines disagreed."""
         return int(self._library.board_misrouted(self._board))
 

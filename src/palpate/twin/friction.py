@@ -22,7 +22,7 @@ class Slide:
     speed_mm_per_s: float = 0.0
 
     @property
-    def lost(self) -> bool:
+    def has_left_pads(self) -> bool:
         """Whether it has left the pads."""
         return self.slid_mm >= PAD_MM
 

@@ -178,7 +178,7 @@ class Plant:
             pull_n=state.pull_n,
             slide=slide,
         )
-        if slide.lost:
+        if slide.has_left_pads:
             return replace(following, obj=None, closure_mm=-np.inf, squeeze=RelaxingForce())
         return following
 

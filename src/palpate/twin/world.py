@@ -212,9 +212,9 @@ class World:
             self._restart(replace(now, pull_n=N_PER_G * now.obj.mass_g + more_n))
 
     @property
-    def dropped(self) -> bool:
+    def has_dropped(self) -> bool:
         """Whether the object has slid out of the fingers since it was placed."""
-        return self._latest.slide.lost
+        return self._latest.slide.has_left_pads
 
     def surround(self, environment: Environment, *, time_s: float | None = None) -> None:
         """Change the climate, the suction or the use made so far, at once.

@@ -193,7 +193,7 @@ class Examined:
     sound: LoadShape
 
     @property
-    def bruised(self) -> bool:
+    def is_bruised(self) -> bool:
         """Whether it is."""
         return self.apple.bruise is not None
 
@@ -358,10 +358,11 @@ class Scored:
         """Area under the ROC curve."""
         return area(self.bruised, self.score)
 
-    def found(self) -> float:
-        """Return the fraction of bruised sides that score above 95 % of sound ones."""
+    def summarise(self) -> dict[str, float]:
+        """Return the area, and the fraction of bruised sides above 95 % of sound ones."""
         limit = np.quantile(self.score[~self.bruised], 1.0 - FALSE_ALARMS)
-        return float(np.mean(self.score[self.bruised] > limit))
+        found = float(np.mean(self.score[self.bruised] > limit))
+        return {"auc": self.auc, "found": found}
 
 
 def area(bruised: NDArray[np.bool_], score: FloatArray) -> float:
@@ -393,7 +394,7 @@ def area_lost(ours: Scored, rival: Scored) -> Difference:
 def contrast_known(examined: Sequence[Examined]) -> dict[str, LabelledTable]:
     """Return the contrasts of sides to each reference, with the truth."""
     return table_sides(
-        [(str(number), one.bruised, one.side(EARLY_S)) for number, one in enumerate(examined)]
+        [(str(number), one.is_bruised, one.side(EARLY_S)) for number, one in enumerate(examined)]
     )
 
 
@@ -420,7 +421,7 @@ def score_all(
             for learner, method in LEARNERS.items()
         }
     scores[TOGETHER] = _learn_and_score("logistic", list(known.values()), list(felt.values()))
-    bruised = np.array([one.bruised for one in tested])
+    bruised = np.array([one.is_bruised for one in tested])
     sensors = [str(one.sensor) for one in tested]
     return {
         name: Scored(bruised=bruised, score=score, sensors=sensors)
@@ -501,7 +502,7 @@ def judge(examined: Sequence[Examined]) -> StudyReport:
         model = BruiseModel.learn(known[level][0], learned_on=learned_on)
         scores = score_all(of["test"], model, known=known[level][0])
         counts[level] = {purpose: len(mine) for purpose, mine in of.items()}
-        ways[level] = {name: {"auc": one.auc, "found": one.found()} for name, one in scores.items()}
+        ways[level] = {name: one.summarise() for name, one in scores.items()}
         compared += [{"level": level, **row} for row in compare_all(scores)]
     return StudyReport(
         name="bruise",
@@ -561,7 +562,12 @@ def second_report(seeds: Sequence[int]) -> StudyReport:
         scores = score_all(found, default_model(), known=known)
         counts = {"apples": len(found), "sensors": len({one.sensor for one in found})}
         ways += [
-            {"generator": name, "way": way, **counts, "auc": one.auc, "found": one.found()}
+            {
+                "generator": name,
+                "way": way,
+                **counts,
+                **one.summarise(),
+            }
             for way, one in scores.items()
         ]
         rows += [{"generator": name, **row} for row in compare_all(scores)]

@@ -62,7 +62,7 @@ class CrateItemGrasps:
     grasps: tuple[TimedGrasp, ...]
 
     @property
-    def named(self) -> str:
+    def true_answer(self) -> str:
         """The answer of a faultless method: the kind, or unknown for an untrained kind."""
         return self.kind if self.known else UNKNOWN
 

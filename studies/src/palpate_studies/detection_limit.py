@@ -10,7 +10,7 @@ from palpate.estimate.force import PowerForceLaw
 from palpate.signal.relative import CONTACT_PERCENT, finger_means, relative_change_percent
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS, running_median
-from palpate_studies.twin_session import GAP_MM, STILL_S, Session, drawn, grasps
+from palpate_studies.twin_session import GAP_MM, STILL_S, Session, draw_named, grasps
 
 SENSORS, SMOOTH = 6, 3
 #: Rest from which the noise is taken, and standard deviations that give about one false contact an
@@ -94,7 +94,7 @@ command = as_command(report)
 
 def weakest_n(sensor: int, name: str, *, level: str) -> tuple[float, float]:
     """Return the force at which each threshold is first crossed."""
-    session, obj = Session(sensor, level=level), drawn(name)
+    session, obj = Session(sensor, level=level), draw_named(name)
     session.place(obj)
     session.close_to(obj.size_mm + GAP_MM)
     session.world.clock.sleep_s(STILL_S)
@@ -121,7 +121,7 @@ def weakest_n(sensor: int, name: str, *, level: str) -> tuple[float, float]:
 
 def over_range(sensor: int, *, level: str) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return force, mean change and summed excess over the range, in order of force."""
-    session, obj = Session(sensor, level=level, trial=1), drawn(STIFF)
+    session, obj = Session(sensor, level=level, trial=1), draw_named(STIFF)
     widths = [obj.size_mm - closure_mm for closure_mm in CLOSURES_MM]
     made = [at[0] for at in grasps(session, obj, widths_mm=widths, repeats=1)]
     made.sort(key=lambda reading: reading.force_n)

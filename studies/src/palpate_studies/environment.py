@@ -11,7 +11,7 @@ from palpate.signal.relative import mean_change, relative_change_percent
 from palpate.twin.velostat import Environment
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
-from palpate_studies.twin_session import Session, drawn, grasps
+from palpate_studies.twin_session import Session, draw_named, grasps
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -91,7 +91,7 @@ command = as_command(report)
 def read_climates(sensor: int, *, level: str, repeats: int) -> dict[str, FloatArray]:
     """Return each reading of the object, shape (climates, repeats)."""
     rows: dict[str, list[list[float]]] = {name: [] for name in READ}
-    obj = drawn(OBJECT)
+    obj = draw_named(OBJECT)
     for celsius, humidity in CLIMATES.values():
         session = Session(
             sensor,

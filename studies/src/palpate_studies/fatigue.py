@@ -16,7 +16,7 @@ from palpate.signal.relative import excess_conductance, mean_change, relative_ch
 from palpate.twin.velostat import Environment
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
-from palpate_studies.twin_session import SETTLED_MEAN_S, Session, drawn
+from palpate_studies.twin_session import SETTLED_MEAN_S, Session, draw_named
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -104,7 +104,7 @@ command = as_command(report)
 
 def wear(sensor: int, *, level: str, cycles: int) -> Worn:
     """Calibrate a sensor, and close it on an object again and again."""
-    obj, session = drawn(OBJECT), Session(sensor, level=level)
+    obj, session = draw_named(OBJECT), Session(sensor, level=level)
     session.place(obj)
     clock, closings = session.world.clock, 0
 

@@ -83,7 +83,7 @@ def pulls(seed: int, *, level: str) -> list[dict[str, Any]]:
                 "seed": seed,
                 "pull_n": pull_n,
                 "verdict": verdict,
-                "slipped": copy.dropped,
+                "slipped": copy.has_dropped,
             }
         )
     return found

@@ -53,7 +53,7 @@ class Contact:
     change: FloatArray
 
     @property
-    def scored(self) -> NDArray[np.bool_]:
+    def is_in_contact(self) -> NDArray[np.bool_]:
         """Samples in contact."""
         return self.force_n >= SMALLEST_N
 
@@ -119,12 +119,12 @@ def read_contacts(path: Path) -> list[Contact]:
 
 def score(train: Sequence[Contact], *, tested: Sequence[Contact]) -> list[dict[str, Any]]:
     """Return a row a method: error and coverage on the contacts of one recording."""
-    summed = np.concatenate([one.change[one.scored].sum(axis=1) for one in train])
+    summed = np.concatenate([one.change[one.is_in_contact].sum(axis=1) for one in train])
     gain = float(_USUAL_EXCESS / np.percentile(summed, 90))
-    truth = np.concatenate([one.force_n[one.scored] for one in tested])
+    truth = np.concatenate([one.force_n[one.is_in_contact] for one in tested])
     answers = {
         "ours": _by_law(train, tested, gain=gain),
-        "authors' LSTM": (np.concatenate([one.lstm_n[one.scored] for one in tested]), None),
+        "authors' LSTM": (np.concatenate([one.lstm_n[one.is_in_contact] for one in tested]), None),
         "trees": (_by_trees(train, tested, gain=gain), None),
         "mean force": (np.full(len(truth), np.mean(_forces(train))), None),
     }
@@ -145,12 +145,12 @@ def score(train: Sequence[Contact], *, tested: Sequence[Contact]) -> list[dict[s
 
 
 def _forces(contacts: Sequence[Contact]) -> FloatArray:
-    return np.concatenate([one.force_n[one.scored] for one in contacts])
+    return np.concatenate([one.force_n[one.is_in_contact] for one in contacts])
 
 
 def _states(one: Contact, *, gain: float) -> FloatArray:
     reading = log_reading(gain * one.change.sum(axis=1))
-    return states_of(one.time_s, reading)[one.scored]
+    return states_of(one.time_s, reading)[one.is_in_contact]
 
 
 def _by_law(
@@ -161,7 +161,7 @@ def _by_law(
         [
             KnownContact(
                 inputs=_states(one, gain=gain)[:, :INPUTS],
-                force_n=one.force_n[one.scored],
+                force_n=one.force_n[one.is_in_contact],
                 place=(one.recording, number),
             )
             for number, one in enumerate(train)
@@ -177,7 +177,9 @@ def _by_trees(train: Sequence[Contact], tested: Sequence[Contact], *, gain: floa
     """Return the force by boosted trees, which see every channel and the states."""
 
     def list_inputs(contacts: Sequence[Contact]) -> FloatArray:
-        each = [np.hstack([one.change[one.scored], _states(one, gain=gain)]) for one in contacts]
+        each = [
+            np.hstack([one.change[one.is_in_contact], _states(one, gain=gain)]) for one in contacts
+        ]
         return np.concatenate(each)
 
     machine = make_trees().fit(list_inputs(train), _forces(train))

@@ -18,7 +18,7 @@ class Entry:
     fitted: bool = False
 
     @property
-    def met(self) -> bool:
+    def is_met(self) -> bool:
         """Whether the range reaches a number that is printed like this.
 
         Examples
@@ -36,7 +36,7 @@ def count_missed(entries: Iterable[Entry]) -> dict[str, dict[str, int]]:
     """Return how many entries there are and how many are missed, fitted and predicted."""
     found = list(entries)
     return {
-        name: {"entries": len(part), "missed": sum(not entry.met for entry in part)}
+        name: {"entries": len(part), "missed": sum(not entry.is_met for entry in part)}
         for name, fitted in (("fitted", True), ("predicted", False))
         for part in [[entry for entry in found if entry.fitted == fitted]]
     }

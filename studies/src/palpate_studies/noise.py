@@ -18,7 +18,7 @@ from palpate.signal.circuit import Divider, ohm_to_volts, resistance_ohm, volts_
 from palpate.signal.relative import CONTACT_PERCENT, mean_change, relative_change_percent
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS, running_median
-from palpate_studies.twin_session import GAP_MM, HOLD_S, STILL_S, Session, drawn
+from palpate_studies.twin_session import GAP_MM, HOLD_S, STILL_S, Session, draw_named
 
 #: Rate at which the signal before the converter is made, and that of the twin's physics below it.
 ANALOG_HZ, PHYSICS_HZ = 3000, 60
@@ -69,7 +69,7 @@ def percent_of(ohm: FloatArray, time_s: FloatArray) -> FloatArray:
 
 def clean_hold(sensor: int, *, level: str) -> CleanHold:
     """Make 10 s of rest and 20 s of holding a silicone sheet."""
-    session, obj = Session(sensor, level=level), drawn("dragonskin-10")
+    session, obj = Session(sensor, level=level), draw_named("dragonskin-10")
     session.place(obj)
     session.close_to(obj.size_mm + GAP_MM)
     session.world.clock.sleep_s(STILL_S)

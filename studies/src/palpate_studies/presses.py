@@ -226,7 +226,7 @@ class Followed(NamedTuple):
     covered: NDArray[np.bool_]
 
     @property
-    def released(self) -> NDArray[np.bool_]:
+    def is_released(self) -> NDArray[np.bool_]:
         """Whether each sample comes after the last with as much force as given."""
         given = self.press.trace.told
         return np.arange(given + 1, len(self.press.trace.time_s)) > self.press.last_held
@@ -298,7 +298,7 @@ def _by_part(followed: Mapping[str, Sequence[Followed]]) -> Rows:
     for model, each in followed.items():
         log_error, covered, released = (
             np.concatenate([getattr(one, name) for one in each])
-            for name in ("log_error", "covered", "released")
+            for name in ("log_error", "covered", "is_released")
         )
         rows += [
             {
@@ -321,7 +321,7 @@ def _compare_models(followed: Mapping[str, Sequence[Followed]]) -> Rows:
     """
 
     def select_release(each: Sequence[Followed]) -> FloatArray:
-        return np.concatenate([np.abs(one.log_error[one.released]) for one in each])
+        return np.concatenate([np.abs(one.log_error[one.is_released]) for one in each])
 
     ours = followed["ours"]
     presses = {
@@ -329,7 +329,7 @@ def _compare_models(followed: Mapping[str, Sequence[Followed]]) -> Rows:
         for model, each in followed.items()
     }
     rows = compare(presses, [one.press.trace.group for one in ours], part="presses")
-    groups = [one.press.trace.group for one in ours for _ in range(int(one.released.sum()))]
+    groups = [one.press.trace.group for one in ours for _ in range(int(one.is_released.sum()))]
     # Recordings of presses that are never let go have no release.
     if groups:
         lost = {model: select_release(each) for model, each in followed.items()}

@@ -26,7 +26,7 @@ from palpate_studies.force_ladders import read_ladders
 from palpate_studies.press_data import Press, Trace, read_presses
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
-from palpate_studies.twin_session import SPEED_MM_PER_S, STILL_S, Session, drawn
+from palpate_studies.twin_session import SPEED_MM_PER_S, STILL_S, Session, draw_named
 
 CUTOFF_S, HORIZON_S = 2.5, 20.0
 #: Loads below this are not compared.
@@ -201,7 +201,7 @@ def hold_quantities(holds: Sequence[Hold]) -> dict[str, FloatArray]:
 
 def twin_ladder(sensor: int, *, level: str) -> Ladder:
     """Load one sensor in steps, each seated again, and read it 10 s after loading."""
-    session, springs = Session(sensor, level=level, layout=FINE), drawn("springs-8")
+    session, springs = Session(sensor, level=level, layout=FINE), draw_named("springs-8")
     pairs = []
     for closure_mm in LADDER_MM:
         session.place(springs)
@@ -219,7 +219,7 @@ def twin_presses(sensor: int, *, level: str, count: int) -> tuple[list[Press], l
     A real indenter presses one place after another of a sheet that is a single pixel. Here the
     pixels stand for the places, one in each press; the sum over all of them averages places.
     """
-    session, face = Session(sensor, level=level, layout=FINE, trial=1), drawn("springs-8")
+    session, face = Session(sensor, level=level, layout=FINE, trial=1), draw_named("springs-8")
     found: tuple[list[Press], list[Press]] = [], []
     for number in range(count):
         session.place(face)
@@ -263,7 +263,7 @@ def twin_weights(sensor: int, *, level: str, count: int) -> list[Hold]:
 
     The real recordings begin there too: their loggers missed the contact, or were strained already.
     """
-    session, ball = Session(sensor, level=level, layout=FINE, trial=2), drawn("ball-44lbs")
+    session, ball = Session(sensor, level=level, layout=FINE, trial=2), draw_named("ball-44lbs")
     holds = []
     for number in range(count):
         session.place(ball)

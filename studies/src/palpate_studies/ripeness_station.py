@@ -84,7 +84,7 @@ def run_station(
     rule = None
     for begins, fruits, name in ((0, first, "labelled"), (LATER_DAYS, second, "fruit")):
         if first and name == "fruit":
-            rule = rule_of(learned := bench.kept(first), drift_of(learned))
+            rule = rule_of(learned := bench.read_all(first), drift_of(learned))
         for day in range(DAYS if fruits else 0):
             surroundings = Environment()
             if aging:
@@ -100,7 +100,7 @@ def run_station(
             bench.feel_fruits(fruits, name=name, day=day, rule=rule)
             bench.feel_reference(REFERENCE_GRASPS - REFERENCE_GRASPS // 2)
         cycles += (LATER_DAYS - DAYS) * uniform(weather, STATION.cycles_per_day)
-    return bench.kept(first, second)
+    return bench.read_all(first, second)
 
 
 def draw_labelled(rng: np.random.Generator, fewest: int) -> tuple[Avocado, ...]:
@@ -166,7 +166,7 @@ class _Bench:
             spot = fruit.spot(day, rng=self._rng)
             self.as_published[item_id, day] = self._read_settled_percent(spot, fruit=fruit)
 
-    def kept(self, labelled: tuple[Avocado, ...], others: tuple[Avocado, ...] = ()) -> Felt:
+    def read_all(self, labelled: tuple[Avocado, ...], others: tuple[Avocado, ...] = ()) -> Felt:
         """Return all that was felt so far."""
         return Felt(
             calibration=self.calibration,
@@ -181,7 +181,7 @@ class _Bench:
         """Whether the fruit's stage is in doubt by what was felt up to now."""
         if rule is None:
             return False
-        felt = self.kept(())
+        felt = self.read_all(())
         days = days_of(felt, item_id, drift_of(felt))
         return not days or rule.judge(days).unsure
 

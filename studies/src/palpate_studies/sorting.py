@@ -242,7 +242,7 @@ def against_learners(given: Sequence[Answer]) -> list[dict[str, Any]]:
     rows = []
     for key, mine in group(given, "level"):
         lost = {
-            name["method"]: [float(one.said != one.item.named) for one in each]
+            name["method"]: [float(one.said != one.item.true_answer) for one in each]
             for name, each in group(mine, "method")
         }
         for count in range(1, SORTED_GRASPS + 1):

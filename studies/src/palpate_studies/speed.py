@@ -15,7 +15,7 @@ from palpate.settling.result import SettlingMethod, Status
 from palpate.signal.relative import mean_change
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
-from palpate_studies.twin_session import GAP_MM, HOLD_S, Session, drawn, stack
+from palpate_studies.twin_session import GAP_MM, HOLD_S, Session, draw_named, stack
 
 SPEEDS_MM_PER_S = (3.0, 6.0, 12.0, 25.0, 60.0)
 SENSORS, REPEATS, OBJECT, CLOSURE_MM, CUTOFF_S = 6, 2, "dragonskin-10", 3.0, 2.5
@@ -87,7 +87,7 @@ command = as_command(report)
 
 def mean_holds(sensor: int, *, level: str, speed: float, repeats: int) -> FloatArray:
     """Return mean changes from the start of actuation on, shape (repeats, times), at 15 Hz."""
-    session, obj = Session(sensor, level=level), drawn(OBJECT)
+    session, obj = Session(sensor, level=level), draw_named(OBJECT)
     session.place(obj)
     width_mm, read_s = obj.size_mm - CLOSURE_MM, HOLD_S + _closing_s(speed) + 0.2
     return stack(

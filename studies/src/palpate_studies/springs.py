@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from palpate_studies.equal_width import CLOSURE_MM, SENSORS, LineStudy, measure_settled_readings
 from palpate_studies.report import StudyReport, as_command
-from palpate_studies.twin_session import drawn
+from palpate_studies.twin_session import draw_named
 
 #: The twin's setups and their nominal stiffness, N/mm; the paper prints none.
 SETUPS = {"springs-2": 2.0, "springs-4": 4.0, "springs-6": 6.0, "springs-8": 8.0}
@@ -28,7 +28,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
 
     Example: palpate study springs --out reports
     """
-    setups = [drawn(name) for name in SETUPS]
+    setups = [draw_named(name) for name in SETUPS]
     conditions = {
         f"closed by {closure_mm:g} mm": measure_settled_readings(
             setups,

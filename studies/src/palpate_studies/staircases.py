@@ -29,7 +29,7 @@ from palpate.signal.relative import excess_conductance, total_excess
 from palpate.twin.objects import draw_object
 from palpate.twin.velostat import Sheet
 from palpate.twin.world import World
-from palpate_studies.baselines.told_everything import TREES, Answer, learned
+from palpate_studies.baselines.told_everything import TREES, Answer, learn
 from palpate_studies.protocol.paired import compare, rms
 from palpate_studies.protocol.parts import Learned
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
@@ -136,7 +136,7 @@ class FollowedForce:
     high_n: FloatArray
 
     @property
-    def covered(self) -> NDArray[np.bool_]:
+    def is_covered(self) -> NDArray[np.bool_]:
         """Whether the interval held the force."""
         return (self.low_n <= self.force_n) & (self.force_n <= self.high_n)
 
@@ -153,7 +153,7 @@ def follow_staircases(
 
     `remade`: as in `World`. `trees`: learned on other sheets; they give no interval.
     """
-    pairs, runs = _used(sensor, level=level, staircases=staircases, remade=remade)
+    pairs, runs = _run_staircases(sensor, level=level, staircases=staircases, remade=remade)
     laws = laws_with_memory(pairs)
     assert laws.memory is not None
     found: dict[str, list[FollowedForce]] = {}
@@ -203,7 +203,7 @@ def learn_from_staircases(
     rows, force_n, sheets = list[FloatArray](), list[float](), list[str]()
     for sensor in sensors:
         try:
-            pairs, runs = _used(sensor, level=level, staircases=staircases, remade=remade)
+            pairs, runs = _run_staircases(sensor, level=level, staircases=staircases, remade=remade)
         except CalibrationError:
             continue
         for time_s, excess, true_n in runs:
@@ -211,10 +211,10 @@ def learn_from_staircases(
             rows.append(numbers_of(time_s, excess, pairs=pairs)[felt])
             force_n += true_n[felt].tolist()
             sheets.append(str(sensor))
-    return learned(TREES, np.concatenate(rows), asked=force_n, seen=sheets)
+    return learn(TREES, np.concatenate(rows), asked=force_n, seen=sheets)
 
 
-def _used(
+def _run_staircases(
     sensor: int, *, level: str, staircases: int, remade: Callable[[Sheet], Sheet] | None
 ) -> tuple[ForcePairs, list[Run]]:
     """Return a sheet's calibration and its staircases."""
@@ -321,7 +321,7 @@ def _scores(
         "rms_log_error": float(np.sqrt(np.mean(np.concatenate(logs) ** 2))),
         "rms_log_error_own_gain_out": float(np.sqrt(np.mean(np.concatenate(own) ** 2))),
         # A method that gives no interval covers nothing, and is not asked to.
-        "coverage": float(np.mean(np.concatenate([one.covered for one in each])))
+        "coverage": float(np.mean(np.concatenate([one.is_covered for one in each])))
         if half_n.any()
         else None,
         "mean_half_width_n": float(np.mean(half_n)) if half_n.any() else None,

@@ -15,7 +15,7 @@ from palpate_studies.equal_width import (
 )
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
-from palpate_studies.twin_session import drawn
+from palpate_studies.twin_session import draw_named
 
 #: Paper, Table 2: mean and standard deviation over 10 grasps, percent; Shore hardness.
 PUBLISHED = {
@@ -35,7 +35,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
     """
     names = tuple(PUBLISHED)
     found = measure_settled_readings(
-        [drawn(name) for name in names],
+        [draw_named(name) for name in names],
         reading="mean change",
         width_mm=WIDTH_MM,
         repeats=repeats,
@@ -83,7 +83,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
         },
         figures={
             "figure8b": lambda: draw_curves(
-                {name: drawn(name) for name in names},
+                {name: draw_named(name) for name in names},
                 width_mm=WIDTH_MM,
                 title="Figure 8b",
                 published={name: (mean, sd) for name, (mean, sd, _) in PUBLISHED.items()},

@@ -13,7 +13,7 @@ from palpate_studies.equal_width import (
     measure_settled_readings,
 )
 from palpate_studies.report import StudyReport, as_command
-from palpate_studies.twin_session import drawn
+from palpate_studies.twin_session import draw_named
 
 #: Paper, Table 3: grip strength (lbs), mean and standard deviation over 30 trials, percent. The
 #: 44 lbs entry is printed without its minus sign.
@@ -47,7 +47,7 @@ def report(
 
     Example: palpate study table3 --out reports
     """
-    balls = {name: replace(drawn(name), size_mm=SIZE_MM) for name in PUBLISHED}
+    balls = {name: replace(draw_named(name), size_mm=SIZE_MM) for name in PUBLISHED}
     width_mm, each = SIZE_MM - CLOSURE_MM, list(balls.values())
     readings = partial(
         measure_settled_readings, each, reading=STUDY.reading, width_mm=width_mm, sensors=sensors

@@ -14,7 +14,7 @@ from palpate_studies.equal_width import r_squared
 from palpate_studies.misfit import Entry, count_missed, sentence
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
-from palpate_studies.twin_session import Reading, Session, drawn, grasps
+from palpate_studies.twin_session import Reading, Session, draw_named, grasps
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -102,7 +102,7 @@ command = as_command(report)
 
 def _readings(name: str, index: int, *, sensor: int, level: str, repeats: int) -> list[Reading]:
     """Return the grasps of one sheet on one sensor, at each closure."""
-    obj, session = drawn(name), Session(sensor, level=level, trial=index)
+    obj, session = draw_named(name), Session(sensor, level=level, trial=index)
     widths = [obj.size_mm - closure_mm for closure_mm in CLOSURES_MM]
     made = grasps(session, obj, widths_mm=widths, repeats=repeats)
     return [reading for at_width in made for reading in at_width]

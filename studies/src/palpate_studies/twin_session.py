@@ -208,7 +208,7 @@ def grasps(
     ]
 
 
-def drawn(name: str) -> TwinObject:
+def draw_named(name: str) -> TwinObject:
     """Draw the object of a name that all sensors of a study share."""
     return draw_object(np.random.default_rng([_OBJECT_SEED, sum(name.encode())]), name)
 

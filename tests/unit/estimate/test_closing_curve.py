@@ -88,7 +88,7 @@ def read_as(
 def test_a_sheet_that_lags_behind_its_steps_is_seen_through() -> None:
     straight, curve = read_as(STEPS_N, n_per_mm=4.0, law_sd=0.05)
     lagging = np.zeros_like(STEPS_N)
-    lagging[curve.felt] = 0.25 * (curve.rising - curve.rising[-1])
+    lagging[curve.is_certain] = 0.25 * (curve.rising - curve.rising[-1])
     behind, _ = read_as(STEPS_N * np.exp(-lagging), n_per_mm=4.0, law_sd=0.05)
     assert behind.low < 4.0 < behind.high
     assert behind.value == pytest.approx(straight.value, rel=0.15)

@@ -15,7 +15,7 @@ from palpate.grasp.plan import Plan
 
 def test_watched_force_ignores_a_single_spike() -> None:
     estimate = ContactEstimate(frames_n=((0.0, 1.0), (0.1, 1.0), (0.2, 9.0)))
-    assert estimate.watched_n == 1.0
+    assert estimate.confirmed_force_n == 1.0
 
 
 def test_frame_force_grows_with_the_gain_of_the_contact(plan: Plan) -> None:

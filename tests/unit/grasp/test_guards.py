@@ -407,4 +407,4 @@ def test_an_opening_that_never_arrives_ends_after_ten_seconds(
     estimate = ContactEstimate(closure=20.0, sent=0.0, now_s=opened_s)
     state = GraspState(phase=Phase.RELEASE, estimate=estimate)
     finish_release(state, plan)
-    assert state.ended is done
+    assert state.has_ended is done

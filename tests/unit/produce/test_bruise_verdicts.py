@@ -105,7 +105,7 @@ def test_bruised_and_sound_side_are_distinguished(store: Store, model: BruiseMod
     store.add_grasp(grasp("A17", pixels(soft=(1, 0)), at=MONDAY + timedelta(seconds=20)))
     store.add_item(Item(item_id="A17", kind="apple"))
     found = judge(store, model)
-    assert found.bruised
+    assert found.is_bruised
     assert [side.angle_deg for side in found.sides] == [0.0, 90.0]
     assert found.sides[0].against == "class"
     assert found.probability > 0.9 > 0.5 > found.sides[1].probability
@@ -141,7 +141,7 @@ def test_the_earlier_record_of_a_side_is_the_first_visit_with_it(store: Store) -
     assert found.sides[0].against == "history"
     assert found.before_percent == pytest.approx(before.mean())
     assert found.sides[0].mean_percent > found.before_percent
-    assert found.bruised
+    assert found.is_bruised
 
 
 def test_pixels_that_carry_less_are_named(store: Store) -> None:

@@ -80,7 +80,7 @@ def test_hand_measures_and_uses_a_known_size(table: CrateTable, hand: SortingHan
         "firmness",
     }
     assert (first.grasp.item_id, first.grasp.calibration_id) == ("egg-1", "monday")
-    assert (first.grasp.taken_at, first.grasp.simulated) == (NOON, True)
+    assert (first.grasp.taken_at, first.grasp.is_simulated) == (NOON, True)
     table.bring(egg, turn=1)
     second = hand.grasp("egg-1", expected=first.grasp.measurements["size_mm"])
     assert second.grasp.outcome is Outcome.HELD

@@ -72,7 +72,7 @@ def test_devices_by_module_and_function(bench: SimpleNamespace, tmp_path: Path) 
     opened = open_rig(str(path))
     assert (opened.gripper.array, opened.gripper.colour) == (opened.array, "red")
     assert opened.calibration == bench.calibration
-    assert not opened.simulated
+    assert not opened.is_simulated
     path.write_text(BENCH.replace("my_bench:hand", "my_bench:nothing"))
     with pytest.raises(InputError, match=r"\[gripper\] open = 'my_bench:nothing'"):
         open_rig(str(path))
@@ -85,7 +85,7 @@ def test_use_with_a_calibration_takes_it_in_place_of_the_rigs_own(tmp_path: Path
     path = tmp_path / "rig.toml"
     path.write_text("use = 'sim-rigid'\ncalibration = 'pad.json'\n")
     opened = open_rig(str(path), object_name="tomato", seed=5)
-    assert opened.simulated
+    assert opened.is_simulated
     assert opened.calibration == other
     path.write_text("use = 'sim-soft'\ncalibration = 'pad.json'\n")
     with pytest.raises(CalibrationError, match="of another sensor"):

@@ -70,7 +70,7 @@ def test_no_figure_where_there_is_nothing_to_be_a_share_of() -> None:
     np.testing.assert_array_equal(
         [row.of_remaining_percent for row in scores], [np.nan, 100.0, np.nan]
     )
-    np.testing.assert_array_equal([row.covered for row in scores], [np.nan, 1.0, np.nan])
+    np.testing.assert_array_equal([row.coverage for row in scores], [np.nan, 1.0, np.nan])
 
 
 def test_summary_counts_only_what_is_known() -> None:

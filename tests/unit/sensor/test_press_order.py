@@ -25,18 +25,18 @@ def pressed(
     touch_s = 0.0
     for k in range(20_000):
         time_s = 0.02 * k
-        if watch.done:
+        if watch.is_done:
             break
-        if watch.expected is None or watch.expected == deaf:
+        if watch.next_place is None or watch.next_place == deaf:
             load[:] = 0.0
             touch_s = time_s
         elif time_s - touch_s > 0.6:
             load[:] = 0.3
-            load[wiring(watch.expected)] = 2.0
+            load[wiring(watch.next_place)] = 2.0
         memory += 0.02 / 2.0 * (2.0 * load - memory)
         ohm = rest_ohm / (1.0 + load + memory) * rng.normal(1.0, 0.004, (4, 2))
         watch.add_frame(time_s, ohm)
-    assert watch.done
+    assert watch.is_done
     return order_findings(watch.presses, layout=RIGID_LAYOUT)
 
 
@@ -81,7 +81,7 @@ def test_dead_pixels_are_not_asked_for() -> None:
     rest_ohm = REST_OHM.copy()
     rest_ohm[0, 0], rest_ohm[1, 1] = np.inf, 0.0
     assert pressed(lambda pixel: pixel, rest_ohm=rest_ohm) == []
-    assert PressWatch(rest_ohm).expected == (0, 1)
+    assert PressWatch(rest_ohm).next_place == (0, 1)
 
 
 @pytest.mark.parametrize("seen", [0, 1])

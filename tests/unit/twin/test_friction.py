@@ -30,7 +30,7 @@ def test_friction_of_both_fingers_carries_the_weight() -> None:
     assert 2 * 0.5 * world.force_n(3.0) > 100.0 * N_PER_G
     world.lift()
     assert world.force_n(6.0) > 1.0
-    assert not world.dropped
+    assert not world.has_dropped
 
 
 def test_too_weak_a_grip_drops_it() -> None:
@@ -39,7 +39,7 @@ def test_too_weak_a_grip_drops_it() -> None:
     assert 2 * 0.5 * world.force_n(3.0) < weight_n
     world.lift()
     assert world.force_n(4.0) == 0.0
-    assert world.dropped
+    assert world.has_dropped
     # What it was about stays known: how it was held, and that nothing was damaged.
     assert world.truth().size_mm == fruit().size_mm
 
@@ -48,7 +48,7 @@ def test_more_pull_tears_it_out() -> None:
     world = gripped(1.5)
     world.lift(more_n=5.0)
     world.force_n(4.0)
-    assert world.dropped
+    assert world.has_dropped
 
 
 def test_opening_puts_it_down_first() -> None:
@@ -57,7 +57,7 @@ def test_opening_puts_it_down_first() -> None:
     world.clock.sleep_s(1.0)
     world.drive(74.0, rate=20.0)
     world.force_n(6.0)
-    assert not world.dropped
+    assert not world.has_dropped
 
 
 def test_sliding_moves_the_load_over_the_pixels() -> None:

@@ -65,7 +65,7 @@ def write_dataset(
         _write_frames(partial, episodes)
         _write_tasks(partial, _tasks(grasps))
         _write_episodes(partial, episodes)
-        every = {name: _joined(episodes, name) for name in episodes[0].columns}
+        every = {name: _join(episodes, name) for name in episodes[0].columns}
         stats = {name: statistics(values) for name, values in every.items()}
         _write_json(partial / "meta/stats.json", stats)
         _write_json(partial / "meta/info.json", _info(episodes, fps=fps, version=version))
@@ -106,7 +106,7 @@ def _episodes(grasps: Sequence[tuple[GraspTrack, str]], *, fps: int) -> list[Epi
     return episodes
 
 
-def _joined(episodes: Sequence[Episode], name: str) -> NDArray[Any]:
+def _join(episodes: Sequence[Episode], name: str) -> NDArray[Any]:
     return np.concatenate([episode.columns[name] for episode in episodes])
 
 
@@ -115,7 +115,7 @@ def _write_frames(folder: Path, episodes: Sequence[Episode]) -> None:
 
     columns = {}
     for name in episodes[0].columns:
-        values = _joined(episodes, name)
+        values = _join(episodes, name)
         flat = pyarrow.array(values.ravel())
         columns[name] = (
             flat
@@ -205,7 +205,7 @@ def _info(episodes: Sequence[Episode], *, fps: int, version: str) -> dict[str, A
     origins = sorted({episode.grasp.info.origin for episode in episodes})
     return {
         "codebase_version": _FORMAT,
-        "robot_type": f"palpate gripper{_simulated(episodes)}",
+        "robot_type": f"palpate gripper{_describe_origin(episodes)}",
         "total_episodes": len(episodes),
         "total_frames": sum(len(episode.columns["index"]) for episode in episodes),
         "total_tasks": len({episode.task for episode in episodes}),
@@ -233,7 +233,7 @@ def _info(episodes: Sequence[Episode], *, fps: int, version: str) -> dict[str, A
     }
 
 
-def _simulated(episodes: Sequence[Episode]) -> str:
+def _describe_origin(episodes: Sequence[Episode]) -> str:
     count = sum(episode.grasp.info.origin != "hardware" for episode in episodes)
     if count in (0, len(episodes)):
         return " (SIMULATED)" if count else ""
@@ -245,8 +245,8 @@ def _card(episodes: Sequence[Episode]) -> str:
     config = "configs:\n- config_name: default\n  data_files: data/*/*.parquet\n"
     return (
         f"---\ntags:\n- LeRobot\n{config}---\n\n"
-        f"{len(episodes)} grasps by palpate{_simulated(episodes)}. `observation.state` is what was "
-        "measured, `action` where the hand was sent and how fast; the names of the columns have "
+        f"{len(episodes)} grasps by palpate{_describe_origin(episodes)}. `observation.state` is "
+        "the measurement, `action` the commanded opening and speed; the column names have "
         "their units and are in `meta/info.json`. Force is an estimate with its 90 % interval. "
         "Where an episode comes from is in its `palpate/...` columns.\n"
     )

@@ -34,7 +34,7 @@ _HIDDEN_S = 0.15
 _ANY = Measurement(value=1e3, low=1e-6, high=1e9, unit="n_per_mm", level=0.9)
 
 
-def learned_limit_n(path: Path, *, kind: str = "") -> float:
+def read_learned_limit_n(path: Path, *, kind: str = "") -> float:
     """Return the force that any object of a kind withstands, at most the ceiling, N.
 
     Nothing is known of the one object yet: the limit is that of soft and stiff ones together.
@@ -65,7 +65,7 @@ class PolicyHand:
     calibration : Calibration
         Of this sensor on this gripper.
     limit_n : float
-        What the object bears; `learned_limit_n` takes it from a damage file.
+        What the object bears; `read_learned_limit_n` takes it from a damage file.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 from lerobot_robot_palpate.config import PalpateHandConfig
 from palpate.rig import Rig, open_rig
 from palpate_lerobot.episode import action_names, state_names
-from palpate_lerobot.hand import PolicyHand, learned_limit_n
+from palpate_lerobot.hand import PolicyHand, read_learned_limit_n
 
 
 class PalpateHand(Robot):
@@ -39,7 +39,7 @@ class PalpateHand(Robot):
     def _rig(self) -> Rig:
         """The devices, opened when something is first asked of them."""
         rig = open_rig(self.config.rig)
-        if rig.simulated:
+        if rig.is_simulated:
             logging.getLogger(__name__).warning("%s is SIMULATED", self)
         return rig
 
@@ -77,7 +77,7 @@ class PalpateHand(Robot):
             raise DeviceAlreadyConnectedError(f"{self} is already connected")
         limit_n = self.config.limit_n
         if self.config.damage is not None:
-            learned_n = learned_limit_n(Path(self.config.damage), kind=self.config.kind)
+            learned_n = read_learned_limit_n(Path(self.config.damage), kind=self.config.kind)
             limit_n = min(limit_n, learned_n)
         rig = self._rig
         for camera in self.cameras.values():
@@ -89,15 +89,15 @@ class PalpateHand(Robot):
     def get_observation(self) -> dict[str, Any]:
         """Return numbers and images."""
         images = {name: camera.read_latest() for name, camera in self.cameras.items()}
-        return self._connected().observe() | images
+        return self._require_hand().observe() | images
 
     def send_action(self, action: dict[str, Any]) -> dict[str, float]:
         """Close or open as far as is safe; return what was sent."""
-        return self._connected().send({name: float(value) for name, value in action.items()})
+        return self._require_hand().send({name: float(value) for name, value in action.items()})
 
     def disconnect(self) -> None:
         """Stop the fingers where they are, and let go of the devices."""
-        hand, self._hand = self._connected(), None
+        hand, self._hand = self._require_hand(), None
         try:
             hand.close()
         finally:
@@ -106,7 +106,7 @@ class PalpateHand(Robot):
             for camera in self.cameras.values():
                 camera.disconnect()
 
-    def _connected(self) -> PolicyHand:
+    def _require_hand(self) -> PolicyHand:
         if self._hand is None:
             raise DeviceNotConnectedError(f"{self} is not connected; call connect() first")
         return self._hand

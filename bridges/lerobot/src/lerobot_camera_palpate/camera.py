@@ -120,7 +120,7 @@ class PalpateCamera(Camera):
         PalpateError
             If the sensor is gone.
         """
-        self._connected()
+        self._require_connection()
         with self._news:
             came = self._news.wait_for(
                 lambda: self._unread or self._failure is not None, timeout=timeout_ms / 1e3
@@ -146,7 +146,7 @@ class PalpateCamera(Camera):
         PalpateError
             If the sensor is gone.
         """
-        self._connected()
+        self._require_connection()
         with self._news:
             if self._failure is not None:
                 raise self._failure
@@ -159,7 +159,7 @@ class PalpateCamera(Camera):
 
     def disconnect(self) -> None:
         """Stop reading, and let go of the rig."""
-        self._connected()
+        self._require_connection()
         assert self._thread is not None
         self._ended.set()
         self._thread.join()
@@ -168,7 +168,7 @@ class PalpateCamera(Camera):
     def __str__(self) -> str:
         return f"PalpateCamera({self._rig})"
 
-    def _connected(self) -> None:
+    def _require_connection(self) -> None:
         if not self.is_connected:
             raise DeviceNotConnectedError(f"{self} is not connected; call connect() first")
 

@@ -114,14 +114,14 @@ class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
         self._open(seed=int(self.np_random.integers(2**31)))
         ohm = [self._ohm() for _ in range(_REST_FRAMES)]
         self._rest_ohm = np.mean(ohm, axis=0)
-        return self._felt(ohm[-1]), self._info()
+        return self._measure(ohm[-1]), self._info()
 
     def step(self, action: NDArray[np.float32]) -> tuple[Felt, float, bool, bool, Info]:
         """Send the fingers on their way, and let one frame pass."""
         share = 0.5 + 0.5 * float(np.clip(action, -1.0, 1.0)[0])
         target_mm = self._lowest_mm + share * self._span_mm
         self._gripper.command(GripperCommand(target=target_mm, rate=self._rate_mm_per_s))
-        felt, info = self._felt(self._ohm()), self._info()
+        felt, info = self._measure(self._ohm()), self._info()
         truth = info["truth"]
         reward = -abs(truth["force_n"] / self._target_force_n - 1.0)
         reward -= _DAMAGE_COST * truth["damaged"]
@@ -164,7 +164,7 @@ class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
         layout = self._array.layout
         return pixel_resistance_ohm(frame.counts, layout=layout, oversampling=frame.oversampling)
 
-    def _felt(self, ohm: FloatArray) -> Felt:
+    def _measure(self, ohm: FloatArray) -> Felt:
         change_percent = relative_change_percent(ohm, rest_ohm=self._rest_ohm)
         # An open pixel has no finite change: it reads the most.
         change_percent = np.nan_to_num(change_percent, nan=_MOST_PERCENT)
@@ -184,7 +184,7 @@ class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
                 "size_mm": self._obj.size_mm,
                 "force_n": world.force_n(world.now_s()),
                 "peak_force_n": world.peak_force_n,
-                "damaged": world.damaged,
+                "damaged": world.is_damaged,
             },
         }
 

@@ -23,7 +23,7 @@ def open_mujoco(*, object_name: str | None, seed: int, level: str = "lab") -> Ri
     InputError
         If there is no such object.
     """
-    return _opened("mujoco", WIDOWX, object_name=object_name, seed=seed, level=level)
+    return _open_rig("mujoco", WIDOWX, object_name=object_name, seed=seed, level=level)
 
 
 def open_so101(*, object_name: str | None, seed: int, level: str = "lab") -> Rig:
@@ -34,10 +34,10 @@ def open_so101(*, object_name: str | None, seed: int, level: str = "lab") -> Rig
     InputError
         If there is no such object.
     """
-    return _opened("mujoco-so101", SO101, object_name=object_name, seed=seed, level=level)
+    return _open_rig("mujoco-so101", SO101, object_name=object_name, seed=seed, level=level)
 
 
-def _opened(name: str, hand: Hand, *, object_name: str | None, seed: int, level: str) -> Rig:
+def _open_rig(name: str, hand: Hand, *, object_name: str | None, seed: int, level: str) -> Rig:
     if object_name is not None and object_name not in OBJECTS:
         raise InputError(f"no simulated object {object_name!r}; there are: {', '.join(OBJECTS)}")
     obj = draw_object(np.random.default_rng([seed, 10]), object_name)

@@ -133,13 +133,13 @@ class Thing:
         return other
 
     @property
-    def flattened_mm(self) -> float:
+    def flattening_mm(self) -> float:
         """By how much it is flattened."""
         return max(_MM_PER_M * float(self._data.qpos[self._flattened]), 0.0)
 
     def resist(self) -> None:
         """Take in how far it is flattened, and set its force until the next call."""
-        deep_mm = self.flattened_mm
+        deep_mm = self.flattening_mm
         elastic_n, _ = object_force_n(self.obj, deep_mm, ruptured=self.ruptured)
         self.ruptured = self.ruptured or elastic_n >= self.obj.rupture_n
         step_s, self._now_s = self._data.time - self._now_s, self._data.time

@@ -161,7 +161,7 @@ class MujocoWorld:
         return self._peak_n
 
     @property
-    def damaged(self) -> bool:
+    def is_damaged(self) -> bool:
         """Whether the force ever passed the object's yield force."""
         thing = self._thing
         return thing is not None and (thing.ruptured or self._peak_n >= thing.obj.yield_n)
@@ -186,14 +186,14 @@ class MujocoWorld:
         thing, force_n = end._thing, end._grip_n
         stiffness = None
         if thing is not None and force_n > 0:
-            stiffness = force_n / thing.flattened_mm
+            stiffness = force_n / thing.flattening_mm
         return Truth(
             size_mm=None if thing is None else thing.obj.size_mm,
             settled_percent=float(end.sensor.change_percent().mean()),
             force_n=force_n,
             stiffness_n_per_mm=stiffness,
             peak_force_n=self.peak_force_n,
-            damaged=self.damaged,
+            damaged=self.is_damaged,
         )
 
     # -- inside -----------------------------------------------------------------------------------
@@ -252,7 +252,7 @@ class MujocoWorld:
         if self._thing is not None:
             self._thing.resist()
             self.sensor.reach_mm = patch_reach_mm(
-                self._thing.obj, self._thing.flattened_mm, pitch_mm=self.layout.pitch_mm
+                self._thing.obj, self._thing.flattening_mm, pitch_mm=self.layout.pitch_mm
             )
         mujoco.mj_step(self.model, self.data, steps)
         self.sensor.take_in(travel_mm=abs(self._servo.width_mm - before_mm))

@@ -83,7 +83,7 @@ class ItemBruise:
         return self.sides[0].probability
 
     @property
-    def bruised(self) -> bool:
+    def is_bruised(self) -> bool:
         """Whether that is more likely than not."""
         return self.probability >= 0.5
 
@@ -101,9 +101,9 @@ class ItemBruise:
         return Verdict(
             item_id=item_id,
             about=About.BRUISE,
-            text=BRUISED if self.bruised else SOUND,
+            text=BRUISED if self.is_bruised else SOUND,
             given_at=given_at,
-            probability=self.probability if self.bruised else 1.0 - self.probability,
+            probability=self.probability if self.is_bruised else 1.0 - self.probability,
             explanation=self.explanation,
             details={
                 "learned_on": self.model.learned_on,
@@ -166,7 +166,7 @@ def examine_item(
     found = ItemBruise(
         sides=tuple(verdicts),
         before_percent=float(np.nanmean([pixels_of(one) for one in before])) if before else None,
-        simulated=any(grasp.simulated for grasp in grasps),
+        simulated=any(grasp.is_simulated for grasp in grasps),
         model=model,
     )
     store.add_verdict(found.verdict(item_id, given_at=given_at))

@@ -131,7 +131,7 @@ def agreement_of(readings: PairedReadings, demand: Demand) -> Agreement:
     draws = []
     for _ in range(_DRAWS):
         drawn = readings.select(random.integers(readings.items, size=readings.items))
-        if np.unique(drawn.item[drawn.paired]).size >= FEWEST_ITEMS // 2:
+        if np.unique(drawn.item[drawn.has_both]).size >= FEWEST_ITEMS // 2:
             draws.append(measure(drawn, demand).figures)
     tail = (1.0 - demand.level) / 2.0
     figures = {}
@@ -149,7 +149,7 @@ def measure(readings: PairedReadings, demand: Demand) -> Agreement:
     """Return the figures of the agreement without intervals; arguments as `agreement_of`."""
     reference = scatter_of(readings.reference, readings.item)
     raw = scatter_of(readings.grasp, readings.item)
-    paired = readings.paired
+    paired = readings.has_both
     grasp, read = readings.grasp[paired], readings.reference[paired]
     # Number of each pair's item among those with both readings.
     _, place, count = np.unique(readings.item[paired], return_inverse=True, return_counts=True)

@@ -38,7 +38,7 @@ class PairedReadings:
         return int(self.item.max()) + 1 if self.item.size else 0
 
     @property
-    def paired(self) -> NDArray[np.bool_]:
+    def has_both(self) -> NDArray[np.bool_]:
         """Rows that both instruments read, shape (n_rows,)."""
         return np.isfinite(self.reference) & np.isfinite(self.grasp)
 
@@ -70,7 +70,7 @@ def read_pairs(path: str | os.PathLike[str]) -> PairedReadings:
     >>> rows = "".join(f"A{i},left,{70 + i},{50 + i}\\nA{i},right,{71 + i},\\n" for i in range(9))
     >>> _ = path.write_text("item_id,side,reference,grasp\\n" + rows)
     >>> readings = read_pairs(path)
-    >>> readings.items, int(readings.paired.sum())
+    >>> readings.items, int(readings.has_both.sum())
     (9, 9)
     """
     columns = read_table(
@@ -79,7 +79,7 @@ def read_pairs(path: str | os.PathLike[str]) -> PairedReadings:
     )
     _, item = np.unique(columns["item_id"].astype(str), return_inverse=True)
     readings = PairedReadings(item=item, reference=columns["reference"], grasp=columns["grasp"])
-    both = np.unique(item[readings.paired]).size
+    both = np.unique(item[readings.has_both]).size
     if both < FEWEST_ITEMS:
         raise InputError(
             f"{os.fspath(path)}: {both} item(s) with both a reference and a grasp; agreement needs "

@@ -50,9 +50,9 @@ class ItemHistory:
     firmness_rank: FirmnessRank | None = None
 
     @property
-    def simulated(self) -> bool:
+    def is_simulated(self) -> bool:
         """Whether any of its grasps is simulated."""
-        return any(grasp.simulated for grasp in self.grasps)
+        return any(grasp.is_simulated for grasp in self.grasps)
 
     def latest(self, name: str) -> Measurement | None:
         """Return a measurement of the last grasp that has it."""
@@ -140,7 +140,7 @@ def item_document(page: ItemHistory) -> dict[str, Any]:
     """Return the document of one item."""
     return {
         "item": record_as_dict(page.item),
-        "simulated": page.simulated,
+        "simulated": page.is_simulated,
         "grasps": [record_as_dict(grasp) for grasp in page.grasps],
         "verdicts": [record_as_dict(verdict) for verdict in page.verdicts],
         **({} if page.firmness_rank is None else {"firmness_rank": asdict(page.firmness_rank)}),
@@ -176,7 +176,7 @@ def _item_row(page: ItemHistory) -> dict[str, Any]:
     verdicts = {about: page.latest_verdict(about) for about in About}
     return {
         **record_as_dict(page.item),
-        "simulated": page.simulated,
+        "simulated": page.is_simulated,
         "grasps": len(page.grasps),
         "last_taken_at": page.grasps[-1].taken_at.isoformat() if page.grasps else None,
         **{name: None if value is None else value.to_dict() for name, value in latest.items()},

@@ -37,7 +37,7 @@ from palpate.signal.relative import (
 )
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.world import GripperKind, World
-from palpate_studies.baselines.told_everything import LEARNERS, Answer, learned
+from palpate_studies.baselines.told_everything import LEARNERS, Answer, learn
 from palpate_studies.force_control_world import (
     GRASPS_PER_SHEET,
     LIFTED_S,
@@ -118,7 +118,7 @@ def learn_laws(tasks: Sequence[Task]) -> Laws:
     rows = np.array([numbers for _, numbers, _ in taught])
     logs = [log for *_, log in taught]
     seen = [_sensor(task) for task, *_ in taught]
-    return {name: learned(name, rows, asked=logs, seen=seen) for name in LEARNERS}
+    return {name: learn(name, rows, asked=logs, seen=seen) for name in LEARNERS}
 
 
 def taught_by(task: Task) -> list[tuple[FloatArray, float]]:
@@ -240,7 +240,7 @@ def correct_by_reading(
         method=name,
         outcome="lifted",
         lifted=True,
-        dropped=world.dropped,
+        dropped=world.has_dropped,
         force_n=world.truth().force_n,
         damaged=is_damaged(world, task),
         said_n=reading_n,

@@ -73,7 +73,7 @@ def fit_weighted_ridge(
     return lambda some: np.asarray(level + ((some - middle) / spread) @ slope)
 
 
-def learned(name: str, rows: FloatArray, *, asked: ArrayLike, seen: Sequence[str]) -> Learned[Any]:
+def learn(name: str, rows: FloatArray, *, asked: ArrayLike, seen: Sequence[str]) -> Learned[Any]:
     """Learn `asked`, shape (cases,), from rows; what is found is an `Answer`.
 
     Parameters
@@ -95,7 +95,7 @@ def learned(name: str, rows: FloatArray, *, asked: ArrayLike, seen: Sequence[str
     Examples
     --------
     >>> rows = np.arange(80.0).reshape(40, 2)
-    >>> found = learned("ridge", rows, asked=rows @ [1.0, 2.0], seen=["a"])
+    >>> found = learn("ridge", rows, asked=rows @ [1.0, 2.0], seen=["a"])
     >>> found.on(["b"])(np.array([[6.0, 7.0]])).round(0).tolist()
     [20.0]
     """
@@ -118,6 +118,6 @@ def answer_left_out(rows: FloatArray, *, asked: ArrayLike, specimens: Sequence[s
         others = of != one
         if others.any():
             seen = of[others].tolist()
-            answer = learned(TREES, rows[others], asked=truth[others], seen=seen).on([one])
+            answer = learn(TREES, rows[others], asked=truth[others], seen=seen).on([one])
             found[~others] = answer(rows[~others])
     return found

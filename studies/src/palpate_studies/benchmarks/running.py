@@ -52,7 +52,7 @@ class Ratio:
         return None if self.theirs is None else self.theirs / self.ours
 
     @property
-    def missed(self) -> bool:
+    def is_missed(self) -> bool:
         """Return whether it is measurably less than wanted."""
         return self.times is not None and self.wanted is not None and self.times < self.wanted
 
@@ -88,7 +88,7 @@ def command_of(name: str) -> Callable[..., None]:
         names = [one for one in BENCHMARKS if one != ALL] if name == ALL else [name]
         measured = {one: importlib.import_module(BENCHMARKS[one][0]).measure(full) for one in names}
         report_of(measured, full=full).emit(as_json=as_json, out=out)
-        if any(ratio.missed for ratios, _ in measured.values() for ratio in ratios):
+        if any(ratio.is_missed for ratios, _ in measured.values() for ratio in ratios):
             raise typer.Exit(1)
 
     command.__doc__ = f"""{BENCHMARKS[name][1]}.
@@ -136,7 +136,8 @@ def report_of(measured: Mapping[str, Measured], *, full: bool) -> BenchReport:
                     "name": name,
                     "what": BENCHMARKS[name][1],
                     "ratios": [
-                        asdict(one) | {"times": one.times, "missed": one.missed} for one in ratios
+                        asdict(one) | {"times": one.times, "missed": one.is_missed}
+                        for one in ratios
                     ],
                     "notes": list(notes),
                 }
@@ -155,7 +156,7 @@ def row(ratio: Ratio) -> tuple[str, ...]:
         _seconds(ratio.ours),
         "not installed" if ratio.theirs is None else _seconds(ratio.theirs),
         ratio.install if ratio.times is None else _three_digits(ratio.times),
-        "" if ratio.wanted is None else _three_digits(ratio.wanted) + ", missed" * ratio.missed,
+        "" if ratio.wanted is None else _three_digits(ratio.wanted) + ", missed" * ratio.is_missed,
     )
 
 
