@@ -89,7 +89,7 @@ def flexitac_on_a_line(rate_hz: float) -> AbstractContextManager[tuple[str, int]
         for sent in itertools.count():
             time.sleep(max(start_s + sent / rate_hz - time.monotonic(), 0.0))
             pixels[sent % 384] = 20 + sent % 70
-            with suppress(BlockingIOError):  # nobody reads: lost, as on a real port
+            with suppress(BlockingIOError):  # there is no reader: lost, as on a real port
                 os.write(master, b"\xaa\x55" + pixels.astype(np.uint8).tobytes())
 
     return on_a_port(send)

@@ -3,7 +3,7 @@
 Run `python benchmarks/foxglove_viewer.py --seconds 30`. The board is a process at the far end of a
 pseudo-terminal (simulated), the viewer a websocket client that takes every channel, on the same
 machine. Printed are the share of a core that `palpate live --force` takes without Foxglove, with it
-but nobody looking, and with one viewer; then how old a frame is when its messages reach the viewer.
+but no viewer, and with one viewer; then how old a frame is when its messages reach the viewer.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def main() -> None:
             address = address_of(process)
             time.sleep(SETTLE_S)
             share = share_percent(process.pid, seconds=options.seconds)
-            print(f"with it, nobody looking: {share:.1f} % of a core", flush=True)
+            print(f"with it, no viewer: {share:.1f} % of a core", flush=True)
             view(process.pid, address, seconds=options.seconds)
 
 

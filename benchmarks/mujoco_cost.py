@@ -2,7 +2,7 @@
 
     python benchmarks/mujoco_cost.py
 
-The WidowX-like hand holds a thing, alone or at the end of an arm of six joints that holds a free
+The WidowX-like hand holds an object, alone or at the end of an arm of six joints that holds a free
 ball above a floor, in steps of 1 ms. Without the sensor MuJoCo alone runs; with it frames are read
 15 times a second, and contacts taken in once a frame, or as often as the rig does. Both take turns
 and are timed by the processor's time, because other programs share the machine. Ends with status 1

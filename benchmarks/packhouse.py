@@ -173,7 +173,7 @@ def main() -> None:
         bridges = ("--mqtt", str(file), "--opcua", str(opcua), "--modbus", str(modbus))
         with serving(folder, rig, *bridges) as (address, pid):
             base = alone, math.nan
-            watched(address, pid, what="all bridges, nobody asks", base=base)
+            watched(address, pid, what="all bridges, no requests", base=base)
             ask = http_asker(address)
             _, http_ms = watched(address, pid, what="HTTP asked", ask=ask, base=base)
             base = alone, http_ms

@@ -91,7 +91,7 @@ class MyGripper:
         self.plates.move(self.limits.highest, rate=self.limits.fastest)
 
     def close(self) -> None:
-        """Let go of the bus; here there is none."""
+        """Close the bus; here there is none."""
 
 
 class MySensor:
@@ -118,7 +118,7 @@ class MySensor:
         )
 
     def close(self) -> None:
-        """Let go of the port; here there is none."""
+        """Close the port; here there is none."""
 
 
 def my_calibration() -> Calibration:

@@ -24,7 +24,7 @@ CONTROLLERS = Path(__file__).with_name("moveit_controllers.yaml")
 
 
 def main() -> int:
-    """Send one position, and print how it ended; 0 where MoveIt would go on."""
+    """Send one position, and print how it ended; 0 where MoveIt would continue."""
     manager = yaml.safe_load(CONTROLLERS.read_text())["moveit_simple_controller_manager"]
     name = manager["controller_names"][0]
     controller = manager[name]

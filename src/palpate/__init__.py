@@ -17,7 +17,7 @@ Recordings
     `load_recording`.
 Shared
     `Status` is how an estimate came about; `PalpateError` is the root of what is raised, and
-    `InputError` says that an argument can't be used.
+    `InputError` means that an argument can't be used.
 
 Names are loaded on first use, so that ``import palpate`` costs nothing.
 """

@@ -26,7 +26,7 @@ class RealClock:
         return time.monotonic()
 
     def sleep_s(self, duration_s: float) -> None:
-        """Sleep for `duration_s` seconds (not at all if it is not positive)."""
+        """Sleep for `duration_s` seconds (none if it is not positive)."""
         if duration_s > 0:
             time.sleep(duration_s)
 

@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 @contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary path beside `path`; move it into place if the block succeeds.
+    """Yield a temporary path next to `path`; move it into place if the block succeeds.
 
     `path`: where the finished file goes. Its folder must exist.
     Yields a file in the same folder and with the same ending, for the block to write.
@@ -61,7 +61,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary folder beside `path`; move it into place if the block succeeds.
+    """Yield a temporary folder next to `path`; move it into place if the block succeeds.
 
     `path`: the new folder; its own folder must exist.
     Raises `InputError` if it is there already, or its folder is not.
@@ -160,7 +160,7 @@ def check_new(output: Path, *, option: str = "--out") -> None:
 def csv_cell(value: object) -> object:
     """Return a cell for a CSV file; text that spreadsheets run as formula is quoted.
 
-    Names of items, holds and files come from whoever typed them. A leading apostrophe makes them
+    Names of items, holds and files are typed by people. A leading apostrophe makes them
     text in Excel, LibreOffice and Google Sheets (OWASP, "CSV Injection").
 
     >>> csv_cell("=HYPERLINK(A1)"), csv_cell("A17"), csv_cell(-1.5)

@@ -130,7 +130,7 @@ def test_a_servo_that_does_not_answer_is_left_to_its_shortest_watchdog(
 def test_a_stop_that_is_not_obeyed_is_told(gripper: DynamixelGripper, bus: ServoBus) -> None:
     close_slowly(gripper)
     bus.deaf = True
-    with pytest.raises(DeviceError, match="was told to stop but still moves"):
+    with pytest.raises(DeviceError, match="got a stop but still moves"):
         gripper.stop()
 
 

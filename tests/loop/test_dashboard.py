@@ -408,7 +408,7 @@ def test_a_second_viewer_watches_stops_and_takes_over_explicitly(
     second.locator("#take-over").click()
     expect(second.locator("#who")).to_contain_text("you drive")
     expect(driver.locator("#who")).to_have_text("you watch")
-    expect(driver.get_by_text("Someone else drives now")).to_be_visible()
+    expect(driver.get_by_text("Another person drives now")).to_be_visible()
     expect(driver.locator("#release")).to_be_disabled()
     release(second)
 

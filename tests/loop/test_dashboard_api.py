@@ -153,7 +153,7 @@ def test_a_person_who_drives_is_not_pushed_aside(
     page.locator("#take-over").click()
     expect(page.locator("#who")).to_contain_text("you drive")
     status, refused = machine.ask("POST", "/grasp", {})
-    assert (status, refused["detail"]) == (409, "someone else drives: take over first")
+    assert (status, refused["detail"]) == (409, "another person drives; take over first")
     assert machine.ask("PUT", "/driver")[0] == 204
     expect(page.locator("#who")).to_contain_text("you watch")
     page.close()

@@ -196,7 +196,7 @@ def test_all_that_it_can_say_fits(browser: Browser, address: str, size: str) -> 
     words += [*(word for word, _ in OUTCOMES.values()), *DeviceActivity]
     words += [*firmness_words(), "Damaged", "Hand closed", "Off target"]
     nexts = [next_step for _, next_step in OUTCOMES.values()]
-    nexts += ["check its cable and power; it goes on as soon as it answers"]
+    nexts += ["check its cable and power; it continues as soon as the sensor answers"]
     whys = [outcome_text(outcome) for outcome in Outcome]
     pixels = {**SIZES, **LARGE, **LOW}[size]
     bins = ["by hand", "large", "look at it by hand", "supermarket-class-2", "Rückläufer Tor 12"]

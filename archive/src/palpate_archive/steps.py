@@ -89,7 +89,7 @@ def add(
 def compact(archive: ArchiveArgument) -> None:
     """Join the files of each station and day, up to a million rows a file.
 
-    While it runs, a query may see some rows twice: run it when nobody reads.
+    While it runs, a query may see some rows twice: run it when there is no reader.
 
     Example: palpate archive compact archive
     """

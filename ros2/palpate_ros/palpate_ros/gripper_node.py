@@ -173,7 +173,7 @@ class GripperNode(Node):
 
     def _stop(self, _: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
         self.hand.stop()
-        answer.success, answer.message = True, "told to stop"
+        answer.success, answer.message = True, "stopped on request"
         return answer
 
     def _release(self, _: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:

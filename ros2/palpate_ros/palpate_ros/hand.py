@@ -77,7 +77,7 @@ class Hand:
     array : PressureArray
         The rig's, or the same held to the wall's clock.
     hold_s : float
-        How long an object is held before it is given back unasked.
+        How long an object is held before it is released unasked.
     options : dict
         Further options of each plan: `damage`.
     viewer, complain : callable
@@ -146,7 +146,7 @@ class Hand:
             busy.stop.set()
 
     def close(self) -> None:
-        """Stop, wait until the hand is safe, and let go of the rig."""
+        """Stop, wait until the hand is safe, and close the rig."""
         self.stop()
         self._ending.set()
         self._thread.join()

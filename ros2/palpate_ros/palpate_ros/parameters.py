@@ -18,7 +18,7 @@ SHARED: dict[str, tuple[Any, str]] = {
 HAND: dict[str, tuple[Any, str]] = {
     "object": ("", "Simulated rigs: what to grasp; drawn from the seed by default."),
     "joint": ("palpate_gripper", "Name of the hand's joint in joint_states: its opening in m."),
-    "hold_s": (60.0, "How long an object is held for before it is given back unasked, s."),
+    "hold_s": (60.0, "How long an object is held for before it is released unasked, s."),
     "damage": ("", "Stay below what such produce bears: a file of `palpate calibrate damage`."),
 }
 

@@ -89,17 +89,17 @@ class SensorNode(LifecycleNode):
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Go on reading, and publish nothing."""
+        """Continue reading, and publish nothing."""
         self._active.clear()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of the sensor."""
+        """Close the sensor."""
         self.let_go()
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of the sensor for good."""
+        """Close the sensor for good."""
         self.let_go()
         return TransitionCallbackReturn.SUCCESS
 

@@ -55,7 +55,7 @@ def test_goal_to_result_then_release(client: Any, launch: Any, joints: list[Join
     assert measured["force"].value == pytest.approx(2.0, rel=0.3)
     assert measured["size"].unit == "mm"
     assert {"approach", "squeeze", "settle"} <= {one.phase for one in feedback}
-    # It goes on holding, and takes no second goal meanwhile.
+    # It continues holding, and takes no second goal meanwhile.
     again = client.result(client.goal(Grasp, GRASP, Grasp.Goal(), []))
     assert (again.status, again.result.outcome) == (GoalStatus.STATUS_ABORTED, "refused")
     assert width_mm(joints) < 60.0
@@ -229,8 +229,8 @@ def test_killed_client_leaves_a_bounded_grasp(
     doomed.kill()
     doomed.wait()
     doomed.stdout.close()
-    client.until(lambda: width_mm(joints) < 40.0, "closing goes on")
-    client.until(lambda: width_mm(joints) > 73.0, "given back")
+    client.until(lambda: width_mm(joints) < 40.0, "closing continues")
+    client.until(lambda: width_mm(joints) > 73.0, "released")
 
 
 @contextmanager

@@ -24,9 +24,9 @@ from palpate.signal.relative import (
 
 #: When the sheet counts as settled (paper, section 2.2), and how long a step is given at most.
 SETTLED_S, _PATIENCE_S = 20.0, 40.0
-#: Settled: two stretches of this length, one after the other, differ by less than this share.
+#: Settled: two stretches of this length, one after the other, differ by less than this fraction.
 _STRETCH_S, _SETTLED_SHARE = 2.0, 0.03
-#: Excess conductance that counts as nothing: below it a share means nothing.
+#: Excess conductance that counts as nothing: below it a fraction means nothing.
 _FAINT_EXCESS = 0.1
 #: A pixel that reads less than this is at the end of its converter.
 _SATURATED_OHM = 1.0

@@ -24,7 +24,7 @@ from palpate.signal.relative import (
     rest_baseline,
 )
 
-#: A first touch of the load cell, newtons. Closing goes on slowly up to it, then in steps that grow
+#: Contact with the load cell, newtons. Closing is slow up to it, then in steps that grow
 #: with the force, so that small forces get as many readings as large ones.
 _TOUCH_N = 0.05
 _POLL_S = 0.02
@@ -37,7 +37,7 @@ HOLDS_N = ((0.4, 3.0), (0.8, 6.0), (0.3, 2.0), (1.5, 12.0), (0.6, 4.0), (2.5, 15
 _FRESH_S = 0.2
 #: Pause with the hand open before a placement's rest is taken.
 _FORGETTING_S = 30.0
-#: The sheet may take this long to forget a load before its rest is refused.
+#: The sheet may take this long to recover from a load before its rest is refused.
 _RECOVERY_S = 120.0
 
 
@@ -81,9 +81,9 @@ class Bench:
     """The devices of a calibration, and where to begin to close slowly.
 
     `array`, `gripper`, `cell`, `clock`: the devices.
-    `skip_until`: lets time pass without frames where nobody needs them; else they are read and
+    `skip_until`: lets time pass without frames where none is needed; else they are read and
     dropped.
-    `start`: width a little above, or pressure a little below, where the largest thing that will be
+    `start`: width a little above, or pressure a little below, where the largest object that will be
     between the fingers is touched.
     """
 
@@ -128,7 +128,7 @@ def measure_force(
     `reseat`: called with the number of the run once the hand is open: the user moves the load cell.
     `dwell_s`: wait after each step before it is read.
     `horizon_s`: when the sheet counts as settled.
-    Raises `CalibrationError` if the load cell never feels the hand.
+    Raises `CalibrationError` if the load cell never shows a force.
     """
     rows: list[tuple[int, SheetReading]] = []
     with _opening_after(bench):
@@ -226,7 +226,7 @@ def _open(bench: Bench) -> None:
     if bench.gripper.limits.closure(bench.gripper.state()) > _free_closure(bench):
         _move_to(bench, _free_closure(bench))
     # The opening's own spike and the sheet's memory of the last load have to fade: after 3 s a
-    # rest may still have an error of 3 %, as much as half a newton leaves.
+    # rest may still have an error of 3 %, the residual of half a newton.
     _wait(bench, bench.clock.now_s() + _FORGETTING_S)
 
 

@@ -56,7 +56,7 @@ def laws_with_memory(pairs: ForcePairs) -> ForceLaws:
 def force_now(pairs: ForcePairs) -> FollowsForce:
     """Return the force tracker from frames alone, by the laws of a grasp.
 
-    Dead weights give settled readings only: there it is `ForceLaw`, which knows from other sensors
+    Dead weights give settled readings only: there it is `ForceLaw`, with a prior from other sensors
     how a sheet lags.
 
     Raises

@@ -45,7 +45,7 @@ def measure_gears(bench: Bench, *, sweeps: int = 3) -> CurrentPairs | None:
     The slow closings show where on the way the gears take more; the steps, how much that differs
     from one movement to the next. Returns None where the gripper reports no current.
 
-    Raises `CalibrationError` if the load cell feels something: the hand isn't empty.
+    Raises `CalibrationError` if the load cell shows a force, as the hand isn't empty.
     """
     limits = bench.gripper.limits
     rows = _Rows()

@@ -130,7 +130,7 @@ def _follow_presses(
         if watch.next_place is not None and watch.next_place != asked:
             asked = watch.next_place
             where = f"pixel {pixel_name(*asked)} (finger {layout.finger_of_row[asked[0]]})"
-            prompt(f"press {where}, hold it for a moment, let go")
+            prompt(f"press {where}, hold it for a moment, release")
         ohm = pixel_resistance_ohm(frame.counts, layout=layout, oversampling=frame.oversampling)
         watch.add_frame(frame.time_s, ohm)
         taken.append(frame)
@@ -222,7 +222,7 @@ def _pixels(examined: Examined) -> Table:
     names = ["pixel", ">finger", ">at rest", ">noise", ">drift", ">one count", *[""] * bool(marks)]
     table = make_table(names)
     for column in table.columns:
-        # Numbers stay with their units; the longest name goes on two lines where it must.
+        # Numbers stay with their units; the longest name takes two lines where it must.
         column.no_wrap = column.header != "one count"
     for row, col in np.ndindex(layout.rows, layout.cols):
         name = pixel_name(row, col)

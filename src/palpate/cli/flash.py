@@ -57,7 +57,7 @@ def flash(
 
 
 def _only_port() -> str:
-    """Return the one port that looks like a board: asking would need the firmware already."""
+    """Return the one port of a board by its USB id, as only firmware answers."""
     likely = [found for found in serial_ports() if found.board is not None]
     if len(likely) == 1:
         return likely[0].device

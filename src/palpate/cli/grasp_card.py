@@ -123,7 +123,7 @@ def _limit_text(limit: Mapping[str, object]) -> str:
         return f"Damage limit ({learned}): {why}"
     did = ""
     if limit["passed"]:
-        # A sheet that does not feel a faint force shows the limit only once it is passed.
+        # A sheet that does not show a faint force shows the limit only once it is passed.
         did = ": shown only once the force had passed it; nothing more was pressed"
     elif limit["kept_below_target"]:
         did = ": it kept the force below what was asked for"

@@ -26,7 +26,7 @@ from palpate.signal.relative import (
 
 #: Without a calibration, the first second is taken for rest.
 _REST_S = 1.0
-#: A finger that touched has let go where no pixel shows this share of a contact any more.
+#: A finger that touched is released where no pixel shows this fraction of a contact any more.
 _RELEASED_SHARE = 0.5
 #: A frame is stale after five periods, at least 100 ms (as everywhere in palpate).
 _STALE_PERIODS, _STALE_S = 5.0, 0.1

@@ -31,7 +31,7 @@ from palpate.produce.qualify.readings import read_pairs
 from palpate.produce.qualify.scatter import scatter_of
 from palpate.terminal_table import print_table
 
-#: Without a reference read twice, the tolerance is this share of its scatter over items (guess).
+#: Without a reference read twice, the tolerance is this fraction of its scatter over items (guess).
 _TOLERANCE_SHARE = 0.5
 
 

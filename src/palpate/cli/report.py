@@ -84,7 +84,7 @@ def report(
     """
     asked = [name for name in (item, batch, day) if name is not None]
     if len(asked) != 1:
-        raise InputError("name one thing to report on: ITEM, --batch NAME or --day DATE")
+        raise InputError("name one subject: ITEM, --batch NAME or --day DATE")
     target = out or Path(f"report-{_file_name(asked[0])}.html")
     check_new(target)
     require_plots()

@@ -189,7 +189,7 @@ class SimulatedCrate:
     table: CrateTable
     #: What is to be sorted.
     crate: Mapping[str, CrateItem]
-    #: Labelled items of each kind, to teach from.
+    #: Labelled items of each kind, for training.
     teaching: Mapping[str, CrateItem]
 
     def names(self) -> Iterator[str]:

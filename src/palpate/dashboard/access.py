@@ -25,11 +25,11 @@ SHORTEST_TOKEN = 8
 #: Where a stop is asked for, by the page and by machines.
 STOPS = frozenset({"/stop", "/api/stop"})
 #: Wrong tokens that a visitor may send within a minute; from then on tokens of that visitor are
-#: looked at one after the other, in this time: guessing eight characters takes ages, seconds.
+#: checked one by one, in this time: guessing eight characters takes ages, seconds.
 MOST_WRONG, _WRONG_S, TURN_S = 10, 60.0, 1.0
 #: An order that waited longer than this for its turn would come as a surprise, seconds.
 _LONGEST_WAIT_S = 4.0
-#: Wrong visitors that are remembered; more of them share one count.
+#: Wrong visitors that are counted; more of them share one count.
 _MOST_VISITORS = 1000
 #: A form with the longest token that makes sense; nothing longer is read.
 _LONGEST_FORM = 4096
@@ -42,7 +42,7 @@ _HEADERS = (
     (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"same-origin"),
 )
-#: Nobody reads a page there.
+#: No page is read there.
 _FOR_MACHINES = "/api/"
 
 
@@ -157,7 +157,7 @@ class AccessControl:
             return _refusal(401, "send the token in a header: Authorization: Bearer TOKEN")
         visitor = _visitor(scope)
         if scope["path"] in STOPS and self._wrong.too_many(visitor):
-            # It may be the right one, and a stop waits for nothing. To look would answer guesses.
+            # It may be the right one, and a stop waits for nothing. A check would answer guesses.
             return None
         found = await self._check_token(sent, token, visitor)
         if found is None:
@@ -186,7 +186,7 @@ class AccessControl:
                 return _page(413, "That is too long for a token.", form=True)
             sent = _field(form)
         if not sent:
-            return _page(401, "Whoever started this dashboard knows its token.", form=True)
+            return _page(401, "The person who started this dashboard has its token.", form=True)
         found = await self._check_token(sent, token, _visitor(scope))
         if found is None:
             return _page(429, "Too many wrong tokens: wait a minute.", form=True)
@@ -200,14 +200,14 @@ class AccessControl:
 class WrongTries:
     """Counts recent wrong tokens by visitor.
 
-    Whoever sent too many is slowed down and not refused: somebody else at the same address may have
+    An address that sent too many is slowed down, not refused, as another visitor there may have
     the right one.
     """
 
     def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
         self._now_s = now_s
         self._tries: dict[str, deque[float]] = {}
-        #: When the next token of a visitor who sent too many is looked at.
+        #: When the next token of a visitor who sent too many is checked.
         self._turns_s: dict[str, float] = {}
 
     def too_many(self, visitor: str) -> bool:
@@ -225,7 +225,7 @@ class WrongTries:
         return turn_s - now_s
 
     def return_turn(self, visitor: str) -> None:
-        """Give back the turn of a correct token."""
+        """Release the turn of a correct token."""
         name = self._count_key(visitor)
         if name in self._turns_s:
             self._turns_s[name] -= TURN_S

@@ -151,17 +151,17 @@ def _add_orders(api: FastAPI, app_state: AppState) -> None:
 
     @api.put("/driver", status_code=204)
     async def take_over() -> None:
-        """Drive from now on, whoever did before."""
+        """Take control, also from another driver."""
         await app_state.take_over(DRIVER)
 
     @api.delete("/driver", status_code=204)
     async def leave() -> None:
-        """Let somebody else drive."""
+        """Release control."""
         await app_state.leave(DRIVER)
 
     @api.post("/stop", responses={504: {"model": Stopped}})
     async def stop() -> JSONResponse:
-        """Stop what runs, whoever drives; answers once it reached the hand, else 504."""
+        """Stop any movement without control; answers once the gripper has it, else 504."""
         stopped = await app_state.stop()
         return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
 

@@ -164,7 +164,7 @@ class AppState:
         #: Each wakes a stop that waits for its confirmation.
         self._waiting = set[Callable[[], object]]()
         self._lost = False
-        #: Generation and measurements for which a bin was looked for last.
+        #: Generation and measurements for which a bin was last computed.
         self._foreseen: object = None
         #: Held, so that it is not collected while it runs.
         self._task: asyncio.Future[None] | None = None
@@ -384,7 +384,7 @@ class AppState:
             recording=grasped.recording if order.item_id else None,
             closing=grasped.closing,
         )
-        # The grasp has not ended before its result is out: who sees the end asks for the result,
+        # The grasp has not ended before its result is out: a viewer asks for the result at the end,
         # and for the item.
         self.session.devices.activity, self.session.devices.order = DeviceActivity.GRASPING, order
         self._task = asyncio.ensure_future(self._place_and_publish(place, entry, document))

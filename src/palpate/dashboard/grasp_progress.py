@@ -101,7 +101,7 @@ class GraspProgress:
     answer: GraspResult
     #: Whether the controller has decided.
     decided: bool
-    #: Forecast of the grip force at the horizon, newtons; goes on after the decision.
+    #: Forecast of the grip force at the horizon, newtons; continues after the decision.
     settled_n: Measurement | None = None
     #: Gain of this contact relative to the laws.
     gains: ContactGains = field(default_factory=ContactGains)
@@ -122,7 +122,7 @@ def grasp_progress_of(
     """Return the progress of a grasp from the controller's grasp_state.
 
     The forecast is the controller's own function on the controller's own touches, so the band on
-    the page is the one that it decides by. It goes on after the decision, while the hand holds.
+    the page is the one that it decides by. It continues after the decision, while the hand holds.
 
     Parameters
     ----------

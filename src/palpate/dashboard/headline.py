@@ -39,12 +39,12 @@ OUTCOMES = {
     Outcome.HELD: ("Held", "Put the next item in, then press Grasp"),
     Outcome.NOTHING_THERE: ("Nothing there", "Put an item between the fingers, then press Grasp"),
     Outcome.SLIPPED: ("Slipped", "Put the item in again, further up, then press Grasp"),
-    Outcome.TOO_WEAK: ("Too weak", "Lift this item by hand: no safe grip is sure to hold it"),
-    Outcome.FORCE_LIMIT: ("Too much force", "Look at the item and the hand before you go on"),
-    Outcome.TIMED_OUT: ("Gave up", "Look at the item and the hand, then press Grasp again"),
+    Outcome.TOO_WEAK: ("Too weak", "Lift this item by hand: no safe grip is certain to hold it"),
+    Outcome.FORCE_LIMIT: ("Too much force", "Check the item and the hand before you continue"),
+    Outcome.TIMED_OUT: ("Gave up", "Check the item and the hand, then press Grasp again"),
     Outcome.SENSOR_LOST: ("Sensor lost", "Check the sensor's cable and power"),
-    Outcome.GRIPPER_FAULT: ("Hand fault", "Check the hand before you go on"),
-    Outcome.STOPPED: ("Stopped", "Look at the hand, then press Grasp again"),
+    Outcome.GRIPPER_FAULT: ("Hand fault", "Check the hand before you continue"),
+    Outcome.STOPPED: ("Stopped", "Check the hand, then press Grasp again"),
 }
 
 
@@ -119,7 +119,7 @@ def _without_grasp(devices: DeviceState, *, stale: bool) -> dict[str, Any] | Non
     """Return the headline of a fault, a calibration or a stop; None without these."""
     live, failure = devices.live, devices.calibration_failure
     if stale and live.link.frames:
-        why = "check its cable and power; it goes on as soon as it answers"
+        why = "check its cable and power; it continues as soon as the sensor answers"
         return _headline("the sensor is silent", "bad", why=why)
     if live.percent is not None and np.isnan(live.percent).all():
         why = "check the cable between sensor and board; the page Doctor gives details"
@@ -271,7 +271,7 @@ def _next(devices: DeviceState, headline: Mapping[str, Any]) -> str:
     if activity is not DeviceActivity.WATCHING:
         return "Wait"
     if devices.calibration_failure is not None:
-        return "Repeat it on the page Calibrate, or go on without"
+        return "Repeat it on the page Calibrate, or continue without"
     if headline["kind"] == "bad" and grasped is None and not _is_of_stop(headline):
         return str(headline["why"])
     if devices.sensor_alone:

@@ -1,6 +1,6 @@
 """Items and their history on the page, by the store.
 
-The store is opened for each look and each grasp: it may be away, and others use it too.
+The store is opened for each query and each grasp: it may be away, and others use it too.
 """
 
 from __future__ import annotations
@@ -226,14 +226,14 @@ class _Known:
     kind: str | None = None
     grasps: tuple[Grasp, ...] = ()
     verdicts: tuple[Verdict, ...] = ()
-    #: The kinds that were taught, where the rules need a guess.
+    #: The trained kinds, where the rules need a guess.
     identifier: Identifier | None = None
     #: Why grasps of other stations may be missing; empty if the shared store answered.
     away: str = ""
 
     @classmethod
     def of(cls, store: Store, item_id: str, *, rules: RuleBook | None) -> _Known:
-        """Look an item up."""
+        """Read an item."""
         from palpate.produce.identify.kinds import learn_kinds
 
         items = store.items_named([item_id]) if item_id else ()

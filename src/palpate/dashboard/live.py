@@ -101,7 +101,7 @@ class Live:
         self._contacts = [ContactState()] * fingers
         self._rest_ohm = None if source is None else source.rest_ohm
         self._laws = None if source is None else source.laws
-        #: Whether the hand was asked to give back what it holds; until the next grasp.
+        #: Whether the hand was asked to release; until the next grasp.
         self.released = False
         self.clear_curve()
 
@@ -155,7 +155,7 @@ class Live:
         self.progress = progress
 
     def add_frames(self, frames: Frames) -> None:
-        """Take frames: all count for the curve's movements, a share of them for its points."""
+        """Take frames: all count for the curve's movements, a fraction of them for its points."""
         source = self.source
         if source is None:
             return
@@ -193,7 +193,7 @@ class Live:
         return [float(mean) for mean in finger_means(percent, finger_of_row=fingers)]
 
     def finger_forces_n(self, force: Measurement | None, ohm: FloatArray | None) -> list[float]:
-        """Return the share of each finger in a force, newtons; empty without one.
+        """Return the fraction of each finger in a force, newtons; empty without one.
 
         The grip force is the fingers' mean; it is shared as the law reads the pixels of each.
         """

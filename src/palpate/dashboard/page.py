@@ -135,11 +135,11 @@ def _header(
         """Show who drives, how many watch, and the button to take over."""
         mine = viewer.drives
         if was_mine[0] and not mine:
-            ui.notify("Someone else drives now", type="warning")
+            ui.notify("Another person drives now", type="warning")
         was_mine[0] = mine
         others = len(app_state.session.viewers) - 1 if mine else 0
         watchers = f"{others} watch{'es' if others == 1 else ''}" if others else ""
-        nobody = "nobody drives" if app_state.session.driver is None else "you watch"
+        nobody = "no one drives" if app_state.session.driver is None else "you watch"
         who.set_text(" · ".join(filter(None, ("you drive", watchers))) if mine else nobody)
         take.set_visibility(not mine)
 

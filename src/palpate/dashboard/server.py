@@ -103,7 +103,7 @@ def serve(
     config = uvicorn.Config(
         gate,
         http=BoundedConnection,
-        # Who asks is whoever connects, whatever a header claims.
+        # The visitor is the connected address, never one from a header.
         proxy_headers=False,
         log_level="warning",
         access_log=False,

@@ -1,6 +1,6 @@
 """The reported state of the devices, and the rules of the page.
 
-No browser, no I/O. Anyone may look, and anyone may press stop. Everything else is for the one who
+No browser, no I/O. Anyone may watch, and anyone may press stop. Everything else is for the one who
 drives; another becomes the driver only by taking over.
 """
 
@@ -213,7 +213,7 @@ class DeviceState:
 
 #: The devices' process reports twenty times a second; silent for longer than this, it hangs.
 _HUNG_S = 1.0
-#: A link that is late for less than this refuses nothing: every order looks at its own frames.
+#: A link that is late for less than this refuses nothing: every order checks its own frames.
 _MISSING_S = 1.0
 _NEEDS_FRAMES = (Action.GRASP, Action.CALIBRATE, Action.EXAMINE)
 _NEEDS_OPEN_HAND = (Action.GRASP, Action.EXAMINE)
@@ -253,7 +253,7 @@ class Session:
     (True, False, 'a')
     >>> session.order("b", OpenRig(name="sim-rigid"))
     Traceback (most recent call last):
-    palpate.errors.InputError: someone else drives: take over first
+    palpate.errors.InputError: another person drives; take over first
     """
 
     def __init__(
@@ -293,7 +293,7 @@ class Session:
     def join(self, viewer: str, *, tab: str | None = None) -> bool:
         """Add a viewer; return whether they drive, as the first does.
 
-        A page that is loaded again in the same tab of a browser goes on driving.
+        A page that is loaded again in the same tab of a browser keeps control.
 
         >>> session = Session(send=print)
         >>> session.join("a", tab="1"), session.join("b", tab="2"), session.join("c", tab="1")
@@ -338,8 +338,8 @@ class Session:
             return "the devices are silent: if the hand may move, use the emergency stop"
         if viewer != self.driver:
             if self.driver is None:
-                return "nobody drives: take over first"
-            return "someone else drives: take over first"
+                return "no one drives; take over first"
+            return "another person drives; take over first"
         if action is Action.CONFIRM:
             return "" if guide is not None and guide.asks else "nothing is asked"
         if action in (Action.SPEED, Action.FILES):

@@ -54,7 +54,7 @@ class Telemetry:
     Parameters
     ----------
     send : callable
-        Takes an update; may block, and raises `OSError` when nobody is there any more.
+        Takes an update; may block, and raises `OSError` when the other end is closed.
     on_lost : callable
         Called once if so.
     """
@@ -103,7 +103,7 @@ class Telemetry:
     ) -> None:
         """Start with another source; `events` returns the counters of its link.
 
-        Without a link a gap in the numbers is no loss: a twin's frames pass while nobody reads.
+        Without a link a gap in the numbers is no loss: a twin's frames pass between reads.
         """
         with self._lock:
             self._frames.clear()

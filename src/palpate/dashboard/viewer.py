@@ -32,7 +32,7 @@ class Viewer:
     viewer_id : str
         Name of this viewer in the session.
     now_s : callable
-        The clock that the page is told.
+        The clock shown on the page.
     """
 
     def __init__(

@@ -58,10 +58,10 @@ _ROOM_C, _ROOM_PERCENT, _CYCLES, _CYCLES_A_DAY = (14.8, 26.8), (40.0, 70.0), 60,
 _FRAME_RATE_HZ, _REST_S = 10.0, 6.0
 
 _RULES = """\
-# Where things go. The first rule that is sure enough of an item wins.
+# Bins. The first rule with enough confidence wins.
 
-default = "by hand"     # whatever no rule is sure of
-confidence = 0.8        # how sure a rule must be that all its conditions hold
+default = "by hand"     # items that meet no rule
+confidence = 0.8        # least probability that all conditions of a rule hold
 
 [[rule]]
 bin = "sell today"
@@ -175,7 +175,7 @@ class _BruisedCheek:
     def pixel_shares(
         self, deformation_mm: float, *, grid: PixelGrid, off_centre_mm: tuple[float, float]
     ) -> FloatArray:
-        """Return the share of its finger's force that each pixel carries, shape (pixels,)."""
+        """Return the fraction of its finger's force that each pixel carries, shape (pixels,)."""
         shares = pixel_shares(self.sound, deformation_mm, grid=grid, off_centre_mm=off_centre_mm)
         along_mm, across_mm = (
             place - off - _OFF_MM
@@ -197,7 +197,7 @@ class _Avocado:
         return _SOFT_N + (_HARD_N - _SOFT_N) / (1.0 + math.exp((day - self.half_day) / 0.6))
 
     def stage(self, day: int) -> str:
-        """Return its stage as a person sees it."""
+        """Return its stage by a person's judgement."""
         return STAGES[sum(self.force_at_1mm_n(day) < bound for bound in _BOUNDARIES_N)]
 
     def spot(self, day: int, *, rng: np.random.Generator) -> TwinObject:

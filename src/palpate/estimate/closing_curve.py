@@ -3,7 +3,7 @@
 The curve leaves several unknowns open, and they are estimated together: where contact began, the
 shape and scale of the object's law, this contact's gain against the sheet's law, and the gripper's
 give here. They are correlated: a force read too high takes out too much give, and so makes the
-object look too stiff twice over. The answer's interval covers all of them. Shape and scale lie on a
+object seem too stiff twice over. The answer's interval covers all of them. Shape and scale lie on a
 grid; given both, every other unknown shifts each step's estimate of where contact began in
 proportion, and is solved for (generalised least squares with priors).
 """
@@ -31,11 +31,11 @@ _SHAPES = {1.0: 0.4, 1.25: 0.15, 1.5: 0.35, 2.0: 0.1}
 _SCATTERS = {0.007: 0.4, 0.02: 0.4, 0.08: 0.2}
 #: An object off the middle, or another face than the block's: pads and fingers give a share more.
 _GIVE_SD = 0.02
-#: By how much (in ln force) the object has relaxed at the horizon against its closing, and how
+#: How far (in ln force) the object has relaxed at the horizon against its closing, and how
 #: likely: springs and silicone hardly, fruit by a tenth to a third. At one closure no force rises.
 _RELAXED = ((0.6, -0.03, 0.04), (0.4, -0.2, 0.1))
-#: Neither sheet nor current sees a held thing relax: for half of them, fruit, the settled force is
-#: lower than estimated by this much (ln), for the others it is not.
+#: Sheet and current show no relaxation of a held object. For half of them, fruit, the force is
+#: lower than estimated by this much (ln).
 _FRUIT_SHARE, _UNSEEN, _UNSEEN_SD = 0.5, -0.06, 0.04
 #: A staircase is no clean step, and settling is known only for clean steps: its forecast has this
 #: error (ln force) beyond its own interval.
@@ -47,29 +47,29 @@ _SHARPEST_MM = 0.02
 _GAINS, _SCALES, _DRAWS = 5, 40, 4000
 #: Number of unknowns solved for: size, gain beyond that of the grid, exponent, lag, give.
 _UNKNOWN = 5
-#: Share of the doubt of the gain that each place of the grid solves for, so that what is not
-#: proportional in a large doubt is looked at in several places.
+#: Share of the uncertainty of the gain that each place of the grid solves for, so that what is not
+#: proportional in a large uncertainty is evaluated at several places.
 _SOLVED_SHARE = 0.5
 
-#: A step that raises the force at once is read low, because the sheet lags: by this share of the
-#: rise (in ln force) that is not yet forgotten. On development closings of the twin, compared with
-#: the true forces, 0.16 on springs; 0.05 where half the things relax as fruit does meanwhile.
+#: A step that raises the force at once is read low, because the sheet lags: by this fraction of the
+#: rise (in ln force) that still lags. On development closings of the twin, compared with
+#: the true forces, 0.16 on springs; 0.05 where half of the objects relax as fruit does meanwhile.
 #: Relaxing bends a closing the other way: a stiffness estimated from the bend needs no correction
 #: on average.
 LAG, LAG_SD = 0.1, 0.08
-#: A sheet forgets this share of a rise of the force with each step of a closing.
+#: The lag of a sheet after a rise falls by this fraction with each step of a closing.
 _FORGOTTEN = 0.3
 #: This contact's exponent against the law's, because the load spreads over the pixels as it grows
 #: and a sheet near its end bends: scatter per unit of ln force, as a share of the law's own scatter
 #: from placement to placement, and its least and most.
 _TILT_SHARE, _TILT_SDS = 0.5, (0.04, 0.4)
-#: The servo's current gives the gain all along the closing, from this share of the force on and
+#: The servo's current gives the gain all along the closing, from this fraction of the force on and
 #: with a weight that grows with it; the lag of the sheet is taken out there.
 _GAIN_FROM = 0.3
 #: A reading below this many standard deviations of faint forces may be drift before the contact:
 #: such a step shows only that the force was no larger.
 FELT = 2.0
-#: Fewest felt steps that show a curve.
+#: Fewest steps with force that show a curve.
 _FEWEST = 2
 #: Steps of a long closing that are used: neighbours carry the same information.
 _MOST_STEPS = 14
@@ -109,13 +109,13 @@ class _Posterior:
 def measure_closing(
     curve: ClosingSteps, *, give: Compliance, opening_mm: float, force: Measurement
 ) -> ClosingAnswer | None:
-    """Return size, and secant stiffness at the settled force; None if too little was felt.
+    """Return size, and secant stiffness at the settled force; None with few steps.
 
     `give`: of pads, fingers and servo.
     `opening_mm`: final opening, zero taken out.
     `force`: settled force there, newtons.
 
-    A spring of 2 N/mm in a gripper that gives way by 0.2 mm/N:
+    A spring of 2 N/mm in a gripper with a compliance of 0.2 mm/N:
 
     >>> force_n = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 6.0])
     >>> give = Compliance(slope_mm_per_n=0.2, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.02,
@@ -270,7 +270,7 @@ def _not_before(
     size_mm: FloatArray,
     sd_mm: FloatArray,
 ) -> FloatArray:
-    """Return the log likelihood of the steps before the first that was felt.
+    """Return the log likelihood of the steps before the first with force.
 
     The object began no further out than a faint force would reach. A later step that reads nothing
     shows pixels that cancel each other.
@@ -303,14 +303,14 @@ def tilt_sd(law_sd: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Looks:
-    """The felt steps that are looked at, arrays of shape (looks,)."""
+    """The steps in use, arrays of shape (n,)."""
 
     #: Force read, and opening.
     read_n: FloatArray
     width_mm: FloatArray
     #: ln force, relative to where the gain was estimated.
     above: FloatArray
-    #: Its rise that is not yet forgotten, beyond that of the last step.
+    #: Its rise that still lags, beyond that of the last step.
     lagging: FloatArray
 
 
@@ -320,7 +320,7 @@ class ClosingSteps:
 
     #: Shape (n_steps,). Opening at each step, zero taken out.
     width_mm: FloatArray
-    #: Shape (n_steps,). Force read there, newtons; 0 where nothing was felt.
+    #: Shape (n_steps,). Force read there, newtons; 0 without contact.
     force_n: FloatArray
     #: Scatter of ln force from one contact to another.
     gain_sd: float
@@ -342,12 +342,12 @@ class ClosingSteps:
 
     @property
     def rising(self) -> FloatArray:
-        """Rise of ln force at each felt step that the sheet has not forgotten yet."""
+        """Rise of ln force at each step with force that still lags in the sheet."""
         return unforgotten(self.force_n[self.is_certain], faint_n=self.faint_n)
 
     @property
     def used_steps(self) -> NDArray[np.int64]:
-        """Which of the felt steps are used: at most `_MOST_STEPS`, evenly spread."""
+        """Indices of the steps in use: at most `_MOST_STEPS`, evenly spread."""
         felt = int(np.count_nonzero(self.is_certain))
         return np.unique(np.linspace(0, felt - 1, min(felt, _MOST_STEPS)).round().astype(int))
 
@@ -367,7 +367,7 @@ class ClosingSteps:
 
     @property
     def own_gain_sd(self) -> float:
-        """Doubt of the gain without what the exponent makes of it, which is solved for."""
+        """Uncertainty of the gain without the exponent's part, which is solved for."""
         tilted = tilt_sd(self.law_sd) * self.looks.above[-1]
         return float(np.sqrt(max(self.gain_sd**2 - tilted**2, (0.5 * self.gain_sd) ** 2)))
 

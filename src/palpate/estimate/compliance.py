@@ -23,7 +23,7 @@ _APART_MM = 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Compliance:
-    """How far the gripper itself gives way under a force.
+    """Deflection of the gripper itself under a force.
 
     give(F) = slope F + sum_i pad_i (1 - exp(-F / F_i)): a spring, and pads that bottom out.
     """
@@ -77,7 +77,7 @@ class Compliance:
         )
 
     def give_mm(self, force_n: ArrayLike) -> FloatArray:
-        """Return how far the gripper gives way, mm, of the shape of the forces."""
+        """Return the gripper's deflection, mm, of the shape of the forces."""
         force = np.asarray(force_n, dtype=float)
         pads = -np.expm1(-force[..., None] / _PAD_FORCES_N) @ np.array(self.pad_mm)
         return np.asarray(self.slope_mm_per_n * force + pads)
@@ -93,7 +93,7 @@ class Compliance:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SoftFingerCompliance:
-    """How pressure-driven fingers close, and how they give way."""
+    """Closure and compliance of pressure-driven fingers."""
 
     #: How far they close per pressure while nothing is in the way.
     mm_per_kpa: float

@@ -83,8 +83,8 @@ class DamageModel:
     def bound_n(self, stiffness: Measurement, *, kind: str = "") -> float:
         """Return the force below which at most a fraction `rate` of objects are damaged, N.
 
-        Few closings show no such rare ones: the bound goes on as the log-normal law of `Strength`.
-        How stiff the object is is doubted too, and one that may be soft may be weak.
+        Few closings miss rare ones, so the log-normal law of `Strength` extends the bound.
+        The stiffness is uncertain too, and an object that may be soft may be weak.
 
         `stiffness`: of the object between the fingers, N/mm.
         `kind`: kind of the object, empty if not known.
@@ -144,7 +144,7 @@ def fit_damage_model(
 
 
 def _low_share(paths: Sequence[Path], limits_n: NDArray[np.float64]) -> float:
-    """Return the share of its prediction at half load that objects exceed with the level."""
+    """Return the fraction of its prediction at half load that objects exceed with the level."""
     shares = []
     for inside, outside in _folds(len(paths)):
         strength = fit_strength(

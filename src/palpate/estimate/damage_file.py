@@ -59,9 +59,7 @@ class DamageFile:
         known = ", ".join(self.kinds) or "none"
         few = self.closings.get(name)
         why = f"only {few} closings of {name!r}" if few else f"no kind {name!r}"
-        raise InputError(
-            f"{where} has {why}; it tells apart: {known}; leave --kind out for anything else"
-        )
+        raise InputError(f"{where} has {why}; its kinds are {known}; omit --kind for any other")
 
     def as_text(self) -> str:
         """Return the content of the file."""

@@ -32,7 +32,7 @@ class HeldOut:
     error_percent: float
     #: The same of the median rupture force of the kind alone: no stiffness needed.
     median_error_percent: float
-    #: Share that ruptured above the lower bound; should be 0.95.
+    #: Fraction that ruptured above the lower bound; should be 0.95.
     above_low: float
 
 
@@ -244,7 +244,7 @@ def copies(closings: Sequence[FruitClosing]) -> dict[str, str]:
     """Return the closings that repeat an earlier recording, with its name.
 
     Two names for one fruit are no second fruit: learned from twice, or learned from and then tested
-    on, it would make a model look better than it is.
+    on, it would flatter the model.
     """
     first: dict[tuple[str, float, bytes], str] = {}
     found = {}

@@ -17,7 +17,7 @@ from scipy.special import stdtr, stdtrit
 
 from palpate.arrays import FloatArray
 
-#: True values that are looked at, and measurements of each.
+#: True values on the grid, and measurements of each.
 _TRUE, _MEASURED = 200, 500
 
 

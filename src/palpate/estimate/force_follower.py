@@ -23,7 +23,7 @@ _MOST_EXCESS = 1e5
 #: the range of a gripper (three such weights: error of real ladders .20 in ln force, first weights
 #: of 0.6 to 1.2 N 1.0).
 SPREAD_N = (1.5, 4.0, 9.0)
-#: Readings among which the one of a force is looked for: 0.2 to 20 000 times the rest conductance.
+#: Range of the search for a force's reading: 0.2 to 20 000 times the rest conductance.
 _READINGS = np.geomspace(0.2, 2e4, 400)
 
 

@@ -36,7 +36,7 @@ _MOST_FAINT = 4.0
 #: strokes given the place: 15 to 30 alike, 5 and 60 worse).
 MOST_SAMPLES = 25.0
 #: On a steep rise one force shows the gain of a contact, and little of its memory: an error of
-#: timing looks like memory. There the weights other than the constant take this share of a full
+#: timing resembles memory. There the weights other than the constant take this fraction of a full
 #: update (share 1: strokes .110/.225 and presses .045; .3: .103/.201 and .028).
 MEMORY_SHARE = 0.3
 #: A reading rises where ln excess is this far from its copy of 0.1 s (the third input after x).

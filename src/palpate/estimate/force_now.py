@@ -5,7 +5,7 @@ between the two, creep is about even in the logarithm of time. A live view does 
 load moved, so the reading shows it: it leaves its own low-passed copy. Until the sheet has settled
 the interval spans both laws.
 
-These two know the pixels of this sheet, and nothing of unloading. `ForceLaw` knows from other
+These two use the pixels of this sheet, and no unloading. `ForceLaw` has learned from other
 sensors how a sheet lags and unloads, and reads the sum of the pixels. Their errors differ, so the
 answer is the mean of both in ln force.
 """

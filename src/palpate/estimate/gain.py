@@ -10,7 +10,7 @@ from scipy.special import ndtri
 from palpate.arrays import FloatArray
 from palpate.estimate.force import ForceEstimate
 
-#: Where the logarithm of a gain is looked at, in standard deviations of what was known before.
+#: Grid of a gain's logarithm, in standard deviations of what was known before.
 _GRID = np.linspace(-4.0, 4.0, 81)
 #: Friction of gears scatters more widely than a normal variable: a measurement far from what the
 #: sheet reads is an outlier more often than not (Student's t with this many degrees of freedom).

@@ -130,7 +130,7 @@ class PixelForceLaw:
 
         Placements read alike in proportion but not in size. Over all of them at once the slope
         would come out too flat, and strong forces too small (errors in the reading attenuate a
-        regression). Doubts are `fit_laws`' business.
+        regression). `fit_laws` adds the uncertainty.
 
         `reading`, `force_n`, shape (n,): readings and the forces measured with them, newtons.
         `run`, shape (n,): to which placement each belongs.
@@ -224,7 +224,7 @@ class PlacedReadings:
 def fit_laws(placements: PlacedReadings) -> tuple[PixelReading, PixelForceLaw, PixelForceLaw]:
     """Fit the reading, its law soon after a movement, and its law when settled.
 
-    What may be doubted is measured on placements left out of the fit.
+    The uncertainty is measured on placements held out of the fit.
 
     Raises `CalibrationError` if there are too few pairs.
     """
@@ -276,9 +276,9 @@ _MANY = 20
 def _with_uncertainty(
     law: PixelForceLaw, estimated: FloatArray, force: FloatArray
 ) -> PixelForceLaw:
-    """Return the law with its doubts, of ln force and of a faint force.
+    """Return the law with the uncertainty of ln force and of faint forces.
 
-    Sorted by the estimated force, because a grasp knows nothing else.
+    Sorted by the estimated force, as a grasp has nothing else.
     """
     tenth, firm = float(ndtri(0.95)), estimated > _FIRM_N
     log_error = np.abs(np.log(estimated[firm] / np.maximum(force[firm], 0.1)))

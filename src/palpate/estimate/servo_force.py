@@ -1,4 +1,4 @@
-"""Force from the servo's current during closing: a second measurement beside the sheet's.
+"""Force from the servo's current during closing: a second measurement next to the sheet's.
 
 While a servo closes, the friction of its gears adds to the grip, so the current is linear in the
 force. At rest it is not: friction then carries any part of the grip, either way. One reading is
@@ -26,19 +26,19 @@ from palpate.sensor.calibration import CurrentPairs
 
 #: A calibration of the current needs this many readings under load, and this range of force.
 _FEWEST, _RANGE_N = 10, 2.0
-#: How the force rose is measured by a sheet whose lag is not quite known, and the thing relaxes a
+#: How the force rose is measured by a sheet whose lag is not quite known, and the object relaxes a
 #: little once the fingers stop: a few percent of error, the same for all readings.
 _SHAPE_SD = 0.03
 #: From session to session the torque of an ampere changes with the warmth of the motor: copper and
 #: magnets lose some percent from cold to warm.
 WARMTH_SD = 0.035
 #: Force that a sheet may not show (threshold of its pixels, typical), newtons, and the least
-#: share of the final force that a reading must have to be used.
+#: fraction of the final force that a reading must have to be used.
 _BLIND_N, _LEAST_SHARE = 0.25, 0.3
 #: Friction grows with the load: by this share of the grip (a guess for small geared servos, between
 #: a twentieth and a quarter). The empty hand does not show how that part scatters.
 _LOADED_SHARE = 0.15
-#: Friction where no empty hand was closed: this share of it from movement to movement, and along
+#: Friction where no empty hand was closed: this fraction of it from movement to movement, and along
 #: the way (a guess for small geared servos, between a tenth and a quarter).
 _USUAL_SHARE = 0.15
 
@@ -114,7 +114,7 @@ class CurrentLaw:
         newton. Readings of one movement share its error of friction.
 
         `current_ma`, `width_mm`, shape (n,): readings while closing, and where.
-        `share`, shape (n,): force at each, as a share of that at the end, by the sheet.
+        `share`, shape (n,): force at each, as a fraction of that at the end, by the sheet.
         `movement`, shape (n,): equal for readings of one movement.
         `tilt_sd`: scatter of the exponent of the sheet that gave the shares.
 
@@ -153,7 +153,7 @@ class CurrentLaw:
         )
 
     def _load_fraction(self, force_n: float) -> float:
-        """Return by which share of itself the friction grows under a force."""
+        """Return by which fraction of itself the friction grows under a force."""
         free_ma = max(self.gears.mean_ma, 1e-9)
         return min(_LOADED_SHARE * self.ma_per_n * max(force_n, 0.0) / free_ma, 2.0)
 
@@ -184,7 +184,7 @@ class GearFriction:
     mean_sd_ma: float
     #: Scatter from movement to movement.
     movement_ma: float
-    #: By how much more at widths, rising; empty where no long movement showed it.
+    #: Increase at widths, rising; empty where no long movement showed it.
     along_mm: tuple[float, ...] = ()
     along_ma: tuple[float, ...] = ()
 

@@ -1,6 +1,6 @@
 """How far a sheet still creeps after a step, as its own force calibration showed.
 
-A predictor that knows sheets in general has to guess how much this one creeps. The calibration has
+A predictor for sheets in general has a wide prior on the creep of this one. The calibration has
 seen it: at every force at which it stood still, the reading soon after the last step and the
 settled one are on file. In between, creep is about even in the logarithm of time. Without it the
 force of soft fingers errs by 23 % instead of 13 % in the median and their answers at 4 N come 2 s
@@ -20,7 +20,7 @@ from palpate.estimate.measurement import Measurement
 
 #: Fewer holds don't show how much the creep of a sheet scatters.
 _FEWEST = 5
-#: A grasp loads the sheet in other steps than its calibration did, and a thing may relax in the
+#: A grasp loads the sheet in other steps than its calibration did, and an object may relax in the
 #: hand: creep may differ by half of itself for these reasons.
 _OTHERWISE = 0.5
 #: No reading at the horizon itself is better known than this (ln).
@@ -71,7 +71,7 @@ class OwnCreep:
         Both are blind to what the object does, so together they are trusted no more than the
         better of them.
 
-        `forecast`: by a predictor that knows sheets in general.
+        `forecast`: by a predictor for sheets in general.
         `now`, `since_s`: the present reading, and the time since the last movement began.
 
         >>> creep = OwnCreep(log_mean=0.2, log_sd=0.0, early_s=0.4, settled_s=20.0)

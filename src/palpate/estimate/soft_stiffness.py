@@ -1,6 +1,6 @@
-"""An object's stiffness from a grasp by fingers that give way more than it does.
+"""An object's stiffness from a grasp by fingers softer than the object.
 
-Soft fingers give way by millimetres per newton, so the object's deformation is a small difference
+Soft fingers deflect by millimetres per newton, so the object's deformation is a small difference
 of two large distances: how far the fingers would have closed beyond the first touch, and how far
 they bent back under the force. The curve in between adds little, because an error of the sheet's
 exponent bends it as an object would. So only both ends are used, and the answer states what they
@@ -24,7 +24,7 @@ from palpate.estimate.feldman_cousins import interval_above_zero, middle_above_z
 from palpate.estimate.measurement import Measurement
 from palpate.settling.result import Status
 
-#: Relative to the last force of the same contact, the first force that a sheet feels has this error
+#: Relative to the last force of the same contact, the first measured force has this error
 #: (ln force): it is the nearest to the threshold, and spread over other pixels. On 160
 #: development closings of the twin 0.15 to 0.19 at both levels.
 _FIRST_SD = 0.2
@@ -37,16 +37,16 @@ _FORCES = 200
 def soft_stiffness(
     curve: ClosingSteps, *, give: Compliance, opening_mm: float, force: Measurement
 ) -> Measurement | None:
-    """Return the object's secant stiffness at the settled force; None if too little was felt.
+    """Return the object's secant stiffness at the settled force; None with too little force.
 
     `curve`: the closing; widths are those that the fingers would have with nothing between them.
     `opening_mm`: final width of that kind.
     `force`: settled force there, newtons.
     Its status is `saturated` where the object may be as stiff as you like. The interval covers as
-    often as its level states whatever the true stiffness, so one in ten rigid things gets an upper
+    often as its level states whatever the true stiffness, so one in ten rigid objects gets an upper
     end.
 
-    Fingers that give way by 3.5 mm/N, touching at 40 mm, on 0.5 N/mm and on something rigid:
+    Fingers of 3.5 mm/N with contact at 40 mm, on 0.5 N/mm and on a rigid object:
 
     >>> give = Compliance(slope_mm_per_n=3.5, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.1,
     ...     largest_force_n=15.0)
@@ -111,7 +111,7 @@ def _together(
     softness = way_mm / (force_n - then_n)
     likely = normal_density(then_n, first_n, math.hypot(_FIRST_SD * first_n, curve.floor_n))
     if first > 0:
-        # Nothing was felt one step before: no more than a faint force can have been there.
+        # One step before without reading, the force was at most a faint one.
         step_mm = float(curve.width_mm[first - 1]) - touched_mm
         most_n = curve.faint_n + step_mm / softness
         doubt_n = np.hypot(curve.floor_n, give.residual_mm / softness)

@@ -20,7 +20,7 @@ from scipy.special import ndtri, stdtr
 from palpate.arrays import FloatArray
 from palpate.estimate.measurement import Measurement
 
-#: Where the stiffness of objects is looked at, in its standard deviations.
+#: Grid of the stiffness of objects, in its standard deviations.
 _GRID = np.linspace(-5.0, 5.0, 401)
 #: Fewest objects that a line may rest on.
 FEWEST_CLOSINGS = 6
@@ -29,7 +29,7 @@ RIDGE = 1e-3
 #: Scatter is at least this, ln: a handful of objects may lie on a line by chance.
 LEAST_LOG_SD = 0.05
 
-#: Forces are looked at in steps of this size in ln(force): about 5 %.
+#: Grid of forces, in steps of this size in ln(force): about 5 %.
 LEVEL_STEP = 0.05
 #: Below this force, N, sensors and contact geometry shape the curve more than the object does.
 LOWEST_N = 0.5
@@ -57,7 +57,7 @@ class Strength:
     objects: int
 
     def median_n(self, state: ClosingState) -> float:
-        """Return the force that half of such objects bear, N."""
+        """Return the force that half of such objects withstand, N."""
         away = state.log_stiffness - self.log_stiffness
         return float(np.exp(self.log_force + self.slope * away))
 
@@ -72,7 +72,7 @@ class Strength:
         return max(likely_n, state.force_n)
 
     def below(self, force_n: float, log_stiffness: FloatArray) -> FloatArray:
-        """Return the probability that an object bears less than a force, for each stiffness.
+        """Return the probability that an object withstands less than a force, for each stiffness.
 
         Student's t: the line and the scatter about it are only as certain as their number of
         objects allows.
@@ -82,9 +82,9 @@ class Strength:
         return np.asarray(stdtr(self.objects - 2, (np.log(force_n) - log_median) / spread))
 
     def likely(self, felt: Measurement) -> tuple[FloatArray, FloatArray]:
-        """Return values of ln(stiffness) and how probable each is, once a stiffness was felt.
+        """Return values of ln(stiffness) and their probability, given a measured stiffness.
 
-        Objects like those learned from, weighed by what was felt of this one: its compliance, as
+        Objects like those learned from, weighed by the measurement of this one: its compliance, as
         normal as its interval is wide.
         """
         log_stiffness = self.log_stiffness + self.stiffness_log_sd * _GRID

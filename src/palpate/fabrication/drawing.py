@@ -25,7 +25,7 @@ LOOKS: dict[str, tuple[str, float, str]] = {
 
 
 def draw_layer_svg(pattern: Pattern, layer: Layer) -> str:
-    """Return what is cut from one sheet, as the cutter sees it: hairlines in millimetres."""
+    """Return the cuts of one sheet for the cutter: hairlines in millimetres."""
     side = "mirrored" if layer.mirrored else "not mirrored"
     return "\n".join(
         [

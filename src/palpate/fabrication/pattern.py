@@ -269,7 +269,7 @@ def _tapes(
     right, end = pads.right + margin, pads.bottom + margin
     shoulder: list[PointMm] = [(body.right, body.bottom), (right, body.bottom)]
     if body.right - right < 2 * TAPE_CORNER_MM:
-        # Too small a step to round: the tail goes on as wide as the body.
+        # Too small a step to round: the tail is as wide as the body.
         right, shoulder = max(right, body.right), []
     top: list[PointMm] = [
         (body.left, body.top),

@@ -1,6 +1,6 @@
 """The websocket server that Foxglove connects to: the SDK's, in threads of its own.
 
-A message is encoded only where somebody subscribed to its topic, and handing one over never waits:
+A message is encoded only for topics with a subscriber, and handing one over never waits:
 a viewer that is too slow misses messages.
 """
 
@@ -51,7 +51,7 @@ class FoxgloveServer:
     ) -> None:
         self._layout, self._unix_ns = layout, unix_ns
         # Not the SDK's global one: two servers of a process have channels of the same names. Kept,
-        # because a server whose context is gone answers nobody.
+        # because a server whose context is gone no longer answers.
         self._context = context = foxglove.Context()
         self._channels = {
             topic: foxglove.Channel(topic, schema=schema, context=context)

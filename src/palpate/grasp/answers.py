@@ -30,7 +30,7 @@ from palpate.settling.percent import as_percent, of_rest
 from palpate.settling.result import SettledEstimate, Status
 
 #: Why a stiffness is only bounded.
-_SOFT_FINGERS = "the soft fingers give way far more than the object"
+_SOFT_FINGERS = "the soft fingers deflect far more than the object"
 _RIGID_FINGERS = (
     "the object gave way too little compared with the hand's own give; a firmer squeeze "
     "(--target-force-n) would show more"
@@ -48,7 +48,7 @@ class Settled:
 def forecast(estimate: ContactEstimate, *, plan: Plan) -> Settled:
     """Predict the settled readings from the touches since the last movement.
 
-    The predictor knows sheets, not objects; one that relaxes in the hand (fruit loses a tenth to a
+    The predictor models sheets, not objects; one that relaxes in the hand (fruit loses a tenth to a
     third of its force) works against the sheet's creep. So the interval is widened by as far as the
     forecast goes beyond what was seen. What the sheet's own calibration showed of its creep is
     weighed in.
@@ -119,7 +119,7 @@ def _keep_plausible(reading: Measurement, *, now: float) -> Measurement:
 def is_certain(settled: Settled, *, plan: Plan) -> bool:
     """Whether the interval of the settled reading is narrow enough to act on.
 
-    Waiting is worth it only while the forecast is doubted more than half as much as the force law.
+    Waiting helps only while the forecast's uncertainty exceeds half of the force law's.
     """
     reading = settled.reading
     half = max(reading.high - reading.middle, reading.middle - reading.low)
@@ -157,7 +157,7 @@ def _bound_by_travel(
     """Return the size and stiffness possible with the travel since contact and the force.
 
     For a touch so faint that too few steps show a curve. The object was touched between the last
-    step that felt nothing and the first at which both fingers surely pressed. It gave way by no
+    step without force and the first at which both fingers certainly pressed. It deflected by no
     more than the hand closed since the one, and by no less than since the other, less what the hand
     itself gives.
     """
@@ -182,7 +182,7 @@ def _bound_by_travel(
         level=force.level,
     )
     shortest_mm = surely_mm - float(give.give_mm(force.high))
-    # What was felt first may have begun with as much force as faint readings scatter by.
+    # The first reading may include as much force as the scatter of faint readings.
     begun_n = FELT * floor_n(plan)
     own_mm = longest_mm - float(give.give_mm(force.middle))
     low, high, value = (
@@ -203,8 +203,8 @@ def _bound_by_travel(
 def force_when_settled(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -> Measurement:
     """Convert the settled reading to newtons, combined with the gripper's own measurement.
 
-    Doubts add in ln force: the law's own scatter, use of the sheet since, and what the forecast
-    leaves open, carried through the law.
+    Uncertainties add in ln force: the law's own scatter, use of the sheet since, and the forecast's
+    interval, carried through the law.
     """
     reading = settled.reading
     more_sd = float(np.hypot(SETTLE.since_sd, SETTLE.relaxed_sd))
@@ -248,14 +248,14 @@ def _log_ratio(large: float, small: float) -> float:
 def measure_stiffness(
     estimate: ContactEstimate, force: Measurement, *, plan: Plan
 ) -> Measurement | None:
-    """Return the object's secant stiffness at a force, if the hand can and felt enough."""
+    """Return the object's secant stiffness at a force, if the gripper can measure it."""
     return _measure(estimate, force, plan)[1]
 
 
 def _measure(
     estimate: ContactEstimate, force: Measurement, plan: Plan
 ) -> tuple[Measurement | None, Measurement | None]:
-    """Return size and stiffness by the closing curve; None where the hand felt too little."""
+    """Return size and stiffness by the closing curve; None with too little force."""
     found = _closing_curve(estimate, plan)
     if found is None:
         return None, None
@@ -305,7 +305,7 @@ def _read_steps(
     read = estimate.gain.apply_to(plan.early_law.force_n(reading, level=plan.level))
     return (
         np.array([_opening(plan, step.closure) for step in steps]),
-        # Pixels that rise may cancel what the others feel.
+        # Pixels that rise may cancel the fall of others.
         (shared_percent < READING.felt_percent) & (read.value > 0.0),
         read,
     )
@@ -333,7 +333,7 @@ def sheet_forces_n(
 def _steps_from_touch(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingStep, ...]:
     """Return the steps from the one before the first certain touch; none without one.
 
-    Drift can look like a faint touch long before the real one: no more than two steps of it.
+    Drift can resemble a faint contact long before the real one: no more than two steps of it.
     """
     hinted = [c.touch.shared_percent < plan.hint_percent for c in estimate.steps]
     if not any(hinted):

@@ -68,7 +68,7 @@ def _continue(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Continue closing: in fine steps near a possible contact, otherwise at speed."""
     estimate, attempt = state.estimate, state.attempt
     felt = bool(estimate.touches) and estimate.now.deepest_percent <= READING.felt_percent
-    # A weak thing may not bear a whole step more; what it bears is not known yet.
+    # A weak object may not withstand a full step more; its limit is not known yet.
     if attempt.proving_from is not None or (plan.damage is not None and felt):
         return close_by(estimate, plan.fine_step, plan)
     if not estimate.closure <= attempt.swept_to + approach_step(plan):
@@ -154,7 +154,7 @@ def start_sweep(state: GraspState, plan: Plan, *, rows: tuple[int, ...] | None =
     late_s = estimate.period_s + READING.lag_s + plan.safety.latency_s
     overrun = APPROACH.overrun_steps * approach_step(plan)
     end, rate = plan.gripper.span, min(overrun / late_s, plan.gripper.fastest)
-    # Once the hand has slowed down, and before the object can be there, it must feel again.
+    # Once the hand has slowed down, and before the object can be there, contact is checked again.
     near = _free_closure(plan) - rate * blind_s(estimate.period_s)
     slowed = estimate.sweep is not None
     if not slowed and near - estimate.closure > approach_step(plan):
@@ -164,7 +164,7 @@ def start_sweep(state: GraspState, plan: Plan, *, rows: tuple[int, ...] | None =
         end, rate = near, max(rate, min(safe / hasty_s, plan.gripper.fastest))
     most_n = math.inf
     if rows is not None:
-        # The law of both fingers reads a half of it, once the one finger surely feels something.
+        # The law of both fingers reads a half of it, once one finger certainly shows force.
         faint = estimate.now.deepest_percent > plan.hint_percent
         most_n = plan.no_push_n if faint else 0.5 * plan.no_push_n
     estimate.sweep = Sweep(

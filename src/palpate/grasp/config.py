@@ -75,7 +75,7 @@ class TouchDetection:
     latest_s : 0.004 to 0.07 s, guess. Readings taken as now.
     steady_s : 0.3 to 0.6 s, twin. A movement's rise is steady.
     level_s : 0.1 to 0.4 s, guess. Span of a movement's level.
-    slowed_s : 0.2 to 0.4 s, twin. A faster movement is forgotten.
+    slowed_s : 0.2 to 0.4 s, twin. Older fast movements do not count.
     sd : 4 to 8 sd, twin. Change that is a touch.
     fraction : 0.004 to 0.02 1, twin. Least change, and unseen noise; a slow fall is twice this.
     gears_fraction : 0.1 to 0.3 1, guess. Friction of the gears is mapped no better.
@@ -155,7 +155,7 @@ class Guards:
 
     patience_s : 1 to 10 s, guess. A sheet comes to rest; the first frames come; a pixel moves.
     sheet_factor : 2 to 4 1, twin. Drift of a sheet's rest.
-    pixel_factor : 1.3 to 2 1, twin. Drift of a pixel's rest beside the others'.
+    pixel_factor : 1.3 to 2 1, twin. Drift of a pixel's rest against the others'.
     too_far : 1.1 to 1.5 1, guess. Of the target that ends a movement.
     late_s : 0.06 to 0.12 s, twin. The sheet shows a rising force this late.
     lost_fraction : 0.2 to 0.5 1, twin. Of a grip that is left: gone.
@@ -163,7 +163,7 @@ class Guards:
     falls_fraction : 0.005 to 0.03 1, study faults. Fall of the reading at each closing step.
     falls_steps : 3 to 5 steps, study faults. Steps that fall in a row.
     rises_fraction : 0.05 to 0.2 1, study faults. Rise of the reading while opening.
-    alone_hints : 1.5 to 4 hints, study faults. One finger grips, the other feels nothing.
+    alone_hints : 1.5 to 4 hints, study faults. One finger grips, the other shows no force.
     opening_s : 5 to 30 s, guess. Longest opening.
     idle_commands : 3 to 8 commands, guess. Without any movement.
     idle_fraction : 0.2 to 0.5 1, guess. Of the way, or no movement.

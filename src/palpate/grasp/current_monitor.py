@@ -191,7 +191,7 @@ class CurrentMonitor:
             return None
         words = (
             f"the servo's current shows a grip of at least {least_n:.1f} N, and the sheet at most "
-            f"{shown_n:.1f} N: does the object lie beside the sheet? Run `palpate doctor`"
+            f"{shown_n:.1f} N: does the object lie next to the sheet? Run `palpate doctor`"
         )
         return Alarm(danger=Danger.UNSEEN_FORCE, words=words)
 

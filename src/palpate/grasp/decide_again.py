@@ -95,7 +95,7 @@ def read_by_paper(source: Replay, paper: Paper) -> GraspResult:
     while not source.has_ended and state.phase not in (Phase.HOLD, Phase.RELEASE):
         frame = source.read(timeout_s=math.inf)
         report = gripper.state()
-        # A small step begins and ends between two frames, neither of which sees it move.
+        # A small step begins and ends between two frames, neither of which shows movement.
         before, closure = closure, gripper.limits.closure(report)
         stepped = abs(closure - before) > plan.smallest_step / 2
         report = replace(report, moving=report.moving or stepped)

@@ -92,7 +92,7 @@ class HandMotion:
     frames, lost, last_sequence : int
         Frames received, gaps, and the last number.
     tracking_lag : float
-        By how much less it reports to be closed, within the report's own errors.
+        How far its report lags behind the closure, within the report's own errors.
     sent : float
         Closure last commanded, as the gripper reports that it was sent.
     moved_s : float

@@ -122,7 +122,7 @@ class FingersMonitor:
         if pressed_percent > GUARDS.alone_hints * plan.hint_percent:
             return None
         words = (
-            f"finger {int(np.argmin(now.finger_percent))} feels a grip and the other feels "
+            f"finger {int(np.argmin(now.finger_percent))} shows a grip and the other shows "
             "nothing: one sheet does not read, or the object lies off it; see what `palpate "
             "doctor` reports"
         )
@@ -141,7 +141,7 @@ class ResponseMonitor:
             return None
         words = (
             "the sheet shows less and less while the hand closes on, or more where it opens: the "
-            "object gives way, or the sheet does not show the force; see what `palpate doctor` "
+            "object yields, or the sheet does not show the force; see what `palpate doctor` "
             "reports"
         )
         return Alarm(danger=Danger.UNSEEN_FORCE, words=words)
@@ -149,7 +149,7 @@ class ResponseMonitor:
     def _falls(self, state: GraspState) -> bool:
         """Whether the sheet has shown less and less while the hand closed on.
 
-        Counted from where both fingers feel something: one alone pushes, until the other comes.
+        Counted from the contact of both fingers: a single one pushes the object.
         """
         steps, contact_s = state.estimate.steps, state.estimate.contact_s
         gripped = [

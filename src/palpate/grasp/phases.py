@@ -24,7 +24,7 @@ class Phase(StrEnum):
 class Activity(StrEnum):
     """The activity of a grasp within a state.
 
-    In `approach` the hand sweeps at speed until something is felt, looks there, touches finely and
+    In `approach` the hand sweeps at speed until contact, evaluates it, closes finely and
     confirms the contact; where nothing was there it waits, open, for the next attempt. In `settle`
     it adjusts a settled force that is off the target, and eases off where it is too large.
     """

@@ -11,7 +11,7 @@ from palpate.sensor.calibration import Calibration
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import excess_conductance
 
-#: Largest share of a finger's load on one of its pixels. On the twin, pressed steadily to 80 N,
+#: Largest fraction of a finger's load on one of its pixels. On the twin, pressed steadily to 80 N,
 #: 11 of 13 objects at `lab` reach the reading that follows (at 17 to 36 N); at `field`, where
 #: pixels run into the end of the range, 7 do (one at 14 N, the others from 22 N on).
 _MOST_SHARE = 0.5

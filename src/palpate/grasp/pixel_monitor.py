@@ -19,11 +19,11 @@ _SEE_DOCTOR = "run `palpate doctor`"
 class PixelMonitor:
     """Watches the pixels that worked in the calibration.
 
-    A pixel that jumps to an end of its range makes a frame doubtful, and is an alarm at its second
+    A pixel that jumps to an end of its range makes a frame uncertain, and is an alarm at its second
     frame. A short is never taken for no load: it differs from a sheet pressed beyond the
     converter's range by how it came, alone or while the fingers stood still, which no load does.
     Where a load brings a pixel to the end step by step, it reads the least that it can be, and the
-    others go on; once it has brought most of those that it presses there, nothing is known of it
+    others change; once it has brought most of those that it presses there, nothing is known of it
     any more, and that is an alarm too. A pixel that sticks in the middle of its range is known
     after eight movements of the fingers (two in three seconds or more, where the others are
     lively), all of them together after four, and in a hand that stands too where the sensor
@@ -107,7 +107,7 @@ class PixelMonitor:
         begins = self._ended == 1
         self._shorted = ended & (self._shorted | (begins & short))
         self._pressed = ended & (self._pressed | (begins & ~short & ~jumped))
-        # What stays at the end under a load does not sleep.
+        # A reading at the range's end under load is not stuck.
         self._shaken |= self._pressed
         self._counts = counts
         return self._describe_fault()

@@ -36,7 +36,7 @@ class Plan:
         Force from the reading at the settling horizon, and from that `dwell_s` after a movement:
         the sheet lags, so they are two laws.
     give : Compliance or None
-        How far pads, fingers and servo give way. None for pressure-driven fingers: their pressure
+        Compliance of pads, fingers and servo. None for pressure-driven fingers: their pressure
         gives no width, so there is neither size nor stiffness.
     steepest_n : float
         Upper bound of the rise of force per mm or kPa of closing, for whatever is gripped.
@@ -49,14 +49,14 @@ class Plan:
     creep : OwnCreep or None
         How this sheet creeps after a step, where its calibration had enough holds to show it.
     bend : SoftFingerCompliance or None
-        How fingers driven by pressure close and give way, measured on two blocks if known.
+        Closure and compliance of pressure-driven fingers, measured on two blocks if known.
     current : CurrentLaw or None
         Servo current over force while closing, where the gripper reports it and was calibrated.
     target_force_n : float or None
         Grip force to reach; None for a gentle squeeze, just enough to measure.
     lift_force_n : float or None
         Grip force that lifting the object takes: its weight over twice the friction, with a margin.
-        The hand goes on closing until the lower bound of the settled force passes it, within
+        The hand closes further until the lower bound of the settled force passes it, within
         what is safe, or gives the object back as `too_weak`. None: nothing will be lifted.
     expect_size_mm : float or None
         Size that the object has to within some millimetres, where it is known: the hand comes near
@@ -65,7 +65,7 @@ class Plan:
         Learned from closings that ended in damage; None where none were made, and only the ceiling
         protects the object. Fingers driven by pressure can use it if they have a `bend`.
     kind : str
-        Kind of object that the damage model knows; empty if unknown.
+        Kind of object of the damage model; empty if unknown.
     paper : Paper or None
         Settings of the paper's method, where the grasp follows it.
     safety : SafetyLimits
@@ -92,7 +92,7 @@ class Plan:
         within 1.25 mm of its first touch, and 13 within 2 mm.
     firm_force_n, firm_mm : float
         How hard rigid fingers squeeze on while the stiffness is not known to `stiffness_share` to
-        either side, and by how much the object may surely not be deformed more.
+        either side, and the deformation that certainly damages the object.
     stiffness_share : float
         See above.
     fewest_steps : int
@@ -116,9 +116,9 @@ class Plan:
         Earliest time at which a force that is clearly not the target is corrected.
     decide_half_width : float
         The answer is given as soon as the interval of the settled excess conductance is narrower
-        than this share of it, to either side.
+        than this fraction of it, to either side.
     target_tolerance : float
-        Share of the target that the settled force may miss without a further correction.
+        Fraction of the target that the settled force may miss without a further correction.
     most_adjustments : int
         Corrections towards the target before the answer is accepted as it is.
     hold_s : float

@@ -67,9 +67,9 @@ def plan_grasp(
     expect_size_mm : float, optional
         About how thick the object is: the hand comes near faster.
     damage : DamageModel, optional
-        What such objects bear, learned from closings that ended in damage.
+        Force limit of such objects, learned from closings that ended in damage.
     kind : str
-        Kind of object that the damage model knows; empty if unknown.
+        Kind of object of the damage model; empty if unknown.
     tries : int
         How often to close where nothing is found.
     hold_s : float

@@ -1,7 +1,7 @@
 """Rest values of a grasp: measured again each time, unless something presses already.
 
 The sheet drifts with climate and wear. But what presses at the start must not be zeroed away, and
-a sheet that weather made more conductive reads as if something pressed. Closing on distinguishes
+a sheet with more conductance in heat or humidity reads as if loaded. Closing on distinguishes
 the two: where something is between the fingers the reading rises with the next millimetres, on
 a sheet that only drifted it does not.
 """
@@ -21,7 +21,7 @@ from palpate.signal.relative import rest_baseline
 def take_rest(state: GraspState, *, plan: Plan) -> bool:
     """Take the rest values from frames before the first movement; return whether any exist.
 
-    If those are no rest, newer frames are waited for. After that, frames that move give way to the
+    If those are no rest, newer frames are waited for. After that, moving frames are replaced by the
     calibration's values; and where steady ones lie far below those, the closing has to show that
     nothing presses (`prove_rest`).
     """
@@ -63,7 +63,7 @@ def strange_rest(rest_ohm: FloatArray, *, plan: Plan) -> str | None:
     shared = float(np.median(ratio))
     if not 1.0 / GUARDS.sheet_factor < shared < GUARDS.sheet_factor:
         return (
-            f"the sheet at rest reads {shared:.2g} times the calibration's resistance, and weather "
+            f"the sheet at rest reads {shared:.2g} times the calibration's resistance, and climate "
             f"or wear move it by less than a factor of {GUARDS.sheet_factor:g}; run `palpate "
             "doctor`"
         )
@@ -72,7 +72,7 @@ def strange_rest(rest_ohm: FloatArray, *, plan: Plan) -> str | None:
         return None
     return (
         f"a pixel at rest has moved by a factor of {apart:.2g} against the others since the "
-        f"calibration, and weather or wear move them alike; run `palpate doctor`"
+        f"calibration, and climate or wear move them alike; run `palpate doctor`"
     )
 
 
@@ -90,7 +90,7 @@ def prove_rest(state: GraspState, proving_from: float, *, plan: Plan) -> bool:
         return False
     if estimate.closure - proving_from >= plan.step:
         state.add_fault(
-            "rest values are far below the calibration's, yet nothing presses: weather or wear "
+            "rest values are far below the calibration's, yet nothing presses: climate or wear "
             "moved the sheet; `palpate calibrate rest --empty` keeps the new ones"
         )
         state.attempt.proving_from = None

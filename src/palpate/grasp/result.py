@@ -19,12 +19,12 @@ class Outcome(StrEnum):
     #: The hold is over; or the user wanted the object back once its force was known (`controller`);
     #: or the paper's method, reading a recording, gave its answer (`decide_again`).
     HELD = "held"
-    #: The hand closed as often as the plan tries and felt nothing (`approach`), or a recording
+    #: The hand closed as often as the plan tries without contact (`approach`), or a recording
     #: shows the paper's method no answer (`decide_again`).
     NOTHING_THERE = "nothing_there"
-    #: What the fingers felt in the hold is gone (`monitors`).
+    #: The reading of the hold is gone (`monitors`).
     SLIPPED = "slipped"
-    #: No force that is safe for the object is sure to lift it (`settle`).
+    #: No force that is safe for the object is certain to lift it (`settle`).
     TOO_WEAK = "too_weak"
     #: The sheet shows more than the ceiling, or the board's own ceiling has tripped (`monitors`);
     #: by its calibration a faint touch may be more already (`approach`); the servo's current shows
@@ -77,7 +77,7 @@ class GraspResult:
         Index from 0 to 100 (`palpate.estimate.firmness`); a value and an interval also where the
         stiffness is only bounded.
     previous_width_mm : float or None
-        Width as sent at the step before the one that felt contact, without the gripper's zero. By
+        Width as sent at the step before the one with contact, without the gripper's zero. By
         the paper's method that step is fixed and this its estimate of size; by palpate's steps
         vary, and it is no estimate. None for fingers driven by pressure.
     peak_force_n : float or None

@@ -142,7 +142,7 @@ class _Hand:
         return self._following.glance_s(now_s=now_s, limits=self._limits, safety=self._safety)
 
     def glance(self, estimate: ContactEstimate, *, now_s: float) -> Alarm | None:
-        """Look at it between two frames."""
+        """Read the gripper between two frames."""
         try:
             return self.check(self.state(), estimate, now_s=now_s)
         except DeviceError as error:
@@ -250,7 +250,7 @@ def run_grasp(
                 seen = Observation(frame=frame, gripper=hand.state())
                 failed = pixels.check(seen, state)
                 command = None
-                # Nothing is decided on a doubtful frame; an opening needs no pixel.
+                # Nothing is decided on an uncertain frame; an opening needs no pixel.
                 if pixels.doubtful and state.phase is not Phase.RELEASE:
                     state.estimate.count(frame)
                 else:

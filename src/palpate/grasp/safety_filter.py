@@ -56,8 +56,8 @@ def safe_step(estimate: ContactEstimate, plan: Plan) -> float:
 def _largest_blind_step(estimate: ContactEstimate, plan: Plan) -> float:
     """Return the largest step while the damage limit is unknown.
 
-    Counted from the first force that can't be drift: below it no step teaches anything of a limit.
-    One finger that feels a little alone only pushes the object to the middle: that is no squeeze.
+    Counted from the first force that can't be drift: below it no step shows a limit.
+    A small force on one finger only pushes the object to the middle, and is no squeeze.
     """
     if plan.damage is None or not math.isinf(estimate.damage_low_n):
         return math.inf

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from palpate.grasp.plan import Plan
 
 
-#: Steps with a touch that show where it began, and the largest force looked for, newtons.
+#: Steps with a touch that show where it began, and the largest force of the search, newtons.
 _FEWEST_TOUCHED, _MOST_N = 2, 200.0
 #: Below this force, newtons, the sheet's rise is not used: a reading of nothing has no logarithm.
 _FAINTEST_N = 0.05
@@ -62,7 +62,7 @@ def _force_by_pressure(
 ) -> MeasuredForce | None:
     """Return the force of pressure-driven fingers, from the closing that it prevented.
 
-    They give way far more than what they grip, so the force follows from the pressure since the
+    They deflect far more than the object, so the force follows from the pressure since the
     touch. Where they touched lies between the last step without a touch and where the sheet's
     forces, extrapolated, begin: no gain of the sheet moves that point.
     """
@@ -79,7 +79,7 @@ def _force_by_pressure(
     free = closure[first - 1] if first > 0 else closure[first] - plan.step
     start = float(np.clip(-offset / slope, free, closure[first])) if slope > 0 else free
     way_mm = bend.mm_per_kpa * (estimate.closure - start)
-    # Fingers that hardly give way measure no force: none that is looked for closes them this far.
+    # Stiff fingers measure no force, as no force of the search closes them this far.
     if not 0.0 < way_mm < float(bend.give.give_mm(_MOST_N)):
         return None
     low_n, high_n = (
@@ -106,7 +106,7 @@ def _interpolate_force(at: FloatArray, closure: FloatArray, force_n: FloatArray)
     """Interpolate the sheet's force between its steps, and extrapolate beyond the last."""
     found = np.interp(at, closure, force_n)
     if closure.size > 1:
-        # Corrections go beyond the staircase: there the force goes on as its last steps did.
+        # Corrections go beyond the staircase: the force continues with the last slope.
         slope = max(force_n[-1] - force_n[-2], 0.0) / (closure[-1] - closure[-2])
         found += slope * np.maximum(at - closure[-1], 0.0)
     return np.asarray(found)

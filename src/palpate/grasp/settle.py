@@ -96,7 +96,7 @@ def gentle_goal(estimate: ContactEstimate, plan: Plan) -> tuple[float, str]:
     """Return the end of a squeeze without target, newtons, and its reason.
 
     An object that has given way as far as every recorded fruit bore is pressed no further, whatever
-    is known of it. One that surely gives way little is pressed harder, until it is known or is
+    is known of it. One that certainly deforms little is pressed harder, until it is known or is
     deformed as far as it may be.
     """
     goal = goal_n(plan)
@@ -105,7 +105,7 @@ def gentle_goal(estimate: ContactEstimate, plan: Plan) -> tuple[float, str]:
     if deformation_mm(estimate, plan) >= plan.gentle_mm:
         return 0.0, "gave_way"
     if plan.gripper.drive == "pressure":
-        # Soft fingers don't feel how far an object gives way: pressing on would teach nothing.
+        # Soft fingers can't measure an object's deformation, so more force would show nothing.
         return 0.5 * goal, "force_reached"
     if estimate.force_n < goal:
         return goal, "force_reached"
@@ -113,7 +113,7 @@ def gentle_goal(estimate: ContactEstimate, plan: Plan) -> tuple[float, str]:
     if stiffness is None:
         return goal, "force_reached"
     near = (1.0 + plan.stiffness_share) / (1.0 - plan.stiffness_share)
-    # What is surely stiffer than a small force can measure counts as known.
+    # A stiffness above the range of a small force counts as known.
     if stiffness.high / stiffness.low <= near or stiffness.low > SQUEEZE.firm_n_per_mm:
         return goal, "stiffness_known"
     return max(goal, min(plan.firm_force_n, plan.firm_mm * stiffness.low)), "firm_enough"
@@ -186,7 +186,7 @@ def press_on(
         closure, force_n = correction.before
         travel = trial.closure - closure
         if travel > 0:
-            # Faint steps may have looked far too steep; one correction that fell short is not
+            # Faint steps may have seemed far too steep; one correction that fell short is not
             # believed wholly either. One that raised nothing is not exceeded.
             shown = max((force.middle - force_n) / travel, slope / SETTLE.less_steep)
             slope = min(slope, shown)

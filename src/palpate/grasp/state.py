@@ -30,9 +30,9 @@ class Attempt:
     swept_to : float
         Closure where the last sweep ended; NaN before.
     felt_s : float or None
-        When the object was first felt on a sweep.
+        Time of the first contact on a sweep.
     fingers : tuple of ContactState
-        What each finger has felt while the hand stood still.
+        Reading of each finger while the hand was still.
     """
 
     activity: Activity = Activity.TOUCH
@@ -176,7 +176,7 @@ class GraspState:
             after, kind = watch_contact(before, change)
             found.append(after)
             if kind is not None:
-                # What an open hand feels is somebody's touch.
+                # A force on an open hand is a person's touch.
                 touch = kind is EventKind.CONTACT and self.activity == Activity.WAIT
                 self.note("touch" if touch else f"finger_{kind}", finger=finger)
         self.attempt.fingers = tuple(found)

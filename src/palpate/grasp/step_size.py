@@ -25,8 +25,8 @@ _LISTENED_FRAMES = 3.0
 def approach_step(plan: Plan) -> float:
     """Return the step before contact that keeps even a rigid object below the target.
 
-    Where a damage limit is sought it is half as long: a sheet feels nothing of a faint force, and a
-    weak thing may not bear what the last step adds to that. Without a target it is the plan's.
+    Where a damage limit is sought it is half as long: a sheet shows no faint force, and a
+    weak object may not withstand the last step's increase. Without a target it is the plan's.
     """
     if plan.target_force_n is None:
         return plan.step
@@ -57,7 +57,7 @@ def _damage_low_n(estimate: ContactEstimate, plan: Plan) -> float:
     Force and limit are read by one gain: where the force is less than it seems, so is the limit. So
     the bound is given as the largest gain reads forces, because the upper force is given so too.
 
-    For a thing that stiffens, the hand measures a smaller slope than the one that the model learned
+    For an object that stiffens, the measured slope is smaller than the one that the model learned
     from, because it counts from the first touch: that errs to the safe side.
     """
     if plan.damage is None or not estimate.force_n > 0:
@@ -111,7 +111,7 @@ def squeeze_step(estimate: ContactEstimate, plan: Plan, *, goal_n: float) -> flo
     """Return the step that raises the force by a fixed amount, larger far from target.
 
     The first steps after a touch are fine, and none goes much further than the fingers have pressed
-    already: how steeply the force rises is known only as far as it was felt.
+    already: how steeply the force rises is known only up to the measured depth.
     """
     rise_n = max(plan.force_step_n, SQUEEZE.force_fraction * (goal_n - estimate.force_n))
     longest = SQUEEZE.further * squeeze_depth(estimate, plan) + plan.fine_step
@@ -129,7 +129,7 @@ def squeeze_step(estimate: ContactEstimate, plan: Plan, *, goal_n: float) -> flo
     if plan.damage is None:
         return wanted
     if math.isinf(estimate.damage_low_n):
-        # A limit needs two steps that are surely felt, and there is little room to take them in.
+        # A limit needs two steps with certain force, within little travel.
         return min(wanted, plan.fine_step)
     # The limit is measured again at every step: it is approached in several.
     room_n = estimate.damage_low_n - estimate.force_high_n
@@ -188,7 +188,7 @@ def slope_n(estimate: ContactEstimate, plan: Plan) -> float:
 
 
 def _is_gripped(step: ClosingStep, force_n: float, plan: Plan) -> bool:
-    """Return whether both fingers surely pressed at a step."""
+    """Return whether both fingers certainly pressed at a step."""
     return step.touch.shared_percent <= plan.hint_percent or force_n > plan.force_step_n
 
 
@@ -201,7 +201,7 @@ def _slope_bound_n(estimate: ContactEstimate, plan: Plan) -> float:
     """Return the largest slope consistent with steps without certain rise, N per mm or kPa.
 
     Travel counts from the first force that can't be drift, and from the last step at which one
-    finger still felt nothing: until then the other one alone pushed the object to the middle.
+    finger still showed no force: until then the other one alone pushed the object to the middle.
     """
     steps = estimate.steps
     felt = np.flatnonzero(sheet_forces_n(steps, estimate, plan) > FELT * floor_n(plan))

@@ -44,7 +44,7 @@ class Sweep:
     rate : float
         Speed, mm/s or kPa/s.
     end : float
-        Closure where it ends if nothing is felt.
+        Closure where it ends without contact.
     since_s : float
         When it began.
     begin : float
@@ -54,7 +54,7 @@ class Sweep:
     rows : tuple of int or None
         Of the pixels that are watched; None for all.
     time_s : tuple of float
-        Of the frames that are remembered.
+        Of the frames in the window.
     log_ohm : tuple of ndarray, shape (watched rows, cols)
         ln of each pixel's resistance over its rest value, frame by frame.
     gears_ma : tuple of float

@@ -22,7 +22,7 @@ _OUTCOMES = {
     Outcome.HELD: "held and released",
     Outcome.NOTHING_THERE: "nothing there: the hand closed without touching anything",
     Outcome.SLIPPED: "slipped: the object left the hand",
-    Outcome.TOO_WEAK: "too weak: no grip that is safe for it is sure to lift it; put back",
+    Outcome.TOO_WEAK: "too weak: no safe grip is certain to lift it; put back",
     Outcome.FORCE_LIMIT: "force limit: the hand was opened",
     Outcome.TIMED_OUT: "gave up: the grasp took too long, and the hand was opened",
     Outcome.SENSOR_LOST: "sensor lost: the grasp was stopped",

@@ -93,7 +93,7 @@ class BusServoGripper(ABC):
             self._hold(run.value(self.POSITION))
             if self._clock.now_s() >= until_s:
                 raise DeviceError(
-                    f"{self._line.name} was told to stop but still moves after {_STOPPED_S:g} s; "
+                    f"{self._line.name} got a stop but still moves after {_STOPPED_S:g} s; "
                     "take its supply away"
                 )
             self._clock.sleep_s(_STOPPED_POLL_S)
@@ -103,7 +103,7 @@ class BusServoGripper(ABC):
         self.command(GripperCommand(target=self.limits.highest, rate=self.limits.fastest))
 
     def close(self) -> None:
-        """Let go of the port; the servo holds its place. Calling it again does nothing."""
+        """Close the port; the servo holds its position. Calling it again does nothing."""
         self._line.close()
 
     def _read(self) -> RegisterRun:

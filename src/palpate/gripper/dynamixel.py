@@ -1,6 +1,6 @@
 """A width-driven gripper on one DYNAMIXEL X-series servo (WidowX 250s and its like).
 
-The servo follows a position and gives way at a current (or PWM) limit. Its bus watchdog is set: a
+The servo follows a position and yields at a current (or PWM) limit. Its bus watchdog is set: a
 host that falls silent stops the hand. `open_gripper` is what a rig file names for its `[gripper]`.
 """
 
@@ -41,9 +41,9 @@ class DynamixelGripper(BusServoGripper):
     limits : GripperLimits
         Range of the opening and its largest speed.
     current_limit_ma : float
-        Current at which the servo gives way; its force follows from it roughly (friction).
+        Current limit at which the servo yields; its force follows from it roughly (friction).
     pwm_limit_percent : float
-        The same for servos that measure no current: share of the supply.
+        The same for servos that measure no current: fraction of the supply.
     watchdog_s : float
         Silence of the host after which the servo stops, 0.02 to 2.54 s.
 

@@ -1,6 +1,6 @@
 """A gripper on one Feetech STS3215 bus servo: a jaw against a fixed one (SO-101).
 
-The servo follows a position and gives way at a torque limit. It has no watchdog, so while closing
+The servo follows a position and yields at a torque limit. It has no watchdog, so while closing
 it is never sent further than it goes in `leash_s`: a host that falls silent stops the hand there.
 `open_gripper` is what a rig file names for its `[gripper]`.
 """
@@ -38,9 +38,9 @@ class FeetechGripper(BusServoGripper):
     opens : {1, -1}
         Whether positions rise or fall as the jaw opens.
     torque_limit_percent : float
-        Share of its torque at which the servo gives way.
+        Fraction of its torque at which the servo yields.
     leash_s : float
-        How long a silent host lets it go on closing, at most.
+        Longest closing without a message from the host.
 
     Raises
     ------
@@ -86,7 +86,7 @@ class FeetechGripper(BusServoGripper):
         self._set_up(round(sts.FULL_TORQUE * torque_limit_percent / 100))
 
     def state(self) -> GripperState:
-        """Read width, motion and current; while it closes a long way, let it go on.
+        """Read width, motion and current; on a long closing, send the next goal.
 
         Raises `DeviceError` if it does not answer, or protects itself.
         """

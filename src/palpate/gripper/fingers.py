@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-#: Points at which the slope of a way is looked at; it has one flat maximum.
+#: Grid of points for the slope of a travel, which has one flat maximum.
 _LOOKS = 9
 
 

@@ -1,7 +1,7 @@
 """Rack fingers on a hobby servo, driven by pulses from a board with palpate's firmware.
 
-The board keeps travel and ramp, and holds the fingers where they are when it hears nothing for half
-a second; `state` keeps it awake. A hobby servo reports nothing: the width is that of its pulses.
+The board keeps travel and ramp, and holds the fingers in place after half
+a second without a message; `state` is the heartbeat. The width is that of the pulses.
 """
 
 from __future__ import annotations
@@ -178,7 +178,7 @@ class HobbyServoGripper:
         self.command(GripperCommand(target=self.limits.highest, rate=self.limits.fastest))
 
     def close(self) -> None:
-        """Nothing to let go of: the board holds the fingers where they are."""
+        """Do nothing, as the board holds the fingers in place."""
 
     def _pulse_now(self, frame_us: int, now_s: float) -> float:
         """Continue the ramp from the newest frame to now; frames may be 70 ms apart."""

@@ -113,5 +113,5 @@ class Gripper(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of the device; calling it again does nothing."""
+        """Close the device; calling it again does nothing."""
         ...

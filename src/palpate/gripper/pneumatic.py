@@ -1,7 +1,7 @@
 """Soft fingers driven by pressure, through the regulator output of a board with palpate's firmware.
 
 The fingers close with pressure and open by being vented. The board vents them by itself when it
-hears nothing for half a second, so pressure can't outlive the host; `state` keeps it awake.
+hears nothing for half a second, so pressure can't outlive the host; `state` sends its heartbeat.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class PneumaticGripper:
         self._sent_s = self._commanded_s = self._arrives_s = -math.inf
 
     def state(self) -> GripperState:
-        """Read the pressure, and tell the board that the host is alive.
+        """Read the pressure, and send the board a heartbeat.
 
         Raises `DeviceError` if the board is gone, its frames carry no pressure, or it has vented by
         itself because it heard nothing.
@@ -140,7 +140,7 @@ def open_gripper(
     array : PressureArray
         The rig's array: a board opened with ``pressure = true``.
     highest_kpa : float
-        The most that the fingers bear.
+        Pressure limit of the fingers.
 
     Raises
     ------

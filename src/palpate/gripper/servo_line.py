@@ -17,8 +17,8 @@ from palpate.gripper.x_series import HARDWARE_ERROR, HardwareError, PacketError
 _TRIES = 3
 #: How long a reply may take by default: the adapter holds bytes back for up to 16 ms.
 REPLY_S = 0.05
-#: Sizes of the reads that tell late replies from the next one, in turn, bytes: nothing else that is
-#: asked for has one of them.
+#: Sizes of the reads that separate late replies from the next one, in turn, bytes. No other
+#: request has one of them.
 _MARKS = tuple(range(32, 48))
 #: Instructions, of both protocols.
 _PING, _READ, _WRITE, _REBOOT = 0x01, 0x02, 0x03, 0x08
@@ -36,7 +36,7 @@ class ServoLine:
     """Speaks with one servo through the official SDK; the port is locked against other programs.
 
     `port`: device, e.g. ``"/dev/ttyUSB0"``.
-    `reply_s`: how long each reply may take; more on a machine that is busy with other things.
+    `reply_s`: how long each reply may take; more on a machine that is busy with other work.
     Raises `MissingExtraError` if dynamixel-sdk is not installed; `DeviceNotFoundError` if there is
     no such port; `DeviceError` if another program has locked it.
     """
@@ -136,7 +136,7 @@ class ServoLine:
         return HardwareError(self.read(HARDWARE_ERROR))
 
     def close(self) -> None:
-        """Let go of the port; calling it again does nothing."""
+        """Close the port; calling it again does nothing."""
         if self._port.is_open:
             self._port.closePort()
 

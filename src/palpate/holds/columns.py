@@ -214,7 +214,7 @@ def _unit_by_values(known: NDArray[np.float64], *, name: str, file: str) -> str:
 
 
 def _unwrap(counts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Go on counting where a 32-bit counter began again."""
+    """Continue the count over a 32-bit overflow."""
     back = np.flatnonzero(np.diff(counts) < -0.9 * _WRAP) + 1
     for row in back:
         counts = counts + _WRAP * (np.arange(counts.size) >= row)

@@ -1,6 +1,6 @@
 """Holds in a recording: the contact, and when only settling remains.
 
-Nothing here knows a sensor. A movement is a change of at least a tenth of the recording's whole
+Nothing here depends on the sensor. A movement is a change of at least a tenth of the recording's
 range within 0.3 s: a finger that closes or a weight that is laid down does that, a slow stretch
 doesn't. All thresholds are shares of the range or multiples of the noise, so scale, sign and shift
 of the reading don't matter.
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 
-#: A movement is a change of this share of the range ...
+#: A movement is a change of this fraction of the range ...
 MOVED_SHARE = 0.1
 #: ... within this time, which is what the paper's fast processes take (0.09 s) three times over.
 MOVED_WITHIN_S = 0.3
@@ -41,13 +41,13 @@ LOADING_S = 2.0
 #: and bends where the force is at two thirds. Median of 222 robot presses with a load cell; 1.5 on
 #: 221 others.
 LOADING_PER_KNEE = 1.5
-#: A stretch whose last third moves by more than this share of its contact hasn't been held ...
+#: A stretch whose last third moves by more than this fraction of its contact hasn't been held ...
 STILL_SHARE = 0.1
-#: ... unless that is less than this share of what its first third moved: it still settles.
+#: ... unless that is less than this fraction of what its first third moved: it still settles.
 SLOWING_SHARE = 0.5
 #: Parts into which a hold is divided to see whether it settles.
 JUDGED_PARTS = 12
-#: In the last second before a contact the reading moves by at most this share of it.
+#: In the last second before a contact the reading moves by at most this fraction of it.
 STILL_BEFORE_SHARE = 0.25
 #: The opening begins a little before it is fast; this much of the end isn't judged.
 OPENING_S = 0.1
@@ -91,7 +91,7 @@ class ContactOutline:
 def heights(values: FloatArray) -> FloatArray:
     """Return the logarithm of positive readings that span a large ratio, others as they are.
 
-    Resistance goes as a power of force: from 1000 to 100 ohm is as much as from 100 to 10.
+    Resistance goes as a power of force: from 1000 to 100 ohm equals that from 100 to 10.
 
     >>> heights(np.array([1.0, 100.0])).round(2).tolist(), heights(np.array([9.0, 10.0])).tolist()
     ([0.0, 4.61], [9.0, 10.0])
@@ -359,7 +359,7 @@ def _explain_unsettled(stretch: Stretch, shape: ContactOutline, start_s: float) 
     third = path.size // 3
     early, late = abs(float(path[:third].sum())), abs(float(path[-third:].sum()))
     if late > max(still, SLOWING_SHARE * early):
-        return "the reading goes on moving instead of settling"
+        return "the reading keeps moving instead of settling"
     if min(path[path > 0].sum(), -path[path < 0].sum()) > 2.0 * still:
         return "the reading wanders up and down instead of settling"
     return ""

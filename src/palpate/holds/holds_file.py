@@ -69,7 +69,7 @@ def iterate_holds(
     until_s : float
         Samples after the first one at or beyond this time are checked and not kept.
     progress : callable, optional
-        Called now and then with the share of the file read so far, 0 to 1.
+        Called now and then with the fraction of the file read so far, 0 to 1.
 
     Yields
     ------

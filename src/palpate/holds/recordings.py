@@ -57,7 +57,7 @@ class Readings:
     is_hold : bool
         Whether it is one hold already: the table had a column ``hold_id``.
     remarks : list of str
-        What was left out or taken for granted, one sentence each.
+        Omissions and assumptions, one sentence each.
     """
 
     name: str

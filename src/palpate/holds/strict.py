@@ -69,7 +69,7 @@ def read_pieces(
 
     `path`: read once and in order (unless it is Parquet), so that it may be a pipe.
     `optional`: columns that need not be there.
-    `progress`: called now and then with the share of the file read so far, 0 to 1.
+    `progress`: called now and then with the fraction of the file read so far, 0 to 1.
     Yields at least one table, of at least one row each.
     """
     path = Path(path)

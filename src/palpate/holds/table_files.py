@@ -27,7 +27,7 @@ _PAGE_BYTES = 1_000_000
 
 
 def open_table(path: Path) -> BufferedReader:
-    """Open a file for reading, with room to look ahead.
+    """Open a file for reading, with lookahead.
 
     Raises `InputError` if there is no such file, or it can't be read.
     """

@@ -171,7 +171,7 @@ def _number(field: str) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """How to read a table that nobody described."""
+    """Format of an undescribed table, from its text."""
 
     #: Between fields; None for runs of spaces.
     separator: str | None

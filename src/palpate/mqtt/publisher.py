@@ -24,7 +24,7 @@ with needing("--mqtt", extra="mqtt"):
 #: At most this many results wait: a day of a grasp every nine seconds, about 30 MB. When one more
 #: comes the oldest goes, and is counted.
 MOST_WAITING = 10_000
-#: A broker that is silent for one and a half times this is lost, and is looked for again.
+#: A broker that is silent for one and a half times this is lost, and reconnected.
 _KEEPALIVE_S = 10
 _CONNECT_S, _SOONEST_S, _LATEST_S = 5.0, 1, 10
 #: A broker that does not answer does not keep the program from ending.

@@ -27,7 +27,7 @@ def item_figure(
     Parameters
     ----------
     history : FirmnessHistory
-        What was felt.
+        The item's grasps.
     ripeness : Ripeness
         The verdict on it.
     rule : RipenessRule, optional

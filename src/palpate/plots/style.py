@@ -1,4 +1,4 @@
-"""One look for every plot: colours that colour-blind readers tell apart, units on every axis."""
+"""One style for every plot: colour-blind safe colours, units on every axis."""
 
 from __future__ import annotations
 

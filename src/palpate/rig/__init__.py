@@ -50,7 +50,7 @@ class Rig:
     origin : {"hardware", "firmware-simulated", "twin"}
         Where the frames come from; every result of a simulated rig must state it.
     subject : str or None
-        What lies between the fingers, where the rig knows.
+        The object between the fingers, if the rig has it.
     truth : callable or None
         The twin's own values; on simulated rigs only.
     seed : int or None

@@ -51,7 +51,7 @@ def bench_of(
 ) -> Iterator[tuple[Bench, BoardLoadCell]]:
     """Open the gripper and set the load cells to zero; open it at the end.
 
-    Nobody knows how large the thing between the fingers is: the slow way begins at the open hand.
+    The object's size is unknown, so the slow closing begins at the open hand.
 
     Raises `InputError` if the fingers are driven by pressure, or the array is no board with
     palpate's firmware; `DeviceError` if a load cell does not read as it should.

@@ -16,7 +16,7 @@ from palpate.sensor.wire_messages import NO_READING, CellSample
 
 #: Five readings of an HX711 at its slower rate: the board itself calls a cell silent after that.
 _SILENT_S = 0.5
-#: An older frame waited in a buffer while nobody read.
+#: An older frame waited in a buffer between reads.
 _OLD_S = 0.2
 #: Output settles 50 ms after a load at 80 readings a second, 400 ms at 10 (HX711 data sheet, table
 #: of electrical characteristics). The sheet is read 420 ms after a step: 10 a second are too few.
@@ -28,7 +28,7 @@ _LOWEST, _HIGHEST = -(2**23), 2**23 - 1
 
 
 class BoardLoadCell:
-    """One or two load cells of a board: the mean of what they feel.
+    """One or two load cells of a board: the mean of their forces.
 
     `array`: the board, asked for its load cells.
     `newtons_per_count`: one for each cell in use, cell 0 first; negative where a cell counts down

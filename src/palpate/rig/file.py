@@ -130,9 +130,7 @@ def name_used_rig(path: Path, stated: Mapping[str, Any]) -> str:
     """
     used = str(stated["use"])
     if used.endswith(".toml") and Path(used).is_file() and "use" in read_stated(Path(used)):
-        raise InputError(
-            f"rig file {path}: `use` names {used}, which itself says `use`; name a rig"
-        )
+        raise InputError(f"rig file {path}: `use` names {used}, which has a `use` too; name a rig")
     return used
 
 

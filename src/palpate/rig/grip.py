@@ -1,4 +1,4 @@
-"""A grasp that goes on holding under its control loop until its release."""
+"""A grasp that holds under its control loop until its release."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Grip:
     """An object in the hand, or an attempt that ended; what `Rig.grasp` returns.
 
     While `is_holding`, the loop reads every frame in a thread of its own, and ends the grasp as
-    `palpate.grasp.safety` says where something is wrong.
+    `palpate.grasp.safety` states on a fault.
     """
 
     def __init__(

@@ -34,7 +34,7 @@ class GraspRecorder:
     def end(self, result: GraspResult, requests: Requests | None = None) -> None:
         """Write the time of the release or stop, so that a replay decides it then.
 
-        `requests`: those of the grasp; without them nobody asked for a release.
+        `requests`: those of the grasp; without them there was no release.
         """
         released = requests is not None and not requests.stop.is_set()
         names = {Outcome.HELD: "release", Outcome.STOPPED: "release" if released else "stop"}

@@ -36,7 +36,7 @@ class SensorRig:
         return self.origin != "hardware"
 
     def close(self) -> None:
-        """Let go of the sensor."""
+        """Close the sensor."""
         self.array.close()
 
 

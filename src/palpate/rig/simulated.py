@@ -60,7 +60,7 @@ _HOLDS_N: dict[GripperKind, tuple[tuple[float, ...], ...]] = {
     "rigid": ((0.5, 2.5), (1, 5), (0.8, 3.5), (1.5, 9), (1.2, 4), (2.5, 15), (0.4, 1.8)),
     "soft": ((0.4, 3), (0.8, 5), (0.3, 2), (1.5, 6), (1.2, 4), (2.5, 7), (0.5, 1.8)),
 }
-#: How much the sheets and hands of the built-in rigs scatter.
+#: Scatter of the sheets and grippers of the built-in rigs.
 _LEVEL = "lab"
 
 
@@ -246,6 +246,6 @@ def _bench(world: Stage, array: TwinArray, *, start: float) -> Bench:
         cell=TwinLoadCell(world),
         clock=world.clock,
         start=start,
-        # Frames that nobody looks at need not be worked out.
+        # Unread frames need not be computed.
         skip_until=array.skip_until,
     )

@@ -1,4 +1,4 @@
-"""When is a prediction sure enough to act on?
+"""When is a prediction's interval narrow enough to act on?
 
 The rule behind ``palpate settle --until-half-width PERCENT``: the first sample at which the
 interval is narrow enough twice in a row. One narrow interval may be luck; two seldom are.
@@ -24,7 +24,7 @@ from palpate.settling.result import SettledEstimate, SettlingMethod, Status
 
 #: No decision before this: contact bounces of real presses last about as long.
 EARLIEST_S = 0.5
-#: Looks are spaced geometrically, because a prediction changes with the logarithm of time.
+#: Evaluations are spaced geometrically, because a prediction changes with the logarithm of time.
 LOOK_RATIO = 1.1
 
 
@@ -62,7 +62,7 @@ def find_decision(
     Parameters
     ----------
     time_s, values : array_like, shape (n_times,)
-        One hold; every look uses the samples up to its own time alone.
+        One hold; every evaluation uses only the samples up to its own time.
     method : SettlingMethod
         Any method whose intervals are finite.
     half_width_percent : float
@@ -99,7 +99,7 @@ def find_decision(
 
 
 def _count_samples(times: FloatArray) -> list[int]:
-    """Return how many samples each look uses: geometrically spaced, the last one always."""
+    """Return how many samples each evaluation uses: geometrically spaced, the last one always."""
     if times.size == 0:
         raise ValueError("no sample at or before the horizon")
     stops: list[int] = []

@@ -39,14 +39,14 @@ class BoardLink:
 
     Nothing is sent until the board has been heard, or `LISTEN_S` have passed.
 
-    `decoder`: to go on counting with after a reconnect.
+    `decoder`: to continue the count after a reconnect.
     """
 
     def __init__(self, stream: ByteStream, *, clock: Clock, decoder: Decoder | None = None) -> None:
         self.stream = stream
         self.decoder = decoder or Decoder()
         self.identity: BoardIdentity | None = None
-        #: The board started again (an identity that nobody asked for) since it was last set up.
+        #: The board started again (an unrequested identity) since it was last set up.
         self.was_reset = False
         self._clock = clock
         self._commands: Sequence[Command] = ()
@@ -130,7 +130,7 @@ class BoardLink:
     def _identify(self, identity: BoardIdentity) -> None:
         self.identity = identity
         if identity.tag == 0 and self._todo:
-            self._todo = list(self._commands)  # the board has forgotten its earlier settings
+            self._todo = list(self._commands)  # the board has lost its earlier settings
             self._next_command()
         elif identity.tag == 0:
             self.was_reset = True

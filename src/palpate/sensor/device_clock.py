@@ -18,7 +18,7 @@ class DeviceClock:
     """Maps a board's clock to the host's, with offset and drift.
 
     A frame arrives late by a delay that varies but has a floor, so arrival minus device time is
-    bounded below by the line that is looked for. The smallest difference of each half second is
+    bounded below by the line of the fit. The smallest difference of each half second is
     kept for a minute; the line that lies below all of them, and closest to them, is the edge of
     their lower convex hull that spans their middle. Stalls of the host and bursts only lie above.
     The Mega's ceramic resonator has an error of up to 0.5 %, 5 ms in each second.

@@ -31,7 +31,7 @@ CHECKS: dict[str, str] = {
     "faint": "its contact is poor or its tape has lifted: press the layers together; if that "
     "helps, renew the tape",
     "changed": "the pixel has aged or was damaged since the calibration: run `palpate calibrate "
-    "rest`, and replace the sheet if it goes on changing",
+    "rest`, and replace the sheet if it keeps changing",
     "unrest": "open the fingers, take away what touches the sensor, wait a minute and repeat",
     "resistor": "replace the reference resistor, state the new one in the rig file, and "
     "calibrate again",

@@ -88,7 +88,7 @@ def open_board(
     Raises
     ------
     InputError
-        If there can't be so few or so many rows, or the resistor is none.
+        If the number of rows is impossible, or the resistance is invalid.
     DeviceError
         If the port can't be opened, or no frame comes.
     """

@@ -48,7 +48,7 @@ class PixelReadings:
     noise_percent: FloatArray
     #: Change from the first to the last third of the stretch; NaN for dead pixels.
     drift_percent: FloatArray
-    #: By how much one count changes the reading; NaN for dead pixels.
+    #: Change of the reading by one count; NaN for dead pixels.
     count_percent: FloatArray
 
 

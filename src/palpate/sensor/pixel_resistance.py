@@ -1,6 +1,6 @@
 """Counts of a frame to the resistance of each pixel: divider, series resistance, crosstalk.
 
-The one place that does so. Everything that looks at pixels takes them from here, so that rest
+The one place that does so. All uses of pixels take them from here, so that rest
 values, loads and recordings are always solved alike.
 """
 

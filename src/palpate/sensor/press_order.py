@@ -21,7 +21,7 @@ PixelPlace: TypeAlias = tuple[int, int]
 
 #: A press falls by twice the paper's contact threshold, with one pixel in the lead for a while.
 _PRESSED_PERCENT, _HELD_S = -20.0, 0.25
-#: Let go: risen to half of the press's depth. The sheet then goes on creeping back, so the next
+#: Release: a rise to half of the press's depth. The sheet then creeps back, so the next
 #: press is measured from its level a little later.
 _RELEASED_SHARE, _CALM_S = 0.5, 0.5
 

@@ -24,7 +24,7 @@ class ResistorFit:
     #: In place, and advised.
     present_ohm: float
     recommended_ohm: float
-    #: By how much one count changes the reading at the worse end of the range, with either.
+    #: Change of the reading by one count at the worse end of the range, with either.
     step_percent: float
     recommended_step_percent: float
 

@@ -32,8 +32,8 @@ from palpate.sensor.wire_messages import (
     Stop,
 )
 
-#: Whoever uses a board's outputs shows it a sign of life this often, well within its heartbeat of
-#: 0.5 s, and sees nothing of now in a frame older than this.
+#: A user of a board's outputs sends a heartbeat this often, well within its heartbeat of
+#: 0.5 s, and takes no older frame as current.
 SIGN_OF_LIFE_S, STALE_S = 0.1, 0.5
 #: A board is pinged while its frames come: at most 3 periods and what an adapter holds back.
 _PING_PERIODS, _PING_S = 3, 0.02

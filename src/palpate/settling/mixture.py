@@ -22,7 +22,7 @@ SCALE = 0.18
 #: No curve is the truth: each forecast may have this relative error, and this share of the change
 #: that the recent pace per e-fold of time would bring.
 SHAPE_DOUBT = 0.08
-#: Components that weigh less than this share of the heaviest one change no digit that matters.
+#: Components that weigh less than this fraction of the heaviest one change no digit that matters.
 LIGHTEST = 1e-3
 #: Where the probability is worked out, standard deviations from the mean.
 _PLACES = np.array([-3.2, -2.2, -1.6, -1.1, -0.7, -0.35, 0, 0.35, 0.7, 1.1, 1.6, 2.2, 3.2])

@@ -55,12 +55,12 @@ def for_hold(method: SettlingMethod, *, unit: str | None, loading_s: float) -> S
 
 
 def of_rest(percent: FloatArray) -> FloatArray:
-    """Return the share of the resistance at rest, any shape."""
+    """Return the fraction of the resistance at rest, any shape."""
     return 1.0 + percent / 100.0
 
 
 def as_percent(ratio: SettledEstimate) -> SettledEstimate:
-    """Return an estimate of such a share in percent."""
+    """Return an estimate of such a fraction in percent."""
     value, low, high = (100.0 * (end - 1.0) for end in (ratio.value, ratio.low, ratio.high))
     return replace(ratio, value=value, low=low, high=high)
 

@@ -63,7 +63,7 @@ def predict_settled(
         the actuation or the peak. Sampling may be uneven.
     values : array_like, shape (n_times,) or (n_holds, n_times)
         One hold or a batch of them, in any unit; left out where `time_s` is a hold. Samples after
-        the cut-off are not looked at.
+        the cut-off are ignored.
     cutoff_s : float
         The prediction rests on samples with ``time_s <= cutoff_s`` alone.
     horizon_s : float

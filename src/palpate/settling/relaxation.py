@@ -28,17 +28,17 @@ RINGING_S = 1.5
 #: Before this time after the origin a wide interval means that it is too early to decide; later,
 #: that no shape fits.
 EARLY_S = 2.0
-#: An interval wider than this to either side, as a share of the value, is too wide to act on.
+#: An interval wider than this to either side, as a fraction of the value, is too wide to act on.
 WIDEST = 0.2
 #: Real materials settle at the pace per e-fold of time of the last e-fold, times a factor: 97 % of
 #: 217 holds of five materials lie within these ends from 2.5 s on (study `settled`).
 PROVEN_PACE = (0.6, 1.8)
-#: A hold that has come back by more than this share of its drop is bouncing, not settling.
+#: A hold that has come back by more than this fraction of its drop is bouncing, not settling.
 TURNED_BACK = 0.3
 #: Nothing is predicted to go further than this many times what was seen.
 FURTHEST = 10.0
 
-#: A hold with samples below this share of its largest is nothing that only has a ratio.
+#: A hold with samples below this fraction of its largest is nothing that only has a ratio.
 _LEAST_SHARE = 1e-12
 
 
@@ -194,7 +194,7 @@ def _statuses(
         return _each(value.size, Status.TOO_SHORT)
     if lasted_s < RINGING_S and window.first > window.origin:
         return _each(value.size, Status.TOO_SHORT)
-    # As a share of the value; where zero is not known, no more than the change seen.
+    # As a fraction of the value; where zero is not known, no more than the change seen.
     half = (np.exp(high - value) - np.exp(low - value) if positive else high - low) / 2
     status = _each(value.size, Status.OK)
     status[half > (WIDEST if positive else reach)] = (

@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-#: A pixel that carries less than this share of its reading's conductance can't be distinguished
+#: A pixel that carries less than this fraction of its reading's conductance can't be distinguished
 #: from open.
 _HIDDEN_SHARE = 1e-5
 _TOLERANCE = 1e-9

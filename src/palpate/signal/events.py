@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.signal.relative import CONTACT_PERCENT
 
-#: Share by which the change held follows a signal that rises, per sample.
+#: Fraction by which the change held follows a signal that rises, per sample.
 _FORGET = 0.02
 
 

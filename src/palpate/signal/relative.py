@@ -99,7 +99,7 @@ def relative_change_percent(resistance_ohm: ArrayLike, *, rest_ohm: ArrayLike) -
 def excess_conductance(resistance_ohm: ArrayLike, *, rest_ohm: ArrayLike) -> FloatArray:
     """Return G / G_rest - 1 = R_rest / R - 1, a ratio.
 
-    Where the relative change runs into -100 %, the excess conductance goes on rising with load.
+    Where the relative change runs into -100 %, the excess conductance keeps rising with load.
 
     `resistance_ohm`, shape (..., rows, cols): readings; infinite (open) gives NaN, zero (short)
         infinity.

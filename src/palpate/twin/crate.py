@@ -1,6 +1,6 @@
 """A mixed crate on the twin: items of several kinds, whose sides differ a little.
 
-What is drawn here is the truth that nobody who sorts may see: kind, size and strength of each item.
+The draws are the truth, hidden from the sorter: kind, size and strength of each item.
 The kinds were fixed, with their reasons, before anything was measured on them.
 """
 
@@ -36,18 +36,18 @@ class CrateKind:
     stiffness: Pair
     #: Force at which it bursts or breaks; None for what doesn't.
     rupture_n: Pair | None
-    #: Largest difference, as a share, of the diameter at one side from the mean diameter.
+    #: Largest difference, as a fraction, of the diameter at one side from the mean diameter.
     out_of_round: float
     #: Mass, grams.
     mass_g: Pair
-    #: Share of the force that relaxes away under a hold.
+    #: Fraction of the force that relaxes away under a hold.
     relaxing: Pair = (0.10, 0.30)
 
 
 #: Poisson's ratio of flesh; scatter (log sd) of the stiffness from side to side of one item.
 CRATE_POISSON, CRATE_SIDE_LOG_SD = 0.35, 0.08
 
-#: Kinds that are taught. Sizes are the trade's usual ones; moduli are orders of magnitude from the
+#: Trained kinds. Sizes are the trade's usual ones; moduli are orders of magnitude from the
 #: literature on whole fruit between plates (ASAE S368; Mohsenin, Physical Properties of Plant and
 #: Animal Materials, 1986): some tenths of an MPa for what is ripe to eat, a few MPa for what is
 #: crisp. The kiwi's are those that recorded robot grasps need, shells those of hens' eggs pressed
@@ -64,7 +64,7 @@ CRATE_TAUGHT: dict[str, CrateKind] = {
     "apple": CrateKind("flesh", (58, 68), (3, 6.5), (45, 90), 0.03, (110, 180)),
 }
 
-#: Kinds that nobody teaches: what else lies in a crate. Some feel much like a taught kind.
+#: Untrained kinds in a crate. Some resemble a trained kind.
 CRATE_STRANGERS: dict[str, CrateKind] = {
     "grape": CrateKind("flesh", (16, 22), (0.4, 1.2), (6, 14), 0.08, (4, 9)),
     "walnut": CrateKind("shell", (29, 37), (120, 300), (150, 400), 0.05, (9, 15), (0, 0.01)),
@@ -83,11 +83,11 @@ class CrateItem:
     item_id: str
     #: What it truly is.
     kind: str
-    #: Whether its kind is one that is taught.
+    #: Whether its kind is a trained one.
     taught: bool
     #: The item as it would be if every side were the same.
     mean: TwinObject
-    #: How far, as a share, the diameter at a side may differ from the mean.
+    #: How far, as a fraction, the diameter at a side may differ from the mean.
     out_of_round: float
     #: Seed of its sides.
     seed: int
@@ -135,7 +135,7 @@ def draw_crate(kinds: Sequence[str], *, seed: int, prefix: str = "item") -> list
 def draw_mixed_crate(
     items: int, *, seed: int, strangers_share: float = 0.0, prefix: str = "item"
 ) -> list[CrateItem]:
-    """Draw a crate of taught kinds in equal parts, with a share of strangers, shuffled."""
+    """Draw a shuffled crate of trained kinds in equal parts, and some untrained ones."""
     rng = np.random.default_rng([seed, 31])
     strangers = round(items * strangers_share)
     taught, unknown = list(CRATE_TAUGHT), list(CRATE_STRANGERS)
@@ -207,5 +207,5 @@ class CrateTable:
         return self._world.truth().damaged
 
     def _wait(self, seconds: float) -> None:
-        # Frames that nobody looks at need not be scanned, and old ones must not wait in a queue.
+        # Unread frames need not be scanned, and old ones must not wait in a queue.
         self.array.skip_until(self.clock.now_s() + seconds)

@@ -11,7 +11,7 @@ each stop. The torque of an ampere falls as the motor warms up.
 The size of the bands is plausible for the paper's servo (a DYNAMIXEL XM430 takes some tens of
 milliamperes to turn without load), not measured. That friction of a robot's joint changes with its
 angle and its load is (Bittencourt and Gunnarsson 2012, Journal of Dynamic Systems, Measurement and
-Control 134, 051013); by how much it does in a small servo, a tenth to a quarter, is a guess.
+Control 134, 051013); its amount in a small servo, a tenth to a quarter, is a guess.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class TwinArray:
 
     Reading moves the manual clock on to the next frame when none waits.
 
-    Frames are scanned on a fixed raster from the moment of opening. What passes while nobody reads
+    Frames are scanned on a fixed raster from the moment of opening. Frames that pass between reads
     is queued, oldest first, as a serial driver would.
     """
 
@@ -82,7 +82,7 @@ class TwinArray:
         return self._queue.popleft()
 
     def skip_until(self, time_s: float) -> None:
-        """Let time pass without scanning: frames that nobody looks at need not be worked out."""
+        """Let time pass without scanning, as unread frames need not be computed."""
         clock = self._world.clock
         self._queue.clear()
         passed = int((time_s - self._start_s) * self._world.frame_rate_hz + 1e-9)
@@ -174,7 +174,7 @@ class TwinGripper:
         self._world.drive(self.limits.target(0.0), rate=self.limits.fastest)
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Do nothing, as there is no device."""
 
 
 class TwinLoadCell:

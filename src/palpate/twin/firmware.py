@@ -1,7 +1,7 @@
 """The real firmware on the AVR simulator, with pins and serial line under Python control.
 
 Needs the images that `make -C firmware` and `make -C firmware/sim` build. Everything it gives is
-simulated; the program that runs is the one that goes on the board.
+simulated; the program that runs is the one for the board.
 """
 
 from __future__ import annotations
@@ -167,8 +167,8 @@ class FirmwareBoard:
     def set_pixels_mv(self, voltages_mv: ArrayLike) -> None:
         """Set the divider's output.
 
-        `voltages_mv`, shape (rows, cols): what the converter sees with each row and column
-            selected; the rest sees 0.
+        `voltages_mv`, shape (rows, cols): the converter's input with each row and column
+            selected; 0 elsewhere.
         """
         wanted = np.asarray(voltages_mv, dtype=np.float32)
         pixels = np.zeros((_SIDE, _SIDE), dtype=np.float32)
@@ -189,7 +189,7 @@ class FirmwareBoard:
         self._library.board_reset(self._board)
 
     def hang(self) -> None:
-        """Make the program hang where it is; interrupts go on."""
+        """Make the program hang where it is; interrupts continue."""
         self._library.board_hang(self._board)
 
     def set_memory(self, address: int, value: int) -> None:

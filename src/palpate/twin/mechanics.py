@@ -1,7 +1,7 @@
 """From closure to force to pixel loads: object, pads, fingers and servo in series.
 
-An object that relaxes shares its closure with a gripper that gives way. Its elastic force E(x) is
-remembered by parts that fade: of every change of E a share s_k decays with the time constant tau_k.
+An object that relaxes shares its closure with a compliant gripper. Its elastic force E(x) is
+split into parts that fade: of every change of E a share s_k decays with the time constant tau_k.
 Over one step in which E is linear in time, the force is then a straight line in the new E,
 F = kept E + carried, and the balance with the gripper is one equation in the deformation x. So an
 object between stiff fingers relaxes, and one between fingers that keep their force creeps.
@@ -33,12 +33,12 @@ class HandCompliance:
 
     #: Fingers and servo, both sides together.
     finger_mm_per_n: float
-    #: The pads give way by pad_travel_mm * (1 - exp(-F / pad_force_n)).
+    #: The pads deflect by pad_travel_mm * (1 - exp(-F / pad_force_n)).
     pad_travel_mm: float
     pad_force_n: float
 
     def deflection_mm(self, force_n: float) -> float:
-        """Return by how much the gripper gives way under a force."""
+        """Return the gripper's deflection under a force."""
         pad_mm = -self.pad_travel_mm * math.expm1(-force_n / self.pad_force_n)
         return self.finger_mm_per_n * force_n + pad_mm
 
@@ -119,8 +119,8 @@ def series_force_n(
 ) -> float:
     """Return the object's elastic force when it shares a closure with the gripper.
 
-    The gripper feels kept * elastic + carried_n of it (`palpate.twin.mechanics`), but never a pull.
-    Solves deformation + deflection(felt force(deformation)) = closure. The left side rises and is
+    The force on the gripper is kept * elastic + carried_n (`palpate.twin.mechanics`), at least 0.
+    Solves deformation + deflection(force(deformation)) = closure. The left side rises and is
     solved by Newton steps kept inside a shrinking bracket.
     """
     if closure_mm <= 0:
@@ -165,7 +165,7 @@ class Motion:
 def pixel_shares(
     obj: TwinObject, deformation_mm: float, *, grid: PixelGrid, off_centre_mm: tuple[float, float]
 ) -> NDArray[np.float64]:
-    """Return the share of its finger's force that each pixel carries, shape (pixels,).
+    """Return the fraction of its finger's force that each pixel carries, shape (pixels,).
 
     A flat object loads the whole pad, tilted a little towards where it lies. A round one loads a
     patch, a paraboloid whose reach grows as in Hertz contact (each side is indented by half).

@@ -35,7 +35,7 @@ class Faces(Protocol):
     def pixel_shares(
         self, deformation_mm: float, *, grid: PixelGrid, off_centre_mm: tuple[float, float]
     ) -> FloatArray:
-        """Return the share of its finger's force that each pixel carries, shape (pixels,)."""
+        """Return the fraction of its finger's force that each pixel carries, shape (pixels,)."""
         ...
 
 
@@ -44,7 +44,7 @@ class TwinObject:
     """One object between the fingers.
 
     Its elastic law is F = force_at_1mm_n * (x / 1 mm) ** p, with p = 1 (linear) or 1.5 (Hertz), or
-    a curve of its own, up to `yield_n`; beyond that it flattens, and at `rupture_n` it gives way
+    a curve of its own, up to `yield_n`; beyond that it flattens, and at `rupture_n` it breaks
     for good.
     """
 
@@ -68,7 +68,7 @@ class TwinObject:
     mass_g: float = 50.0
     #: Coefficient between pads and object.
     friction: float = 0.6
-    #: How it loads the pixels, where its sides are not those of a flat or round thing.
+    #: How it loads the pixels, where its sides are not those of a flat or round object.
     faces: Faces | None = None
     #: Deformations (mm) and elastic forces (N) in place of the law: rising from (0, 0), straight
     #: from one point to the next, and on as between the last two.

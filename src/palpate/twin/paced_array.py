@@ -12,7 +12,7 @@ from palpate.sensor.array import ArrayLayout, Frame, PressureArray
 class PacedArray:
     """An array on simulated time whose frames wait for the real clock.
 
-    The twin knows nothing of it: its clock has moved to the frame already, and nobody asks it for
+    The twin is independent of it: its clock has moved to the frame already, and no call asks it for
     more until the frame is given. `speed`: seconds of its time in a second on the wall.
 
     >>> from palpate.twin.devices import TwinArray
@@ -59,5 +59,5 @@ class PacedArray:
         return frame
 
     def close(self) -> None:
-        """Let go of the array."""
+        """Close the array."""
         self._array.close()

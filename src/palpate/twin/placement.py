@@ -13,7 +13,7 @@ from palpate.sensor.array import ArrayLayout
 from palpate.twin.ranges import Ranges, uniform
 from palpate.twin.velostat import Creep, Environment, Sheet
 
-#: How far off its centre an object in a fixture lies, as a share of the pitch of the pixels.
+#: How far off its centre an object in a fixture lies, as a fraction of the pitch of the pixels.
 _FIXTURE_OFF_CENTRE = 0.1
 
 

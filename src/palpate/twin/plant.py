@@ -24,7 +24,7 @@ from palpate.twin.sheet_state import SheetState
 from palpate.twin.velostat import Environment, Sheet
 
 #: Friction of the surface that the object stands on before it is lifted: the finger that comes
-#: first feels it.
+#: first carries it.
 TABLE_FRICTION = 0.4
 #: An object this near, beyond where one finger may meet it first, may be touched, mm.
 _NEAR_MM = 1.0
@@ -46,7 +46,7 @@ class PlantState:
     contacts: int
     closure_mm: float
     squeeze: RelaxingForce
-    #: The sheet, worked out when first asked for: who polls the force does not look at it.
+    #: The sheet, computed at its first use, as polling the force does not need it.
     sheet: Callable[[], SheetState]
     peak_force_n: float
     ruptured: bool
@@ -289,7 +289,7 @@ class Plant:
         return force_n * share
 
     def _push_n(self, state: PlantState, closure_mm: float, placement: Placement) -> float:
-        """Return what the first finger feels of an object that it pushes to the middle."""
+        """Return the first finger's force on an object that it pushes to the middle."""
         if state.obj is None or state.pull_n > 0 or not -placement.lead_mm < closure_mm <= 0:
             return 0.0
         return TABLE_FRICTION * N_PER_G * state.obj.mass_g

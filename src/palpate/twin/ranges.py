@@ -91,7 +91,7 @@ class Ranges:
     rest_break_in: Pair = (-0.1, 0.1)
     rest_per_1000_cycles: Pair = (-0.03, 0.03)
     gain_per_1000_cycles: Pair = (-0.03, 0.03)
-    # Suction: share of the rest conductance that it can take away, and how strong it must be.
+    # Suction: fraction of the rest conductance that it can take away, and how strong it must be.
     lift_share: Pair = (0.1, 0.5)
     lift_kpa_log: Pair = (5.0, 30.0)
 

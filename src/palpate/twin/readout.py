@@ -16,7 +16,7 @@ _SLOW_NOISE_S = np.array([[0.5], [10.0]])
 
 
 class Readout:
-    """Noise and conversion of one sheet; noise goes on from scan to scan."""
+    """Noise and conversion of one sheet; noise continues from scan to scan."""
 
     def __init__(
         self,

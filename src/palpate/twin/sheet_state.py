@@ -1,6 +1,6 @@
 """Variables behind a sheet's resistances, advanced under loads that change with time.
 
-Nothing here knows what presses: the twin's own fingers (`palpate.twin.plant`) or another simulator.
+Nothing here depends on the source of the load, `palpate.twin.plant` or another simulator.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class SheetState:
     target: FloatArray
     #: Shape (states, pixels). Parts of the target that are on their way.
     creep: FloatArray
-    #: Shape (pixels,). What movements have added to the resistance, as a share.
+    #: Shape (pixels,). What movements have added to the resistance, as a fraction.
     spike: FloatArray
 
     @classmethod

@@ -32,7 +32,7 @@ class Scanned(Protocol):
 
 
 class Stage(Scanned, Protocol):
-    """A world with fingers, something between them, and pixels that feel it.
+    """A world with fingers, an object between them, and pixels under its load.
 
     The twin's own (`palpate.twin.world.World`) is one; a study or a bridge may bring another, made
     of recordings or of another simulator's physics.

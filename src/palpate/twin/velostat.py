@@ -31,7 +31,7 @@ from palpate.twin.ranges import Ranges, log_uniform, ranges_of, uniform
 
 #: Time after a clean step of load at which the static law holds, seconds (the paper's horizon).
 SETTLED_S = 20.0
-#: Excess conductance from which on the coordinate of the relative change goes on as a logarithm:
+#: Excess conductance from which on the coordinate of the relative change continues as a logarithm:
 #: linear creep in the relative change itself would drive the resistance below zero.
 _BEND = 6.0
 #: Distance between pixel centres that the force ranges are for, mm.
@@ -51,7 +51,7 @@ class Creep:
 
     @property
     def instant(self) -> float:
-        """Share of the static value that is there at once."""
+        """Fraction of the static value that is there at once."""
         return float(1.0 + self.weight @ np.expm1(-SETTLED_S / self.tau_s))
 
 
@@ -155,7 +155,7 @@ class Environment:
     #: Whether those include the world's own contacts too, because the caller keeps the count and
     #: updates it. Otherwise the own ones wear the gain in addition.
     cycles_are_all: bool = False
-    #: By how much the pressure outside the sheet lies below that between its layers.
+    #: Pressure between the layers less that outside, kPa.
     suction_kpa: float = 0.0
 
     @property
@@ -211,7 +211,7 @@ class Sheet:
     def rest_factor(self, environment: Environment) -> float:
         """Return the rest resistance relative to that of a new sheet in the paper's room.
 
-        Suction parts the layers: up to a share of the conductance goes with it.
+        Suction parts the layers: up to a fraction of the conductance goes with it.
         """
         climate = (
             self.rest_per_kelvin * environment.warmer

@@ -99,7 +99,7 @@ class World:
             pad_travel_mm=uniform(rng, ranges.pad_travel_mm),
             pad_force_n=uniform(rng, ranges.pad_force_n),
         )
-        #: How far the servo goes back before a finger follows; fingers that bend have no such play.
+        #: Backlash of the servo; fingers that bend have none.
         self.backlash_mm = 0.0
         if gripper == "rigid":
             self.backlash_mm = uniform(rng.spawn(1)[0], ranges.backlash_mm)

@@ -7,7 +7,7 @@ _SHOWN = {
     "force-ladders": "Dead weights on real Velostat, sensors held out",
     "import-data": "Tables of real recordings from clones of the public repositories",
     "force-population": "What real sensors have in common: the constants of the force law",
-    "force-control": "Random things gripped to a force and lifted, simulated",
+    "force-control": "Random objects gripped to a force and lifted, simulated",
     "grasp-cycle": "Seconds to touch and answer, what they risk and what is learned, simulated",
     "faults": "Single faults in every phase of a grasp, simulated",
     "harvest": "Pulls of 1 to 10 N on held fruit: the verdict against the truth, simulated",

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 #: As in the paper: days, and grasps of a fruit each day.
 DAYS, GRASPS = 4, 10
-#: Seeds of fruits and sensor; none was looked at before. Fruits that are not hard on the first day
+#: Seeds of fruits and sensor; none was used before. Fruits that are not hard on the first day
 #: and ripe on the last are passed over.
 FIRST_FRUIT, SENSOR = 16_000, 16
 #: Rigid fingers, and soft ones that a stop keeps from closing on, press this far beyond a caliper's

@@ -1,4 +1,4 @@
-"""Random things gripped to a force and lifted: ours compared with the simpler ways, simulated."""
+"""Random objects gripped to a force and lifted: ours compared with the simpler ways, simulated."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ LEARNING_SEED, LEARNED_FROM = 1_600_000, 240
 
 def report(
     *,
-    grasps: Annotated[int, typer.Option(help="Things gripped at each level.", min=1)] = 8,
+    grasps: Annotated[int, typer.Option(help="Objects gripped at each level.", min=1)] = 8,
 ) -> StudyReport:
     """Grip random objects to a force, lift them, and count misses, drops and damage.
 
@@ -94,7 +94,7 @@ def scores(found: Sequence[Gripped]) -> dict[str, Any]:
         "limited_could_bear": sum(one.limited and one.could_bear for one in found),
         "could_bear": sum(one.could_bear for one in found),
         "aimed": len(aimed),
-        # Of every thing that was to be gripped, and of those that the method aimed at the target.
+        # Of every object that was to be gripped, and of those that the method aimed at the target.
         "within_10_percent_of_all": float(np.mean(near_of_all)),
         "within_10_percent": mean(near),
         "median_off_target_percent": median([100 * abs(one.off_target) for one in aimed]),
@@ -143,14 +143,14 @@ def judge(found: Sequence[Gripped]) -> StudyReport:
     ]
     return StudyReport(
         name="force-control",
-        title="Gripping random things to a force, and lifting them (simulated)",
+        title="Gripping random objects to a force, and lifting them (simulated)",
         provenance=(
             "Simulated: sizes within the stroke, stiffness over two decades, linear or Hertz, flat "
             "or round, half relaxing as fruit does, off-centre, off the middle, on worn sheets; "
             f"every fourth sensor on soft fingers. Targets {TARGETS_N[0]:g} to {TARGETS_N[1]:g} N; "
             "the weight takes 20-60 % of the target at the least friction there is.",
             f"A sensor calibrated by a user's steps for every {GRASPS_PER_SHEET} grasps. Damage "
-            f"limit learned from {PRESSED} other things pressed in a test stand; kind not known.",
+            f"limit learned from {PRESSED} other objects pressed in a test stand; kind not known.",
             "Within 10 %: true settled force against the target, of grasps that the damage limit "
             "did not keep below it.",
             "Lifted: only where the method reports that the grip will do; the baselines lift "
@@ -159,7 +159,7 @@ def judge(found: Sequence[Gripped]) -> StudyReport:
             "calibration, with equations 2 and 3 as feedback, up and down.",
             "Learners: the same loop as the paper's line, with the calibrated law of ours as it is "
             "corrected by everything that was read after 2.5 s, the way of closing and the servo's "
-            f"current; learned for each level from {LEARNED_FROM} other things on other sensors "
+            f"current; learned for each level from {LEARNED_FROM} other objects on other sensors "
             f"(seeds from {LEARNING_SEED} on).",
         ),
         tables=[Table.of(title, summary, [*_LEAD, *keys]) for title, keys in _TABLES.items()],

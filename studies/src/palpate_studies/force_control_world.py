@@ -34,7 +34,7 @@ GRASPS_PER_SHEET = 4
 NEAR = 0.1
 #: Name of the method that knows no damage limit.
 UNLIMITED = "ours, no damage limit"
-#: Held this long in the air before it is given back, seconds.
+#: Held this long in the air before it is released, seconds.
 LIFTED_S = 3.0
 #: Two decades of force at 1 mm, newtons.
 STIFFNESS_N = (0.5, 50.0)
@@ -42,16 +42,16 @@ STIFFNESS_N = (0.5, 50.0)
 SIZES_MM: dict[str, tuple[float, float]] = {"rigid": (25.0, 60.0), "soft": (42.0, 60.0)}
 #: Targets: below the first, a sheet of the level `lab` may feel nothing at all.
 TARGETS_N = (1.5, 8.0)
-#: Softer things yield at more deformation in mm, as fruit does: median and log sd of what they
+#: Softer objects yield at more deformation in mm, as fruit does: median and log sd of what they
 #: stand. Correlation of stiffness and strength then is about that of recorded fruit.
 _YIELD_MM, _YIELD_LOG_SD = 4.0, 0.45
-#: Share of things that relax as fruit does, and how much they and others relax.
+#: Share of objects that relax as fruit does, and how much they and others relax.
 _FRUIT_SHARE, _FRUIT_RELAXES, _OTHERS_RELAX = 0.5, (0.10, 0.35), (0.0, 0.05)
 #: Lifting takes this share of the target, with the least friction there is.
 _LIFT_SHARE = (0.2, 0.6)
 #: Wear of the sheet when it is used, contacts.
 _CYCLES = 300
-#: Things pressed until they yield, so that the limit can be learned.
+#: Objects pressed until they yield, so that the limit can be learned.
 PRESSED = 120
 _STEP_MM, _PRESS_UP_TO_N = 0.02, 60.0
 #: How a hand reads a closing: in steps of force, with a wobble from step to step (log sd), an error
@@ -62,7 +62,7 @@ _RISE_N, _WOBBLE, _SLACK_MM, _BLIND_N = 0.7, 0.08, 0.03, 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """One thing, the force to grip it with, and the force that lifting it takes."""
+    """One object, the force to grip it with, and the force that lifting it takes."""
 
     seed: int
     level: str
@@ -98,7 +98,7 @@ def task(seed: int, *, level: str) -> Task:
 def thing(
     rng: np.random.Generator, *, size_mm: tuple[float, float], mass_g: float = 50.0
 ) -> TwinObject:
-    """Draw a thing of any stiffness, shape and strength."""
+    """Draw an object of any stiffness, shape and strength."""
     contact = "hertz" if rng.random() < 0.5 else "linear"
     force_at_1mm_n = log_uniform(rng, STIFFNESS_N)
     relaxing = _FRUIT_RELAXES if rng.random() < _FRUIT_SHARE else _OTHERS_RELAX
@@ -122,9 +122,9 @@ def thing(
 def learn_damage(*, seed: int) -> DamageModel:
     """Press training objects in a test stand until they yield, and learn their limit.
 
-    A user's step: the label is the force at which a thing yielded. The curves are coarsened and
+    A user's step: the label is the force at which an object yielded. The curves are coarsened and
     blurred as the hand will read them: a guard that learned from clean curves takes every wobble
-    of a reading for a bend. Things that stand more than the stand gives are left out.
+    of a reading for a bend. Objects that stand more than the stand gives are left out.
     """
     paths, limits_n = list[list[ClosingState]](), list[float]()
     rng = np.random.default_rng([seed, 34])
@@ -185,7 +185,7 @@ class Gripped:
 
     @property
     def could_bear(self) -> bool:
-        """Whether the thing would have borne the target, and what counts as near it."""
+        """Whether the object would have borne the target, and what counts as near it."""
         return self.task.obj.yield_n > (1.0 + NEAR) * self.task.target_n
 
     @property

@@ -96,9 +96,9 @@ AVOCADO_BOUNDS_N = (8.5, 3.2, 1.3)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StationRanges:
-    """Surroundings of a sensor that feels avocados on some mornings and other things all day.
+    """Surroundings of a sensor that feels avocados on some mornings and other objects all day.
 
-    Grasps of other things between two mornings, and the bench's temperature and humidity (the
+    Grasps of other objects between two mornings, and the bench's temperature and humidity (the
     temperatures of the paper's Figure 3; its humidities are ours).
     """
 

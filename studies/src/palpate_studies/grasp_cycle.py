@@ -41,9 +41,9 @@ _CURRENT_MM_PER_S, _CURRENT_EVERY_S, _CURRENT_N = 10.0, 0.02, 2.0
 #: Readings averaged: of the empty hand, and while it closes on.
 _EMPTY_READINGS, _READINGS = 20, 3
 KINDS: tuple[GripperKind, ...] = ("rigid", "soft")
-#: Seed of the first object: none of them was looked at before the controller was as it is.
+#: Seed of the first object: none of them was used before the controller was as it is.
 FIRST_SEED = 5_900_000
-#: And of the first of the second generator, none of which was looked at before.
+#: And of the first of the second generator, none of which was used before.
 SECOND_SEED = 7_300_000
 
 

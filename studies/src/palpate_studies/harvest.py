@@ -24,7 +24,7 @@ from palpate_studies.rows import LEVELS
 
 FRUIT = ("strawberry", "tomato", "apple", "kiwi")
 PULLS_N = tuple(float(pull_n) for pull_n in range(1, 11))
-#: Seed of the first fruit; none was looked at before. Targets are drawn from here, newtons.
+#: Seed of the first fruit; none was used before. Targets are drawn from here, newtons.
 FIRST_SEED, TARGETS_N = 7_600_000, (2.0, 10.0)
 #: How long a pull lasts, seconds.
 _PULLED_S = 3.0

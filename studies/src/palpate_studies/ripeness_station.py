@@ -1,7 +1,7 @@
 """A bench for simulated avocados on several mornings, with a sensor that also ages.
 
 Each fruit lies in a nest that centres it, as does the reference object, a rubber ball that is felt
-first every morning. Between mornings the same hand grasps other things all day. Everything goes
+first every morning. Between mornings the same hand grasps other objects all day. Everything goes
 through devices, controller and a calibration made by a user's steps; what is handed on is what a
 store would keep, together with the twin's truth.
 """

@@ -25,7 +25,7 @@ from palpate_studies.second.fruit import WAYS, other_avocado
 from palpate_studies.twin_avocado import Avocado, draw_avocado
 
 #: Seed of the final look. Virtual sensors 0 to 2 were used while this was made; 94_001 to 94_004
-#: were looked at before learners were rivals.
+#: were used before learners were rivals.
 SEED = 94_101
 #: Mornings, labelled fruits and grasps of each on a day, and grasps of those that are judged.
 DAYS, LABELLED, LABELLED_GRASPS, GRASPS = 4, 24, 10, 6

@@ -97,7 +97,7 @@ def report(
             "Ours without finer steps presses on until it knows the size, the paper's way until it "
             "sees the contact. The trees read all that this grasp of ours read at its last five "
             "stops (widths, forces by the calibrated law, give of the fingers, changes, currents), "
-            "and learn on the other sensors, on things of this kind.",
+            "and learn on the other sensors, on objects of this kind.",
             "No published figure was an input. The paper names neither the fruits' stiffness nor "
             "its waiting time: a soft fruit is closed on further before the sheet falls by 10 %.",
         ],

@@ -27,7 +27,7 @@ FIRST_SENSOR = 30_000
 OBJECTS = ("strawberry", "tomato", "apple", "avocado-day-3", "mango", "ball-44lbs")
 KINDS = ("slip", "removal")
 #: Width that the fingers close by, beyond contact; how long it is held before something happens;
-#: how long the watch goes on.
+#: how long the watch continues.
 CLOSURES_MM, HOLDS_S, AFTER_S = (1.0, 3.0), (1.5, 4.0), 1.0
 #: The pull of a slip, as a multiple of what friction holds.
 PULLS = (1.02, 1.5)

@@ -64,7 +64,7 @@ Run: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 METHODS = ("settled", "by_time", "memory", "now", TREES)
 #: What `now` is compared with.
 RIVALS = ("settled", "by_time", TREES)
-#: The first sheet that is tested, written down before anything was scored on it; looked at before:
+#: The first sheet that is tested, written down before anything was scored on it; used before:
 #: 60_000 to 60_059 and 61_000 to 61_059, of the second generator 96_100 on, 97_100 to 97_129 and
 #: 97_300 to 97_329. The mean of two laws was chosen on 2_500_000 to 2_500_009 of both.
 FIRST_SHEET, SECOND_SHEET = 62_000, 97_400

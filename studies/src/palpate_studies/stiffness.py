@@ -166,7 +166,7 @@ def repeat(
 def object_of(stiffness: float, *, seed: int) -> TwinObject:
     """Draw an object of given secant stiffness: flat or round, elastic or relaxing.
 
-    Half of them are of each, as the things of the force control study are; they stand any force.
+    Half of them are of each, as the objects of the force control study are; they stand any force.
     """
     obj = thing(np.random.default_rng([seed, 21]), size_mm=SIZES_MM)
     deformation_mm = FIRM_N / stiffness

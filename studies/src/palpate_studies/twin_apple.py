@@ -10,7 +10,7 @@ of closing, on a radius of curvature p + p''; two opposite fingers are p(t) + p(
 
 Where a finger presses, a bruise is softer and flat, and moves load elsewhere. A face is a bed of
 springs under a round surface (Winkler) whose contact has the radius of Hertz, a
-(a**2 = D d / 2 for a side that gives way by d, D the diameter of curvature). The pressure where the
+(a**2 = D d / 2 for a side that deflects by d, D the diameter of curvature). The pressure where the
 gap to the finger would be g goes as
 
     c * max(1 - D g / a**2, 0),    g = r**2 / D + dent - least gap
@@ -47,7 +47,7 @@ _PLACES, _REACH = 21, 2.4
 #: How far pad and sheet spread a load, mm: as `mechanics.pixel_shares` has it for the paper's
 #: pixels. Finer pixels see no sharper for being fine.
 _SPREAD_MM = 8.0
-#: Half of what pads give way by in the middle of their range: they follow a surface by this much.
+#: Half of what pads deflect by in the middle of their range: they follow a surface by this much.
 _PAD_MM = 0.15
 #: By how much a side gives way, mm, where stiffnesses are compared: the middle of what grasps use.
 _USUAL_SIDE_MM = 0.5
@@ -154,7 +154,7 @@ class Faces:
 
 @lru_cache(maxsize=512)
 def contact(face: Face, side_mm: float) -> FaceContact:
-    """Return the contact of a face that gives way by `side_mm`."""
+    """Return the contact of a face that deflects by `side_mm`."""
     radius_mm = math.sqrt(0.5 * face.curvature_mm * (side_mm + _PAD_MM))
     line = np.linspace(-_REACH * radius_mm, _REACH * radius_mm, _PLACES)
     if face.patch is None:

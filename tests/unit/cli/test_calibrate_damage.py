@@ -146,7 +146,7 @@ def test_stronger_kind_gets_a_higher_limit(damage_file: Path, palpate: Command) 
         (["--kind", "kiwi"], "--kind kiwi: needs --damage FILE, which defines the kinds"),
         (
             ["--damage", "{file}", "--kind", "plum"],
-            "no kind 'plum'; it tells apart: kiwi, melon; leave",
+            "no kind 'plum'; its kinds are kiwi, melon; omit",
         ),
         (["--damage", "nowhere.json"], "damage file nowhere.json: No such file or directory"),
         (["--damage", "{folder}/index.csv"], "not whole JSON"),

@@ -230,8 +230,8 @@ def test_an_earlier_report_is_not_written_over(palpate: Command) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ((), "name one thing to report on: ITEM, --batch NAME or --day DATE"),
-        (("i0", "--batch", "Monday"), "name one thing to report on"),
+        ((), "name one subject: ITEM, --batch NAME or --day DATE"),
+        (("i0", "--batch", "Monday"), "name one subject"),
         (("i9",), "no item 'i9'"),
         (("--batch", "Tuesday"), "--batch Tuesday: no item of this batch"),
         (("--day", "2020-01-01"), "no grasps on 2020-01-01"),

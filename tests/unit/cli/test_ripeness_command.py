@@ -69,7 +69,7 @@ def test_one_item_is_explained_drawn_and_remembered(
     made: Path, folder: Path, palpate: Command
 ) -> None:
     said = palpate("ripeness", "fruit-1", "--store", made, "--plot", "fruit.pdf").out
-    assert "felt 6 times on 3 days" in said
+    assert "grasped 6 times on 3 days" in said
     assert "SIMULATED" in said
     check_fonts(folder / "fruit.pdf")
     with Store.open(made, create=False) as store:

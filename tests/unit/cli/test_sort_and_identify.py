@@ -102,7 +102,7 @@ def test_identify_names_the_kind_and_keeps_the_verdict(palpate: Command, store: 
 def test_identify_exits_with_1_for_a_stranger(palpate: Command, store: Path) -> None:
     out = palpate("sort", "--identify", "X", "--store", store, status=1).out
     assert "X: unknown (simulated)" in out
-    assert "Like no kind that was taught" in out
+    assert "Unlike every trained kind" in out
 
 
 def test_identify_does_not_learn_from_the_item_itself(palpate: Command, store: Path) -> None:

@@ -103,7 +103,7 @@ def rehearsal() -> Rehearsal:
 
 
 def test_only_the_driver_orders_and_another_must_take_over(rehearsal: Rehearsal) -> None:
-    with pytest.raises(InputError, match="someone else drives: take over first"):
+    with pytest.raises(InputError, match="another person drives; take over first"):
         rehearsal.session.order("b", GRASP)
     rehearsal.session.take_over("b")
     with pytest.raises(InputError, match="take over first"):
@@ -117,7 +117,7 @@ def test_driver_who_leaves_is_replaced_by_take_over_alone(
 ) -> None:
     rehearsal.session.leave("a")
     assert rehearsal.session.driver is None
-    with pytest.raises(InputError, match="nobody drives: take over first"):
+    with pytest.raises(InputError, match="no one drives; take over first"):
         rehearsal.session.order("b", GRASP)
     rehearsal.session.take_over("b")
     rehearsal.session.order("b", GRASP)

@@ -282,7 +282,7 @@ def test_finger_that_reads_its_rest_while_the_other_is_pressed_ends_the_grasp(
     bench.change_frames(half_dead)
     result = bench.grasp(replace(plan, target_force_n=4.0))
     assert result.outcome is Outcome.SENSOR_LOST
-    assert f"finger {1 - finger} feels a grip and the other feels nothing" in result.faults[0]
+    assert f"finger {1 - finger} shows a grip and the other shows nothing" in result.faults[0]
     assert peak_n[0] < 1.1 * 4.0
 
 

@@ -377,7 +377,7 @@ def test_ripeness_is_learned_from_and_stored_in_the_store(store: Store) -> None:
     assert not store.add_verdict(verdict_of(said, history))
     kept = store.verdicts_of("A17", about=About.RIPENESS)[0]
     assert (kept.text, kept.source) == (said.stage, Source.PALPATE)
-    assert kept.explanation.startswith("felt 3 times on 3 days")
+    assert kept.explanation.startswith("grasped 3 times on 3 days")
     assert kept.details["basis"] == "labels"
 
 

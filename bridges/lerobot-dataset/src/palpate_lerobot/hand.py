@@ -65,7 +65,7 @@ class PolicyHand:
     calibration : Calibration
         Of this sensor on this gripper.
     limit_n : float
-        What the object bears; `read_learned_limit_n` takes it from a damage file.
+        What the object withstands; `read_learned_limit_n` takes it from a damage file.
 
     Raises
     ------
@@ -163,7 +163,7 @@ class PolicyHand:
         self._gripper.stop()
 
     def close(self) -> None:
-        """Stop the fingers, and let go of the devices."""
+        """Stop the fingers, and close the devices."""
         try:
             self._gripper.stop()
         finally:

@@ -20,7 +20,7 @@ class PalpateHandConfig(RobotConfig):
     rig : str
         A rig file, or a simulated rig.
     limit_n : float
-        What the object bears, N. No action closes the hand beyond it.
+        What the object withstands, N. No action closes the hand beyond it.
     damage : str or None
         A file of `palpate calibrate damage`: what it teaches lowers the limit.
     kind : str

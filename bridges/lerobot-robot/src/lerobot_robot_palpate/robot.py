@@ -23,7 +23,7 @@ class PalpateHand(Robot):
     Parameters
     ----------
     config : PalpateHandConfig
-        The rig, and what the object bears.
+        The rig, and what the object withstands.
     """
 
     config_class = PalpateHandConfig
@@ -96,7 +96,7 @@ class PalpateHand(Robot):
         return self._require_hand().send({name: float(value) for name, value in action.items()})
 
     def disconnect(self) -> None:
-        """Stop the fingers where they are, and let go of the devices."""
+        """Stop the fingers where they are, and close the devices."""
         hand, self._hand = self._require_hand(), None
         try:
             hand.close()

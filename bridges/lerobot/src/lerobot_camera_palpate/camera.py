@@ -158,7 +158,7 @@ class PalpateCamera(Camera):
             return self._image
 
     def disconnect(self) -> None:
-        """Stop reading, and let go of the rig."""
+        """Stop reading, and close the rig."""
         self._require_connection()
         assert self._thread is not None
         self._ended.set()

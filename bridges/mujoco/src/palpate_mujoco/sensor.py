@@ -143,7 +143,7 @@ class PadSensor:
         return finger_n
 
     def attach(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Go on with the same pads in another model, or another state of it."""
+        """Continue with the same pads in another model, or another state of it."""
         self.model, self.data = model, data
         grids = [pad for pad in self._pads if isinstance(pad, TouchGrid)]
         pads = [pad for pad in self._pads if isinstance(pad, Pad)]

@@ -259,7 +259,7 @@ class MujocoWorld:
         self._peak_n = max(self._peak_n, self._grip_n)
 
     def _copy(self) -> MujocoWorld:
-        """Return a world that goes on from here on its own, without devices."""
+        """Return a world that continues from here on its own, without devices."""
         other, data = copy.copy(self), copy.copy(self.data)
         other.watchers, other.sensor = [], self.sensor.copy(data)
         other._servo = Servo(self._hand, model=self.model, data=data)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 #: Grasps without a longer pause between them are one visit; the visits before are the record.
 _VISIT = timedelta(minutes=30)
-#: Fewest grasps of sound items that make a class, and most that are looked at.
+#: Fewest grasps of sound items that make a class, and most that count.
 _FEWEST_SOUND, _MOST_SOUND = 6, 200
 
 
@@ -68,7 +68,7 @@ class SideVerdict:
 class ItemBruise:
     """The verdict on an item."""
 
-    #: Each side felt in the last visit, the most suspicious first.
+    #: Each side grasped in the last visit, the most suspicious first.
     sides: tuple[SideVerdict, ...]
     #: Of the most suspicious side, mean change over all pixels in its earlier record.
     before_percent: float | None
@@ -129,7 +129,7 @@ def examine_item(
 ) -> ItemBruise:
     """Judge an item by its last visit, store the verdict, and return it.
 
-    `bruised_share`: fraction of sides expected to be bruised before anything is felt.
+    `bruised_share`: fraction of sides expected to be bruised before any grasp.
     Raises `InputError` if there is no such item, no grasp of it recorded pixels, or there is
     nothing to compare it with.
     """
@@ -211,7 +211,7 @@ def read_labelled_sides(store: Store, *, kind: str) -> dict[str, LabelledTable]:
     """Return the labelled sides of a kind's items, bruised or sound, by reference.
 
     Of a bruised item the grasp that the label names counts, or else the last one before it: label
-    it when you have just felt its bruised side. Of a sound item all sides count.
+    it after a grasp of its bruised side. Of a sound item all sides count.
     """
     sides: list[tuple[str, bool, Side]] = []
     for item_id, label in _labels(store, kind=kind).items():

@@ -78,7 +78,7 @@ class BruiseModel:
     def reference_of(self, side: Side) -> str:
         """Return the reference that a side is compared with.
 
-        Raises `InputError` if it has none that this model knows.
+        Raises `InputError` if it has none of this model's.
         """
         for name in REFERENCES:
             if name in side.against and name in self.learners:
@@ -91,7 +91,7 @@ class BruiseModel:
     def log_odds(self, side: Side) -> float:
         """Return the log odds that a side is bruised, at even prior odds.
 
-        Raises `InputError` if it has no reference that this model knows.
+        Raises `InputError` if it has no reference of this model.
         """
         name = self.reference_of(side)
         learner = self.learners[name]
@@ -104,7 +104,7 @@ class BruiseModel:
 def table_sides(sides: Sequence[tuple[str, bool, Side]]) -> dict[str, LabelledTable]:
     """Return the contrasts of labelled sides to each available reference.
 
-    `sides`: of each its item, whether it is bruised, and how it was felt.
+    `sides`: of each its item, whether it is bruised, and its grasp.
     """
     found = {}
     for name in REFERENCES:

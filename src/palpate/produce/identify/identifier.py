@@ -58,7 +58,7 @@ def combine(measured: Sequence[Measurement]) -> Measurement:
 class Identifier:
     """Kinds learned from labelled items.
 
-    `taught`: kind and grasps (`touch_of`) of each item; items without a grasp are skipped.
+    `taught`: kind and grasps (`touch_of`) of each training item; those without a grasp are skipped.
     `methods`: candidates, see `LabelLearner`.
 
     Raises `InputError` if a kind has fewer than three items, or there is no kind;

@@ -75,12 +75,12 @@ def explain_identity(identity: Identity) -> str:
     >>> probability = {"kiwi": 0.9, "tomato": 0.1}
     >>> one = Identity(kind="kiwi", probability=probability, usual=0.4, rejected=False, grasps=1)
     >>> explain_identity(one)
-    'kiwi with 90 %, tomato with 10 %, from 1 grasp; 40 % of the taught items are as unusual.'
+    'kiwi with 90 %, tomato with 10 %, from 1 grasp; 40 % of training items are as atypical.'
     """
     count = f"{identity.grasps} grasp{'s' if identity.grasps != 1 else ''}"
-    unusual = f"{100 * identity.usual:.2g} % of the taught items are as unusual"
+    unusual = f"{100 * identity.usual:.2g} % of training items are as atypical"
     if identity.rejected:
-        return f"Like no kind that was taught: {unusual}; most like {identity.best_guess}; {count}."
+        return f"Unlike every trained kind: {unusual}; most like {identity.best_guess}; {count}."
     ranked = sorted(identity.probability.items(), key=lambda pair: -pair[1])
     named = ", ".join(
         f"{'something else' if kind == UNKNOWN else kind} with {100 * p:.0f} %"

@@ -233,7 +233,7 @@ class Effort:
         Readings of an item whose mean is within the tolerance of what the item is; None where no
         number of them is.
     mismatch : float
-        Standard deviation of what no repeat takes away: the two instruments feel different things.
+        Standard deviation that repeats do not reduce: the two quantities differ.
     items_per_hour : float or None
         At that number of grasps.
     items_to_test : int

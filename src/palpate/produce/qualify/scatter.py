@@ -29,7 +29,7 @@ class Scatter:
     def repeatability(self) -> float:
         """Intraclass correlation.
 
-        No instrument can explain a larger share of the variance of a single reading of this one
+        No instrument can explain a larger fraction of the variance of a single reading of this one
         (R squared), however well it reads each item.
         """
         total = self.between**2 + self.within**2

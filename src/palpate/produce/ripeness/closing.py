@@ -1,7 +1,7 @@
 """Width of an item at contact, by fingers driven by pressure.
 
 The pressure at which they meet an item gives its width, once rigid blocks have shown how far they
-close per pressure and how far they give way under a force (`palpate.estimate.compliance`). Early on
+close per pressure and their compliance (`palpate.estimate.compliance`). Early on
 the sheet reads faint forces badly, later on the fingers have given way by centimetres; at one
 newton both leave some tenths of a millimetre.
 """
@@ -80,9 +80,9 @@ def width_at_contact(
 
     `pressure_kpa`, shape (n,): steps of a closing.
     `force_n`, shape (n,): force read at each of them.
-    `bend`: how the fingers close and give way.
+    `bend`: closure and compliance of the fingers.
 
-    Fingers that close by 1.4 mm per kPa meet 60 mm at 10 kPa, and give way by 3.5 mm per newton:
+    Fingers that close by 1.4 mm per kPa meet 60 mm at 10 kPa, and deflect by 3.5 mm per newton:
 
     >>> from palpate.estimate.compliance import Compliance
     >>> give = Compliance(slope_mm_per_n=3.5, pad_mm=(0.0,) * 5, zero_mm=-74.0, residual_mm=0.1,

@@ -3,7 +3,7 @@
 Firmness (a logarithm, see `palpate.produce.ripeness.firmness`) falls along a logistic curve from a
 hard to a soft level. Items differ in when they are halfway, how fast they go and how firm they
 began; the reading of a day's grasps scatters about the curve. Nothing is fitted to one item: all
-its possible courses are weighed by how well they agree with what was felt so far (Bayes over a
+its possible courses are weighed by their agreement with the grasps so far (Bayes over a
 grid), so one day is enough to begin with, and an early day informs about a later one.
 """
 
@@ -35,7 +35,7 @@ _USUAL_GRASPS = 6
 _LEAST_FALL = 1e-3
 #: Paces of one kind differ by about this (log sd). A few items can't show it.
 _PACE_LOG_SD = 0.3
-#: Weak priors before any item was felt: halfway after a few days (give or take a week), at a pace
+#: Weak priors before any grasp: halfway after a few days (give or take a week), at a pace
 #: of a day (e-fold), scatter of a tenth of the whole fall.
 _USUAL_PACE_DAYS, _USUAL_NOISE_SHARE = 1.0, 0.1
 
@@ -47,7 +47,7 @@ class Course:
     #: Mean levels of firmness between which it falls.
     hard: float
     soft: float
-    #: By how much items differ in firmness before they soften.
+    #: Spread of items in firmness before they soften.
     start_sd: float
     #: When items are halfway, in days from their first grasp.
     halfway_day: float

@@ -21,10 +21,10 @@ from palpate.estimate.firmness import index_stiffness
 from palpate.grasp.result import Outcome
 from palpate.produce.records import Grasp
 
-#: Grip force at which ripeness is felt: enough to deform a hard fruit by a third of a millimetre,
+#: Grip force of the ripeness measurement: enough to deform a hard fruit by a third of a millimetre,
 #: too little to bruise a ripe one (thumbs bruise avocados from about 10 N on).
 RIPENESS_N = 5.0
-#: A pixel that lost less than this share of its resistance carries nothing that can be counted.
+#: A pixel that lost less than this fraction of its resistance carries nothing that can be counted.
 _LEAST_PERCENT = 1.0
 DAY_S = 86_400.0
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from palpate.produce.store import Store
 
 
-#: A label is of a day on which the item was felt if it was given this close to it, days.
+#: A label is of a day of a grasp if it was given this close to it, days.
 _SAME_DAY = 0.5
 #: At most this many labelled items, the last ones labelled, are learned from.
 _MOST_ITEMS = 200
@@ -85,7 +85,7 @@ def history_of(
 def drift_of(store: Store, reference_id: str, *, drive: Drive) -> Drift:
     """Return the drift of the sensor by the reference object.
 
-    Raises `InputError` if it is not in the store, or was felt on fewer than two days.
+    Raises `InputError` if it is not in the store, or was grasped on fewer than two days.
     """
     store.item(reference_id)
     grasps = store.grasps_of(reference_id)
@@ -144,7 +144,7 @@ def read_labelled_histories(
 def judge_ripeness(history: FirmnessHistory, *, rule: RipenessRule | None, ripe: str) -> Ripeness:
     """Judge an item by a rule, or by its own first day without one.
 
-    Raises `InputError` if it was never felt, or there is no rule and the gripper is driven by
+    Raises `InputError` if it was never grasped, or there is no rule and the gripper is driven by
     pressure.
     """
     if not history.days:
@@ -198,7 +198,7 @@ def is_assumed(ripeness: Ripeness, history: FirmnessHistory) -> bool:
 def explanation(ripeness: Ripeness, history: FirmnessHistory) -> str:
     """Return the reason in a sentence."""
     count, days = len(history.grasps), len(history.days)
-    felt = f"felt {count} time{'s' * (count > 1)} on {days} day{'s' * (days > 1)}"
+    felt = f"grasped {count} time{'s' * (count > 1)} on {days} day{'s' * (days > 1)}"
     if is_assumed(ripeness, history):
         return f"{felt}: its first day is taken as hard, there is nothing yet to compare it with"
     chance = f"{100 * ripeness.probabilities[ripeness.stage]:.0f} % {ripeness.stage}"

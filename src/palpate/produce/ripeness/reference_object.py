@@ -1,8 +1,8 @@
 """Drift of the sensor, measured on an object that does not change.
 
 A reference object (a rubber ball, springs between plates) is grasped like the fruit, several times
-on each day. Its apparent change is the effect of wear and weather on the sensor, and is subtracted
-from fruit felt on the same day.
+on each day. Its apparent change is the effect of wear and climate on the sensor, and is subtracted
+from fruit of the same day.
 
 Fingers driven by width press one object as hard at one width on all days. So where the width at
 which the sensor reads 5 N has moved, the sensor has drifted; and a width is known to hundredths of
@@ -33,12 +33,12 @@ from palpate.produce.ripeness.firmness import (
 )
 
 #: Drift is taken to wander by this much in the root of a day (sheets that break in lose 10 to 40 %
-#: of their conductance in a few days) and to jump by this much from day to day with the weather; or
+#: of their conductance in a few days) and to jump by this much from day to day with the climate; or
 #: by any of these shares of that: a sensor that has broken in, or that a servo's current supports,
 #: shows it by how little its reference moves beyond its scatter.
 _WANDER, _WEATHER = 0.1, 0.05
 _SHARES = np.geomspace(1 / 16, 2.0, 11)
-#: Least share of the deformation read that is taken to be the fruit's.
+#: Least fraction of the deformation read that is taken to be the fruit's.
 _LEAST_SHARE = 0.2
 
 #: Beyond this, wear is more than a correction should carry.
@@ -50,17 +50,17 @@ _STEEPER = 1.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drift:
-    """By how much the sensor seems to have moved since the reference object's first day."""
+    """Change of the sensor's reading since the reference object's first day."""
 
     #: Its first grasp.
     first_at: datetime
-    #: Days since then on which it was felt.
+    #: Days since then with a grasp of it.
     days: tuple[float, ...]
     #: Width: ln of the force that is read over the true one. Pressure: change of -ln sharing.
     moved: tuple[float, ...]
     #: Of these two.
     drive: Drive
-    #: How far a hand driven by width gives way per newton at the grip force.
+    #: Compliance of a width-driven gripper at the grip force, mm/N.
     give_mm_per_n: float = 0.0
 
     @classmethod
@@ -71,8 +71,8 @@ class Drift:
 
         `grasps`: of the reference object.
         `drive` ("width" or "pressure"): which grasps to use.
-        `give`: how far the gripper gives way, from its calibration.
-        Raises `InputError` if it was felt on fewer than two days.
+        `give`: the gripper's compliance, from its calibration.
+        Raises `InputError` if it was grasped on fewer than two days.
         """
         used = [grasp for grasp in grasps if grasp.drive == drive]
         give_mm_per_n = 0.0

@@ -21,9 +21,9 @@ SURE = 0.9
 #: Probability that the interval of the days to ripe is meant to cover.
 LEVEL = 0.9
 #: How much wider it is than the weighed courses give: a few labelled items leave the mean course
-#: in doubt, real ones are no logistic curves, rooms are not equally warm on all days. On 322 days
-#: of fruit felt at seven development stations (twelve labelled at each) 1.0 covered 88 %, 1.1 90
-#: and 1.2 92 %. At 1.1 only 83 % were covered of 200 further fruits felt by rigid fingers (soft
+#: uncertain, real ones are no logistic curves, rooms are not equally warm on all days. On 322 days
+#: of fruit grasped at seven development stations (twelve labelled at each) 1.0 covered 88 %, 1.1 90
+#: and 1.2 92 %. At 1.1 only 83 % were covered of 200 further fruits grasped by rigid fingers (soft
 #: 91): set to 1.2 in view of those, which covers 87 and 94 % of them.
 _WIDER = 1.2
 #: Firmness of a day about its mean, standard deviations (Gauss-Hermite).
@@ -63,7 +63,7 @@ class Ripeness:
     stage: str
     #: Of every stage, firmest first.
     probabilities: dict[str, float]
-    #: Firmness on that day, by all that was felt up to it.
+    #: Firmness on that day, by all grasps up to it.
     firmness: float
     #: Until the ripe stage begins; None where no course is known.
     days_to_ripe: Days | None
@@ -80,7 +80,7 @@ class Ripeness:
 class RipenessRule:
     """The rule learned for one kind on one rig: stages by labels, days by course.
 
-    A day's firmness alone shows the stage: on fruit of five generators no learner that sees all
+    A day's firmness alone shows the stage: on fruit of five generators no learner with all
     days so far names more (palpate study ripeness --second).
     """
 

@@ -11,7 +11,7 @@ never more than the cube root, because the pixels of a finger lie in a row.
 
 Sharing as it is read judges stages worse: on two simulated sensors of level lab (192 fruit days)
 the log loss of the true stage is 0.29 instead of 0.25 (90 % interval of the difference 0.02 to
-0.07). At level field, and for the days to ripe, there is no sure difference.
+0.07). At level field, and for the days to ripe, the difference is not significant.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _USUAL_MM = 60.0
 _SIZE_POWER, _RADIUS_POWER = 1.5, 1.0 / 3.0
 #: Excess conductance of Velostat goes with about this power of the force.
 _EXCESS_POWER = 1.3
-#: The rise of the sharing is taken from where this share of the last load was felt.
+#: The rise of the sharing is taken from this fraction of the last load.
 _EARLIER = 0.5
 #: A pixel's resistance does not fall to less than this.
 _LEAST_LEFT_PERCENT = 0.1
@@ -94,7 +94,7 @@ def _sharing_exponent(
 ) -> float:
     """Return the exponent of sharing in force over the last half of the load.
 
-    It is 0 where none of the load, or no less of it, was felt in the mean up to that moment.
+    It is 0 where none of the load, or no less of it, was carried in the mean up to that moment.
     """
     light = np.flatnonzero(
         _total_load(_change_percent(closing, layout=layout)) < _EARLIER * _total_load(held)

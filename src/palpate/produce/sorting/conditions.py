@@ -44,7 +44,7 @@ class Evidence:
             return {}
         if self.identity.rejected:
             return {UNKNOWN: self.identity.confidence}
-        # Short of a rejection, "something else" is a doubt and no finding.
+        # Short of a rejection, "something else" is no finding.
         return {kind: p for kind, p in self.identity.probability.items() if kind != UNKNOWN}
 
     def describe(self, key: str) -> str:
@@ -174,13 +174,13 @@ ASKS = {"ripeness": "how ripe it is", "bruised": "whether it is bruised"}
 
 
 def percent(share: float) -> str:
-    """Return a share in words, small ones with two digits."""
+    """Return a fraction in words, small ones with two digits."""
     return f"{100 * share:.2g} %" if share < 0.01 else f"{100 * share:.0f} %"
 
 
 def _describe_kind(identity: Identity) -> str:
     if identity.rejected:
-        return f"like no kind taught ({percent(identity.usual)} of those taught are as unusual)"
+        return f"like no trained kind ({percent(identity.usual)} of training items are as atypical)"
     ranked = sorted(identity.probability.items(), key=lambda pair: -pair[1])
     return " or ".join(
         f"{'something else' if kind == UNKNOWN else kind} {percent(p)}"

@@ -1,10 +1,10 @@
 """One item in the hand, and again: measured, with the time that it took.
 
-A sheet remembers a load for seconds, a bad one for half a minute. Its recovery while the fingers
-approach would hide the first touch, or look like one; so each grasp waits until the sheet stands
+A sheet recovers from a load in seconds, a bad one in half a minute. Its recovery while the fingers
+approach would hide the first contact, or resemble one; so each grasp waits until the sheet stands
 still.
 
-The second grasp of an item knows its approximate size, so the fingers approach at full speed.
+The second grasp of an item has its approximate size, so the fingers approach at full speed.
 Another side of it may be thicker, so they stay well clear.
 """
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from palpate.produce.sorting.conditions import ASKS, CONDITIONS, Condition, Evidence, percent
 
-#: Defaults of a rules file: a rule is sure at this probability, and grasps are tried this often.
+#: Defaults of a rules file: a rule decides at this probability, and grasps are tried this often.
 CONFIDENCE, MOST_GRASPS = 0.8, 3
 
 
@@ -81,7 +81,7 @@ class RuleBook:
 class BinDecision:
     """The bin of an item, with the reason."""
 
-    #: The bin; the default one where no rule is sure.
+    #: The bin; the default one where no rule decides.
     bin: str
     #: The rule that decides so; None for the default.
     rule: Rule | None
@@ -96,9 +96,9 @@ class BinDecision:
 def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
     """Apply the rules: the first whose conditions are probable enough wins.
 
-    Where an earlier rule can't decide yet, or none is sure, another grasp is asked for, as long as
-    it can help and there are grasps left. What looks unknown at its first grasp is grasped again
-    too: one bad grasp is no stranger.
+    Where an earlier rule can't decide yet, or none decides, another grasp is asked for, as long as
+    it can help and there are grasps left. An item unknown at its first grasp is grasped again
+    too, as one bad grasp proves no untrained kind.
 
     `evidence`: all that is known, every grasp so far together.
 

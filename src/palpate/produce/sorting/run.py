@@ -43,9 +43,9 @@ def sort_item(
     kind: str | None = None,
     verdicts: Sequence[Verdict] = (),
 ) -> Sorted:
-    """Grasp an item until the rules are sure, or grasps are used up.
+    """Grasp an item until the rules decide, or grasps are used up.
 
-    `identifier`: what was taught; None for rules that ask for no class.
+    `identifier`: the trained identifier; None for rules that ask for no class.
     `grasp`: given the number of the grasp and the size known so far, turns the item, grasps it and
         returns the grasp.
     `kind`: what it is, if a person stated it: then nothing is guessed.

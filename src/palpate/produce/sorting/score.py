@@ -11,7 +11,7 @@ from palpate.produce.learning import UNKNOWN
 from palpate.produce.sorting.conditions import Evidence
 from palpate.produce.sorting.rules import RuleBook, decide
 
-#: What no grasp measures, and is taken for granted in items per hour: bringing an item and carrying
+#: Assumed in items per hour, as no grasp measures it: handling an item and carrying
 #: it to its bin, and turning it for another grasp.
 CARRY_S, TURN_S = 4.0, 1.5
 
@@ -22,7 +22,7 @@ class Placed:
 
     #: Where it went.
     bin: str
-    #: Where it belongs; None where nobody knows.
+    #: Where it belongs; None where unknown.
     belongs: str | None
     #: How often it was grasped.
     grasps: int
@@ -36,9 +36,9 @@ class Score:
 
     #: In all.
     items: int
-    #: Share that went to the default bin.
+    #: Fraction that went to the default bin.
     left_over: float
-    #: Of what went to a bin by a rule and whose place is known, the share that belongs there.
+    #: Of what went to a bin by a rule and whose place is known, the fraction that belongs there.
     purity: float | None
     #: Items in each bin, and how many of them belong there.
     bins: dict[str, tuple[int, int]]

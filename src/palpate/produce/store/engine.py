@@ -82,7 +82,7 @@ def url_to_read(url: sa.URL) -> sa.URL:
     """Return the URL of an SQLite file for reading, also on a read-only medium.
 
     SQLite wants to put helper files into the folder, and refuses one where it can't, unless the URL
-    declares that nobody writes. Where a helper file exists, somebody did: then nothing is changed.
+    declares that no process writes. Where a helper file exists, one did, and nothing is changed.
     """
     path = Path(url.database or "")
     helper = Path(f"{path}-wal")

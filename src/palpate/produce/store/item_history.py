@@ -25,7 +25,7 @@ class FirmnessRank:
 
     #: Other items of the kind whose firmness is known by such a gripper.
     items: int
-    #: Share of them that are softer.
+    #: Fraction of them that are softer.
     softer: float
 
     @property

@@ -1,6 +1,6 @@
 """A connection to PostgreSQL with a time-out, even for a frozen back end.
 
-The server's own time limits do not help where the server itself hangs while the system goes on
+The server's own time limits do not help where the server itself hangs while the system runs
 acknowledging what is sent to it. So each wait is limited on this side.
 """
 

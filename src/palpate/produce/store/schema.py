@@ -187,7 +187,7 @@ def read_version(connection: sa.Connection, *, where: str) -> int:
     newest = NEWEST[connection.dialect.name]
     if version > newest:
         raise StoreError(
-            f"{where}: written by a newer palpate (schema {version}, this one knows up to "
+            f"{where}: written by a newer palpate (schema {version}, this one reads up to "
             f"{newest}); update palpate"
         )
     return version

@@ -7,7 +7,7 @@ secant through the last two answers, up or down, until the line reads the target
 
 `learned_loop` is the same loop told everything that ours reads. The learner corrects the calibrated
 law of settled readings. It learns from the same loop with that law alone as feedback, on other
-things gripped by other sensors of the level, each reading with the force that the hold settled to.
+objects gripped by other sensors of the level, each reading with the force that the hold settled to.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ def learn_laws(tasks: Sequence[Task]) -> Laws:
 def taught_by(task: Task) -> list[tuple[FloatArray, float]]:
     """Return what each reading showed, and ln of the settled force over the calibrated law's.
 
-    A hand that does not hold the thing yet teaches nothing.
+    A hand that does not hold the object yet teaches nothing.
     """
     world, found = task.world(), list[tuple[FloatArray, float]]()
 

@@ -65,7 +65,7 @@ def board(master: int, *, rate_hz: float) -> None:
             if kind in (Start.kind, Stop.kind):
                 start_s, sent = time.monotonic() * (kind == Start.kind), 0
         if start_s and time.monotonic() >= start_s + sent / rate_hz:
-            with suppress(BlockingIOError):  # nobody reads: lost, as on a real port
+            with suppress(BlockingIOError):  # there is no reader: lost, as on a real port
                 time_us = round((start_s + sent / rate_hz) * 1e6)
                 os.write(master, encode_message(frame(sent, time_us)))
             sent += 1

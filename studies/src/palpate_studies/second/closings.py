@@ -4,7 +4,7 @@ Fixed before anything was scored on it. Guard and rules expect a rupture force t
 stiffness, with a scatter of one hump. Here a fruit ruptures at a deformation, whatever its
 stiffness: each kind has two ripenesses, of which one gives way at two thirds of the other's
 deformation, and nothing before it shows which. The kinds are those of `second.things`: a skin on
-softer flesh with a core; foam, which stiffens faster than a round thing; dough, whose force
+softer flesh with a core; foam, which stiffens faster than a round object; dough, whose force
 depends on how fast it is closed on.
 """
 

@@ -1,4 +1,4 @@
-"""Things and crate items whose force follows no law that an estimator was written for.
+"""Objects and crate items whose force follows no law that an estimator was written for.
 
 Fixed before anything was scored on them. In a second crate the sizes of a kind crowd at both ends
 of its range, which is no normal distribution; everything but shells has a skin on softer flesh and
@@ -17,9 +17,9 @@ from palpate.twin.objects import TwinObject
 
 #: A skin this thick, mm, and this many times as stiff as the flesh under it; a core from here on.
 _SKIN_MM, _SKIN_STIFFER, _CORE_MM, _CORE_STIFFER = 0.4, 3.0, 4.0, 6.0
-#: Exponent of foam-like things; the law of the twin's own have 1 and 1.5.
+#: Exponent of foam-like objects; the law of the twin's own have 1 and 1.5.
 _FOAM_EXPONENT = 2.5
-#: Share of its force that a dough-like thing loses, and within which times, s.
+#: Share of its force that a dough-like object loses, and within which times, s.
 _DOUGH_SHARES, _DOUGH_TIMES_S = (0.25, 0.15, 0.10), (0.08, 0.6, 20.0)
 #: Points of a curve, and how far a drawn one goes, mm.
 _POINTS, _UP_TO_MM = 60, 15.0
@@ -68,7 +68,7 @@ def draw_layered(thing: TwinObject) -> TwinObject:
 
 
 def foam(thing: TwinObject) -> TwinObject:
-    """Return a thing that stiffens faster than a round one in contact does."""
+    """Return an object that stiffens faster than a round one in contact does."""
     at_mm = np.linspace(0.0, _UP_TO_MM, _POINTS)
     force_n = thing.force_at_1mm_n * at_mm**_FOAM_EXPONENT
     return _bend_curve(
@@ -86,7 +86,7 @@ def dough(thing: TwinObject) -> TwinObject:
 def _bend_curve(
     thing: TwinObject, points: Sequence[tuple[float, float]], *, name: str
 ) -> TwinObject:
-    """Return a thing with another curve that yields at the deformation at which it did."""
+    """Return an object with another curve that yields at the deformation at which it did."""
     yields_mm = (thing.yield_n / thing.force_at_1mm_n) ** (1.0 / thing.exponent)
     at_mm, force_n = np.array(points).T
     yield_n = float(np.interp(yields_mm, at_mm, force_n))
