@@ -36,6 +36,8 @@ _LEAST_EXPONENT = 0.5
 #: From this force on errors are relative; below, in newtons.
 _FIRM_N = 1.0
 _ROUNDS = 3
+#: SciPy's default, three per weight, is too few for some sheets (one of 55 at level `field`).
+_MOST_ITERATIONS = 1000
 #: Below this a reading of a pixel is noise of its rest value.
 _NOISE_EXCESS = 0.004
 
@@ -87,7 +89,8 @@ class PixelReading:
         gains = np.ones(excess.shape[1])
         for _ in range(_ROUNDS):
             design = np.einsum("npk,p->nk", basis, gains)
-            weights = nnls(design * weight[:, None], force * weight)[0]
+            scaled = design * weight[:, None]
+            weights = nnls(scaled, force * weight, maxiter=_MOST_ITERATIONS)[0]
             shares = (basis @ weights) * weight[:, None] / _USUAL
             left = force * weight / _USUAL - shares.sum(axis=1)
             prior = np.eye(gains.size) / GAIN_SD**2
