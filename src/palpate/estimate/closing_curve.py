@@ -69,6 +69,12 @@ _GAIN_FROM = 0.3
 #: A reading below this many standard deviations of faint forces may be drift before the contact:
 #: such a step shows only that the force was no larger.
 FELT = 2.0
+#: The data are readings at given widths, but the equations are of widths at given readings. This
+#: power of the slopes between the two counts where a step before contact bounds the size (a bound
+#: is needed: a deep contact has large slopes). On development closings of the twin 0 gave a size
+#: RMS of 0.42 mm (`lab`) and 0.35 (`field`), 0.3 gave 0.38 and 0.30. More than 0.3 lowers the
+#: certain stiffness so far that a firm object is not squeezed until its stiffness is known.
+_SLOPE_POWER = 0.3
 #: Fewest steps with force that show a curve.
 _FEWEST = 2
 #: Steps of a long closing that are used: neighbours carry the same information.
@@ -237,6 +243,7 @@ def _weigh(curve: ClosingSteps, give: Compliance, scales: FloatArray) -> _Grid:
     if not curve.is_certain[0]:
         variance = np.linalg.inv(precision)[..., 0, 0] + sharp_mm**2
         evidence += _not_before(curve, give, scales, mean[..., 0], np.sqrt(variance))
+        evidence += _SLOPE_POWER * np.log(-design[..., 1]).sum(axis=-1)[..., None]
     evidence += np.log(list(_SHAPES.values()))[:, None, None] + np.log(list(_SCATTERS.values()))
     likely = np.exp(evidence - evidence.max())
     return _Grid(weight=likely / likely.sum(), mean=mean, precision=precision)

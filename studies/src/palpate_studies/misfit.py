@@ -23,7 +23,7 @@ class Entry:
 
         Examples
         --------
-        >>> [Entry(published=9.2, low=low, high=9.6).met for low in (9.24, 9.3)]
+        >>> [Entry(published=9.2, low=low, high=9.6).is_met for low in (9.24, 9.3)]
         [True, False]
         """
         digits = Decimal(str(self.published)).as_tuple().exponent
