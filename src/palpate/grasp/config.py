@@ -102,7 +102,6 @@ class Squeeze:
     most_beyond_n : 0.2 to 1 N, requirement. And beyond the target, no step exceeds.
     near_fraction : 0.85 to 1 1, twin. Of the target where the squeeze ends.
     sure_n : 0.1 to 0.3 N, twin. Rise that noise does not make.
-    sure_fraction : 0.03 to 0.1 1, twin. The same, of the force.
     soft_n_per_mm : 0.4 to 1.5 N/mm, study rupture. Softest fruit that is gripped.
     listen_s : 0.05 to 0.3 s, guess. Least time of a step whose current is read.
     firm_n_per_mm : 4 to 10 N/mm, twin. Stiffer needs no firmer squeeze.
@@ -115,7 +114,6 @@ class Squeeze:
     most_beyond_n: float = 0.5
     near_fraction: float = 0.93
     sure_n: float = 0.15
-    sure_fraction: float = 0.05
     soft_n_per_mm: float = 0.7
     listen_s: float = 0.1
     firm_n_per_mm: float = 6.0

@@ -177,7 +177,7 @@ def slope_n(estimate: ContactEstimate, plan: Plan) -> float:
     slopes = [
         (f1 - f0) / (c1.closure - c0.closure)
         for (c0, f0), (c1, f1) in pairwise(curve)
-        if c1.closure > c0.closure and f1 - f0 >= _certain_rise_n(f1) and _is_gripped(c0, f0, plan)
+        if c1.closure > c0.closure and f1 - f0 >= SQUEEZE.sure_n and _is_gripped(c0, f0, plan)
     ]
     if estimate.fast_contact is not None and curve:
         (closure, met_n), (now, now_n) = estimate.fast_contact, curve[-1]
@@ -190,11 +190,6 @@ def slope_n(estimate: ContactEstimate, plan: Plan) -> float:
 def _is_gripped(step: ClosingStep, force_n: float, plan: Plan) -> bool:
     """Return whether both fingers certainly pressed at a step."""
     return step.touch.shared_percent <= plan.hint_percent or force_n > plan.force_step_n
-
-
-def _certain_rise_n(force_n: float) -> float:
-    """Return the rise to this force that noise alone does not make, newtons."""
-    return max(SQUEEZE.sure_n, SQUEEZE.sure_fraction * force_n)
 
 
 def _slope_bound_n(estimate: ContactEstimate, plan: Plan) -> float:
