@@ -21,7 +21,7 @@ from palpate.grasp.verdict import outcome_text
 from palpate.gripper import dynamixel, feetech, hobby_servo, pneumatic
 from palpate.recording.channels import SCHEMAS
 from palpate.rig.file import in_words
-from palpate.sensor.board_array import layout_named, open_board
+from palpate.sensor.board_array import find_layout, open_board
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -160,7 +160,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "schemas": _schemas,
     "outcomes": _outcomes,
     "topics": _topics,
-    "board": partial(_keys, open_board, layout_named, layout="name"),
+    "board": partial(_keys, open_board, find_layout, layout="name"),
     "dynamixel": partial(_keys, dynamixel.open_gripper, dynamixel.DynamixelGripper),
     "feetech": partial(_keys, feetech.open_gripper, feetech.FeetechGripper),
     "pneumatic": partial(_keys, pneumatic.open_gripper),

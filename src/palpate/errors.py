@@ -72,7 +72,7 @@ class StoreAwayError(StoreError):
 
 
 @contextmanager
-def needing(what: str, *, extra: str) -> Iterator[None]:
+def require_extra(what: str, *, extra: str) -> Iterator[None]:
     """Import within what an extra brings; where it is missing, explain how to install it.
 
     Raises
@@ -82,7 +82,7 @@ def needing(what: str, *, extra: str) -> Iterator[None]:
 
     Examples
     --------
-    >>> with needing("a telepathic gripper", extra="all"):
+    >>> with require_extra("a telepathic gripper", extra="all"):
     ...     import telepathy
     Traceback (most recent call last):
     palpate.errors.MissingExtraError: a telepathic gripper needs telepathy; install it with \

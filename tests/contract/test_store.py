@@ -208,7 +208,7 @@ def test_histories_of_many_come_in_the_order_of_the_names(
     found = list(store.histories(names))
     assert [grasps for grasps, _ in found] == [store.grasps_of(name) for name in names]
     assert [verdicts for _, verdicts in found] == [(), (), (said,), ()]
-    assert [item.item_id for item in store.items_named(names)] == ["i2", "i1", "i0"]
+    assert [item.item_id for item in store.find_items(names)] == ["i2", "i1", "i0"]
 
 
 def test_unknown_names_are_said(store: Store) -> None:

@@ -83,7 +83,7 @@ def add_store(archive: Archive, store: Store, *, station: str) -> dict[str, int]
     fresh = (grasp for grasp in store.grasps() if grasp.grasp_id not in held)
     rows = 0
     while batch := list(islice(fresh, _BATCH)):
-        items = {one.item_id: one for one in store.items_named(list({g.item_id for g in batch}))}
+        items = {one.item_id: one for one in store.find_items(list({g.item_id for g in batch}))}
         rows += _add_grasps(archive, batch, items, station=station)
     return {"grasps": rows} if rows else {}
 

@@ -120,10 +120,10 @@ def settle(
 
     Example: palpate archive settle archive --method exponential
     """
-    from palpate.settling.predict import method_named
+    from palpate.settling.predict import find_method
     from palpate_archive.evaluating import CUTOFFS_S, settle_job
 
-    method_named(method)
+    find_method(method)
     if not max(CUTOFFS_S) <= horizon < float("inf"):
         raise InputError(
             f"--horizon {horizon:g}: give seconds from {max(CUTOFFS_S):g} on, such as 20"

@@ -9,7 +9,7 @@ import pytest
 from palpate.errors import InputError
 from palpate.twin.objects import draw_object
 from palpate_mujoco import MujocoWorld
-from palpate_mujoco.hand import HANDS, SO101, hand_named
+from palpate_mujoco.hand import HANDS, SO101, find_hand
 
 
 def posed(angle_rad: float) -> tuple[mujoco.MjModel, mujoco.MjData]:
@@ -30,7 +30,7 @@ def apart_mm(model: mujoco.MjModel, data: mujoco.MjData) -> float:
 @pytest.mark.parametrize("name", HANDS)
 def test_mujoco_finds_nothing_to_warn_of_in_a_squeeze(name: str) -> None:
     obj = draw_object(np.random.default_rng(1), "springs-8")
-    world = MujocoWorld(obj, seed=1, hand=hand_named(name))
+    world = MujocoWorld(obj, seed=1, hand=find_hand(name))
     world.drive(36.0, rate=20.0)
     world.clock.sleep_s(4.0)
     assert world.force_n(world.now_s()) > 10.0
@@ -42,7 +42,7 @@ def test_mujoco_finds_nothing_to_warn_of_in_a_squeeze(name: str) -> None:
 
 @pytest.mark.parametrize("name", HANDS)
 def test_an_empty_hand_goes_where_it_is_sent(name: str) -> None:
-    world = MujocoWorld(None, seed=1, hand=hand_named(name))
+    world = MujocoWorld(None, seed=1, hand=find_hand(name))
     for width_mm in (20.0, 60.0):
         world.drive(width_mm, rate=40.0)
         world.clock.sleep_s(3.0)
@@ -86,4 +86,4 @@ def test_the_fixed_jaw_stays_and_the_other_pushes_the_object_to_it() -> None:
 
 def test_an_unknown_hand_is_refused() -> None:
     with pytest.raises(InputError, match=r"no hand 'claw' in MuJoCo; there are: widowx, so101"):
-        hand_named("claw")
+        find_hand("claw")

@@ -11,7 +11,7 @@ import pytest
 from bridges.mujoco.tests.lying import PALM, UP, lying
 
 from palpate.errors import DeviceTimeoutError, InputError
-from palpate.sensor.array import ArrayLayout, wrong_counts
+from palpate.sensor.array import ArrayLayout, find_impossible_count
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.twin.devices import TwinArray
 from palpate.twin.sheet_state import SheetState
@@ -27,7 +27,7 @@ def test_frames_come_at_the_arrays_rate_and_fit_its_layout() -> None:
     assert [frame.sequence for frame in frames] == list(range(30))
     assert np.diff([frame.time_s for frame in frames]) == pytest.approx(1 / 15)
     assert sensor.data.time == pytest.approx(frames[-1].time_s, abs=sensor.model.opt.timestep)
-    assert not any(wrong_counts(frame, layout=PALM) for frame in frames)
+    assert not any(find_impossible_count(frame, layout=PALM) for frame in frames)
     with pytest.raises(DeviceTimeoutError):
         array.read(timeout_s=0.01)
 

@@ -12,7 +12,7 @@ import typer
 from palpate.errors import CalibrationError
 from palpate.files import check_place
 from palpate.rig.bench import open_board_bench
-from palpate.rig.file import find_calibration_file, load_cells_stated
+from palpate.rig.file import find_calibration_file, read_load_cells
 from palpate.rig.simulated import GuidedBench, open_twin_bench
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.calibration import Calibration
@@ -31,9 +31,7 @@ def has_load_cell(rig: str) -> bool:
 
     Raises `InputError` if a rig file can't be read, or its description of the load cells is wrong.
     """
-    return rig == "sim-rigid" or (
-        rig.endswith(".toml") and load_cells_stated(Path(rig)) is not None
-    )
+    return rig == "sim-rigid" or (rig.endswith(".toml") and read_load_cells(Path(rig)) is not None)
 
 
 @contextmanager

@@ -15,10 +15,10 @@ from palpate.estimate.damage import NOMINAL_RATE
 from palpate.estimate.damage_file import DamageFile
 from palpate.estimate.damage_learning import (
     FruitClosing,
+    find_unfit,
     learn_damage,
     read_closings,
     score_left_out,
-    unfit,
 )
 from palpate.estimate.measurement import Measurement
 from palpate.files import keep_inputs
@@ -64,7 +64,7 @@ def damage(
 
 
 def _learn(closings: list[FruitClosing], *, files: tuple[Path, ...], rate: float) -> DamageFile:
-    left_out = unfit(closings)
+    left_out = find_unfit(closings)
     used = [closing for closing in closings if closing.grasp_id not in left_out]
     if len(used) < _FEWEST:
         why = "; ".join(f"{name}: {reason}" for name, reason in left_out.items())

@@ -39,7 +39,7 @@ from palpate.grasp.paper_method import with_line_law
 from palpate.plots.force_calibration import force_calibration_figure
 from palpate.plots.style import check_plot, save_figure
 from palpate.rig.board_cell import board_with_cells, mean_counts
-from palpate.rig.file import load_cells_stated
+from palpate.rig.file import read_load_cells
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.rest_calibration import now_text, with_rest
 
@@ -285,7 +285,7 @@ def cell(
         raise InputError(f"--known-n must be above 0 newtons, not {known_n:g}")
     if not rig.endswith(".toml"):
         raise InputError(f"rig {rig!r} is simulated; give a rig file whose [array] is a board")
-    known = load_cells_stated(Path(rig)) or ()
+    known = read_load_cells(Path(rig)) or ()
     if cell > len(known):
         raise InputError(
             f"--cell {cell}: calibrate cell 0 first and put its [load_cells] into {rig}"

@@ -41,7 +41,7 @@ def flash(
     """
     avrdude_path()
     chosen = image or image_path(board, baud)
-    device = port or _only_port()
+    device = port or _find_port()
     # Opened and closed first: reports in one line what avrdude reports in many, or not at all.
     SerialStream(device, baud=baud).close()
     say(f"writing {chosen.name} to {device} ...")
@@ -56,7 +56,7 @@ def flash(
     print(f"{device}: {found.board} runs palpate's firmware {version} at {found.baud} baud")
 
 
-def _only_port() -> str:
+def _find_port() -> str:
     """Return the one port of a board by its USB id, as only firmware answers."""
     likely = [found for found in serial_ports() if found.board is not None]
     if len(likely) == 1:

@@ -114,7 +114,7 @@ class StoreEntry:
         """Return the item's record in the store, for the JSON."""
         from palpate.produce.store.item_history import item_facts
 
-        items = self._store.items_named([self._item_id])
+        items = self._store.find_items([self._item_id])
         return item_facts(
             self._item_id,
             kind=items[0].kind if items else None,

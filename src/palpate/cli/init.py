@@ -13,7 +13,7 @@ from palpate.cli.options import opt
 from palpate.errors import InputError
 from palpate.files import atomic_path
 from palpate.sensor.array import IdleLines
-from palpate.sensor.board_array import LAYOUTS, check_rate, layout_named
+from palpate.sensor.board_array import LAYOUTS, check_rate, find_layout
 from palpate.sensor.ports import serial_ports
 
 _Answer = TypeVar("_Answer")
@@ -91,7 +91,7 @@ def init(
     array: dict[str, str | float | bool] = {"port": _ask("Serial port", port, likely)}
     array |= _ask_layout(layout, fingers) | _ask_divider(reference_ohm, taxel_leg, idle_lines)
     array |= {"rate_hz": rate_hz, "baud": baud}
-    layout_named(
+    find_layout(
         str(array["layout"]),
         reference_ohm=float(array["reference_ohm"]),
         idle_lines=cast(IdleLines, array["idle_lines"]),

@@ -148,7 +148,7 @@ def _select_items(
         return store.items(kind=kind, batch=batch, limit=limit)
     grasps = store.grasps(kind=kind, batch=batch, since=period[0], until=period[1])
     names = dict.fromkeys(grasp.item_id for grasp in grasps)
-    return store.items_named(list(names)[:limit])
+    return store.find_items(list(names)[:limit])
 
 
 def _label(store: Store, item_id: str, *, changes: list[str], labels: list[str]) -> None:

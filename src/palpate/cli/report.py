@@ -99,7 +99,7 @@ def report(
             names = dict.fromkeys(one.item_id for one in known.grasps(since=since, until=until))
             if not names:
                 raise InputError(f"{known.name}: no grasps on {of}")
-            found = item_pages(known, known.items_named(list(names)))
+            found = item_pages(known, known.find_items(list(names)))
             pages = tuple(page.within(since, until) for page in found)
             text = _group_report(f"{of:%A}, {of.day} {of:%B %Y}", pages, store=known.name, day=of)
     with atomic_path(target) as partial:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from palpate.cli import options as option
 from palpate.cli.options import host_and_port, opt
 from palpate.cli.output import say
-from palpate.errors import DeviceError, InputError, needing
+from palpate.errors import DeviceError, InputError, require_extra
 from palpate.estimate.damage_file import DamageFile
 from palpate.rig import rig_names
 from palpate.twin.objects import OBJECTS
@@ -82,7 +82,7 @@ def serve(
 
     Example: palpate serve --rig sim-rigid --object avocado-day-3
     """
-    with needing("the dashboard", extra="dashboard"):
+    with require_extra("the dashboard", extra="dashboard"):
         from palpate.dashboard.app_state import Settings
         from palpate.dashboard.server import serve as serve_page
 
@@ -128,7 +128,7 @@ def _publisher(file: Path, *, store: str | None) -> Publisher:
 
 def _rules(path: Path) -> RuleBook:
     """Read the sorting rules, which need the store."""
-    with needing("--rules", extra="produce"):
+    with require_extra("--rules", extra="produce"):
         import sqlalchemy
     del sqlalchemy
     from palpate.produce.sorting.rules_file import read_rules
@@ -148,7 +148,7 @@ def open_lines(
     if opcua is not None:
         from palpate.line.opcua import USER, OpcUaStation
 
-        host, port = _free_address("--opcua", opcua)
+        host, port = _parse_address("--opcua", opcua)
         if host not in _LOOPBACK and not token:
             raise InputError(
                 f"--opcua {host}:{port}: others could drive the hand; add --token, the password of "
@@ -160,13 +160,13 @@ def open_lines(
     if modbus is not None:
         from palpate.line.modbus import ModbusStation
 
-        host, port = _free_address("--modbus", modbus)
+        host, port = _parse_address("--modbus", modbus)
         text = "Modbus TCP at {}:{}"
         openers.append(partial(_start, station_of=ModbusStation, host=host, port=port, text=text))
     return openers
 
 
-def _free_address(option: str, text: str) -> tuple[str, int]:
+def _parse_address(option: str, text: str) -> tuple[str, int]:
     """Return host and port of ``[HOST:]PORT``; refuse a port that is taken."""
     host, port = host_and_port(text, option=option)
     family = socket.AF_INET6 if ":" in host else socket.AF_INET

@@ -29,7 +29,7 @@ from palpate.plots.style import check_plot
 from palpate.scoring.predictions import Prediction, decide_holds, predict_holds
 from palpate.scoring.table import ScoreTable
 from palpate.settling.calibrated import Calibrated
-from palpate.settling.predict import method_named
+from palpate.settling.predict import find_method
 from palpate.settling.result import SettlingMethod
 
 DEFAULT_CUTOFF_S = 2.5
@@ -261,7 +261,7 @@ def _methods(
     percent: bool,
 ) -> dict[str, SettlingMethod]:
     """Make each method once; the sensor's own holds and calibration holds sharpen some."""
-    made = {name: method_named(name) for name in names}
+    made = {name: find_method(name) for name in names}
     if learn_from and "relaxation" in made:
         own = _read_settled_holds(learn_from, horizon_s=horizon_s, percent=percent)
         if not own:

@@ -105,7 +105,7 @@ def sort_with_rig(
                 if done.identity is not None and done.identity.grasps:
                     kept.add_verdict(identity_verdict(name, done.identity, given_at=now))
                 kept.add_verdict(bin_verdict(done, given_at=now))
-            report.add(done, belongs=supply.belongs(name, book=report.book))
+            report.add(done, belongs=supply.choose_true_bin(name, book=report.book))
         if kept is not None and (waiting := kept.send_or_explain()):
             say(f"palpate: {waiting}")
 
@@ -201,7 +201,7 @@ class SimulatedCrate:
         item = self.crate[name] if name in self.crate else self.teaching[name]
         self.table.bring(item, turn=turn)
 
-    def belongs(self, name: str, *, book: RuleBook) -> str | None:
+    def choose_true_bin(self, name: str, *, book: RuleBook) -> str | None:
         """Return the bin by the rules for the item's true properties."""
         item = self.crate[name]
         return true_bin(book, kind=item.kind, taught=item.taught, size_mm=item.mean.size_mm)
@@ -237,7 +237,7 @@ class NamedByLine:
             say(f"{name}: unsure; turn it, then press Enter:")
             sys.stdin.readline()
 
-    def belongs(self, name: str, *, book: RuleBook) -> str | None:
+    def choose_true_bin(self, name: str, *, book: RuleBook) -> str | None:
         """Return None: the true bin is unknown."""
         return None
 

@@ -156,7 +156,7 @@ class AccessControl:
         if scheme.lower() != "bearer":
             return _refusal(401, "send the token in a header: Authorization: Bearer TOKEN")
         visitor = _visitor(scope)
-        if scope["path"] in STOPS and self._wrong.too_many(visitor):
+        if scope["path"] in STOPS and self._wrong.has_too_many(visitor):
             # It may be the right one, and a stop waits for nothing. A check would answer guesses.
             return None
         found = await self._check_token(sent, token, visitor)
@@ -210,13 +210,13 @@ class WrongTries:
         #: When the next token of a visitor who sent too many is checked.
         self._turns_s: dict[str, float] = {}
 
-    def too_many(self, visitor: str) -> bool:
+    def has_too_many(self, visitor: str) -> bool:
         """Return whether this visitor sent too many."""
         return len(self._tries.get(self._count_key(visitor), ())) >= MOST_WRONG
 
     def wait_s(self, visitor: str) -> float:
         """Return the wait until a token may be checked, and take that turn."""
-        if not self.too_many(visitor):
+        if not self.has_too_many(visitor):
             return 0.0
         now_s, name = self._now_s(), self._count_key(visitor)
         turn_s = max(self._turns_s.get(name, now_s), now_s)

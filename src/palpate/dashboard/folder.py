@@ -401,7 +401,7 @@ def new_recording(folder: Path, what: str) -> Path:
     return file
 
 
-def recording_named(folder: Path, name: str) -> Path:
+def find_recording(folder: Path, name: str) -> Path:
     """Return a recording of the folder by its name.
 
     Raises
@@ -424,7 +424,7 @@ def rename_recording(folder: Path, name: str, stem: str) -> Path:
     InputError
         If there is no such recording, the new name is no plain one, or it is taken.
     """
-    file, renamed = recording_named(folder, name), folder / check_name(stem)
+    file, renamed = find_recording(folder, name), folder / check_name(stem)
     try:
         # Unlike a renaming it never takes the place of another file.
         os.link(file, renamed)
@@ -445,7 +445,7 @@ def delete_recording(folder: Path, name: str) -> None:
         If there is none of this name, or it can't be deleted.
     """
     try:
-        recording_named(folder, name).unlink()
+        find_recording(folder, name).unlink()
     except OSError as error:
         raise InputError(f"{name} can't be deleted: {error.strerror}") from error
 

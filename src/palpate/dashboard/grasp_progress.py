@@ -33,7 +33,7 @@ def force_laws(calibration: Calibration | None) -> ForceLaws | None:
         return None
 
 
-def gain_when_settled(force: Measurement, *, law_n: float, law: StaticLaw) -> Gain | None:
+def compute_settled_gain(force: Measurement, *, law_n: float, law: StaticLaw) -> Gain | None:
     """Return the gain from the settled law's reading to a settled force.
 
     Parameters
@@ -51,7 +51,7 @@ def gain_when_settled(force: Measurement, *, law_n: float, law: StaticLaw) -> Ga
     >>> law = PixelForceLaw(log_scale=0.0, exponent=1.0, residual_sd=0.2, floor_n=0.01,
     ...     range=(0.1, 10.0))
     >>> force = Measurement(value=3.0, low=2.7, high=3.3, unit="n")
-    >>> gain = gain_when_settled(force, law_n=2.0, law=law)
+    >>> gain = compute_settled_gain(force, law_n=2.0, law=law)
     >>> round(math.exp(gain.log_mean), 2), gain.log_sd < gain.law_sd
     (1.5, True)
     """
@@ -158,7 +158,7 @@ def grasp_progress_of(
         of_settled = None
         if settled_n is not None:
             law_n = float(plan.settled_law.force_n(foreseen.reading.middle).value)
-            of_settled = gain_when_settled(settled_n, law_n=law_n, law=plan.settled_law)
+            of_settled = compute_settled_gain(settled_n, law_n=law_n, law=plan.settled_law)
         answer = grasp_state.result if decided else would_answer
         if not (decided and before is not None and before.decided):
             moved_s = grasp_state.estimate.moved_s

@@ -236,7 +236,7 @@ class _Known:
         """Read an item."""
         from palpate.produce.identify.kinds import learn_kinds
 
-        items = store.items_named([item_id]) if item_id else ()
+        items = store.find_items([item_id]) if item_id else ()
         kind = items[0].kind if items else None
         is_guessed = kind is None and rules is not None and rules.has_condition("class")
         return cls(

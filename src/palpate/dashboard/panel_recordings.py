@@ -13,7 +13,7 @@ from urllib.parse import quote
 from nicegui import run, ui
 
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.folder import GraspSummary, is_simulated, recording_named
+from palpate.dashboard.folder import GraspSummary, find_recording, is_simulated
 from palpate.dashboard.messages import Action, Play
 from palpate.dashboard.panel_grasp import SPEEDS
 from palpate.dashboard.panel_html import day_text
@@ -57,7 +57,7 @@ def recordings_panel(
     def open_recording(name: str) -> None:
         """Open the dialog of a recording, if it exists."""
         try:
-            care.open(recording_named(app_state.settings.folder, name))
+            care.open(find_recording(app_state.settings.folder, name))
         except InputError as error:
             viewer.refuse(error)
             ui.navigate.history.replace("/recordings")

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from palpate.dashboard.app_state import AppState, Settings
-from palpate.dashboard.folder import recording_named
+from palpate.dashboard.folder import find_recording
 from palpate.dashboard.page_document import document
 from palpate.dashboard.transport import LoopThread
-from palpate.errors import DeviceError, InputError, needing
+from palpate.errors import DeviceError, InputError, require_extra
 from palpate.line.machine import Line, Machine
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def serve(
     """
     # NiceGUI wants a folder for what this page does not store.
     os.environ.setdefault("NICEGUI_STORAGE_PATH", str(Path(tempfile.gettempdir(), "palpate-page")))
-    with needing("the dashboard", extra="dashboard"):
+    with require_extra("the dashboard", extra="dashboard"):
         import uvicorn
         from fastapi import FastAPI
         from nicegui import ui
@@ -178,7 +178,7 @@ def _routes(app_state: AppState) -> None:
     @app.get("/recordings/file/{name}")
     def recording(name: str) -> Response:
         try:
-            file = recording_named(app_state.settings.folder, name)
+            file = find_recording(app_state.settings.folder, name)
         except InputError as error:
             return Response(str(error), status_code=404, media_type="text/plain")
         return FileResponse(file, filename=file.name)

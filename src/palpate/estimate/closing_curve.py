@@ -242,7 +242,7 @@ def _weigh(curve: ClosingSteps, give: Compliance, scales: FloatArray) -> _Grid:
     mean[..., 0] += middle_mm
     if not curve.is_certain[0]:
         variance = np.linalg.inv(precision)[..., 0, 0] + sharp_mm**2
-        evidence += _not_before(curve, give, scales, mean[..., 0], np.sqrt(variance))
+        evidence += _bound_size(curve, give, scales, mean[..., 0], np.sqrt(variance))
         evidence += _SLOPE_POWER * np.log(-design[..., 1]).sum(axis=-1)[..., None]
     evidence += np.log(list(_SHAPES.values()))[:, None, None] + np.log(list(_SCATTERS.values()))
     likely = np.exp(evidence - evidence.max())
@@ -270,7 +270,7 @@ def _contact_equations(
     return looks.width_mm + give_mm + deformed, design
 
 
-def _not_before(
+def _bound_size(
     curve: ClosingSteps,
     give: Compliance,
     scales: FloatArray,
@@ -288,12 +288,12 @@ def _not_before(
     return np.asarray(log_ndtr((beyond_mm - size_mm) / sd_mm))
 
 
-def unforgotten(force_n: FloatArray, *, faint_n: float) -> FloatArray:
+def compute_lag(force_n: FloatArray, *, faint_n: float) -> FloatArray:
     """Return the rise of ln force at each step that still lags in the sheet.
 
     `force_n`, shape (n_steps,): forces of a closing, newtons; below `faint_n` they count as that.
 
-    >>> unforgotten(np.array([0.1, 0.2, 0.2]), faint_n=0.1).round(3).tolist()
+    >>> compute_lag(np.array([0.1, 0.2, 0.2]), faint_n=0.1).round(3).tolist()
     [0.0, 0.485, 0.34]
     """
     remembered, found = float(np.log(faint_n)), []
@@ -350,7 +350,7 @@ class ClosingSteps:
     @property
     def rising(self) -> FloatArray:
         """Rise of ln force at each step with force that still lags in the sheet."""
-        return unforgotten(self.force_n[self.is_certain], faint_n=self.faint_n)
+        return compute_lag(self.force_n[self.is_certain], faint_n=self.faint_n)
 
     @property
     def used_steps(self) -> NDArray[np.int64]:

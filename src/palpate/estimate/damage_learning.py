@@ -36,7 +36,7 @@ class HeldOut:
     above_low: float
 
 
-def unfit(closings: Sequence[FruitClosing]) -> dict[str, str]:
+def find_unfit(closings: Sequence[FruitClosing]) -> dict[str, str]:
     """Return which closings can't be learned from, and why."""
     copied = copies(closings)
     found = {}

@@ -108,7 +108,7 @@ def check_pairs(reading: ArrayLike, force_n: ArrayLike) -> tuple[FloatArray, Flo
     return x, y
 
 
-def enough_pairs(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+def require_pairs(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the pairs unchanged; refuse too few of them, or a single load."""
     if len(x) < MIN_PAIRS:
         raise CalibrationError(
@@ -206,7 +206,7 @@ class PowerForceLaw:
         """
         x, y = check_pairs(excess, force_n)
         keep = (x > 0) & (y > 0)
-        x, y = enough_pairs(x[keep], y[keep])
+        x, y = require_pairs(x[keep], y[keep])
         log_x, log_y = np.log(x), np.log(y)
         if _robust_line(log_x, log_y)[0] <= 0:
             raise CalibrationError(

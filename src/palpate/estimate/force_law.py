@@ -332,10 +332,10 @@ def _shape(values: Any, shape: tuple[int, ...]) -> FloatArray:
     return array
 
 
-def inputs_when_settled(excess: ArrayLike) -> FloatArray:
+def build_settled_inputs(excess: ArrayLike) -> FloatArray:
     """Return settled readings of excess conductance as inputs, shape (n,) to (n, INPUTS).
 
-    >>> inputs_when_settled([0.9])[:, :2].tolist()
+    >>> build_settled_inputs([0.9])[:, :2].tolist()
     [[0.0, 0.0]]
     """
     readings = np.atleast_1d(log_reading(excess))
@@ -348,7 +348,7 @@ def _inputs(reading: Any) -> FloatArray:
     """Return one reading as inputs, shape (1, INPUTS)."""
     given = np.asarray(reading, dtype=float)
     if given.ndim == 0 and not np.isnan(given):
-        return inputs_when_settled(given)
+        return build_settled_inputs(given)
     if given.shape != (INPUTS,) or np.isnan(given).any():
         raise InputError(
             f"a reading is an excess conductance or the {INPUTS} inputs of a sample, without NaN; "

@@ -13,9 +13,9 @@ from palpate.errors import CalibrationError
 from palpate.estimate.force import (
     ForceEstimate,
     check_pairs,
-    enough_pairs,
     law_as_dict,
     law_sd,
+    require_pairs,
 )
 from palpate.sensor.calibration import ForcePairs
 
@@ -63,7 +63,7 @@ class LineForceLaw:
         >>> [round(c, 6) for c in law.coefficients]
         [-0.1, 2.0]
         """
-        x, y = enough_pairs(*check_pairs(relative_percent, force_n))
+        x, y = require_pairs(*check_pairs(relative_percent, force_n))
         if np.ptp(x) == 0:
             raise CalibrationError("force calibration: every reading is the same; is it saturated?")
         design = np.stack([x, np.ones_like(x)], axis=1)

@@ -16,7 +16,7 @@ from scipy.optimize import nnls
 from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
-from palpate.estimate.force import ForceEstimate, enough_pairs
+from palpate.estimate.force import ForceEstimate, require_pairs
 
 #: Powers of the excess that a pixel's force is mixed from. With weights of one sign every mixture
 #: rises; the smallest power represents the threshold.
@@ -82,7 +82,7 @@ class PixelReading:
         """
         excess = np.asarray(pixel_excess, dtype=float)
         # Refuses too few pairs, or one load only.
-        enough_pairs(excess.sum(axis=1), np.asarray(force_n, dtype=float))
+        require_pairs(excess.sum(axis=1), np.asarray(force_n, dtype=float))
         force = np.asarray(force_n, dtype=float)
         basis = _basis(excess, EXPONENTS)
         weight = 1.0 / (force + _FAINT_N)
@@ -149,7 +149,7 @@ class PixelForceLaw:
         """
         x, y = np.asarray(reading, dtype=float), np.asarray(force_n, dtype=float)
         keep = (x > 0.3 * _FAINT_N) & (y > _FAINT_N)
-        x, y = enough_pairs(x[keep], y[keep])
+        x, y = require_pairs(x[keep], y[keep])
         of_run = np.unique(np.asarray(run)[keep], return_inverse=True)[1]
         # Near the threshold a reading shows little of the law, and would tilt the line.
         log_x, left, weight = np.log(x), np.log(y / x), y**2 / (y**2 + _FIRM_N**2)

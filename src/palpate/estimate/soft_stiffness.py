@@ -34,7 +34,7 @@ _FREEDOM = 6
 _FORCES = 200
 
 
-def soft_stiffness(
+def measure_soft_stiffness(
     curve: ClosingSteps, *, give: Compliance, opening_mm: float, force: Measurement
 ) -> Measurement | None:
     """Return the object's secant stiffness at the settled force; None with too little force.
@@ -56,14 +56,14 @@ def soft_stiffness(
     ...     width_mm = 40.0 - (3.5 + own_mm_per_n) * force_n
     ...     curve = ClosingSteps(width_mm=width_mm, force_n=force_n, gain_sd=0.05,
     ...         law_sd=0.1, floor_n=0.02)
-    ...     found = soft_stiffness(curve, give=give, opening_mm=float(width_mm[-1]), force=held)
+    ...     found = measure_soft_stiffness(curve, give=give, opening_mm=width_mm[-1], force=held)
     ...     print(found.low < 0.5 < found.high, found.status)
     True ok
     False saturated
     """
     if not curve.is_certain.any() or force.middle <= 0:
         return None
-    together = _together(curve, give, opening_mm, force.middle)
+    together = _measure_compliance(curve, give, opening_mm, force.middle)
     if together is None:
         return None
     log_mm_per_n, ways_sd = together
@@ -93,7 +93,7 @@ def _stiffness_n_per_mm(softness_mm_per_n: float) -> float:
     return 1.0 / min(max(softness_mm_per_n, least), most)
 
 
-def _together(
+def _measure_compliance(
     curve: ClosingSteps, give: Compliance, opening_mm: float, force_n: float
 ) -> tuple[float, float] | None:
     """Return ln compliance (mm/N) of gripper and object, and its scatter without the force's.

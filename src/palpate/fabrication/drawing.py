@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from html import escape
 from pathlib import Path
 
-from palpate.errors import needing
+from palpate.errors import require_extra
 from palpate.fabrication.pattern import Layer, Pattern
 from palpate.fabrication.shapes import Outline, arc_radius
 
@@ -192,6 +192,6 @@ def require_dxf() -> None:
 
     Raises `MissingExtraError` if ezdxf is not installed.
     """
-    with needing("DXF", extra="fabrication"):
+    with require_extra("DXF", extra="fabrication"):
         import ezdxf
     del ezdxf

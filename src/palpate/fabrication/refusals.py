@@ -73,11 +73,11 @@ def _problems(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
     yield from _tail(pattern)
     yield from _outside(pattern, cutter=cutter)
     yield from _pixels_apart(pattern, cutter=cutter)
-    yield from _same_layer(pattern.rows, letter="R", cutter=cutter)
-    yield from _same_layer(pattern.cols, letter="C", cutter=cutter)
+    yield from _check_layers(pattern.rows, letter="R", cutter=cutter)
+    yield from _check_layers(pattern.cols, letter="C", cutter=cutter)
     yield from _folds(pattern.design, cutter=cutter)
-    yield from _across_layers(pattern, cutter=cutter)
-    yield from _leaks(pattern, cutter=cutter)
+    yield from _check_crossings(pattern, cutter=cutter)
+    yield from _check_leaks(pattern, cutter=cutter)
     for side, size_mm, most_mm in (
         ("wide", pattern.width, cutter.width_mm),
         ("high", pattern.height, cutter.height_mm),
@@ -131,7 +131,7 @@ def _pixels_apart(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
             )
 
 
-def _same_layer(nets: Sequence[Stroke], *, letter: str, cutter: Cutter) -> Iterator[str]:
+def _check_layers(nets: Sequence[Stroke], *, letter: str, cutter: Cutter) -> Iterator[str]:
     covered = [net.rects() for net in nets]
     for (i, one), (k, two) in combinations(enumerate(covered), 2):
         gap_mm = min(a.distance(b) for a in one for b in two)
@@ -155,7 +155,7 @@ def _folds(design: SensorDesign, *, cutter: Cutter) -> Iterator[str]:
         )
 
 
-def _across_layers(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
+def _check_crossings(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
     """Refuse row and column copper that overlaps without Velostat and its margin between.
 
     What is left next to the crossing must keep its distance too: layers are laid by hand.
@@ -195,7 +195,7 @@ def _coverage_mm(crossing: Rect, *, pixel: Rect, corner_mm: float) -> float:
     return least
 
 
-def _leaks(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
+def _check_leaks(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
     """Velostat conducts: copper of another row or column must not reach it."""
     nets = [(f"R{r}", r, -1, net) for r, net in enumerate(pattern.rows)]
     nets += [(f"C{c}", -1, c, net) for c, net in enumerate(pattern.cols)]

@@ -196,8 +196,10 @@ class Stroke:
         found = []
         for i, (start, end) in enumerate(legs):
             along, half = _direction(start, end), self.widths[i] / 2
-            before = self.widths[i - 1] / 2 if i > 0 and self._bends(i) else 0.0
-            after = self.widths[i + 1] / 2 if i + 1 < len(legs) and self._bends(i + 1) else 0.0
+            before = self.widths[i - 1] / 2 if i > 0 and self._is_right_angle(i) else 0.0
+            after = (
+                self.widths[i + 1] / 2 if i + 1 < len(legs) and self._is_right_angle(i + 1) else 0.0
+            )
             xs = (start[0] - along[0] * before, end[0] + along[0] * after)
             ys = (start[1] - along[1] * before, end[1] + along[1] * after)
             across_x, across_y = abs(along[1]) * half, abs(along[0]) * half
@@ -211,7 +213,7 @@ class Stroke:
             )
         return tuple(found)
 
-    def _bends(self, joint: int) -> bool:
+    def _is_right_angle(self, joint: int) -> bool:
         """Whether the legs before and after a point stand at right angles."""
         into = _direction(self.points[joint - 1], self.points[joint])
         out = _direction(self.points[joint], self.points[joint + 1])
@@ -225,7 +227,7 @@ class Stroke:
         side = [_move(self.points[0], offsets[0])]
         for joint in range(1, len(self.points) - 1):
             point, into, out = self.points[joint], offsets[joint - 1], offsets[joint]
-            if self._bends(joint):
+            if self._is_right_angle(joint):
                 side.append(_move(_move(point, into), out))
             elif into != out:
                 side += [_move(point, into), _move(point, out)]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from palpate.arrays import FloatArray
-from palpate.errors import InputError, needing
+from palpate.errors import InputError, require_extra
 from palpate.estimate.measurement import Measurement
 from palpate.foxglove.channels import (
     HEAT_MAP,
@@ -24,7 +24,7 @@ from palpate.foxglove.channels import (
 from palpate.recording.channels import SCHEMAS, RecordedMessage, encode, topic_of
 from palpate.sensor.array import ArrayLayout
 
-with needing("--foxglove", extra="foxglove"):
+with require_extra("--foxglove", extra="foxglove"):
     import foxglove
     from foxglove.channels import RawImageChannel
     from foxglove.messages import RawImage, Timestamp

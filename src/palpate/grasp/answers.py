@@ -22,7 +22,7 @@ from palpate.estimate.firmness import firmness_index
 from palpate.estimate.force import ForceEstimate
 from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.estimate.measurement import Measurement
-from palpate.estimate.soft_stiffness import soft_stiffness
+from palpate.estimate.soft_stiffness import measure_soft_stiffness
 from palpate.grasp.config import APPROACH, READING, SETTLE
 from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan
@@ -200,7 +200,9 @@ def _bound_by_travel(
     )
 
 
-def force_when_settled(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -> Measurement:
+def measure_settled_force(
+    settled: Settled, *, felt: MeasuredForce | None, plan: Plan
+) -> Measurement:
     """Convert the settled reading to newtons, combined with the gripper's own measurement.
 
     Uncertainties add in ln force: the law's own scatter, use of the sheet since, and the forecast's
@@ -264,7 +266,7 @@ def _measure(
     if plan.bend is None:
         answer = measure_closing(curve, give=give, opening_mm=opening_mm, force=force)
         return answer or (None, None)
-    return None, soft_stiffness(curve, give=give, opening_mm=opening_mm, force=force)
+    return None, measure_soft_stiffness(curve, give=give, opening_mm=opening_mm, force=force)
 
 
 def count_felt_steps(estimate: ContactEstimate, plan: Plan) -> int:

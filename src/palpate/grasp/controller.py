@@ -60,7 +60,7 @@ class GraspController:
             if watched_n > plan.safety.force_ceiling_n:
                 estimate.set_force(watched_n, max(watched_n, estimate.force_high_n))
             alarm = self._ceiling.check(observation, state)
-            if alarm is None and closes_too_far(state, plan):
+            if alarm is None and is_closing_too_far(state, plan):
                 return stop_here(estimate, plan)
             found = (monitor.check(observation, state) for monitor in self._grip)
             alarm = alarm or next((one for one in found if one is not None), None)
@@ -87,7 +87,7 @@ class GraspController:
         return self.state.release(self.plan, Outcome.HELD if answered else Outcome.STOPPED)
 
 
-def closes_too_far(state: GraspState, plan: Plan) -> bool:
+def is_closing_too_far(state: GraspState, plan: Plan) -> bool:
     """Return whether a closing hand exceeds the force intended for its last command."""
     estimate = state.estimate
     moving = estimate.still_since_s is None and estimate.closure < estimate.sent

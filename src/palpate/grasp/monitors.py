@@ -16,7 +16,7 @@ from palpate.grasp.config import GUARDS, READING
 from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
-from palpate.grasp.rest import strange_rest
+from palpate.grasp.rest import explain_strange_rest
 from palpate.grasp.safety import FORCE_CEILING_N, Alarm, Danger
 from palpate.grasp.state import GraspState
 
@@ -61,7 +61,7 @@ class RestMonitor:
         known, self._known = self._known, rest_ohm is not None
         if rest_ohm is None or known:
             return None
-        why = strange_rest(rest_ohm, plan=self._plan)
+        why = explain_strange_rest(rest_ohm, plan=self._plan)
         return None if why is None else Alarm(danger=Danger.SENSOR_LOST, words=why)
 
 
@@ -137,7 +137,7 @@ class ResponseMonitor:
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
         """Return that the reading does not follow the hand."""
-        if state.phase not in _HOLDING or not (self._falls(state) or self._rises(state)):
+        if state.phase not in _HOLDING or not (self._is_falling(state) or self._is_rising(state)):
             return None
         words = (
             "the sheet shows less and less while the hand closes on, or more where it opens: the "
@@ -146,7 +146,7 @@ class ResponseMonitor:
         )
         return Alarm(danger=Danger.UNSEEN_FORCE, words=words)
 
-    def _falls(self, state: GraspState) -> bool:
+    def _is_falling(self, state: GraspState) -> bool:
         """Whether the sheet has shown less and less while the hand closed on.
 
         Counted from the contact of both fingers: a single one pushes the object.
@@ -165,7 +165,7 @@ class ResponseMonitor:
         falls = bool((rises < -GUARDS.falls_fraction * max(gripped)).all())
         return falls and rises.size == GUARDS.falls_steps
 
-    def _rises(self, state: GraspState) -> bool:
+    def _is_rising(self, state: GraspState) -> bool:
         """Whether the sheet shows more after the hand has opened than at its furthest step."""
         estimate = state.estimate
         easing = state.activity == Activity.EASE and estimate.still_s >= self._plan.confirm_s

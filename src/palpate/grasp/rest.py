@@ -45,15 +45,15 @@ def take_rest(state: GraspState, *, plan: Plan) -> bool:
     return True
 
 
-def strange_rest(rest_ohm: FloatArray, *, plan: Plan) -> str | None:
+def explain_strange_rest(rest_ohm: FloatArray, *, plan: Plan) -> str | None:
     """Return why rest values can't be this sheet's, in any climate; None if they can.
 
     They are compared with the calibration's: the median over the pixels, then each pixel.
 
     >>> from types import SimpleNamespace
     >>> plan = SimpleNamespace(rest_ohm=np.array([[9e3, 8e3, 7e3]]))
-    >>> strange_rest(np.array([[6e3, 5e3, 5e3]]), plan=plan)
-    >>> strange_rest(np.array([[20.0, 20.0, 20.0]]), plan=plan)[:36]
+    >>> explain_strange_rest(np.array([[6e3, 5e3, 5e3]]), plan=plan)
+    >>> explain_strange_rest(np.array([[20.0, 20.0, 20.0]]), plan=plan)[:36]
     'the sheet at rest reads 0.0025 times'
     """
     ratio = np.asarray(rest_ohm) / np.asarray(plan.rest_ohm)

@@ -25,9 +25,9 @@ from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult
 from palpate.grasp.safety import Alarm, Danger
 from palpate.grasp.state import GraspState
-from palpate.grasp.tracking_monitor import Following, SpeedWatch, unbelievable
+from palpate.grasp.tracking_monitor import Following, SpeedWatch, find_impossible_value
 from palpate.gripper.interface import Gripper, GripperCommand, GripperState
-from palpate.sensor.array import Frame, PressureArray, wrong_counts
+from palpate.sensor.array import Frame, PressureArray, find_impossible_count
 
 #: Gets every observation: a recorder, a view. It must return quickly; if it raises, only it ends.
 Subscriber: TypeAlias = Callable[[Observation], None]
@@ -90,7 +90,7 @@ class _Feed:
                 f"frame times do not rise: {frame.time_s:.3f} s follows {self._last_s:.3f} s; "
                 "check how the array times its frames"
             )
-        wrong = wrong_counts(frame, layout=self._layout)
+        wrong = find_impossible_count(frame, layout=self._layout)
         if wrong is not None:
             raise DeviceError(wrong)
 
@@ -115,7 +115,7 @@ class _Hand:
         Raises `DeviceError` if it does not answer, or reports what can't be.
         """
         state = self._gripper.state()
-        wrong = unbelievable(state, limits=self._limits, before=self._last)
+        wrong = find_impossible_value(state, limits=self._limits, before=self._last)
         if wrong is not None:
             raise DeviceError(wrong)
         self._last = state
@@ -154,7 +154,7 @@ class _Hand:
         Raises `DeviceError` if it does not answer, or did not move at the last commands.
         """
         if self._unjudged is not None and self._last is not None:
-            idle = self._unjudged.idle(self._last, now_s=now_s, limits=self._limits)
+            idle = self._unjudged.is_idle(self._last, now_s=now_s, limits=self._limits)
             if idle is not None:
                 self._idle = (self._idle + 1) * idle
             if idle is not None or now_s >= self._unjudged.ends_s:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from palpate.arrays import FloatArray
-from palpate.estimate.closing_curve import LAG, tilt_sd, unforgotten
+from palpate.estimate.closing_curve import LAG, compute_lag, tilt_sd
 from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.grasp.config import GUARDS, SETTLE, SQUEEZE
 
@@ -98,7 +98,7 @@ def _force_by_pressure(
 def _has_caught_up(force_n: FloatArray, plan: Plan) -> FloatArray:
     """Return the sheet's forces of the steps of a closing with its lag taken out."""
     nothing = plan.early_law.force_n(0.0, level=plan.level)
-    rising = unforgotten(force_n, faint_n=max(float(nothing.high), _FAINTEST_N))
+    rising = compute_lag(force_n, faint_n=max(float(nothing.high), _FAINTEST_N))
     return np.asarray(force_n * np.exp(LAG * rising))
 
 

@@ -73,7 +73,7 @@ def ease(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Close again from below to the closure of the target force."""
     if state.estimate.still_s < plan.confirm_s:
         return None
-    wish = come_back(state, plan)
+    wish = close_again(state, plan)
     command = filter_command(wish, state.estimate, plan)
     if wish is None or command is None or command.target == wish.target:
         state.enter(Activity.FORECAST, note="adjusted")
@@ -217,7 +217,7 @@ def ease_off(state: GraspState, force: Measurement, plan: Plan, *, goal_n: float
     return GripperCommand(target=quantize_target(opened, plan), rate=plan.squeeze_rate)
 
 
-def come_back(state: GraspState, plan: Plan) -> GripperCommand | None:
+def close_again(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Close again from below, as every force that the sheet was calibrated with was reached.
 
     In one movement where that is safe, else in several. On its way up the sheet keeps some of the

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.answers import Settled, force_when_settled
+from palpate.grasp.answers import Settled, measure_settled_force
 from palpate.grasp.config import READING
 from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.phases import Activity, Phase
@@ -184,7 +184,7 @@ class GraspState:
     def take_answer(self, settled: Settled, *, plan: Plan) -> Measurement:
         """Set the settled force of the result, and return it."""
         felt = force_by_gripper(self.estimate, plan)
-        force = force_when_settled(settled, felt=felt, plan=plan)
+        force = measure_settled_force(settled, felt=felt, plan=plan)
         self.estimate.peak_force_n = max(self.estimate.peak_force_n, force.middle)
         self.result = replace(
             self.result,

@@ -12,14 +12,14 @@ from palpate.gripper.interface import GripperCommand, GripperLimits, GripperStat
 _UNITS = {"width": "mm", "pressure": "kPa"}
 
 
-def unbelievable(
+def find_impossible_value(
     state: GripperState, *, limits: GripperLimits, before: GripperState | None = None
 ) -> str | None:
     """Describe an impossible value in a gripper's report; None if all are possible.
 
     >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
-    >>> unbelievable(GripperState(time_s=0.0, width_mm=30.0), limits=limits)
-    >>> unbelievable(GripperState(time_s=0.0, width_mm=float("nan")), limits=limits)
+    >>> find_impossible_value(GripperState(time_s=0.0, width_mm=30.0), limits=limits)
+    >>> find_impossible_value(GripperState(time_s=0.0, width_mm=float("nan")), limits=limits)
     'the gripper reports nan mm, and its range is 5 to 74 mm; check its cable and its driver'
     """
     reported, unit = limits.reading_of(state), _UNITS[limits.drive]
@@ -101,15 +101,15 @@ class Following:
         every_s = safety.past_mm / self.rate
         return every_s if closes and now_s <= self.ends_s + 2 * every_s else None
 
-    def idle(self, state: GripperState, *, now_s: float, limits: GripperLimits) -> bool | None:
+    def is_idle(self, state: GripperState, *, now_s: float, limits: GripperLimits) -> bool | None:
         """Return whether the hand has not moved; None if it is too early to know.
 
         >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
         >>> way = Following(begin=40.0, target=30.0, ends_s=0.5, due_s=0.9, rate=20.0)
         >>> stands = GripperState(time_s=0.0, width_mm=40.0)
-        >>> way.idle(stands, now_s=0.004, limits=limits), way.idle(stands, now_s=0.1, limits=limits)
+        >>> way.is_idle(stands, now_s=0.004, limits=limits), way.is_idle(stands, now_s=0.1, limits=limits)
         (None, True)
-        >>> way.idle(GripperState(time_s=0.1, width_mm=38.5), now_s=0.1, limits=limits)
+        >>> way.is_idle(GripperState(time_s=0.1, width_mm=38.5), now_s=0.1, limits=limits)
         False
         """
         way = self.target - self.begin

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from itertools import cycle
 from typing import Any
 
-from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, needing
+from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, require_extra
 from palpate.gripper.packets import PROTOCOL_2, Packets, Register, RegisterRun
 from palpate.gripper.x_series import HARDWARE_ERROR, HardwareError, PacketError
 
@@ -50,7 +50,7 @@ class ServoLine:
         reply_s: float = REPLY_S,
         packets: Packets = PROTOCOL_2,
     ) -> None:
-        with needing("a gripper on a servo line", extra="gripper"):
+        with require_extra("a gripper on a servo line", extra="gripper"):
             import dynamixel_sdk as sdk
         self._sdk = sdk
         self.name = f"servo {servo_id} on {port}"

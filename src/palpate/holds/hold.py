@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import needing
+from palpate.errors import require_extra
 
 #: Stretch before the horizon whose mean counts as the settled value.
 SETTLED_WINDOW_S = 0.5
@@ -58,7 +58,7 @@ class Hold:
         MissingExtraError
             If matplotlib is not installed.
         """
-        with needing("a plot", extra="plots"):
+        with require_extra("a plot", extra="plots"):
             import matplotlib.pyplot as plt
         drawn = plt.gca() if axes is None else axes
         drawn.plot(self.time_s, self.values, label=self.hold_id)

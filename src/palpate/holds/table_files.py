@@ -12,7 +12,7 @@ from typing import Any, BinaryIO, Literal, NoReturn, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import InputError, needing
+from palpate.errors import InputError, require_extra
 from palpate.holds import table
 from palpate.holds.table import LONGEST_LINE, Table, is_usable
 from palpate.holds.text import SAMPLE_BYTES, SAMPLE_ROWS, gather_rows, layout_of, read_text
@@ -93,7 +93,7 @@ def pyarrow_for(what: str) -> Any:
 
     Raises `MissingExtraError` if it is not installed.
     """
-    with needing(what, extra="data"):
+    with require_extra(what, extra="data"):
         import pyarrow
         import pyarrow.parquet
     return pyarrow
@@ -168,7 +168,7 @@ def _read_spreadsheet(path: Path) -> Table:
     python-calamine is not installed.
     """
     name = str(path)
-    with needing(f"{name}: Excel", extra="data"):
+    with require_extra(f"{name}: Excel", extra="data"):
         from python_calamine import CalamineError, load_workbook
     try:
         with load_workbook(path) as book:

@@ -6,7 +6,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from palpate.errors import InputError, needing
+from palpate.errors import InputError, require_extra
 from palpate.line.machine import CommandRefusedError, Machine, line_state
 from palpate.line.results import (
     OUTCOME_NUMBERS,
@@ -15,7 +15,7 @@ from palpate.line.results import (
     list_measurements,
 )
 
-with needing("--modbus", extra="line"):
+with require_extra("--modbus", extra="line"):
     from pymodbus.constants import ExcCodes
     from pymodbus.server import ModbusTcpServer
     from pymodbus.simulator import DataType, SimData, SimDevice

@@ -10,11 +10,11 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from palpate.errors import InputError, needing
+from palpate.errors import InputError, require_extra
 from palpate.line.machine import CommandRefusedError, Machine, line_state
 from palpate.line.results import MEASUREMENTS, PARTS, bin_of, item_of, list_measurements
 
-with needing("--opcua", extra="line"):
+with require_extra("--opcua", extra="line"):
     from asyncua import ua
     from asyncua.common.node import Node
     from asyncua.crypto.cert_gen import setup_self_signed_certificate

@@ -70,9 +70,9 @@ def read_broker(path: Path, *, environment: Mapping[str, str] = os.environ) -> B
         raise InputError(f"--mqtt {path}: a password needs TLS on the way to {broker.host}")
     return replace(
         broker,
-        ca=_beside(path, broker.ca),
-        certificate=_beside(path, broker.certificate),
-        key=_beside(path, broker.key),
+        ca=_resolve_path(path, broker.ca),
+        certificate=_resolve_path(path, broker.certificate),
+        key=_resolve_path(path, broker.key),
     )
 
 
@@ -83,7 +83,7 @@ def _is_host(host: str) -> bool:
         return False
 
 
-def _beside(path: Path, name: str | None) -> str | None:
+def _resolve_path(path: Path, name: str | None) -> str | None:
     if name is None:
         return None
     file = path.parent / name

@@ -13,11 +13,11 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from palpate.errors import InputError, StoreError, needing
+from palpate.errors import InputError, StoreError, require_extra
 from palpate.mqtt.broker import Broker
 from palpate.produce.store import Store
 
-with needing("--mqtt", extra="mqtt"):
+with require_extra("--mqtt", extra="mqtt"):
     import paho.mqtt.client as paho
     from paho.mqtt.enums import CallbackAPIVersion
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
-from palpate.errors import needing
+from palpate.errors import require_extra
 from palpate.plots.inline_svg import THEME
 
 
@@ -39,7 +39,7 @@ def render_page(
     `simulated`: whether to state that any of it is simulated.
     Raises `MissingExtraError` if Jinja is not installed.
     """
-    with needing("a report", extra="plots"):
+    with require_extra("a report", extra="plots"):
         import jinja2
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("palpate.plots", ""),

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from palpate.errors import InputError, needing
+from palpate.errors import InputError, require_extra
 from palpate.files import atomic_path
 
 if TYPE_CHECKING:
@@ -180,7 +180,7 @@ def require_plots() -> None:
     MissingExtraError
         If matplotlib is not installed.
     """
-    with needing("a plot", extra="plots"):
+    with require_extra("a plot", extra="plots"):
         import matplotlib as mpl
     del mpl
 

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
-from palpate.errors import InputError, needing
+from palpate.errors import InputError, require_extra
 
 #: Fraction of items of known labels that may be called unknown.
 FALSE_REJECT = 0.05
@@ -183,7 +183,7 @@ class LabelLearner:
         )
 
     def _split(self, folds: int) -> list[tuple[FloatArray, FloatArray]]:
-        with needing("learning from labels", extra="produce"):
+        with require_extra("learning from labels", extra="produce"):
             from sklearn.model_selection import StratifiedGroupKFold
         parts = StratifiedGroupKFold(folds, shuffle=True, random_state=0)
         with warnings.catch_warnings():
@@ -268,7 +268,7 @@ def make_pipeline(name: str) -> Any:
 
     Raises `MissingExtraError` if scikit-learn is not installed.
     """
-    with needing("learning from labels", extra="produce"):
+    with require_extra("learning from labels", extra="produce"):
         from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
         from sklearn.ensemble import HistGradientBoostingClassifier
         from sklearn.linear_model import LogisticRegression
@@ -289,7 +289,7 @@ class _Normal:
     """Labels as normal distributions of one covariance, and a wide background class."""
 
     def __init__(self, table: FloatArray, truth: Any) -> None:
-        with needing("learning from labels", extra="produce"):
+        with require_extra("learning from labels", extra="produce"):
             from sklearn.covariance import LedoitWolf
         known = np.unique(truth)
         self._scale = table.std(axis=0) + 1e-9

@@ -161,7 +161,7 @@ def read_rig_file(path: Path) -> RigFile:
     )
 
 
-def load_cells_stated(path: Path) -> tuple[float, ...] | None:
+def read_load_cells(path: Path) -> tuple[float, ...] | None:
     """Return the newtons per count stated for a rig file's load cells, or None.
 
     Raises `InputError` if the file can't be read, or its table ``[load_cells]`` is at fault.

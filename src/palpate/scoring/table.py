@@ -12,7 +12,7 @@ import numpy as np
 from palpate.errors import InputError
 from palpate.holds import Hold
 from palpate.scoring.predictions import Prediction, predict_holds, summarise
-from palpate.settling.predict import method_named
+from palpate.settling.predict import find_method
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -154,7 +154,7 @@ def score(
     """
     found = predict_holds(
         holds,
-        methods={name: method_named(name) for name in methods},
+        methods={name: find_method(name) for name in methods},
         cutoffs_s=cutoffs_s,
         horizon_s=horizon_s,
         level=level,

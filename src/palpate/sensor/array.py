@@ -148,11 +148,11 @@ class Frame:
         object.__setattr__(self, "counts", counts)
 
 
-def wrong_counts(frame: Frame, *, layout: ArrayLayout) -> str | None:
+def find_impossible_count(frame: Frame, *, layout: ArrayLayout) -> str | None:
     """Describe a reading that layout and converter cannot give; None if all are possible.
 
     >>> frame = Frame(time_s=0.0, sequence=0, counts=np.full((4, 2), 1024))
-    >>> wrong_counts(frame, layout=RIGID_LAYOUT)
+    >>> find_impossible_count(frame, layout=RIGID_LAYOUT)
     'pixel R0 C0 reads 1024, and 1 conversion(s) of 10 bit give 0 to 1023; check the layout'
     """
     counts, divider = frame.counts, layout.divider

@@ -22,7 +22,7 @@ from palpate.signal.circuit import Divider
 LAYOUTS = {layout.name: layout for layout in (RIGID_LAYOUT, SOFT_LAYOUT)}
 
 
-def layout_named(
+def find_layout(
     name: str,
     *,
     reference_ohm: float = 4700.0,
@@ -66,7 +66,7 @@ def layout_named(
     --------
     Two fingers with three rows of three pixels each:
 
-    >>> layout_named("soft-3x2").pixels, layout_named("6x3", fingers=2).finger_of_row
+    >>> find_layout("soft-3x2").pixels, find_layout("6x3", fingers=2).finger_of_row
     (12, (0, 0, 0, 1, 1, 1))
     """
     if not reference_ohm > 0:
@@ -146,7 +146,7 @@ def open_board(
     port : str, optional
         Device, e.g. ``"/dev/ttyACM0"``; by default found by USB id, or by asking who answers.
     layout, reference_ohm, taxel_leg, idle_lines, line_ohm, fingers, pitch_mm
-        As in `layout_named`.
+        As in `find_layout`.
     rate_hz : float
         Frames per second.
     oversampling : int
@@ -168,7 +168,7 @@ def open_board(
         If there is no board, it does not answer, or it can't do that rate.
     """
     check_rate(rate_hz)
-    pixels = layout_named(
+    pixels = find_layout(
         layout,
         reference_ohm=reference_ohm,
         taxel_leg=taxel_leg,

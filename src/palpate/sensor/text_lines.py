@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.sensor.array import MOST_LINES, ArrayLayout, IdleLines
-from palpate.sensor.board_array import layout_named
+from palpate.sensor.board_array import find_layout
 from palpate.sensor.one_way_array import Counts, OneWayArray
 
 #: Ohms are kept as the counts of a divider this fine: 0.01 % from 1 ohm to 10 megohm.
@@ -178,7 +178,7 @@ def open_board(
         Device, e.g. ``"/dev/ttyUSB0"``.
     layout, fingers
         Rows x columns of the whole matrix, e.g. ``"4x2"``, as in
-        `palpate.sensor.board_array.layout_named`.
+        `palpate.sensor.board_array.find_layout`.
     baud : int
         Speed that the board's program sets.
     unit : {"counts", "ohm"}
@@ -200,7 +200,7 @@ def open_board(
     in_ohm = unit == "ohm"
     if in_ohm and idle_lines == "held":
         raise InputError('idle_lines = "held" needs counts: print those')
-    pixels = layout_named(
+    pixels = find_layout(
         layout,
         reference_ohm=_OHM_REFERENCE if in_ohm else reference_ohm,
         taxel_leg="upper" if in_ohm else taxel_leg,

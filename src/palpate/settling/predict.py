@@ -34,7 +34,7 @@ METHODS: Mapping[str, Callable[[], SettlingMethod]] = MappingProxyType(
 )
 
 
-def method_named(name: str) -> SettlingMethod:
+def find_method(name: str) -> SettlingMethod:
     """Return an uncalibrated method by its name.
 
     Raises `InputError` if there is no method of that name; the message lists the existing ones.
@@ -122,7 +122,7 @@ def predict_settled(
         )
     if not 0 < level < 1:
         raise InputError(f"level {level:g}: give a probability between 0 and 1, such as 0.9")
-    chosen = method_named(method) if isinstance(method, str) else method
+    chosen = find_method(method) if isinstance(method, str) else method
     stop = _samples_until(times, cutoff_s)
     used = samples.reshape(-1, times.size)[:, :stop]
     if not np.isfinite(used).all():

@@ -64,7 +64,7 @@ def _law(obj: TwinObject, *, ruptured: bool) -> Callable[[float], tuple[float, f
         force_n, slope = scale * force_n, scale * slope
         if force_n <= yield_n:
             return force_n, slope
-        yield_mm = unhurt_deformation_mm(obj, yield_n / scale)
+        yield_mm = deformation_before_damage_mm(obj, yield_n / scale)
         flatter = _YIELDED_SLOPE * scale * unhurt(yield_mm)[1]
         return yield_n + flatter * (deformation_mm - yield_mm), flatter
 
@@ -92,7 +92,7 @@ def _on_curve(curve: tuple[tuple[float, float], ...], deformation_mm: float) -> 
     return f0 + slope * (deformation_mm - x0), slope
 
 
-def unhurt_deformation_mm(obj: TwinObject, force_n: float) -> float:
+def deformation_before_damage_mm(obj: TwinObject, force_n: float) -> float:
     """Return the deformation at which an object that nothing has hurt has this force."""
     if obj.curve is not None:
         (x0, f0), (x1, f1) = _piece(obj.curve, force_n, by=1)

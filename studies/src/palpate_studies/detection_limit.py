@@ -38,7 +38,7 @@ def report(*, sensors: int = SENSORS) -> StudyReport:
     ranges = {
         level: [over_range(sensor, level=level) for sensor in range(sensors)] for level in LEVELS
     }
-    bends = {level: np.array([_bends(*one) for one in ranges[level]]) for level in LEVELS}
+    bends = {level: np.array([_list_bends(*one) for one in ranges[level]]) for level in LEVELS}
     rules = ("the paper's -10 %", f"{FALSE_SD:g} sd of its own noise")
     return StudyReport(
         name="detection-limit",
@@ -132,7 +132,7 @@ def over_range(sensor: int, *, level: str) -> tuple[FloatArray, FloatArray, Floa
     )
 
 
-def _bends(force_n: FloatArray, percent: FloatArray, excess: FloatArray) -> list[list[float]]:
+def _list_bends(force_n: FloatArray, percent: FloatArray, excess: FloatArray) -> list[list[float]]:
     """Return departures in percent, shape (laws, spans); NaN where a law can't be fitted."""
     rows: list[list[float]] = [[], [], []]
     for span_n in SPANS_N:

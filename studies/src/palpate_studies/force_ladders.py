@@ -18,7 +18,7 @@ from scipy.stats import t as student_t
 from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.estimate.force_law import inputs_when_settled
+from palpate.estimate.force_law import build_settled_inputs
 from palpate_studies.force_learning import KnownContact, interval_reach, learn_population
 from palpate_studies.recordings import read_runs
 from palpate_studies.report import StudyReport, Table, as_command
@@ -73,7 +73,7 @@ class Ladder:
     @property
     def inputs(self) -> FloatArray:
         """Settled readings as `palpate.ForceLaw` takes them, shape (n_steps, INPUTS)."""
-        return inputs_when_settled(self.excess_s * self.rest_ohm)
+        return build_settled_inputs(self.excess_s * self.rest_ohm)
 
     @property
     def relative_percent(self) -> FloatArray:

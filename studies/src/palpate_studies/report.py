@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, get_origin, get_typ
 import typer
 
 from palpate.cli.options import JsonOption
-from palpate.errors import InputError, needing
+from palpate.errors import InputError, require_extra
 from palpate.files import atomic_path
 from palpate.plots.style import PLOT_ENDINGS, letter_panels, save_figure
 
@@ -275,7 +275,7 @@ class StudyReport:
             write(out / name)
         endings, dpi = FIGURE_FILES.get()
         for stem, draw in self.figures.items():
-            with needing("a figure", extra="plots"):
+            with require_extra("a figure", extra="plots"):
                 figure = draw()
             letter_panels(figure)
             for ending in endings:

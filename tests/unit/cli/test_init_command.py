@@ -15,7 +15,7 @@ from tests.commands import Command
 
 from palpate.errors import InputError
 from palpate.gripper.hobby_servo import ServoTravel, open_gripper
-from palpate.sensor.board_array import layout_named, open_board
+from palpate.sensor.board_array import find_layout, open_board
 
 
 def test_options_become_a_rig_file(tmp_path: Path, palpate: Command) -> None:
@@ -57,7 +57,7 @@ def test_matrix_on_two_fingers_is_written(tmp_path: Path, palpate: Command) -> N
     palpate("init", path, "--port", "auto", "--layout", "6x3", "--fingers", "2")
     stated = tomllib.loads(path.read_text())["array"]
     assert (stated["layout"], stated["fingers"]) == ("6x3", 2)
-    layout = layout_named(stated["layout"], fingers=stated["fingers"], pitch_mm=6.5)
+    layout = find_layout(stated["layout"], fingers=stated["fingers"], pitch_mm=6.5)
     assert (layout.pixels, layout.fingers, layout.pitch_mm) == (18, 2, 6.5)
     assert layout.finger_mask(1)[:, 0].tolist() == [False] * 3 + [True] * 3
 
@@ -76,7 +76,7 @@ def test_the_next_steps_are_those_of_the_rig(
 @pytest.mark.parametrize("pitch_mm", [0.0, -1.0, float("nan")])
 def test_invalid_pitch_is_refused(pitch_mm: float) -> None:
     with pytest.raises(InputError, match="give millimetres between pixel centres"):
-        layout_named("3x3", pitch_mm=pitch_mm)
+        find_layout("3x3", pitch_mm=pitch_mm)
 
 
 def test_openers_of_init_exist(tmp_path: Path, palpate: Command) -> None:

@@ -19,7 +19,7 @@ from palpate.clock import ManualClock
 from palpate.estimate.force_now import ForceLaws, ForceNow
 from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
 from palpate.sensor.array import RIGID_LAYOUT, Frame
-from palpate.sensor.board_array import layout_named
+from palpate.sensor.board_array import find_layout
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import mean_change, relative_change_percent
 from palpate.twin.devices import TwinArray, TwinGripper
@@ -112,7 +112,7 @@ def test_one_frame_has_no_rate_yet() -> None:
 
 
 def test_the_largest_matrix_fits_a_terminal() -> None:
-    array = TwinArray(World(None, seed=1, layout=layout_named("16x16")))
+    array = TwinArray(World(None, seed=1, layout=find_layout("16x16")))
     source = SensorSource(name="bench", array=array)
     view = LiveView(LiveReading(source, rest_ohm=np.full((16, 16), 8e3), clock=ManualClock()))
     view.add(array.read(timeout_s=1.0))

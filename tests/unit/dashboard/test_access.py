@@ -215,12 +215,12 @@ def test_wrong_tokens_delay_their_visitor_alone() -> None:
     clock = [0.0]
     tries = WrongTries(now_s=lambda: clock[0])
     for _ in range(MOST_WRONG):
-        assert not tries.too_many("a")
+        assert not tries.has_too_many("a")
         tries.add("a")
-    assert tries.too_many("a")
-    assert not tries.too_many("b")
+    assert tries.has_too_many("a")
+    assert not tries.has_too_many("b")
     clock[0] = 60.1
-    assert not tries.too_many("a")
+    assert not tries.has_too_many("a")
     for number in range(5000):
         tries.add(str(number))
     assert len(tries._tries) <= 1001
@@ -334,18 +334,18 @@ def test_more_visitors_than_are_remembered_share_one_count() -> None:
         tries.add(str(number))
     for _ in range(MOST_WRONG):
         tries.add("the last with a count of its own")
-    assert tries.too_many("the last with a count of its own")
-    assert not tries.too_many("one more")
+    assert tries.has_too_many("the last with a count of its own")
+    assert not tries.has_too_many("one more")
     for number in range(MOST_WRONG):
-        assert not tries.too_many("one more")
+        assert not tries.has_too_many("one more")
         tries.add(f"one more {number}")
-    assert tries.too_many("one more")
-    assert not tries.too_many("0")
+    assert tries.has_too_many("one more")
+    assert not tries.has_too_many("0")
     for _ in range(MOST_WRONG):
         tries.add("0")
-    assert tries.too_many("0")
+    assert tries.has_too_many("0")
     clock[0] = 60.0
-    assert tries.too_many("0")
+    assert tries.has_too_many("0")
     clock[0] = 60.1
-    assert not tries.too_many("one more")
-    assert not tries.too_many("0")
+    assert not tries.has_too_many("one more")
+    assert not tries.has_too_many("0")

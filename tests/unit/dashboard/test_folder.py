@@ -8,8 +8,8 @@ import pytest
 
 from palpate.dashboard.folder import (
     delete_recording,
+    find_recording,
     is_simulated,
-    recording_named,
     rename_recording,
 )
 from palpate.errors import InputError
@@ -34,7 +34,7 @@ OUTSIDE = ["../secret.mcap", "/etc/passwd", "notes.txt", "link.mcap", "..", "", 
 @pytest.mark.parametrize("name", [*OUTSIDE, "one.mcap/../../secret.mcap", "one.mcap\0"])
 def test_only_recordings_of_the_folder_are_given(folder: Path, name: str) -> None:
     for act in (
-        recording_named,
+        find_recording,
         delete_recording,
         lambda folder, name: rename_recording(folder, name, "mine"),
     ):

@@ -18,12 +18,12 @@ from palpate.estimate.damage_learning import (
     FruitClosing,
     at_half_load,
     copies,
+    find_unfit,
     follow_closing,
     learn_damage,
     read_closings,
     score_left_out,
     split,
-    unfit,
 )
 from palpate.estimate.measurement import Measurement
 
@@ -200,7 +200,7 @@ def test_copies_of_one_recording_are_found_and_stay_together() -> None:
         names = {closing.grasp_id for closing in test}
         assert ("copy" in names) == ("once" in names)
         assert len(training) + len(test) == len(mixed)
-    assert unfit(mixed) == {"copy": "the same recording as once"}
+    assert find_unfit(mixed) == {"copy": "the same recording as once"}
 
 
 def test_closings_that_tell_nothing_are_named_with_the_reason() -> None:
@@ -214,7 +214,7 @@ def test_closings_that_tell_nothing_are_named_with_the_reason() -> None:
     width = follow_closing(
         "width", fruit="plum", rupture_force_n=3.0, closure_mm=-closure_mm, force_n=2 * closure_mm
     )
-    found = unfit([cut, late, width, *crate(plums=3, pears=0)])
+    found = find_unfit([cut, late, width, *crate(plums=3, pears=0)])
     assert found == {
         "cut": "its curve ends at 3.98 N, before half of its rupture force",
         "late": "its curve begins too near to its rupture force of 5 N",

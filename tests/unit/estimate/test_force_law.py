@@ -12,7 +12,7 @@ from palpate.errors import CalibrationError, InputError
 from palpate.estimate.force_law import (
     INPUTS,
     ForceLaw,
-    inputs_when_settled,
+    build_settled_inputs,
     load_population,
 )
 from palpate.estimate.force_states import log_reading
@@ -131,7 +131,7 @@ def test_shipped_population_is_sound() -> None:
 def test_each_weight_narrows_and_none_widens() -> None:
     weights_n = [1.5, 4.0, 9.0, 6.0]
     known = [8.0 * n**1.2 for n in weights_n]
-    inputs = inputs_when_settled([10.0, 40.0, 100.0])
+    inputs = build_settled_inputs([10.0, 40.0, 100.0])
     spread = [
         ForceLaw.fit(known[:count], force_n=weights_n[:count]).log_force(inputs)[1]
         for count in range(1, 5)

@@ -7,7 +7,7 @@ import pytest
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan
-from palpate.grasp.settle import come_back, ease_off, press_on
+from palpate.grasp.settle import close_again, ease_off, press_on
 from palpate.grasp.state import GraspState
 
 #: The object of these tests raises the force by this much per millimetre.
@@ -100,7 +100,7 @@ def below(force_n: float, *, return_closure: float) -> GraspState:
 
 def test_return_to_the_target_takes_half_a_second(plan: Plan) -> None:
     state = below(3.0, return_closure=22.0)
-    wish = come_back(state, plan)
+    wish = close_again(state, plan)
     assert plan.gripper.highest - wish.target == pytest.approx(22.0, abs=0.05)
     assert wish.rate == pytest.approx(1.0 / 0.5)
     assert state.estimate.force_n == pytest.approx(3.0, rel=0.1)
@@ -113,5 +113,5 @@ def test_return_waits_for_a_reading_and_ends_at_its_closure(
     state = below(3.0, return_closure=return_closure)
     if return_closure > 21.0:
         state.estimate.touches = ()
-    assert come_back(state, plan) is None
+    assert close_again(state, plan) is None
     assert state.estimate.force_n == 0.1

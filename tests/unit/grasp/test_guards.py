@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from palpate.errors import DeviceTimeoutError
-from palpate.grasp.controller import GraspController, closes_too_far, finish_release
+from palpate.grasp.controller import GraspController, finish_release, is_closing_too_far
 from palpate.grasp.estimator import ContactEstimate, Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.requests import Requests
-from palpate.grasp.rest import strange_rest
+from palpate.grasp.rest import explain_strange_rest
 from palpate.grasp.result import Outcome
 from palpate.grasp.safety import FORCE_CEILING_N, Alarm, Danger, SafetyLimits
 from palpate.grasp.state import GraspState
@@ -160,7 +160,7 @@ def test_impossible_rest_values_end_the_grasp(plan: Plan, bench: Any, name: str)
     ("factor", "fine"), [(0.41, True), (2.4, True), (0.39, False), (2.6, False)]
 )
 def test_the_drift_of_the_rest_has_a_bound(plan: Plan, factor: float, fine: bool) -> None:
-    assert (strange_rest(factor * np.asarray(plan.rest_ohm), plan=plan) is None) == fine
+    assert (explain_strange_rest(factor * np.asarray(plan.rest_ohm), plan=plan) is None) == fine
 
 
 # -- the clock of the frames -----------------------------------------------------------------------
@@ -390,7 +390,7 @@ def test_a_closing_hand_that_presses_beyond_its_target_is_stopped_where_it_is(
         closure=20.0, sent=sent, frames_n=frames_n, frames=3, began_s=0.0, now_s=0.2
     )
     state = GraspState(phase=Phase.SQUEEZE, estimate=estimate)
-    assert closes_too_far(state, replace(plan, target_force_n=target_n)) is ends
+    assert is_closing_too_far(state, replace(plan, target_force_n=target_n)) is ends
 
 
 def test_a_stop_of_soft_fingers_that_hold_vents_them(plan: Plan) -> None:

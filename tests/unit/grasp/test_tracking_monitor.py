@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from palpate.grasp.safety import SafetyLimits
-from palpate.grasp.tracking_monitor import Following, SpeedWatch, unbelievable
+from palpate.grasp.tracking_monitor import Following, SpeedWatch, find_impossible_value
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 
 WIDTH = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
@@ -84,7 +84,7 @@ def test_idle_is_less_than_a_third_of_what_the_rate_makes(
     way, direction = sent(limits, begin, target), 1.0 if target > begin else -1.0
 
     def idle(made: float, now_s: float) -> bool | None:
-        return way.idle(at(limits, begin + direction * made), now_s=now_s, limits=limits)
+        return way.is_idle(at(limits, begin + direction * made), now_s=now_s, limits=limits)
 
     # By 1.25 s the rate has made 5 mm or kPa.
     assert (idle(1.4, 1.25), idle(1.6, 1.25)) == (True, False)
@@ -190,17 +190,17 @@ def test_reports_without_a_time_of_their_own_are_not_judged() -> None:
 
 
 def test_impossible_reports_are_described() -> None:
-    assert unbelievable(at(WIDTH, 5.0 - 4.9), limits=WIDTH) is None
-    assert unbelievable(at(WIDTH, 74.0 + 7.0), limits=WIDTH) is not None
-    assert unbelievable(at(PRESSURE, -4.9), limits=PRESSURE) is None
-    words = unbelievable(at(PRESSURE, 55.1), limits=PRESSURE)
+    assert find_impossible_value(at(WIDTH, 5.0 - 4.9), limits=WIDTH) is None
+    assert find_impossible_value(at(WIDTH, 74.0 + 7.0), limits=WIDTH) is not None
+    assert find_impossible_value(at(PRESSURE, -4.9), limits=PRESSURE) is None
+    words = find_impossible_value(at(PRESSURE, 55.1), limits=PRESSURE)
     assert "55.1 kPa" in words
 
     def drawing(current_ma: float) -> GripperState:
         return GripperState(time_s=0.0, width_mm=30.0, current_ma=current_ma)
 
-    assert unbelievable(drawing(-19_999.0), limits=WIDTH) is None
-    assert unbelievable(drawing(-20_000.0), limits=WIDTH) is not None
-    assert unbelievable(drawing(float("nan")), limits=WIDTH) is None
-    lost = unbelievable(drawing(float("nan")), limits=WIDTH, before=drawing(100.0))
+    assert find_impossible_value(drawing(-19_999.0), limits=WIDTH) is None
+    assert find_impossible_value(drawing(-20_000.0), limits=WIDTH) is not None
+    assert find_impossible_value(drawing(float("nan")), limits=WIDTH) is None
+    lost = find_impossible_value(drawing(float("nan")), limits=WIDTH, before=drawing(100.0))
     assert "current of nan mA" in lost

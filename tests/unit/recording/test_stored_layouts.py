@@ -17,7 +17,7 @@ from palpate.recording.channels import decode_info, encode_info
 from palpate.recording.exporting import cut_recorded_holds, frame_tables, write_export
 from palpate.recording.reader import load_recording
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, Frame
-from palpate.sensor.board_array import layout_named
+from palpate.sensor.board_array import find_layout
 from palpate.signal.circuit import Divider, ohm_to_volts, volts_to_counts
 from palpate.signal.crosstalk import floating_readings_ohm
 
@@ -52,8 +52,8 @@ def test_a_wiring_that_does_not_exist_is_one_line() -> None:
 )
 def test_a_rig_file_s_wiring_is_checked(wiring: dict[str, object], said: str) -> None:
     with pytest.raises(InputError, match=said):
-        layout_named("4x2", **wiring)  # type: ignore[arg-type]
-    assert layout_named("4x2", idle_lines="held", line_ohm=5.0).idle_lines == "held"
+        find_layout("4x2", **wiring)  # type: ignore[arg-type]
+    assert find_layout("4x2", idle_lines="held", line_ohm=5.0).idle_lines == "held"
 
 
 @pytest.fixture

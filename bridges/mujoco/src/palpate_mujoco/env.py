@@ -16,7 +16,7 @@ from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import relative_change_percent
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import OBJECTS, draw_object
-from palpate_mujoco.hand import hand_named
+from palpate_mujoco.hand import find_hand
 from palpate_mujoco.world import MujocoWorld
 
 Felt: TypeAlias = dict[str, Any]
@@ -89,7 +89,7 @@ class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
             raise InputError(
                 f"no simulated object {object_name!r}; there are: {', '.join(OBJECTS)}"
             )
-        self._object_name, self._level, self._hand = object_name, level, hand_named(hand)
+        self._object_name, self._level, self._hand = object_name, level, find_hand(hand)
         self._target_force_n, self._rate_mm_per_s = target_force_n, rate_mm_per_s
         self.render_mode = render_mode
         self._renderer: mujoco.Renderer | None = None

@@ -84,7 +84,7 @@ SO101 = Hand(
 HANDS = {"widowx": WIDOWX, "so101": SO101}
 
 
-def hand_named(name: str) -> Hand:
+def find_hand(name: str) -> Hand:
     """Return a hand.
 
     Raises

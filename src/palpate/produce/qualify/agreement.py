@@ -285,15 +285,15 @@ def effort_of(found: Agreement, demand: Demand, *, grasp_s: float, handling_s: f
     known = sum(s.within**2 for s in (found.reference, found.grasp) if math.isfinite(s.within))
     mismatch = math.sqrt(max(0.0, spread**2 - known))
 
-    def readings_needed(within: float, fixed: float) -> int | None:
+    def count_needed_readings(within: float, fixed: float) -> int | None:
         left = (demand.tolerance / reach) ** 2 - fixed**2
         if left <= 0 or not math.isfinite(within):
             return None
         return max(1, math.ceil(within**2 / left))
 
-    grasps = readings_needed(found.grasp.within, mismatch)
+    grasps = count_needed_readings(found.grasp.within, mismatch)
     return Effort(
-        reference_readings=readings_needed(found.reference.within, 0.0),
+        reference_readings=count_needed_readings(found.reference.within, 0.0),
         grasps=grasps,
         mismatch=mismatch,
         items_per_hour=None if grasps is None else 3600.0 / (grasps * grasp_s + handling_s),

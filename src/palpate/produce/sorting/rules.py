@@ -50,7 +50,7 @@ class Rule:
             high *= 1.0 if known is None else known
         return round(low, 12), round(high, 12)
 
-    def lacking(self, evidence: Evidence) -> str:
+    def describe_missing(self, evidence: Evidence) -> str:
         """Return in words the conditions that need a missing verdict."""
         asked = (one for one in self.conditions if one.key in ASKS)
         return next((ASKS[one.key] for one in asked if one.probability(evidence) is None), "")
@@ -121,7 +121,7 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
             break
         # A grasp measures some of what is asked. A verdict that was never given stays unknown.
         by_touch = any(condition.key not in ASKS for condition in rule.conditions)
-        is_open |= high > 1.0 - rule.confidence and by_touch and not rule.lacking(evidence)
+        is_open |= high > 1.0 - rule.confidence and by_touch and not rule.describe_missing(evidence)
     rejected = evidence.identity is not None and evidence.identity.rejected
     is_open |= evidence.grasps == 0 or (rejected and evidence.grasps < 2)
     if sure is None:
@@ -152,7 +152,7 @@ def _explain_no_rule(book: RuleBook, evidence: Evidence) -> str:
     known = ", ".join(filter(None, map(evidence.describe, names))) or "not measured"
     if high <= 1.0 - nearest.confidence:
         return f"{known}, which no rule takes"
-    if lacking := nearest.lacking(evidence):
+    if lacking := nearest.describe_missing(evidence):
         return f"{known}; the rule in line {nearest.line} asks {lacking}, which is not known"
     return (
         f"{known}; the rule in line {nearest.line} ({nearest.bin}) comes nearest: "

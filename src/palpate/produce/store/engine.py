@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from palpate.errors import InputError, StoreAwayError, StoreError, needing
+from palpate.errors import InputError, StoreAwayError, StoreError, require_extra
 
 #: Environment variable and file name of the store, where none is named.
 STORE_VARIABLE = "PALPATE_STORE"
@@ -115,7 +115,7 @@ def make_engine(url: sa.URL) -> sa.Engine:
     url = url.update_query_dict({"options": settings})
     if "connect_timeout" not in url.query:
         url = url.update_query_dict({"connect_timeout": str(_CONNECT_TIMEOUT_S)})
-    with needing("a store on PostgreSQL", extra="postgresql"):
+    with require_extra("a store on PostgreSQL", extra="postgresql"):
         from palpate.produce.store.postgresql import AnsweringConnection
 
         engine = sa.create_engine(url, pool_pre_ping=True)
@@ -199,6 +199,6 @@ def _begin_sqlite(connection: sa.Connection) -> None:
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
 
 
-with needing("the store of items", extra="produce"):
+with require_extra("the store of items", extra="produce"):
     import sqlalchemy as sa
     from sqlalchemy.dialects import postgresql, sqlite

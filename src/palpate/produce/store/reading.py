@@ -122,7 +122,7 @@ class StoreReader:
 
         Raises `InputError` if there is no item of that name.
         """
-        found = self.items_named([item_id])
+        found = self.find_items([item_id])
         if not found:
             raise InputError(f"{self.name}: no item {item_id!r}; `palpate items` lists them")
         return found[0]
@@ -139,7 +139,7 @@ class StoreReader:
         query = query.order_by(ITEMS.c.first_seen.desc(), ITEMS.c.item_id).limit(limit)
         return self._fetch(lambda connection: read_items(connection, query))
 
-    def items_named(self, item_ids: Sequence[str]) -> tuple[Item, ...]:
+    def find_items(self, item_ids: Sequence[str]) -> tuple[Item, ...]:
         """Return items in the order of the names, without unknown ones."""
 
         def read(connection: sa.Connection) -> dict[str, Item]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.errors import needing
+from palpate.errors import require_extra
 from palpate.produce.ripeness.firmness import DayFelt
 
 #: Learner -> what it is, and the numbers of a day.
@@ -66,7 +66,7 @@ def learn_stage(
     >>> stage([3.0, 0.0]), stage([33.0, 0.0])
     (0, 1)
     """
-    with needing("a rival that learns", extra="produce"):
+    with require_extra("a rival that learns", extra="produce"):
         from sklearn.ensemble import HistGradientBoostingClassifier
         from sklearn.linear_model import LogisticRegression
         from sklearn.pipeline import make_pipeline

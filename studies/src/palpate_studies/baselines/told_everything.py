@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
-from palpate.errors import needing
+from palpate.errors import require_extra
 from palpate_studies.protocol.parts import Learned
 
 #: Rows of numbers, shape (cases, numbers) -> what is asked, shape (cases,).
@@ -32,7 +32,7 @@ def make_trees(**settings: Any) -> Any:
     MissingExtraError
         If scikit-learn is not installed.
     """
-    with needing("gradient boosting", extra="produce"):
+    with require_extra("gradient boosting", extra="produce"):
         from sklearn.ensemble import HistGradientBoostingRegressor
     return HistGradientBoostingRegressor(random_state=0, **settings)
 
@@ -45,7 +45,7 @@ def make_ridge(penalty: float | None = None) -> Any:
     MissingExtraError
         If scikit-learn is not installed.
     """
-    with needing("ridge regression", extra="produce"):
+    with require_extra("ridge regression", extra="produce"):
         from sklearn.linear_model import Ridge, RidgeCV
         from sklearn.pipeline import make_pipeline
         from sklearn.preprocessing import StandardScaler
