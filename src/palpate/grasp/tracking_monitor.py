@@ -107,8 +107,8 @@ class Following:
         >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
         >>> way = Following(begin=40.0, target=30.0, ends_s=0.5, due_s=0.9, rate=20.0)
         >>> stands = GripperState(time_s=0.0, width_mm=40.0)
-        >>> way.is_idle(stands, now_s=0.004, limits=limits), way.is_idle(stands, now_s=0.1, limits=limits)
-        (None, True)
+        >>> [way.is_idle(stands, now_s=now_s, limits=limits) for now_s in (0.004, 0.1)]
+        [None, True]
         >>> way.is_idle(GripperState(time_s=0.1, width_mm=38.5), now_s=0.1, limits=limits)
         False
         """
