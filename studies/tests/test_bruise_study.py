@@ -16,7 +16,7 @@ from palpate_studies.bruise import (
     SAME_WIDTH,
     TOGETHER,
     Examined,
-    Scored,
+    ScoredSides,
     area,
     area_lost,
     examine,
@@ -93,7 +93,7 @@ def test_an_area_is_compared_on_the_same_drawn_sensors() -> None:
     truth, sensors = np.array([True, False] * 20), [str(place // 4) for place in range(40)]
     noise = np.random.default_rng(1).standard_normal((2, 40))
     good, poor = (
-        Scored(bruised=truth, score=shift * truth + one, sensors=sensors)
+        ScoredSides(bruised=truth, score=shift * truth + one, sensors=sensors)
         for shift, one in zip((4.0, 0.5), noise, strict=True)
     )
     found = area_lost(good, poor)

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from palpate.twin.mechanics import object_force_n
-from palpate_studies.stiffness import FIRM_N, SIZES_MM, Answer, object_of, repeat, scores
+from palpate_studies.stiffness import FIRM_N, SIZES_MM, StiffnessAnswer, object_of, repeat, scores
 
 
 @pytest.mark.parametrize("stiffness", [0.5, 5.0, 50.0])
@@ -25,7 +25,7 @@ def test_every_object_has_the_secant_stiffness_that_was_asked_for(stiffness: flo
 def test_a_bound_that_excludes_nothing_rigid_has_no_upper_end() -> None:
     """Every wide interval is a bound, and some include rigid objects."""
     wide, unbounded = (
-        Answer(
+        StiffnessAnswer(
             gripper="soft",
             level="lab",
             squeeze="gentle",
@@ -46,7 +46,7 @@ def test_a_bound_that_excludes_nothing_rigid_has_no_upper_end() -> None:
 
 def test_rank_correlation_of_firmness_counts_every_grasp_that_has_one() -> None:
     answers = [
-        Answer(
+        StiffnessAnswer(
             gripper="rigid",
             level="lab",
             squeeze="gentle",

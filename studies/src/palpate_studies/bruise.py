@@ -336,7 +336,7 @@ def _presses(session: Session, turned: Sequence[tuple[Apple, float]]) -> list[Ap
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scored:
+class ScoredSides:
     """Scores of one method on the test apples of a level; higher means bruised.
 
     Attributes
@@ -381,7 +381,7 @@ def area(bruised: NDArray[np.bool_], score: FloatArray) -> float:
     return float((ranks[truth].sum() - many * (many + 1) / 2) / (many * rest))
 
 
-def area_lost(ours: Scored, rival: Scored) -> Difference:
+def area_lost(ours: ScoredSides, rival: ScoredSides) -> Difference:
     """Return our area missing under the ROC curve less a rival's."""
 
     def of(chosen: IntArray) -> np.floating:
@@ -400,7 +400,7 @@ def contrast_known(examined: Sequence[Examined]) -> dict[str, LabelledTable]:
 
 def score_all(
     tested: Sequence[Examined], model: BruiseModel, *, known: Mapping[str, LabelledTable]
-) -> dict[str, Scored]:
+) -> dict[str, ScoredSides]:
     """Return the scores of every way on the test apples; way -> scores.
 
     `known`: the sides that the model, and the learners in its place, are learned from.
@@ -424,12 +424,12 @@ def score_all(
     bruised = np.array([one.is_bruised for one in tested])
     sensors = [str(one.sensor) for one in tested]
     return {
-        name: Scored(bruised=bruised, score=score, sensors=sensors)
+        name: ScoredSides(bruised=bruised, score=score, sensors=sensors)
         for name, score in scores.items()
     }
 
 
-def compare_all(scores: Mapping[str, Scored]) -> list[dict[str, Any]]:
+def compare_all(scores: Mapping[str, ScoredSides]) -> list[dict[str, Any]]:
     """Return what ours lacks against each reference, less what each other way lacks."""
     return [
         {

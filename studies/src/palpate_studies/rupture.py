@@ -50,7 +50,7 @@ Closings: TypeAlias = Sequence[FruitClosing]
 Splits: TypeAlias = Sequence[tuple[Closings, Closings]]
 
 
-class Scored(NamedTuple):
+class ScoredClosing(NamedTuple):
     """A policy's estimated nearness to the limit, with the force at that moment."""
 
     force_n: FloatArray
@@ -58,7 +58,7 @@ class Scored(NamedTuple):
 
 
 #: Scores closings by what was learned from others.
-Scorer: TypeAlias = Callable[[FruitClosing], Scored]
+Scorer: TypeAlias = Callable[[FruitClosing], ScoredClosing]
 
 
 class Policy(NamedTuple):
@@ -75,7 +75,7 @@ class Method(NamedTuple):
     """
 
     name: str
-    scores: Sequence[Scored]
+    scores: Sequence[ScoredClosing]
     settings: FloatArray
 
 
@@ -188,7 +188,7 @@ def _predict_stop(training: Closings, *, test: Closings) -> list[dict[str, Any]]
 
 def apply_shipped_limit(splits: Splits, *, known: bool) -> Method:
     """Return the limit of a grasp at each nominal rate, without any fit."""
-    scores = list[Scored]()
+    scores = list[ScoredClosing]()
     for training, test in splits:
         model = learn_damage(training, by_kind=known)
         scores += [score_by_shipped_limit(one, model=model, kind_known=known) for one in test]
@@ -198,7 +198,7 @@ def apply_shipped_limit(splits: Splits, *, known: bool) -> Method:
 
 def score_by_shipped_limit(
     closing: FruitClosing, *, model: DamageModel, kind_known: bool
-) -> Scored:
+) -> ScoredClosing:
     """Return the fraction of fruit damaged at each force, by the limit of a grasp.
 
     A grasp stops below `DamageModel.bound_n`; the share reaches the nominal rate at that force.
@@ -211,10 +211,10 @@ def score_by_shipped_limit(
         low, high = value / (1 + _EXACT), value * (1 + _EXACT)
         measured = Measurement(value=value, low=low, high=high, unit="n_per_mm")
         shares.append(model.rate_below(state.force_n, measured, kind=kind))
-    return Scored(closing.force_n, np.array(shares))
+    return ScoredClosing(closing.force_n, np.array(shares))
 
 
-def stop_forces(scored: Scored, rupture_force_n: float, *, at: FloatArray) -> FloatArray:
+def stop_forces(scored: ScoredClosing, rupture_force_n: float, *, at: FloatArray) -> FloatArray:
     """Return where a closing stops when its score first reaches each of some settings.
 
     N, as many as settings; the rupture force where it didn't stop in time.
@@ -249,7 +249,7 @@ def learn_cap(training: Closings) -> Scorer:
     median_n = _by_kind(
         training, lambda mine: float(np.median([closing.rupture_force_n for closing in mine]))
     )
-    return lambda closing: Scored(closing.force_n, _forces_n(closing) / median_n(closing))
+    return lambda closing: ScoredClosing(closing.force_n, _forces_n(closing) / median_n(closing))
 
 
 def learn_rule(training: Closings) -> Scorer:
@@ -269,10 +269,10 @@ def learn_rule(training: Closings) -> Scorer:
 
     line = _by_kind(training, fit)
 
-    def score(closing: FruitClosing) -> Scored:
+    def score(closing: FruitClosing) -> ScoredClosing:
         stiffness = np.exp([state.log_stiffness for state in closing.states])
         predicted_n = np.maximum(np.polyval(line(closing), stiffness), 0.1)
-        return Scored(closing.force_n, _forces_n(closing) / predicted_n)
+        return ScoredClosing(closing.force_n, _forces_n(closing) / predicted_n)
 
     return score
 
@@ -294,10 +294,10 @@ def learn_ridge(training: Closings) -> Scorer:
 
     trained = _by_kind([closing for closing in training if len(closing.states)], fit)
 
-    def score(closing: FruitClosing) -> Scored:
+    def score(closing: FruitClosing) -> ScoredClosing:
         if not len(closing.states):
-            return Scored(closing.force_n, np.zeros(0))
-        return Scored(closing.force_n, np.exp(trained(closing).predict(features(closing))))
+            return ScoredClosing(closing.force_n, np.zeros(0))
+        return ScoredClosing(closing.force_n, np.exp(trained(closing).predict(features(closing))))
 
     return score
 
@@ -374,7 +374,7 @@ def apply_policy(policy: Policy, splits: Splits) -> Method:
     SeenBeforeError
         If a closing is in both parts.
     """
-    scores, settings = list[Scored](), list[FloatArray]()
+    scores, settings = list[ScoredClosing](), list[FloatArray]()
     for training, test in splits:
         chosen = Learned(
             found=settings_of(critical_scores(policy, training)),

@@ -131,7 +131,7 @@ def learn_nearest_mean(teaching: Sequence[CrateItemGrasps]) -> Guess:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class NamedItem:
     """One method's answer for an item: a kind or unknown, and its likeliest kind."""
 
     level: str
@@ -207,15 +207,17 @@ def name_method(method: str, count: int) -> str:
     return f"{method}, {count} grasp{'s' if count > 1 else ''}"
 
 
-def answers(crates: Sequence[CrateItemGrasps]) -> list[Answer]:
+def answers(crates: Sequence[CrateItemGrasps]) -> list[NamedItem]:
     """Name a crate by every method, trained on its sensor; ours also on others."""
-    found = list[Answer]()
+    found = list[NamedItem]()
     for key, mine in group(crates, "level", "sensor"):
         (teaching, sorting), level = _divide(mine), key["level"]
         guess = learn_nearest_mean(teaching)
         for item in sorting:
             said = guess(item.grasps[0].grasp.measurements) or UNKNOWN
-            found.append(Answer(level=level, method=NEAREST_MEAN, item=item, said=said, best=said))
+            found.append(
+                NamedItem(level=level, method=NEAREST_MEAN, item=item, said=said, best=said)
+            )
         asked = [
             (name_method(name, count), known, count)
             for name, known in identifiers(teaching).items()
@@ -230,11 +232,11 @@ def answers(crates: Sequence[CrateItemGrasps]) -> list[Answer]:
                 identity = known.identify(touches) if touches else None
                 said = UNKNOWN if identity is None else identity.kind
                 best = UNKNOWN if identity is None else identity.best_guess
-                found.append(Answer(level=level, method=method, item=item, said=said, best=best))
+                found.append(NamedItem(level=level, method=method, item=item, said=said, best=best))
     return found
 
 
-def against_learners(given: Sequence[Answer]) -> list[dict[str, Any]]:
+def against_learners(given: Sequence[NamedItem]) -> list[dict[str, Any]]:
     """Return ours against each learner in its place at equal grasps, paired by item.
 
     An item's loss is 1 where its answer, a kind or unknown, is not true.
@@ -265,7 +267,7 @@ def against_learners(given: Sequence[Answer]) -> list[dict[str, Any]]:
     return rows
 
 
-def count_right(answers: Sequence[Answer]) -> dict[str, Any]:
+def count_right(answers: Sequence[NamedItem]) -> dict[str, Any]:
     """Return shares of known items and strangers that one method named rightly."""
     known = [one for one in answers if one.item.known]
     strangers = [one for one in answers if not one.item.known]

@@ -41,7 +41,7 @@ EDGES_N_PER_MM = (RANGE_N_PER_MM[0], 2.0, 5.0, 15.0, RANGE_N_PER_MM[1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class StiffnessAnswer:
     """One grasp: reported and true stiffness, N/mm; NaN where not answered.
 
     `firmness`: the index, 0 to 100.
@@ -120,7 +120,7 @@ command = as_command(report)
 
 def answers_of(
     level: str, *, seed: int, stiffness: float, gripper: GripperKind = "rigid"
-) -> list[Answer]:
+) -> list[StiffnessAnswer]:
     """Calibrate one sensor on one hand, and grasp one object with each squeeze."""
     obj = object_of(stiffness, seed=seed)
     calibration = calibrate_twin(seed=seed, level=level, apart_from="", kind=gripper)
@@ -185,7 +185,7 @@ def _answer(
     target_force_n: float | None,
     *,
     nominal: float,
-) -> Answer:
+) -> StiffnessAnswer:
     gripper = TwinGripper(world)
     result = require_uninterrupted(
         run_grasp(
@@ -197,7 +197,7 @@ def _answer(
     )
     truth = world.truth().stiffness_n_per_mm
     found = None if truth is None else result.stiffness_n_per_mm
-    return Answer(
+    return StiffnessAnswer(
         gripper=world.gripper,
         level=world.level,
         squeeze="gentle" if target_force_n is None else f"{target_force_n:g} N",
@@ -210,7 +210,7 @@ def _answer(
     )
 
 
-def scores(answers: Sequence[Answer]) -> dict[str, Any]:
+def scores(answers: Sequence[StiffnessAnswer]) -> dict[str, Any]:
     """Return error and width of the answers, and how many exclude no rigid object."""
     given = [one for one in answers if np.isfinite(one.value)]
     # Nothing rigid is excluded; a grasp reports other wide intervals as bounds too.

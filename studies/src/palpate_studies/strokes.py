@@ -376,7 +376,7 @@ MODELS: Mapping[str, Learner] = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Scored:
+class ScoredStrokes:
     """A model's answers on the scored samples of one touch; arrays of shape (n_scored,)."""
 
     model: str
@@ -460,7 +460,7 @@ def report(
 command = as_command(report)
 
 
-def _score(train: Others, tested: Others) -> Iterator[Scored]:
+def _score(train: Others, tested: Others) -> Iterator[ScoredStrokes]:
     """Yield the answers of every model on the tested touches."""
     for told in TOLD:
         if told == "place" and not (_are_repeated(train) and _are_repeated(tested)):
@@ -473,7 +473,7 @@ def _score(train: Others, tested: Others) -> Iterator[Scored]:
                     continue
                 value, half = follow(touch, others)
                 error = np.abs(value - touch.log_force)[used]
-                yield Scored(
+                yield ScoredStrokes(
                     model=model,
                     told=told,
                     touch=touch,
@@ -489,7 +489,7 @@ def _are_repeated(touches: Others) -> bool:
     return len({one.place for one in touches}) < len(touches)
 
 
-def _rows(scored: Sequence[Scored]) -> Rows:
+def _rows(scored: Sequence[ScoredStrokes]) -> Rows:
     """Return medians over the samples of each touch, by phase and by band of force."""
     rows: Rows = []
     for one in scored:
@@ -512,7 +512,7 @@ def _rows(scored: Sequence[Scored]) -> Rows:
     return rows
 
 
-def _summary(scored: Sequence[Scored]) -> Rows:
+def _summary(scored: Sequence[ScoredStrokes]) -> Rows:
     """Return medians over samples of all sensors, by phase and by band of force."""
     summary: Rows = []
     for key, mine in group(scored, "model", "told"):
@@ -545,7 +545,7 @@ def _figures(error: FloatArray, covered: Mask) -> dict[str, Any]:
     }
 
 
-def _compare_models(scored: Sequence[Scored]) -> Rows:
+def _compare_models(scored: Sequence[ScoredStrokes]) -> Rows:
     """Return our error less that of each other model, by pin of a sensor."""
     rows: Rows = []
     for key, some in group(scored, "told"):
