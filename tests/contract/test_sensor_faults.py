@@ -215,7 +215,7 @@ def test_a_failing_subscriber_does_not_touch_the_grasp(kind: str, tmp_path: Path
     hand = Witness(TwinGripper(world), now_s=world.clock.now_s)
     result = run(kind, world, path, FailingArray(world), hand, view)
     assert result.outcome is Outcome.HELD
-    assert result.faults == ("view failed and was left out from then on: no display",)
+    assert result.faults == ("view failed and was dropped: no display",)
     assert len(load_recording(path).time_s) == result.frames
 
 

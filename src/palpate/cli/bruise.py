@@ -1,4 +1,4 @@
-"""`palpate bruise ITEM`: is it bruised, how probable is that, and on which pixels."""
+"""`palpate bruise ITEM`: whether it is bruised, with probability and pixels."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ def _learn(closings: list[FruitClosing], *, files: tuple[Path, ...], rate: float
     if len(used) < _FEWEST:
         why = "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
         raise InputError(
-            f"{files[1]}: {len(used)} closings to learn from, and {_FEWEST} are needed"
+            f"{files[1]}: {len(used)} closings to learn from; {_FEWEST} are needed"
             f"{f' (left out: {why})' if why else ''}; squeeze more"
         )
     kinds = sorted({closing.fruit for closing in used})

@@ -299,7 +299,7 @@ def cell(
         (loaded,) = mean_counts(board, cells=(cell,), clock=clock)
     if abs(loaded - empty) < _LEAST_COUNTS:
         raise CalibrationError(
-            f"load cell {cell} moved by {loaded - empty:.0f} counts only; does the weight lie on "
+            f"load cell {cell} changed by only {loaded - empty:.0f} counts; is the weight on "
             "it, and is it this cell? (--cell)"
         )
     line = [*known[:cell], known_n / (loaded - empty), *known[cell + 1 :]]

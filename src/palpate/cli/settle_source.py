@@ -217,7 +217,7 @@ def _is_mcap(file: Path) -> bool:
 
 
 def _from_mcap(file: Path, reading: ReadingOptions) -> list[Hold]:
-    """Return the holds of a recording of our own, as `palpate export --holds` cuts them."""
+    """Return the holds of a palpate recording, as `palpate export --holds` cuts them."""
     if not reading.is_about_units():
         raise InputError(
             f"{file}: a palpate recording is cut where its gripper stood still; it takes "

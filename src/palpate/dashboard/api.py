@@ -67,7 +67,7 @@ class Released(BaseModel):
 
 
 class Refusal(BaseModel):
-    """Why not."""
+    """The reason of a refusal."""
 
     detail: str = Field(description="One line: what, and what to do.")
 

@@ -196,7 +196,7 @@ def _is_damaged(grasped: Grasped) -> bool:
 
 
 def _is_of_stop(headline: Mapping[str, object]) -> bool:
-    """Whether a grasp was stopped, be it before it began."""
+    """Whether a grasp was stopped, even before it began."""
     return headline["text"] == outcome_text(Outcome.STOPPED)
 
 

@@ -306,7 +306,7 @@ def _rest_alone(context: JobContext) -> RestValues:
     context.catch_up()
     taken = _read_at_rest(_REST_S, context)
     if taken.time_s[-1] - taken.time_s[0] < _REST_S:
-        raise DeviceTimeoutError("the sensor fell silent: check its cable and power")
+        raise DeviceTimeoutError("the sensor sends no frames: check its cable and power")
     return rest_values(taken, layout=context.rig.array.layout)
 
 

@@ -294,7 +294,7 @@ def _record_residual(state: GraspState, plan: Plan) -> GripperCommand | None:
         left_n = float(plan.early_law.force_n(now.reading).value)
         if left_n > GUARDS.left_fraction * estimate.force_n:
             state.add_fault(
-                "the sheet reads as much after the fingers went back as while they touched; see "
+                "the sheet reads the same after the fingers withdrew as in contact; see "
                 "what `palpate doctor` reports"
             )
             return state.release(plan, Outcome.SENSOR_LOST)

@@ -120,8 +120,7 @@ class PixelMonitor:
                 since = f"{PIXELS.all_moves} movements of the fingers"
             return Alarm(
                 danger=Danger.SENSOR_LOST,
-                words=f"no pixel has changed in {since}: frames arrive, and are not new; "
-                f"{_SEE_DOCTOR}",
+                words=f"no pixel has changed in {since}: frames arrive, but repeat; {_SEE_DOCTOR}",
             )
         ended = self._ended >= PIXELS.frames
         failed = {
@@ -163,7 +162,7 @@ class PixelMonitor:
         return flickers and self._alike > PIXELS.most_alike
 
     def _count_moves(self, closure: float) -> None:
-        """Count the movements that each pixel has did not change in."""
+        """Count the movements in which each pixel did not change."""
         if abs(closure - self._counted_at) >= self._plan.fine_step:
             self._unchanged = np.where(self._shaken, 0, self._unchanged + 1)
             self._shaken = np.zeros_like(self._shaken)

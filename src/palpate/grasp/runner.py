@@ -112,7 +112,7 @@ class _Hand:
     def state(self) -> GripperState:
         """Return its state.
 
-        Raises `DeviceError` if it does not answer, or reports what can't be.
+        Raises `DeviceError` if it does not answer, or reports an impossible state.
         """
         state = self._gripper.state()
         wrong = find_impossible_value(state, limits=self._limits, before=self._last)
@@ -298,7 +298,7 @@ def _notify(views: list[Callable[[_Event], None]], event: _Event, state: GraspSt
         except Exception as error:
             views.remove(view)
             name = getattr(view, "__name__", type(view).__name__)
-            state.add_fault(f"{name} failed and was left out from then on: {error}")
+            state.add_fault(f"{name} failed and was dropped: {error}")
 
 
 @contextmanager

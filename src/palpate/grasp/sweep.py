@@ -98,7 +98,7 @@ class Sweep:
 
     @property
     def is_frozen(self) -> bool:
-        """Whether no pixel has changed lately: frames arrive, and are not new."""
+        """Whether no pixel has changed lately: frames arrive, but repeat."""
         last = [time_s > self.time_s[-1] - READING.now_s for time_s in self.time_s]
         many = max(READING.now_frames + 1, sum(last))
         latest = self.log_ohm[-many:]

@@ -95,7 +95,7 @@ class Following:
     ) -> float | None:
         """Return the interval of checks of a closing hand; None once it is done.
 
-        In that time it could pass its target by what is allowed. Pressure comes with the frames.
+        Meanwhile the hand could exceed its target by the allowed amount. Pressure is in the frames.
         """
         closes = limits.drive == "width" and self.target < self.begin
         every_s = safety.past_mm / self.rate

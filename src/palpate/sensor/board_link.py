@@ -165,7 +165,7 @@ class BoardLink:
             )
         if self._heard:
             return DeviceTimeoutError(
-                f"{name}: the board sends, and answers nothing. Is another program using the port?"
+                f"{name}: the board sends but does not answer. Is another program using the port?"
             )
         return DeviceTimeoutError(
             f"{name}: no answer from the board in {waited_s:g} s. Check its power, then "

@@ -85,7 +85,7 @@ def judge_pixels(
     layout: ArrayLayout,
     known_ohm: FloatArray | None = None,
 ) -> Iterator[PixelVerdict]:
-    """Yield code, pixels, text and its number, the gravest fault first.
+    """Yield code, pixels, text and its number, the most severe fault first.
 
     `mean_counts`: shape (frames, rows, cols).
     `steps_per_count`: conversions summed per reading: how many steps there are to a count.

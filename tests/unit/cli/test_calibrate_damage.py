@@ -68,7 +68,7 @@ def test_damage_of_too_few_closings_is_refused(tmp_path: Path, palpate: Command)
     options = write_closings(tmp_path, count=11)
     out = tmp_path / "damage.json"
     error = palpate.refused("calibrate", "damage", *options, "--out", out)
-    assert "11 closings to learn from, and 12 are needed" in error
+    assert "11 closings to learn from; 12 are needed" in error
     assert not out.exists()
 
 

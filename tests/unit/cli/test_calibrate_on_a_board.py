@@ -104,7 +104,7 @@ def test_load_cell_faults_are_refused_in_one_line(
 def test_a_weight_that_lies_elsewhere_is_noticed(bench: Bench, palpate: Command) -> None:
     bench.rig.write_text(TABLES)
     error = palpate("calibrate", "cell", "--rig", bench.rig, "--known-n", "10", status=2).err
-    assert "moved by 0 counts only" in error
+    assert "changed by only 0 counts" in error
 
 
 @pytest.mark.slow

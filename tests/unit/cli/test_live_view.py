@@ -88,7 +88,7 @@ def test_live_view_shows_contact_and_pixels() -> None:
     assert "SIMULATED" not in shown
 
 
-def test_an_unplugged_sensor_is_shown_and_comes_back() -> None:
+def test_unplugged_sensor_is_shown_and_reconnects() -> None:
     screen = Screen()
     screen.feed(REST_COUNTS)
     screen.feed(np.zeros((4, 2), dtype=int), frames=40)
@@ -206,7 +206,7 @@ def test_force_without_a_calibration_is_refused(
         (["nowhere.invalid:8765", "--foxglove"], "another address"),
     ],
 )
-def test_an_address_that_is_none_is_refused(
+def test_invalid_address_is_refused(
     words: list[str], said: str, rig_file: Callable[..., Path], palpate: Command
 ) -> None:
     arguments = ["live", "--rig", str(rig_file()), "--duration", "0.2", *words]

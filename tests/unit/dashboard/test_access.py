@@ -322,12 +322,12 @@ def test_foreign_cookies_neither_grant_nor_block_access(other: str) -> None:
 
 
 @pytest.mark.parametrize(("length", "status"), [(4096, 403), (4097, 413)])
-def test_a_form_is_read_up_to_its_longest(length: int, status: int) -> None:
+def test_form_is_read_up_to_the_length_limit(length: int, status: int) -> None:
     body = "token=".ljust(length, "x")
     assert ask(token=TOKEN, loopback=False, method="POST", body=body).status == status
 
 
-def test_more_visitors_than_are_remembered_share_one_count() -> None:
+def test_visitors_beyond_the_table_share_one_count() -> None:
     clock = [0.0]
     tries = WrongTries(now_s=lambda: clock[0])
     for number in range(999):

@@ -146,9 +146,7 @@ def test_a_grasp_from_order_to_release_with_every_frame_recorded(
 
 
 @pytest.mark.slow
-def test_a_grasp_keeps_to_the_damage_file_and_its_recording_has_it(
-    opened: Page, tmp_path: Path
-) -> None:
+def test_grasp_obeys_the_damage_file_and_records_it(opened: Page, tmp_path: Path) -> None:
     learned = write_damage_file(tmp_path).read_text()
     order = GraspOrder(
         target_force_n=8.0,
@@ -211,7 +209,7 @@ def test_a_release_right_after_a_stop_opens_the_hand(opened: Page, tmp_path: Pat
     assert not opened.ended(OpenHand()).trouble
 
 
-def test_no_order_outlives_a_stop(opened: Page, tmp_path: Path) -> None:
+def test_stop_cancels_every_order(opened: Page, tmp_path: Path) -> None:
     first = GraspOrder(target_force_n=None, recording=tmp_path / "first.mcap")
     second = GraspOrder(target_force_n=None, recording=tmp_path / "second.mcap")
     opened.send(first)

@@ -65,7 +65,7 @@ def test_force_of_an_open_hand_is_not_shown(live: Live, counts: int) -> None:
     assert [point.force is None for point in live.curve] == [False] + [True] * 40
 
 
-def test_force_of_a_hand_that_opens_is_not_shown_and_of_one_stopped_midway_is(live: Live) -> None:
+def test_force_is_hidden_while_opening_and_shown_after_a_stop_midway(live: Live) -> None:
     live.add_frames(pressed(1))
     live.take_progress(replace(progress(0.1, 5.0), phase="release"))
     live.add_frames(replace(pressed(1, from_s=0.1), moving=np.array([True])))

@@ -349,7 +349,7 @@ def test_a_force_beyond_the_learned_limit_is_not_green(low_n: float | None, kind
     assert ("passed the damage limit" in (card["why"] or "")) == (kind == "warn")
 
 
-def test_the_operator_reads_the_target_of_the_grasp_that_runs_and_then_of_the_next() -> None:
+def test_operator_sees_the_target_of_the_running_then_of_the_next_grasp() -> None:
     session = Session(send=lambda message: None)
     session.target_force_n, session.devices.activity = 3.0, DeviceActivity.GRASPING
     shown = document(session, generation=-1, after_s=0.0)["operator"]

@@ -192,7 +192,7 @@ def test_release_is_heard_by_the_running_grasp_and_is_an_order_otherwise(
     assert rehearsal.sent[-1] == ReleaseNow()
 
 
-def test_a_closed_hand_neither_grasps_nor_is_examined(rehearsal: Rehearsal) -> None:
+def test_grasp_and_doctor_with_a_closed_hand_are_refused(rehearsal: Rehearsal) -> None:
     rehearsal.tell(width_mm=40.0)
     for order in (GRASP, Examine()):
         with pytest.raises(InputError, match="the hand is not open: release first"):
@@ -223,7 +223,7 @@ def test_nothing_is_grasped_before_a_rig_is_open() -> None:
         rehearsal.session.order("a", GRASP)
 
 
-def test_an_order_that_failed_leaves_the_rig_watched_and_says_why(rehearsal: Rehearsal) -> None:
+def test_failed_order_keeps_the_rig_watched_and_gives_the_reason(rehearsal: Rehearsal) -> None:
     rehearsal.session.order("a", GRASP)
     rehearsal.tell(Ended(order=GRASP, trouble="no pairs read 0.42 s after a movement"))
     assert rehearsal.session.devices.activity is DeviceActivity.WATCHING
@@ -272,7 +272,7 @@ def test_recording_continues_during_watching(rehearsal: Rehearsal) -> None:
     assert rehearsal.session.devices.activity is DeviceActivity.WATCHING
 
 
-def test_a_new_grasp_begins_a_new_curve_and_forgets_the_last_verdict(rehearsal: Rehearsal) -> None:
+def test_new_grasp_starts_a_new_curve_and_clears_the_verdict(rehearsal: Rehearsal) -> None:
     generation = rehearsal.session.devices.live.generation
     rehearsal.session.devices.grasped = Grasped(result=GraspResult(outcome=Outcome.HELD))
     rehearsal.tell(Began(order=GRASP))

@@ -58,7 +58,7 @@ def test_notes_come_once_and_before_the_frames_of_a_new_source(telemetry: Teleme
     assert telemetry.update().notes == ()
 
 
-def test_a_sender_that_hangs_does_not_hold_up_the_loop() -> None:
+def test_hanging_sender_does_not_block_the_loop() -> None:
     hangs, sent = threading.Event(), list[Update]()
 
     def send(update: Update) -> None:

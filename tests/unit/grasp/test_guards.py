@@ -136,7 +136,7 @@ def test_frames_that_never_change_end_the_approach(plan: Plan, bench: Any) -> No
     spoil_frames(bench, freeze, when=lambda: bench.width_mm < 66.0)
     result = bench.grasp(plan)
     assert result.outcome is Outcome.SENSOR_LOST
-    assert "frames arrive, and are not new" in result.faults[0]
+    assert "frames arrive, but repeat" in result.faults[0]
     assert 66.0 - 9 * plan.step <= bench.width_mm < 66.0
 
 

@@ -163,7 +163,7 @@ def test_a_frame_with_an_end_of_the_range_is_doubtful(plan: Plan) -> None:
     assert doubts == [False, True, False, True, False]
 
 
-def test_pixels_that_the_calibration_does_not_know_are_not_missed(plan: Plan) -> None:
+def test_pixels_absent_from_the_calibration_raise_no_alarm(plan: Plan) -> None:
     from dataclasses import replace
 
     rest_ohm = plan.rest_ohm.copy()
@@ -200,9 +200,7 @@ def test_equal_pixels_raise_an_alarm(plan: Plan) -> None:
 
 
 @pytest.mark.parametrize(("slept", "stuck"), [(3, True), (4, False)])
-def test_two_silent_pixels_are_a_quiet_sheet_and_not_stuck(
-    plan: Plan, slept: int, stuck: bool
-) -> None:
+def test_two_pixels_without_noise_are_not_stuck(plan: Plan, slept: int, stuck: bool) -> None:
     """One pixel never changes; when it has slept through eight movements, another one slept too."""
     frames = at_rest(9)
     for number, frame in enumerate(frames):

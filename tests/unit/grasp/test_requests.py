@@ -52,7 +52,7 @@ def test_release_of_a_held_object_is_the_end_of_a_good_grasp(plan: Plan, bench: 
     assert 3.0 < held["held"] - held["answer"] < 3.5
 
 
-def test_a_watcher_that_fails_is_left_out_and_named(plan: Plan, bench: Any) -> None:
+def test_failing_watcher_is_dropped_and_named(plan: Plan, bench: Any) -> None:
     def broken(_: GraspState) -> None:
         raise RuntimeError("no screen")
 

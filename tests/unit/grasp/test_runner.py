@@ -110,7 +110,7 @@ def test_stale_frames_end_the_grasp(plan: Plan, bench: Any) -> None:
 
 
 @pytest.mark.parametrize("back_s", [0.0, 0.1])
-def test_run_grasp_frame_times_that_do_not_rise_end_it(
+def test_run_grasp_frame_times_not_rising_ends_the_grasp(
     plan: Plan, bench: Any, back_s: float
 ) -> None:
     last = list[float]()
@@ -152,7 +152,7 @@ def test_failing_watcher_is_removed_and_reported(plan: Plan, bench: Any) -> None
 
     result = bench.grasp(plan, subscribers=[broken, lambda o: seen.append(o.frame.time_s)])
     assert result.outcome is Outcome.HELD
-    assert result.faults == ("broken failed and was left out from then on: disk full",)
+    assert result.faults == ("broken failed and was dropped: disk full",)
     assert len(seen) == result.frames
 
 

@@ -119,7 +119,7 @@ def speeds(
 @pytest.mark.parametrize("limits", [WIDTH, PRESSURE])
 @pytest.mark.parametrize("every_s", [0.004, 0.01, 0.067])
 @pytest.mark.parametrize("factor", [1.0, 1.4])
-def test_a_hand_as_fast_as_it_was_sent_is_left_alone(
+def test_speed_at_the_commanded_rate_raises_no_alarm(
     limits: GripperLimits, every_s: float, factor: float
 ) -> None:
     moves = [(20.0, factor * 20.0, 8.0), (4.0, factor * 4.0, 1.0), (35.0, factor * 35.0, 10.0)]

@@ -186,7 +186,7 @@ def test_one_wild_grasp_does_not_turn_a_history(rule: RipenessRule) -> None:
     assert rule.judge(wild).stage == rule.judge(days).stage
 
 
-def test_a_day_of_many_grasps_is_believed_more(rule: RipenessRule) -> None:
+def test_day_with_many_grasps_has_more_weight(rule: RipenessRule) -> None:
     scattered = replace(rule, course=replace(rule.course, grasp_sd=0.25))
     felt = math.log(BOUNDS[1]) + 0.12
     few, many = (

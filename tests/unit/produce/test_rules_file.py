@@ -56,7 +56,7 @@ def test_a_file_becomes_rules_in_its_order(write: Callable[[str], Path]) -> None
     assert ripe.confidence == 0.9
 
 
-def test_the_example_is_a_good_file() -> None:
+def test_example_rules_file_is_valid() -> None:
     book = read_rules(ROOT / "examples" / "sorting-rules.toml")
     assert "eggs" in book.bins
     assert book.default_bin == "by hand"

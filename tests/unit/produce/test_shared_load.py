@@ -151,7 +151,7 @@ def test_shared_pixels_need_a_width_and_an_answer(by_size: dict[float, Felt]) ->
 
 
 @pytest.mark.parametrize("first", [0, 1, 2])
-def test_the_width_is_found_from_any_step_on(first: int) -> None:
+def test_width_is_found_from_any_first_step(first: int) -> None:
     force_n = np.array([0.3, 0.8, 2.0, 4.0])
     pressure_kpa = 10.0 + BEND.give.give_mm(force_n) / BEND.mm_per_kpa
     said = width_at_contact(pressure_kpa[first:], force_n=force_n[first:], bend=BEND)

@@ -118,7 +118,7 @@ def test_foreign_content_is_one_line(path: Path, damage: str) -> None:
     assert "\n" not in str(said.value)
 
 
-def test_measurement_that_is_no_longer_made_is_left_out(path: Path) -> None:
+def test_obsolete_measurement_is_ignored(path: Path) -> None:
     force = Measurement(value=1.0, low=0.5, high=1.5, unit="n", level=0.8)
     with Store.open(path) as store:
         store.add_grasp(make_grasp(taken_at=SEEN, measurements={"force_n": force}))
@@ -140,9 +140,7 @@ def test_readers_do_not_wait_for_a_writer(path: Path) -> None:
 
 
 @pytest.mark.parametrize("folder_mode", [0o755, 0o555])
-def test_store_that_can_only_be_read_is_read_and_refuses_to_be_written(
-    without_root: Path, folder_mode: int
-) -> None:
+def test_read_only_store_is_read_and_refuses_writes(without_root: Path, folder_mode: int) -> None:
     path = without_root / "items of #3?.sqlite"
     with Store.open(path) as store:
         store.add_item(Item(item_id="A17", first_seen=SEEN))
@@ -158,7 +156,7 @@ def test_store_that_can_only_be_read_is_read_and_refuses_to_be_written(
         open_and_write(path)
 
 
-def test_older_store_that_can_only_be_read_is_read(without_root: Path) -> None:
+def test_read_only_older_store_is_read(without_root: Path) -> None:
     path = without_root / "items.sqlite"
     with sqlite3.connect(path) as connection:
         connection.executescript(SCHEMA_1.read_text())

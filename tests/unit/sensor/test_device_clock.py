@@ -45,7 +45,7 @@ def test_a_stall_at_the_start_is_no_drift() -> None:
     assert clock.drift_ppm == pytest.approx(0.0, abs=1.0)
 
 
-def test_a_corrected_drift_does_not_turn_time_back() -> None:
+def test_corrected_drift_keeps_time_rising() -> None:
     device_s = np.arange(850) * 0.002
     delay_s = np.where(device_s < 0.5, 0.0, np.where(device_s < 1.0, 0.0045, 0.020))
     delay_s[500:503] = (0.0025, 0.0005, 0.0)

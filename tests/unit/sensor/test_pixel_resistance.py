@@ -31,7 +31,7 @@ def counts_of(read_ohm: NDArray[np.float64]) -> NDArray[np.int32]:
 
 
 @pytest.mark.parametrize("line_ohm", [0.0, 70.0])
-def test_isolated_lines_are_the_divider_less_the_series_resistance(line_ohm: float) -> None:
+def test_isolated_lines_give_divider_minus_series_resistance(line_ohm: float) -> None:
     ohm = pixels(5)
     found = pixel_resistance_ohm(
         counts_of(ohm + line_ohm), layout=layout("isolated", line_ohm=line_ohm)
@@ -40,7 +40,7 @@ def test_isolated_lines_are_the_divider_less_the_series_resistance(line_ohm: flo
 
 
 @pytest.mark.parametrize("line_ohm", [0.0, 140.0])
-def test_floating_lines_are_solved_back(line_ohm: float) -> None:
+def test_floating_lines_roundtrip_to_resistance(line_ohm: float) -> None:
     ohm = pixels(5)
     read = floating_readings_ohm(ohm) + line_ohm
     found = pixel_resistance_ohm(counts_of(read), layout=layout("floating", line_ohm=line_ohm))
@@ -69,7 +69,7 @@ def test_short_affects_its_column_alone_with_held_lines() -> None:
     assert found[:, 1] == pytest.approx(pixels()[:, 1], rel=1e-4)
 
 
-def test_less_than_the_lines_have_is_a_short_not_a_negative_resistance() -> None:
+def test_resistance_below_the_lines_is_a_short() -> None:
     found = pixel_resistance_ohm(
         counts_of(np.full((4, 2), 50.0)), layout=layout("isolated", line_ohm=70.0)
     )

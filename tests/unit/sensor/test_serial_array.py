@@ -372,7 +372,7 @@ def test_board_plugged_in_again_streams_on(bench: Bench) -> None:
     assert (array.counters.reconnects, array.counters.restarts) == (1, 1)
 
 
-def test_an_unplugged_board_is_gone_where_nothing_reopens_it(bench: Bench) -> None:
+def test_unplugged_board_without_reopening_raises(bench: Bench) -> None:
     board = bench.board()
     array = SerialArray(bench.open(board.port), clock=bench, layout=RIGID_LAYOUT)
     array.read(timeout_s=0.1)
@@ -492,7 +492,7 @@ def test_the_port_is_found_by_asking(bench: Bench) -> None:
     assert find_port(ports, clock=bench, open_stream=bench.open) == board.port
 
 
-def test_two_boards_are_not_chosen_between(bench: Bench) -> None:
+def test_two_boards_without_a_choice_are_refused(bench: Bench) -> None:
     ports = [Port(device=bench.board().port, description="", board="Arduino") for _ in range(2)]
     with pytest.raises(DeviceError, match=r"2 boards answer: .* Choose one with --port"):
         find_port(ports, clock=bench, open_stream=bench.open)

@@ -255,7 +255,7 @@ def test_packet_with_a_wrong_length_is_rejected(wrong_by: int) -> None:
 
 @pytest.mark.parametrize("length", [0, 1, 253, 254, 255, 508, 509])
 @pytest.mark.parametrize("after", [b"", b"\0", b"\0\x02", b"\0\0"])
-def test_long_runs_without_a_zero_come_back(length: int, after: bytes) -> None:
+def test_stuff_of_a_long_run_without_zero_roundtrips(length: int, after: bytes) -> None:
     data = b"\x01" * length + after
     assert unstuff(stuff(data)) == data
 

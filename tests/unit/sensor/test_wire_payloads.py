@@ -69,12 +69,12 @@ def test_an_answer_of_another_length_or_result_is_none() -> None:
 
 
 @pytest.mark.parametrize("streaming", [False, True])
-def test_an_identity_comes_back(streaming: bool) -> None:
+def test_identity_roundtrip_is_unchanged(streaming: bool) -> None:
     identity = replace(IDENTITY, streaming=streaming)
     assert unpack_identity(pack_identity(identity)) == identity
 
 
-def test_a_cut_identity_or_a_name_that_is_no_text_is_none() -> None:
+def test_truncated_identity_or_invalid_name_gives_none() -> None:
     payload = pack_identity(IDENTITY)
     assert unpack_identity(payload[: -len(IDENTITY.board) - 1]) is None
     assert unpack_identity(payload + b"\xff") is None

@@ -1,1 +1,1 @@
-"""Is an item bruised, and where: against its own record, its other sides, sound items."""
+"""Bruise examination of an item against its history, other sides and sound items."""
