@@ -40,7 +40,7 @@ class Approach:
     """Closing at speed, and the touch that ends it.
 
     overrun_steps : 1 to 3 steps, twin.
-        Travel from a touch until the hand stands; the speed of the approach follows from it.
+        Travel from a touch until the hand stands. Less is a slower approach, by `start_sweep`.
     ahead_frames : 1.25 to 4 frames, guess. Reach of a command ahead.
     ahead_s : 0.01 to 0.05 s, guess. And beyond those frames.
     haste_frames : 1 to 2 frames, guess. The same where no object is expected yet.
@@ -161,7 +161,7 @@ class Guards:
     falls_fraction : 0.005 to 0.03 1, study faults. Fall of the reading at each closing step.
     falls_steps : 3 to 5 steps, study faults. Steps that fall in a row.
     rises_fraction : 0.05 to 0.2 1, study faults. Rise of the reading while opening.
-    alone_hints : 1.5 to 4 hints, study faults. One finger grips, the other shows no force.
+    alone_hints : 1.5 to 4 hints, study faults. A hint is -3 %. One finger grips, the other not.
     opening_s : 5 to 30 s, guess. Longest opening.
     idle_commands : 3 to 8 commands, guess. Without any movement.
     idle_fraction : 0.2 to 0.5 1, guess. Of the way, or no movement.

@@ -1,8 +1,9 @@
 """Monitors of a grasp: each checks one danger after every frame.
 
-A monitor is a class with `check`. Add one to `GRIP` below if it needs the estimate, or make it in
-`run_grasp` if it has to see every frame. Those of the pixels, of the servo's current and of the
-gripper's movements have a memory and a file each.
+A monitor is a class with `__init__(plan)` and `check`. Add it to `GRIP` below if it needs the
+estimate: it is left out on uncertain frames and during the release. Make it in `run_grasp` if it
+has to see every frame; reports of the gripper are checked in `runner.py`. The monitors of pixels,
+of the servo's current and of the gripper's movements have a memory and a file each.
 """
 
 from __future__ import annotations
@@ -116,6 +117,7 @@ class FingersMonitor:
         if len(estimate.touches) < READING.now_frames:
             return None
         now = estimate.now
+        # Changes fall with load: the least is that of the finger that presses.
         pressed_percent = min(now.finger_percent)
         if now.shared_percent <= plan.hint_percent:
             return None

@@ -8,7 +8,7 @@ from typing import Literal
 
 from palpate.grasp.phases import Phase
 
-#: The most that a finger may press on an unknown object. The only definition.
+#: Largest grip force on an unknown object, newtons. The only definition.
 FORCE_CEILING_N = 15.0
 
 
