@@ -68,7 +68,7 @@ VERBS = {
 
 
 def build_app() -> LazyGroup:
-    """Assemble the command from its verbs."""
+    """Assemble the command from its subcommands."""
     app = typer.Typer(cls=LazyGroup, name="palpate", no_args_is_help=True, rich_markup_mode=HELP)
 
     @app.callback()

@@ -83,7 +83,7 @@ def calibration_file(rig: str, out: Path | None) -> Path:
 
 
 def earlier_calibration(path: Path, *, layout: ArrayLayout, simulated: bool) -> Calibration | None:
-    """Return the calibration in a file that is to be renewed; None without one.
+    """Return the existing calibration of a file to be updated; None without one.
 
     Raises `CalibrationError` if the file is of another sensor, or can't be read.
     """

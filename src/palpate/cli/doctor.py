@@ -52,7 +52,7 @@ def doctor(
     """
     if recording is not None:
         if rig is not None or port is not None:
-            raise InputError("--recording excludes --rig and --port")
+            raise InputError("--recording can't be combined with --rig or --port")
         examined = _examine_recording(recording, duration_s=duration_s, press=press)
     else:
         with closing(open_source(rig, port=port)) as source:

@@ -101,7 +101,7 @@ _MEANINGS = (
 
 
 def avrdude_path() -> str:
-    """Return where avrdude is.
+    """Return the path of avrdude.
 
     Raises `DeviceNotFoundError` if it isn't installed; the message explains how to install it.
     """

@@ -126,5 +126,5 @@ def _limit_text(limit: Mapping[str, object]) -> str:
         # A sheet that does not show a faint force shows the limit only once it is passed.
         did = ": shown only once the force had passed it; nothing more was pressed"
     elif limit["kept_below_target"]:
-        did = ": it kept the force below what was asked for"
+        did = ": it kept the force below the target"
     return f"Damage limit {limit['low_n']:.1f} N ({learned}){did}"

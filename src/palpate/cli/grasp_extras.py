@@ -164,7 +164,7 @@ def run_watched(
     record: Path | None,
     stack: ExitStack,
 ) -> GraspResult:
-    """Run a grasp, watched by its limit, its store entry and its recording.
+    """Run a grasp with its damage limit, store entry and recording attached.
 
     `stack` closes the recording, after the answer is printed.
     """

@@ -55,7 +55,7 @@ def live(
 ) -> None:
     """Show pixels, contact, rate and losses in the terminal.
 
-    Leave the sensor alone at the start.
+    Keep the sensor unloaded at the start.
 
     Example: palpate live --rig sim-rigid --duration 20
     """

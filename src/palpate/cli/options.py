@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def opt(usage: str, text: str, **settings: Any) -> Any:
-    """Return an option: its name and the placeholder of its value, and its help.
+    """Return a command-line option with its name, value placeholder and help text.
 
     `usage`: as the help prints it, such as ``--out FILE``.
     `settings`: further ones of `typer.Option`.

@@ -119,7 +119,7 @@ def _corner_mm(design: SensorDesign, *, shape: Shape, corner_mm: float) -> float
     if design.pixel_width_mm != design.pixel_height_mm:
         raise InputError(
             f"--shape circle with --pixel {design.pixel_width_mm:g}x{design.pixel_height_mm:g}: "
-            "a circle is as wide as high; give one number"
+            "a circle needs equal width and height; give one number"
         )
     return design.pixel_width_mm / 2
 

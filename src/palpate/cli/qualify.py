@@ -178,7 +178,7 @@ def rows_of(document: Document) -> list[tuple[str, str, str]]:
 
 
 def demands_of(document: Document) -> list[tuple[str, str]]:
-    """Return the cost of the demands, as rows."""
+    """Return the time and cost of meeting the requirements, as table rows."""
     unit = f" {document['unit']}" if document["unit"] else ""
     hour = document["items_per_hour"]
     return [

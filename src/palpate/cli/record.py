@@ -1,4 +1,4 @@
-"""`palpate record FILE`: frames of a board, or of a whole rig, into a recording."""
+"""`palpate record FILE`: record the frames of a board or a whole rig."""
 
 from __future__ import annotations
 

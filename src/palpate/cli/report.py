@@ -255,7 +255,7 @@ def _stage_ranks(pages: Sequence[ItemHistory]) -> dict[str, int]:
 
 
 def _days_to_ripe(page: ItemHistory) -> str:
-    """Return the days to ripe of an item's last verdict; a dash without one."""
+    """Return the days until ripe from an item's last verdict; a dash without one."""
     verdict = page.latest_verdict(About.RIPENESS)
     details = {} if verdict is None else verdict.details
     ends = [details.get(f"days_to_ripe{end}") for end in ("", "_low", "_high")]

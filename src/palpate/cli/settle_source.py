@@ -67,7 +67,7 @@ class HoldSource:
     _warned: set[Path] = field(default_factory=set)
 
     def files(self) -> list[Path]:
-        """Return the files, those of folders by name.
+        """Return the files; those inside a folder are sorted by name.
 
         Raises `InputError` if a folder has no recording in it.
         """
@@ -131,7 +131,7 @@ class HoldSource:
         return self.reading.is_about_units() and is_holds_file(file)
 
     def columns(self, file: Path) -> list[CutColumn]:
-        """Return the sensors of a recording, cut into holds; warn once about each remark.
+        """Return each sensor's data cut into holds; print each warning once.
 
         Raises `InputError` if it can't be read, or no sensor has a hold.
         """
@@ -178,7 +178,7 @@ class HoldSource:
 def is_holds_file(file: Path) -> bool:
     """Return whether a file's header has the columns of a holds file.
 
-    What can't be read more than once (a pipe) counts as one.
+    A pipe, which can be read only once, counts as one.
     """
     if not file.is_file():
         return file.exists()

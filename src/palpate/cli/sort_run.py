@@ -40,7 +40,7 @@ _BROKEN = {"sensor_lost": "the sensor was lost", "gripper_fault": "the gripper f
 def sort_from_store(
     report: SortReport, *, rules: Path, store: str | None, batch: str | None
 ) -> None:
-    """Decide on items of the store by the grasps and verdicts that they have.
+    """Sort stored items by their grasps and verdicts.
 
     Raises `InputError` if there is no such batch, or no item with a grasp.
     """
@@ -181,7 +181,7 @@ _SIMULATED = "sim-rigid"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedCrate:
-    """A mixed crate of the twin."""
+    """A simulated crate of mixed produce."""
 
     hand: SortingHand
     calibration: str

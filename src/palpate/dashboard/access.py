@@ -215,7 +215,7 @@ class WrongTries:
         return len(self._tries.get(self._count_key(visitor), ())) >= MOST_WRONG
 
     def wait_s(self, visitor: str) -> float:
-        """Return the wait until a token may be checked, and take that turn."""
+        """Return the delay before a token may be checked, and reserve that slot."""
         if not self.has_too_many(visitor):
             return 0.0
         now_s, name = self._now_s(), self._count_key(visitor)

@@ -200,7 +200,7 @@ class DeviceProcess:
             self._context.requests, self._context.reacted_s = self._requests, None
 
     def _apply_stop(self) -> None:
-        """Stop the hand after a stop between two orders, or at the end of one."""
+        """Stop the hand if a stop was requested between orders or during one."""
         context = self._context
         with self._lock:
             if context is None or not self._requests.stop.is_set():

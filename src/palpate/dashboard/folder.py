@@ -126,7 +126,7 @@ class History:
         return self._of_recording.get(recording)
 
     def glance(self) -> list[str]:
-        """Return the last grasp and the counts of today in words; nothing before the first."""
+        """Return text on the last grasp and today's counts; empty before the first."""
         if not self._recent:
             return []
         last = self._recent[-1]
@@ -306,12 +306,12 @@ def check_name(stem: str) -> str:
     'monday 3.mcap'
     >>> check_name("../monday")
     Traceback (most recent call last):
-    palpate.errors.InputError: '../monday': a name has letters, digits, spaces, - and _ only
+    palpate.errors.InputError: '../monday': a name may contain only letters, digits, spaces, - and _
     """
     stem = stem.strip()
     usable = all(letter.isalnum() or letter in " -_." for letter in stem)
     if not stem or len(stem) > 80 or stem.startswith(".") or not usable:
-        raise InputError(f"{stem!r}: a name has letters, digits, spaces, - and _ only")
+        raise InputError(f"{stem!r}: a name may contain only letters, digits, spaces, - and _")
     return f"{stem}.mcap"
 
 
@@ -412,7 +412,7 @@ def find_recording(folder: Path, name: str) -> Path:
     file = folder / name
     plain = name == Path(name).name and name.endswith(_ENDING) and "\0" not in name
     if not plain or file.is_symlink() or not file.is_file():
-        raise InputError(f"{name!r}: no recording of this folder")
+        raise InputError(f"{name!r}: no such recording in this folder")
     return file
 
 

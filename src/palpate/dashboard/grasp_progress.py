@@ -1,4 +1,4 @@
-"""A grasp for the page: phase, forecast, the answer now, and newtons at every frame."""
+"""Grasp data for the page: phase, forecast, current answer, and force at every frame."""
 
 from __future__ import annotations
 
@@ -189,7 +189,7 @@ def grasp_progress_of(
 
 
 def _touch_time_s(grasp_state: GraspState) -> float | None:
-    """Return the first contact, from which the answer's time counts."""
+    """Return the time of first contact, where the answer time starts."""
     if not any(moment.name == "contact" for moment in grasp_state.result.moments):
         return None
     felt_s = grasp_state.attempt.felt_s

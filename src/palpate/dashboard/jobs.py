@@ -388,7 +388,7 @@ def _store_calibration(made: Calibration, *, file: Path, context: JobContext) ->
 
 
 def examine_sensor(order: Examine, *, context: JobContext) -> Health:
-    """Read frames for a while, with nothing on the sensor, and judge them.
+    """Read frames from the unloaded sensor and examine them.
 
     Raises
     ------

@@ -193,7 +193,7 @@ class Live:
         return [float(mean) for mean in finger_means(percent, finger_of_row=fingers)]
 
     def finger_forces_n(self, force: Measurement | None, ohm: FloatArray | None) -> list[float]:
-        """Return the fraction of each finger in a force, newtons; empty without one.
+        """Return each finger's force, newtons; empty without a grip force.
 
         The grip force is the fingers' mean; it is shared as the law reads the pixels of each.
         """

@@ -70,7 +70,7 @@ def _number(value: float, spec: str) -> str:
 
 
 def _sentence(found: str) -> Markup:
-    """Return words of a finding, which are written for a terminal."""
+    """Return a finding's terminal text as HTML."""
     signed = re.sub(r"(?<!\w)-(?=\d)", "\N{MINUS SIGN}", html.escape(found))
     return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", signed) + ".")
 

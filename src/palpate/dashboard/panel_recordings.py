@@ -113,7 +113,7 @@ class _Row(ui.element):
             more.props["aria-label"] = f"More about {file.stem}"
 
     def show(self, one: _Listed) -> None:
-        """Show how its grasp ended, when it was last written, and its size."""
+        """Show the recording's grasp outcome, modification time and file size."""
         grasp = one.grasp
         when = day_text(datetime.fromtimestamp(one.status.st_mtime))
         self._about.set_text(f"{when} · {one.status.st_size / 1024:.0f} kB")

@@ -99,7 +99,7 @@ def _numbers(text: str) -> list[float]:
     try:
         return [float(word) for word in text.replace(",", " ").split()]
     except ValueError as error:
-        raise InputError(f"loads {text!r}: numbers with spaces between them") from error
+        raise InputError(f"loads {text!r}: give numbers separated by spaces") from error
 
 
 def _result(app_state: AppState, viewer: Viewer) -> None:

@@ -227,7 +227,7 @@ def _decide_again(
 
 
 def _split_frames(seen: list[Seen], *, lasting_s: float) -> Iterator[list[Seen]]:
-    """Yield the frames in stretches of about one length."""
+    """Yield the frames in chunks of roughly equal length."""
     first = 0
     for index, (frame, _) in enumerate(seen):
         if frame.time_s - seen[first][0].time_s >= lasting_s:

@@ -88,7 +88,7 @@ class Telemetry:
         self._thread.join(_FAREWELL_S)
 
     def note(self, note: Note, *, at_once: bool = False) -> None:
-        """Send a note: never dropped, and before later frames."""
+        """Send a notice; it is never dropped and precedes later frames."""
         with self._lock:
             self._notes.append(note)
         if at_once:
@@ -166,7 +166,7 @@ class Telemetry:
                 return
 
     def update(self) -> Update:
-        """Return the update since the last one."""
+        """Return the changes since the last update."""
         with self._lock:
             notes, self._notes = tuple(self._notes), []
             frames = list(self._frames)

@@ -137,7 +137,7 @@ class Viewer:
         self.on_refresh(show, of=element)
 
     def on_refresh(self, refresher: Callable[[], object], *, of: ui.element | None = None) -> None:
-        """Call this now and a few times a second, during the life of its element."""
+        """Call a function now and periodically while its page element exists."""
         self._refreshers.append((refresher, of))
         refresher()
 

@@ -257,7 +257,7 @@ def measure_stiffness(
 def _measure(
     estimate: ContactEstimate, force: Measurement, plan: Plan
 ) -> tuple[Measurement | None, Measurement | None]:
-    """Return size and stiffness by the closing curve; None with too little force."""
+    """Return size and stiffness from the closing curve; None if the force is too low."""
     found = _closing_curve(estimate, plan)
     if found is None:
         return None, None
@@ -327,7 +327,7 @@ def mm_per_unit(plan: Plan) -> float:
 def sheet_forces_n(
     steps: Sequence[ClosingStep], estimate: ContactEstimate, plan: Plan
 ) -> FloatArray:
-    """Return the forces of steps, soon after each, by the sheet and this contact's gain."""
+    """Return the early force of each step from the sheet and contact gain."""
     law = plan.early_law.force_n(np.array([step.touch.reading for step in steps]))
     return np.asarray(math.exp(estimate.gain.log_mean) * law.value)
 

@@ -281,7 +281,7 @@ def _rows_without_contact(now: Touch, plan: Plan) -> tuple[int, ...]:
 
 
 def _record_residual(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Record the residual of the sheet where the hand came back without an object.
+    """Record the residual of the sheet after retracting without an object.
 
     Where both fingers read more than a hint, it has not come back far enough; and where it has come
     back as far as it may and reads most of the touch, that has nothing to do with the fingers.

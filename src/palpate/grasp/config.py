@@ -226,7 +226,7 @@ class Pixels:
 class Current:
     """Thresholds of the evidence in the servo's current.
 
-    sd : 4 to 6 sd, study faults. A rise that one movement shows is believed.
+    sd : 4 to 6 sd, study faults. A rise seen in one movement is accepted.
     twice_sd : 2.5 to 4 sd, study faults. Two in a row are believed.
     readings : 3 to 8 readings, guess.
         In a mean; short movements of an empty hand that show what its gears take.

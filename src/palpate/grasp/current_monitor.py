@@ -171,7 +171,7 @@ class CurrentMonitor:
         return Alarm(danger=Danger.UNSEEN_FORCE, words=words)
 
     def _check_sheet(self, estimate: ContactEstimate) -> Alarm | None:
-        """Compare the current of the last movement, and at rest, with the sheet."""
+        """Compare the servo current, moving and at rest, with the sheet reading."""
         if estimate.still_s < READING.quiet_s or not estimate.touches:
             return None
         if self._plan.current is None:

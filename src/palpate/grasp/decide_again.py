@@ -1,4 +1,4 @@
-"""A recorded grasp through the controller again: the decisions are those of the live run."""
+"""Replay of a recorded grasp through the controller, with the live run's decisions."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def plan_of_recording(info: RecordingInfo, *, gripper: Gripper, hold_s: float = 
     Raises `RecordingError` if it names no calibration, `CalibrationError` if that can't be read.
     """
     if info.calibration is None:
-        raise RecordingError("the recording names no calibration, so no grasp can be decided again")
+        raise RecordingError("the recording names no calibration, so its grasps can't be replayed")
     calibration = Calibration.from_text(info.calibration, where="the recording")
     plan = plan_grasp(
         calibration,
@@ -82,7 +82,7 @@ def plan_of_recording(info: RecordingInfo, *, gripper: Gripper, hold_s: float = 
 
 
 def read_by_paper(source: Replay, paper: Paper) -> GraspResult:
-    """Read a recorded grasp of any method as the paper's would, with the recorded movements.
+    """Evaluate a recorded grasp by the paper's method, with the recorded movements.
 
     Contact is the first stillness whose mean change passes the threshold; the prediction comes
     at the cutoff after the last movement. The extra closing is the recorded one.

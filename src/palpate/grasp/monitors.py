@@ -36,7 +36,7 @@ class Monitor(Protocol):
 
 
 class BoardMonitor:
-    """Ends the grasp where the sensor's board has tripped on the reading of one pixel."""
+    """Ends the grasp if the sensor board tripped on one pixel's reading."""
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
         """Return the trip of the board's own ceiling."""

@@ -70,4 +70,6 @@ class Paper:
         try:
             return structure(cls, {k: v for k, v in json.loads(text).items() if k != "line"})
         except (ValueError, TypeError, AttributeError) as error:
-            raise RecordingError(f"its settings of the paper's method: {error}") from error
+            raise RecordingError(
+                f"the recorded settings of the paper's method can't be read: {error}"
+            ) from error

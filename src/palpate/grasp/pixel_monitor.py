@@ -65,7 +65,7 @@ class PixelMonitor:
 
     @property
     def beyond(self) -> str | None:
-        """The remark on pixels that the load has saturated, if any."""
+        """The warning about pixels saturated by the load, if any."""
         if not (self._known & self._pressed).any():
             return None
         return (
@@ -148,7 +148,7 @@ class PixelMonitor:
         return f"pixel {pixel_name(row, col)}"
 
     def _count_alike(self, *, alike: bool) -> None:
-        """Count repeated frames; a finished run shows the usual number."""
+        """Count consecutive repeated frames, and learn the usual run length."""
         self._frames += 1
         if alike:
             self._alike += 1

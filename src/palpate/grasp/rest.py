@@ -98,5 +98,5 @@ def prove_rest(state: GraspState, proving_from: float, *, plan: Plan) -> bool:
 
 
 def _use_old_values(state: GraspState, why: str, *, plan: Plan) -> None:
-    state.add_fault(f"rest values of the calibration used: {why}")
+    state.add_fault(f"the calibration's rest values are used: {why}")
     state.estimate.rest_ohm = plan.rest_ohm

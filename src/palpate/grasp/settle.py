@@ -163,7 +163,7 @@ def _is_limited(estimate: ContactEstimate, force: Measurement, plan: Plan) -> bo
 
 
 def _note_on_target(state: GraspState, force: Measurement, plan: Plan) -> None:
-    """Note when the settled force is first on target since the last movement."""
+    """Record the time when the settled force first reaches target after a movement."""
     moved_s = state.estimate.moved_s
     known = any(m.name == "on_target" and m.time_s > moved_s for m in state.result.moments)
     off = _is_force_missing(force, plan) or is_above_target(force, plan)

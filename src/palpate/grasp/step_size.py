@@ -137,7 +137,7 @@ def squeeze_step(estimate: ContactEstimate, plan: Plan, *, goal_n: float) -> flo
 
 
 def squeeze_depth(estimate: ContactEstimate, plan: Plan) -> float:
-    """Return the closing since the hand grips the object, mm or kPa.
+    """Return the closing travel since the object was gripped, mm or kPa.
 
     From where the force began, by how steeply it rises. A faint touch of one finger alone is no
     squeeze, it may only push.

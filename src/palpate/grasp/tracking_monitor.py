@@ -93,7 +93,7 @@ class Following:
     def glance_s(
         self, *, now_s: float, limits: GripperLimits, safety: SafetyLimits
     ) -> float | None:
-        """Return the interval of checks of a closing hand; None once it is done.
+        """Return the check interval of a closing movement; None once it has finished.
 
         Meanwhile the hand could exceed its target by the allowed amount. Pressure is in the frames.
         """

@@ -210,7 +210,7 @@ class LabelLearner:
         return found
 
     def _leave_out(self, name: str) -> FloatArray:
-        """Return the probabilities of each row by a pipeline that did not see its item."""
+        """Return each row's probabilities from a pipeline trained without its item."""
         found = np.empty((len(self._truth), len(self.labels)))
         for seen, rest in self._splits:
             found[rest] = self._predict(self._fit_model(name, seen), self._table[rest])
@@ -219,7 +219,7 @@ class LabelLearner:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabelledTable:
-    """Rows to learn from, and rows to be named, whose label is empty."""
+    """Training rows, and rows to classify, whose label is empty."""
 
     #: Names of the columns.
     features: tuple[str, ...]

@@ -44,7 +44,7 @@ def read_labelled(path: str | os.PathLike[str]) -> LabelledTable:
         raise InputError(f"{path}: can't be read ({error})") from error
     features = tuple(name for name in names if name not in ("item_id", "label"))
     if not features:
-        raise InputError(f"{path}: has no column of numbers next to item_id and label")
+        raise InputError(f"{path}: has no numeric column besides item_id and label")
     columns = read_table(
         path,
         columns={"item_id": "text", "label": "text", **dict.fromkeys(features, "number")},

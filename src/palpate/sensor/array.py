@@ -206,7 +206,7 @@ class PressureArray(Protocol):
 
     @property
     def layout(self) -> ArrayLayout:
-        """Layout of the frames that it gives."""
+        """Layout of the frames that the array delivers."""
         ...
 
     def read(self, *, timeout_s: float) -> Frame:

@@ -35,9 +35,9 @@ _FIRMWARE_S_PER_PIXEL = 10e-6  # docs/protocol.md
 
 
 class BoardLink:
-    """Feeds a decoder from a stream and carries out lists of commands without ever waiting.
+    """Feeds a decoder from a stream and executes command lists without blocking.
 
-    Nothing is sent until the board has been heard, or `LISTEN_S` have passed.
+    Nothing is sent until data has arrived from the board, or `LISTEN_S` have passed.
 
     `decoder`: to continue the count after a reconnect.
     """

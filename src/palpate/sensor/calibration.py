@@ -308,7 +308,7 @@ class CurrentPairs:
                     f"current: {len(self.force_n)} forces and {len(getattr(self, name))} {name}"
                 )
         if bool(self.width_mm) != bool(self.movement):
-            raise CalibrationError("current: width_mm and movement go together")
+            raise CalibrationError("current: give both width_mm and movement, or neither")
         if not np.isfinite([*self.force_n, *self.current_ma, *self.width_mm]).all():
             raise CalibrationError("current: every entry must be a finite number")
 

@@ -44,7 +44,7 @@ CHECKS: dict[str, str] = {
     "at 9600 baud ask for at most 15 Hz",
     "corrupt": "check cable and ground; another program on the port or a wrong baud rate does the "
     "same",
-    "late": "the computer stalls: close what loads it, or lower the rate",
+    "late": "the computer stalls: close busy programs, or lower the rate",
     "jitter": "another task holds up the board or the link; times stay true, but filters that "
     "count frames suffer",
     "clock": "the board's resonator is out of its range, or the computer's clock is being set: "
@@ -60,7 +60,7 @@ class Finding:
 
     >>> found = Finding("late", "7 frames late", severity=Severity.ADVICE)
     >>> found.check
-    'the computer stalls: close what loads it, or lower the rate'
+    'the computer stalls: close busy programs, or lower the rate'
     """
 
     #: A key of `CHECKS`.
@@ -78,7 +78,7 @@ class Finding:
         return CHECKS[self.code]
 
     def is_about(self, row: int, col: int) -> bool:
-        """Return whether it concerns a pixel, its line or all pixels."""
+        """Return whether the finding concerns a pixel, its line or all pixels."""
         return self.where in (
             pixel_name(row, col),
             f"row R{row}",

@@ -103,7 +103,7 @@ class OneWayArray(PortArray):
     def on_port(
         cls, port: str, *, baud: int, layout: ArrayLayout, decoder: FrameDecoder
     ) -> OneWayArray:
-        """Return the array of a board on a serial port, found again after an unplug.
+        """Return the array of a serial board; it reconnects after an unplug.
 
         Raises `DeviceError` if the port can't be opened, or no frame comes.
         """
@@ -170,8 +170,8 @@ class OneWayArray(PortArray):
                 f"{timeout_s:g} s: {self._decoder.fault or _NO_END}"
             )
         return DeviceTimeoutError(
-            f"{self.name}: nothing came in {timeout_s:g} s. Check its power, and that its program "
-            "prints without being asked."
+            f"{self.name}: nothing came in {timeout_s:g} s. Check its power, and that its "
+            "firmware sends readings unprompted."
         )
 
 

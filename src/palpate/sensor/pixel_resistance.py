@@ -1,6 +1,6 @@
-"""Counts of a frame to the resistance of each pixel: divider, series resistance, crosstalk.
+"""Conversion of a frame's counts to pixel resistances: divider, series resistance, crosstalk.
 
-The one place that does so. All uses of pixels take them from here, so that rest
+The only module that does this conversion. All uses of pixels take them from here, so that rest
 values, loads and recordings are always solved alike.
 """
 

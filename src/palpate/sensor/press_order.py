@@ -63,7 +63,7 @@ class PressWatch:
 
     @property
     def next_place(self) -> PixelPlace | None:
-        """The pixel to press now; None when done, or until the last is released."""
+        """The pixel to press next; None when done or while a pixel is pressed."""
         waiting = self._leader is None or self._depth == 0.0
         return self._wanted[0] if self._wanted and waiting else None
 
@@ -74,7 +74,7 @@ class PressWatch:
 
     @property
     def presses(self) -> tuple[Press, ...]:
-        """The presses until now."""
+        """The presses recorded so far."""
         return tuple(self._presses)
 
     def add_frame(self, time_s: float, ohm: FloatArray) -> None:

@@ -1,4 +1,4 @@
-"""Which reference resistor fits a range of pixel resistances."""
+"""Selection of the reference resistor for a range of pixel resistances."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def rest_values(
 def with_rest(
     earlier: Calibration | None, rest: RestValues, *, layout: ArrayLayout, simulated: bool
 ) -> Calibration:
-    """Return the earlier calibration with these rest values; without one, a new one."""
+    """Return the earlier calibration, or a new one, with these rest values."""
     if earlier is not None:
         # The date is what its age is judged by: that of the force readings, where there are any.
         made_at = earlier.made_at if earlier.force.force_n else now_text()

@@ -317,7 +317,7 @@ class Decoder:
         return self._expected - 1, self._time_us
 
     def _count_answer(self, ack: Ack | None) -> Ack | None:
-        """Count losses before an answer, which states the frames sent before it."""
+        """Count frames lost before an answer, using its count of sent frames."""
         if ack is None or ack.stream == 0:
             return ack
         if ack.stream != self._stream:

@@ -261,7 +261,7 @@ class SetCeiling(Command):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetServoTravel(Command):
-    """Set the pulses of the open and the closed fingers, 500 to 2500 microseconds."""
+    """Set the pulse widths for open and closed fingers, 500 to 2500 microseconds."""
 
     kind: ClassVar[int] = 0x8A
     form: ClassVar[str] = "HH"

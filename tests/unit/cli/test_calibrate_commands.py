@@ -146,7 +146,7 @@ def test_a_place_that_can_not_be_written_to_is_refused_before_the_work(
     assert f"there is no folder {path.parent}" in error
 
 
-def test_the_rig_file_says_where_its_calibration_is(tmp_path: Path) -> None:
+def test_rig_file_calibration_path_is_used(tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
     rig.write_text('calibration = "mine.json"\n')
     assert calibration_file(str(rig), None) == tmp_path / "mine.json"

@@ -73,7 +73,9 @@ def test_a_known_weight_gives_the_line_for_the_rig_file(bench: Bench, palpate: C
     assert has_load_cell(str(bench.rig))
 
 
-def test_the_second_cell_joins_the_first(bench: Bench, palpate: Command) -> None:
+def test_calibrate_cell_second_cell_is_added_to_the_rig_file(
+    bench: Bench, palpate: Command
+) -> None:
     bench.rig.write_text(TABLES)
     of_cell_1 = ("--rig", str(bench.rig), "--cell", "1", "--known-n", "10", "--json")
     assert "calibrate cell 0 first" in palpate("calibrate", "cell", *of_cell_1, status=2).err
@@ -141,7 +143,7 @@ def test_compliance_on_a_board_with_two_cells(
     assert max(made.block.force_n) == pytest.approx(15.0, abs=3.0)
 
 
-def test_a_rig_file_without_load_cells_is_sent_to_dead_weights(
+def test_calibrate_force_rig_without_load_cells_suggests_dead_weights(
     bench: Bench, palpate: Command
 ) -> None:
     bench.rig.write_text(TABLES)

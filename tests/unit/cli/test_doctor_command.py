@@ -69,7 +69,7 @@ def test_doctor_recorded_presses_of_crossed_rows_are_found(
     ("arguments", "status", "says"),
     [
         (["--rig", "a.toml", "--port", "b"], 2, "--port: the rig states its port"),
-        (["--recording", "a.mcap", "--port", "b"], 2, "--recording excludes"),
+        (["--recording", "a.mcap", "--port", "b"], 2, "--recording can't be combined"),
         (["--recording", "no.mcap"], 2, "can't be opened"),
         (["--rig", "no.toml"], 2, "no.toml"),
         (["--port", "/dev/no-such-port"], 3, "no port /dev/no-such-port"),

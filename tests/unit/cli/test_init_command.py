@@ -66,7 +66,7 @@ def test_matrix_on_two_fingers_is_written(tmp_path: Path, palpate: Command) -> N
     ("gripper", "rest"),
     [("none", "and force to read newtons"), ("dynamixel", "and force and compliance to grasp")],
 )
-def test_the_next_steps_are_those_of_the_rig(
+def test_next_steps_match_the_rig(
     tmp_path: Path, palpate: Command, gripper: str, rest: str
 ) -> None:
     shown = palpate("init", tmp_path / "rig.toml", "--port", "auto", "--gripper", gripper).out

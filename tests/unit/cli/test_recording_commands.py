@@ -236,7 +236,7 @@ def test_inspect_draws_a_plot(recorded: Path, tmp_path: Path, palpate: Command) 
     assert width == pytest.approx(300 * PAGE_WIDTH_IN, abs=3), "300 dots per inch"
 
 
-def test_inspect_refuses_to_draw_nothing(tmp_path: Path, palpate: Command) -> None:
+def test_inspect_plot_without_data_is_refused(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "empty.mcap"
     with RecordingWriter(path, info=RecordingInfo(layout=RIGID_LAYOUT, origin="twin")):
         pass

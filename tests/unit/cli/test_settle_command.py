@@ -53,7 +53,7 @@ def document(palpate: Command, *arguments: object) -> dict:
     return printed.document
 
 
-def test_settle_json_is_one_document_in_the_public_form(holds_csv: Path, palpate: Command) -> None:
+def test_settle_json_matches_the_published_schema(holds_csv: Path, palpate: Command) -> None:
     found = document(palpate, holds_csv)
     assert list(found["rows"][0])[: len(ROW_KEYS)] == ROW_KEYS
     assert list(found["summary"][0])[: len(SUMMARY_KEYS)] == SUMMARY_KEYS
@@ -283,7 +283,7 @@ def test_bad_options_are_one_line_and_status_2(
         (bytes(range(256)) * 8, "not a text file"),
     ],
 )
-def test_bad_files_are_one_line_and_status_2(
+def test_bad_file_prints_one_line_and_exits_with_2(
     tmp_path: Path, palpate: Command, content: bytes, said: str
 ) -> None:
     path = tmp_path / "bad.csv"

@@ -158,7 +158,9 @@ def test_few_labels_are_reported(palpate: Command, tmp_path: Path) -> None:
         (["--identify", "K", "--target-force-n", "5"], "--target-force-n 5.0: --identify takes"),
     ],
 )
-def test_sort_without_one_task_is_refused(palpate: Command, options: list[str], said: str) -> None:
+def test_sort_without_exactly_one_task_is_refused(
+    palpate: Command, options: list[str], said: str
+) -> None:
     assert said in palpate.refused("sort", *options)
 
 
@@ -188,7 +190,7 @@ def test_label_of_a_person_replaces_the_guess(palpate: Command, store: Path, rul
     assert (row["bin"], row["probability"]) == ("kiwi", 1.0)
 
 
-def test_verdicts_of_the_store_decide_where_rules_ask_for_them(
+def test_sort_rules_on_verdicts_use_stored_verdicts(
     palpate: Command, store: Path, tmp_path: Path
 ) -> None:
     path = tmp_path / "bruised.toml"
@@ -272,7 +274,7 @@ def test_items_before_other_fingers_are_named_line_by_line(
 
 
 @pytest.mark.slow
-def test_a_damage_file_makes_the_hand_gentler_and_a_target_firmer(
+def test_damage_file_lowers_the_force_and_a_target_raises_it(
     palpate: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig, path = tmp_path / "rig.toml", tmp_path / "size.toml"

@@ -116,7 +116,7 @@ def test_teach_learns_each_question_from_the_store(
     ("arguments", "message"),
     [
         (("grade", "--table", "none.csv"), "can't be read"),
-        (("grade", "--table", "bare.csv"), "no column of numbers"),
+        (("grade", "--table", "bare.csv"), "no numeric column"),
         (("grade", "--table", "few.csv"), "each label needs at least 1 labelled item"),
         (("grade", "--table", "few.csv", "--kind", "kiwi"), "--kind kiwi: --table few.csv"),
         (("bruise", "--store", "store.sqlite"), "name the kind of the items with --kind"),

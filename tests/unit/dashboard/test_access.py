@@ -249,7 +249,7 @@ def test_right_token_after_wrong_ones_from_its_address_waits_a_turn_and_is_let_i
 
 
 @pytest.mark.slow
-def test_guesses_without_pause_are_mostly_refused() -> None:
+def test_rapid_token_guesses_are_mostly_refused() -> None:
     waits = Waits()
     gate = gate_with(waits=waits)
     statuses = [ask(gate=gate, **bearer(f"guess-{n:08d}")).status for n in range(3000)]

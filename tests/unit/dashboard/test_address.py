@@ -11,7 +11,9 @@ from palpate.dashboard.transport import address_for_others
 
 
 @pytest.mark.parametrize(("host", "family"), [("0.0.0.0", socket.AF_INET), ("::", socket.AF_INET6)])
-def test_address_for_others_can_be_reached(host: str, family: socket.AddressFamily) -> None:
+def test_network_address_is_reachable_from_other_machines(
+    host: str, family: socket.AddressFamily
+) -> None:
     with socket.socket(family) as listening:
         listening.bind((host, 0))
         listening.listen()

@@ -107,7 +107,7 @@ def test_recording_list_is_read_again_only_when_the_folder_changed(
     ]
 
 
-def test_recording_list_leaves_out_a_file_that_vanishes(
+def test_recording_list_file_deleted_meanwhile_is_omitted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Files go while they are listed."""

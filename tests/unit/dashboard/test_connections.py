@@ -109,7 +109,7 @@ def test_half_open_connections_beyond_the_most_leave_room_for_stop(
 @pytest.mark.slow
 @pytest.mark.parametrize("part", [b"", b"\r\n", b"POST", STOP[:20], STOP[:-30], STOP[:-1]])
 @pytest.mark.parametrize("before", [b"", STOP])
-def test_a_request_that_does_not_come_closes_its_connection(
+def test_server_request_timeout_closes_the_connection(
     monkeypatch: pytest.MonkeyPatch, part: bytes, before: bytes
 ) -> None:
     monkeypatch.setattr(connections, "REQUEST_S", 0.1)

@@ -269,7 +269,9 @@ def test_a_stop_without_a_rig_is_confirmed_at_once(page: Page) -> None:
     page.until(lambda update: StopConfirmed(7) in update.notes)
 
 
-def test_unreachable_hand_confirms_no_stop(opened: Page, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stop_unreachable_hand_is_not_confirmed(
+    opened: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken(self: object) -> None:
         raise DeviceError("the servo does not answer")
 
@@ -324,7 +326,7 @@ def test_a_guided_calibration_of_the_force_can_be_stopped(opened: Page, tmp_path
     assert ended.trouble == "stopped on request"
 
 
-def test_the_doctor_finds_a_sound_twin_healthy(opened: Page) -> None:
+def test_doctor_faultless_twin_is_healthy(opened: Page) -> None:
     ended = opened.done(Examine(duration_s=4.0))
     assert isinstance(ended.found, Health)
     assert ended.found.link.lost == 0

@@ -118,7 +118,7 @@ def test_force_uses_the_gain_of_the_contact(live: Live) -> None:
     assert live.force.value == pytest.approx(wide.value), "the next contact is another one"
 
 
-def test_the_laws_pass_through_the_pipe() -> None:
+def test_force_laws_through_the_pipe_give_equal_forces() -> None:
     again = pickle.loads(pickle.dumps(LAWS))
     excess = np.full((4, 2), 0.5)
     read = [ForceNow(laws, early_s=0.4, settled_s=20.0).step(0.0, excess) for laws in (again, LAWS)]

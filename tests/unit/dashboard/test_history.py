@@ -172,7 +172,7 @@ def test_names_that_lead_out_of_the_folder_are_refused(name: str) -> None:
         check_name(name)
 
 
-def test_history_glance_gives_last_grasp_and_counts_of_today(tmp_path: Path) -> None:
+def test_history_summary_has_last_grasp_and_todays_counts(tmp_path: Path) -> None:
     history = History(tmp_path)
     assert history.glance() == []
     history.add(ENTRY)

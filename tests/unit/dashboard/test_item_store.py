@@ -160,7 +160,7 @@ def sized(size_mm: float, outcome: Outcome = Outcome.HELD) -> GraspResult:
         (sized(40.0, Outcome.SLIPPED), None),
     ],
 )
-def test_place_without_a_name_gives_a_bin_by_the_grasp_alone(
+def test_bin_of_an_unnamed_item_uses_the_grasp_only(
     tmp_path: Path, result: GraspResult, found: tuple[str, int | None] | None
 ) -> None:
     item_store = ItemStore(str(tmp_path / "items.sqlite"), rules=RULES)

@@ -161,7 +161,7 @@ def test_without_rest_values_the_first_frames_are_taken() -> None:
     assert live.percent[0, 0] < -40
 
 
-def test_document_has_the_points_missing_on_the_page() -> None:
+def test_document_contains_only_points_new_to_the_page() -> None:
     session = Session(send=lambda message: None)
     session.devices.live.open_source(SOURCE)
     session.devices.live.add_frames(frames(40, rate_hz=40.0))

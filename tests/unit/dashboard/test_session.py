@@ -171,7 +171,7 @@ def test_session_refuses_a_seed_out_of_range(rehearsal: Rehearsal, seed: Any) ->
 
 
 @pytest.mark.parametrize("time_s", [math.nan, math.inf, -math.inf, None, "late"])
-def test_session_refuses_moments_that_no_recording_has(rehearsal: Rehearsal, time_s: Any) -> None:
+def test_session_time_outside_the_recording_is_refused(rehearsal: Rehearsal, time_s: Any) -> None:
     rehearsal.session.order("a", Play(file=Path("old.mcap")))
     rehearsal.sent.clear()
     with pytest.raises(InputError, match="this time is not"):
@@ -199,7 +199,7 @@ def test_grasp_and_doctor_with_a_closed_hand_are_refused(rehearsal: Rehearsal) -
             rehearsal.session.order("a", order)
 
 
-def test_a_stale_sensor_does_not_grasp_but_the_hand_still_opens(rehearsal: Rehearsal) -> None:
+def test_stale_sensor_refuses_grasp_but_opens_the_hand(rehearsal: Rehearsal) -> None:
     rehearsal.tell(link=LinkStatus(stale=True))
     with pytest.raises(InputError, match="no fresh frames"):
         rehearsal.session.order("a", GRASP)

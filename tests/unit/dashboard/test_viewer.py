@@ -52,7 +52,7 @@ def test_a_press_that_comes_late_moves_nothing(monkeypatch: pytest.MonkeyPatch) 
     assert refused[-1] == "the press came 29 s late: press again"
 
 
-def test_viewer_order_and_its_check_are_not_separated_by_a_stop() -> None:
+def test_viewer_order_and_its_check_are_atomic() -> None:
     """Stops come from another thread, and must prevent an order already checked."""
     sent: list[object] = []
     stops: list[Thread] = []

@@ -141,7 +141,7 @@ def test_calibration_without_load_cell_and_weights_is_refused(
         calibrate_force(replace(order, loads_n=(50.0, 100.0, 200.0, 400.0)), context=pad.context)
 
 
-def test_a_sensor_alone_is_calibrated_from_nothing(pad: PadAndUser, tmp_path: Path) -> None:
+def test_calibration_without_gripper_or_file_is_created(pad: PadAndUser, tmp_path: Path) -> None:
     context, devices = pad.context, cast("PressureArray", pad)
     assert context is not None
     context.rig = SensorRig(name="pad.toml", array=devices, clock=pad.clock, calibration=None)

@@ -51,7 +51,7 @@ def test_current_pairs_of_unequal_length_are_refused() -> None:
 def test_readings_of_older_files_and_of_movements_are_told_apart() -> None:
     with pytest.raises(CalibrationError, match="2 forces and 1 width_mm"):
         CurrentPairs(force_n=(1.0, 2.0), current_ma=(5.0, 6.0), width_mm=(1.0,), movement=(0, 0))
-    with pytest.raises(CalibrationError, match="go together"):
+    with pytest.raises(CalibrationError, match="give both"):
         CurrentPairs(force_n=(1.0,), current_ma=(5.0,), width_mm=(1.0,))
 
 

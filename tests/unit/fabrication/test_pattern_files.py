@@ -229,7 +229,7 @@ def test_dxf_and_svg_of_a_layer_are_the_same_lines(tmp_path: Path, palpate: Comm
         (["--rows", "16", "--pixel", "20"], "114.0 mm more than the cutter's 298 mm"),
         (["--rows", "17"], "rows and columns must be 1 to 16 each"),
         (["--shape", "rounded", "--corner", "4"], "0.50 mm more than half of the pixel"),
-        (["--shape", "circle", "--pixel", "7x8"], "a circle is as wide as high"),
+        (["--shape", "circle", "--pixel", "7x8"], "a circle needs equal width and height"),
         (["--pixel", "big"], "--pixel big: give millimetres"),
         (["--pad-pitch", "nan"], "pad pitch of nan mm: give a positive length"),
         (["--preset", "other"], "there are paper-2x2, paper-3x2"),

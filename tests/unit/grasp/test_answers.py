@@ -15,7 +15,7 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.step_size import force_now
 
 
-def test_measure_object_step_whose_pixels_cancel_is_not_felt(plan: Plan) -> None:
+def test_measure_object_step_with_cancelling_pixels_is_ignored(plan: Plan) -> None:
     steps = closing_steps([1.0, 0.0, 2.0, 3.0, 4.0], step_mm=0.5)
     estimate = ContactEstimate(steps=steps, contact_s=0.0, closure=22.0, force_n=2.0)
     estimate.set_force(2.0, 2.2)

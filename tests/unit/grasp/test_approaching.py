@@ -105,7 +105,7 @@ def test_sheet_that_reads_the_touch_after_the_way_back_ends_the_grasp(
     bench.change_frames(sticking)
     result = bench.grasp(plan)
     assert result.outcome is Outcome.SENSOR_LOST
-    assert "reads as much after the fingers went back" in " ".join(result.faults)
+    assert "reads the same after the fingers withdrew" in " ".join(result.faults)
     assert bench.force_n == 0.0
 
 

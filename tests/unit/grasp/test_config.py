@@ -45,7 +45,7 @@ FIXED = {
 
 
 @pytest.mark.parametrize("name", LOOP)
-def test_file_of_the_loop_holds_no_tuned_number(name: str) -> None:
+def test_loop_module_has_no_tuned_constant(name: str) -> None:
     tree = ast.parse((FOLDER / f"{name}.py").read_text())
     numbers = {
         node.value

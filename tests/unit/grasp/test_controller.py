@@ -197,7 +197,7 @@ def test_run_grasp_command_that_the_gripper_rounds_is_taken_as_sent(plan: Plan, 
     assert all(2 * closure == round(2 * closure) for closure in sent)
 
 
-def test_corrections_are_steps_of_the_closing_too(plan: Plan, bench: Any) -> None:
+def test_corrections_are_recorded_as_closing_steps(plan: Plan, bench: Any) -> None:
     """The object yields after the squeeze; the gripper closes on and reads again."""
     seen = list[GraspState]()
 

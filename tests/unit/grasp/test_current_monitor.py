@@ -132,7 +132,7 @@ def test_force_on_the_sheet_too_raises_no_alarm(calibrated: Plan) -> None:
     assert moved(watch, of_force(6.0), closure=20.0, reading=12.0) == [None] * 5
 
 
-def test_opening_is_not_judged(calibrated: Plan) -> None:
+def test_current_monitor_opening_movement_is_not_checked(calibrated: Plan) -> None:
     watch = CurrentMonitor(calibrated)
     found = moved(watch, of_force(6.0), closure=20.0, opening=True)
     assert found == [None] * 5
@@ -197,7 +197,7 @@ def swept(
     return closure, None
 
 
-def test_without_a_calibration_one_long_movement_is_enough(plan: Plan) -> None:
+def test_current_monitor_uncalibrated_long_movement_raises_an_alarm(plan: Plan) -> None:
     """The object lies beside the sheet, and the hand closes on it without a stop."""
     touch_mm = 12.0
     closure, alarm = swept(
@@ -269,7 +269,7 @@ def test_an_uncalibrated_current_that_is_never_reported_is_no_fault(plan: Plan) 
     assert not any(alarm for at in range(9) for alarm in moved(watch, np.nan, closure=at))
 
 
-def test_a_standing_gripper_without_current_is_not_judged(calibrated: Plan) -> None:
+def test_stationary_gripper_without_current_is_not_checked(calibrated: Plan) -> None:
     state = GripperState(time_s=0.0, width_mm=50.0)
     watch = CurrentMonitor(calibrated)
     assert watch.check(state, estimate=estimate_of(0.0, closure=24.0, still=True)) is None

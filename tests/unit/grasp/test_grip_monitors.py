@@ -63,7 +63,7 @@ def closed(*readings: float) -> GraspState:
         ((2.0, 1.9, 1.8, 1.7, 2.1), False),
     ],
 )
-def test_response_monitor_three_closings_that_fall_are_an_alarm(
+def test_response_monitor_three_falling_responses_raise_an_alarm(
     plan: Plan, readings: tuple[float, ...], is_alarm: bool
 ) -> None:
     alarm = ResponseMonitor(plan).check(SEEN, closed(*readings))

@@ -70,7 +70,7 @@ def test_shorts_in_a_grip_end_it(plan: Plan, bench: Any, where: Any) -> None:
     assert bench.force_n > 0, "dropping is damage too"
 
 
-def test_all_counts_at_the_top_while_closing_open_the_hand(plan: Plan, bench: Any) -> None:
+def test_all_counts_saturated_while_closing_opens_the_hand(plan: Plan, bench: Any) -> None:
     """With a ground wire off, the fingers close on an undetected block."""
     bench.n_per_mm = 50.0
     peaks = list[float]()
@@ -358,7 +358,7 @@ def test_run_grasp_force_above_the_ceiling_opens_and_says_so(plan: Plan, bench: 
     assert bench.width_mm == 74.0
 
 
-def test_run_grasp_that_takes_too_long_opens_and_says_so(plan: Plan, bench: Any) -> None:
+def test_run_grasp_timeout_opens_and_reports_a_fault(plan: Plan, bench: Any) -> None:
     bench.n_per_mm = 0.01
     result = bench.grasp(replace(plan, longest_s=6.0, hold_s=60.0))
     assert result.outcome is Outcome.TIMED_OUT
@@ -401,7 +401,7 @@ def test_a_stop_of_soft_fingers_that_hold_vents_them(plan: Plan) -> None:
 
 
 @pytest.mark.parametrize(("opened_s", "done"), [(9.9, False), (10.1, True)])
-def test_an_opening_that_never_arrives_ends_after_ten_seconds(
+def test_incomplete_opening_times_out_after_ten_seconds(
     plan: Plan, opened_s: float, done: bool
 ) -> None:
     estimate = ContactEstimate(closure=20.0, sent=0.0, now_s=opened_s)

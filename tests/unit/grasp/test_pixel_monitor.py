@@ -92,7 +92,7 @@ def test_one_pixel_that_a_load_brings_to_the_top_is_no_alarm(plan: Plan) -> None
     assert "pixel R0 C0 is pressed beyond what can be read" in str(watch.beyond)
 
 
-def test_most_of_the_loaded_pixels_at_the_top_are_an_alarm(plan: Plan) -> None:
+def test_most_loaded_pixels_saturated_raise_an_alarm(plan: Plan) -> None:
     found = alarms(plan, climbing(4), step_mm=0.3)[-1]
     assert found.danger is Danger.FORCE_LIMIT
 

@@ -41,7 +41,7 @@ def test_target_is_reached_from_below(plan: Plan, bench: Any) -> None:
     assert 0.85 * 6.0 < max(forces) < 1.1 * 6.0
 
 
-def test_closing_on_nothing_ends_with_nothing_there(plan: Plan, bench: Any) -> None:
+def test_run_grasp_without_object_reports_nothing_there(plan: Plan, bench: Any) -> None:
     bench.size_mm = 0.0
     result = bench.grasp(plan)
     assert result.outcome is Outcome.NOTHING_THERE

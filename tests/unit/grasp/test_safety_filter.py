@@ -38,7 +38,7 @@ def test_filter_command_cuts_a_wish_to_the_room_and_slows_it(plan: Plan, ceiling
     assert command.rate == pytest.approx(wish.rate * travel / 4.0)
 
 
-def test_filter_command_never_cuts_an_opening(plan: Plan) -> None:
+def test_filter_command_opening_is_never_shortened(plan: Plan) -> None:
     wish = GripperCommand(target=70.0, rate=60.0)
     assert filter_command(wish, pressed(20.0), plan) is wish
 

@@ -79,7 +79,7 @@ def test_writer_locks_from_the_start_and_reader_never(tmp_path: Path) -> None:
     other.close()
 
 
-def test_the_database_waits_for_the_disk(tmp_path: Path) -> None:
+def test_commit_is_synced_to_disk(tmp_path: Path) -> None:
     with transaction(tmp_path / "items.sqlite", writes=False) as connection:
         asked = {
             name: connection.exec_driver_sql(f"PRAGMA {name}").scalar()

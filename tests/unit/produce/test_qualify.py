@@ -75,7 +75,7 @@ def test_effort_counts_readings_time_and_items() -> None:
     assert effort.mismatch < 0.25
 
 
-def test_effort_of_unrelated_readings_has_no_number_of_grasps() -> None:
+def test_effort_uncorrelated_readings_gives_no_grasp_count() -> None:
     random = np.random.default_rng(4)
     item = np.repeat(np.arange(100), 2)
     readings = PairedReadings(
@@ -115,7 +115,9 @@ def test_cost_weights_each_wrong_grade_by_its_price() -> None:
     offset=st.floats(-10.0, 10.0),
     ratio=st.floats(0.01, 100.0),
 )
-def test_deming_line_without_errors_is_the_line(slope: float, offset: float, ratio: float) -> None:
+def test_deming_line_error_free_points_give_the_exact_line(
+    slope: float, offset: float, ratio: float
+) -> None:
     x = np.array([0.0, 1.0, 2.5, 4.0])
     found = deming_lines(x, offset + slope * x, ratio=ratio)
     assert tuple(map(float, found)) == pytest.approx((slope, offset), abs=1e-5)

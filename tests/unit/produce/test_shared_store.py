@@ -124,12 +124,12 @@ def test_local_store_without_a_server_has_an_empty_outbox(tmp_path: Path) -> Non
         assert waiting(store) == 0
 
 
-def test_state_folder_that_cannot_be_made_is_one_line(
+def test_impossible_state_folder_raises_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").write_text("no folder")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
-    with pytest.raises(StoreError, match=r"can't be made .* name another folder"):
+    with pytest.raises(StoreError, match=r"can't be made .* set .* to another folder"):
         Store.open(f"postgresql://palpate@/items?host={tmp_path}")
 
 

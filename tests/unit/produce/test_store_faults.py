@@ -183,7 +183,7 @@ def test_records_in_the_journal_file_are_read(without_root: Path) -> None:
         Store.open(path, create=False)
 
 
-def test_folder_without_write_permission_is_one_line(without_root: Path) -> None:
+def test_folder_without_write_permission_raises_one_line(without_root: Path) -> None:
     without_root.chmod(0o555)
     with pytest.raises(StoreError, match="can't be opened; check the folder and its rights"):
         Store.open(without_root / "items.sqlite")
@@ -268,7 +268,7 @@ def test_server_that_is_away_is_one_line(tmp_path: Path) -> None:
     assert "\n" not in str(away.value)
 
 
-def test_server_user_without_write_permission_is_one_line(postgresql_url: str) -> None:
+def test_server_user_without_write_permission_raises_one_line(postgresql_url: str) -> None:
     open_and_write(postgresql_url)
     separator = "%20-c%20default_transaction_read_only=on"
     with pytest.raises(StoreError, match="read-only; name the primary server"):

@@ -54,7 +54,7 @@ def test_corrected_drift_keeps_time_rising() -> None:
     assert host_s[-1] == pytest.approx(device_s[-1], abs=2e-3)
 
 
-def test_least_delay_is_subtracted_and_earlier_times_stay() -> None:
+def test_smaller_delay_leaves_earlier_times_unchanged() -> None:
     clock = DeviceClock(floor_s=0.01, not_before_s=7.5)
     assert clock.to_host_s(1.0, arrival_s=7.4) == 7.5
     assert clock.to_host_s(2.0, arrival_s=8.4) == pytest.approx(8.39)

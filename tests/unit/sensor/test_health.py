@@ -88,7 +88,9 @@ def test_the_converters_noise_does_not_hide_a_dead_pixel(
     [(1.0, set()), (1e6, {"open", "faint"}), (1e-6, {"short"})],
     ids=["healthy", "open", "short"],
 )
-def test_bad_pixel_behind_floating_lines_is_found_alone(factor: float, found: set[str]) -> None:
+def test_bad_pixel_behind_floating_lines_is_the_only_finding(
+    factor: float, found: set[str]
+) -> None:
     """Current flows around an open pixel: it may read faint, but nothing else is blamed."""
     bare = replace(RIGID_LAYOUT, idle_lines="floating")
     rng = np.random.default_rng(4)
@@ -123,14 +125,14 @@ def test_open_pixel_in_the_lower_leg_is_found() -> None:
     assert codes(examine(rest, layout=layout)) == [("open", "R0 C1")]
 
 
-def test_stuck_pixel_stands_still_where_the_others_move() -> None:
+def test_constant_pixel_among_changing_ones_is_stuck() -> None:
     stretch, layout = twin_rest(2)
     middle = int(np.median(stretch.counts[:, 1, 0]))
     health = examine(with_counts(stretch, (1, 0), middle), layout=layout)
     assert codes(health) == [("stuck", "R1 C0")]
 
 
-def test_a_quiet_converter_makes_no_pixel_stuck() -> None:
+def test_noise_free_converter_reports_no_stuck_pixel() -> None:
     """Where the noise is far below a count, standing still is what healthy pixels do."""
     stretch, layout = twin_rest(2)
     counts = np.broadcast_to(stretch.counts[0], stretch.counts.shape)

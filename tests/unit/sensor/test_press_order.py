@@ -85,7 +85,7 @@ def test_dead_pixels_are_not_asked_for() -> None:
 
 
 @pytest.mark.parametrize("seen", [0, 1])
-def test_frames_that_end_early_leave_the_rest_unanswered(seen: int) -> None:
+def test_frames_ending_early_leave_remaining_pixels_unanswered(seen: int) -> None:
     watch = PressWatch(np.full((1, 2), 1e3))
     for k in range(20 * seen):
         watch.add_frame(0.1 * k, np.array([[300.0, 1e3]]))

@@ -485,7 +485,7 @@ def test_the_port_is_found_by_usb_id_without_asking() -> None:
     assert find_port(ports, clock=ManualClock()) == "/dev/ttyACM0"
 
 
-def test_the_port_is_found_by_asking(bench: Bench) -> None:
+def test_find_port_identity_request_finds_the_board(bench: Bench) -> None:
     mute, board = bench.board(), bench.board()
     mute.silent = True
     ports = [Port(device=each.port, description="") for each in (mute, board)]

@@ -116,7 +116,7 @@ def test_answer_older_than_the_last_frame_changes_nothing() -> None:
     assert decoder.counters == LinkCounters(frames=4)
 
 
-def test_an_answer_without_any_stream_changes_nothing() -> None:
+def test_answer_without_a_stream_changes_no_counter() -> None:
     decoder = Decoder()
     numbers(decoder, sent(3) + ack(0, stream=0) + sent(4))
     assert decoder.counters == LinkCounters(frames=2)

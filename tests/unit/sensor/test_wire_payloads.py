@@ -61,7 +61,7 @@ def test_an_answer_comes_back() -> None:
     assert unpack_ack(pack_ack(ACK)) == ACK
 
 
-def test_an_answer_of_another_length_or_result_is_none() -> None:
+def test_unpack_answer_of_wrong_length_or_result_returns_none() -> None:
     payload = pack_ack(ACK)
     assert unpack_ack(payload[:-1]) is None
     assert unpack_ack(payload + b"\0") is None

@@ -272,7 +272,7 @@ def pixels_of(grasp: Grasp) -> FloatArray:
 
 
 def _labels(store: Store, *, kind: str) -> dict[str, Verdict]:
-    """Return the last label of each item, in the order of the first."""
+    """Return each item's latest label, ordered by each item's first label."""
     return {
         verdict.item_id: verdict
         for verdict in store.verdicts(About.BRUISE, source=Source.PERSON, kind=kind)
@@ -286,7 +286,7 @@ def _shape(grasp: Grasp) -> LoadShape:
 
 
 def _side(grasp: Grasp, *, visits: Sequence[Sequence[Grasp]], sound: Sequence[Grasp]) -> Side:
-    """Return a grasp of the last visit with its references."""
+    """Return a grasp of the latest session with its references."""
     rows = len(grasp.pixel_settled_percent or ())
     alike = [
         one

@@ -1,4 +1,4 @@
-"""Scatter of one instrument between items and their sides, and the line between two instruments."""
+"""Scatter of an instrument across items and sides, and the line relating two instruments."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Scatter:
         return self.between**2 / total if total > 0 else math.nan
 
     def share_within(self, tolerance: float) -> float:
-        """Return how often a single reading is within `tolerance` of the item's own mean."""
+        """Return the fraction of single readings within `tolerance` of the item's mean."""
         if not self.within > 0:
             return math.nan
         return float(2.0 * norm.cdf(tolerance / self.within) - 1.0)

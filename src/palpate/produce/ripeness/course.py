@@ -105,7 +105,7 @@ class Course:
         return found
 
     def courses_of(self, days: Sequence[DayFelt]) -> Courses:
-        """Return the possible courses of an item, weighed by their agreement with its days."""
+        """Return an item's possible courses, weighted by agreement with its daily measurements."""
         steps = np.meshgrid(_HALFWAY, _PACE, _START, indexing="ij")
         by_halfway, by_pace, by_start = (one.ravel() for one in steps)
         halfway = self.halfway_day + self.halfway_sd * by_halfway

@@ -122,7 +122,7 @@ def learn_rule(
 def read_labelled_histories(
     store: Store, verdicts: Sequence[Verdict], *, drive: Drive, drift: Drift | None = None
 ) -> Iterator[tuple[FirmnessHistory, list[str | None]]]:
-    """Yield the touched items of these verdicts, in order, with a label for each day.
+    """Yield the firmness history of each labelled item, with a label per day.
 
     `verdicts`: of people; the label of a day is the last one given near it.
     """

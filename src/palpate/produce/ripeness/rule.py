@@ -42,7 +42,7 @@ class Days:
 
     @property
     def text(self) -> str:
-        """The wait in words."""
+        """The time until ripe, as text."""
         if self.high <= 0:
             return "ripe, or past it"
         value, low, high = map(_end_text, (self.value, self.low, self.high))

@@ -54,9 +54,9 @@ def fraction_of_pixels(
     layout: ArrayLayout,
     measured: Mapping[str, Measurement],
 ) -> dict[str, Measurement]:
-    """Return the number of pixels by name; empty without the width at contact.
+    """Return the pixel count as a named measurement; empty without the contact width.
 
-    Its interval reaches from what was read to the whole cube root.
+    Its interval extends from the uncorrected count to the full cube-root correction.
 
     `measured`: what was measured: `force_n` and `contact_mm` are used.
     """
@@ -92,7 +92,7 @@ def _until_largest_pressure(
 def _sharing_exponent(
     closing: Sequence[Observation], *, held: FloatArray, layout: ArrayLayout
 ) -> float:
-    """Return the exponent of sharing in force over the last half of the load.
+    """Return the force exponent of load sharing over the last half of the load.
 
     It is 0 where none of the load, or no less of it, was carried in the mean up to that moment.
     """

@@ -100,7 +100,7 @@ class SortingHand:
             before = now
 
     def _mean_ohm(self, duration_s: float) -> NDArray[np.float64]:
-        """Read frames for this long, so that none waits for the grasp; return their mean."""
+        """Read frames for a duration, leaving none queued for the grasp; return the mean."""
         until_s = self.clock.now_s() + duration_s
         found: list[NDArray[np.float64]] = []
         while self.clock.now_s() < until_s or not found:

@@ -51,7 +51,7 @@ class Rule:
         return round(low, 12), round(high, 12)
 
     def describe_missing(self, evidence: Evidence) -> str:
-        """Return in words the conditions that need a missing verdict."""
+        """Return a description of the conditions that need a missing verdict."""
         asked = (one for one in self.conditions if one.key in ASKS)
         return next((ASKS[one.key] for one in asked if one.probability(evidence) is None), "")
 

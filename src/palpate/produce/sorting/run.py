@@ -98,7 +98,7 @@ def _average(grasps: Sequence[Grasp], name: str) -> Measurement | None:
 
 
 def _stages(verdict: Verdict) -> dict[str, float]:
-    """Return the probability of each stage; of one only, where the verdict gives no more."""
+    """Return each stage's probability, or the verdict's stage alone if no others exist."""
     stages = verdict.details.get("probabilities")
     if isinstance(stages, Mapping):
         return {str(stage): float(p) for stage, p in stages.items()}

@@ -282,7 +282,7 @@ def _local_file(server: sa.URL) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StoreError(
-            f"{folder}: can't be made ({error.strerror}); name another folder in $XDG_STATE_HOME"
+            f"{folder}: can't be made ({error.strerror}); set $XDG_STATE_HOME to another folder"
         ) from error
     return folder / f"items-{number}.sqlite"
 

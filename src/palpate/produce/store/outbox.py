@@ -51,7 +51,7 @@ def drop_oldest(connection: sa.Connection, receiver: str, *, most: int) -> int:
 
 
 def item_kind(item: Item) -> str:
-    """Return the kind of an item's row: it names the columns that were given."""
+    """Return the record type of an item's row, with its filled columns."""
     return " ".join(["item", *(n for n in ("kind", "batch", "label") if getattr(item, n))])
 
 

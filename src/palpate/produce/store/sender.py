@@ -17,7 +17,7 @@ _FAREWELL_S = 3.0
 
 
 class Sender:
-    """Sends in the background until it is closed; a context manager.
+    """Context manager that sends records in the background until closed.
 
     `where`: the store, as `Store.open` takes it.
     `complain`: called with a line, once for each new reason, when the server does not take records.
