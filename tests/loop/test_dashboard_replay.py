@@ -192,7 +192,8 @@ def test_a_recording_has_an_address(page: Page, folder: Path) -> None:
     page.get_by_role("button", name="Back to the rig").click()
     fresh(page)
     page.goto(page.url + "/elsewhere.mcap")
-    expect(page.locator(".q-notification").first).to_contain_text("no such recording in this folder")
+    said = page.locator(".q-notification").first
+    expect(said).to_contain_text("no such recording in this folder")
     expect(page.locator(".care")).to_have_count(0)
     expect(page).to_have_url(re.compile("/recordings$"))
     expect(page.locator(".q-notification")).to_have_count(0)
