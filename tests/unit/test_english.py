@@ -6,8 +6,6 @@ import ast
 import subprocess
 from pathlib import Path
 
-import palpate
-
 #: Irregular participles that are no verbs in the same form, and words in -ed that are none.
 IRREGULAR = frozenset(
     [
@@ -69,15 +67,15 @@ def is_participle(word: str) -> bool:
 #: Units at the end of a name; a participle before one alone is without its noun.
 UNITS = frozenset(["s", "ms", "mm", "n", "hz", "sd", "ma", "kpa", "ohm"])
 
-ROOT = Path(palpate.__file__).parents[2]
+ROOT = Path(__file__).resolve().parents[2]
 LONGEST_FIRST_LINE = 15
 
 
 def list_files(*, tests: bool) -> list[Path]:
     """Return all Python files that are kept with the project."""
-    listed = subprocess.run(["git", "ls-files", "*.py"], cwd=ROOT, capture_output=True, text=True)
-    names = listed.stdout.split()
-    return [ROOT / name for name in names if tests or "test" not in name]
+    command = ["git", "ls-files", "*.py"]
+    names = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    return [ROOT / name for name in names.split() if tests or "test" not in name]
 
 
 def list_functions(source: str) -> list[ast.FunctionDef | ast.AsyncFunctionDef]:
