@@ -58,7 +58,7 @@ _SOLVED_SHARE = 0.5
 #: on average.
 LAG, LAG_SD = 0.1, 0.08
 #: The lag of a sheet after a rise falls by this fraction with each step of a closing.
-_FORGOTTEN = 0.3
+_RECOVERY = 0.3
 #: This contact's exponent against the law's, because the load spreads over the pixels as it grows
 #: and a sheet near its end bends: scatter per unit of ln force, as a share of the law's own scatter
 #: from placement to placement, and its least and most.
@@ -207,7 +207,7 @@ def _posterior(curve: ClosingSteps, *, give: Compliance, rng: np.random.Generato
         size_mm=size_mm,
         scale=scales[scale],
         shape=np.array(list(_SHAPES))[shape],
-        end_gain=_gains(curve)[gain] + further + tilt * curve.looks.above[-1],
+        end_gain=_gains(curve)[gain] + further + tilt * curve.samples.above[-1],
         give=1.0 + more,
     )
 
@@ -223,7 +223,7 @@ def _weigh(curve: ClosingSteps, give: Compliance, scales: FloatArray) -> _Grid:
     """Weigh each place of the grid by the scatter of its contact over the steps."""
     touch_mm, design = _contact_equations(curve, give, scales)
     scatters = np.array(list(_SCATTERS))
-    doubt = scatters[:, None] ** 2 + (curve.floor_n / curve.looks.read_n) ** 2
+    doubt = scatters[:, None] ** 2 + (curve.floor_n / curve.samples.read_n) ** 2
     sharp_mm = max(give.residual_mm, _SHARPEST_MM)
     weight = 1.0 / (sharp_mm**2 + design[..., None, :, 1] ** 2 * doubt)
     gain_sd = max(_SOLVED_SHARE * curve.own_gain_sd, 1e-3)
@@ -257,17 +257,17 @@ def _contact_equations(
     Shapes (gains, shapes, scales, steps) and with a last axis of 5: each step's width, the give and
     the deformation under its force add up to the size, but for gain, exponent, lag and give.
     """
-    looks = curve.looks
-    log_n = np.log(looks.read_n) + _gains(curve)[:, None]
+    samples = curve.samples
+    log_n = np.log(samples.read_n) + _gains(curve)[:, None]
     give_mm = give.give_mm(np.exp(log_n))
     give_slope = (give.give_mm(1.01 * np.exp(log_n)) - give_mm) / 0.01
     log_n, give_mm, give_slope = (a[:, None, None] for a in (log_n, give_mm, give_slope))
     power = 1.0 / np.array(list(_SHAPES))[:, None, None]
     deformed = np.exp(power * (log_n - np.log(scales)[:, None]))
     slope_mm = give_slope + power * deformed
-    moved = (-slope_mm, -slope_mm * looks.above, -slope_mm * looks.lagging, -give_mm)
+    moved = (-slope_mm, -slope_mm * samples.above, -slope_mm * samples.lagging, -give_mm)
     design = np.stack(np.broadcast_arrays(np.ones_like(slope_mm), *moved), axis=-1)
-    return looks.width_mm + give_mm + deformed, design
+    return samples.width_mm + give_mm + deformed, design
 
 
 def _bound_size(
@@ -296,10 +296,10 @@ def compute_lag(force_n: FloatArray, *, faint_n: float) -> FloatArray:
     >>> compute_lag(np.array([0.1, 0.2, 0.2]), faint_n=0.1).round(3).tolist()
     [0.0, 0.485, 0.34]
     """
-    remembered, found = float(np.log(faint_n)), []
+    recovered, found = float(np.log(faint_n)), []
     for now in np.log(np.maximum(force_n, faint_n)):
-        remembered += _FORGOTTEN * (now - remembered)
-        found.append(now - remembered)
+        recovered += _RECOVERY * (now - recovered)
+        found.append(now - recovered)
     return np.array(found)
 
 
@@ -309,7 +309,7 @@ def tilt_sd(law_sd: float) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Looks:
+class CurveSamples:
     """The steps in use, arrays of shape (n,)."""
 
     #: Force read, and opening.
@@ -359,13 +359,13 @@ class ClosingSteps:
         return np.unique(np.linspace(0, felt - 1, min(felt, _MOST_STEPS)).round().astype(int))
 
     @property
-    def looks(self) -> Looks:
+    def samples(self) -> CurveSamples:
         """The steps that are used."""
         read_n = self.force_n[self.is_certain][self.used_steps]
         share = read_n / read_n.max()
         weight = np.where(share > _GAIN_FROM, share**2, 0.0)
         above, lagging = np.log(read_n), self.rising[self.used_steps]
-        return Looks(
+        return CurveSamples(
             read_n=read_n,
             width_mm=self.width_mm[self.is_certain][self.used_steps],
             above=above - np.average(above, weights=weight),
@@ -375,7 +375,7 @@ class ClosingSteps:
     @property
     def own_gain_sd(self) -> float:
         """Uncertainty of the gain without the exponent's part, which is solved for."""
-        tilted = tilt_sd(self.law_sd) * self.looks.above[-1]
+        tilted = tilt_sd(self.law_sd) * self.samples.above[-1]
         return float(np.sqrt(max(self.gain_sd**2 - tilted**2, (0.5 * self.gain_sd) ** 2)))
 
 

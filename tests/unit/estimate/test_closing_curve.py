@@ -101,15 +101,15 @@ def test_a_law_that_scatters_leaves_the_exponent_open() -> None:
     assert doubted.high / doubted.low > 1.05 * trusted.high / trusted.low
 
 
-def test_what_is_looked_at_is_counted_from_where_the_gain_was_told() -> None:
+def test_samples_are_relative_to_the_forces_that_gave_the_gain() -> None:
     _, curve = read_as(STEPS_N, n_per_mm=4.0, law_sd=0.05)
-    looks = curve.looks
-    share = looks.read_n / 8.0
+    samples = curve.samples
+    share = samples.read_n / 8.0
     told = np.where(share > 0.3, share**2, 0.0)
-    assert looks.above @ told == pytest.approx(0.0, abs=1e-9)
-    assert looks.lagging[-1] == 0.0
-    assert looks.lagging[0] > 0.0
-    assert looks.above[-1] > 0
+    assert samples.above @ told == pytest.approx(0.0, abs=1e-9)
+    assert samples.lagging[-1] == 0.0
+    assert samples.lagging[0] > 0.0
+    assert samples.above[-1] > 0
 
 
 def test_drift_before_the_contact_is_not_taken_for_softness() -> None:
