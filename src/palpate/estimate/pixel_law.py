@@ -36,7 +36,7 @@ _LEAST_EXPONENT = 0.5
 #: From this force on errors are relative; below, in newtons.
 _FIRM_N = 1.0
 _ROUNDS = 3
-#: SciPy's default, three per weight, is too few for some sheets (one of 55 at level `field`).
+#: SciPy's default, three per weight, is too few for some sheets of level `field`.
 _MOST_ITERATIONS = 1000
 #: Below this a reading of a pixel is noise of its rest value.
 _NOISE_EXCESS = 0.004
