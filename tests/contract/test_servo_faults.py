@@ -76,7 +76,7 @@ def test_a_damaged_reply_is_asked_for_again(gripper: DynamixelGripper, bus: Serv
 
 @pytest.mark.parametrize("cut_at", [1, 8, 12])
 def test_servo_line_reply_cut_by_its_deadline_is_a_timeout(bus: ServoBus, cut_at: int) -> None:
-    line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=0.02)
+    line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=0.2)
     bus.cut_at = cut_at
     with pytest.raises(DeviceTimeoutError, match=r"late or incomplete .* reply_s in the rig file"):
         line.read(x.MODEL_NUMBER)

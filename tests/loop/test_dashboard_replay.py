@@ -233,7 +233,8 @@ def test_a_recording_is_taken_along_renamed_and_deleted(page: Page, folder: Path
     for wrong in ("../elsewhere", ""):
         name.fill(wrong)
         page.get_by_role("button", name="Rename").click()
-        expect(page.locator(".q-notification").first).to_contain_text("a name has letters")
+        notice = page.locator(".q-notification").first
+        expect(notice).to_contain_text("a name may contain only letters")
     name.fill("monday 3")
     page.get_by_role("button", name="Rename").click()
     expect(row(page)).to_contain_text(re.compile("monday 3.*held.*berry-7", re.DOTALL))

@@ -10,7 +10,7 @@ import numpy as np
 from palpate.dashboard.messages import DeviceActivity, Grasped
 from palpate.dashboard.session import DeviceState, Session
 from palpate.grasp.result import GraspResult, Outcome
-from palpate.grasp.verdict import UNKNOWN_FIRMNESS, outcome_text, verdict
+from palpate.grasp.verdict import outcome_text, verdict
 
 #: Headline after a stop, once the hand has opened: there is nothing to be done about it.
 STOPPED_OPEN = "stopped, hand open"
@@ -103,12 +103,9 @@ def _headline(text: str, kind: str, *, why: str = "") -> dict[str, Any]:
 
 
 def _verdict(result: GraspResult, session: Session) -> dict[str, Any]:
-    """Return the headline of a measured object; where no word fits, its index of firmness."""
+    """Return the headline of a measured object."""
     words = verdict(result, target_force_n=session.shown_target_n)
-    firmness, index = words["firmness"] or "", result.firmness
-    if firmness == UNKNOWN_FIRMNESS and index is not None and index.number:
-        firmness = f"firmness {index.low:.0f} to {index.high:.0f} of 100"
-    return _headline("", "") | words | {"firmness": firmness}
+    return _headline("", "") | words | {"firmness": words["firmness"] or ""}
 
 
 def _is_word(firmness: str) -> bool:

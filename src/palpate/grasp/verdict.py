@@ -67,14 +67,20 @@ def firmness(stiffness: Measurement) -> str:
 
 
 def verdict(result: GraspResult, *, target_force_n: float | None) -> dict[str, object]:
-    """Return the JSON form of the verdict: words, and whether the target was met."""
-    stiffness, force = result.stiffness_n_per_mm, result.force_n
+    """Return the JSON form of the verdict: words, and whether the target was met.
+
+    Where the stiffness may be anything, the firmness is its index.
+    """
+    stiffness, force, index = result.stiffness_n_per_mm, result.force_n, result.firmness
     on_target = None
     if target_force_n is not None and force is not None:
         on_target = force.low <= target_force_n <= force.high
+    words = None if stiffness is None else firmness(stiffness)
+    if words == UNKNOWN_FIRMNESS and index is not None and index.number:
+        words = f"firmness {index.low:.0f} to {index.high:.0f} of 100"
     return {
         "text": outcome_text(result.outcome),
-        "firmness": None if stiffness is None else firmness(stiffness),
+        "firmness": words,
         "target_force_n": target_force_n,
         "on_target": on_target,
     }

@@ -1,0 +1,24 @@
+"""The verdict of a grasp: words for its firmness, or the index where no word fits."""
+
+from __future__ import annotations
+
+import pytest
+
+from palpate.estimate.firmness import firmness_index
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.verdict import verdict
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "words"),
+    [(1.2, 2.9, "soft"), (0.7, 40.0, "firmness 28 to 87 of 100")],
+)
+def test_verdict_firmness_is_a_word_or_the_index(low: float, high: float, words: str) -> None:
+    stiffness = Measurement(value=2.0, low=low, high=high, unit="n_per_mm", level=0.9)
+    result = GraspResult(
+        outcome=Outcome.HELD,
+        stiffness_n_per_mm=stiffness,
+        firmness=firmness_index(stiffness),
+    )
+    assert verdict(result, target_force_n=None)["firmness"] == words
