@@ -34,7 +34,7 @@ def examined() -> list[Examined]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(bruise, "REFERENCE_APPLES", 1)
         purposes = {"learn": 20, "test": 4}
-        made = examine(purposes, levels=("lab",), seed=900, processes=1)
+        made = examine(purposes, levels=("lab",), seed=900)
     return made + [replace(one, level="field") for one in made]
 
 

@@ -8,10 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-import multiprocessing
-import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -39,6 +36,7 @@ from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import CONTACT_PERCENT, mean_change, relative_change_percent
 from palpate.twin.devices import TwinArray
 from palpate_studies.fruit_ranges import BRUISES
+from palpate_studies.processes import map_batches
 from palpate_studies.protocol.paired import Difference, IntArray, bootstrap_difference
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
@@ -215,7 +213,6 @@ def examine(
     *,
     levels: Sequence[str],
     seed: int,
-    processes: int | None = None,
     remade: Callable[[Apple], Apple] | None = None,
 ) -> list[Examined]:
     """Draw this many apples for each purpose and level, half of them bruised; grasp them.
@@ -228,40 +225,39 @@ def examine(
         Levels of the twin.
     seed : int
         Seed of everything.
-    processes : int, optional
-        As many as there are processors by default. The result does not depend on it.
     remade : callable, optional
         Makes the apples of another generator out of those that are drawn.
     """
     batches = [
-        (
-            purpose,
-            level,
-            _FIRST_SENSOR[purpose] + 1000 * seed + first // APPLES_PER_SENSOR,
-            min(apples - first, APPLES_PER_SENSOR),
-            remade,
+        _Batch(
+            purpose=purpose,
+            level=level,
+            sensor=_FIRST_SENSOR[purpose] + 1000 * seed + first // APPLES_PER_SENSOR,
+            apples=min(apples - first, APPLES_PER_SENSOR),
+            remade=remade,
         )
         for purpose, apples in purposes.items()
         for level in levels
         for first in range(0, apples, APPLES_PER_SENSOR)
     ]
-    processes = min(processes or os.cpu_count() or 1, len(batches))
-    if processes == 1:
-        return [one for batch in batches for one in _batch(*batch)]
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, mp_context=context) as pool:
-        return [one for made in pool.map(_batch, *zip(*batches, strict=True)) for one in made]
+    return map_batches(_examine_batch, batches)
 
 
-def _batch(
-    purpose: str,
-    level: str,
-    sensor: int,
-    apples: int,
-    remade: Callable[[Apple], Apple] | None,
-) -> list[Examined]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Batch:
+    """Apples that one sensor examines."""
+
+    purpose: str
+    level: str
+    sensor: int
+    apples: int
+    remade: Callable[[Apple], Apple] | None
+
+
+def _examine_batch(batch: _Batch) -> list[Examined]:
     """Examine apples on one sensor."""
-    session = Session(sensor, level=level)
+    sensor = batch.sensor
+    session = Session(sensor, level=batch.level)
     sound = [
         grasped
         for index in range(REFERENCE_APPLES)
@@ -274,26 +270,14 @@ def _batch(
         )
     ]
     classes = median_shape([one.shape(EARLY_S) for one in sound], with_width=False)
-    return [
-        _examine(session, purpose, level, sensor, index, sound=classes, remade=remade)
-        for index in range(apples)
-    ]
+    return [_examine(session, batch, index, sound=classes) for index in range(batch.apples)]
 
 
-def _examine(
-    session: Session,
-    purpose: str,
-    level: str,
-    sensor: int,
-    index: int,
-    *,
-    sound: LoadShape,
-    remade: Callable[[Apple], Apple] | None,
-) -> Examined:
-    rng = np.random.default_rng([sensor, 2, index])
+def _examine(session: Session, batch: _Batch, index: int, *, sound: LoadShape) -> Examined:
+    rng = np.random.default_rng([batch.sensor, 2, index])
     near = replace(BRUISES, height_mm=(-PLACED_WITHIN_MM, PLACED_WITHIN_MM))
     apple = draw_apple(rng, bruises=near if index % 2 == 1 else None)
-    apple = apple if remade is None else remade(apple)
+    apple = apple if batch.remade is None else batch.remade(apple)
     angle_deg = rng.uniform(0.0, 360.0)
     if apple.bruise is not None:
         beside_mm = rng.uniform(-PLACED_WITHIN_MM, PLACED_WITHIN_MM)
@@ -305,19 +289,19 @@ def _examine(
         "now": (apple, angle_deg),
         "other": (apple, angle_deg + 90.0),
     }
-    if purpose == "test":
+    if batch.purpose == "test":
         # Not judged: it keeps the load history of the sheet as in the stored results.
         turned["again"] = (apple, angle_deg)
     made = dict(zip(turned, _presses(session, list(turned.values())), strict=True))
-    if purpose == "test":
+    if batch.purpose == "test":
         made["same_width"] = press(
             session, apple, angle_deg=angle_deg, to_mm=made["before"].width_mm - CLOSURE_MM
         )
     session.world.place(None)
     return Examined(
-        purpose=purpose,
-        level=level,
-        sensor=sensor,
+        purpose=batch.purpose,
+        level=batch.level,
+        sensor=batch.sensor,
         apple=apple,
         angle_deg=angle_deg,
         presses=made,

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import groupby, product
 from typing import Annotated, Any
 
 import numpy as np
@@ -26,6 +26,7 @@ from palpate.twin.objects import TwinObject
 from palpate.twin.world import GripperKind, World
 from palpate_studies.baselines.feedback_loops import STEP, close_until, make_touch_check, read_ohm
 from palpate_studies.force_control_world import GRASPS_PER_SHEET, SIZES_MM, calibration_of, thing
+from palpate_studies.processes import map_batches
 from palpate_studies.protocol.paired import compare
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS, group, mean, median
@@ -240,8 +241,13 @@ def _plain(
     )
 
 
+def grasp_batch(samples: Sequence[Sample]) -> list[Cycle]:
+    """Grasp objects of one sensor by every method that their hand can do."""
+    return [cycle for sample in samples for cycle in cycles(sample)]
+
+
 def cycles(sample: Sample) -> list[Cycle]:
-    """Grasp one object in every way that its hand can do."""
+    """Grasp one object by every method that its hand can do."""
     found = [by_controller(sample), by_controller(sample, paper=Paper()), by_both_fingers(sample)]
     return [*found, by_current(sample)] if sample.kind == "rigid" else found
 
@@ -261,7 +267,9 @@ def report(
         for level, kind in product(LEVELS, KINDS)
         for number in range(grasps)
     ]
-    return judge([cycle for sample in samples for cycle in cycles(sample)])
+    # A process calibrates each sensor once, for all objects on it.
+    batches = [list(sheet) for _, sheet in groupby(samples, key=lambda one: one.sheet)]
+    return judge(map_batches(grasp_batch, batches))
 
 
 command = as_command(report)
