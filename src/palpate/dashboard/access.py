@@ -21,18 +21,18 @@ from palpate.dashboard.panel_html import panel_html
 from palpate.errors import InputError
 
 COOKIE = "palpate-token"
-SHORTEST_TOKEN = 8
+MIN_TOKEN_LENGTH = 8
 #: Where a stop is asked for, by the page and by machines.
-STOPS = frozenset({"/stop", "/api/stop"})
+STOP_PATHS = frozenset({"/stop", "/api/stop"})
 #: Wrong tokens that a visitor may send within a minute; from then on tokens of that visitor are
 #: checked one by one, in this time: guessing eight characters takes ages, seconds.
-MOST_WRONG, _WRONG_S, TURN_S = 10, 60.0, 1.0
+MAX_WRONG_TOKENS, _WRONG_TOKEN_WINDOW_S, CHECK_INTERVAL_S = 10, 60.0, 1.0
 #: An order that waited longer than this for its turn would come as a surprise, seconds.
-_LONGEST_WAIT_S = 4.0
+_MAX_WAIT_S = 4.0
 #: Wrong visitors that are counted; more of them share one count.
-_MOST_VISITORS = 1000
+_MAX_VISITORS = 1000
 #: A form with the longest token that makes sense; nothing longer is read.
-_LONGEST_FORM = 4096
+_MAX_FORM_BYTES = 4096
 _LOOPBACK_NAMES = ("localhost",)
 #: Of every answer. A frame of another site could lead a click to a button here; the address may
 #: hold the token.
@@ -43,7 +43,7 @@ _HEADERS = (
     (b"referrer-policy", b"same-origin"),
 )
 #: No page is read there.
-_FOR_MACHINES = "/api/"
+_API_PREFIX = "/api/"
 
 
 def is_loopback(host: str) -> bool:
@@ -70,8 +70,8 @@ def check_token(host: str, token: str | None) -> None:
     InputError
         If there is none, or it is too short.
     """
-    if token is not None and len(token) < SHORTEST_TOKEN:
-        raise InputError(f"the token has {len(token)} characters; give at least {SHORTEST_TOKEN}")
+    if token is not None and len(token) < MIN_TOKEN_LENGTH:
+        raise InputError(f"the token has {len(token)} characters; give at least {MIN_TOKEN_LENGTH}")
     if token is None and not is_loopback(host):
         raise InputError(
             f"--host {host} lets other machines move the gripper: give a --token (or "
@@ -109,7 +109,7 @@ class AccessControl:
         wait: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
         self.app, self._token, self._loopback, self._wait = app, token, loopback, wait
-        self._wrong = WrongTries(now_s)
+        self._wrong_tokens = WrongTokens(now_s)
         #: Drawn, so that no guess of the token shows in it.
         self._cookie = secrets.token_urlsafe(32)
 
@@ -121,10 +121,10 @@ class AccessControl:
         send = _with_headers(send)
         headers = Headers(scope=scope)
         answer: Response | None = None
-        if not self._is_own_request(headers):
-            answer = _page(403, "This address is not for other sites.")
+        if not self._is_same_origin(headers):
+            answer = _token_page(403, "This address is not for other sites.")
         elif self._token is not None and not self._has_cookie(headers):
-            if scope["path"].startswith(_FOR_MACHINES):
+            if scope["path"].startswith(_API_PREFIX):
                 answer = await self._check_machine(scope, headers, self._token)
             else:
                 answer = await self._ask_for_token(scope, receive, self._token)
@@ -135,7 +135,7 @@ class AccessControl:
         else:
             await answer(scope, receive, send)
 
-    def _is_own_request(self, headers: Headers) -> bool:
+    def _is_same_origin(self, headers: Headers) -> bool:
         try:
             host = urlsplit(f"//{headers.get('host', '')}").hostname or ""
             origin = headers.get("origin")
@@ -154,50 +154,52 @@ class AccessControl:
         """Refuse a machine in one line, unless it sends the token."""
         scheme, _, sent = headers.get("authorization", "").partition(" ")
         if scheme.lower() != "bearer":
-            return _refusal(401, "send the token in a header: Authorization: Bearer TOKEN")
-        visitor = _visitor(scope)
-        if scope["path"] in STOPS and self._wrong.has_too_many(visitor):
+            return _error_response(401, "send the token in a header: Authorization: Bearer TOKEN")
+        visitor = _client_address(scope)
+        if scope["path"] in STOP_PATHS and self._wrong_tokens.has_too_many(visitor):
             # It may be the right one, and a stop waits for nothing. A check would answer guesses.
             return None
         found = await self._check_token(sent, token, visitor)
         if found is None:
-            return _refusal(429, "too many wrong tokens from this address: wait a minute")
-        return None if found else _refusal(403, "that is not the token")
+            return _error_response(429, "too many wrong tokens from this address: wait a minute")
+        return None if found else _error_response(403, "that is not the token")
 
     async def _check_token(self, sent: str, token: str, visitor: str) -> bool | None:
         """Check the token at this visitor's turn; None if the turn is too far away."""
-        wait_s = self._wrong.wait_s(visitor)
-        if wait_s > _LONGEST_WAIT_S:
+        wait_s = self._wrong_tokens.reserve_slot(visitor)
+        if wait_s > _MAX_WAIT_S:
             return None
         if wait_s > 0:
             await self._wait(wait_s)
         if _is_same_token(sent, token):
-            self._wrong.return_turn(visitor)
+            self._wrong_tokens.release_slot(visitor)
             return True
-        self._wrong.add(visitor)
+        self._wrong_tokens.add(visitor)
         return False
 
     async def _ask_for_token(self, scope: Scope, receive: Receive, token: str) -> Response:
         """Take the token from the form or the address, or ask for it."""
-        sent = _field(scope.get("query_string", b""))
+        sent = _token_field(scope.get("query_string", b""))
         if scope["type"] == "http" and scope["method"] == "POST":
-            form = await _form(Request(scope, receive))
+            form = await _read_form(Request(scope, receive))
             if form is None:
-                return _page(413, "That is too long for a token.", form=True)
-            sent = _field(form)
+                return _token_page(413, "That is too long for a token.", form=True)
+            sent = _token_field(form)
         if not sent:
-            return _page(401, "The person who started this dashboard has its token.", form=True)
-        found = await self._check_token(sent, token, _visitor(scope))
+            return _token_page(
+                401, "The person who started this dashboard has its token.", form=True
+            )
+        found = await self._check_token(sent, token, _client_address(scope))
         if found is None:
-            return _page(429, "Too many wrong tokens: wait a minute.", form=True)
+            return _token_page(429, "Too many wrong tokens: wait a minute.", form=True)
         if not found:
-            return _page(403, "That is not the token.", form=True)
+            return _token_page(403, "That is not the token.", form=True)
         welcome = RedirectResponse(_without_token(scope), status_code=303)
         welcome.set_cookie(COOKIE, self._cookie, httponly=True, samesite="lax")
         return welcome
 
 
-class WrongTries:
+class WrongTokens:
     """Counts recent wrong tokens by visitor.
 
     An address that sent too many is slowed down, not refused, as another visitor there may have
@@ -206,79 +208,79 @@ class WrongTries:
 
     def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
         self._now_s = now_s
-        self._tries: dict[str, deque[float]] = {}
+        self._times_s: dict[str, deque[float]] = {}
         #: When the next token of a visitor who sent too many is checked.
-        self._turns_s: dict[str, float] = {}
+        self._next_checks_s: dict[str, float] = {}
 
     def has_too_many(self, visitor: str) -> bool:
         """Return whether this visitor sent too many."""
-        return len(self._tries.get(self._count_key(visitor), ())) >= MOST_WRONG
+        return len(self._times_s.get(self._count_key(visitor), ())) >= MAX_WRONG_TOKENS
 
-    def wait_s(self, visitor: str) -> float:
+    def reserve_slot(self, visitor: str) -> float:
         """Return the delay before a token may be checked, and reserve that slot."""
         if not self.has_too_many(visitor):
             return 0.0
         now_s, name = self._now_s(), self._count_key(visitor)
-        turn_s = max(self._turns_s.get(name, now_s), now_s)
-        if turn_s - now_s <= _LONGEST_WAIT_S:
-            self._turns_s[name] = turn_s + TURN_S
+        turn_s = max(self._next_checks_s.get(name, now_s), now_s)
+        if turn_s - now_s <= _MAX_WAIT_S:
+            self._next_checks_s[name] = turn_s + CHECK_INTERVAL_S
         return turn_s - now_s
 
-    def return_turn(self, visitor: str) -> None:
+    def release_slot(self, visitor: str) -> None:
         """Release the turn of a correct token."""
         name = self._count_key(visitor)
-        if name in self._turns_s:
-            self._turns_s[name] -= TURN_S
+        if name in self._next_checks_s:
+            self._next_checks_s[name] -= CHECK_INTERVAL_S
 
     def add(self, visitor: str) -> None:
         """Count a wrong token."""
-        tries = self._tries.setdefault(self._count_key(visitor), deque(maxlen=MOST_WRONG))
-        tries.append(self._now_s())
+        times_s = self._times_s.setdefault(self._count_key(visitor), deque(maxlen=MAX_WRONG_TOKENS))
+        times_s.append(self._now_s())
 
     def _count_key(self, visitor: str) -> str:
         """Remove expired entries; return the key of a visitor."""
         now_s = self._now_s()
-        for one, tries in list(self._tries.items()):
-            while tries and now_s - tries[0] > _WRONG_S:
-                tries.popleft()
-            if not tries:
-                del self._tries[one]
-                self._turns_s.pop(one, None)
-        full = len(self._tries) >= _MOST_VISITORS
-        return "" if full and visitor not in self._tries else visitor
+        for one, times_s in list(self._times_s.items()):
+            while times_s and now_s - times_s[0] > _WRONG_TOKEN_WINDOW_S:
+                times_s.popleft()
+            if not times_s:
+                del self._times_s[one]
+                self._next_checks_s.pop(one, None)
+        full = len(self._times_s) >= _MAX_VISITORS
+        return "" if full and visitor not in self._times_s else visitor
 
 
 def _without_token(scope: Scope) -> str:
     """Return the requested address without the token, always one of this site."""
-    fields = _fields(scope.get("query_string", b""))
+    fields = _parse_form(scope.get("query_string", b""))
     kept = {name: values for name, values in fields.items() if name != "token"}
     query = urlencode(kept, doseq=True)
     return f"/{quote(scope['path'].lstrip('/'))}{'?' if query else ''}{query}"
 
 
-def _visitor(scope: Scope) -> str:
+def _client_address(scope: Scope) -> str:
     return str((scope.get("client") or ("",))[0])
 
 
-def _refusal(status: int, text: str) -> Response:
+def _error_response(status: int, text: str) -> Response:
     return JSONResponse({"detail": text}, status_code=status)
 
 
-async def _form(request: Request) -> bytes | None:
+async def _read_form(request: Request) -> bytes | None:
     """Return the body of a form; None for one that is too long."""
     body = b""
     async for part in request.stream():
         body += part
-        if len(body) > _LONGEST_FORM:
+        if len(body) > _MAX_FORM_BYTES:
             return None
     return body
 
 
-def _field(form: bytes) -> str:
-    return _fields(form).get("token", [""])[0]
+def _token_field(form: bytes) -> str:
+    return _parse_form(form).get("token", [""])[0]
 
 
-def _fields(form: bytes) -> dict[str, list[str]]:
+def _parse_form(form: bytes) -> dict[str, list[str]]:
     try:
         return parse_qs(form.decode("latin-1"), max_num_fields=10, keep_blank_values=True)
     except ValueError:
@@ -288,17 +290,17 @@ def _fields(form: bytes) -> dict[str, list[str]]:
 def _with_headers(send: Send) -> Send:
     """Return a `send` that forbids framing and a change of the content type."""
 
-    async def send_guarded(message: ASGIMessage) -> None:
+    async def send_with_headers(message: ASGIMessage) -> None:
         if message["type"] == "http.response.start":
             message = {**message, "headers": [*message.get("headers", ()), *_HEADERS]}
         await send(message)
 
-    return send_guarded
+    return send_with_headers
 
 
 def _is_same_token(sent: str, token: str) -> bool:
     return hmac.compare_digest(sent.encode(errors="replace"), token.encode(errors="replace"))
 
 
-def _page(status: int, text: str, *, form: bool = False) -> Response:
+def _token_page(status: int, text: str, *, form: bool = False) -> Response:
     return HTMLResponse(panel_html("token_page", text=text, form=form), status_code=status)

@@ -21,11 +21,11 @@ from palpate.dashboard.folder import (
     History,
     RecordingList,
     delete_recording,
-    entry_of,
+    make_entry,
     new_recording,
     rename_recording,
 )
-from palpate.dashboard.headline import kind_of
+from palpate.dashboard.headline import outcome_kind
 from palpate.dashboard.item_store import ItemStore
 from palpate.dashboard.messages import (
     DeviceActivity,
@@ -56,12 +56,12 @@ if TYPE_CHECKING:
     from palpate.produce.sorting.rules import RuleBook
 
 _Answer = TypeVar("_Answer")
-_LOOK_S = 0.01
+_POLL_S = 0.01
 #: A stop that is not confirmed by then is answered so, seconds.
-STOP_PATIENCE_S = 2.0
+STOP_TIMEOUT_S = 2.0
 #: A result waits for the store and its bin this long, seconds: longer than a shared store that is
 #: away is waited for (5 s), so that the local one decides.
-_STORE_S = 8.0
+_STORE_TIMEOUT_S = 8.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,7 +88,7 @@ class Settings:
 
 
 #: A grasp that is stopped, a hand that opens: more than this means that the process hangs.
-_ENDS_S = 15.0
+_EXIT_TIMEOUT_S = 15.0
 
 
 class DeviceClient:
@@ -104,10 +104,12 @@ class DeviceClient:
         # Spawned: a fork of a process with threads may hang.
         context = multiprocessing.get_context("spawn")
         self._on_update = on_update
-        self._connection, theirs = context.Pipe()
-        self._process = context.Process(target=run_devices, args=(theirs,), name="palpate-devices")
+        self._connection, child_end = context.Pipe()
+        self._process = context.Process(
+            target=run_devices, args=(child_end,), name="palpate-devices"
+        )
         self._process.start()
-        theirs.close()
+        child_end.close()
         self._sending = threading.Lock()
         self._thread = threading.Thread(target=self._receive, name="receive", daemon=True)
         self._thread.start()
@@ -120,7 +122,7 @@ class DeviceClient:
     def close(self) -> None:
         """Stop the running job and end the process."""
         self.send(Shutdown())
-        self._process.join(_ENDS_S)
+        self._process.join(_EXIT_TIMEOUT_S)
         if self._process.is_alive():
             self._process.terminate()
             self._process.join()
@@ -149,7 +151,7 @@ class AppState:
         self.recordings = RecordingList(settings.folder)
         #: How many grasps have ended, and the last as `palpate grasp --json` prints it.
         self._results = 0
-        self._last: dict[str, object] | None = None
+        self._last_document: dict[str, object] | None = None
         #: Called with each such document.
         self.on_result: list[Callable[[dict[str, object]], None]] = []
         self.session = Session(
@@ -158,14 +160,14 @@ class AppState:
         #: The loop that all but `stop` belongs to; None until it is open.
         self.loop: asyncio.AbstractEventLoop | None = None
         self._process: DeviceClient | None = None
-        self._heard_s: float | None = None
+        self._last_message_s: float | None = None
         #: Number of the newest stop that the devices' process confirmed.
         self._stop_confirmed = 0
         #: Each wakes a stop that waits for its confirmation.
-        self._waiting = set[Callable[[], object]]()
-        self._lost = False
+        self._stop_waiters = set[Callable[[], object]]()
+        self._is_process_lost = False
         #: Generation and measurements for which a bin was last computed.
-        self._foreseen: object = None
+        self._predicted_for: object = None
         #: Held, so that it is not collected while it runs.
         self._task: asyncio.Future[None] | None = None
 
@@ -180,8 +182,8 @@ class AppState:
             seed=settings.seed,
             speed=settings.speed,
         )
-        while self._heard_s is None:  # it reports first, or its end is noticed
-            await asyncio.sleep(_LOOK_S)
+        while self._last_message_s is None:  # it reports first, or its end is noticed
+            await asyncio.sleep(_POLL_S)
         self.session.send_order(first)
 
     def close(self) -> None:
@@ -195,7 +197,7 @@ class AppState:
 
     def result(self) -> tuple[int, Mapping[str, Any] | None]:
         """Return how many grasps have ended, and the document of the last."""
-        return self._results, self._last
+        return self._results, self._last_document
 
     async def grasp(
         self,
@@ -211,7 +213,7 @@ class AppState:
         Raises `CommandRefusedError` where it can't begin now, `InputError` for a bad value.
         """
 
-        def begin() -> str:
+        def order_grasp() -> str:
             """Order it, unless a stop came that its sender did not know of."""
             order = self.grasp_order(target_force_n=target_force_n, item_id=item_id, kind=kind)
             with self.session.stop_lock:
@@ -219,18 +221,18 @@ class AppState:
                     raise CommandRefusedError(
                         "stopped before it began: ask for the state, then order again"
                     )
-                self._press(driver, partial(self.session.order, driver, order))
+                self._run_for_driver(driver, partial(self.session.order, driver, order))
             return order.recording.name
 
-        return await self._on_session_loop(begin)
+        return await self._on_session_loop(order_grasp)
 
     async def release(self, driver: str) -> None:
         """Release the object, or open the hand.
 
         Raises `CommandRefusedError` where it can't be done now.
         """
-        press = partial(self.session.release, driver)
-        await self._on_session_loop(partial(self._press, driver, press))
+        command = partial(self.session.release, driver)
+        await self._on_session_loop(partial(self._run_for_driver, driver, command))
 
     async def take_over(self, driver: str) -> None:
         """Drive from now on."""
@@ -240,11 +242,11 @@ class AppState:
         """Leave the session, so that another client can drive."""
         await self._on_session_loop(partial(self.session.leave, driver))
 
-    def _press(self, driver: str, press: Callable[[], None]) -> None:
+    def _run_for_driver(self, driver: str, command: Callable[[], None]) -> None:
         """Let a machine in, and press something for it."""
         self.session.join(driver)
         try:
-            press()
+            command()
         except InputError as error:
             raise CommandRefusedError(str(error)) from error
 
@@ -258,24 +260,24 @@ class AppState:
             raise CommandRefusedError("the devices have not been opened yet")
         return await run_on(self.loop, work())
 
-    async def stop(self, *, patience_s: float = STOP_PATIENCE_S) -> bool:
+    async def stop(self, *, timeout_s: float = STOP_TIMEOUT_S) -> bool:
         """Stop the running job; return whether the devices' process confirmed it in time.
 
         On any event loop: it waits for nothing but the devices.
         """
-        heard = asyncio.Event()
-        wake = partial(asyncio.get_running_loop().call_soon_threadsafe, heard.set)
-        self._waiting.add(wake)
+        updated = asyncio.Event()
+        wake = partial(asyncio.get_running_loop().call_soon_threadsafe, updated.set)
+        self._stop_waiters.add(wake)
         try:
             number = self.session.stop()
-            async with asyncio.timeout(patience_s):
-                while self._stop_confirmed < number and not self._lost:
-                    await heard.wait()
-                    heard.clear()
+            async with asyncio.timeout(timeout_s):
+                while self._stop_confirmed < number and not self._is_process_lost:
+                    await updated.wait()
+                    updated.clear()
         except TimeoutError:
             pass
         finally:
-            self._waiting.discard(wake)
+            self._stop_waiters.discard(wake)
         return self._stop_confirmed >= number
 
     def grasp_order(
@@ -348,12 +350,12 @@ class AppState:
     @property
     def silent_s(self) -> float:
         """Time since the last message of the devices' process, seconds; 0 while it starts."""
-        return 0.0 if self._heard_s is None else time.monotonic() - self._heard_s
+        return 0.0 if self._last_message_s is None else time.monotonic() - self._last_message_s
 
-    def glance(self) -> list[str]:
+    def idle_texts(self) -> list[str]:
         """Return the content of an idle page: last grasp, today's counts, calibration age."""
         source = self.session.devices.live.source
-        words = self.history.glance()
+        words = self.history.idle_texts()
         if source is not None and source.calibrated_at:
             words.append(f"calibrated {age_text(source.calibrated_at)}")
         return words
@@ -361,9 +363,9 @@ class AppState:
     def _store_grasp(self, grasped: Grasped, order: GraspOrder) -> None:
         """Store a finished grasp, and publish its result."""
         live = self.session.devices.live
-        entry = entry_of(
+        entry = make_entry(
             grasped,
-            kind=kind_of(
+            kind=outcome_kind(
                 grasped, target_force_n=order.target_force_n, damage_low_n=self._damage_low_n
             ),
             item_id=order.item_id,
@@ -377,7 +379,7 @@ class AppState:
             self._publish(entry, document, {})
             return
         place = partial(
-            self.item_store.place,
+            self.item_store.sort_grasp,
             grasped.result,
             item_id=order.item_id,
             source=source,
@@ -395,28 +397,28 @@ class AppState:
         """Store a grasp and find its bin before its result is published."""
         devices, grasped = self.session.devices, self.session.devices.grasped
         try:
-            async with asyncio.timeout(_STORE_S):
-                placed = await asyncio.get_running_loop().run_in_executor(None, place)
+            async with asyncio.timeout(_STORE_TIMEOUT_S):
+                placement = await asyncio.get_running_loop().run_in_executor(None, place)
         except TimeoutError:
-            why = f"the store has not answered for {_STORE_S:g} s"
-            placed = self.item_store.describe_unplaced(entry.item_id, why=why)
+            why = f"the store has not answered for {_STORE_TIMEOUT_S:g} s"
+            placement = self.item_store.placement_without_store(entry.item_id, why=why)
         if devices.grasped is grasped:
-            devices.placed = placed
-        self._publish(entry, document, placed)
+            devices.placement = placement
+        self._publish(entry, document, placement)
         if devices.activity is DeviceActivity.GRASPING:
-            devices.rest()
+            devices.mark_idle()
 
     def _publish(
-        self, entry: Entry, document: dict[str, object], placed: Mapping[str, Any]
+        self, entry: Entry, document: dict[str, object], placement: Mapping[str, Any]
     ) -> None:
         """Note a grasp in the history, and pass its document on."""
-        devices, found = self.session.devices, placed.get("bin") or {}
-        item = placed.get("item") or {}
+        devices, found = self.session.devices, placement.get("bin") or {}
+        item = placement.get("item") or {}
         entry = replace(
             entry,
             bin=found.get("name"),
             again=found.get("again"),
-            why=found.get("why", placed.get("why")),
+            why=found.get("why", placement.get("why")),
             stage=item.get("stage"),
             bruised=item.get("bruised"),
         )
@@ -427,11 +429,13 @@ class AppState:
         except OSError as error:
             devices.trouble = f"the grasp is not in the history: {error}"
         self._results += 1
-        self._last = document | {name: placed[name] for name in ("bin", "item") if name in placed}
+        self._last_document = document | {
+            name: placement[name] for name in ("bin", "item") if name in placement
+        }
         for listener in self.on_result:
-            listener(self._last)
+            listener(self._last_document)
 
-    def _place_early(self) -> None:
+    def _predict_bin(self) -> None:
         """Find the bin of the held object as soon as it is measured."""
         devices, rules = self.session.devices, self.settings.rules
         order, progress, source = devices.order, devices.live.progress, devices.live.source
@@ -441,16 +445,16 @@ class AppState:
             return
         answer = replace(progress.answer, outcome=Outcome.HELD)
         asked = devices.live.generation, answer.size_mm, answer.stiffness_n_per_mm
-        if asked == self._foreseen:
+        if asked == self._predicted_for:
             return
-        self._foreseen = asked
+        self._predicted_for = asked
 
-        def show(placed: asyncio.Future[dict[str, Any]]) -> None:
+        def show(placement: asyncio.Future[dict[str, Any]]) -> None:
             """Show the bin, unless the grasp has ended meanwhile."""
             if devices.live.generation == asked[0] and devices.grasped is None:
-                devices.placed = placed.result()
+                devices.placement = placement.result()
 
-        place = partial(self.item_store.place, answer, item_id=order.item_id, source=source)
+        place = partial(self.item_store.sort_grasp, answer, item_id=order.item_id, source=source)
         asyncio.get_running_loop().run_in_executor(None, place).add_done_callback(show)
 
     def _document(self, grasped: Grasped, order: GraspOrder, *, ended_at: str) -> dict[str, object]:
@@ -486,20 +490,20 @@ class AppState:
 
     def take(self, update: Update | DevicesLost) -> None:
         """Take an update of the devices' process, on the receiving thread."""
-        self._heard_s = time.monotonic()
+        self._last_message_s = time.monotonic()
         if isinstance(update, Update):
             stops = [note.number for note in update.notes if isinstance(note, StopConfirmed)]
             self._stop_confirmed = max([self._stop_confirmed, *stops])
-        self._lost = isinstance(update, DevicesLost)
-        for wake in tuple(self._waiting):
+        self._is_process_lost = isinstance(update, DevicesLost)
+        for wake in tuple(self._stop_waiters):
             wake()
         loop = self.loop
         if loop is not None and not loop.is_closed():
-            loop.call_soon_threadsafe(self._take, update)
+            loop.call_soon_threadsafe(self._apply_update, update)
 
-    def _take(self, update: Update | DevicesLost) -> None:
+    def _apply_update(self, update: Update | DevicesLost) -> None:
         self.session.devices.take(update)
-        self._place_early()
+        self._predict_bin()
 
 
 def age_text(made_at: str) -> str:

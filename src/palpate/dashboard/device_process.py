@@ -22,25 +22,25 @@ from palpate.dashboard.jobs import (
     examine_sensor,
     grasp,
     open_hand,
-    state_of,
+    read_state,
 )
 from palpate.dashboard.messages import (
-    Began,
-    BeingRecorded,
     CalibrateForce,
     CalibrateRest,
     CalibrationRenewed,
     Confirm,
-    Ended,
     Examine,
     Grasped,
     GraspOrder,
     OpenHand,
     OpenRig,
     Order,
+    OrderEnded,
+    OrderStarted,
     Pause,
     Play,
     Record,
+    RecordingChanged,
     ReleaseNow,
     Request,
     Seek,
@@ -69,7 +69,7 @@ _JOBS: dict[type[Order], Callable[..., Grasped | CalibrationRenewed | Health | N
     Examine: examine_sensor,
 }
 #: A silent sensor must not make an order wait; a lost one is asked again after a while.
-_WATCH_TIMEOUT_S, _LOST_S = 0.2, 0.5
+_WATCH_TIMEOUT_S, _RETRY_S = 0.2, 0.5
 
 
 def run_devices(connection: Connection) -> None:
@@ -93,15 +93,15 @@ class DeviceProcess:
         self._lock = threading.Lock()
         self._orders: deque[Order] = deque()
         self._arrived = threading.Event()
-        self._gone = threading.Event()
+        self._closing = threading.Event()
         self._context: JobContext | None = None
         self._requests = Requests()
         self._confirmed = threading.Event()
         self._playback: PlaybackClock | None = None
-        self._stop_asked_s: float | None = None
+        self._stop_requested_s: float | None = None
         self._stop_number = self._stop_confirmed = 0
         self._writer: RecordingWriter | None = None
-        self._troubled = ""
+        self._last_error = ""
         self._grasping = False
         self._telemetry = Telemetry(
             connection.send, on_lost=lambda: self._handle_message(Shutdown())
@@ -112,11 +112,11 @@ class DeviceProcess:
         threading.Thread(target=self._listen, name="listen", daemon=True).start()
         self._telemetry.start()
         try:
-            while not self._gone.is_set():
+            while not self._closing.is_set():
                 self._apply_stop()
                 order = self._next_order()
                 if order is not None:
-                    self._carry_out(order)
+                    self._execute(order)
                 elif self._context is not None:
                     self._watch(self._context)
                 else:
@@ -140,13 +140,13 @@ class DeviceProcess:
                 self._stop_number = message.number
                 self._stop(context)
             case Shutdown():
-                self._gone.set()
+                self._closing.set()
                 self._stop(context)
             case ReleaseNow() if self._grasping and not self._requests.stop.is_set():
                 self._requests.release.set()
             case ReleaseNow():
                 # The grasp that it is meant for is stopped, or has ended: the hand opens next.
-                self._append(OpenHand())
+                self._queue_order(OpenHand())
             case Confirm():
                 self._confirmed.set()
             case Seek() if playback is not None:
@@ -161,11 +161,11 @@ class DeviceProcess:
             case Seek() | Pause():
                 pass  # the replay has just ended
             case _:
-                self._append(message)
+                self._queue_order(message)
         if context is not None and isinstance(context.array, PacedArray):
             context.array.hurry()
 
-    def _append(self, order: Order) -> None:
+    def _queue_order(self, order: Order) -> None:
         with self._lock:
             self._orders.append(order)
         self._arrived.set()
@@ -176,14 +176,14 @@ class DeviceProcess:
             dropped = list(self._orders)
             self._orders.clear()
             if context is not None and not self._requests.stop.is_set():
-                self._stop_asked_s = context.rig.clock.now_s()
+                self._stop_requested_s = context.rig.clock.now_s()
             self._requests.stop.set()
         self._arrived.set()
         if context is None:
             self._confirm_stop()
         for order in dropped:
-            never = "stopped before it began"
-            self._telemetry.note(Ended(order=order, trouble=never, stopped=True))
+            reason = "stopped before it began"
+            self._telemetry.note(OrderEnded(order=order, trouble=reason, stopped=True))
 
     def _next_order(self) -> Order | None:
         """Take the next order, with new requests: a later stop applies to it."""
@@ -195,7 +195,7 @@ class DeviceProcess:
             return self._orders.popleft()
 
     def _renew_requests(self) -> None:
-        self._requests, self._stop_asked_s = Requests(), None
+        self._requests, self._stop_requested_s = Requests(), None
         if self._context is not None:
             self._context.requests, self._context.reacted_s = self._requests, None
 
@@ -217,13 +217,13 @@ class DeviceProcess:
 
     # -- what is done ---------------------------------------------------------------------------
 
-    def _carry_out(self, order: Order) -> None:
+    def _execute(self, order: Order) -> None:
         if isinstance(order, Record):
             self._record(order)
             return
         if isinstance(order, Play):
             self._playback = PlaybackClock(speed=order.speed)
-        self._telemetry.note(Began(order=order))
+        self._telemetry.note(OrderStarted(order=order))
         found: Grasped | CalibrationRenewed | Health | None = None
         trouble, stopped = "", False
         self._grasping = isinstance(order, GraspOrder)
@@ -237,9 +237,9 @@ class DeviceProcess:
         context = self._context
         if isinstance(order, Play | CalibrateRest | CalibrateForce) and context is not None:
             # Before the end is reported: the next order must not find a link without a frame.
-            self._show(context)
+            self._start_telemetry(context)
         self._telemetry.note(
-            Ended(
+            OrderEnded(
                 order=order,
                 found=found,
                 trouble=trouble,
@@ -271,11 +271,11 @@ class DeviceProcess:
     def _stop_delay_s(self) -> float | None:
         """Return the time since the stop request, on the rig's clock; None without one."""
         with self._lock:
-            context, asked_s = self._context, self._stop_asked_s
-            if context is None or asked_s is None:
+            context, requested_s = self._context, self._stop_requested_s
+            if context is None or requested_s is None:
                 return None
-            told_s = context.reacted_s or context.rig.clock.now_s()
-            return max(told_s - asked_s, 0.0)
+            received_s = context.reacted_s or context.rig.clock.now_s()
+            return max(received_s - requested_s, 0.0)
 
     def _open(self, order: OpenRig) -> None:
         self._close_rig()
@@ -289,9 +289,9 @@ class DeviceProcess:
             confirmed=self._confirmed,
             on_stopped=self._confirm_stop,
         )
-        self._show(context)
+        self._start_telemetry(context)
 
-    def _show(self, context: JobContext) -> None:
+    def _start_telemetry(self, context: JobContext) -> None:
         """Show the rig's frames from now on."""
         twin = isinstance(context.array, PacedArray) and not isinstance(
             context.rig.array, SerialArray
@@ -305,11 +305,11 @@ class DeviceProcess:
         except DeviceTimeoutError:
             return
         except DeviceError as error:
-            self._report_trouble(str(error))
-            self._arrived.wait(_LOST_S)
+            self._report_error(str(error))
+            self._arrived.wait(_RETRY_S)
             return
-        self._report_trouble("")
-        state = state_of(context.rig.gripper)
+        self._report_error("")
+        state = read_state(context.rig.gripper)
         self._telemetry.add_frame(frame, state)
         if self._writer is not None:
             try:
@@ -317,7 +317,7 @@ class DeviceProcess:
                     self._writer.add(state)
                 self._writer.add(frame)
             except PalpateError as error:
-                self._report_trouble(str(error))
+                self._report_error(str(error))
                 self._record(Record(None))
 
     def _record(self, order: Record) -> None:
@@ -332,8 +332,8 @@ class DeviceProcess:
                 self._writer = RecordingWriter(order.file, info=info)
         except (PalpateError, OSError) as error:
             self._writer = None
-            self._report_trouble(str(error))
-        self._telemetry.note(BeingRecorded(None if self._writer is None else self._writer.path))
+            self._report_error(str(error))
+        self._telemetry.note(RecordingChanged(None if self._writer is None else self._writer.path))
 
     def _close_rig(self) -> None:
         context, self._context = self._context, None
@@ -348,10 +348,10 @@ class DeviceProcess:
         try:
             act()
         except DeviceError as error:
-            self._report_trouble(str(error))
+            self._report_error(str(error))
 
-    def _report_trouble(self, text: str) -> None:
+    def _report_error(self, text: str) -> None:
         """Report it once, not at every frame."""
-        if text != self._troubled:
-            self._troubled = text
+        if text != self._last_error:
+            self._last_error = text
             self._telemetry.note(Trouble(text))

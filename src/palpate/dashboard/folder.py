@@ -34,11 +34,11 @@ from palpate.recording import RecordingReader
 #: Number of grasps that the page lists.
 LISTED_GRASPS = 50
 #: Number of points of a small curve.
-_POINTS = 48
+_CURVE_POINTS = 48
 _FILE = "grasps.jsonl"
 #: Grasps of a table that are made at a time.
-_ROWS = 200
-_MEASURED = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
+_CSV_CHUNK_ROWS = 200
+_MEASUREMENTS = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,16 +100,16 @@ class History:
     def __init__(self, folder: Path) -> None:
         self._file = folder / _FILE
         #: Name of each renamed recording now, by the name that its grasp is kept under.
-        self._names = dict[str, str]()
+        self._current_names = dict[str, str]()
         self._of_recording = dict[str, GraspSummary]()
         self._recent = deque[Entry](maxlen=LISTED_GRASPS)
         #: How the grasps of the last day with any ended.
         self._day, self._of_day = date.min, Counter[str]()
-        for stated in self._state_entry():
-            if "renamed" in stated:
-                self._follow(str(stated["recording"]), str(stated["renamed"]))
-            elif (entry := _entry(stated)) is not None:
-                self._take(entry)
+        for values in self._read_lines():
+            if "renamed" in values:
+                self._apply_rename(str(values["recording"]), str(values["renamed"]))
+            elif (entry := _parse_entry(values)) is not None:
+                self._count_entry(entry)
         #: How the grasps of this run ended, how many went to each bin, and since when it counts.
         self.outcomes, self.bins = Counter[str](), Counter[str]()
         self.since = datetime.now(UTC)
@@ -121,11 +121,11 @@ class History:
         """The last grasps, the newest first."""
         return list(reversed(self._recent))
 
-    def of(self, recording: str) -> GraspSummary | None:
+    def find_grasp(self, recording: str) -> GraspSummary | None:
         """Return the stored grasp of a recording, or None."""
         return self._of_recording.get(recording)
 
-    def glance(self) -> list[str]:
+    def idle_texts(self) -> list[str]:
         """Return text on the last grasp and today's counts; empty before the first."""
         if not self._recent:
             return []
@@ -148,7 +148,7 @@ class History:
         OSError
             If the file can't be written; the page lists the grasp nevertheless.
         """
-        self._take(entry)
+        self._count_entry(entry)
         self.outcomes[entry.outcome] += 1
         if entry.bin is not None:
             self.bins[entry.bin] += 1
@@ -165,26 +165,28 @@ class History:
         """
         if before in self._of_recording:
             self._append({"recording": before, "renamed": after})
-            self._follow(before, after)
+            self._apply_rename(before, after)
             self.version += 1
 
     def csv_parts(self) -> Iterator[str]:
         """Yield a table of every grasp of the folder; column names end in their units."""
         columns = ["ended_at", "item_id", "outcome", "verdict", "firmness", "damaged", "bin", "why"]
         columns += ["stage", "bruised"]
-        columns += [name + end for name in _MEASURED for end in ("", "_low", "_high")]
+        columns += [name + end for name in _MEASUREMENTS for end in ("", "_low", "_high")]
         columns += ["decision_time_s", "recording", "simulated"]
         text = io.StringIO()
         table = csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n")
         table.writeheader()
-        entries = (entry for stated in self._state_entry() if (entry := _entry(stated)) is not None)
+        entries = (
+            entry for values in self._read_lines() if (entry := _parse_entry(values)) is not None
+        )
         while text.tell():
             yield text.getvalue()
             text.seek(0)
             text.truncate()
-            table.writerows(self._row(entry) for entry in islice(entries, _ROWS))
+            table.writerows(self._row(entry) for entry in islice(entries, _CSV_CHUNK_ROWS))
 
-    def _take(self, entry: Entry) -> None:
+    def _count_entry(self, entry: Entry) -> None:
         self._recent.append(entry)
         day = datetime.fromisoformat(entry.ended_at).astimezone().date()
         if day != self._day:
@@ -194,12 +196,12 @@ class History:
             summary = GraspSummary(entry.outcome, entry.item_id, entry.simulated)
             self._of_recording[entry.recording] = summary
 
-    def _follow(self, before: str, after: str) -> None:
+    def _apply_rename(self, before: str, after: str) -> None:
         """Replace a recording's name by the new one."""
-        for first, name in list(self._names.items()):
+        for first, name in list(self._current_names.items()):
             if name == before:
-                self._names[first] = after
-        self._names.setdefault(before, after)
+                self._current_names[first] = after
+        self._current_names.setdefault(before, after)
         summary = self._of_recording.pop(before, None)
         if summary is not None:
             self._of_recording[after] = summary
@@ -210,33 +212,33 @@ class History:
         self._recent = deque(renamed, maxlen=LISTED_GRASPS)
 
     def _row(self, entry: Entry) -> dict[str, Any]:
-        recording = self._names.get(entry.recording, entry.recording)
+        recording = self._current_names.get(entry.recording, entry.recording)
         cells = {**asdict(entry), **entry.measured, "recording": recording}
         return {name: csv_cell(value) for name, value in cells.items()}
 
-    def _append(self, stated: dict[str, Any]) -> None:
+    def _append(self, values: dict[str, Any]) -> None:
         """Append a line; a truncated last line (full disk, power cut) damages no other."""
         self._file.parent.mkdir(parents=True, exist_ok=True)
         with self._file.open("ab+", buffering=0) as lines:
             end = lines.seek(0, os.SEEK_END)
             cut = end > 0 and os.pread(lines.fileno(), 1, end - 1) != b"\n"
-            line = ("\n" if cut else "") + json.dumps(stated) + "\n"
+            line = ("\n" if cut else "") + json.dumps(values) + "\n"
             if lines.write(line.encode()) < len(line.encode()):
                 lines.truncate(end)
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._file))
 
-    def _state_entry(self) -> Iterator[dict[str, Any]]:
+    def _read_lines(self) -> Iterator[dict[str, Any]]:
         """Yield the entry of each line, oldest first, without truncated ones."""
         with suppress(OSError), self._file.open(encoding="utf-8", errors="replace") as lines:
             for line in lines:
                 with suppress(ValueError):
-                    stated = json.loads(line)
-                    if isinstance(stated, dict):
-                        yield stated
+                    values = json.loads(line)
+                    if isinstance(values, dict):
+                        yield values
 
 
-def _entry(stated: dict[str, Any]) -> Entry | None:
-    known = {name: value for name, value in stated.items() if name in _FIELDS}
+def _parse_entry(values: dict[str, Any]) -> Entry | None:
+    known = {name: value for name, value in values.items() if name in _FIELDS}
     try:
         entry = Entry(**known | {"curve": tuple(known.get("curve", ()))})
         datetime.fromisoformat(entry.ended_at)
@@ -245,7 +247,7 @@ def _entry(stated: dict[str, Any]) -> Entry | None:
     return entry
 
 
-def entry_of(
+def make_entry(
     grasped: Grasped,
     *,
     kind: str,
@@ -257,7 +259,7 @@ def entry_of(
     """Return the entry of a finished grasp; `curve`: as drawn."""
     result, words = grasped.result, verdict(grasped.result, target_force_n=target_force_n)
     measured: dict[str, float | None] = {"decision_time_s": result.decision_time_s}
-    for name in _MEASURED:
+    for name in _MEASUREMENTS:
         measured |= _with_interval(name, getattr(result, name))
     firmness = words["firmness"]
     return Entry(
@@ -288,7 +290,7 @@ def _thin_out(curve: Sequence[Point]) -> tuple[float, ...]:
         return ()
     forces = [(one.time_s, one.force.value) for one in curve if one.force is not None]
     time_s, values = zip(*(forces or [(one.time_s, one.percent) for one in curve]), strict=True)
-    at_s = np.linspace(time_s[0], time_s[-1], _POINTS)
+    at_s = np.linspace(time_s[0], time_s[-1], _CURVE_POINTS)
     return tuple(round(float(value), 2) for value in np.interp(at_s, time_s, values))
 
 
@@ -315,11 +317,11 @@ def check_name(stem: str) -> str:
     return f"{stem}.mcap"
 
 
-_ENDING = ".mcap"
+_SUFFIX = ".mcap"
 #: Number of recordings that the page lists.
 LISTED_RECORDINGS = 100
 #: No file system's clock is coarser (FAT: 2 s).
-_TICK_NS = 2_000_000_000
+_MTIME_STEP_NS = 2_000_000_000
 
 
 class RecordingList:
@@ -339,9 +341,9 @@ class RecordingList:
     def __init__(self, folder: Path, *, now_ns: Callable[[], int] = time.time_ns) -> None:
         self._folder, self._now_ns, self._lock = folder, now_ns, Lock()
         #: When the folder had changed last when it was read, and when it is to be read once more.
-        self._changed_ns, self._again_ns = -1, math.inf
+        self._scanned_mtime_ns, self._rescan_ns = -1, math.inf
         #: When each recording was last written, as it was when its name was new.
-        self._written_s = dict[str, float]()
+        self._mtime_s = dict[str, float]()
         self._newest: list[str] = []
 
     def newest(self) -> list[tuple[Path, os.stat_result]]:
@@ -350,12 +352,12 @@ class RecordingList:
             try:
                 changed_ns = self._folder.stat().st_mtime_ns
                 now_ns = self._now_ns()
-                if changed_ns != self._changed_ns or now_ns > self._again_ns:
-                    self._look_again()
-                    self._changed_ns = changed_ns
+                if changed_ns != self._scanned_mtime_ns or now_ns > self._rescan_ns:
+                    self._rescan()
+                    self._scanned_mtime_ns = changed_ns
                     # Within one tick of the file system's clock more may have followed.
-                    unsettled = now_ns - changed_ns < _TICK_NS
-                    self._again_ns = now_ns + _TICK_NS if unsettled else math.inf
+                    unsettled = now_ns - changed_ns < _MTIME_STEP_NS
+                    self._rescan_ns = now_ns + _MTIME_STEP_NS if unsettled else math.inf
             except OSError:
                 return []
             names = self._newest
@@ -365,39 +367,39 @@ class RecordingList:
                 listed.append((self._folder / name, (self._folder / name).stat()))
         return sorted(listed, key=lambda one: (one[1].st_mtime, one[0].name), reverse=True)
 
-    def _look_again(self) -> None:
+    def _rescan(self) -> None:
         # Loops, and no sets: those would hold up every other thread for as long as they take.
         names = os.listdir(self._folder)
         found, new = 0, []
         for name in names:
-            if name in self._written_s:
+            if name in self._mtime_s:
                 found += 1
-            elif name.endswith(_ENDING):
+            elif name.endswith(_SUFFIX):
                 new.append(name)
-        is_any_gone = found < len(self._written_s)
+        is_any_gone = found < len(self._mtime_s)
         if is_any_gone:
             there = set(names)
-            self._written_s = {n: s for n, s in self._written_s.items() if n in there}
+            self._mtime_s = {n: s for n, s in self._mtime_s.items() if n in there}
         for name in new:
             with suppress(OSError):  # a dangling link, or it has gone meanwhile
-                self._written_s[name] = (self._folder / name).stat().st_mtime
+                self._mtime_s[name] = (self._folder / name).stat().st_mtime
         # Without a loss only a new one can take the place of one of the newest.
-        candidates = self._written_s if is_any_gone else {*self._newest, *new}
+        candidates = self._mtime_s if is_any_gone else {*self._newest, *new}
         self._newest = heapq.nlargest(
             LISTED_RECORDINGS,
-            (name for name in candidates if name in self._written_s),
-            key=lambda name: (self._written_s[name], name),
+            (name for name in candidates if name in self._mtime_s),
+            key=lambda name: (self._mtime_s[name], name),
         )
 
 
 def new_recording(folder: Path, what: str) -> Path:
     """Return the name of a recording that does not exist yet."""
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-    file = folder / f"{what}-{stamp}{_ENDING}"
+    file = folder / f"{what}-{stamp}{_SUFFIX}"
     number = 1
     while file.exists():
         number += 1
-        file = folder / f"{what}-{stamp}-{number}{_ENDING}"
+        file = folder / f"{what}-{stamp}-{number}{_SUFFIX}"
     return file
 
 
@@ -410,8 +412,8 @@ def find_recording(folder: Path, name: str) -> Path:
         If the name is no plain one, there is no such file, or it is a link to somewhere else.
     """
     file = folder / name
-    plain = name == Path(name).name and name.endswith(_ENDING) and "\0" not in name
-    if not plain or file.is_symlink() or not file.is_file():
+    is_plain = name == Path(name).name and name.endswith(_SUFFIX) and "\0" not in name
+    if not is_plain or file.is_symlink() or not file.is_file():
         raise InputError(f"{name!r}: no such recording in this folder")
     return file
 

@@ -57,19 +57,19 @@ def compute_settled_gain(force: Measurement, *, law_n: float, law: StaticLaw) ->
     """
     if not (law_n > 0 and force.low > 0):
         return None
-    reach = float(ndtri(0.5 + force.level / 2))
+    z_limit = float(ndtri(0.5 + force.level / 2))
     return Gain(
         log_mean=math.log(force.middle / law_n),
-        log_sd=math.log(force.high / force.low) / (2.0 * reach),
+        log_sd=math.log(force.high / force.low) / (2.0 * z_limit),
         law_sd=law.residual_sd,
     )
 
 
-_FORECAST_IN = (Phase.SETTLE, Phase.HOLD)
+_FORECAST_PHASES = (Phase.SETTLE, Phase.HOLD)
 #: Before these, a first answer may be corrected by another movement.
-_DECIDED_IN = (Phase.HOLD, Phase.RELEASE, Phase.DONE)
+_DECIDED_PHASES = (Phase.HOLD, Phase.RELEASE, Phase.DONE)
 #: A forecast from fewer touches than this is noise; with more than that, every other will do.
-_FEWEST, _MOST = 4, 200
+_MIN_TOUCHES, _MAX_TOUCHES = 4, 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,19 +135,19 @@ def grasp_progress_of(
     forecasts : bool
         Whether to make a new one now; it costs milliseconds.
     """
-    decided = grasp_state.result.force_n is not None and grasp_state.phase in _DECIDED_IN
-    settled = settled_n = of_settled = settles_s = data_s = None
+    decided = grasp_state.result.force_n is not None and grasp_state.phase in _DECIDED_PHASES
+    settled = settled_n = settled_gain = settles_s = data_s = None
     answer, touches = grasp_state.result, grasp_state.estimate.touches
     # A hand that eases off is about to close again.
     eases = grasp_state.activity == Activity.EASE
-    foreseeable = grasp_state.phase in _FORECAST_IN and not eases
+    foreseeable = grasp_state.phase in _FORECAST_PHASES and not eases
     if before is not None and (foreseeable or grasp_state.phase in (Phase.RELEASE, Phase.DONE)):
         settled, settled_n = before.settled, before.settled_n
-        of_settled = before.gains.settled
+        settled_gain = before.gains.settled
         answer = grasp_state.result if decided else before.answer
         settles_s, data_s = before.settles_s, before.data_s
-    if forecasts and foreseeable and len(touches) >= _FEWEST:
-        every = len(touches) // _MOST + 1
+    if forecasts and foreseeable and len(touches) >= _MIN_TOUCHES:
+        every = len(touches) // _MAX_TOUCHES + 1
         # From the end: the newest touch is always among them.
         thinned = grasp_state.snapshot()
         thinned.estimate.touches = touches[::-every][::-1]
@@ -155,10 +155,10 @@ def grasp_progress_of(
         thinned.take_answer(foreseen, plan=plan)
         would_answer = thinned.result
         settled, settled_n = foreseen.relative_percent, would_answer.force_n
-        of_settled = None
+        settled_gain = None
         if settled_n is not None:
             law_n = float(plan.settled_law.force_n(foreseen.reading.middle).value)
-            of_settled = compute_settled_gain(settled_n, law_n=law_n, law=plan.settled_law)
+            settled_gain = compute_settled_gain(settled_n, law_n=law_n, law=plan.settled_law)
         answer = grasp_state.result if decided else would_answer
         if not (decided and before is not None and before.decided):
             moved_s = grasp_state.estimate.moved_s
@@ -175,7 +175,7 @@ def grasp_progress_of(
         decided=decided,
         settled_n=settled_n,
         # Before its first step the closing has given none.
-        gains=ContactGains(early=gain if gain.log_sd > 0 else None, settled=of_settled),
+        gains=ContactGains(early=gain if gain.log_sd > 0 else None, settled=settled_gain),
         touched_s=_touch_time_s(grasp_state),
         settles_s=settles_s,
         data_s=data_s,

@@ -14,9 +14,9 @@ from palpate.grasp.verdict import outcome_text, verdict
 
 #: Headline after a stop, once the hand has opened: there is nothing to be done about it.
 STOPPED_OPEN = "stopped, hand open"
-_OF_THEIR_OWN = (
-    DeviceActivity.RESTING,
-    DeviceActivity.WEIGHING,
+_HEADLINE_ACTIVITIES = (
+    DeviceActivity.CALIBRATING_REST,
+    DeviceActivity.CALIBRATING_FORCE,
     DeviceActivity.EXAMINING,
     DeviceActivity.RELEASING,
 )
@@ -54,17 +54,17 @@ def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
     grasped, progress = devices.grasped, devices.live.progress
     if activity is DeviceActivity.GONE:
         return _headline("the devices are gone", "bad")
-    found = _without_grasp(devices, stale=stale) if activity is DeviceActivity.WATCHING else None
+    found = _fault_headline(devices, stale=stale) if activity is DeviceActivity.WATCHING else None
     if found is not None:
         return found
-    if activity in _OF_THEIR_OWN:
+    if activity in _HEADLINE_ACTIVITIES:
         # Not the verdict of the grasp before.
         return _headline(activity.value, "busy")
     if grasped is not None:
-        return _describe_end(session, grasped)
+        return _end_headline(session, grasped)
     if progress is None:
         text = activity.value
-        if activity is DeviceActivity.WATCHING and not devices.sensor_alone:
+        if activity is DeviceActivity.WATCHING and not devices.is_sensor_only:
             text = "ready"
         return _headline(text, "busy" if activity is DeviceActivity.GRASPING else "idle")
     # In its last phase, for a moment, the grasp has ended.
@@ -73,7 +73,7 @@ def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
         return _headline(text, "busy")
     words = _verdict(progress.answer, session)
     words |= {"text": text, "kind": "warn" if words["on_target"] is False else "good"}
-    return _with_place(words, progress.answer, devices) if progress.phase == "hold" else words
+    return _with_bin(words, progress.answer, devices) if progress.phase == "hold" else words
 
 
 def phase_text(phase: str) -> str:
@@ -81,7 +81,9 @@ def phase_text(phase: str) -> str:
     return PHASES.get(phase, ("", ""))[0]
 
 
-def kind_of(grasped: Grasped, *, target_force_n: float | None, damage_low_n: float | None) -> str:
+def outcome_kind(
+    grasped: Grasped, *, target_force_n: float | None, damage_low_n: float | None
+) -> str:
     """Return the colour of a grasp's outcome: green only without a fault."""
     result = grasped.result
     on_target = verdict(result, target_force_n=target_force_n)["on_target"]
@@ -108,11 +110,11 @@ def _verdict(result: GraspResult, session: Session) -> dict[str, Any]:
     return _headline("", "") | words | {"firmness": words["firmness"] or ""}
 
 
-def _is_word(firmness: str) -> bool:
+def _is_firmness_word(firmness: str) -> bool:
     return firmness != "" and not firmness.startswith("firmness ")
 
 
-def _without_grasp(devices: DeviceState, *, stale: bool) -> dict[str, Any] | None:
+def _fault_headline(devices: DeviceState, *, stale: bool) -> dict[str, Any] | None:
     """Return the headline of a fault, a calibration or a stop; None without these."""
     live, failure = devices.live, devices.calibration_failure
     if stale and live.link.frames:
@@ -129,14 +131,14 @@ def _without_grasp(devices: DeviceState, *, stale: bool) -> dict[str, Any] | Non
         return _headline("calibration failed", "bad", why=why)
     grasped = devices.grasped
     is_stopped = grasped is not None and grasped.result.outcome is Outcome.STOPPED
-    if (is_stopped or devices.stopped_early) and live.open_hand:
+    if (is_stopped or devices.stopped_early) and live.is_hand_open:
         return _headline(STOPPED_OPEN, "idle")
     if devices.stopped_early:
         return _headline(outcome_text(Outcome.STOPPED), "bad")
     return None
 
 
-def _describe_end(session: Session, grasped: Grasped) -> dict[str, Any]:
+def _end_headline(session: Session, grasped: Grasped) -> dict[str, Any]:
     """Return the headline of a grasp that has ended."""
     progress, words = session.devices.live.progress, _verdict(grasped.result, session)
     low_n = None if progress is None else progress.bounds.damage_low_n
@@ -144,21 +146,21 @@ def _describe_end(session: Session, grasped: Grasped) -> dict[str, Any]:
         words |= {"text": "the object was damaged", "why": words["text"], "firmness": ""}
     elif _has_passed_limit(grasped.result, low_n):
         words["why"] = "the force passed the damage limit before it was known"
-    words["kind"] = kind_of(grasped, target_force_n=session.shown_target_n, damage_low_n=low_n)
-    return _with_place(words, grasped.result, session.devices)
+    words["kind"] = outcome_kind(grasped, target_force_n=session.shown_target_n, damage_low_n=low_n)
+    return _with_bin(words, grasped.result, session.devices)
 
 
-def _with_place(
+def _with_bin(
     headline: dict[str, Any], result: GraspResult, devices: DeviceState
 ) -> dict[str, Any]:
     """Make the bin the headline, above the measurements; amber for the default one."""
-    placed = devices.placed
-    if headline["kind"] == "bad" or "bin" not in placed:
+    placement = devices.placement
+    if headline["kind"] == "bad" or "bin" not in placement:
         return headline
-    found = placed["bin"]
+    found = placement["bin"]
     if found is None:
-        return headline | {"why": f"no bin: {placed['why']}", "kind": "warn"}
-    firm = headline["firmness"] if _is_word(headline["firmness"]) else ""
+        return headline | {"why": f"no bin: {placement['why']}", "kind": "warn"}
+    firm = headline["firmness"] if _is_firmness_word(headline["firmness"]) else ""
     if result.firmness is not None:
         index = f"{result.firmness.middle:.0f} of 100"
         firm = f"{firm} ({index})" if firm else f"firmness {index}"
@@ -167,12 +169,12 @@ def _with_place(
         "bin": found["name"],
         "again": found["again"],
         "why": f"{headline['text']}: {found['why'].partition(': ')[2]}",
-        "firmness": ", ".join(filter(None, (firm, *_sizes(result)))),
+        "firmness": ", ".join(filter(None, (firm, *_size_texts(result)))),
         "kind": "warn" if found["rule"] is None else headline["kind"],
     }
 
 
-def _sizes(result: GraspResult) -> list[str]:
+def _size_texts(result: GraspResult) -> list[str]:
     """Return size and stiffness in words, where they are known."""
     rows = ((result.size_mm, "mm", 0), (result.stiffness_n_per_mm, "N/mm", 1))
     return [
@@ -192,7 +194,7 @@ def _is_damaged(grasped: Grasped) -> bool:
     return bool((grasped.truth or {}).get("damaged"))
 
 
-def _is_of_stop(headline: Mapping[str, object]) -> bool:
+def _is_stop_headline(headline: Mapping[str, object]) -> bool:
     """Whether a grasp was stopped, even before it began."""
     return headline["text"] == outcome_text(Outcome.STOPPED)
 
@@ -211,15 +213,15 @@ def operator_view(session: Session, *, headline: Mapping[str, Any]) -> dict[str,
     if session.devices.activity in (DeviceActivity.GRASPING, DeviceActivity.REPLAYING):
         target_force_n = session.shown_target_n
     return {
-        "word": _capital(_word(session.devices, headline)),
-        "next": _capital(_next(session.devices, headline)),
+        "word": _capitalize(_operator_word(session.devices, headline)),
+        "next": _capitalize(_next_step(session.devices, headline)),
         "target": "gentle squeeze" if target_force_n is None else f"{target_force_n:g} N",
     }
 
 
-def _word(devices: DeviceState, headline: Mapping[str, Any]) -> str:
+def _operator_word(devices: DeviceState, headline: Mapping[str, Any]) -> str:
     grasped, progress, activity = devices.grasped, devices.live.progress, devices.activity
-    if _is_of_stop(headline):
+    if _is_stop_headline(headline):
         return OUTCOMES[Outcome.STOPPED][0]
     if (
         headline["text"] == STOPPED_OPEN
@@ -232,7 +234,7 @@ def _word(devices: DeviceState, headline: Mapping[str, Any]) -> str:
         return str(activity)
     if headline["bin"]:
         return str(headline["bin"])
-    firmness = headline["firmness"] if _is_word(headline["firmness"]) else ""
+    firmness = headline["firmness"] if _is_firmness_word(headline["firmness"]) else ""
     if grasped is not None:
         if _is_damaged(grasped):
             return "Damaged"
@@ -241,10 +243,10 @@ def _word(devices: DeviceState, headline: Mapping[str, Any]) -> str:
         return "Off target" if headline["on_target"] is False else firmness or "held"
     if progress is None and activity is DeviceActivity.GRASPING:
         return "Closing"
-    if devices.sensor_alone:
-        return "contact" if devices.live.touching else "Ready"
+    if devices.is_sensor_only:
+        return "contact" if devices.live.touching_fingers else "Ready"
     if progress is None:
-        return "Ready" if devices.live.open_hand is not False else "Hand closed"
+        return "Ready" if devices.live.is_hand_open is not False else "Hand closed"
     known = progress.decided and progress.phase == "hold" and headline["on_target"] is not False
     if known and firmness:
         return str(firmness)
@@ -253,7 +255,7 @@ def _word(devices: DeviceState, headline: Mapping[str, Any]) -> str:
     return OUTCOMES[progress.answer.outcome][0]
 
 
-def _next(devices: DeviceState, headline: Mapping[str, Any]) -> str:
+def _next_step(devices: DeviceState, headline: Mapping[str, Any]) -> str:
     grasped, progress, activity = devices.grasped, devices.live.progress, devices.activity
     if activity is DeviceActivity.GONE:
         return "Start palpate serve again"
@@ -269,13 +271,13 @@ def _next(devices: DeviceState, headline: Mapping[str, Any]) -> str:
         return "Wait"
     if devices.calibration_failure is not None:
         return "Repeat it on the page Calibrate, or continue without"
-    if headline["kind"] == "bad" and grasped is None and not _is_of_stop(headline):
+    if headline["kind"] == "bad" and grasped is None and not _is_stop_headline(headline):
         return str(headline["why"])
-    if devices.sensor_alone:
+    if devices.is_sensor_only:
         return "No gripper: press the pads"
-    if devices.live.open_hand is False:
+    if devices.live.is_hand_open is False:
         return "Press Release: the hand opens"
-    if _is_of_stop(headline):
+    if _is_stop_headline(headline):
         return OUTCOMES[Outcome.STOPPED][1]
     if grasped is None or headline["text"] == STOPPED_OPEN:
         return OUTCOMES[Outcome.HELD][1]
@@ -286,5 +288,5 @@ def _next(devices: DeviceState, headline: Mapping[str, Any]) -> str:
     return OUTCOMES[grasped.result.outcome][1]
 
 
-def _capital(text: str) -> str:
+def _capitalize(text: str) -> str:
     return text[:1].upper() + text[1:]

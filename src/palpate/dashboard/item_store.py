@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 _Read = TypeVar("_Read")
 #: Caption and label of the axis of each measurement that the page of an item shows over time.
-_COURSES = {
+_FIGURES = {
     "stiffness_n_per_mm": ("Stiffness over time", "stiffness (N/mm)"),
     "settled_percent": ("Settled change over time", "settled change (%)"),
 }
@@ -57,7 +57,7 @@ class ItemStore:
         #: Why the last record did not reach the store; empty if it did.
         self.trouble = "" if find_spec("sqlalchemy") else MISSING
 
-    def place(
+    def sort_grasp(
         self,
         result: GraspResult,
         *,
@@ -74,7 +74,7 @@ class ItemStore:
         if self._rules is None and not item_id:
             return {}
         if self.trouble == MISSING:
-            return self.describe_unplaced(item_id, why=MISSING)
+            return self.placement_without_store(item_id, why=MISSING)
         from palpate.produce.grasp_record import make_grasp_record
         from palpate.produce.store import Store
         from palpate.produce.store.sender import Sender
@@ -99,15 +99,15 @@ class ItemStore:
                 self.trouble = ""
         except (PalpateError, OSError) as error:
             self.trouble = str(error)
-            return self.describe_unplaced(item_id, why=self.trouble)
-        placed = self._place(grasp, item_id=item_id, is_stored=recording is not None)
+            return self.placement_without_store(item_id, why=self.trouble)
+        placement = self._choose_bin(grasp, item_id=item_id, is_stored=recording is not None)
         if recording is not None:
             if self._sender is None:
                 self._sender = Sender(self._where)
             self._sender.wake()
-        return placed
+        return placement
 
-    def _place(self, grasp: Grasp, *, item_id: str, is_stored: bool) -> dict[str, Any]:
+    def _choose_bin(self, grasp: Grasp, *, item_id: str, is_stored: bool) -> dict[str, Any]:
         """Apply the rules to the item and describe it; store the decision with its grasp."""
         from palpate.produce.sorting.rules import decide
         from palpate.produce.sorting.run import Sorted, bin_verdict, evidence_of
@@ -115,17 +115,20 @@ class ItemStore:
 
         rules = self._rules
         try:
-            known = self._read(lambda store: _Known.of(store, item_id, rules=rules)) or _Known()
-            placed: dict[str, Any] = {"item": known.facts(item_id)} if item_id else {}
+            known = (
+                self._read(lambda store: _StoredItem.read(store, item_id, rules=rules))
+                or _StoredItem()
+            )
+            placement: dict[str, Any] = {"item": known.facts(item_id)} if item_id else {}
             if rules is None:
-                return placed
+                return placement
             grasps = known.grasps if is_stored else (*known.grasps, grasp)
             evidence = evidence_of(
                 grasps, identifier=known.identifier, kind=known.kind, verdicts=known.verdicts
             )
             decision = decide(rules, evidence)
             if grasp.outcome is not Outcome.HELD:
-                return placed | {"bin": None}
+                return placement | {"bin": None}
             if is_stored:
                 done = Sorted(
                     item_id=item_id,
@@ -138,8 +141,8 @@ class ItemStore:
                 with Store.open(self._where) as store:
                     store.add_verdict(bin_verdict(done, given_at=datetime.now(UTC)))
         except PalpateError as error:
-            return self.describe_unplaced(item_id, why=str(error))
-        return placed | {
+            return self.placement_without_store(item_id, why=str(error))
+        return placement | {
             "bin": {
                 "name": decision.bin,
                 "rule": None if decision.rule is None else decision.rule.line,
@@ -149,11 +152,11 @@ class ItemStore:
             }
         }
 
-    def describe_unplaced(self, item_id: str, *, why: str) -> dict[str, Any]:
+    def placement_without_store(self, item_id: str, *, why: str) -> dict[str, Any]:
         """Return `bin` and `item` where the store can't be used, and why."""
         item = {"id": item_id, "kind": None, "stage": None, "bruised": None}
-        placed: dict[str, Any] = {} if self._rules is None else {"bin": None}
-        return placed | ({"item": item} if item_id else {}) | {"why": why}
+        placement: dict[str, Any] = {} if self._rules is None else {"bin": None}
+        return placement | ({"item": item} if item_id else {}) | {"why": why}
 
     def pages(self, *, limit: int) -> tuple[ItemHistory, ...]:
         """Return the pages of items, newest first; none without a store.
@@ -182,7 +185,7 @@ class ItemStore:
             raise InputError(f"no item {item_id!r}: the store is empty")
         return found
 
-    def figures(self, page: ItemHistory) -> str:
+    def figures_html(self, page: ItemHistory) -> str:
         """Return figures of an item as HTML: measurements over time, ripening.
 
         Raises
@@ -194,7 +197,7 @@ class ItemStore:
 
         drawn = {
             caption: panel_svg(partial(history_figure, page, name, label=unit), label=caption)
-            for name, (caption, unit) in _COURSES.items()
+            for name, (caption, unit) in _FIGURES.items()
             if any(
                 name in grasp.measurements and grasp.measurements[name].value is not None
                 for grasp in page.grasps
@@ -220,7 +223,7 @@ class ItemStore:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Known:
+class _StoredItem:
     """The stored record of an item; empty for a new or unnamed one."""
 
     kind: str | None = None
@@ -232,7 +235,7 @@ class _Known:
     away: str = ""
 
     @classmethod
-    def of(cls, store: Store, item_id: str, *, rules: RuleBook | None) -> _Known:
+    def read(cls, store: Store, item_id: str, *, rules: RuleBook | None) -> _StoredItem:
         """Read an item."""
         from palpate.produce.identify.kinds import learn_kinds
 

@@ -53,10 +53,10 @@ from palpate.sensor.serial_array import SerialArray
 
 NO_GRIPPER = "this rig has no gripper: name one in its file (`palpate init --gripper`)"
 #: A stop takes effect within this time while the sensor is silent.
-_PATIENCE_S = 0.1
+_READ_TIMEOUT_S = 0.1
 #: A frame older than this waited in a buffer; after reading for this long, it is the link that is
 #: late, and no more is waited for.
-_OLD_S, _CAUGHT_UP_S = 0.05, 1.0
+_MAX_FRAME_AGE_S, _CATCH_UP_TIMEOUT_S = 0.05, 1.0
 
 
 class StoppedByUserError(PalpateError):
@@ -90,7 +90,7 @@ class JobContext:
         return self.rig.name == "sim-rigid"
 
     @property
-    def whole(self) -> Rig:
+    def rig_with_gripper(self) -> Rig:
         """The rig with its gripper; raises `DeviceError` without one."""
         if isinstance(self.rig, SensorRig):
             raise DeviceError(NO_GRIPPER)
@@ -120,9 +120,13 @@ class JobContext:
         """Return the array with every frame shown; a stop request ends its reading."""
         return WatchedArray(array or self.array, self)
 
-    def guide(self, text: str, *, share: float | None = None, asks: bool = False) -> None:
+    def show_guide(
+        self, text: str, *, fraction: float | None = None, needs_confirmation: bool = False
+    ) -> None:
         """Show the user the present step, or the next action."""
-        self.telemetry.note(Guide(text=text, share=share, asks=asks))
+        self.telemetry.note(
+            Guide(text=text, fraction=fraction, needs_confirmation=needs_confirmation)
+        )
 
     def stop_hand(self) -> None:
         """Stop the hand, and confirm it; a sensor alone has none that could move.
@@ -145,8 +149,8 @@ class JobContext:
     def catch_up(self) -> None:
         """Discard frames that waited: nothing is decided on old ones."""
         array, clock = self.watch_array(), self.rig.clock
-        until_s = clock.now_s() + _CAUGHT_UP_S
-        while clock.now_s() - array.read(timeout_s=FRAME_TIMEOUT_S).time_s > _OLD_S:
+        until_s = clock.now_s() + _CATCH_UP_TIMEOUT_S
+        while clock.now_s() - array.read(timeout_s=FRAME_TIMEOUT_S).time_s > _MAX_FRAME_AGE_S:
             if clock.now_s() > until_s:
                 return
 
@@ -172,25 +176,25 @@ class WatchedArray:
         DeviceTimeoutError
             If the sensor is silent.
         """
-        tries = math.ceil(timeout_s / _PATIENCE_S)
+        tries = math.ceil(timeout_s / _READ_TIMEOUT_S)
         while True:
             if self._context.requests.stop.is_set():
                 raise StoppedByUserError("stopped on request")
             tries -= 1
             try:
-                frame = self._array.read(timeout_s=_PATIENCE_S)
+                frame = self._array.read(timeout_s=_READ_TIMEOUT_S)
             except DeviceTimeoutError:
                 if tries <= 0:
                     raise
                 continue
-            self._context.telemetry.add_frame(frame, state_of(self._context.rig.gripper))
+            self._context.telemetry.add_frame(frame, read_state(self._context.rig.gripper))
             return frame
 
     def close(self) -> None:
         """Leave the array open: it is the rig's."""
 
 
-def state_of(gripper: Gripper | None) -> GripperState | None:
+def read_state(gripper: Gripper | None) -> GripperState | None:
     """Return the gripper's state; None without a gripper or an answer."""
     try:
         return None if gripper is None else gripper.state()
@@ -202,12 +206,12 @@ def state_of(gripper: Gripper | None) -> GripperState | None:
 #: and servo suffer.
 HOLD_S = 60.0
 #: An opening hand is watched for at most this time.
-_OPENING_S = 10.0
+_OPENING_TIMEOUT_S = 10.0
 
 
 def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
     """Run one grasp; every frame of it is recorded."""
-    rig, telemetry = context.whole, context.telemetry
+    rig, telemetry = context.rig_with_gripper, context.telemetry
     plan = plan_grasp(
         rig.calibration,
         gripper=rig.gripper,
@@ -220,7 +224,7 @@ def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
     order.recording.parent.mkdir(parents=True, exist_ok=True)
     with record_grasp(order.recording, rig=rig, plan=plan, damage=order.damage) as recorder:
 
-        def react(grasp_state: GraspState) -> None:
+        def confirm_when_opening(grasp_state: GraspState) -> None:
             # A hand that vents, or was opening already, is stopped only when it is open.
             """Confirm a stop as soon as the hand opens."""
             if grasp_state.phase is Phase.RELEASE and context.requests.stop.is_set():
@@ -234,7 +238,7 @@ def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
             gripper=rig.gripper,
             clock=rig.clock,
             subscribers=[recorder, telemetry.observe],
-            watchers=[telemetry.take_belief, react, closing.add_state],
+            watchers=[telemetry.set_grasp_state, confirm_when_opening, closing.add_state],
             requests=context.requests,
         )
         # Before the recording is closed: a slow disk must not delay the confirmation.
@@ -250,9 +254,13 @@ def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
 
 def open_hand(order: OpenHand, *, context: JobContext) -> None:
     """Open the hand and watch it arrive; a stop request stops it where it is."""
-    gripper, clock, array = context.whole.gripper, context.rig.clock, context.watch_array()
+    gripper, clock, array = (
+        context.rig_with_gripper.gripper,
+        context.rig.clock,
+        context.watch_array(),
+    )
     gripper.release()
-    until_s = clock.now_s() + _OPENING_S
+    until_s = clock.now_s() + _OPENING_TIMEOUT_S
     try:
         array.read(timeout_s=FRAME_TIMEOUT_S)
         while gripper.state().moving and clock.now_s() < until_s:
@@ -266,7 +274,7 @@ def open_hand(order: OpenHand, *, context: JobContext) -> None:
 _REST_S = 3.0
 
 
-class _NoCell:
+class _MissingLoadCell:
     """The load cell of a bench that needs none."""
 
     def read_n(self) -> float:
@@ -283,31 +291,35 @@ def calibrate_rest(order: CalibrateRest, *, context: JobContext) -> CalibrationR
         If the sensor does not come to rest, or a pixel gives no signal.
     """
     rig = context.rig
-    rest = _rest_alone(context) if isinstance(rig, SensorRig) else _rest_open(rig, context)
+    rest = (
+        _measure_rest_without_gripper(context)
+        if isinstance(rig, SensorRig)
+        else _measure_rest_with_gripper(rig, context)
+    )
     # A rig without a calibration is a board: the twin's have one.
     made = with_rest(rig.calibration, rest, layout=rig.array.layout, simulated=False)
     return _store_calibration(made, file=order.file, context=context)
 
 
-def _rest_open(rig: Rig, context: JobContext) -> RestValues:
-    context.guide("The hand opens. Leave the sensor alone")
+def _measure_rest_with_gripper(rig: Rig, context: JobContext) -> RestValues:
+    context.show_guide("The hand opens. Leave the sensor alone")
     bench = Bench(
         array=context.watch_array(),
         gripper=rig.gripper,
-        cell=_NoCell(),
+        cell=_MissingLoadCell(),
         clock=rig.clock,
         start=rig.gripper.limits.target(0.0),
     )
     return measure_rest(bench, duration_s=_REST_S)
 
 
-def _rest_alone(context: JobContext) -> RestValues:
+def _measure_rest_without_gripper(context: JobContext) -> RestValues:
     """Measure the rest values of a sensor without a gripper."""
     context.catch_up()
-    taken = _read_at_rest(_REST_S, context)
-    if taken.time_s[-1] - taken.time_s[0] < _REST_S:
+    frames = _read_at_rest(_REST_S, context)
+    if frames.time_s[-1] - frames.time_s[0] < _REST_S:
         raise DeviceTimeoutError("the sensor sends no frames: check its cable and power")
-    return rest_values(taken, layout=context.rig.array.layout)
+    return rest_values(frames, layout=context.rig.array.layout)
 
 
 def calibrate_force(order: CalibrateForce, *, context: JobContext) -> CalibrationRenewed:
@@ -326,49 +338,49 @@ def calibrate_force(order: CalibrateForce, *, context: JobContext) -> Calibratio
     if before is None:
         raise DeviceError("no rest values yet: take them first")
     if order.loads_n:
-        pairs = _weigh(check_loads(order.loads_n, where="the loads"), context)
+        pairs = _calibrate_with_weights(check_loads(order.loads_n, where="the loads"), context)
     elif context.has_load_cell:
-        pairs = _calibrate_by_cell(open_twin_bench(context.rig.name, context.seed), context)
+        pairs = _calibrate_with_load_cell(open_twin_bench(context.rig.name, context.seed), context)
     else:
         raise DeviceError("this rig has no load cell that palpate can read: give dead weights")
     made = replace(with_force_law(replace(before, force=pairs)), made_at=now_text())
     return _store_calibration(made, file=order.file, context=context)
 
 
-def _calibrate_by_cell(on: GuidedBench, context: JobContext) -> ForcePairs:
+def _calibrate_with_load_cell(guided: GuidedBench, context: JobContext) -> ForcePairs:
     """Close on a load cell at each placement, at full speed in simulation."""
-    bench = replace(on.bench, array=context.watch_array(on.bench.array))
+    bench = replace(guided.bench, array=context.watch_array(guided.bench.array))
 
     def reseat(run: int) -> None:
         """Show the number of the placement, and place the load cell again."""
-        share = run / len(HOLDS_N)
+        fraction = run / len(HOLDS_N)
         text = f"Placing the load cell again: {run + 1} of {len(HOLDS_N)}"
-        context.guide(text, share=share)
-        on.reseat(run)
+        context.show_guide(text, fraction=fraction)
+        guided.reseat(run)
 
     return measure_force(
         bench, holds_n=HOLDS_N, reseat=reseat, dwell_s=DWELL_S, horizon_s=HORIZON_S
     )
 
 
-def _weigh(loads_n: list[float], context: JobContext) -> ForcePairs:
+def _calibrate_with_weights(loads_n: list[float], context: JobContext) -> ForcePairs:
     """Ask for one weight after the other; each is read once the user confirms it."""
-    array, done = context.watch_array(), iter(range(len(loads_n)))
+    array, placements = context.watch_array(), iter(range(len(loads_n)))
 
     def place(load_n: float) -> None:
         """Ask for a weight, and wait until the user confirms its placement."""
-        share = next(done) / len(loads_n)
-        what = "Take every weight away"
+        fraction = next(placements) / len(loads_n)
+        instruction = "Take every weight away"
         if load_n:
-            what = f"Lay {load_n:g} N on the pad"
+            instruction = f"Lay {load_n:g} N on the pad"
         context.confirmed.clear()
-        context.guide(what, share=share, asks=True)
+        context.show_guide(instruction, fraction=fraction, needs_confirmation=True)
         while not context.confirmed.is_set():
             array.read(timeout_s=FRAME_TIMEOUT_S)
         settles = f"{load_n:g} N settles: leave it alone for 20 s"
-        context.guide(settles, share=share)
+        context.show_guide(settles, fraction=fraction)
 
-    context.guide("Reading the rest values. Leave the sensor alone")
+    context.show_guide("Reading the rest values. Leave the sensor alone")
     return weigh(array, loads_n=loads_n, place=place, clock=context.rig.clock).pairs
 
 
@@ -397,10 +409,10 @@ def examine_sensor(order: Examine, *, context: JobContext) -> Health:
     """
     context.catch_up()
     before = context.link_events()
-    taken, board = _read_at_rest(order.duration_s, context), context.rig.array
+    frames, board = _read_at_rest(order.duration_s, context), context.rig.array
     identity = board.identity if isinstance(board, SerialArray) else None
     return examine(
-        taken,
+        frames,
         layout=board.layout,
         known_ohm=context.source().rest_ohm,
         asked_hz=None if identity is None else identity.rate_hz,
@@ -411,11 +423,11 @@ def examine_sensor(order: Examine, *, context: JobContext) -> Health:
 def _read_at_rest(duration_s: float, context: JobContext) -> FrameColumns:
     """Read frames for a while, or until the sensor falls silent."""
     array = context.watch_array()
-    taken = [array.read(timeout_s=FRAME_TIMEOUT_S)]
-    while (lasted_s := taken[-1].time_s - taken[0].time_s) < duration_s:
-        context.guide("Leave the sensor alone", share=lasted_s / duration_s)
+    frames = [array.read(timeout_s=FRAME_TIMEOUT_S)]
+    while (lasted_s := frames[-1].time_s - frames[0].time_s) < duration_s:
+        context.show_guide("Leave the sensor alone", fraction=lasted_s / duration_s)
         try:
-            taken.append(array.read(timeout_s=FRAME_TIMEOUT_S))
+            frames.append(array.read(timeout_s=FRAME_TIMEOUT_S))
         except DeviceTimeoutError:
             break
-    return FrameColumns.of(taken)
+    return FrameColumns.of(frames)

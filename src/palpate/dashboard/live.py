@@ -18,7 +18,7 @@ from palpate.dashboard.messages import (
     Frames,
     FrameSource,
     LinkStatus,
-    Playing,
+    ReplayPosition,
     Timeline,
 )
 from palpate.estimate.force_now import ForceNow
@@ -37,12 +37,12 @@ from palpate.signal.relative import (
 POINTS_PER_S, CURVE_S = 50, 90.0
 #: A grasp that ended is kept up to this long after its end was heard of, seconds. The page shows
 #: 3 s after the release, of which a slow machine hears late.
-_AFTER_S = 10.0
-_MOST_MOVES, _MOST_BANDS = 200, 900
+_TAIL_S = 10.0
+_MAX_MOVES, _MAX_BANDS = 200, 900
 #: Reported widths (mm) and pressures (kPa) scatter by less than this.
-_SMALLEST_MOVE = {"width": 0.1, "pressure": 0.4}
+_MIN_MOVE = {"width": 0.1, "pressure": 0.4}
 #: What was measured at the horizon is a mean over this time, seconds (as `palpate settle` has it).
-_SETTLED_S = 0.5
+_HORIZON_MEAN_S = 0.5
 #: Without rest values, those of the first frames are taken.
 _REST_FRAMES = 15
 
@@ -51,7 +51,7 @@ _REST_FRAMES = 15
 class Point:
     """The aggregate at one time, with the force of a calibrated, loaded sensor.
 
-    `ohm`, `reported`, `moving` and `touching` are as in `Live` at that time.
+    `ohm`, `reported`, `moving` and `touching_fingers` are as in `Live` at that time.
     """
 
     time_s: float
@@ -82,7 +82,7 @@ class Live:
         self.generation = 0
         #: Of a recording: with it the curve stays as it is, and the moment of it that is shown.
         self.timeline: Timeline | None = None
-        self.playing: Playing | None = None
+        self.playing: ReplayPosition | None = None
         self.link = LinkStatus()
         self.source: FrameSource | None = None
         self.open_source(None)
@@ -114,8 +114,8 @@ class Live:
         self.frozen: list[Point] = []
         self._freeze_s = math.inf
         #: Beginnings and ends of the fingers' movements; the end is None while they move.
-        self.moves: deque[list[float | None]] = deque(maxlen=_MOST_MOVES)
-        self.band: deque[Band] = deque(maxlen=_MOST_BANDS)
+        self.moves: deque[list[float | None]] = deque(maxlen=_MAX_MOVES)
+        self.band: deque[Band] = deque(maxlen=_MAX_BANDS)
         self.progress: GraspProgress | None = None
         #: When each phase of the grasp began.
         self.phases: list[tuple[float, str]] = []
@@ -125,14 +125,14 @@ class Live:
             if self._laws is None
             else ForceNow(self._laws, early_s=DWELL_S, settled_s=HORIZON_S)
         )
-        self._slot = -math.inf
-        self._moved_s = 0.0
+        self._last_slot = -math.inf
+        self._previous_time_s = 0.0
 
-    def end_grasp(self) -> None:
+    def freeze_curve(self) -> None:
         """Freeze the curve shortly after now."""
-        self._freeze_s = self.time_s + _AFTER_S
+        self._freeze_s = self.time_s + _TAIL_S
 
-    def take_progress(self, progress: GraspProgress) -> None:
+    def set_progress(self, progress: GraspProgress) -> None:
         """Take the controller's view of the grasp."""
         if progress.rest_ohm is not None:
             self._rest_ohm = progress.rest_ohm
@@ -208,17 +208,17 @@ class Live:
         return [force.middle * one / mean for one in read] if mean > 0 else []
 
     @property
-    def touching(self) -> list[int]:
+    def touching_fingers(self) -> list[int]:
         """Fingers in contact, by the watch that the controller uses; for when no grasp runs."""
         return [finger for finger, state in enumerate(self._contacts) if state.touching]
 
     @property
-    def open_hand(self) -> bool | None:
+    def is_hand_open(self) -> bool | None:
         """Whether the hand is open and still; None if its opening is unknown."""
         return self.is_open(self.reported, moving=self.moving)
 
     @property
-    def newtons(self) -> bool:
+    def is_force_calibrated(self) -> bool:
         """Whether the source is calibrated for newtons."""
         return self._laws is not None
 
@@ -229,7 +229,7 @@ class Live:
             return None
         return not moving and abs(reported - limits.target(0.0)) < 0.02 * limits.span
 
-    def since(self, time_s: float) -> list[Point]:
+    def points_after(self, time_s: float) -> list[Point]:
         """Return the points of the curve after a time."""
         if not self.curve or self.curve[-1].time_s <= time_s:
             return []
@@ -254,8 +254,8 @@ class Live:
             return None
         at_s, now_s = progress.settles_s, self.curve[-1].time_s
         now_s = now_s if self.playing is None else self.playing.time_s
-        held = [one for one in self.since(at_s - _SETTLED_S) if one.time_s <= at_s]
-        began_s = at_s - HORIZON_S + _SETTLED_S
+        held = [one for one in self.points_after(at_s - _HORIZON_MEAN_S) if one.time_s <= at_s]
+        began_s = at_s - HORIZON_S + _HORIZON_MEAN_S
         is_moved = any(since_s and began_s < since_s < at_s for since_s, _ in self.moves)
         if now_s < at_s or is_moved or not held or any(one.force is None for one in held):
             return None
@@ -263,25 +263,25 @@ class Live:
 
     def _extend(self, frames: Frames, percent: FloatArray, ohm: FloatArray) -> None:
         """Add points to the curve; a hand that is open, or opens, presses nothing."""
-        whole = np.nan_to_num(mean_change(percent)).tolist()
+        mean_percent = np.nan_to_num(mean_change(percent)).tolist()
         hand = zip(frames.reported.tolist(), frames.moving.tolist(), strict=True)
         for at, (time_s, (reported, moving)) in enumerate(
             zip(frames.time_s.tolist(), hand, strict=True)
         ):
-            gone = (self.released and moving) or bool(self.is_open(reported, moving=moving))
+            is_unloaded = (self.released and moving) or bool(self.is_open(reported, moving=moving))
             slot = math.floor(time_s * POINTS_PER_S)
-            if slot > self._slot:
-                self._slot = slot
+            if slot > self._last_slot:
+                self._last_slot = slot
                 force = self._force_at(time_s, ohm[at])
                 self.curve.append(
                     Point(
                         time_s,
-                        whole[at],
-                        None if gone else force,
+                        mean_percent[at],
+                        None if is_unloaded else force,
                         ohm=ohm[at],
                         reported=reported,
                         moving=moving,
-                        touching=tuple(self.touching),
+                        touching=tuple(self.touching_fingers),
                     )
                 )
                 if time_s > self._freeze_s:
@@ -298,8 +298,8 @@ class Live:
     def _record_movement(self, time_s: float, *, reported: float, moving: bool) -> None:
         """Record when the fingers moved, by the reports of two frames."""
         limits = None if self.source is None else self.source.gripper
-        smallest = math.inf if limits is None else _SMALLEST_MOVE[limits.drive]
-        since_s, self._moved_s = self._moved_s, time_s
+        smallest = math.inf if limits is None else _MIN_MOVE[limits.drive]
+        since_s, self._previous_time_s = self._previous_time_s, time_s
         stepped = abs(reported - self.reported) > smallest
         self.reported = reported
         if moving and not self.moving:
@@ -317,6 +317,6 @@ def _excess(source: FrameSource, ohm: FloatArray, rest_ohm: FloatArray) -> Float
     return excess_conductance(read, rest_ohm=rest_ohm)
 
 
-def finite(values: Sequence[float] | FloatArray) -> list[float | None]:
+def finite_or_none(values: Sequence[float] | FloatArray) -> list[float | None]:
     """Return numbers for JSON: None instead of non-finite ones."""
     return [float(value) if math.isfinite(value) else None for value in values]

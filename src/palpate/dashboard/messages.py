@@ -23,11 +23,11 @@ from palpate.sensor.array import ArrayLayout
 from palpate.sensor.health import Health
 
 #: Seconds of simulated time, or of a replay, in a second; as `palpate serve --speed` takes it.
-SLOWEST, FASTEST = 0.1, 20.0
+MIN_SPEED, MAX_SPEED = 0.1, 20.0
 #: Simulated rigs are drawn by a seed of 32 bits.
-_MOST_SEED = 2**32 - 1
+_MAX_SEED = 2**32 - 1
 #: Every finite time of a recording, seconds.
-_MOST_S = sys.float_info.max
+_MAX_TIME_S = sys.float_info.max
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,7 +151,7 @@ class Shutdown:
 Request: TypeAlias = StopNow | ReleaseNow | Confirm | SetSpeed | Seek | Pause | Shutdown
 
 
-def check_numbers(message: Order | Request) -> None:
+def check_ranges(message: Order | Request) -> None:
     """Refuse numbers of a browser that would end the devices' process.
 
     Raises
@@ -160,12 +160,12 @@ def check_numbers(message: Order | Request) -> None:
         If a speed, a seed or a time is out of range.
     """
     match message:
-        case OpenRig(seed=seed) if not (_is_within(seed, 0, _MOST_SEED) and seed % 1 == 0):
-            raise InputError(f"seed: a whole number from 0 to {_MOST_SEED}")
+        case OpenRig(seed=seed) if not (_is_within(seed, 0, _MAX_SEED) and seed % 1 == 0):
+            raise InputError(f"seed: a whole number from 0 to {_MAX_SEED}")
         case OpenRig(speed=speed) | Play(speed=speed) | SetSpeed(speed=speed):
-            if not _is_within(speed, SLOWEST, FASTEST):
-                raise InputError(f"speed: from {SLOWEST:g} to {FASTEST:g}")
-        case Seek(time_s=time_s) if not _is_within(time_s, -_MOST_S, _MOST_S):
+            if not _is_within(speed, MIN_SPEED, MAX_SPEED):
+                raise InputError(f"speed: from {MIN_SPEED:g} to {MAX_SPEED:g}")
+        case Seek(time_s=time_s) if not _is_within(time_s, -_MAX_TIME_S, _MAX_TIME_S):
             raise InputError("this time is not in the recording")
 
 
@@ -181,8 +181,8 @@ class DeviceActivity(StrEnum):
     WATCHING = "watching"
     GRASPING = "grasping"
     RELEASING = "opening the hand"
-    RESTING = "calibrating rest"
-    WEIGHING = "calibrating force"
+    CALIBRATING_REST = "calibrating rest"
+    CALIBRATING_FORCE = "calibrating force"
     EXAMINING = "examining"
     REPLAYING = "replaying"
     GONE = "gone"
@@ -200,7 +200,7 @@ class Action(StrEnum):
     RECORD = "record"
     CONFIRM = "confirm"
     SPEED = "change the speed"
-    STEER = "move the replay"
+    SEEK = "move the replay"
     FILES = "rename or delete"
 
 
@@ -208,8 +208,8 @@ ACTIVITIES: dict[type[Order], DeviceActivity] = {
     OpenRig: DeviceActivity.OPENING,
     GraspOrder: DeviceActivity.GRASPING,
     OpenHand: DeviceActivity.RELEASING,
-    CalibrateRest: DeviceActivity.RESTING,
-    CalibrateForce: DeviceActivity.WEIGHING,
+    CalibrateRest: DeviceActivity.CALIBRATING_REST,
+    CalibrateForce: DeviceActivity.CALIBRATING_FORCE,
     Examine: DeviceActivity.EXAMINING,
     Play: DeviceActivity.REPLAYING,
 }
@@ -225,8 +225,8 @@ ACTIONS: dict[type[Order | Request], Action] = {
     ReleaseNow: Action.RELEASE,
     Confirm: Action.CONFIRM,
     SetSpeed: Action.SPEED,
-    Seek: Action.STEER,
-    Pause: Action.STEER,
+    Seek: Action.SEEK,
+    Pause: Action.SEEK,
 }
 
 
@@ -297,7 +297,7 @@ class Frames:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Began:
+class OrderStarted:
     """An order is being carried out."""
 
     order: Order
@@ -305,11 +305,13 @@ class Began:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Guide:
-    """An instruction or progress; `share`: fraction done, `asks`: for a confirmation."""
+    """An instruction to the user, or the progress of a job."""
 
     text: str
-    share: float | None = None
-    asks: bool = False
+    #: Fraction of the job that is done; None if unknown.
+    fraction: float | None = None
+    #: Whether the job waits until the user confirms the step.
+    needs_confirmation: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -339,7 +341,7 @@ class Grasped:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Ended:
+class OrderEnded:
     """An order has ended."""
 
     order: Order
@@ -355,7 +357,7 @@ class Ended:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RecordedStretch:
+class RecordedSegment:
     """A part of a recording, for its curve, and the grasp's progress at its end."""
 
     frames: Frames
@@ -375,7 +377,7 @@ class Timeline:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Playing:
+class ReplayPosition:
     """The position of a replay."""
 
     time_s: float
@@ -400,7 +402,7 @@ class Trouble:
 
 
 @dataclass(frozen=True, slots=True)
-class BeingRecorded:
+class RecordingChanged:
     """The file of the present recording; None after its end."""
 
     file: Path | None
@@ -415,15 +417,15 @@ class DevicesLost:
 
 Note: TypeAlias = (
     FrameSource
-    | Began
+    | OrderStarted
     | Guide
-    | Ended
+    | OrderEnded
     | StopConfirmed
     | Trouble
-    | BeingRecorded
-    | RecordedStretch
+    | RecordingChanged
+    | RecordedSegment
     | Timeline
-    | Playing
+    | ReplayPosition
 )
 
 

@@ -11,10 +11,10 @@ from nicegui.events import GenericEventArguments
 
 from palpate.dashboard.app_state import AppState
 from palpate.dashboard.messages import Confirm, Pause, Seek, SetSpeed
-from palpate.dashboard.panel_grasp import grasp_buttons, item_field, set_up_panel
-from palpate.dashboard.panel_history import items_panel, run_panel
-from palpate.dashboard.panel_recordings import recordings_panel
-from palpate.dashboard.panel_sensor import calibrate_panel, doctor_panel
+from palpate.dashboard.panel_grasp import add_grasp_buttons, add_item_field, add_set_up_panel
+from palpate.dashboard.panel_history import add_items_panel, add_run_panel
+from palpate.dashboard.panel_recordings import add_recordings_panel
+from palpate.dashboard.panel_sensor import add_calibrate_panel, add_doctor_panel
 from palpate.dashboard.viewer import Viewer
 from palpate.plots.pixel_colors import DEEPEST_PERCENT, FALL, RISE, css_gradient
 
@@ -53,16 +53,16 @@ def build_page(
     recording: str | None = None,
 ) -> None:
     """Fill the page of one viewer, at one of `TABS`, an item or a recording."""
-    viewer = _begin(app_state, client, script="live.js")
-    _header(app_state, viewer, other=("/operate", "Operate"))
+    viewer = _start_page(app_state, client, script="live.js")
+    _add_header(app_state, viewer, other=("/operate", "Operate"))
     ui.on("seek", lambda event: viewer.request(Seek(event.args)))
     ui.on("pause", lambda event: viewer.request(Pause(bool(event.args))))
     ui.on("confirm", lambda: viewer.request(Confirm()))
     ui.on("speed", lambda event: viewer.request(SetSpeed(event.args)))
     with ui.element("div").classes("page"):
-        _static_html("stage.html", classes="stage")
+        _add_static_html("stage.html", classes="stage")
         with ui.element("aside").classes("card panel"):
-            _panel(app_state, viewer, tab=tab, item_id=item_id, recording=recording)
+            _add_panel(app_state, viewer, tab=tab, item_id=item_id, recording=recording)
     ui.timer(_REFRESH_S, viewer.refresh)
 
 
@@ -71,19 +71,19 @@ def build_operator_page(
     client: Client,
 ) -> None:
     """Fill the operator's page: verdict, next step, force, three buttons."""
-    viewer = _begin(app_state, client, script="operate.js")
+    viewer = _start_page(app_state, client, script="operate.js")
     ui.query("body").classes("operate")
-    _header(app_state, viewer, other=("/", "Full page"), sound=True)
+    _add_header(app_state, viewer, other=("/", "Full page"), sound=True)
     with ui.element("div").classes("operator"):
-        _static_html("operate.html")
+        _add_static_html("operate.html")
         with ui.element("div").classes("item") as item:
-            item_field(app_state, viewer, label="Next item")
+            add_item_field(app_state, viewer, label="Next item")
         viewer.show_with_gripper(item)
-    grasp_buttons(app_state, viewer)
+    add_grasp_buttons(app_state, viewer)
     ui.timer(_REFRESH_S, viewer.refresh)
 
 
-def _begin(app_state: AppState, client: Client, *, script: str) -> Viewer:
+def _start_page(app_state: AppState, client: Client, *, script: str) -> Viewer:
     """Add the parts of every view, and join the session."""
     ui.add_head_html('<link rel="stylesheet" href="/static/dashboard.css">')
     ui.add_head_html(_PIXEL_COLORS)
@@ -100,18 +100,18 @@ def _begin(app_state: AppState, client: Client, *, script: str) -> Viewer:
     return viewer
 
 
-def _static_html(name: str, *, classes: str = "contents") -> None:
+def _add_static_html(name: str, *, classes: str = "contents") -> None:
     """Add a file of HTML that the page's scripts fill."""
     html = (_STATIC / name).read_text(encoding="utf-8")
     ui.html(html, sanitize=False).classes(classes)
 
 
-def _header(
+def _add_header(
     app_state: AppState, viewer: Viewer, *, other: tuple[str, str], sound: bool = False
 ) -> None:
     dark = ui.dark_mode(None)
 
-    async def turn() -> None:
+    async def toggle_dark() -> None:
         """Switch between light and dark; the browser's preference is the default."""
         is_dark = dark.value
         if is_dark is None:
@@ -119,34 +119,34 @@ def _header(
         dark.set_value(not is_dark)
 
     with ui.element("header").classes("bar"):
-        _static_html("header.html")
+        _add_static_html("header.html")
         who = ui.label().classes("pill").props("id=who")
         take = viewer.button("Take over", viewer.take_over, props="id=take-over", small=True)
         ui.link(other[1], other[0]).classes("pill")
         if sound:
-            _static_html("sound.html")
-        shade = ui.button(icon="contrast", on_click=turn, color=None)
+            _add_static_html("sound.html")
+        shade = ui.button(icon="contrast", on_click=toggle_dark, color=None)
         shade.classes("btn plain small").props("flat id=shade")
         shade.props["aria-label"] = "Light or dark"
 
-    was_mine = [False]
+    was_driver = [False]
 
-    def drives() -> None:
+    def show_driver() -> None:
         """Show who drives, how many watch, and the button to take over."""
-        mine = viewer.drives
-        if was_mine[0] and not mine:
+        is_driver = viewer.is_driver
+        if was_driver[0] and not is_driver:
             ui.notify("Another person drives now", type="warning")
-        was_mine[0] = mine
-        others = len(app_state.session.viewers) - 1 if mine else 0
+        was_driver[0] = is_driver
+        others = len(app_state.session.viewers) - 1 if is_driver else 0
         watchers = f"{others} watch{'es' if others == 1 else ''}" if others else ""
         nobody = "no one drives" if app_state.session.driver is None else "you watch"
-        who.set_text(" · ".join(filter(None, ("you drive", watchers))) if mine else nobody)
-        take.set_visibility(not mine)
+        who.set_text(" · ".join(filter(None, ("you drive", watchers))) if is_driver else nobody)
+        take.set_visibility(not is_driver)
 
-    viewer.on_refresh(drives)
+    viewer.on_refresh(show_driver)
 
 
-def _panel(
+def _add_panel(
     app_state: AppState,
     viewer: Viewer,
     *,
@@ -159,17 +159,17 @@ def _panel(
             ui.tab(name, label=name)
     with ui.tab_panels(tabs, value=tab, animated=False).classes("panel-body"):
         with ui.tab_panel("Set up"):
-            set_up_panel(app_state, viewer)
+            add_set_up_panel(app_state, viewer)
         with ui.tab_panel("Calibrate"):
-            calibrate_panel(app_state, viewer)
+            add_calibrate_panel(app_state, viewer)
         with ui.tab_panel("Doctor"):
-            doctor_panel(app_state, viewer)
+            add_doctor_panel(app_state, viewer)
         with ui.tab_panel("Recordings"):
-            open_recording = recordings_panel(app_state, viewer, name=recording)
+            open_recording = add_recordings_panel(app_state, viewer, name=recording)
         with ui.tab_panel("Items"):
-            open_item = items_panel(app_state, viewer, item_id=item_id)
+            open_item = add_items_panel(app_state, viewer, item_id=item_id)
         with ui.tab_panel("Run"):
-            run_panel(app_state, viewer)
+            add_run_panel(app_state, viewer)
 
     def show_item(event: GenericEventArguments) -> None:
         """Show an item without leaving the page, so that the driver stays the same."""
@@ -196,4 +196,4 @@ def _panel(
     tabs.on_value_change(
         lambda event: ui.run_javascript(f"window.visit({json.dumps(TABS[event.value])})")
     )
-    grasp_buttons(app_state, viewer)
+    add_grasp_buttons(app_state, viewer)

@@ -12,7 +12,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.dashboard.headline import headline_of, operator_view, phase_text
-from palpate.dashboard.live import Live, finite
+from palpate.dashboard.live import Live, finite_or_none
 from palpate.dashboard.messages import DeviceActivity
 from palpate.dashboard.session import Session
 from palpate.estimate.measurement import Measurement
@@ -22,25 +22,27 @@ from palpate.grasp.verdict import outcome_text
 from palpate.sensor.health import Health
 
 #: Moments and readings that a page which has just been opened is sent at most, guess.
-_PAST_MOMENTS, _PAST_VALUES = 200, 20000
-_MEASURED = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent", "firmness")
+_MAX_PAST_MOMENTS, _MAX_PAST_VALUES = 200, 20000
+_MEASUREMENTS = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent", "firmness")
 
 
 def state_document(session: Session) -> dict[str, object]:
     """Return the state of a session; it changes with every event."""
     live, source = session.devices.live, session.devices.live.source
     # Until the devices have begun, what is known is of the grasp before.
-    begun = session.devices.activity is DeviceActivity.GRASPING and session.devices.grasped is None
-    running = live.progress if begun else None
+    is_grasping = (
+        session.devices.activity is DeviceActivity.GRASPING and session.devices.grasped is None
+    )
+    running = live.progress if is_grasping else None
     return {
         "activity": session.devices.activity.value,
         "phase": None if running is None else running.phase,
         "answered": running is not None and running.decided,
-        "bin": (session.devices.placed.get("bin") or {}).get("name"),
+        "bin": (session.devices.placement.get("bin") or {}).get("name"),
         "rig": None if session.rig is None else session.rig.name,
         "simulated": None if source is None else source.is_simulated,
         "fresh": not live.link.stale and session.silence_s is None,
-        "hand_open": live.open_hand,
+        "hand_open": live.is_hand_open,
         "driver": session.driver is not None,
         "trouble": session.devices.trouble,
         "stops": session.stops,
@@ -78,7 +80,7 @@ def document(
             "origin": source.origin,
             "simulated": source.is_simulated,
             "replayed": source.replayed,
-            "newtons": live.newtons,
+            "newtons": live.is_force_calibrated,
         },
         "link": link,
         "hand": _hand(live, live.reported, moving=live.moving, released=live.released),
@@ -86,7 +88,7 @@ def document(
         "past": _past_moments(live) if after_s == -math.inf else [],
         "curve": [
             [point.time_s, round(point.percent, 2), *_newtons(point.force)]
-            for point in live.since(after_s)
+            for point in live.points_after(after_s)
         ],
         "frozen_s": live.frozen[-1].time_s if live.frozen else None,
         "moves": list(live.moves),
@@ -121,7 +123,7 @@ def _replay(live: Live) -> dict[str, Any] | None:
     return {
         "start_s": timeline.start_s,
         "end_s": timeline.end_s,
-        "phases": _phases(timeline.phases),
+        "phases": _phase_texts(timeline.phases),
         "grasp": _grasp(timeline.ended, live),
         "time_s": playing.time_s,
         "paused": playing.paused,
@@ -129,7 +131,7 @@ def _replay(live: Live) -> dict[str, Any] | None:
     }
 
 
-def _phases(phases: Sequence[tuple[float, str]]) -> list[list[object]]:
+def _phase_texts(phases: Sequence[tuple[float, str]]) -> list[list[object]]:
     return [[time_s, phase_text(phase)] for time_s, phase in phases]
 
 
@@ -139,16 +141,16 @@ def _grasp(progress: GraspProgress | None, live: Live) -> dict[str, Any] | None:
         return None
     return {
         "phase": progress.phase,
-        "phases": _phases(live.phases),
+        "phases": _phase_texts(live.phases),
         "began_s": progress.began_s,
         "touched_s": progress.touched_s,
         "moments": [[one.time_s, one.name, one.finger] for one in progress.moments],
-        "fingers": [] if live.open_hand else _touching(progress.moments),
+        "fingers": [] if live.is_hand_open else _fingers_in_contact(progress.moments),
         "bounds": asdict(progress.bounds),
     }
 
 
-def _touching(moments: Sequence[Moment]) -> list[int]:
+def _fingers_in_contact(moments: Sequence[Moment]) -> list[int]:
     """Return the fingers that touch, by the controller's own events."""
     touching: set[int] = set()
     for moment in moments:
@@ -168,7 +170,7 @@ def _link(session: Session) -> dict[str, Any]:
         DeviceActivity.IDLE,
         DeviceActivity.REPLAYING,
     )
-    return dict(zip(counted, finite(list(counted.values())), strict=True)) | {
+    return dict(zip(counted, finite_or_none(list(counted.values())), strict=True)) | {
         "hung_s": hung_s,
         "stale": hung or (link.stale and not waiting),
         "waiting": waiting and not hung,
@@ -179,7 +181,7 @@ def _hand(live: Live, reported: float, *, moving: bool, released: bool) -> dict[
     limits = None if live.source is None else live.source.gripper
     if limits is None:
         return None
-    (value,) = finite([reported])
+    (value,) = finite_or_none([reported])
     return {
         "drive": limits.drive,
         "value": value,
@@ -197,7 +199,7 @@ def _pixels(session: Session) -> dict[str, Any] | None:
     return {
         **_pads(live, live.time_s, live.percent, live.ohm, live.force),
         "finger_of_row": live.source.layout.finger_of_row,
-        "touching": live.touching,
+        "touching": live.touching_fingers,
         "findings": _pixel_findings(session.devices.health),
     }
 
@@ -211,21 +213,21 @@ def _pads(
 ) -> dict[str, Any]:
     """Return the readings of all pixels at one time."""
     return {
-        "time_s": finite([time_s])[0],
-        "percent": [finite(row) for row in percent],
-        "ohm": [finite(row) for row in ohm],
-        "finger_percent": finite(live.finger_percent(percent)),
+        "time_s": finite_or_none([time_s])[0],
+        "percent": [finite_or_none(row) for row in percent],
+        "ohm": [finite_or_none(row) for row in ohm],
+        "finger_percent": finite_or_none(live.finger_percent(percent)),
         "finger_n": [round(one, 2) for one in live.finger_forces_n(force, ohm)],
     }
 
 
 def _past_moments(live: Live) -> list[dict[str, Any]]:
     """Return pads and hand at times of the curve, for a page opened later."""
-    known = [point for point in live.since(-math.inf) if point.ohm.size]
+    known = [point for point in live.points_after(-math.inf) if point.ohm.size]
     if not known:
         return []
     released_s = next((at_s for at_s, phase in live.phases if phase == Phase.RELEASE), math.inf)
-    most = min(_PAST_MOMENTS, max(_PAST_VALUES // known[0].ohm.size, 1))
+    most = min(_MAX_PAST_MOMENTS, max(_MAX_PAST_VALUES // known[0].ohm.size, 1))
     return [
         {
             **_pads(live, point.time_s, percent, point.ohm, point.force),
@@ -263,7 +265,7 @@ def _list_measurements(session: Session) -> dict[str, Any]:
         result, truth = grasped.result, grasped.truth or {}
     elif progress is not None:
         result = progress.answer
-    rows = {name: None if result is None else getattr(result, name) for name in _MEASURED}
+    rows = {name: None if result is None else getattr(result, name) for name in _MEASUREMENTS}
     return {
         "values": {
             name: _measurement_document(value, truth.get(name)) for name, value in rows.items()
@@ -271,17 +273,17 @@ def _list_measurements(session: Session) -> dict[str, Any]:
         "decided": grasped is not None or (progress is not None and progress.decided),
         "decision_time_s": None if result is None else result.decision_time_s,
         "data_s": None if progress is None else progress.data_s,
-        "settled": _at_horizon(session.devices.live),
+        "settled": _horizon_document(session.devices.live),
         "limited": result is not None and result.is_limited,
         "damaged": truth.get("damaged"),
         "damaged_s": truth.get("damaged_s"),
         "force_now": _measurement_document(session.devices.live.force, None),
-        "holds": grasped is None and session.devices.live.open_hand is not True,
+        "holds": grasped is None and session.devices.live.is_hand_open is not True,
         "faults": [] if grasped is None else list(grasped.result.faults),
     }
 
 
-def _at_horizon(live: Live) -> dict[str, Any] | None:
+def _horizon_document(live: Live) -> dict[str, Any] | None:
     """Return the measured value at the forecast's horizon; None before."""
     if live.settled_measurement is None:
         return None
@@ -295,5 +297,5 @@ def _measurement_document(measured: Measurement | None, true: object) -> dict[st
     known = {"status": str(measured.status), "truth": true}
     if not measured.number:
         return known | {"value": None, "low": None, "high": None, "text": measured.text(digits=2)}
-    value, low, high = finite([measured.middle, measured.low, measured.high])
+    value, low, high = finite_or_none([measured.middle, measured.low, measured.high])
     return known | {"value": value, "low": low, "high": high}

@@ -14,26 +14,26 @@ from palpate.estimate.damage_file import DamageFile
 
 SPEEDS = {1.0: "1×", 2.0: "2×", 5.0: "5×", 10.0: "10×"}
 #: The choice of an object drawn by the seed; no object has this name.
-_DRAWN = ""
+_DRAWN_BY_SEED = ""
 
 
-def set_up_panel(app_state: AppState, viewer: Viewer) -> None:
+def add_set_up_panel(app_state: AppState, viewer: Viewer) -> None:
     """Fill the panel."""
     with ui.element("div").classes("form"):
         with ui.element("div").classes("form") as next_grasp:
-            _next_grasp(app_state, viewer)
+            _add_grasp_form(app_state, viewer)
             ui.separator()
         viewer.show_with_gripper(next_grasp)
-        _rig(app_state, viewer)
+        _add_rig_form(app_state, viewer)
         ui.separator()
-        _recording(app_state, viewer)
+        _add_recording_switch(app_state, viewer)
 
 
-def _next_grasp(app_state: AppState, viewer: Viewer) -> None:
+def _add_grasp_form(app_state: AppState, viewer: Viewer) -> None:
     form = app_state.session.form
 
-    def want(force_n: float | None) -> None:
-        if viewer.drives:
+    def set_target(force_n: float | None) -> None:
+        if viewer.is_driver:
             form.target_force_n = force_n
 
     force = ui.number(
@@ -41,23 +41,23 @@ def _next_grasp(app_state: AppState, viewer: Viewer) -> None:
         value=form.target_force_n,
         min=0.1,
         step=0.5,
-        on_change=lambda event: want(event.value),
+        on_change=lambda event: set_target(event.value),
     ).props("outlined dense clearable")
     viewer.enable_for_driver(force)
     viewer.on_refresh(lambda: force.set_value(form.target_force_n))
-    item_field(app_state, viewer, label="Item (empty: not stored)")
+    add_item_field(app_state, viewer, label="Item (empty: not stored)")
     hint = "Grasps of an item are kept in the store; the page Items shows them."
     ui.label(hint).classes("muted")
     if app_state.settings.damage is not None:
-        _kind(app_state.settings.damage, form, viewer)
+        _add_kind_choice(app_state.settings.damage, form, viewer)
 
 
-def item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
+def add_item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
     """Ask for the next item's name: typed, scanned, or the last one."""
     form = app_state.session.form
 
     def name(item_id: str | None) -> None:
-        if viewer.drives:
+        if viewer.is_driver:
             form.item_id = (item_id or "").strip()
 
     item = ui.input(label, value=form.item_id, on_change=lambda event: name(event.value))
@@ -65,24 +65,26 @@ def item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
     item.props("outlined dense clearable maxlength=80 autocomplete=off input-class=scanned")
     item.on("keydown.enter", js_handler="(event) => event.target.select()")
     with item.add_slot("append"):
-        again = viewer.button("", lambda: name(form.last_item_id), props="id=same-item", small=True)
+        same_item = viewer.button(
+            "", lambda: name(form.last_item_id), props="id=same-item", small=True
+        )
     viewer.enable_for_driver(item)
 
     def show() -> None:
         if (item.value or "").strip() != form.item_id:
             item.set_value(form.item_id)
         item.classes(add="taken" if form.item_id else "", remove="" if form.item_id else "taken")
-        again.set_text(f"Same item again: {form.last_item_id}")
-        again.set_visibility(bool(form.last_item_id) and not form.item_id and viewer.drives)
+        same_item.set_text(f"Same item again: {form.last_item_id}")
+        same_item.set_visibility(bool(form.last_item_id) and not form.item_id and viewer.is_driver)
 
     viewer.on_refresh(show)
 
 
-def _kind(damage: DamageFile, form: GraspForm, viewer: Viewer) -> None:
+def _add_kind_choice(damage: DamageFile, form: GraspForm, viewer: Viewer) -> None:
     """Ask for the kind, of those with a learned limit."""
 
     def choose(kind: str) -> None:
-        if viewer.drives:
+        if viewer.is_driver:
             form.kind = kind
 
     known = {"": "not given", **{kind: kind for kind in damage.kinds}}
@@ -95,7 +97,7 @@ def _kind(damage: DamageFile, form: GraspForm, viewer: Viewer) -> None:
     ui.label(hint).classes("muted")
 
 
-def grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
+def add_grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
     """Add the two buttons at the foot of the panel or the window."""
     form = app_state.session.form
 
@@ -113,21 +115,23 @@ def grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
             viewer.refresh()
 
     with ui.element("div").classes("panel-foot") as foot:
-        go = ui.button("Grasp", on_click=grasp, color=None).classes("btn main")
-        go.props('flat no-caps id=grasp aria-keyshortcuts="F8"')
-        viewer.enable_when_allowed(go, Action.GRASP)
+        grasp_button = ui.button("Grasp", on_click=grasp, color=None).classes("btn main")
+        grasp_button.props('flat no-caps id=grasp aria-keyshortcuts="F8"')
+        viewer.enable_when_allowed(grasp_button, Action.GRASP)
         shortcut = 'id=release aria-keyshortcuts="F9"'
-        back = viewer.button("Release", viewer.release, props=shortcut, action=Action.RELEASE)
-        back.style("font-size: 19px")
+        release_button = viewer.button(
+            "Release", viewer.release, props=shortcut, action=Action.RELEASE
+        )
+        release_button.style("font-size: 19px")
     viewer.show_with_gripper(foot)
 
 
-def _recording(app_state: AppState, viewer: Viewer) -> None:
-    def record(wanted: bool) -> None:
+def _add_recording_switch(app_state: AppState, viewer: Viewer) -> None:
+    def record(is_wanted: bool) -> None:
         """Begin or end a recording, if not done already."""
-        if wanted != (app_state.session.devices.recording is not None):
+        if is_wanted != (app_state.session.devices.recording is not None):
             folder = app_state.settings.folder
-            viewer.order(Record(new_recording(folder, "watched") if wanted else None))
+            viewer.order(Record(new_recording(folder, "watched") if is_wanted else None))
 
     recording = ui.switch("Record what is watched")
     recording.on_value_change(lambda event: record(event.value))
@@ -141,16 +145,18 @@ def _recording(app_state: AppState, viewer: Viewer) -> None:
     viewer.show_with_gripper(ui.label(hint).classes("muted"))
 
 
-def _rig(app_state: AppState, viewer: Viewer) -> None:
+def _add_rig_form(app_state: AppState, viewer: Viewer) -> None:
     settings, asked = app_state.settings, app_state.session.rig
     name = ui.select(list(settings.rigs), value=asked.name if asked else settings.rigs[0])
     name.props("outlined dense behavior=dialog").classes("w-full").props["label"] = "Rig"
     with ui.element("div").classes("form") as simulated:
         known = asked.object_name if asked else None
         named = {name: name for name in settings.objects}
-        what = ui.select({_DRAWN: "drawn by the seed", **named}, value=known or _DRAWN)
-        what.props("outlined dense behavior=dialog")
-        what.props["label"] = "Object between the fingers"
+        object_choice = ui.select(
+            {_DRAWN_BY_SEED: "drawn by the seed", **named}, value=known or _DRAWN_BY_SEED
+        )
+        object_choice.props("outlined dense behavior=dialog")
+        object_choice.props["label"] = "Object between the fingers"
         with ui.element("div").classes("two"):
             seed = ui.number("Seed", value=asked.seed if asked else 0, min=0, step=1, format="%d")
             seed.props("outlined dense")
@@ -163,16 +169,16 @@ def _rig(app_state: AppState, viewer: Viewer) -> None:
             speed.props["title"] = "Seconds of simulated time in a second"
     simulated.bind_visibility_from(name, "value", backward=lambda rig: rig.startswith("sim-"))
 
-    def use() -> None:
+    def open_rig() -> None:
         """Order that the chosen rig is opened."""
         viewer.order(
             OpenRig(
                 name=name.value,
-                object_name=what.value or None,
+                object_name=object_choice.value or None,
                 # A whole number or not is checked where it is ordered.
                 seed=int(value) if (value := seed.value or 0) % 1 == 0 else value,
                 speed=speed.value,
             )
         )
 
-    viewer.button("Use this rig", use, props="id=use-rig", action=Action.OPEN)
+    viewer.button("Use this rig", open_rig, props="id=use-rig", action=Action.OPEN)

@@ -14,22 +14,22 @@ from nicegui import run, ui
 from palpate.dashboard.app_state import AppState
 from palpate.dashboard.folder import LISTED_GRASPS, Entry, History
 from palpate.dashboard.panel_html import day_text, panel_html
-from palpate.dashboard.viewer import Viewer, heading
+from palpate.dashboard.viewer import Viewer, add_heading
 from palpate.errors import PalpateError
 
 if TYPE_CHECKING:
     from palpate.produce.store.item_history import ItemHistory
 
 #: Items that can be chosen from a list; any can be found by its name.
-_MOST_ITEMS = 50
+_MAX_ITEMS = 50
 
 
-def items_panel(
+def add_items_panel(
     app_state: AppState, viewer: Viewer, *, item_id: str | None = None
 ) -> Callable[[str], None]:
     """Fill the panel with an item first; return the function that shows another."""
     with ui.element("div").classes("form"):
-        heading("Items and how they ripen")
+        add_heading("Items and how they ripen")
         known = {item_id: item_id} if item_id else {}
         choice = ui.select(known, value=item_id, on_change=lambda event: choose(event.value))
         choice.classes("w-full")
@@ -55,7 +55,7 @@ def items_panel(
                 return
             known = (item_id, len(found.grasps), len(found.verdicts))
             if known != drawn[0]:
-                figures[0] = await run.io_bound(app_state.item_store.figures, found) or ""
+                figures[0] = await run.io_bound(app_state.item_store.figures_html, found) or ""
                 drawn[0] = known
         except PalpateError as error:
             box.set_content(f"<p class='note'>{html.escape(str(error))}</p>")
@@ -63,10 +63,10 @@ def items_panel(
         if not box.is_deleted:
             box.set_content(item_html(found, figures=figures[0]))
 
-    async def look() -> None:
+    async def refresh_items() -> None:
         """Read the store again: its items, and the one that is shown."""
         try:
-            pages = await run.io_bound(partial(app_state.item_store.pages, limit=_MOST_ITEMS))
+            pages = await run.io_bound(partial(app_state.item_store.pages, limit=_MAX_ITEMS))
         except PalpateError as error:
             app_state.item_store.trouble = str(error)
             return
@@ -90,7 +90,7 @@ def items_panel(
         known = choice.options if isinstance(choice.options, dict) else {}
         choice.set_options({item_id: item_id} | known, value=item_id)
 
-    ui.timer(3.0, look)
+    ui.timer(3.0, refresh_items)
     return open_item
 
 
@@ -112,12 +112,12 @@ def item_html(page: ItemHistory, *, figures: str = "") -> str:
 _CURVE_WIDTH, _CURVE_HEIGHT = 96, 30
 
 
-def run_panel(app_state: AppState, viewer: Viewer) -> None:
+def add_run_panel(app_state: AppState, viewer: Viewer) -> None:
     """Fill the panel."""
     with ui.element("div").classes("form"):
-        heading("This run")
+        add_heading("This run")
         counts = ui.html("", sanitize=False).props("id=run-counts")
-        heading(f"Last {LISTED_GRASPS} grasps")
+        add_heading(f"Last {LISTED_GRASPS} grasps")
         with ui.element("div").classes("file"):
             ui.label("Kept in the folder of the recordings.").classes("what muted")
             ui.link("Save as CSV", "/grasps.csv").classes("pill").props("id=run-csv download")

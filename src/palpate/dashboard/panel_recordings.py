@@ -17,27 +17,27 @@ from palpate.dashboard.folder import GraspSummary, find_recording, is_simulated
 from palpate.dashboard.messages import Action, Play
 from palpate.dashboard.panel_grasp import SPEEDS
 from palpate.dashboard.panel_html import day_text
-from palpate.dashboard.viewer import Viewer, heading, paragraph
+from palpate.dashboard.viewer import Viewer, add_heading, add_paragraph
 from palpate.errors import InputError
 
 
-def recordings_panel(
+def add_recordings_panel(
     app_state: AppState, viewer: Viewer, *, name: str | None = None
 ) -> Callable[[str], None]:
     """Fill the panel, with a recording open; return the function that opens another."""
     with ui.element("div").classes("form"):
-        heading("Recordings")
-        paragraph(
+        add_heading("Recordings")
+        add_paragraph(
             f"In {app_state.settings.folder}. A replay decides the recorded grasp again "
             "from its raw counts."
         )
         speed = ui.toggle(SPEEDS, value=1.0).props("unelevated no-caps")
         speed.props["aria-label"] = "Replay speed"
         rows = ui.element("div").classes("w-full").props("id=recordings")
-        none = ui.label("None yet: each grasp makes one.").classes("muted")
-        none.set_visibility(False)
+        empty_label = ui.label("None yet: each grasp makes one.").classes("muted")
+        empty_label.set_visibility(False)
     shown: dict[Path, _Row] = {}
-    care = _RecordingDialog(app_state, viewer, speed, changed=lambda: show())
+    dialog = _RecordingDialog(app_state, viewer, speed, changed=lambda: show())
 
     async def show() -> None:
         """Update the list without moving rows that stay: a finger may be on one."""
@@ -49,15 +49,15 @@ def recordings_panel(
         with rows:
             for one in reversed(listed):
                 if one.file not in shown:
-                    shown[one.file] = _Row(one.file, viewer, speed, care)
+                    shown[one.file] = _Row(one.file, viewer, speed, dialog)
                     shown[one.file].move(target_index=0)
                 shown[one.file].show(one)
-        none.set_visibility(not listed)
+        empty_label.set_visibility(not listed)
 
     def open_recording(name: str) -> None:
         """Open the dialog of a recording, if it exists."""
         try:
-            care.open(find_recording(app_state.settings.folder, name))
+            dialog.open(find_recording(app_state.settings.folder, name))
         except InputError as error:
             viewer.refuse(error)
             ui.navigate.history.replace("/recordings")
@@ -69,7 +69,7 @@ def recordings_panel(
 
 
 @dataclass(frozen=True, slots=True)
-class _Listed:
+class _ListedRecording:
     """A recording of the list."""
 
     file: Path
@@ -78,13 +78,13 @@ class _Listed:
     simulated: bool
 
 
-def _list_recordings(app_state: AppState) -> list[_Listed]:
+def _list_recordings(app_state: AppState) -> list[_ListedRecording]:
     """Read folder and history in a thread: a disk may be slow."""
     listed = []
     for file, status in app_state.recordings.newest():
-        grasp = app_state.history.of(file.name)
+        grasp = app_state.history.find_grasp(file.name)
         simulated = is_simulated(file, status) if grasp is None else grasp.simulated
-        listed.append(_Listed(file, status, grasp, simulated))
+        listed.append(_ListedRecording(file, status, grasp, simulated))
     return listed
 
 
@@ -92,7 +92,7 @@ class _Row(ui.element):
     """One recording with its buttons."""
 
     def __init__(
-        self, file: Path, viewer: Viewer, speed: ui.toggle, care: _RecordingDialog
+        self, file: Path, viewer: Viewer, speed: ui.toggle, dialog: _RecordingDialog
     ) -> None:
         super().__init__("div")
         self._file = file
@@ -108,11 +108,13 @@ class _Row(ui.element):
                 small=True,
                 action=Action.PLAY,
             )
-            more = ui.button(icon="more_vert", on_click=lambda: care.open(file), color=None)
-            more.classes("btn plain small").props("flat")
-            more.props["aria-label"] = f"More about {file.stem}"
+            menu_button = ui.button(
+                icon="more_vert", on_click=lambda: dialog.open(file), color=None
+            )
+            menu_button.classes("btn plain small").props("flat")
+            menu_button.props["aria-label"] = f"More about {file.stem}"
 
-    def show(self, one: _Listed) -> None:
+    def show(self, one: _ListedRecording) -> None:
         """Show the recording's grasp outcome, modification time and file size."""
         grasp = one.grasp
         when = day_text(datetime.fromtimestamp(one.status.st_mtime))
@@ -143,7 +145,7 @@ class _RecordingDialog:
             self._dialog.props["aria-label"] = "A recording"
             viewer.button("Replay", self._replay, small=True, action=Action.PLAY)
             self._name = ui.input("Name").props("outlined dense maxlength=80").classes("w-full")
-            self._asked = ui.label().classes("note").props("role=status")
+            self._question = ui.label().classes("note").props("role=status")
             with ui.element("div").classes("two"):
                 viewer.button("Download", self._download, small=True)
                 viewer.button("Rename", self._rename, small=True, action=Action.FILES)
@@ -151,21 +153,21 @@ class _RecordingDialog:
                     "Delete", self._delete, small=True, action=Action.FILES
                 )
                 viewer.button("Close", self._dialog.close, small=True)
-        self._dialog.on_value_change(lambda event: self._address(is_open=event.value))
+        self._dialog.on_value_change(lambda event: self._update_address(is_open=event.value))
 
     def open(self, file: Path) -> None:
         """Open the dialog of a recording."""
         self._file = file
         self._name.set_value(file.stem)
-        self._ask("")
+        self._show_question("")
         self._dialog.open()
 
-    def _address(self, *, is_open: bool) -> None:
+    def _update_address(self, *, is_open: bool) -> None:
         path = f"/recordings/{quote(self._file.name)}" if is_open else "/recordings"
         ui.navigate.history.replace(path)
 
-    def _ask(self, question: str) -> None:
-        self._asked.set_text(question)
+    def _show_question(self, question: str) -> None:
+        self._question.set_text(question)
         self._delete_button.set_text("Delete for good" if question else "Delete")
 
     def _replay(self) -> None:
@@ -176,17 +178,17 @@ class _RecordingDialog:
         ui.download(f"/recordings/file/{quote(self._file.name)}")
 
     async def _rename(self) -> None:
-        await self._do_and_close(
+        await self._run_and_close(
             lambda: self._app_state.rename(self._file.name, self._name.value or "")
         )
 
     async def _delete(self) -> None:
-        if not self._asked.text:
-            self._ask(f"Delete {self._file.stem}? Nothing brings it back.")
+        if not self._question.text:
+            self._show_question(f"Delete {self._file.stem}? Nothing brings it back.")
             return
-        await self._do_and_close(lambda: self._app_state.delete(self._file.name))
+        await self._run_and_close(lambda: self._app_state.delete(self._file.name))
 
-    async def _do_and_close(self, act: Callable[[], object]) -> None:
-        if self._viewer.do(Action.FILES, act):
+    async def _run_and_close(self, act: Callable[[], object]) -> None:
+        if self._viewer.run_action(Action.FILES, act):
             self._dialog.close()
             await self._changed()

@@ -19,7 +19,7 @@ from palpate.dashboard.messages import (
 )
 from palpate.dashboard.panel_html import panel_html, panel_svg
 from palpate.dashboard.session import CalibrationFailure
-from palpate.dashboard.viewer import Viewer, heading, paragraph
+from palpate.dashboard.viewer import Viewer, add_heading, add_paragraph
 from palpate.errors import InputError, PalpateError
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.findings import Severity
@@ -28,11 +28,11 @@ from palpate.sensor.health import Health
 _LOADS = "0.5 1 2 4 8 4 2 1"
 
 
-def calibrate_panel(app_state: AppState, viewer: Viewer) -> None:
+def add_calibrate_panel(app_state: AppState, viewer: Viewer) -> None:
     """Fill the panel."""
     with ui.element("div").classes("form"):
-        heading("1. Rest")
-        paragraph(
+        add_heading("1. Rest")
+        add_paragraph(
             "What each pixel reads with nothing on it. Take everything off the sensor and "
             "leave it alone for some seconds; a gripper opens first."
         )
@@ -42,14 +42,14 @@ def calibrate_panel(app_state: AppState, viewer: Viewer) -> None:
             props="id=calibrate-rest",
             action=Action.CALIBRATE,
         )
-        heading("2. Force")
-        _force(app_state, viewer)
-        _result(app_state, viewer)
-        _force_in_use(app_state)
+        add_heading("2. Force")
+        _add_force_calibration(app_state, viewer)
+        _add_calibration_result(app_state, viewer)
+        _add_force_in_use(app_state)
 
 
-def _force(app_state: AppState, viewer: Viewer) -> None:
-    how = ui.html("", sanitize=False)
+def _add_force_calibration(app_state: AppState, viewer: Viewer) -> None:
+    instructions = ui.html("", sanitize=False)
     loads = ui.input("Loads in newtons, in order, up and down", value=_LOADS)
     loads.props("outlined dense")
 
@@ -59,7 +59,7 @@ def _force(app_state: AppState, viewer: Viewer) -> None:
         source = app_state.session.devices.live.source
         if source is None or not source.has_load_cell:
             try:
-                weights = tuple(check_loads(_numbers(loads.value), where="loads"))
+                weights = tuple(check_loads(_parse_numbers(loads.value), where="loads"))
             except InputError as error:
                 viewer.refuse(error)
                 return
@@ -76,7 +76,9 @@ def _force(app_state: AppState, viewer: Viewer) -> None:
         simulated = source is not None and source.is_simulated
         loads.set_visibility(not cell and not simulated)
         button.set_visibility(cell or not simulated)
-        how.set_content(f"<p>{html.escape(_instructions(cell=cell, simulated=simulated))}</p>")
+        instructions.set_content(
+            f"<p>{html.escape(_instructions(cell=cell, simulated=simulated))}</p>"
+        )
 
     viewer.on_refresh(explain)
 
@@ -95,14 +97,14 @@ def _instructions(*, cell: bool, simulated: bool) -> str:
     )
 
 
-def _numbers(text: str) -> list[float]:
+def _parse_numbers(text: str) -> list[float]:
     try:
         return [float(word) for word in text.replace(",", " ").split()]
     except ValueError as error:
         raise InputError(f"loads {text!r}: give numbers separated by spaces") from error
 
 
-def _result(app_state: AppState, viewer: Viewer) -> None:
+def _add_calibration_result(app_state: AppState, viewer: Viewer) -> None:
     box = ui.html("", sanitize=False).props("id=calibrated")
     devices = app_state.session.devices
 
@@ -116,7 +118,7 @@ def _result(app_state: AppState, viewer: Viewer) -> None:
     viewer.on_change(lambda: devices.calibration_failure or devices.calibrated, show)
 
 
-def _force_in_use(app_state: AppState) -> None:
+def _add_force_in_use(app_state: AppState) -> None:
     """Show the force calibration in use as a curve with its residuals and its age."""
     box = ui.html("", sanitize=False).props("id=force-in-use")
     shown = [""]
@@ -152,11 +154,11 @@ def _force_html(text: str) -> str:
     return panel_html("force_in_use", made=made, age=age, figure=Markup(figure))
 
 
-def doctor_panel(app_state: AppState, viewer: Viewer) -> None:
+def add_doctor_panel(app_state: AppState, viewer: Viewer) -> None:
     """Fill the panel."""
     with ui.element("div").classes("form"):
-        heading("Check of the sensor")
-        paragraph(
+        add_heading("Check of the sensor")
+        add_paragraph(
             "Open, shorted, stuck, noisy and drifting pixels, lost frames, a reference "
             "resistor that does not fit. Nothing may touch the sensor for 10 s."
         )

@@ -19,11 +19,11 @@ from palpate.dashboard.messages import (
     FrameSource,
     Grasped,
     Guide,
-    Playing,
-    RecordedStretch,
+    RecordedSegment,
+    ReplayPosition,
     Timeline,
 )
-from palpate.dashboard.telemetry import Telemetry, columns
+from palpate.dashboard.telemetry import Telemetry, frame_columns
 from palpate.errors import RecordingError
 from palpate.grasp.controller import GraspController
 from palpate.grasp.decide_again import plan_of_recording
@@ -89,8 +89,8 @@ class PlaybackClock:
         """Pause or continue; at the end, restart."""
         with self._lock:
             at_s = self._at_s()
-            again = self.paused and not paused and at_s >= self._end_s
-            self._anchor_s, self._wall_s = self._start_s if again else at_s, self._now_s()
+            restarts = self.paused and not paused and at_s >= self._end_s
+            self._anchor_s, self._wall_s = self._start_s if restarts else at_s, self._now_s()
             self.paused = paused
 
     def set_speed(self, speed: float) -> None:
@@ -107,13 +107,13 @@ class PlaybackClock:
         return min(max(time_s, self._start_s), self._end_s)
 
 
-Seen = tuple[Frame, GripperState | None]
+FrameWithState = tuple[Frame, GripperState | None]
 
 #: Period of the picture; a stop, or leaving the replay, takes effect within this time.
 _TICK_S = 0.04
 #: A forecast is made for each stretch of this length, as live; of a long recording, for fewer.
-_STRETCH_S, _MOST_STRETCHES = 0.2, 450
-_MOST_POINTS = int(CURVE_S * POINTS_PER_S)
+_SEGMENT_S, _MAX_SEGMENTS = 0.2, 450
+_MAX_POINTS = int(CURVE_S * POINTS_PER_S)
 
 
 def play(
@@ -135,108 +135,114 @@ def play(
         If it can't be read or holds no frames.
     """
     with RecordingReader(file) as reader:
-        seen = list(observations(reader))
-    if not seen:
+        frames = list(observations(reader))
+    if not frames:
         raise RecordingError(f"{file}: no frames to show")
     confirmed.clear()
     with closing(Replay(file, clock=ManualClock())) as replay:
-        again, source = _open_replay(replay, name=file.name)
+        controller, source = _open_replay(replay, name=file.name)
     telemetry.begin(source)
     telemetry.set_plan(None)
-    whole = _decide_again(seen, again=again, source=source, telemetry=telemetry, requests=requests)
-    if whole is None:
+    decided = _recompute_decisions(
+        frames, controller=controller, source=source, telemetry=telemetry, requests=requests
+    )
+    if decided is None:
         return
-    telemetry.note(whole.timeline)
-    telemetry.note(Guide(text=f"Replay of {file.stem}", asks=True))
-    playback.begin(start_s=whole.timeline.start_s, end_s=whole.timeline.end_s)
+    telemetry.note(decided.timeline)
+    telemetry.note(Guide(text=f"Replay of {file.stem}", needs_confirmation=True))
+    playback.begin(start_s=decided.timeline.start_s, end_s=decided.timeline.end_s)
     shown: tuple[float, bool, float] | None = None
     while not requests.stop.is_set():
         now = playback.at_s, playback.paused, playback.speed
         if now != shown:
             shown = now
-            _show(whole, now, telemetry=telemetry, file=file)
+            _send_position(decided, now, telemetry=telemetry, file=file)
         if confirmed.wait(_TICK_S):
             return
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Whole:
+class _DecidedRecording:
     """A recording with its decisions."""
 
-    seen: list[Seen]
+    frames: list[FrameWithState]
     time_s: list[float]
     #: At the end of each stretch.
     progresses: list[GraspProgress]
     timeline: Timeline
 
 
-def _show(
-    whole: _Whole, now: tuple[float, bool, float], *, telemetry: Telemetry, file: Path
+def _send_position(
+    decided: _DecidedRecording, now: tuple[float, bool, float], *, telemetry: Telemetry, file: Path
 ) -> None:
     """Send the frame and the progress of the grasp at one time."""
     at_s, paused, speed = now
-    frame, state = whole.seen[max(bisect_right(whole.time_s, at_s) - 1, 0)]
-    at_end, progress, grasped = at_s >= whole.timeline.end_s, None, None
-    if whole.progresses:
-        before = bisect_right(whole.progresses, at_s, key=lambda one: one.time_s) - 1
-        progress = whole.progresses[-1 if at_end else max(before, 0)]
+    frame, state = decided.frames[max(bisect_right(decided.time_s, at_s) - 1, 0)]
+    at_end, progress, grasped = at_s >= decided.timeline.end_s, None, None
+    if decided.progresses:
+        before = bisect_right(decided.progresses, at_s, key=lambda one: one.time_s) - 1
+        progress = decided.progresses[-1 if at_end else max(before, 0)]
         grasped = Grasped(result=progress.answer, recording=file) if at_end else None
     telemetry.show_recorded(frame, state, progress)
-    telemetry.note(Playing(time_s=at_s, paused=paused or at_end, speed=speed, grasped=grasped))
+    telemetry.note(
+        ReplayPosition(time_s=at_s, paused=paused or at_end, speed=speed, grasped=grasped)
+    )
 
 
-def _decide_again(
-    seen: list[Seen],
+def _recompute_decisions(
+    frames: list[FrameWithState],
     *,
-    again: _Again | None,
+    controller: _ReplayController | None,
     source: FrameSource,
     telemetry: Telemetry,
     requests: Requests,
-) -> _Whole | None:
+) -> _DecidedRecording | None:
     """Decide the recording again at full speed, and send its curve; None if stopped."""
-    time_s = [frame.time_s for frame, _ in seen]
+    time_s = [frame.time_s for frame, _ in frames]
     length_s = time_s[-1] - time_s[0]
-    every = math.ceil(len(seen) / min(_MOST_POINTS, max(length_s * POINTS_PER_S, 1.0)))
+    every = math.ceil(len(frames) / min(_MAX_POINTS, max(length_s * POINTS_PER_S, 1.0)))
     progresses: list[GraspProgress] = []
     phases: list[tuple[float, str]] = []
-    for stretch in _split_frames(seen, lasting_s=max(_STRETCH_S, length_s / _MOST_STRETCHES)):
+    for segment in _split_frames(frames, lasting_s=max(_SEGMENT_S, length_s / _MAX_SEGMENTS)):
         if requests.stop.is_set():
             return None
-        for frame, state in stretch:
-            if again is not None and state is not None:
-                again.step(frame, state)
-                if not phases or phases[-1][1] != again.grasp_state.activity:
-                    phases.append((frame.time_s, again.grasp_state.activity))
-        if again is not None and again.grasp_state.estimate.frames:
+        for frame, state in segment:
+            if controller is not None and state is not None:
+                controller.step(frame, state)
+                if not phases or phases[-1][1] != controller.grasp_state.activity:
+                    phases.append((frame.time_s, controller.grasp_state.activity))
+        if controller is not None and controller.grasp_state.estimate.frames:
             before = progresses[-1] if progresses else None
-            progresses.append(again.progress(before))
-        thinned = stretch[::-every][::-1]
-        past = RecordedStretch(
-            frames=columns(thinned, source), progress=progresses[-1] if progresses else None
+            progresses.append(controller.progress(before))
+        thinned = segment[::-every][::-1]
+        past = RecordedSegment(
+            frames=frame_columns(thinned, source), progress=progresses[-1] if progresses else None
         )
         telemetry.note(past)
-        share = (stretch[-1][0].time_s - time_s[0]) / (length_s or 1.0)
-        telemetry.note(Guide(text="Deciding the recorded grasp again", share=share))
+        fraction = (segment[-1][0].time_s - time_s[0]) / (length_s or 1.0)
+        telemetry.note(Guide(text="Deciding the recorded grasp again", fraction=fraction))
     timeline = Timeline(
         start_s=time_s[0],
         end_s=time_s[-1],
         phases=tuple(phases),
         ended=progresses[-1] if progresses else None,
     )
-    return _Whole(seen=seen, time_s=time_s, progresses=progresses, timeline=timeline)
+    return _DecidedRecording(frames=frames, time_s=time_s, progresses=progresses, timeline=timeline)
 
 
-def _split_frames(seen: list[Seen], *, lasting_s: float) -> Iterator[list[Seen]]:
+def _split_frames(
+    frames: list[FrameWithState], *, lasting_s: float
+) -> Iterator[list[FrameWithState]]:
     """Yield the frames in chunks of roughly equal length."""
     first = 0
-    for index, (frame, _) in enumerate(seen):
-        if frame.time_s - seen[first][0].time_s >= lasting_s:
-            yield seen[first:index]
+    for index, (frame, _) in enumerate(frames):
+        if frame.time_s - frames[first][0].time_s >= lasting_s:
+            yield frames[first:index]
             first = index
-    yield seen[first:]
+    yield frames[first:]
 
 
-class _Again:
+class _ReplayController:
     """The controller on recorded frames, without a gripper."""
 
     def __init__(self, plan: Plan, *, end_s: float) -> None:
@@ -254,16 +260,16 @@ class _Again:
         return grasp_progress_of(self.grasp_state, plan=plan, before=before, forecasts=True)
 
 
-def _open_replay(replay: Replay, *, name: str) -> tuple[_Again | None, FrameSource]:
+def _open_replay(replay: Replay, *, name: str) -> tuple[_ReplayController | None, FrameSource]:
     """Return the controller of the recorded grasp, and the description of its frames."""
-    info, calibration, again = replay.info, None, None
+    info, calibration, controller = replay.info, None, None
     if info.calibration is not None:
         calibration = Calibration.from_text(info.calibration, where="the recording")
     if calibration is not None and info.gripper is not None:
         # It holds until the recorded release.
         plan = plan_of_recording(info, gripper=ReplayGripper(replay), hold_s=math.inf)
         end = replay.end
-        again = _Again(plan, end_s=math.inf if end is None else end.time_s)
+        controller = _ReplayController(plan, end_s=math.inf if end is None else end.time_s)
     source = FrameSource(
         name=name,
         layout=info.layout,
@@ -273,4 +279,4 @@ def _open_replay(replay: Replay, *, name: str) -> tuple[_Again | None, FrameSour
         replayed=True,
         laws=force_laws(calibration),
     )
-    return again, source
+    return controller, source

@@ -30,11 +30,11 @@ LineOpener: TypeAlias = Callable[[Machine], Awaitable[Line]]
 
 _STATIC = Path(__file__).parent / "static"
 #: Controllers of a line see a change after this time at most, seconds.
-_LINE_S = 0.05
+_LINE_REFRESH_S = 0.05
 #: What changes faster than this is not published, seconds.
-_PUBLISH_S = 0.1
+_PUBLISH_PERIOD_S = 0.1
 #: A driver whose connection breaks remains the driver for this time.
-_RECONNECT_S = 10.0
+_RECONNECT_TIMEOUT_S = 10.0
 
 
 def serve(
@@ -68,20 +68,20 @@ def serve(
         from fastapi import FastAPI
         from nicegui import ui
 
-        from palpate.dashboard.access import STOPS, AccessControl, check_token, is_loopback
+        from palpate.dashboard.access import STOP_PATHS, AccessControl, check_token, is_loopback
         from palpate.dashboard.api import build_api
-        from palpate.dashboard.transport import AppThread, BoundedConnection, address_for_others
+        from palpate.dashboard.transport import AppThread, BoundedConnection, external_url
     check_token(host, token)
-    listening = _listen(host, port)
+    listening = _bind_port(host, port)
     app_state = AppState(settings)
     app = FastAPI(openapi_url=None)
     app.mount("/api", build_api(app_state, token=token is not None))
-    _stop_route(app, app_state)
-    _routes(app_state)
+    _add_stop_route(app, app_state)
+    _add_routes(app_state)
     app.router.on_startup.append(app_state.open)
     app.router.on_shutdown.append(app_state.close)
     if publisher is not None:
-        _publish(app, app_state, publisher)
+        _add_publisher(app, app_state, publisher)
     line_thread = LoopThread("lines") if lines else None
     if line_thread is not None:
         _serve_lines(app, app_state, lines, thread=line_thread)
@@ -92,13 +92,13 @@ def serve(
         favicon="🤏",
         dark=None,
         binding_refresh_interval=None,
-        reconnect_timeout=_RECONNECT_S,
+        reconnect_timeout=_RECONNECT_TIMEOUT_S,
         message_history_length=100,
         tailwind=False,
         gzip_middleware_factory=None,
         show_welcome_message=False,
     )
-    threaded = AppThread(app, direct=STOPS)
+    threaded = AppThread(app, direct=STOP_PATHS)
     gate = AccessControl(threaded, token=token, loopback=is_loopback(host))
     config = uvicorn.Config(
         gate,
@@ -109,7 +109,7 @@ def serve(
         access_log=False,
         timeout_graceful_shutdown=2,
     )
-    address = address_for_others(host, listening.getsockname()[1])
+    address = external_url(host, listening.getsockname()[1])
     app.router.on_startup.append(lambda: announce(address))
     # A full collection of all that was imported would hold up every thread for 0.1 s.
     gc.freeze()
@@ -117,7 +117,7 @@ def serve(
         uvicorn.Server(config).run(sockets=[listening])
 
 
-def _stop_route(app: FastAPI, app_state: AppState) -> None:
+def _add_stop_route(app: FastAPI, app_state: AppState) -> None:
     """Add where the page stops; before the pages, whose framework has no part in it."""
     from fastapi.responses import JSONResponse
 
@@ -128,7 +128,7 @@ def _stop_route(app: FastAPI, app_state: AppState) -> None:
         return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
 
 
-def _routes(app_state: AppState) -> None:
+def _add_routes(app_state: AppState) -> None:
     """Add the pages and the documents that they poll."""
     from fastapi.responses import FileResponse, JSONResponse, Response, StreamingResponse
     from nicegui import Client, app, ui
@@ -166,7 +166,7 @@ def _routes(app_state: AppState) -> None:
             after_s=after_s,
         )
         is_idle = found["verdict"]["kind"] == "idle"
-        found["idle"] = app_state.glance() if is_idle else []
+        found["idle"] = app_state.idle_texts() if is_idle else []
         return JSONResponse(found | {"server_s": time.monotonic()})
 
     @app.get("/grasps.csv")
@@ -184,7 +184,7 @@ def _routes(app_state: AppState) -> None:
         return FileResponse(file, filename=file.name)
 
 
-def _publish(app: Any, app_state: AppState, publisher: Publisher) -> None:
+def _add_publisher(app: Any, app_state: AppState, publisher: Publisher) -> None:
     """Publish every result and the state while the application runs."""
     app_state.on_result.append(publisher.result)
     running: list[asyncio.Task[None]] = []
@@ -192,7 +192,7 @@ def _publish(app: Any, app_state: AppState, publisher: Publisher) -> None:
     async def publish() -> None:
         while True:
             publisher.state(app_state.state())
-            await asyncio.sleep(_PUBLISH_S)
+            await asyncio.sleep(_PUBLISH_PERIOD_S)
 
     async def start() -> None:
         running.append(asyncio.create_task(publish()))
@@ -222,7 +222,7 @@ def _serve_lines(
         while True:
             for line in open_lines:
                 await line.refresh()
-            await asyncio.sleep(_LINE_S)
+            await asyncio.sleep(_LINE_REFRESH_S)
 
     async def start() -> None:
         open_lines.extend([await opener(machine) for opener in lines])
@@ -234,17 +234,17 @@ def _serve_lines(
         for line in open_lines:
             await line.close()
 
-    async def start_there() -> None:
+    async def start_on_thread() -> None:
         await thread.run(start())
 
-    async def end_there() -> None:
+    async def end_on_thread() -> None:
         await thread.run(end())
 
-    app.router.on_startup.append(start_there)
-    app.router.on_shutdown.append(end_there)
+    app.router.on_startup.append(start_on_thread)
+    app.router.on_shutdown.append(end_on_thread)
 
 
-def _listen(host: str, port: int) -> socket.socket:
+def _bind_port(host: str, port: int) -> socket.socket:
     """Bind the port before a device is opened.
 
     Raises

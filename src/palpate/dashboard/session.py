@@ -17,14 +17,11 @@ from palpate.dashboard.messages import (
     ACTIONS,
     ACTIVITIES,
     Action,
-    Began,
-    BeingRecorded,
     CalibrateForce,
     CalibrateRest,
     CalibrationRenewed,
     DeviceActivity,
     DevicesLost,
-    Ended,
     FrameSource,
     Grasped,
     GraspOrder,
@@ -33,18 +30,21 @@ from palpate.dashboard.messages import (
     OpenHand,
     OpenRig,
     Order,
+    OrderEnded,
+    OrderStarted,
     Play,
-    Playing,
     Record,
-    RecordedStretch,
+    RecordedSegment,
+    RecordingChanged,
     ReleaseNow,
+    ReplayPosition,
     Request,
     SetSpeed,
     StopNow,
     Timeline,
     Trouble,
     Update,
-    check_numbers,
+    check_ranges,
 )
 from palpate.errors import InputError
 from palpate.sensor.health import Health
@@ -82,7 +82,7 @@ class DeviceState:
         #: Results of the last grasp or replay, calibration and examination.
         self.grasped: Grasped | None = None
         #: `bin` and `item` of the grasp on the page; empty without rules and item.
-        self.placed: Mapping[str, Any] = {}
+        self.placement: Mapping[str, Any] = {}
         #: Its item; empty without one.
         self.item_id = ""
         self.calibrated: CalibrationRenewed | None = None
@@ -108,12 +108,12 @@ class DeviceState:
         return set() if self.recording is None else {self.recording.name}
 
     @property
-    def sensor_alone(self) -> bool:
+    def is_sensor_only(self) -> bool:
         """Whether the rig that is watched has no gripper."""
         source = self.live.source
         return source is not None and source.gripper is None and not source.replayed
 
-    def expect(self, order: Order) -> None:
+    def mark_pending(self, order: Order) -> None:
         """Count an order as begun before the devices answer, so that it is not repeated."""
         if isinstance(order, Record):
             return
@@ -126,39 +126,39 @@ class DeviceState:
             self.live.link = replace(self.live.link, stale=True)
             return
         for note in update.notes:
-            self._take_note(note)
+            self._apply_note(note)
         self.live.link = update.link
         if update.progress is not None:
-            self.live.take_progress(update.progress)
+            self.live.set_progress(update.progress)
         if update.frames is not None:
             self.live.add_frames(update.frames)
 
-    def _take_note(self, note: Note) -> None:
+    def _apply_note(self, note: Note) -> None:
         match note:
             case FrameSource():
                 self.live.open_source(note)
                 self.rig_open = self.rig_open or not note.replayed
-            case Began():
-                self._begin(note.order)
+            case OrderStarted():
+                self._start_order(note.order)
             case Guide():
                 self.guide = note
-            case RecordedStretch():
+            case RecordedSegment():
                 self.live.add_frames(note.frames)
                 if note.progress is not None:
-                    self.live.take_progress(note.progress)
+                    self.live.set_progress(note.progress)
             case Timeline():
                 self.live.timeline = note
-            case Playing():
+            case ReplayPosition():
                 self.live.playing = note
                 self.grasped = note.grasped
-            case BeingRecorded():
+            case RecordingChanged():
                 self.recording = note.file
             case Trouble():
                 self.trouble = note.text
-            case Ended():
-                self._end(note)
+            case OrderEnded():
+                self._end_order(note)
 
-    def _begin(self, order: Order) -> None:
+    def _start_order(self, order: Order) -> None:
         self.activity, self.order = ACTIVITIES[type(order)], order
         self.guide, self.trouble, self.stopped_after_s = None, "", None
         self.calibration_failure, self.stopped_early = None, False
@@ -167,22 +167,22 @@ class DeviceState:
         if isinstance(order, OpenHand):
             self.live.released = True
         if isinstance(order, OpenRig | GraspOrder | Play):
-            self.grasped, self.placed = None, {}
+            self.grasped, self.placement = None, {}
             self.item_id = order.item_id if isinstance(order, GraspOrder) else ""
             self.live.clear_curve()
 
-    def rest(self) -> None:
+    def mark_idle(self) -> None:
         """End the order, so that the next may begin."""
         self.activity = DeviceActivity.WATCHING if self.rig_open else DeviceActivity.IDLE
         self.order = None
 
-    def _end(self, note: Ended) -> None:
-        self.rest()
+    def _end_order(self, note: OrderEnded) -> None:
+        self.mark_idle()
         failure = self.calibration_failure = self._failure(note)
         self.stopped_early = note.stopped and isinstance(note.order, GraspOrder)
         # A stop is a wish, and no trouble.
-        wished = self.stopped_early or (failure is not None and failure.stopped)
-        self.trouble = "" if wished else note.trouble
+        is_requested = self.stopped_early or (failure is not None and failure.stopped)
+        self.trouble = "" if is_requested else note.trouble
         self.guide = None
         # A calibration may run on the clock of a bench of its own.
         self.stopped_after_s = None if failure is not None else note.stopped_after_s
@@ -193,14 +193,14 @@ class DeviceState:
             case Grasped():
                 self.grasped = note.found
                 if isinstance(note.order, GraspOrder):
-                    self.live.end_grasp()
+                    self.live.freeze_curve()
                     self._on_grasped(note.found, note.order)
             case CalibrationRenewed():
                 self.calibrated = note.found
             case Health():
                 self.health = note.found
 
-    def _failure(self, note: Ended) -> CalibrationFailure | None:
+    def _failure(self, note: OrderEnded) -> CalibrationFailure | None:
         if not (isinstance(note.order, CalibrateRest | CalibrateForce) and note.trouble):
             return None
         self.calibrated = None
@@ -212,9 +212,9 @@ class DeviceState:
 
 
 #: The devices' process reports twenty times a second; silent for longer than this, it hangs.
-_HUNG_S = 1.0
+_MAX_SILENCE_S = 1.0
 #: A link that is late for less than this refuses nothing: every order checks its own frames.
-_MISSING_S = 1.0
+_MAX_FRAME_AGE_S = 1.0
 _NEEDS_FRAMES = (Action.GRASP, Action.CALIBRATE, Action.EXAMINE)
 _NEEDS_OPEN_HAND = (Action.GRASP, Action.EXAMINE)
 
@@ -267,7 +267,7 @@ class Session:
         self.devices = DeviceState(on_grasped=on_grasped)
         self.viewers: set[str] = set()
         self.driver: str | None = None
-        self._of_tab = dict[str, str]()
+        self._viewer_of_tab = dict[str, str]()
         #: Of the next grasp.
         self.form = GraspForm()
         #: Of the last grasp that was ordered.
@@ -299,9 +299,9 @@ class Session:
         >>> session.join("a", tab="1"), session.join("b", tab="2"), session.join("c", tab="1")
         (True, False, True)
         """
-        before = None if tab is None else self._of_tab.get(tab)
+        before = None if tab is None else self._viewer_of_tab.get(tab)
         if tab is not None:
-            self._of_tab[tab] = viewer
+            self._viewer_of_tab[tab] = viewer
             # Its connection is given up only after a while.
             self.viewers -= {before}
         self.viewers.add(viewer)
@@ -317,7 +317,9 @@ class Session:
     def leave(self, viewer: str) -> None:
         """Remove a viewer; a driver's place stays free until another takes over or joins."""
         self.viewers.discard(viewer)
-        self._of_tab = {tab: last for tab, last in self._of_tab.items() if last != viewer}
+        self._viewer_of_tab = {
+            tab: last for tab, last in self._viewer_of_tab.items() if last != viewer
+        }
         if self.driver == viewer:
             self.driver = None
 
@@ -327,7 +329,7 @@ class Session:
     def silence_s(self) -> float | None:
         """Silence of the devices' process, seconds; None while it reports."""
         silent_s = self._silent_s()
-        return silent_s if silent_s > _HUNG_S else None
+        return silent_s if silent_s > _MAX_SILENCE_S else None
 
     def refusal(self, action: Action, *, viewer: str) -> str:
         """Return why this can't be pressed now; empty if it can."""
@@ -341,10 +343,10 @@ class Session:
                 return "no one drives; take over first"
             return "another person drives; take over first"
         if action is Action.CONFIRM:
-            return "" if guide is not None and guide.asks else "nothing is asked"
+            return "" if guide is not None and guide.needs_confirmation else "nothing is asked"
         if action in (Action.SPEED, Action.FILES):
             return ""
-        if action is Action.STEER:
+        if action is Action.SEEK:
             return "" if activity is DeviceActivity.REPLAYING else "nothing is replayed"
         if action is Action.RELEASE and activity is DeviceActivity.GRASPING:
             return ""
@@ -352,18 +354,18 @@ class Session:
             return f"{activity!s}: wait, or press stop"
         if action in (Action.OPEN, Action.PLAY):
             return ""
-        return self._rig_not_ready(action)
+        return self._rig_refusal(action)
 
-    def _rig_not_ready(self, action: Action) -> str:
+    def _rig_refusal(self, action: Action) -> str:
         devices = self.devices
         if not devices.rig_open:
             return "no rig is open: choose one"
-        if devices.sensor_alone and action in (Action.GRASP, Action.RELEASE):
+        if devices.is_sensor_only and action in (Action.GRASP, Action.RELEASE):
             return "this rig has no gripper"
         link = devices.live.link
-        if action in _NEEDS_FRAMES and link.stale and not link.age_s <= _MISSING_S:
+        if action in _NEEDS_FRAMES and link.stale and not link.age_s <= _MAX_FRAME_AGE_S:
             return "no fresh frames: check the link"
-        if action in _NEEDS_OPEN_HAND and devices.live.open_hand is False:
+        if action in _NEEDS_OPEN_HAND and devices.live.is_hand_open is False:
             return "the hand is not open: release first"
         return ""
 
@@ -373,7 +375,7 @@ class Session:
     def order(self, viewer: str, order: Order) -> None:
         """Carry out an order of a viewer."""
         self._check(ACTIONS[type(order)], viewer)
-        check_numbers(order)
+        check_ranges(order)
         self.send_order(order)
 
     def send_order(self, order: Order) -> None:
@@ -382,7 +384,7 @@ class Session:
             self.target_force_n = order.target_force_n
         if isinstance(order, OpenRig):
             self.rig = order
-        self.devices.expect(order)
+        self.devices.mark_pending(order)
         self._send(order)
 
     def release(self, viewer: str) -> None:
@@ -402,7 +404,7 @@ class Session:
     def request(self, viewer: str, request: Request) -> None:
         """Change the running job: confirm a step, set the speed, move or pause the replay."""
         self._check(ACTIONS[type(request)], viewer)
-        check_numbers(request)
+        check_ranges(request)
         self._send(request)
         if isinstance(request, SetSpeed) and self.devices.activity is not DeviceActivity.REPLAYING:
             self.rig = self.rig and replace(self.rig, speed=request.speed)

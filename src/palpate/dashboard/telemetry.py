@@ -24,21 +24,21 @@ from palpate.grasp.state import GraspState
 from palpate.gripper.interface import GripperState
 from palpate.sensor.array import Frame, LinkCounters
 
-SEND_S = 0.05
+SEND_PERIOD_S = 0.05
 #: Two seconds at 500 frames/s: what comes faster than it is sent is not drawn.
-_MOST_FRAMES = 1000
+_MAX_FRAMES = 1000
 #: The rate is that of the frames of the last seconds.
-_RATE_S = 2.0
-_FORECAST_S = 0.2
+_RATE_WINDOW_S = 2.0
+_FORECAST_PERIOD_S = 0.2
 #: A last update that is not taken within this is lost.
-_FAREWELL_S = 2.0
+_CLOSE_TIMEOUT_S = 2.0
 _STALE = SafetyLimits()
 #: The loop's own period is computed from this many frames.
 _PERIODS = 1000
 
 
 @dataclass(slots=True)
-class _Tally:
+class _FrameCounts:
     """Counts since the source was opened."""
 
     frames: int = 0
@@ -62,19 +62,19 @@ class Telemetry:
     def __init__(self, send: Callable[[Update], None], *, on_lost: Callable[[], None]) -> None:
         self._send, self._on_lost = send, on_lost
         self._lock = threading.Lock()
-        self._frames: deque[tuple[Frame, GripperState | None]] = deque(maxlen=_MOST_FRAMES)
+        self._frames: deque[tuple[Frame, GripperState | None]] = deque(maxlen=_MAX_FRAMES)
         self._notes: list[Note] = []
         self._source: FrameSource | None = None
         self._events: Callable[[], LinkCounters] = LinkCounters
-        self._linked = True
-        self._tally = _Tally()
+        self._counts_gaps = True
+        self._frame_counts = _FrameCounts()
         self._recent: deque[tuple[float, int]] = deque()
         self._periods_s: deque[float] = deque(maxlen=_PERIODS)
         self._plan: Plan | None = None
-        self._belief: GraspState | None = None
+        self._grasp_state: GraspState | None = None
         self._progress: GraspProgress | None = None
         self._forecast_s = -math.inf
-        self._closed, self._hurry = threading.Event(), threading.Event()
+        self._closed, self._send_now = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="outlet", daemon=True)
 
     def start(self) -> None:
@@ -84,15 +84,15 @@ class Telemetry:
     def close(self) -> None:
         """Send the rest and end, without waiting for a page that no longer reads."""
         self._closed.set()
-        self._hurry.set()
-        self._thread.join(_FAREWELL_S)
+        self._send_now.set()
+        self._thread.join(_CLOSE_TIMEOUT_S)
 
     def note(self, note: Note, *, at_once: bool = False) -> None:
         """Send a notice; it is never dropped and precedes later frames."""
         with self._lock:
             self._notes.append(note)
         if at_once:
-            self._hurry.set()
+            self._send_now.set()
 
     def begin(
         self,
@@ -109,18 +109,18 @@ class Telemetry:
             self._frames.clear()
             self._recent.clear()
             self._periods_s.clear()
-            self._tally, self._source, self._events = _Tally(), source, events
-            self._linked = linked
+            self._frame_counts, self._source, self._events = _FrameCounts(), source, events
+            self._counts_gaps = linked
             self._notes.append(source)
 
     def set_plan(self, plan: Plan | None) -> None:
         """GraspStates belong to this plan from now on; None: no grasp runs."""
         with self._lock:
-            self._plan, self._belief, self._progress = plan, None, None
+            self._plan, self._grasp_state, self._progress = plan, None, None
 
-    def take_belief(self, grasp_state: GraspState) -> None:
+    def set_grasp_state(self, grasp_state: GraspState) -> None:
         """Take the controller's grasp_state after the last frame."""
-        self._belief = grasp_state
+        self._grasp_state = grasp_state
 
     def show_recorded(
         self, frame: Frame, gripper: GripperState | None, progress: GraspProgress | None
@@ -138,26 +138,26 @@ class Telemetry:
         """Add a frame, with the gripper's state, if any."""
         now_s = time.monotonic()
         with self._lock:
-            tally = self._tally
-            if tally.sequence is not None:
-                gap = max(0, frame.sequence - tally.sequence - 1)
-                tally.lost += gap if self._linked else 0
-                wall_s = now_s - tally.arrived_s
-                old_s = tally.period_s
+            counts = self._frame_counts
+            if counts.sequence is not None:
+                gap = max(0, frame.sequence - counts.sequence - 1)
+                counts.lost += gap if self._counts_gaps else 0
+                wall_s = now_s - counts.arrived_s
+                old_s = counts.period_s
                 self._periods_s.append(wall_s)
-                tally.period_s = wall_s if math.isnan(old_s) else 0.9 * old_s + 0.1 * wall_s
-            tally.frames += 1
-            tally.sequence, tally.arrived_s = frame.sequence, now_s
+                counts.period_s = wall_s if math.isnan(old_s) else 0.9 * old_s + 0.1 * wall_s
+            counts.frames += 1
+            counts.sequence, counts.arrived_s = frame.sequence, now_s
             self._frames.append((frame, gripper))
             self._recent.append((frame.time_s, frame.sequence))
-            while frame.time_s - self._recent[0][0] > _RATE_S:
+            while frame.time_s - self._recent[0][0] > _RATE_WINDOW_S:
                 self._recent.popleft()
 
     def _run(self) -> None:
         last = False
         while not last:
-            self._hurry.wait(SEND_S)
-            self._hurry.clear()
+            self._send_now.wait(SEND_PERIOD_S)
+            self._send_now.clear()
             last = self._closed.is_set()
             try:
                 self._send(self.update())
@@ -171,7 +171,7 @@ class Telemetry:
             notes, self._notes = tuple(self._notes), []
             frames = list(self._frames)
             self._frames.clear()
-            source, plan, grasp_state = self._source, self._plan, self._belief
+            source, plan, grasp_state = self._source, self._plan, self._grasp_state
             link, periods_s = self._link_status(), list(self._periods_s)
         if periods_s:
             p99_s, worst_s = np.quantile(periods_s, [0.99, 1.0])
@@ -181,37 +181,37 @@ class Telemetry:
             link = replace(link, corrupt=events.corrupt, late=events.late)
         progress = self._progress if plan is None else None
         if plan is not None and grasp_state is not None and grasp_state.estimate.frames:
-            progress = self._progress = self._progress_of(grasp_state, plan)
+            progress = self._progress = self._update_progress(grasp_state, plan)
         return Update(
             notes=notes,
             link=link,
-            frames=None if source is None or not frames else columns(frames, source),
+            frames=None if source is None or not frames else frame_columns(frames, source),
             progress=progress,
         )
 
-    def _progress_of(self, grasp_state: GraspState, plan: Plan) -> GraspProgress:
+    def _update_progress(self, grasp_state: GraspState, plan: Plan) -> GraspProgress:
         """Return the progress, with new forecasts a few times a second."""
         now_s = time.monotonic()
-        fresh = now_s - self._forecast_s >= _FORECAST_S
+        fresh = now_s - self._forecast_s >= _FORECAST_PERIOD_S
         if fresh:
             self._forecast_s = now_s
         return grasp_progress_of(grasp_state, plan=plan, before=self._progress, forecasts=fresh)
 
     def _link_status(self) -> LinkStatus:
-        tally, recent = self._tally, self._recent
-        age_s = time.monotonic() - tally.arrived_s
+        counts, recent = self._frame_counts, self._recent
+        age_s = time.monotonic() - counts.arrived_s
         span_s = recent[-1][0] - recent[0][0] if recent else 0.0
-        period_s = 0.0 if math.isnan(tally.period_s) else tally.period_s
+        period_s = 0.0 if math.isnan(counts.period_s) else counts.period_s
         return LinkStatus(
-            frames=tally.frames,
-            lost=tally.lost,
+            frames=counts.frames,
+            lost=counts.lost,
             rate_hz=(recent[-1][1] - recent[0][1]) / span_s if span_s > 0 else math.nan,
             age_s=age_s,
             stale=not age_s <= _STALE.stale_after_s(period_s),
         )
 
 
-def columns(frames: list[tuple[Frame, GripperState | None]], source: FrameSource) -> Frames:
+def frame_columns(frames: list[tuple[Frame, GripperState | None]], source: FrameSource) -> Frames:
     """Return frames as columns, with the gripper's width, mm, or pressure, kPa."""
     states = [state for _, state in frames]
     limits = source.gripper

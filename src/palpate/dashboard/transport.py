@@ -18,9 +18,9 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 _T = TypeVar("_T")
 #: A request is complete this long after its first byte, or after its connection was opened, in
 #: seconds (guess): a page on a slow network takes far less.
-REQUEST_S = 5.0
+REQUEST_TIMEOUT_S = 5.0
 #: Connections at most, where a process may have that many files open; half of those if not.
-MOST_CONNECTIONS = 1000
+MAX_CONNECTIONS = 1000
 
 
 class BoundedConnection(HttpToolsProtocol):
@@ -34,71 +34,71 @@ class BoundedConnection(HttpToolsProtocol):
 
     #: All connections, the one that was silent for longest first.
     _open: ClassVar[dict[BoundedConnection, None]] = {}
-    _late: asyncio.TimerHandle | None = None
+    _timeout: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Wait for the first request."""
         super().connection_made(transport)
-        self._expect()
-        while len(self._open) > most_connections():
+        self._start_timeout()
+        while len(self._open) > connection_limit():
             next(iter(self._open)).drop()
 
     def data_received(self, data: bytes) -> None:
         """Take a piece of a request."""
-        self._expect()
+        self._start_timeout()
         super().data_received(data)
 
     def on_message_complete(self) -> None:
         """Stop the clock: the request is here."""
-        self._finish()
+        self._cancel_timeout()
         super().on_message_complete()
 
     def handle_websocket_upgrade(self) -> None:
         """Hand the connection over."""
-        self._forget()
+        self._remove()
         super().handle_websocket_upgrade()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Remove the connection."""
-        self._forget()
+        self._remove()
         super().connection_lost(exc)
 
     def drop(self) -> None:
         """Close the connection without a word."""
-        self._forget()
+        self._remove()
         self.transport.abort()
 
-    def _expect(self) -> None:
+    def _start_timeout(self) -> None:
         """Start the clock of a request, unless it runs."""
         self._open.pop(self, None)
         self._open[self] = None
-        if self._late is None:
-            self._late = self.loop.call_later(REQUEST_S, self.drop)
+        if self._timeout is None:
+            self._timeout = self.loop.call_later(REQUEST_TIMEOUT_S, self.drop)
 
-    def _forget(self) -> None:
-        self._finish()
+    def _remove(self) -> None:
+        self._cancel_timeout()
         self._open.pop(self, None)
 
-    def _finish(self) -> None:
-        if self._late is not None:
-            self._late.cancel()
-            self._late = None
+    def _cancel_timeout(self) -> None:
+        if self._timeout is not None:
+            self._timeout.cancel()
+            self._timeout = None
 
 
-def most_connections() -> int:
+def connection_limit() -> int:
     """Return how many connections are left open: others of the process need files too."""
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-    return MOST_CONNECTIONS if soft < 0 else min(MOST_CONNECTIONS, soft // 2)
+    return MAX_CONNECTIONS if soft < 0 else min(MAX_CONNECTIONS, soft // 2)
 
 
 #: Python lets another thread run this often, seconds. While a page was being built, an answer of a
 #: direct path took 13.8 ms (p99 41) at the usual 5 ms, and 1.3 ms (p99 18) at this; the median of
 #: 150, two loaded cores.
-_SWITCH_S = 0.0005
+_THREAD_SWITCH_S = 0.0005
 
 
 #: Where files lie that stay as they are.
-_FILES = ("/static/", "/_nicegui/")
+_STATIC_PATHS = ("/static/", "/_nicegui/")
 
 
 class FilesGzip(GZipMiddleware):
@@ -106,7 +106,7 @@ class FilesGzip(GZipMiddleware):
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request."""
-        is_file = scope["type"] == "http" and scope["path"].startswith(_FILES)
+        is_file = scope["type"] == "http" and scope["path"].startswith(_STATIC_PATHS)
         await (super().__call__ if is_file else self.app)(scope, receive, send)
 
 
@@ -160,13 +160,13 @@ class AppThread:
         self._thread = LoopThread("pages")
 
     def __enter__(self) -> AppThread:
-        self._usual_switch_s = sys.getswitchinterval()
-        sys.setswitchinterval(_SWITCH_S)
+        self._previous_switch_s = sys.getswitchinterval()
+        sys.setswitchinterval(_THREAD_SWITCH_S)
         self._thread.__enter__()
         return self
 
     def __exit__(self, *error: object) -> None:
-        sys.setswitchinterval(self._usual_switch_s)
+        sys.setswitchinterval(self._previous_switch_s)
         self._thread.__exit__(*error)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -176,20 +176,20 @@ class AppThread:
             return
         server = asyncio.get_running_loop()
 
-        async def receive_there() -> Message:
+        async def receive_on_server() -> Message:
             return await run_on(server, receive())
 
-        async def send_there(message: Message) -> None:
+        async def send_on_server(message: Message) -> None:
             await run_on(server, send(message))
 
-        await self._thread.run(self._app(scope, receive_there, send_there))
+        await self._thread.run(self._app(scope, receive_on_server, send_on_server))
 
 
 #: Addresses for documentation (RFC 5737, RFC 3849): the route to them leaves this machine.
-_ELSEWHERE = {socket.AF_INET: "198.51.100.1", socket.AF_INET6: "2001:db8::1"}
+_DOCUMENTATION_ADDRESSES = {socket.AF_INET: "198.51.100.1", socket.AF_INET6: "2001:db8::1"}
 
 
-def address_for_others(host: str, port: int) -> str:
+def external_url(host: str, port: int) -> str:
     """Return the address that others can open, of a server that listens at a host.
 
     One that listens everywhere (``0.0.0.0``, ``::``) is found at the address of the network that
@@ -197,26 +197,26 @@ def address_for_others(host: str, port: int) -> str:
 
     Examples
     --------
-    >>> address_for_others("robot.local", 8080)
+    >>> external_url("robot.local", 8080)
     'http://robot.local:8080/'
-    >>> address_for_others("::1", 8080)
+    >>> external_url("::1", 8080)
     'http://[::1]:8080/'
     """
     try:
-        everywhere = ip_address(host).is_unspecified
+        is_wildcard = ip_address(host).is_unspecified
     except ValueError:
-        everywhere = False
-    if everywhere:
-        host = _own_address(socket.AF_INET6 if ":" in host else socket.AF_INET)
+        is_wildcard = False
+    if is_wildcard:
+        host = _outgoing_address(socket.AF_INET6 if ":" in host else socket.AF_INET)
     shown = f"[{host}]" if ":" in host else host
     return f"http://{shown}:{port}/"
 
 
-def _own_address(family: socket.AddressFamily) -> str:
+def _outgoing_address(family: socket.AddressFamily) -> str:
     # Connecting a datagram socket sends nothing: it looks up the route.
-    with socket.socket(family, socket.SOCK_DGRAM) as asking:
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:
-            asking.connect((_ELSEWHERE[family], 9))
+            probe.connect((_DOCUMENTATION_ADDRESSES[family], 9))
         except OSError:
             return "::1" if family is socket.AF_INET6 else "127.0.0.1"
-        return str(asking.getsockname()[0])
+        return str(probe.getsockname()[0])

@@ -19,7 +19,7 @@ from palpate.errors import InputError
 _Value = TypeVar("_Value")
 #: What moves the hand is refused when its press arrives later than this; a slow server may take a
 #: second or two.
-_LATE_S = 4.0
+_MAX_PRESS_AGE_S = 4.0
 
 
 class Viewer:
@@ -43,12 +43,12 @@ class Viewer:
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._session, self._id = session, viewer_id
-        self._knew_stops, self._now_s = session.stops, now_s
+        self._known_stops, self._now_s = session.stops, now_s
         self._pressed_s = math.inf
         self._refreshers: list[tuple[Callable[[], object], ui.element | None]] = []
 
     @property
-    def drives(self) -> bool:
+    def is_driver(self) -> bool:
         """Whether this viewer drives."""
         return self._session.driver == self._id
 
@@ -61,26 +61,26 @@ class Viewer:
         """
         match known:
             case {"stops": int(stops), "at_s": int() | float() as at_s}:
-                self._knew_stops, self._pressed_s = stops, float(at_s)
+                self._known_stops, self._pressed_s = stops, float(at_s)
 
     def order(self, order: Order) -> bool:
         """Send an order; return whether it was accepted, and show a refusal."""
-        return self._try(lambda: self._session.order(self._id, order), moves=True)
+        return self._run_press(lambda: self._session.order(self._id, order), moves=True)
 
     def release(self) -> None:
         """Release the object."""
-        self._try(lambda: self._session.release(self._id), moves=True)
+        self._run_press(lambda: self._session.release(self._id), moves=True)
 
     def request(self, request: Request) -> None:
         """Change the running job, as `Session.request` does."""
-        self._try(lambda: self._session.request(self._id, request))
+        self._run_press(lambda: self._session.request(self._id, request))
 
     def take_over(self) -> None:
         """Drive from now on."""
         self._session.take_over(self._id)
         self.refresh()
 
-    def do(self, action: Action, act: Callable[[], object]) -> bool:
+    def run_action(self, action: Action, act: Callable[[], object]) -> bool:
         """Run an action without devices; return its success, and show a refusal."""
 
         def act_if_allowed() -> None:
@@ -90,7 +90,7 @@ class Viewer:
                 raise InputError(why)
             act()
 
-        return self._try(act_if_allowed)
+        return self._run_press(act_if_allowed)
 
     def button(
         self,
@@ -125,14 +125,14 @@ class Viewer:
 
     def enable_for_driver(self, field: DisableableElement) -> None:
         """Enable a field of the next grasp for the driver alone; others see its value."""
-        self.on_refresh(lambda: field.set_enabled(self.drives), of=field)
+        self.on_refresh(lambda: field.set_enabled(self.is_driver), of=field)
 
     def show_with_gripper(self, element: ui.element) -> None:
         """Show an element only while the rig has a gripper, or none is open yet."""
 
         def show() -> None:
             """Show the element with a gripper, hide it without one."""
-            element.set_visibility(not self._session.devices.sensor_alone)
+            element.set_visibility(not self._session.devices.is_sensor_only)
 
         self.on_refresh(show, of=element)
 
@@ -145,13 +145,13 @@ class Viewer:
         """Show a value now, and again whenever it is another one."""
         shown: list[object] = [object()]
 
-        def look() -> None:
+        def show_if_changed() -> None:
             found = value()
             if found is not shown[0]:
                 shown[0] = found
                 show(found)
 
-        self.on_refresh(look)
+        self.on_refresh(show_if_changed)
 
     def refresh(self) -> None:
         """Update the view of this viewer."""
@@ -161,7 +161,7 @@ class Viewer:
         for refresher, _ in self._refreshers:
             refresher()
 
-    def _try(self, press: Callable[[], None], *, moves: bool = False) -> bool:
+    def _run_press(self, press: Callable[[], None], *, moves: bool = False) -> bool:
         is_done = False
         try:
             # A stop is before it, or after it.
@@ -177,22 +177,22 @@ class Viewer:
 
     def _check_fresh(self) -> None:
         """Refuse a press from before a stop, or one that is too old."""
-        if self._knew_stops < self._session.stops:
+        if self._known_stops < self._session.stops:
             raise InputError("stopped before it began")
-        late_s = self._now_s() - self._pressed_s
-        if late_s > _LATE_S:
-            raise InputError(f"the press came {late_s:.0f} s late: press again")
+        age_s = self._now_s() - self._pressed_s
+        if age_s > _MAX_PRESS_AGE_S:
+            raise InputError(f"the press came {age_s:.0f} s late: press again")
 
     def refuse(self, error: Exception) -> None:
         """Show the reason of a refusal."""
         ui.notify(str(error), type="warning")
 
 
-def heading(text: str) -> ui.html:
+def add_heading(text: str) -> ui.html:
     """Add a heading."""
     return ui.html(f"<h3>{html.escape(text)}</h3>", sanitize=False)
 
 
-def paragraph(text: str) -> ui.html:
+def add_paragraph(text: str) -> ui.html:
     """Add a paragraph."""
     return ui.html(f"<p>{html.escape(text)}</p>", sanitize=False)

@@ -11,11 +11,11 @@ import pytest
 from starlette.responses import PlainTextResponse
 
 from palpate.dashboard.access import (
+    CHECK_INTERVAL_S,
     COOKIE,
-    MOST_WRONG,
-    TURN_S,
+    MAX_WRONG_TOKENS,
     AccessControl,
-    WrongTries,
+    WrongTokens,
     check_token,
     is_loopback,
 )
@@ -213,17 +213,17 @@ def test_endless_body_is_not_read() -> None:
 
 def test_wrong_tokens_delay_their_visitor_alone() -> None:
     clock = [0.0]
-    tries = WrongTries(now_s=lambda: clock[0])
-    for _ in range(MOST_WRONG):
-        assert not tries.has_too_many("a")
-        tries.add("a")
-    assert tries.has_too_many("a")
-    assert not tries.has_too_many("b")
+    times_s = WrongTokens(now_s=lambda: clock[0])
+    for _ in range(MAX_WRONG_TOKENS):
+        assert not times_s.has_too_many("a")
+        times_s.add("a")
+    assert times_s.has_too_many("a")
+    assert not times_s.has_too_many("b")
     clock[0] = 60.1
-    assert not tries.has_too_many("a")
+    assert not times_s.has_too_many("a")
     for number in range(5000):
-        tries.add(str(number))
-    assert len(tries._tries) <= 1001
+        times_s.add(str(number))
+    assert len(times_s._times_s) <= 1001
 
 
 def bearer(token: str) -> dict[str, Any]:
@@ -233,7 +233,7 @@ def bearer(token: str) -> dict[str, Any]:
 def test_right_token_after_wrong_ones_from_its_address_waits_a_turn_and_is_let_in() -> None:
     waits = Waits()
     gate = gate_with(waits=waits)
-    for number in range(MOST_WRONG):
+    for number in range(MAX_WRONG_TOKENS):
         wrong = bearer("wrong-horse") if number % 2 else {"query": "token=wrong-horse"}
         assert ask(gate=gate, **{"host": "robot:8080", **wrong}).status == 403
     for _ in range(20):
@@ -243,7 +243,7 @@ def test_right_token_after_wrong_ones_from_its_address_waits_a_turn_and_is_let_i
     assert ask(gate=gate, **bearer("wrong-horse")).status == 403
     for _ in range(3):
         assert ask(gate=gate, **bearer(TOKEN)).status == 200
-    assert waits.waited_s == [TURN_S] * 3
+    assert waits.waited_s == [CHECK_INTERVAL_S] * 3
     assert ask(gate=gate, **bearer(TOKEN), client="10.0.0.2").status == 200
     assert len(waits.waited_s) == 3, "nobody else waits"
 
@@ -255,7 +255,7 @@ def test_rapid_token_guesses_are_mostly_refused() -> None:
     statuses = [ask(gate=gate, **bearer(f"guess-{n:08d}")).status for n in range(3000)]
     assert set(statuses) == {403, 429}
     # Ten, and then one a second: those that come while several wait are not compared.
-    assert statuses.count(403) == MOST_WRONG + 5
+    assert statuses.count(403) == MAX_WRONG_TOKENS + 5
     assert waits.waited_s == [1.0, 2.0, 3.0, 4.0]
     assert ask(gate=gate, **bearer(TOKEN)).status == 429
 
@@ -265,7 +265,7 @@ def test_stop_after_too_many_wrong_tokens_is_carried_out_without_a_wait(token: s
     waits = Waits()
     gate = gate_with(waits=waits)
     stop = {**bearer(token), "path": "/api/stop", "method": "POST"}
-    for _ in range(MOST_WRONG):
+    for _ in range(MAX_WRONG_TOKENS):
         assert ask(gate=gate, **(stop | bearer("wrong-horse"))).status == 403
     # The same answer for both: it says nothing about the token.
     assert [ask(gate=gate, **stop).status for _ in range(100)] == [200] * 100
@@ -329,23 +329,23 @@ def test_form_is_read_up_to_the_length_limit(length: int, status: int) -> None:
 
 def test_visitors_beyond_the_table_share_one_count() -> None:
     clock = [0.0]
-    tries = WrongTries(now_s=lambda: clock[0])
+    times_s = WrongTokens(now_s=lambda: clock[0])
     for number in range(999):
-        tries.add(str(number))
-    for _ in range(MOST_WRONG):
-        tries.add("the last with a count of its own")
-    assert tries.has_too_many("the last with a count of its own")
-    assert not tries.has_too_many("one more")
-    for number in range(MOST_WRONG):
-        assert not tries.has_too_many("one more")
-        tries.add(f"one more {number}")
-    assert tries.has_too_many("one more")
-    assert not tries.has_too_many("0")
-    for _ in range(MOST_WRONG):
-        tries.add("0")
-    assert tries.has_too_many("0")
+        times_s.add(str(number))
+    for _ in range(MAX_WRONG_TOKENS):
+        times_s.add("the last with a count of its own")
+    assert times_s.has_too_many("the last with a count of its own")
+    assert not times_s.has_too_many("one more")
+    for number in range(MAX_WRONG_TOKENS):
+        assert not times_s.has_too_many("one more")
+        times_s.add(f"one more {number}")
+    assert times_s.has_too_many("one more")
+    assert not times_s.has_too_many("0")
+    for _ in range(MAX_WRONG_TOKENS):
+        times_s.add("0")
+    assert times_s.has_too_many("0")
     clock[0] = 60.0
-    assert tries.has_too_many("0")
+    assert times_s.has_too_many("0")
     clock[0] = 60.1
-    assert not tries.has_too_many("one more")
-    assert not tries.has_too_many("0")
+    assert not times_s.has_too_many("one more")
+    assert not times_s.has_too_many("0")

@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from palpate.dashboard.transport import address_for_others
+from palpate.dashboard.transport import external_url
 
 
 @pytest.mark.parametrize(("host", "family"), [("0.0.0.0", socket.AF_INET), ("::", socket.AF_INET6)])
@@ -17,7 +17,7 @@ def test_network_address_is_reachable_from_other_machines(
     with socket.socket(family) as listening:
         listening.bind((host, 0))
         listening.listen()
-        parts = urlsplit(address_for_others(host, listening.getsockname()[1]))
+        parts = urlsplit(external_url(host, listening.getsockname()[1]))
         assert parts.hostname not in ("0.0.0.0", "::", None)
         with socket.create_connection((parts.hostname, parts.port), timeout=10):
             pass

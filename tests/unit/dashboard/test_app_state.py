@@ -34,10 +34,10 @@ def confirmation(number: int) -> Update:
 
 
 def test_app_state_stop_confirmed_by_the_devices_alone(tmp_path: Path) -> None:
-    async def press() -> list[bool]:
+    async def command() -> list[bool]:
         app_state = app_state_of(tmp_path)
-        unconfirmed = await app_state.stop(patience_s=0.0)
-        second = asyncio.create_task(app_state.stop(patience_s=60.0))
+        unconfirmed = await app_state.stop(timeout_s=0.0)
+        second = asyncio.create_task(app_state.stop(timeout_s=60.0))
         await asyncio.sleep(0)
         app_state.take(confirmation(1))
         await asyncio.sleep(0)
@@ -47,7 +47,7 @@ def test_app_state_stop_confirmed_by_the_devices_alone(tmp_path: Path) -> None:
         app_state.take(confirmation(1))
         return [unconfirmed, early, await second]
 
-    assert asyncio.run(press()) == [False, False, True]
+    assert asyncio.run(command()) == [False, False, True]
 
 
 def names_in(folder: Path) -> list[str]:

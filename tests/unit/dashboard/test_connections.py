@@ -87,7 +87,7 @@ class Client:
 def test_half_open_connections_beyond_the_most_leave_room_for_stop(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(connections, "MOST_CONNECTIONS", 8)
+    monkeypatch.setattr(connections, "MAX_CONNECTIONS", 8)
 
     async def attack() -> None:
         async with serving() as port:
@@ -112,7 +112,7 @@ def test_half_open_connections_beyond_the_most_leave_room_for_stop(
 def test_server_request_timeout_closes_the_connection(
     monkeypatch: pytest.MonkeyPatch, part: bytes, before: bytes
 ) -> None:
-    monkeypatch.setattr(connections, "REQUEST_S", 0.1)
+    monkeypatch.setattr(connections, "REQUEST_TIMEOUT_S", 0.1)
 
     async def hold() -> bool:
         async with serving() as port:
@@ -131,8 +131,8 @@ def test_server_request_timeout_closes_the_connection(
 
 
 def test_a_web_socket_stays_open_without_a_request(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connections, "REQUEST_S", 0.05)
-    monkeypatch.setattr(connections, "MOST_CONNECTIONS", 2)
+    monkeypatch.setattr(connections, "REQUEST_TIMEOUT_S", 0.05)
+    monkeypatch.setattr(connections, "MAX_CONNECTIONS", 2)
 
     async def talk_late() -> str | bytes:
         async with serving() as port, connect(f"ws://127.0.0.1:{port}/ws") as web_socket:
@@ -153,4 +153,4 @@ def test_most_connections_is_half_of_the_file_limit_up_to_1000(
         monkeypatch.setattr(
             connections.resource, "getrlimit", lambda which, soft=soft: (soft, soft)
         )
-        assert connections.most_connections() == most
+        assert connections.connection_limit() == most

@@ -16,13 +16,10 @@ from tests.closings import write_damage_file
 
 from palpate.dashboard.device_process import DeviceProcess
 from palpate.dashboard.messages import (
-    Began,
-    BeingRecorded,
     CalibrateForce,
     CalibrateRest,
     CalibrationRenewed,
     Confirm,
-    Ended,
     Examine,
     FrameSource,
     Grasped,
@@ -31,12 +28,15 @@ from palpate.dashboard.messages import (
     OpenHand,
     OpenRig,
     Order,
+    OrderEnded,
+    OrderStarted,
     Pause,
     Play,
-    Playing,
     Record,
-    RecordedStretch,
+    RecordedSegment,
+    RecordingChanged,
     ReleaseNow,
+    ReplayPosition,
     Seek,
     Shutdown,
     StopConfirmed,
@@ -76,21 +76,21 @@ class Page:
             if wanted(update):
                 return update
 
-    def ended(self, order: Order) -> Ended:
-        found: list[Ended] = []
+    def ended(self, order: Order) -> OrderEnded:
+        found: list[OrderEnded] = []
 
         def wanted(update: Update) -> bool:
-            found.extend(n for n in update.notes if isinstance(n, Ended) and n.order == order)
+            found.extend(n for n in update.notes if isinstance(n, OrderEnded) and n.order == order)
             return bool(found)
 
         self.until(wanted)
         return found[0]
 
-    def done(self, order: Order) -> Ended:
+    def done(self, order: Order) -> OrderEnded:
         self.send(order)
         return self.ended(order)
 
-    def held_and_released(self, order: GraspOrder) -> Ended:
+    def held_and_released(self, order: GraspOrder) -> OrderEnded:
         self.send(order)
         self.until(lambda update: update.progress is not None and update.progress.phase == "hold")
         self.send(ReleaseNow())
@@ -201,7 +201,7 @@ def test_a_release_right_after_a_stop_opens_the_hand(opened: Page, tmp_path: Pat
     opened.send(ReleaseNow())
     assert not opened.ended(OpenHand()).trouble
     notes = [note for update in opened.updates for note in update.notes]
-    (ended,) = [note for note in notes if isinstance(note, Ended) and note.order == order]
+    (ended,) = [note for note in notes if isinstance(note, OrderEnded) and note.order == order]
     assert isinstance(ended.found, Grasped)
     assert ended.found.result.outcome is Outcome.STOPPED
     # One that comes when a grasp has just ended by itself is not lost either.
@@ -213,14 +213,14 @@ def test_stop_cancels_every_order(opened: Page, tmp_path: Path) -> None:
     first = GraspOrder(target_force_n=None, recording=tmp_path / "first.mcap")
     second = GraspOrder(target_force_n=None, recording=tmp_path / "second.mcap")
     opened.send(first)
-    opened.until(lambda update: Began(order=first) in update.notes)
+    opened.until(lambda update: OrderStarted(order=first) in update.notes)
     opened.send(second)
     opened.send(StopNow())
     dropped = opened.ended(second)
     assert (dropped.trouble, dropped.stopped) == ("stopped before it began", True)
     assert not opened.done(OpenHand()).trouble
     # Not later either: what came after the stop has ended, and the dropped one never began.
-    assert Began(order=second) not in [note for one in opened.updates for note in one.notes]
+    assert OrderStarted(order=second) not in [note for one in opened.updates for note in one.notes]
     assert not second.recording.exists()
 
 
@@ -237,7 +237,7 @@ def test_failure_during_a_stop_is_reported(tmp_path: Path, monkeypatch: pytest.M
     with devices_at_work() as page:
         assert not page.done(RIG).trouble
         page.send(first)
-        page.until(lambda update: Began(order=first) in update.notes)
+        page.until(lambda update: OrderStarted(order=first) in update.notes)
         page.send(OpenHand())
         page.send(StopNow())
         assert page.ended(OpenHand()).stopped
@@ -295,7 +295,7 @@ def test_rest_is_calibrated_into_the_file_and_used(opened: Page, tmp_path: Path)
     assert {update.link.lost for update in opened.updates} == {0}
     assert made.force.force_n, "the force readings stay"
     notes = [note for update in opened.updates for note in update.notes]
-    since = notes[notes.index(Began(order=ended.order)) : notes.index(ended)]
+    since = notes[notes.index(OrderStarted(order=ended.order)) : notes.index(ended)]
     assert any(isinstance(note, FrameSource) for note in since), "the next order finds its link"
 
 
@@ -337,11 +337,11 @@ def test_doctor_faultless_twin_is_healthy(opened: Page) -> None:
 def test_watched_frames_are_recorded_without_a_gap(opened: Page, tmp_path: Path) -> None:
     file = tmp_path / "watched.mcap"
     opened.send(Record(file))
-    opened.until(lambda update: BeingRecorded(file) in update.notes)
+    opened.until(lambda update: RecordingChanged(file) in update.notes)
     for _ in range(5):
         opened.until(lambda update: update.frames is not None)
     opened.send(Record(None))
-    opened.until(lambda update: BeingRecorded(None) in update.notes)
+    opened.until(lambda update: RecordingChanged(None) in update.notes)
     recorded = load_recording(file)
     assert len(recorded.sequence) > 10
     assert recorded.info.gripper is None, "no grasp: a replay plays it and decides nothing"
@@ -371,12 +371,12 @@ def test_a_replay_decides_again_and_stays_until_confirmed(opened: Page, tmp_path
     assert not opened.ended(play).trouble
 
 
-def played_to(page: Page, wanted: Callable[[Playing], bool]) -> Playing:
+def played_to(page: Page, wanted: Callable[[ReplayPosition], bool]) -> ReplayPosition:
     """Return the first place of a replay that is as wanted."""
-    found: list[Playing] = []
+    found: list[ReplayPosition] = []
 
     def is_there(update: Update) -> bool:
-        places = (note for note in update.notes if isinstance(note, Playing))
+        places = (note for note in update.notes if isinstance(note, ReplayPosition))
         found.extend(place for place in places if wanted(place))
         return bool(found)
 
@@ -407,7 +407,7 @@ def test_a_replay_is_paused_moved_and_known_as_a_whole(opened: Page, tmp_path: P
     recorded = load_recording(order.recording)
     assert (timeline.start_s, timeline.end_s) == (recorded.time_s[0], recorded.time_s[-1])
     assert [phase for _, phase in timeline.phases][-3:-1] == ["hold", "release"]
-    past = [note.frames.time_s for note in notes if isinstance(note, RecordedStretch)]
+    past = [note.frames.time_s for note in notes if isinstance(note, RecordedSegment)]
     assert np.array_equal(np.concatenate(past), recorded.time_s), "nothing of 15 Hz is thinned"
     starts_s = {phase: time_s for time_s, phase in timeline.phases}
     within_s = (starts_s["hold"] + starts_s["release"]) / 2
@@ -434,12 +434,12 @@ def test_pause_while_the_replay_is_decided_shows_it_paused(opened: Page, tmp_pat
     opened.ended(order)
     play = Play(file=order.recording)
     opened.send(play)
-    opened.until(lambda update: Began(order=play) in update.notes)
+    opened.until(lambda update: OrderStarted(order=play) in update.notes)
     opened.updates.clear()
     opened.send(Pause(True))
     played_to(opened, lambda playing: playing.paused)
     notes = [note for update in opened.updates for note in update.notes]
-    places = [note for note in notes if isinstance(note, Playing)]
+    places = [note for note in notes if isinstance(note, ReplayPosition)]
     (timeline,) = (note for note in notes if isinstance(note, Timeline))
     assert [(place.time_s, place.paused) for place in places] == [(timeline.start_s, True)]
     opened.send(Confirm())

@@ -67,7 +67,7 @@ def test_force_of_an_open_hand_is_not_shown(live: Live, counts: int) -> None:
 
 def test_force_is_hidden_while_opening_and_shown_after_a_stop_midway(live: Live) -> None:
     live.add_frames(pressed(1))
-    live.take_progress(replace(progress(0.1, 5.0), phase="release"))
+    live.set_progress(replace(progress(0.1, 5.0), phase="release"))
     live.add_frames(replace(pressed(1, from_s=0.1), moving=np.array([True])))
     assert live.force is None
     live.add_frames(pressed(1, from_s=0.2))
@@ -84,7 +84,7 @@ def test_settled_is_measured_once_the_hand_held_still_until_the_horizon(
     answered = replace(progress(4.0, 5.0), phase="hold", decided=True, settles_s=20.0, data_s=3.9)
     session = Session(send=lambda message: None)
     session.devices.live = live
-    live.take_progress(answered)
+    live.set_progress(answered)
     for time_s in np.arange(0.0, until_s, 0.1):
         hand = frames if time_s >= opens_s else pressed
         live.add_frames(hand(1, from_s=float(time_s)))
@@ -109,7 +109,7 @@ def test_force_uses_the_gain_of_the_contact(live: Live) -> None:
     gain = Gain(log_mean=math.log(1.5), log_sd=0.05, law_sd=LAW.residual_sd)
     live.add_frames(pressed(1))
     wide = live.force
-    live.take_progress(replace(progress(0.0, 5.0), gains=ContactGains(early=gain, settled=gain)))
+    live.set_progress(replace(progress(0.0, 5.0), gains=ContactGains(early=gain, settled=gain)))
     live.add_frames(pressed(1, from_s=0.1))
     assert live.force.value == pytest.approx(1.5 * wide.value)
     assert live.force.high / live.force.low < wide.high / wide.low
@@ -135,7 +135,7 @@ def test_the_document_has_newtons_marks_and_bounds(live: Live) -> None:
         Moment(time_s=4.6, name="finger_contact", finger=0),
         Moment(time_s=5.0, name="finger_removal", finger=0),
     )
-    live.take_progress(
+    live.set_progress(
         replace(
             progress(6.0, 5.0),
             settled_n=settled_n,
@@ -161,7 +161,7 @@ def test_an_open_hand_touches_nothing(live: Live) -> None:
     session = Session(send=lambda message: None)
     session.devices.live = live
     assert isinstance(SOURCE.gripper, GripperLimits)
-    live.take_progress(
+    live.set_progress(
         replace(progress(1.0, 5.0), moments=(Moment(time_s=0.5, name="finger_contact", finger=0),))
     )
     live.add_frames(frames(1))

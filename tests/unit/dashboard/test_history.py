@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from tests.full_disk import file_size_limit
 
-from palpate.dashboard.folder import LISTED_GRASPS, Entry, History, check_name, entry_of
+from palpate.dashboard.folder import LISTED_GRASPS, Entry, History, check_name, make_entry
 from palpate.dashboard.live import Point
 from palpate.dashboard.messages import Grasped
 from palpate.dashboard.panel_history import counts_html, entry_html
@@ -82,8 +82,12 @@ def test_a_renamed_recording_is_followed(tmp_path: Path) -> None:
     assert history.recent[0].recording == "ripe.mcap"
     assert History(tmp_path).recent == history.recent
     assert history.version > version
-    assert history.of("grasp-1.mcap") is None
-    assert history.of("ripe.mcap") == History(tmp_path).of("ripe.mcap") == ("held", "A17", True)
+    assert history.find_grasp("grasp-1.mcap") is None
+    assert (
+        history.find_grasp("ripe.mcap")
+        == History(tmp_path).find_grasp("ripe.mcap")
+        == ("held", "A17", True)
+    )
     assert '"' not in "".join(history.csv_parts())
     assert "ripe.mcap" in "".join(History(tmp_path).csv_parts())
 
@@ -129,7 +133,7 @@ def test_entry_has_the_answers_of_the_grasp() -> None:
         decision_time_s=1.5,
     )
     force = Measurement(value=2.0, low=1.0, high=3.0, unit="n")
-    entry = entry_of(
+    entry = make_entry(
         Grasped(result=result, recording=Path("folder/grasp-2.mcap")),
         kind="good",
         item_id="A17",
@@ -159,7 +163,9 @@ def test_typed_text_is_escaped(tmp_path: Path) -> None:
 
 def test_a_grasp_that_damaged_its_object_is_listed_as_such(tmp_path: Path) -> None:
     grasped = Grasped(result=GraspResult(outcome=Outcome.HELD), truth={"damaged": True})
-    entry = entry_of(grasped, kind="bad", item_id="", target_force_n=None, simulated=True, curve=())
+    entry = make_entry(
+        grasped, kind="bad", item_id="", target_force_n=None, simulated=True, curve=()
+    )
     assert "held: the object was damaged" in entry_html(entry)
     history = History(tmp_path)
     history.add(entry)
@@ -174,12 +180,12 @@ def test_names_that_lead_out_of_the_folder_are_refused(name: str) -> None:
 
 def test_history_summary_has_last_grasp_and_todays_counts(tmp_path: Path) -> None:
     history = History(tmp_path)
-    assert history.glance() == []
+    assert history.idle_texts() == []
     history.add(ENTRY)
-    (last,) = history.glance()
+    (last,) = history.idle_texts()
     assert last.startswith("last grasp ")
     assert last.endswith(": A17 held, soft")
     now = datetime.now(UTC).isoformat(timespec="seconds")
     for outcome in ("held", "slipped", "held"):
         history.add(replace(ENTRY, outcome=outcome, ended_at=now))
-    assert History(tmp_path).glance()[1] == "today 2 held, 1 slipped"
+    assert History(tmp_path).idle_texts()[1] == "today 2 held, 1 slipped"

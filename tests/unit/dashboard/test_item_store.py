@@ -68,7 +68,7 @@ def test_a_grasp_is_kept_with_its_pixels_and_its_calibration(
     item_store = ItemStore(where)
     assert item_store.pages(limit=50) == ()
     assert not Path(where).exists(), "looking makes no store"
-    item_store.place(
+    item_store.sort_grasp(
         RESULT,
         item_id="berry-7",
         source=SOURCE,
@@ -103,9 +103,9 @@ def test_the_page_of_an_item_shows_every_grasp_and_says_simulated(
 ) -> None:
     item_store = ItemStore(str(tmp_path / "items.sqlite"))
     for _ in range(3):
-        item_store.place(RESULT, item_id="<b>berry</b>", source=SOURCE, recording=recording)
+        item_store.sort_grasp(RESULT, item_id="<b>berry</b>", source=SOURCE, recording=recording)
     found = item_store.page("<b>berry</b>")
-    page = item_html(found, figures=item_store.figures(found))
+    page = item_html(found, figures=item_store.figures_html(found))
     assert 'aria-label="Stiffness over time"' in page
     assert "SIMULATED" in page
     assert "&lt;b&gt;berry&lt;/b&gt;" in page
@@ -123,8 +123,8 @@ def test_item_without_a_stiffness_in_numbers_has_no_figure_of_it(
     result = replace(RESULT, stiffness_n_per_mm=bound, settled_percent=settled)
     item_store = ItemStore(str(tmp_path / "items.sqlite"))
     for _ in range(2):
-        item_store.place(result, item_id="berry-7", source=SOURCE, recording=recording)
-    figures = item_store.figures(item_store.page("berry-7"))
+        item_store.sort_grasp(result, item_id="berry-7", source=SOURCE, recording=recording)
+    figures = item_store.figures_html(item_store.page("berry-7"))
     assert 'aria-label="Settled change over time"' in figures
     assert "Stiffness over time" not in figures
 
@@ -133,7 +133,7 @@ def test_a_store_that_cannot_be_used_is_named(recording: Path, tmp_path: Path) -
     broken = tmp_path / "broken.sqlite"
     broken.write_text("this is no database, whatever its name says" * 100)
     item_store = ItemStore(str(broken))
-    item_store.place(RESULT, item_id="berry-7", source=SOURCE, recording=recording)
+    item_store.sort_grasp(RESULT, item_id="berry-7", source=SOURCE, recording=recording)
     assert str(broken) in item_store.trouble
 
 
@@ -164,11 +164,11 @@ def test_bin_of_an_unnamed_item_uses_the_grasp_only(
     tmp_path: Path, result: GraspResult, found: tuple[str, int | None] | None
 ) -> None:
     item_store = ItemStore(str(tmp_path / "items.sqlite"), rules=RULES)
-    placed = item_store.place(result, item_id="", source=SOURCE)
-    assert set(placed) == {"bin"}
-    given = placed["bin"]
+    placement = item_store.sort_grasp(result, item_id="", source=SOURCE)
+    assert set(placement) == {"bin"}
+    given = placement["bin"]
     assert (None if given is None else (given["name"], given["rule"])) == found
-    assert ItemStore(None).place(result, item_id="", source=SOURCE) == {}
+    assert ItemStore(None).sort_grasp(result, item_id="", source=SOURCE) == {}
 
 
 def test_place_by_all_evidence_stores_the_bin(recording: Path, tmp_path: Path) -> None:
@@ -179,11 +179,11 @@ def test_place_by_all_evidence_stores_the_bin(recording: Path, tmp_path: Path) -
             given_at = datetime(2026, 5, 1, tzinfo=UTC)
             store.add_verdict(Verdict(item_id="A1", about=about, text=text, given_at=given_at))
     item_store = ItemStore(where, rules=RULES)
-    before = item_store.place(sized(60.0), item_id="A1", source=SOURCE)
-    placed = item_store.place(sized(60.0), item_id="A1", source=SOURCE, recording=recording)
-    assert placed == before
-    assert placed["item"] == {"id": "A1", "kind": "avocado", "stage": "ripe", "bruised": True}
-    assert (placed["bin"]["name"], placed["bin"]["rule"]) == ("ripe", 1)
+    before = item_store.sort_grasp(sized(60.0), item_id="A1", source=SOURCE)
+    placement = item_store.sort_grasp(sized(60.0), item_id="A1", source=SOURCE, recording=recording)
+    assert placement == before
+    assert placement["item"] == {"id": "A1", "kind": "avocado", "stage": "ripe", "bruised": True}
+    assert (placement["bin"]["name"], placement["bin"]["rule"]) == ("ripe", 1)
     page = item_store.page("A1")
     verdict = page.latest_verdict(About.BIN)
     assert (len(page.grasps), verdict.text) == (1, "ripe")
@@ -195,10 +195,10 @@ def test_a_store_that_cannot_be_used_gives_no_bin_and_the_reason(
     broken = tmp_path / "broken.sqlite"
     broken.write_text("this is no database, whatever its name says" * 100)
     item_store = ItemStore(str(broken), rules=RULES)
-    placed = item_store.place(sized(40.0), item_id="A1", source=SOURCE, recording=recording)
-    assert placed["bin"] is None
-    assert placed["item"]["id"] == "A1"
-    assert str(broken) in placed["why"]
+    placement = item_store.sort_grasp(sized(40.0), item_id="A1", source=SOURCE, recording=recording)
+    assert placement["bin"] is None
+    assert placement["item"]["id"] == "A1"
+    assert str(broken) in placement["why"]
 
 
 @pytest.mark.slow
@@ -222,11 +222,11 @@ def test_ripening_is_drawn_for_an_item_whose_kind_was_labelled(tmp_path: Path) -
                 store.add_verdict(label)
         store.add_item(Item(item_id="plum", kind="plum"))
     item_store = ItemStore(where)
-    picture = item_store.figures(item_store.page("avocado-1"))
+    picture = item_store.figures_html(item_store.page("avocado-1"))
     assert "<h3>How it ripens</h3><svg" in picture
     assert 'aria-label="Days of avocado-1 and how it may ripen"' in picture
     assert "90 % of courses" in picture
-    assert "How it ripens" not in item_store.figures(item_store.page("plum"))
+    assert "How it ripens" not in item_store.figures_html(item_store.page("plum"))
 
 
 def felt(item_id: str, taken_at: datetime, firm: float) -> Grasp:

@@ -85,14 +85,14 @@ def test_grasp_that_ended_stays_however_long_the_rig_is_watched_after_it(live: L
     for second in range(300):
         live.add_frames(frames(500, from_s=float(second)))
         if second == 40:
-            live.end_grasp()
-    times = [point.time_s for point in live.since(-math.inf)]
+            live.freeze_curve()
+    times = [point.time_s for point in live.points_after(-math.inf)]
     assert times[0] == 0.0
     early_s = [time_s for time_s in times if time_s < 50.9]
     assert early_s == pytest.approx(list(np.arange(2545) / 50), abs=0.003)
     assert len(times) < 2600 + POINTS_PER_S * CURVE_S
     live.clear_curve()
-    assert live.since(-math.inf) == []
+    assert live.points_after(-math.inf) == []
 
 
 def test_change_is_against_the_rest_values(live: Live) -> None:
@@ -138,18 +138,18 @@ def test_a_movement_over_frames_is_one_mark(live: Live) -> None:
 
 
 def test_hand_counts_as_open_only_by_its_report(live: Live) -> None:
-    assert live.open_hand is None
+    assert live.is_hand_open is None
     live.add_frames(frames(1))
-    assert live.open_hand is True
+    assert live.is_hand_open is True
     live.add_frames(replace(frames(1, from_s=1.0), reported=np.array([40.0])))
-    assert live.open_hand is False
+    assert live.is_hand_open is False
     live.add_frames(replace(frames(1, from_s=2.0), reported=np.array([math.nan])))
-    assert live.open_hand is None
+    assert live.is_hand_open is None
 
 
 def test_a_forecast_that_did_not_change_is_one_point_of_the_band(live: Live) -> None:
     for time_s, half in ((1.0, 5.0), (1.1, 5.0), (1.2, 3.0)):
-        live.take_progress(progress(time_s, half))
+        live.set_progress(progress(time_s, half))
     assert [round(band.high - band.low, 6) for band in live.band] == [10.0, 6.0]
 
 
@@ -183,7 +183,7 @@ def test_past_hand_opens_only_after_its_release() -> None:
     live.open_source(SOURCE)
     closing = frames(10, rate_hz=10.0)
     live.add_frames(replace(closing, moving=np.ones(10, dtype=bool)))
-    live.take_progress(replace(progress(0.95, 1.0), phase="release"))
+    live.set_progress(replace(progress(0.95, 1.0), phase="release"))
     opening = frames(10, from_s=1.0, rate_hz=10.0)
     live.add_frames(replace(opening, moving=np.ones(10, dtype=bool)))
     past = document(session, generation=-1, after_s=0.0)["past"]
@@ -362,7 +362,7 @@ def test_operator_sees_the_target_of_the_running_then_of_the_next_grasp() -> Non
 def test_headline_of_a_held_object_off_its_target_is_not_green() -> None:
     session = Session(send=lambda message: None)
     answer = GraspResult(outcome=Outcome.HELD, force_n=FORCE)
-    session.devices.live.take_progress(
+    session.devices.live.set_progress(
         GraspProgress(
             time_s=9.0,
             phase="hold",
@@ -394,7 +394,7 @@ def test_a_replay_is_judged_by_its_own_target() -> None:
         decided=True,
         bounds=Bounds(target_n=3.0),
     )
-    session.devices.live.take_progress(reached)
+    session.devices.live.set_progress(reached)
     shown = document(session, generation=-1, after_s=0.0)
     assert (shown["verdict"]["on_target"], shown["verdict"]["target_force_n"]) == (True, 3.0)
     assert shown["verdict"]["kind"] == "good"

@@ -12,13 +12,11 @@ import pytest
 
 from palpate.dashboard.messages import (
     Action,
-    Began,
     CalibrateForce,
     CalibrationRenewed,
     Confirm,
     DeviceActivity,
     DevicesLost,
-    Ended,
     Examine,
     Frames,
     FrameSource,
@@ -28,10 +26,12 @@ from palpate.dashboard.messages import (
     LinkStatus,
     OpenHand,
     OpenRig,
+    OrderEnded,
+    OrderStarted,
     Play,
-    Playing,
     Record,
     ReleaseNow,
+    ReplayPosition,
     Seek,
     SetSpeed,
     StopNow,
@@ -96,8 +96,8 @@ def rehearsal() -> Rehearsal:
     rehearsal.session.join("a")
     rehearsal.session.join("b")
     rehearsal.session.order("a", OpenRig(name="sim-rigid"))
-    rehearsal.tell(Began(order=OpenRig(name="sim-rigid")), source())
-    rehearsal.tell(Ended(order=OpenRig(name="sim-rigid")))
+    rehearsal.tell(OrderStarted(order=OpenRig(name="sim-rigid")), source())
+    rehearsal.tell(OrderEnded(order=OpenRig(name="sim-rigid")))
     rehearsal.sent.clear()
     return rehearsal
 
@@ -186,7 +186,7 @@ def test_release_is_heard_by_the_running_grasp_and_is_an_order_otherwise(
 ) -> None:
     rehearsal.session.release("a")
     assert rehearsal.sent == [OpenHand()]
-    rehearsal.tell(Ended(order=OpenHand()))
+    rehearsal.tell(OrderEnded(order=OpenHand()))
     rehearsal.session.order("a", GRASP)
     rehearsal.session.release("a")
     assert rehearsal.sent[-1] == ReleaseNow()
@@ -225,7 +225,7 @@ def test_nothing_is_grasped_before_a_rig_is_open() -> None:
 
 def test_failed_order_keeps_the_rig_watched_and_gives_the_reason(rehearsal: Rehearsal) -> None:
     rehearsal.session.order("a", GRASP)
-    rehearsal.tell(Ended(order=GRASP, trouble="no pairs read 0.42 s after a movement"))
+    rehearsal.tell(OrderEnded(order=GRASP, trouble="no pairs read 0.42 s after a movement"))
     assert rehearsal.session.devices.activity is DeviceActivity.WATCHING
     assert rehearsal.session.devices.trouble == "no pairs read 0.42 s after a movement"
 
@@ -233,7 +233,7 @@ def test_failed_order_keeps_the_rig_watched_and_gives_the_reason(rehearsal: Rehe
 def test_session_after_a_failed_opening_has_no_rig(rehearsal: Rehearsal) -> None:
     order = OpenRig(name="lost.toml")
     rehearsal.session.order("a", order)
-    rehearsal.tell(Began(order=order), Ended(order=order, trouble="no such port"))
+    rehearsal.tell(OrderStarted(order=order), OrderEnded(order=order, trouble="no such port"))
     assert rehearsal.session.devices.activity is DeviceActivity.IDLE
     assert "no rig is open" in rehearsal.session.refusal(Action.GRASP, viewer="a")
     assert not rehearsal.session.refusal(Action.OPEN, viewer="a")
@@ -241,18 +241,18 @@ def test_session_after_a_failed_opening_has_no_rig(rehearsal: Rehearsal) -> None
 
 def test_a_grasp_is_kept_with_its_name_and_a_replay_is_not(rehearsal: Rehearsal) -> None:
     held = Grasped(result=GraspResult(outcome=Outcome.HELD))
-    rehearsal.tell(Began(order=GRASP), Ended(order=GRASP, found=held))
+    rehearsal.tell(OrderStarted(order=GRASP), OrderEnded(order=GRASP, found=held))
     assert (rehearsal.session.devices.grasped, rehearsal.kept) == (held, [(held, "")])
     named = replace(GRASP, item_id="berry-7")
     rehearsal.session.order("a", named)
-    rehearsal.tell(Began(order=named), Ended(order=named, found=held))
+    rehearsal.tell(OrderStarted(order=named), OrderEnded(order=named, found=held))
     assert rehearsal.kept == [(held, ""), (held, "berry-7")]
     play = Play(file=Path("old.mcap"))
     rehearsal.session.order("a", play)
-    at_end = Playing(time_s=9.0, paused=True, speed=1.0, grasped=held)
-    rehearsal.tell(Began(order=play), source(replayed=True), at_end)
+    at_end = ReplayPosition(time_s=9.0, paused=True, speed=1.0, grasped=held)
+    rehearsal.tell(OrderStarted(order=play), source(replayed=True), at_end)
     assert rehearsal.session.devices.grasped == held
-    rehearsal.tell(Ended(order=play))
+    rehearsal.tell(OrderEnded(order=play))
     assert rehearsal.session.devices.grasped is None
     assert len(rehearsal.kept) == 2
 
@@ -260,7 +260,7 @@ def test_a_grasp_is_kept_with_its_name_and_a_replay_is_not(rehearsal: Rehearsal)
 def test_only_a_requested_step_can_be_confirmed(rehearsal: Rehearsal) -> None:
     with pytest.raises(InputError, match="nothing is asked"):
         rehearsal.session.request("a", Confirm())
-    rehearsal.tell(Guide(text="Lay 2 N on the pad", asks=True))
+    rehearsal.tell(Guide(text="Lay 2 N on the pad", needs_confirmation=True))
     with pytest.raises(InputError, match="take over"):
         rehearsal.session.request("b", Confirm())
     rehearsal.session.request("a", Confirm())
@@ -275,7 +275,7 @@ def test_recording_continues_during_watching(rehearsal: Rehearsal) -> None:
 def test_new_grasp_starts_a_new_curve_and_clears_the_verdict(rehearsal: Rehearsal) -> None:
     generation = rehearsal.session.devices.live.generation
     rehearsal.session.devices.grasped = Grasped(result=GraspResult(outcome=Outcome.HELD))
-    rehearsal.tell(Began(order=GRASP))
+    rehearsal.tell(OrderStarted(order=GRASP))
     assert rehearsal.session.devices.live.generation > generation
     assert rehearsal.session.devices.grasped is None
 
@@ -288,15 +288,15 @@ def test_stop_before_the_hand_moves_replaces_the_last_outcome(
     devices.grasped = Grasped(result=GraspResult(outcome=Outcome.HELD))
     rehearsal.session.order("a", GRASP)
     if began:
-        rehearsal.tell(Began(order=GRASP))
-    rehearsal.tell(Ended(order=GRASP, trouble="stopped before it began", stopped=True))
+        rehearsal.tell(OrderStarted(order=GRASP))
+    rehearsal.tell(OrderEnded(order=GRASP, trouble="stopped before it began", stopped=True))
     page = document(rehearsal.session, generation=-1, after_s=0.0)
     assert (page["verdict"]["text"], page["verdict"]["kind"]) == ("stopped, hand open", "idle")
     assert page["operator"]["word"] == "Stopped, hand open"
     assert page["operator"]["next"] == "Put the next item in, then press Grasp"
     assert not page["trouble"]
     assert not rehearsal.session.refusal(Action.GRASP, viewer="a")
-    rehearsal.tell(Began(order=GRASP), Ended(order=GRASP, trouble="no such file"))
+    rehearsal.tell(OrderStarted(order=GRASP), OrderEnded(order=GRASP, trouble="no such file"))
     page = document(rehearsal.session, generation=-1, after_s=0.0)
     assert (page["operator"]["word"], page["trouble"]) == ("Ready", "no such file")
 
@@ -322,17 +322,19 @@ def test_a_stopped_calibration_is_known_with_its_step_until_the_next_order(
     rehearsal: Rehearsal,
 ) -> None:
     order = CalibrateForce(file=Path("pad.json"), loads_n=(1.0, 2.0))
-    rehearsal.tell(Began(order=order), Guide(text="Lay 2 N on the pad", asks=True))
-    rehearsal.tell(Ended(order=order, trouble="stopped on request", stopped=True))
+    rehearsal.tell(
+        OrderStarted(order=order), Guide(text="Lay 2 N on the pad", needs_confirmation=True)
+    )
+    rehearsal.tell(OrderEnded(order=order, trouble="stopped on request", stopped=True))
     failure = rehearsal.session.devices.calibration_failure
     assert (failure.stopped, failure.step) == (True, "Lay 2 N on the pad")
     assert rehearsal.session.devices.trouble == ""
-    rehearsal.tell(Began(order=order))
+    rehearsal.tell(OrderStarted(order=order))
     assert rehearsal.session.devices.calibration_failure is None
-    rehearsal.tell(Ended(order=order, trouble="no frame in 2 s"))
+    rehearsal.tell(OrderEnded(order=order, trouble="no frame in 2 s"))
     failure = rehearsal.session.devices.calibration_failure
     assert (failure.stopped, failure.step, failure.reason) == (False, "", "no frame in 2 s")
-    rehearsal.tell(Began(order=order))
-    rehearsal.tell(Ended(order=order, found=CALIBRATED))
+    rehearsal.tell(OrderStarted(order=order))
+    rehearsal.tell(OrderEnded(order=order, found=CALIBRATED))
     assert rehearsal.session.devices.calibration_failure is None
     assert rehearsal.session.devices.calibrated is CALIBRATED

@@ -91,7 +91,7 @@ def test_closed_page_is_reported_once() -> None:
 def test_ending_does_not_wait_for_a_page_that_reads_no_more(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(telemetry_module, "_FAREWELL_S", 0.01)
+    monkeypatch.setattr(telemetry_module, "_CLOSE_TIMEOUT_S", 0.01)
     stuck, sending = threading.Event(), threading.Event()
 
     def send(_: Update) -> None:

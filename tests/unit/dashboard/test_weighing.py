@@ -57,7 +57,7 @@ class PadAndUser:
             self.seen.append(note.text)
             if self.gives_up_at and self.gives_up_at in note.text:
                 self.context.requests.stop.set()
-            if note.asks:
+            if note.needs_confirmation:
                 self.load_n = float(note.text.removeprefix("Lay ").removesuffix(" N on the pad"))
                 self.context.confirmed.set()
 

@@ -99,13 +99,13 @@ function drawVerdict(doc) {
 
 // What a person is to do now, how far it is, and the button that confirms it. A replay is left by its timeline.
 function drawGuide({ guide, source }) {
-  const isShown = guide && !(guide.asks && source?.replayed);
+  const isShown = guide && !(guide.needs_confirmation && source?.replayed);
   $("guide").classList.toggle("hidden", !isShown);
   if (!isShown) return;
   say($("guide-text"), guide.text);
-  $("guide-share").classList.toggle("hidden", guide.share === null);
-  $("guide-share").value = guide.share ?? 0;
-  $("confirm").classList.toggle("hidden", !guide.asks);
+  $("guide-progress").classList.toggle("hidden", guide.fraction === null);
+  $("guide-progress").value = guide.fraction ?? 0;
+  $("confirm").classList.toggle("hidden", !guide.needs_confirmation);
 }
 
 // A link to an item or a recording turns to its tab; opened in another window it is a page of its own.
