@@ -132,12 +132,12 @@ def results(port: int, folder: Path, *, count: int) -> None:
     listening = Subscriber(port, "bench")
     broker = Broker(host="127.0.0.1", port=port, tls=False, topic="bench")
     complaints: Queue[str] = Queue()
-    publisher = Publisher(broker, store=folder / "bench.sqlite", complain=complaints.put)
+    publisher = Publisher(broker, store=folder / "bench.sqlite", on_error=complaints.put)
     listening.until("online")
     text, call_ms, arrived_ms = "x" * 3000, [], []
     for number in range(count):
         began_s = time.perf_counter()
-        publisher.result({"number": number, "text": text})
+        publisher.publish_result({"number": number, "text": text})
         call_ms.append(1e3 * (time.perf_counter() - began_s))
         listening.until("result")
         arrived_ms.append(1e3 * (time.perf_counter() - began_s))

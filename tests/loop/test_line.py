@@ -177,7 +177,7 @@ def test_modbus_wrong_command_and_address_are_exceptions_with_a_reason(station: 
             beside = await client.write_register(modbus.STATE, 1)
             return wrong.exception_code, beside.exception_code, modbus.text_of(why)
 
-    assert asyncio.run(work()) == (3, 2, "command 9: there are 1 to 5")
+    assert asyncio.run(work()) == (3, 2, "command 9: use a number from 1 to 5")
 
 
 def test_opcua_wrong_force_is_refused_with_a_status_and_a_reason(station: Served) -> None:

@@ -58,7 +58,7 @@ def broker_file(folder: Path, port: int) -> str:
 
 def publisher_to(broker: BrokerProcess, store: Path, complaints: Queue[str]) -> Publisher:
     plain = Broker(host="127.0.0.1", port=broker.port, tls=False, topic=TOPIC)
-    return Publisher(plain, store=store, complain=complaints.put)
+    return Publisher(plain, store=store, on_error=complaints.put)
 
 
 def numbers(documents: list[dict[str, int]]) -> list[int]:
@@ -177,12 +177,12 @@ def test_results_arrive_in_order_when_the_broker_is_away_in_the_middle(
 ) -> None:
     publisher = publisher_to(broker, tmp_path / "items.sqlite", Queue())
     for number in range(first):
-        publisher.result({"number": number})
+        publisher.publish_result({"number": number})
     heard = [subscriber.until("result") for _ in range(min(first, 5))]
     broker.stop() if first > 1 else broker.kill()
     assert heard[-1]["number"] < 299, "most are still to come"
     for number in range(first, 300):
-        publisher.result({"number": number})
+        publisher.publish_result({"number": number})
     broker.start()
     while heard[-1]["number"] < 299:
         heard.append(subscriber.until("result"))
@@ -216,9 +216,9 @@ def test_store_that_cannot_be_opened_is_reported_and_results_are_sent(
     (tmp_path / "items.sqlite").write_bytes(b"no database" * 100)
     listening = Subscriber(broker.port, TOPIC)
     publisher = publisher_to(broker, tmp_path / "items.sqlite", complaints)
-    publisher.result({"number": 1})
+    publisher.publish_result({"number": 1})
     assert listening.until("result") == {"number": 1}
-    assert "results wait in memory alone" in complaints.get(timeout=PATIENCE_S)
+    assert "unsent results are kept in memory only" in complaints.get(timeout=PATIENCE_S)
     publisher.close()
     listening.close()
 
@@ -249,10 +249,10 @@ def test_a_broker_with_tls_and_a_password(tmp_path: Path) -> None:
     for password in ("guess", "sesame"):
         complaints: Queue[str] = Queue()
         asked = read_broker(file, environment={"PALPATE_MQTT_PASSWORD": password})
-        publisher = Publisher(asked, store=tmp_path / "items.sqlite", complain=complaints.put)
-        publisher.result({"password": password})
+        publisher = Publisher(asked, store=tmp_path / "items.sqlite", on_error=complaints.put)
+        publisher.publish_result({"password": password})
         if password == "guess":
-            assert "look at username and password" in complaints.get(timeout=PATIENCE_S)
+            assert "check username and password" in complaints.get(timeout=PATIENCE_S)
         else:
             # What the wrong password could not bring waited.
             assert listening.until("result") == {"password": "guess"}

@@ -137,12 +137,12 @@ class LiveStream:
             # The twin's clock is its own, and is held to the pace of the wall's from here on.
             self._zero_unix_ns = self._wall_zero_unix_ns(time_s)
         for event in self._events(time_s, silent=frame is None):
-            self._server.record(event)
+            self._server.send_recorded(event)
         if frame is not None:
             self._send(frame)
         if time_s >= self._next_link_s:
             self._next_link_s = time_s + _LINK_S
-            self._server.link(self._link(time_s))
+            self._server.send_link(self._link(time_s))
 
     def close(self) -> None:
         """Stop sending."""
@@ -150,13 +150,13 @@ class LiveStream:
 
     def _send(self, frame: Frame) -> None:
         reading = self._reading
-        self._server.record(frame)
+        self._server.send_recorded(frame)
         if reading.source.gripper is not None:
-            self._server.record(reading.source.gripper.state())
+            self._server.send_recorded(reading.source.gripper.state())
         if reading.change_percent is not None:
-            self._server.change(frame.time_s, reading.change_percent)
+            self._server.send_change(frame.time_s, reading.change_percent)
         if reading.force_n is not None:
-            self._server.force(frame.time_s, reading.force_n)
+            self._server.send_force(frame.time_s, reading.force_n)
 
     def _events(self, time_s: float, *, silent: bool) -> Iterator[Event]:
         """Yield new events: touches, losses, silence."""

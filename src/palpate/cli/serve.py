@@ -122,7 +122,7 @@ def _publisher(file: Path, *, store: str | None) -> Publisher:
     from palpate.mqtt.publisher import Publisher
 
     return Publisher(
-        read_broker(file), store=store, complain=lambda text: say(f"palpate serve: {text}")
+        read_broker(file), store=store, on_error=lambda text: say(f"palpate serve: {text}")
     )
 
 

@@ -186,12 +186,12 @@ def _add_routes(app_state: AppState) -> None:
 
 def _add_publisher(app: Any, app_state: AppState, publisher: Publisher) -> None:
     """Publish every result and the state while the application runs."""
-    app_state.on_result.append(publisher.result)
+    app_state.on_result.append(publisher.publish_result)
     running: list[asyncio.Task[None]] = []
 
     async def publish() -> None:
         while True:
-            publisher.state(app_state.state())
+            publisher.publish_state(app_state.state())
             await asyncio.sleep(_PUBLISH_PERIOD_S)
 
     async def start() -> None:

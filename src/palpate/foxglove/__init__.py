@@ -1,12 +1,11 @@
-"""A sensor's data for every Foxglove that connects: the channels of a recording, and more.
+"""Stream a sensor's data to Foxglove: the channels of a recording and live estimates.
 
-`layout.json` is the arrangement of panels that a user imports there. Its form is that of the app's
-own export.
+`layout.json` is a Foxglove layout in the format of the app's own export.
 """
 
 from pathlib import Path
 
-#: The layout that a user imports in Foxglove.
+#: The panel layout, to be imported in Foxglove.
 LAYOUT = Path(__file__).with_name("layout.json")
 
 __all__ = ["LAYOUT"]

@@ -1,7 +1,7 @@
-"""The live channels: topics, JSON schemas and messages that a recording does not have.
+"""The live channels that a recording does not have: topics, JSON schemas and messages.
 
-What a recording has (frames, gripper states, events) is sent as it is recorded. A quantity that is
-not known is left out of its message: Foxglove reads no null in a schema of numbers.
+Frames, gripper states and events are sent in the format of a recording. A message omits unknown
+quantities, because Foxglove does not accept null in a numeric field.
 """
 
 from __future__ import annotations
@@ -27,25 +27,24 @@ _compact = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Link:
-    """Where the frames come from, and how the link does."""
+    """Source of the frames and quality of the link."""
 
     time_s: float
     #: Name of the rig or port.
     source: str
     simulated: bool
-    #: Frames per second of late; NaN before there are two.
+    #: Recent frame rate; NaN before the second frame.
     rate_hz: float
-    #: Counts since the start: frames, gaps in their numbers, damaged packets.
+    #: Counts since the start: received frames, lost frames, corrupt packets.
     frames: int
     lost: int
     corrupt: int
 
 
 def live_schemas(layout: ArrayLayout) -> dict[str, dict[str, Any]]:
-    """Return topic -> JSON schema of the live channels.
+    """Return the JSON schemas of the live channels by topic.
 
-    `layout`: each of its pixels has a field of its own in ``/change``, named as in an exported
-        table.
+    `layout`: every pixel gets a field in ``/change``, with the column name of an exported table.
     """
     return {
         "/change": message_schema(
@@ -68,7 +67,7 @@ def live_schemas(layout: ArrayLayout) -> dict[str, dict[str, Any]]:
 
 
 def encode_change(time_s: float, change_percent: FloatArray, *, layout: ArrayLayout) -> bytes:
-    """Turn relative changes, shape (rows, cols), into the JSON of ``/change``.
+    """Encode relative changes, shape (rows, cols), as a ``/change`` message.
 
     >>> import numpy as np
     >>> layout = ArrayLayout(name="pad", rows=1, cols=2, finger_of_row=(0,))
@@ -80,7 +79,7 @@ def encode_change(time_s: float, change_percent: FloatArray, *, layout: ArrayLay
 
 
 def encode_force(time_s: float, force_n: Measurement) -> bytes:
-    """Turn a force with its interval into the JSON of ``/force``.
+    """Encode a force with its interval as a ``/force`` message.
 
     >>> encode_force(0.5, Measurement(value=2.0, low=1.5, high=2.6, unit="n"))
     b'{"time_s":0.5,"force_n":2.0,"low_n":1.5,"high_n":2.6,"level":0.9}'
@@ -90,13 +89,13 @@ def encode_force(time_s: float, force_n: Measurement) -> bytes:
 
 
 def encode_link(link: Link) -> bytes:
-    """Turn the state of the link into the JSON of ``/link``."""
+    """Encode the state of the link as a ``/link`` message."""
     fields = asdict(link)
     return _encode(fields.pop("time_s"), fields)
 
 
 def heat_map_data(change_percent: FloatArray) -> bytes:
-    """Return the pixels of the heat map, row by row."""
+    """Return the pixels of the heat map in row-major order, 32-bit little-endian floats."""
     return change_percent.astype("<f4").tobytes()
 
 

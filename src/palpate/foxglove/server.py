@@ -1,7 +1,7 @@
-"""The websocket server that Foxglove connects to: the SDK's, in threads of its own.
+"""The WebSocket server for Foxglove, based on the Foxglove SDK and its threads.
 
-A message is encoded only for topics with a subscriber, and handing one over never waits:
-a viewer that is too slow misses messages.
+Messages are encoded only for topics with a subscriber. Sending never blocks; a slow viewer misses
+messages.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ with require_extra("--foxglove", extra="foxglove"):
 
 
 class FoxgloveServer:
-    """Sends messages to every Foxglove that subscribed to their topic.
+    """Sends messages to all connected Foxglove viewers that subscribe to their topics.
 
-    `host`, `port`: where to listen; port 0 takes a free one.
-    `name`: what Foxglove calls the source.
-    `unix_ns`: gives the Unix time, nanoseconds, of a time on the sensor's clock, seconds.
-    Raises `InputError` if it can't listen there; `MissingExtraError`: on import, without the
-    Foxglove SDK.
+    `host`, `port`: listening address; port 0 selects a free port.
+    `name`: name of the source in Foxglove.
+    `unix_ns`: converts a time on the sensor's clock (seconds) to Unix time (nanoseconds).
+    Raises `InputError` if the server can't listen at this address. Importing the module raises
+    `MissingExtraError` without the Foxglove SDK.
     """
 
     def __init__(
@@ -50,8 +50,8 @@ class FoxgloveServer:
         unix_ns: Callable[[float], int],
     ) -> None:
         self._layout, self._unix_ns = layout, unix_ns
-        # Not the SDK's global one: two servers of a process have channels of the same names. Kept,
-        # because a server whose context is gone no longer answers.
+        # A separate context, because two servers in a process use the same channel names. The
+        # attribute keeps the context alive; the server stops answering without it.
         self._context = context = foxglove.Context()
         self._channels = {
             topic: foxglove.Channel(topic, schema=schema, context=context)
@@ -65,14 +65,14 @@ class FoxgloveServer:
                 f"--foxglove {host}:{port}: {error}; choose another address"
             ) from error
         shown = f"[{host}]" if ":" in host else host
-        #: What to type in Foxglove.
+        #: URL to open in Foxglove.
         self.address = f"ws://{shown}:{self._server.port}"
 
-    def record(self, message: RecordedMessage) -> None:
-        """Send a frame, gripper state, event or load cell reading, as a recording has it."""
+    def send_recorded(self, message: RecordedMessage) -> None:
+        """Send a recorded message: frame, gripper state, event or load cell reading."""
         self._log(topic_of(message), message.time_s, lambda: encode(message))
 
-    def change(self, time_s: float, change_percent: FloatArray) -> None:
+    def send_change(self, time_s: float, change_percent: FloatArray) -> None:
         """Send relative changes, shape (rows, cols), as numbers and as a heat map."""
         layout = self._layout
         self._log("/change", time_s, lambda: encode_change(time_s, change_percent, layout=layout))
@@ -89,16 +89,16 @@ class FoxgloveServer:
             )
             self._heat_map.log(image, log_time=time_ns)
 
-    def force(self, time_s: float, force_n: Measurement) -> None:
+    def send_force(self, time_s: float, force_n: Measurement) -> None:
         """Send the force with its interval."""
         self._log("/force", time_s, lambda: encode_force(time_s, force_n))
 
-    def link(self, link: Link) -> None:
-        """Send where the frames come from, and how the link does."""
+    def send_link(self, link: Link) -> None:
+        """Send the source of the frames and the state of the link."""
         self._log("/link", link.time_s, lambda: encode_link(link))
 
     def close(self) -> None:
-        """Send nothing more."""
+        """Stop the server."""
         self._server.stop()
 
     def _log(self, topic: str, time_s: float, encoded: Callable[[], bytes]) -> None:

@@ -1,1 +1,1 @@
-"""OPC UA and Modbus TCP: commands and results of `palpate serve` for a line's controllers."""
+"""OPC UA and Modbus TCP interfaces of `palpate serve` for the controllers of a packing line."""

@@ -1,4 +1,4 @@
-"""The grasps of an item as events of EPCIS 2.0, for a packhouse's traceability."""
+"""Convert the grasps of an item to EPCIS 2.0 events for traceability."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from palpate.line.gs1 import item_uri
 from palpate.produce.records import About, Grasp, Verdict
 from palpate.produce.store.item_history import ItemHistory
 
-#: Measurement -> its type, of the GS1 Web Vocabulary where it has one, and its unit by UN/ECE
-#: Recommendation 20.
-_REPORTED = {
+#: Measurement -> type (a GS1 Web Vocabulary term if one exists) and unit (UN/ECE Recommendation
+#: 20).
+_REPORT_TYPES = {
     "size_mm": ("Length", "MMT"),
     "force_n": ("Force", "NEW"),
     "stiffness_n_per_mm": ("palpate:stiffness", "F47"),
     "firmness": ("palpate:firmness", "C62"),
 }
-#: Field of a report -> part of the measurement; absent where it is not known.
+#: Field of a report -> part of the measurement; a report omits unknown parts.
 _NUMBERS = {
     "value": "value",
     "palpate:low": "low",
@@ -33,11 +33,12 @@ _CONTEXT = (
 
 
 def epcis_document(history: ItemHistory, *, created_at: datetime) -> dict[str, Any]:
-    """Return an EPCIS document with an event for each grasp of an item.
+    """Return an EPCIS document with one event for each grasp of an item.
 
-    `created_at`: aware, stated as the creation of the document. An event has a sensor report for
-    each measurement, with the ends of its interval in ``palpate:low`` and ``palpate:high``, and one
-    for the bin.
+    Each event has a sensor report for every measurement and one for the bin. The fields
+    ``palpate:low`` and ``palpate:high`` are the limits of the measurement's interval.
+
+    `created_at`: creation date of the document, timezone-aware.
     """
     return {
         "@context": list(_CONTEXT),
@@ -64,7 +65,7 @@ def _event(grasp: Grasp, *, verdicts: Sequence[Verdict]) -> dict[str, Any]:
         "palpate:simulated": grasp.is_simulated,
     }
     reports: list[dict[str, Any]] = []
-    for name, (kind, unit) in _REPORTED.items():
+    for name, (kind, unit) in _REPORT_TYPES.items():
         if (measurement := grasp.measurements.get(name)) is None:
             continue
         found = measurement.to_dict()

@@ -1,4 +1,4 @@
-"""GS1 labels: the item that a scanner reads, and its URI."""
+"""Read GS1 labels, and build the URI of an item."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ from biip.gs1_messages import GS1Message
 
 from palpate.errors import InputError
 
-#: A scanner's prefix of a GS1 symbol, a Digital Link with a GTIN or an SSCC, or the printed text.
+#: Matches a scanned GS1 symbol (by its prefix), a Digital Link with a GTIN or SSCC, or the
+#: human-readable text of a label.
 _LABEL = re.compile(r"\](C1|d2|Q3|e0|J1)|https?://\S+/0[01]/\d|\(0[01]\)\d")
 
 
 def read_label(text: str) -> str:
-    """Return the item that a scanned text names, as GS1 prints it below the symbol.
+    """Return the item identifier of a scanned text, in GS1's human-readable form.
 
-    A text that is no GS1 label is returned as it is. Raises `InputError` if the label is damaged or
-    names a product and not one item.
+    Text that is not a GS1 label is returned unchanged. Raises `InputError` if the label is invalid
+    or identifies a product without a serial number.
 
     >>> read_label("]d2010401234500001621A17")
     '(01)04012345000016(21)A17'
@@ -47,13 +48,13 @@ def read_label(text: str) -> str:
     keys = ("00",) if "00" in elements else ("01", "21")
     if not elements.keys() >= set(keys):
         raise InputError(
-            f"label {text!r}: it names a product, not one item; it needs a serial number (21)"
+            f"label {text!r}: it identifies a product, not an item; a serial number (21) is missing"
         )
     return "".join(f"({key}){elements[key].value}" for key in keys)
 
 
 def item_uri(item_id: str) -> str:
-    """Return an item's URI: GS1 Digital Link for a labelled item, else a URN.
+    """Return an item's URI: a GS1 Digital Link for a GS1 identifier, otherwise a URN.
 
     >>> item_uri("(01)04012345000016(21)A17"), item_uri("tray 4")
     ('https://id.gs1.org/01/04012345000016/21/A17', 'urn:palpate:item:tray%204')

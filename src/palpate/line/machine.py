@@ -1,4 +1,4 @@
-"""A station for a line's controller: one state, one result, three commands."""
+"""The interface between a station and the line protocols: state, result and commands."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from typing import Any, Protocol
 
 
 class LineState(IntEnum):
-    """States in the manner of PackML (ISA-TR88.00.02), as far as a station has them."""
+    """States of a station, a subset modelled on PackML (ISA-TR88.00.02)."""
 
-    #: No rig, no fresh frames, or a hand that is not open: release first.
+    #: No rig is open, frames are stale, or the hand is not open (release first).
     STOPPED = 0
-    #: A grasp can begin.
+    #: Ready for a grasp.
     IDLE = 1
-    #: A grasp is under way.
+    #: A grasp is running.
     EXECUTE = 2
-    #: The object is held and its answer is known: release it.
+    #: The object is held and measured; release it.
     HOLDING = 3
-    #: The devices are gone or at fault.
+    #: The devices are lost or report a fault.
     ABORTED = 4
 
 
 class Machine(Protocol):
-    """What a protocol needs of the server, on the event loop of the protocols.
+    """The server's interface for a protocol, called on the protocols' event loop.
 
-    Commands raise `CommandRefusedError` where they can't be carried out now, `InputError` for a bad
-    value.
+    Commands raise `CommandRefusedError` if they can't be executed now and `InputError` for an
+    invalid value.
     """
 
     def state(self) -> Mapping[str, Any]:
@@ -34,7 +34,7 @@ class Machine(Protocol):
         ...
 
     def result(self) -> tuple[int, Mapping[str, Any] | None]:
-        """Return how many grasps have ended in this run, and the document of the last."""
+        """Return the number of grasps finished in this run and the last grasp document."""
         ...
 
     async def grasp(
@@ -46,7 +46,7 @@ class Machine(Protocol):
         kind: str,
         stops: int | None,
     ) -> str:
-        """Begin a grasp; return the name of its recording."""
+        """Start a grasp; return the name of its recording."""
         ...
 
     async def release(self, driver: str) -> None:
@@ -54,23 +54,23 @@ class Machine(Protocol):
         ...
 
     async def take_over(self, driver: str) -> None:
-        """Drive from now on."""
+        """Make this client the driver."""
         ...
 
     async def leave(self, driver: str) -> None:
-        """Let another client drive."""
+        """Give up control so that another client can drive."""
         ...
 
     async def stop(self) -> bool:
-        """Stop; return whether the devices confirmed that the stop reached the hand."""
+        """Stop the hand; return whether the devices confirmed the stop."""
         ...
 
 
 class Line(Protocol):
-    """One protocol, serving."""
+    """A running protocol server."""
 
     async def refresh(self) -> None:
-        """Show what has changed."""
+        """Update the published values."""
         ...
 
     async def close(self) -> None:
@@ -79,11 +79,11 @@ class Line(Protocol):
 
 
 class CommandRefusedError(Exception):
-    """A command that can't be carried out now; its text is a one-line reason."""
+    """A command can't be executed now; the message is a one-line reason."""
 
 
 def line_state(document: Mapping[str, Any]) -> LineState:
-    """Return the state of a station from its state document.
+    """Return the line state for a state document.
 
     >>> line_state({"activity": "watching", "fresh": True, "hand_open": True, "trouble": ""}).name
     'IDLE'

@@ -1,4 +1,4 @@
-"""Modbus TCP: the register map of a station (docs: Connect a packhouse)."""
+"""Serve the register map of a station over Modbus TCP (docs: Connect a packhouse)."""
 
 from __future__ import annotations
 
@@ -20,35 +20,35 @@ with require_extra("--modbus", extra="line"):
     from pymodbus.server import ModbusTcpServer
     from pymodbus.simulator import DataType, SimData, SimDevice
 
-#: How this protocol is named among those who drive.
+#: Driver name of this protocol.
 DRIVER = "modbus"
-#: Addresses, zero-based; every register holds 16 bits, longer values have the high word first.
+#: Zero-based addresses of 16-bit registers; longer values are stored high word first.
 STATE, FLAGS, STOPS, RESULTS, OUTCOME, VALUES = 0, 1, 2, 4, 6, 8
 ITEM, BIN, REFUSAL = 100, 140, 180
 COMMAND, TARGET, KNOWN_STOPS, NEW_ITEM = 300, 301, 302, 310
-#: Registers of a text (two letters each, ASCII, filled with zeros), and of the whole map.
-TEXT_REGISTERS, END = 40, 350
-#: Commands that are written to `COMMAND`.
+#: Number of registers of a text (two ASCII characters each, zero-padded) and of the whole map.
+TEXT_REGISTERS, REGISTER_COUNT = 40, 350
+#: Values for the register `COMMAND`.
 GRASP, RELEASE, STOP, TAKE_OVER, LEAVE = 1, 2, 3, 4, 5
-#: In `KNOWN_STOPS`: the sender doesn't compare.
+#: Value of `KNOWN_STOPS` that disables the comparison of the stop count.
 ANY_STOPS = 0xFFFFFFFF
 
 
 class ModbusStation:
     """Serves the registers of a machine.
 
-    `machine`: called on the event loop that `start` runs on.
+    `machine`: its methods are called on the event loop that runs `start`.
     """
 
     def __init__(self, machine: Machine) -> None:
         self._machine, self._refusal = machine, ""
         self._server: ModbusTcpServer | None = None
-        self._written = [0] * (END - COMMAND)
+        self._written = [0] * (REGISTER_COUNT - COMMAND)
         self._written[KNOWN_STOPS - COMMAND : KNOWN_STOPS - COMMAND + 2] = [0xFFFF, 0xFFFF]
 
     async def start(self, host: str, port: int) -> int:
-        """Listen; return the port, which 0 lets the system choose."""
-        data = SimData(0, values=[0] * END, datatype=DataType.REGISTERS)
+        """Start listening and return the port; port 0 selects a free port."""
+        data = SimData(0, values=[0] * REGISTER_COUNT, datatype=DataType.REGISTERS)
         device = SimDevice(id=0, simdata=[data], action=self._access)
         self._server = ModbusTcpServer(device, address=(host, port))
         await self._server.serve_forever(background=True)
@@ -56,7 +56,7 @@ class ModbusStation:
         return int(listening.sockets[0].getsockname()[1])
 
     async def refresh(self) -> None:
-        """Do nothing: registers are made when they are read."""
+        """Do nothing: registers are computed when a client reads them."""
 
     async def close(self) -> None:
         """Close every connection."""
@@ -72,20 +72,17 @@ class ModbusStation:
         registers: list[int],
         set_values: Sequence[int] | None,
     ) -> ExcCodes | None:
-        """Answer one request.
-
-        The server calls it before a read and after a write.
-        """
+        """Answer one request; pymodbus calls it before a read and after a write."""
         if set_values is None:
             registers[:] = self.registers()[start_address : start_address + len(registers)]
             return None
-        if not (address >= COMMAND and address + count <= END):
+        if not (address >= COMMAND and address + count <= REGISTER_COUNT):
             return ExcCodes.ILLEGAL_ADDRESS
         self._written[address - COMMAND : address - COMMAND + count] = list(set_values)
         if address > COMMAND:
             return None
         try:
-            await self._obey(self._written[0])
+            await self._run_command(self._written[0])
         except CommandRefusedError as error:
             self._refusal = str(error)
             return ExcCodes.DEVICE_BUSY
@@ -95,16 +92,16 @@ class ModbusStation:
         self._refusal = ""
         return None
 
-    async def _obey(self, command: int) -> None:
+    async def _run_command(self, command: int) -> None:
         machine = self._machine
         if command == GRASP:
-            stops = _long(self._written, KNOWN_STOPS - COMMAND)
+            stops = _join_long(self._written, KNOWN_STOPS - COMMAND)
             item = self._written[NEW_ITEM - COMMAND : NEW_ITEM - COMMAND + TEXT_REGISTERS]
             target = self._written[TARGET - COMMAND]
             await machine.grasp(
                 DRIVER,
                 target_force_n=target / 100.0 if target else None,
-                item_id=text_of(item),
+                item_id=decode_text(item),
                 kind="",
                 stops=None if stops == ANY_STOPS else stops,
             )
@@ -112,50 +109,52 @@ class ModbusStation:
             await machine.release(DRIVER)
         elif command == STOP:
             if not await machine.stop():
-                raise CommandRefusedError("the stop was not confirmed: use the emergency stop")
+                raise CommandRefusedError(
+                    "the devices did not confirm the stop: use the emergency stop"
+                )
         elif command == TAKE_OVER:
             await machine.take_over(DRIVER)
         elif command == LEAVE:
             await machine.leave(DRIVER)
         else:
-            raise InputError(f"command {command}: there are 1 to 5")
+            raise InputError(f"command {command}: use a number from 1 to 5")
 
     def registers(self) -> list[int]:
-        """Return the whole map as it is now."""
+        """Return the current values of all registers."""
         state = self._machine.state()
         number, result = self._machine.result()
-        found = [0] * END
+        found = [0] * REGISTER_COUNT
         found[STATE] = line_state(state)
         found[FLAGS] = _flags(state)
-        found[STOPS : STOPS + 2] = _words(int(state["stops"]))
-        found[RESULTS : RESULTS + 2] = _words(number)
+        found[STOPS : STOPS + 2] = _split_long(int(state["stops"]))
+        found[RESULTS : RESULTS + 2] = _split_long(number)
         found[OUTCOME] = 0 if result is None else OUTCOME_NUMBERS[str(result["outcome"])]
         values = list_measurements(result)
         packed = struct.unpack(f">{2 * len(values)}H", struct.pack(f">{len(values)}f", *values))
         found[VALUES : VALUES + len(packed)] = packed
         for place, text in ((ITEM, item_of(result)), (BIN, bin_of(result))):
-            found[place : place + TEXT_REGISTERS] = text_registers(text)
-        found[REFUSAL : REFUSAL + TEXT_REGISTERS] = text_registers(self._refusal)
-        found[COMMAND:END] = self._written
+            found[place : place + TEXT_REGISTERS] = encode_text(text)
+        found[REFUSAL : REFUSAL + TEXT_REGISTERS] = encode_text(self._refusal)
+        found[COMMAND:REGISTER_COUNT] = self._written
         return found
 
 
-def text_registers(text: str) -> list[int]:
-    """Return a text as registers; letters beyond ASCII become `?`, and the end is cut.
+def encode_text(text: str) -> list[int]:
+    """Encode a text as registers: non-ASCII characters become `?`, long texts are truncated.
 
-    >>> text_registers("A1")[:2]
+    >>> encode_text("A1")[:2]
     [16689, 0]
     """
     raw = text.encode("ascii", "replace")[: 2 * TEXT_REGISTERS].ljust(2 * TEXT_REGISTERS, b"\0")
     return list(struct.unpack(f">{TEXT_REGISTERS}H", raw))
 
 
-def text_of(registers: Sequence[int]) -> str:
-    """Return the text in registers, up to the first zero.
+def decode_text(registers: Sequence[int]) -> str:
+    """Decode the text in registers up to the first zero byte.
 
-    Raises `UnicodeDecodeError` if it is not ASCII.
+    Raises `UnicodeDecodeError` if the text is not ASCII.
 
-    >>> text_of(text_registers("A1"))
+    >>> decode_text(encode_text("A1"))
     'A1'
     """
     raw = struct.pack(f">{len(registers)}H", *registers)
@@ -167,9 +166,9 @@ def _flags(state: Mapping[str, Any]) -> int:
     return sum(bool(bit) << place for place, bit in enumerate(bits))
 
 
-def _words(number: int) -> list[int]:
+def _split_long(number: int) -> list[int]:
     return [number >> 16 & 0xFFFF, number & 0xFFFF]
 
 
-def _long(registers: Sequence[int], at: int) -> int:
+def _join_long(registers: Sequence[int], at: int) -> int:
     return registers[at] << 16 | registers[at + 1]

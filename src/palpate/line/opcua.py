@@ -1,4 +1,4 @@
-"""OPC UA: one object with state, last result and methods (docs: Connect a packhouse)."""
+"""Serve a station over OPC UA: state, last result and methods (docs: Connect a packhouse)."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ with require_extra("--opcua", extra="line"):
     from asyncua.ua.status_codes import StatusCodes
     from cryptography.x509.oid import ExtendedKeyUsageOID
 
-#: Answers of a method, or the status that refuses it.
+#: Output arguments of a method, or the status code of a refusal.
 _Answer: TypeAlias = "list[ua.Variant] | ua.StatusCode"
-#: Types of the arguments of `Grasp`, in order; texts may be null.
+#: Types of the arguments of `Grasp`, in order; strings may be null.
 _GRASP_TYPES: tuple[Any, ...] = (float, (str, type(None)), (str, type(None)), int)
 
-#: How this protocol is named among those who drive.
+#: Driver name of this protocol.
 DRIVER = "opcua"
 NAMESPACE, APPLICATION = "urn:palpate:station", "urn:palpate:server"
-#: The user whose password is the token.
+#: Username for the login; the password is the token.
 USER = "palpate"
-#: Values of variables before the first refresh.
-_EMPTY: dict[ua.VariantType, Any] = {
+#: Initial values of variables, by type.
+_INITIAL_VALUES: dict[ua.VariantType, Any] = {
     ua.VariantType.String: "",
     ua.VariantType.Int32: 0,
     ua.VariantType.Int64: 0,
     ua.VariantType.Boolean: False,
     ua.VariantType.Double: math.nan,
 }
-#: Variables of the state -> how they follow from the state document.
+#: State variable -> type and function of the state document.
 _STATE: dict[str, tuple[ua.VariantType, Callable[[Any], Any]]] = {
     "State": (ua.VariantType.String, lambda state: line_state(state).name.lower()),
     "StateNumber": (ua.VariantType.Int32, lambda state: int(line_state(state))),
@@ -55,7 +55,7 @@ _STATE: dict[str, tuple[ua.VariantType, Callable[[Any], Any]]] = {
     "Stops": (ua.VariantType.Int64, lambda state: int(state["stops"])),
     "Trouble": (ua.VariantType.String, lambda state: state["trouble"] or ""),
 }
-#: Variables of the result -> how they follow from the grasp document; None before the first.
+#: Result variable -> type and function of the grasp document (None before the first grasp).
 _RESULT: dict[str, tuple[ua.VariantType, Callable[[Any], Any]]] = {
     "Outcome": (ua.VariantType.String, lambda found: "" if found is None else found["outcome"]),
     "Item": (ua.VariantType.String, item_of),
@@ -67,8 +67,8 @@ _RESULT: dict[str, tuple[ua.VariantType, Callable[[Any], Any]]] = {
 }
 
 
-class _Password(UserManager):
-    """Lets in the user `USER` with one password."""
+class _PasswordUserManager(UserManager):
+    """Accepts the user `USER` with one password."""
 
     def __init__(self, password: str) -> None:
         self._password = password.encode()
@@ -80,29 +80,31 @@ class _Password(UserManager):
         password: str | None = None,
         certificate: Any = None,
     ) -> User | None:
-        """Return the user if the password is right; None refuses."""
-        right = hmac.compare_digest((password or "").encode(), self._password)
-        return User(role=UserRole.User, name=USER) if username == USER and right else None
+        """Return the user if the credentials are correct, otherwise None."""
+        is_correct = hmac.compare_digest((password or "").encode(), self._password)
+        return User(role=UserRole.User, name=USER) if username == USER and is_correct else None
 
 
 class OpcUaStation:
-    """Serves a machine.
+    """Serves a machine over OPC UA.
 
-    `machine`: called on the event loop that `start` runs on.
-    `password`: of the user ``palpate``; None lets anyone in, without encryption.
-    `folder`: where the server's certificate is kept, made at the first start.
+    `machine`: its methods are called on the event loop that runs `start`.
+    `password`: password of the user ``palpate``; None allows anonymous access without encryption.
+    `folder`: folder of the server certificate, which is created at the first start.
     """
 
     def __init__(self, machine: Machine, *, password: str | None, folder: Path) -> None:
         self._machine, self._password, self._folder = machine, password, folder
-        self._server = Server(user_manager=None if password is None else _Password(password))
-        #: Name of a variable -> its node and its type; and the value that it shows.
+        self._server = Server(
+            user_manager=None if password is None else _PasswordUserManager(password)
+        )
+        #: Nodes with their types, and the last written values, by variable name.
         self._nodes: dict[str, tuple[Node, ua.VariantType]] = {}
         self._shown: dict[str, Any] = {}
         self._results = -1
 
     async def start(self, host: str, port: int) -> int:
-        """Listen; return the port, which 0 lets the system choose."""
+        """Start listening and return the port; port 0 selects a free port."""
         logging.getLogger("asyncua").setLevel(logging.CRITICAL)
         server = self._server
         await server.init()
@@ -112,8 +114,8 @@ class OpcUaStation:
         if self._password is None:
             server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
         else:
-            await self._encrypt(host)
-        await self._build(await server.register_namespace(NAMESPACE))
+            await self._enable_encryption(host)
+        await self._add_nodes(await server.register_namespace(NAMESPACE))
         await self.refresh()
         await server.start()
         listening: Any = server.bserver
@@ -124,7 +126,7 @@ class OpcUaStation:
         await self._server.stop()
 
     async def refresh(self) -> None:
-        """Write what has changed since the last time; clients that subscribed are notified."""
+        """Write the changed variables, which notifies subscribed clients."""
         state = self._machine.state()
         for name, (_, value_of) in _STATE.items():
             await self._write(name, value_of(state))
@@ -136,10 +138,10 @@ class OpcUaStation:
             await self._write(name, value)
         for name, (_, value_of) in _RESULT.items():
             await self._write(name, value_of(result))
-        # Last: a client that waits for this number finds the rest written.
+        # Written last: a client that waits for a new number then reads a complete result.
         await self._write("Number", number)
 
-    async def _encrypt(self, host: str) -> None:
+    async def _enable_encryption(self, host: str) -> None:
         key, certificate = self._folder / "opcua-key.pem", self._folder / "opcua-certificate.der"
         self._folder.mkdir(parents=True, exist_ok=True)
         await setup_self_signed_certificate(
@@ -159,7 +161,7 @@ class OpcUaStation:
         )
         self._server.set_security_IDs(["Username"])
 
-    async def _build(self, space: int) -> None:
+    async def _add_nodes(self, space: int) -> None:
         station = await self._server.nodes.objects.add_object(space, "Station")
         result = await station.add_object(space, "Result")
         text, number = ua.VariantType.String, ua.VariantType.Double
@@ -168,9 +170,11 @@ class OpcUaStation:
         of_result |= {"Number": ua.VariantType.Int64} | dict.fromkeys(_measurement_names(), number)
         for parent, kinds in ((station, of_state), (result, of_result)):
             for name, kind in kinds.items():
-                node = await parent.add_variable(space, name, _EMPTY[kind], varianttype=kind)
+                node = await parent.add_variable(
+                    space, name, _INITIAL_VALUES[kind], varianttype=kind
+                )
                 self._nodes[name] = node, kind
-        for name, method, taken, given in (
+        for name, method, inputs, given in (
             (
                 "Grasp",
                 self._grasp,
@@ -187,18 +191,18 @@ class OpcUaStation:
             ("TakeOver", self._take_over, [], []),
             ("Leave", self._leave, [], []),
         ):
-            await station.add_method(space, name, method, taken, given)
+            await station.add_method(space, name, method, inputs, given)
 
     async def _write(self, name: str, value: Any) -> None:
         shown = self._shown.get(name)
-        # NaN differs from itself.
+        # NaN is not equal to itself.
         if name in self._shown and (shown == value or (shown != shown and value != value)):
             return
         self._shown[name] = value
         node, kind = self._nodes[name]
         await node.write_value(ua.Variant(value, kind))
 
-    # -- methods: each returns its answers as variants -----------------------------------------
+    # -- OPC UA methods: each returns its output arguments as variants --------------------------
 
     async def _grasp(self, parent: Any, *given: ua.Variant) -> _Answer:
         values = [variant.Value for variant in given]
@@ -207,7 +211,7 @@ class OpcUaStation:
         if not all(isinstance(*pair) for pair in zip(values, _GRASP_TYPES, strict=True)):
             return _status(StatusCodes.BadTypeMismatch)
         target, item, kind, stops = values
-        return await self._obey(
+        return await self._run_command(
             self._machine.grasp(
                 DRIVER,
                 target_force_n=None if target == 0 else target,
@@ -218,12 +222,13 @@ class OpcUaStation:
         )
 
     async def _release(self, parent: Any) -> _Answer:
-        return await self._obey(self._machine.release(DRIVER))
+        return await self._run_command(self._machine.release(DRIVER))
 
-    async def _obey(self, command: Awaitable[str | None]) -> _Answer:
-        """Carry out a command; refuse it with a status, and the reason in `Refusal`.
+    async def _run_command(self, command: Awaitable[str | None]) -> _Answer:
+        """Execute a command; a refusal returns a status and writes the reason to `Refusal`.
 
-        The variables are written first: a client that reads after the answer reads the new state.
+        The variables are updated before the answer, so a client that has the answer reads the new
+        state.
         """
         refusal = ""
         answer: _Answer
@@ -244,14 +249,14 @@ class OpcUaStation:
         return [ua.Variant(is_stopped, ua.VariantType.Boolean)]
 
     async def _take_over(self, parent: Any) -> _Answer:
-        return await self._obey(self._machine.take_over(DRIVER))
+        return await self._run_command(self._machine.take_over(DRIVER))
 
     async def _leave(self, parent: Any) -> _Answer:
-        return await self._obey(self._machine.leave(DRIVER))
+        return await self._run_command(self._machine.leave(DRIVER))
 
 
 def _measurement_names() -> list[str]:
-    """Return the variables of the measurements: `SizeMm`, `SizeMmLow`, `SizeMmHigh` and so on."""
+    """Return the variable names of the measurements: `SizeMm`, `SizeMmLow`, `SizeMmHigh` etc."""
     names = []
     for measurement in MEASUREMENTS:
         stem = "".join(word.capitalize() for word in measurement.split("_"))

@@ -1,4 +1,4 @@
-"""The measurements of a grasp document as flat values, in one order for every protocol."""
+"""Flatten the measurements of a grasp document, in the same order for every protocol."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from typing import Any
 
 from palpate.grasp.result import Outcome
 
-#: Measurements of a result, in the order of the register map and of the OPC UA variables.
+#: Measurements in the order of the register map and of the OPC UA variables.
 MEASUREMENTS = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent", "firmness")
 #: Parts of each measurement.
 PARTS = ("value", "low", "high")
-#: Number of each outcome on protocols without text; 0 before the first grasp.
+#: Number of each outcome in the register map, from 1; 0 means no grasp yet.
 OUTCOME_NUMBERS = {outcome.value: number for number, outcome in enumerate(Outcome, start=1)}
 
 
 def list_measurements(document: Mapping[str, Any] | None) -> list[float]:
-    """Return value, low and high of each measurement; NaN for what is not known.
+    """Return value, low and high of each measurement; NaN for unknown numbers.
 
     >>> values = list_measurements({"size_mm": {"value": 40.0, "low": 39.0, "high": None}})
     >>> values[:3], len(values)
@@ -33,12 +33,12 @@ def list_measurements(document: Mapping[str, Any] | None) -> list[float]:
 
 
 def bin_of(document: Mapping[str, Any] | None) -> str:
-    """Return the name of the bin of a result; empty without one."""
+    """Return the bin name of a grasp document; empty without a bin."""
     found = (document or {}).get("bin") or {}
     return str(found.get("name") or "")
 
 
 def item_of(document: Mapping[str, Any] | None) -> str:
-    """Return the item of a result; empty without one."""
+    """Return the item of a grasp document; empty without an item."""
     document = document or {}
     return str(document.get("item_id") or (document.get("item") or {}).get("id") or "")

@@ -1,6 +1,6 @@
-"""Results and state to an MQTT broker, by a thread that empties the store's outbox.
+"""Publish results and state to an MQTT broker from a background thread.
 
-It sends any documents. The topics are ``TOPIC/result`` (each result, in order,
-at least once), ``TOPIC/state`` (the newest, retained) and ``TOPIC/online`` (retained; the broker
-itself publishes it as false when the connection dies).
+Topics: ``TOPIC/result`` carries each result in order, at least once. ``TOPIC/state`` carries the
+newest state, retained. ``TOPIC/online`` is retained; the broker sets it to false (last will) when
+the connection is lost.
 """

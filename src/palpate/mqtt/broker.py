@@ -1,4 +1,4 @@
-"""The broker's file: its address, topic, and the means to verify its identity."""
+"""Read the broker file: address, topic, credentials and certificates."""
 
 from __future__ import annotations
 
@@ -11,44 +11,44 @@ from pathlib import Path
 from palpate.errors import InputError
 from palpate.files import structure
 
-#: Environment variable that holds the password, where the file has none.
+#: Environment variable with the password, used if the file has no password.
 PASSWORD_VARIABLE = "PALPATE_MQTT_PASSWORD"
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Broker:
-    """A broker, as its file describes it."""
+    """The settings of a broker file."""
 
-    #: Name or address.
+    #: Host name or IP address.
     host: str
-    #: What every topic of this station begins with: ``"palpate/line-1"``.
+    #: Prefix of every topic of this station, such as ``"palpate/line-1"``.
     topic: str
-    #: None: 8883 with TLS, 1883 without.
+    #: TCP port; None for 8883 with TLS and 1883 without.
     port: int | None = None
-    #: Whether to encrypt. Only a broker on this machine may do without when there is a password.
+    #: Whether to encrypt. A password requires TLS, except to a broker on this machine.
     tls: bool = True
-    #: File of the authority that signed the broker's certificate; None: those of the system.
+    #: CA certificate that verifies the broker; None for the system's CA store.
     ca: str | None = None
-    #: Files of this station's own certificate and key, where the broker asks for them.
+    #: Client certificate and key of this station, if the broker requires them.
     certificate: str | None = None
     key: str | None = None
-    #: Who this station is.
+    #: Username of this station.
     username: str | None = None
-    #: Better kept in `PALPATE_MQTT_PASSWORD`, or in a file that only its owner can read.
+    #: Password; safer in `PALPATE_MQTT_PASSWORD` or in a file that only its owner can read.
     password: str | None = None
 
     @property
-    def port_or_usual(self) -> int:
-        """The port."""
+    def effective_port(self) -> int:
+        """The configured port, or the default port for TLS or plain MQTT."""
         return self.port or (8883 if self.tls else 1883)
 
 
 def read_broker(path: Path, *, environment: Mapping[str, str] = os.environ) -> Broker:
-    """Read a broker's file (TOML); paths in it are relative to it.
+    """Read a broker file (TOML); its paths are relative to the file's folder.
 
-    Raises `InputError` if it can't be read, a name or value in it is wrong, its password could be
-    read by others or would travel in the clear.
+    Raises `InputError` if the file can't be read, if a name or value is invalid, or if the password
+    is readable by other users or would be sent unencrypted.
     """
     try:
         with path.open("rb") as stream:
@@ -58,16 +58,24 @@ def read_broker(path: Path, *, environment: Mapping[str, str] = os.environ) -> B
         why = error.strerror if isinstance(error, OSError) else error
         raise InputError(f"--mqtt {path}: {why}") from error
     if broker.password is not None and readable:
-        raise InputError(f"--mqtt {path}: others can read its password; run `chmod 600 {path}`")
+        raise InputError(
+            f"--mqtt {path}: other users can read the password; run `chmod 600 {path}`"
+        )
     if not _is_host(broker.host):
-        raise InputError(f"--mqtt {path}: host {broker.host!r} is no name or address")
+        raise InputError(
+            f"--mqtt {path}: host {broker.host!r} is not a valid host name or IP address"
+        )
     if broker.port is not None and not 1 <= broker.port <= 65535:
-        raise InputError(f"--mqtt {path}: port {broker.port} is not 1 to 65535")
+        raise InputError(f"--mqtt {path}: port {broker.port} is not between 1 and 65535")
     if not broker.topic or any(sign in broker.topic for sign in "#+$\0"):
-        raise InputError(f"--mqtt {path}: topic {broker.topic!r} can't be published to")
+        raise InputError(
+            f"--mqtt {path}: topic {broker.topic!r} is empty or contains #, +, $ or NUL"
+        )
     broker = replace(broker, password=broker.password or environment.get(PASSWORD_VARIABLE))
     if broker.password is not None and not broker.tls and broker.host not in _LOOPBACK:
-        raise InputError(f"--mqtt {path}: a password needs TLS on the way to {broker.host}")
+        raise InputError(
+            f"--mqtt {path}: sending a password to {broker.host} requires TLS; set `tls = true`"
+        )
     return replace(
         broker,
         ca=_resolve_path(path, broker.ca),
@@ -79,7 +87,7 @@ def read_broker(path: Path, *, environment: Mapping[str, str] = os.environ) -> B
 def _is_host(host: str) -> bool:
     try:
         return bool(host.encode("idna")) and host.isprintable() and " " not in host
-    except UnicodeError:  # a part that is empty or too long
+    except UnicodeError:  # a label is empty or too long
         return False
 
 
@@ -88,5 +96,5 @@ def _resolve_path(path: Path, name: str | None) -> str | None:
         return None
     file = path.parent / name
     if not file.is_file():
-        raise InputError(f"--mqtt {path}: there is no file {file}")
+        raise InputError(f"--mqtt {path}: file {file} does not exist")
     return str(file)

@@ -1,4 +1,4 @@
-"""A thread that publishes to a broker which may not answer."""
+"""Publish documents to a broker from a thread, so that a slow broker blocks no caller."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ with require_extra("--mqtt", extra="mqtt"):
     import paho.mqtt.client as paho
     from paho.mqtt.enums import CallbackAPIVersion
 
-#: At most this many results wait: a day of a grasp every nine seconds, about 30 MB. When one more
-#: comes the oldest goes, and is counted.
-MOST_WAITING = 10_000
-#: A broker that is silent for one and a half times this is lost, and reconnected.
+#: Maximum number of queued results: one day with a grasp every nine seconds, about 30 MB. Beyond
+#: this limit the oldest result is dropped and counted.
+MAX_QUEUED_RESULTS = 10_000
+#: The client reconnects after one and a half keepalive periods without an answer, seconds.
 _KEEPALIVE_S = 10
-_CONNECT_S, _SOONEST_S, _LATEST_S = 5.0, 1, 10
-#: A broker that does not answer does not keep the program from ending.
-_FAREWELL_S = 3.0
+_CONNECT_S, _MIN_RECONNECT_S, _MAX_RECONNECT_S = 5.0, 1, 10
+#: Maximum time that `close` waits for the thread, seconds.
+_CLOSE_TIMEOUT_S = 3.0
 
 
 class Publisher:
-    """Publishes documents; the caller never waits.
+    """Publishes documents without blocking the caller.
 
-    A result is written to the outbox of the store first, and leaves it once the broker has
-    acknowledged it. One is sent at a time, so that their order holds through every lost connection;
-    a result whose receipt was lost comes twice.
+    Each result is queued in the store's outbox until the broker acknowledges it. Only one result is
+    in flight at a time, which preserves the order across lost connections. A result is sent twice
+    if its acknowledgement was lost.
 
-    `store`: as `Store.open` takes it; results of an earlier run go first.
-    `complain`: called with a line when the broker refuses, or the store fails; by a thread of its
-        own.
+    `store`: path or URL for `Store.open`; queued results of an earlier run are sent first.
+    `on_error`: called from a background thread with one line when the broker refuses the
+        connection or the store fails.
     Raises `InputError` if a certificate can't be used.
     """
 
@@ -49,49 +49,51 @@ class Publisher:
         broker: Broker,
         *,
         store: str | Path | None,
-        complain: Callable[[str], None],
+        on_error: Callable[[str], None],
     ) -> None:
-        self._topic, self._where, self._complain = broker.topic, store, complain
+        self._topic, self._where, self._on_error = broker.topic, store, on_error
         self._dropped = 0
-        # Stations differ by their topic.
+        # Several stations may share a store; the topic identifies the station.
         self._receiver = f"mqtt {broker.topic}"
         self._calls: SimpleQueue[Callable[[Store], object] | None] = SimpleQueue()
         self._last_state: bytes | None = None
         self._link = _Link()
-        self._client = self._connecting(broker)
-        self._client.connect_async(broker.host, broker.port_or_usual, keepalive=_KEEPALIVE_S)
+        self._client = self._create_client(broker)
+        self._client.connect_async(broker.host, broker.effective_port, keepalive=_KEEPALIVE_S)
         self._client.loop_start()
         self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
         self._thread.start()
 
-    def result(self, document: Mapping[str, object]) -> None:
-        """Publish a result, now or when the broker is there."""
+    def publish_result(self, document: Mapping[str, object]) -> None:
+        """Queue a result and publish it as soon as the broker is connected."""
         text = json.dumps(document, allow_nan=False)
 
         def queue(store: Store) -> None:
-            self._dropped += store.add_message(text, receiver=self._receiver, most=MOST_WAITING)
+            self._dropped += store.add_message(
+                text, receiver=self._receiver, most=MAX_QUEUED_RESULTS
+            )
 
         self._calls.put(queue)
 
-    def state(self, document: Mapping[str, object]) -> None:
-        """Publish the state, unless it is the one published last."""
+    def publish_state(self, document: Mapping[str, object]) -> None:
+        """Publish the state if it differs from the last published state."""
         payload = _payload(document)
         if payload != self._last_state:
             self._last_state = payload
-            self._calls.put(lambda _: self._link.show(payload))
+            self._calls.put(lambda _: self._link.set_state(payload))
 
     def close(self) -> None:
-        """Disconnect; results that the broker did not acknowledge wait in the store."""
+        """Disconnect; unacknowledged results stay in the store."""
         self._calls.put(None)
-        self._thread.join(_FAREWELL_S)
+        self._thread.join(_CLOSE_TIMEOUT_S)
 
-    # -- the thread -----------------------------------------------------------------------------
+    # -- on the publisher's thread --------------------------------------------------------------
 
     def _run(self) -> None:
         try:
             store = Store.open(self._where)
         except StoreError as error:
-            self._complain(f"mqtt: {error}; results wait in memory alone")
+            self._on_error(f"mqtt: {error}; unsent results are kept in memory only")
             store = Store.open("sqlite://")
         try:
             while (call := self._calls.get()) is not None:
@@ -99,7 +101,7 @@ class Publisher:
                     call(store)
                     self._send(store)
                 except StoreError as error:
-                    self._complain(f"mqtt: {error}; a result may be lost")
+                    self._on_error(f"mqtt: {error}; a result may be lost")
         finally:
             store.close()
             if self._link.is_up:
@@ -107,11 +109,11 @@ class Publisher:
             self._client.disconnect()
             self._client.loop_stop()
 
-    def _greet(self, store: Store) -> None:
+    def _on_connected(self, store: Store) -> None:
         self._link.is_up, self._link.is_state_sent = True, False
         self._publish("online", _payload({"online": True, "dropped": self._dropped}))
 
-    def _lose(self, store: Store) -> None:
+    def _on_disconnected(self, store: Store) -> None:
         self._link.is_up = False
 
     def _acknowledge(self, message: int, store: Store) -> None:
@@ -123,7 +125,7 @@ class Publisher:
             link.state_message = None
 
     def _send(self, store: Store) -> None:
-        """Hand the client what it may have: one result and one state at a time."""
+        """Publish the next result and the newest state, at most one of each in flight."""
         link = self._link
         if not link.is_up:
             return
@@ -135,16 +137,16 @@ class Publisher:
             link.sent = self._publish("result", text.encode(), retain=False), number
 
     def _publish(self, name: str, payload: bytes, *, retain: bool = True) -> int:
-        # The client sends it again when the connection comes back.
+        # The client resends an unacknowledged message after a reconnection.
         return self._client.publish(f"{self._topic}/{name}", payload, qos=1, retain=retain).mid
 
-    # -- the client, whose callbacks come from its own thread ------------------------------------
+    # -- client callbacks, called on the client's own thread -------------------------------------
 
-    def _connecting(self, broker: Broker) -> paho.Client:
+    def _create_client(self, broker: Broker) -> paho.Client:
         name = f"palpate-{socket.gethostname()}-{os.getpid()}"
         client = paho.Client(CallbackAPIVersion.VERSION2, client_id=name)
         client.connect_timeout = _CONNECT_S
-        client.reconnect_delay_set(_SOONEST_S, _LATEST_S)
+        client.reconnect_delay_set(_MIN_RECONNECT_S, _MAX_RECONNECT_S)
         client.will_set(f"{broker.topic}/online", _OFFLINE, qos=1, retain=True)
         if broker.username is not None:
             client.username_pw_set(broker.username, broker.password)
@@ -152,34 +154,38 @@ class Publisher:
             try:
                 client.tls_set(broker.ca, broker.certificate, broker.key)
             except (OSError, ValueError) as error:
-                raise InputError(f"--mqtt: its certificates can't be used: {error}") from error
+                raise InputError(
+                    f"--mqtt: can't use the broker file's certificates: {error}"
+                ) from error
         client.on_connect = self._on_connect
-        client.on_disconnect = lambda *_: self._calls.put(self._lose)
+        client.on_disconnect = lambda *_: self._calls.put(self._on_disconnected)
         client.on_publish = lambda _client, _data, message, *_: self._calls.put(
             partial(self._acknowledge, message)
         )
         return client
 
-    def _on_connect(self, client: Any, data: Any, flags: Any, reason: Any, more: Any) -> None:
+    def _on_connect(self, client: Any, data: Any, flags: Any, reason: Any, properties: Any) -> None:
         if reason.is_failure:
-            self._complain(f"mqtt: the broker refuses: {reason}; look at username and password")
+            self._on_error(
+                f"mqtt: the broker refused the connection: {reason}; check username and password"
+            )
         else:
-            self._calls.put(self._greet)
+            self._calls.put(self._on_connected)
 
 
 @dataclass(slots=True)
 class _Link:
-    """State of the connection, owned by the thread."""
+    """State of the connection, used only on the publisher's thread."""
 
     is_up: bool = False
-    #: Numbers of the result that was sent: the client's and the outbox's.
+    #: Message numbers of the result in flight, in the client and in the outbox.
     sent: tuple[int, int] | None = None
     state: bytes | None = None
     is_state_sent: bool = False
     state_message: int | None = None
 
-    def show(self, state: bytes) -> None:
-        """Take the newest state."""
+    def set_state(self, state: bytes) -> None:
+        """Store the newest state for publication."""
         self.state, self.is_state_sent = state, False
 
 

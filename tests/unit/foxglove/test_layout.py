@@ -1,4 +1,4 @@
-"""The layout that ships: its panels are Foxglove's, and what they plot is there."""
+"""The shipped Foxglove layout: valid panels, and plotted fields that exist."""
 
 from __future__ import annotations
 
@@ -23,31 +23,31 @@ READ = json.loads(LAYOUT.read_text(encoding="utf-8"))
 PANELS: dict[str, dict[str, Any]] = READ["configById"]
 CHANNELS = SCHEMAS | live_schemas(RIGID_LAYOUT)
 PATH = re.compile(r"(?P<topic>/\w+)\.(?P<field>\w+)(\[(?P<index>\d+)\])?")
-#: Settings of a series that SDK 0.25, the newest that LeRobot 0.6 takes, does not describe.
+#: Series settings missing from the description in SDK 0.25, the newest version that LeRobot 0.6
+#: supports.
 UNDESCRIBED = {"lineStyle"} if version("foxglove-sdk").startswith("0.25.") else set()
-#: What Foxglove makes of a JSON schema: no unions, no null.
+#: JSON schema types that Foxglove supports: no unions, no null.
 KNOWN_TYPES = ("boolean", "string", "number", "integer", "object", "array")
 
 
-def placed(node: Any) -> Iterator[str]:
+def panel_ids(node: Any) -> Iterator[str]:
     if isinstance(node, str):
         yield node
     else:
-        yield from (*placed(node["first"]), *placed(node["second"]))
+        yield from (*panel_ids(node["first"]), *panel_ids(node["second"]))
 
 
-def plotted() -> list[str]:
+def plotted_paths() -> list[str]:
     found = [path["value"] for panel in PANELS.values() for path in panel.get("paths", ())]
     return found + [panel["path"] for panel in PANELS.values() if "path" in panel]
 
 
-def test_every_panel_is_placed_once() -> None:
-    assert sorted(placed(READ["layout"])) == sorted(PANELS)
+def test_layout_places_every_panel_once() -> None:
+    assert sorted(panel_ids(READ["layout"])) == sorted(PANELS)
 
 
 @pytest.mark.parametrize("panel", PANELS)
-def test_a_panel_has_only_settings_that_foxglove_knows(panel: str) -> None:
-    """By the SDK's own description of the panels."""
+def test_layout_panel_has_only_settings_described_by_the_sdk(panel: str) -> None:
     settings = getattr(layouts, f"{panel.split('!')[0]}Config")()._to_dict()
     assert set(PANELS[panel]) - {"foxglovePanelTitle"} <= set(settings)
     if "imageMode" in PANELS[panel]:
@@ -57,20 +57,20 @@ def test_a_panel_has_only_settings_that_foxglove_knows(panel: str) -> None:
         assert set(path) - UNDESCRIBED <= set(series)
 
 
-@pytest.mark.parametrize("path", plotted())
-def test_what_is_plotted_is_a_field_of_a_channel(path: str) -> None:
+@pytest.mark.parametrize("path", plotted_paths())
+def test_layout_plots_only_fields_of_existing_channels(path: str) -> None:
     found = PATH.fullmatch(path)
     field = CHANNELS[found["topic"]]["properties"][found["field"]]
     assert (field["type"] == "array") == (found["index"] is not None)
 
 
-def test_topics_of_whole_messages_are_channels() -> None:
+def test_layout_image_and_raw_message_panels_use_existing_channels() -> None:
     assert PANELS["Image!heat_map"]["imageMode"]["imageTopic"] == HEAT_MAP
     assert PANELS["RawMessages!link"]["topicPath"] in CHANNELS
 
 
 @pytest.mark.parametrize("topic", CHANNELS)
-def test_a_schema_keeps_to_what_foxglove_reads(topic: str) -> None:
+def test_channel_schema_uses_only_types_supported_by_foxglove(topic: str) -> None:
     assert CHANNELS[topic]["type"] == "object"
     for field in CHANNELS[topic]["properties"].values():
         assert field["type"] in KNOWN_TYPES
@@ -79,7 +79,7 @@ def test_a_schema_keeps_to_what_foxglove_reads(topic: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_recording_has_numbers_where_the_layout_plots_them(tmp_path: Path) -> None:
+def test_recording_has_numbers_in_the_fields_plotted_by_the_layout(tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     options = ["--rig", "sim-rigid", "--duration", "1"]
     assert run(build_app(), ["record", str(file), *options], name="palpate") == 0
@@ -89,7 +89,7 @@ def test_a_recording_has_numbers_where_the_layout_plots_them(tmp_path: Path) -> 
             assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
             messages[channel.topic] = json.loads(message.data)
     assert set(messages) == {"/frames", "/gripper"}
-    for path in plotted():
+    for path in plotted_paths():
         found = PATH.fullmatch(path)
         if found["topic"] in messages:
             value = messages[found["topic"]][found["field"]]

@@ -1,4 +1,4 @@
-"""Grasps of an item as events of EPCIS 2.0, read by a library of others."""
+"""EPCIS 2.0 documents of an item, verified with an independent EPCIS library."""
 
 from __future__ import annotations
 
@@ -38,20 +38,20 @@ def document(**measurements: Measurement) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-def test_epcis_document_is_read_by_others_as_it_was_written() -> None:
+def test_epcis_document_is_read_unchanged_by_an_independent_library() -> None:
     written = document(size_mm=SIZE, force_n=FORCE)
     assert read_epcis(written) == written["epcisBody"]["eventList"]
 
 
 @pytest.mark.slow
-def test_epcis_document_with_a_wrong_field_is_refused_by_others() -> None:
+def test_epcis_document_with_an_invalid_action_is_refused_by_an_independent_library() -> None:
     written = document(size_mm=SIZE)
     written["epcisBody"]["eventList"][0]["action"] = "SQUEEZE"
     with pytest.raises(AssertionError, match="action"):
         read_epcis(written)
 
 
-def test_epcis_event_has_the_measurements_and_the_bin() -> None:
+def test_epcis_document_event_contains_the_measurements_and_the_bin() -> None:
     first, second = document(size_mm=SIZE, force_n=FORCE)["epcisBody"]["eventList"]
     assert first["epcList"] == ["https://id.gs1.org/01/04012345000016/21/A17"]
     assert first["eventTime"] == "2026-05-01T08:00:00+00:00"

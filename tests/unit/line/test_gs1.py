@@ -1,4 +1,4 @@
-"""GS1 labels as items."""
+"""GS1 labels: item identifiers and URIs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ITEM = "(01)04012345000016(21)A17"
     ("scanned", "item"),
     [
         ("]C1010401234500001621A17", ITEM),
-        # Weight and a variable batch before the serial number, which the scanner's FNC1 ends.
+        # Weight and batch precede the serial number; FNC1 terminates the variable-length batch.
         ("]d20104012345000016310300018010B7\x1d21A17", ITEM),
         ("https://example.com/01/04012345000016/21/A17", ITEM),
         (ITEM, ITEM),
@@ -23,7 +23,7 @@ ITEM = "(01)04012345000016(21)A17"
         ("(left tree) 4", "(left tree) 4"),
     ],
 )
-def test_read_label_names_the_item(scanned: str, item: str) -> None:
+def test_read_label_returns_the_item_identifier(scanned: str, item: str) -> None:
     assert read_label(scanned) == item
 
 
@@ -31,18 +31,18 @@ def test_read_label_names_the_item(scanned: str, item: str) -> None:
     ("scanned", "why"),
     [
         ("]C1010401234500001721A17", "check digit"),
-        ("]C1010401234500001610B7", "not one item"),
+        ("]C1010401234500001610B7", "not an item"),
         ("]C1AB", "Application Identifier"),
         ("https://id.gs1.org/01/4012345/21/A17", "label"),
     ],
 )
-def test_read_label_refuses_in_one_line(scanned: str, why: str) -> None:
+def test_read_label_with_an_invalid_label_raises_a_one_line_error(scanned: str, why: str) -> None:
     with pytest.raises(InputError, match=why) as refused:
         read_label(scanned)
     assert "\n" not in str(refused.value)
 
 
-def test_item_uri_keeps_the_characters_of_a_serial_number() -> None:
+def test_item_uri_percent_encodes_the_serial_number() -> None:
     assert item_uri("(01)04012345000016(21)A/(1)") == (
         "https://id.gs1.org/01/04012345000016/21/A%2F%281%29"
     )

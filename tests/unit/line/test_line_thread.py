@@ -1,4 +1,4 @@
-"""Controllers of a line are answered on a thread of their own."""
+"""Line protocols run on a separate thread."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from palpate.line import modbus
 
 
 @pytest.mark.slow
-def test_controllers_are_answered_while_the_pages_are_busy(tmp_path: Path) -> None:
+def test_line_protocols_answer_while_the_page_event_loop_is_blocked(tmp_path: Path) -> None:
     opcua_port, modbus_port = free_port(), free_port()
     app = SimpleNamespace(router=SimpleNamespace(on_startup=[], on_shutdown=[]))
 
-    async def visit() -> tuple[str, list[int]]:
+    async def read_both_protocols() -> tuple[str, list[int]]:
         async with (
             Client(f"opc.tcp://127.0.0.1:{opcua_port}/palpate") as first,
             AsyncModbusTcpClient("127.0.0.1", port=modbus_port) as second,
         ):
             return await OpcUa(first).value("State"), await registers(second, modbus.STATE, 1)
 
-    async def serve_and_be_busy() -> tuple[str, list[int]]:
+    async def serve_with_blocked_loop() -> tuple[str, list[int]]:
         (start,), (end,) = app.router.on_startup, app.router.on_shutdown
         await start()
         with ThreadPoolExecutor() as pool:
-            # Blocks this loop, on which pages are built, until both clients have their answers.
-            found = pool.submit(asyncio.run, visit()).result()
+            # Blocks the event loop of the pages until both clients have their answers.
+            found = pool.submit(asyncio.run, read_both_protocols()).result()
         await end()
         return found
 
@@ -45,4 +45,4 @@ def test_controllers_are_answered_while_the_pages_are_busy(tmp_path: Path) -> No
             opcua=str(opcua_port), modbus=str(modbus_port), token=None, folder=tmp_path
         )
         _serve_lines(app, app_state_of(tmp_path), opened, thread=thread)
-        assert asyncio.run(serve_and_be_busy()) == ("stopped", [0])
+        assert asyncio.run(serve_with_blocked_loop()) == ("stopped", [0])

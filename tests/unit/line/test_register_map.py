@@ -1,4 +1,4 @@
-"""The register map: its page, its layout, and texts in it."""
+"""The Modbus register map: documentation, addresses and encoded texts."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 
 from palpate.line import modbus
 from palpate.line.machine import LineState, line_state
-from palpate.line.modbus import TEXT_REGISTERS, text_of, text_registers
+from palpate.line.modbus import TEXT_REGISTERS, decode_text, encode_text
 from palpate.line.results import MEASUREMENTS, OUTCOME_NUMBERS
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "packhouse.md"
 
 
-def test_page_lists_every_register_once_at_its_address() -> None:
+def test_packhouse_page_lists_every_register_once_with_its_address() -> None:
     rows = re.findall(r"^\| (\d+)(?:-(\d+))? \| (.+) \|$", PAGE.read_text(encoding="utf-8"), re.M)
     spans = [(int(first), int(last or first)) for first, last, _ in rows]
     meanings = {int(first): meaning for first, _, meaning in rows}
@@ -37,7 +37,7 @@ def test_page_lists_every_register_once_at_its_address() -> None:
         (modbus.COMMAND, modbus.COMMAND),
         (modbus.TARGET, modbus.TARGET),
         (modbus.KNOWN_STOPS, modbus.KNOWN_STOPS + 1),
-        (modbus.NEW_ITEM, modbus.END - 1),
+        (modbus.NEW_ITEM, modbus.REGISTER_COUNT - 1),
     ]
     for at, name in zip(measured, MEASUREMENTS, strict=True):
         assert f"`{name}`" in meanings[at]
@@ -46,8 +46,8 @@ def test_page_lists_every_register_once_at_its_address() -> None:
 
 
 @given(st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=2 * TEXT_REGISTERS))
-def test_text_registers_of_ascii_round_trips(text: str) -> None:
-    assert text_of(text_registers(text)) == text
+def test_encode_text_roundtrip_preserves_ascii(text: str) -> None:
+    assert decode_text(encode_text(text)) == text
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def test_text_registers_of_ascii_round_trips(text: str) -> None:
         ({"activity": "grasping", "phase": "hold", "answered": True}, LineState.HOLDING),
     ],
 )
-def test_line_state_follows_the_state_document(
+def test_line_state_matches_the_state_document(
     changed: dict[str, object], state: LineState
 ) -> None:
     document = {

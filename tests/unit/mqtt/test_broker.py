@@ -1,4 +1,4 @@
-"""The broker's file: what it may say, and what is refused before anything is sent."""
+"""Reading the broker file: accepted values and refusals."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from palpate.mqtt.broker import PASSWORD_VARIABLE, Broker, read_broker
 SECRET = {PASSWORD_VARIABLE: "sesame"}
 
 
-def written(folder: Path, text: str, *, mode: int = 0o600) -> Path:
+def write_broker_file(folder: Path, text: str, *, mode: int = 0o600) -> Path:
     file = folder / "broker.toml"
     file.write_text(text)
     file.chmod(mode)
     return file
 
 
-def test_a_broker_is_encrypted_unless_its_file_says_otherwise(tmp_path: Path) -> None:
-    file = written(tmp_path, 'host = "hall"\ntopic = "palpate/line-1"')
+def test_read_broker_uses_tls_unless_the_file_disables_it(tmp_path: Path) -> None:
+    file = write_broker_file(tmp_path, 'host = "hall"\ntopic = "palpate/line-1"')
     broker = read_broker(file, environment=SECRET)
     assert broker == Broker(host="hall", topic="palpate/line-1", password="sesame")
-    assert broker.port_or_usual == 8883
-    plain = written(tmp_path, 'host = "localhost"\ntopic = "palpate"\ntls = false')
-    assert read_broker(plain, environment={}).port_or_usual == 1883
+    assert broker.effective_port == 8883
+    plain = write_broker_file(tmp_path, 'host = "localhost"\ntopic = "palpate"\ntls = false')
+    assert read_broker(plain, environment={}).effective_port == 1883
 
 
-def test_its_files_are_beside_it(tmp_path: Path) -> None:
+def test_read_broker_resolves_certificate_paths_relative_to_its_folder(tmp_path: Path) -> None:
     (tmp_path / "ca.pem").touch()
-    file = written(tmp_path, 'host = "hall"\ntopic = "palpate"\nca = "ca.pem"')
+    file = write_broker_file(tmp_path, 'host = "hall"\ntopic = "palpate"\nca = "ca.pem"')
     assert read_broker(file, environment={}).ca == str(tmp_path / "ca.pem")
 
 
@@ -41,26 +41,34 @@ def test_its_files_are_beside_it(tmp_path: Path) -> None:
         ('host = "hall"', 0o600, "lacks topic"),
         ('host = "hall"\ntopic = "a"\nporte = 1', 0o600, "has porte, which is not known"),
         ('host = "hall"\ntopic = "a"\nport = "many"', 0o600, "port is 'many', not a count"),
-        ('host = ""\ntopic = "a"', 0o600, "host '' is no name or address"),
-        ('host = " "\ntopic = "a"', 0o600, "host ' ' is no name or address"),
-        ('host = "hall..3"\ntopic = "a"', 0o600, "host 'hall..3' is no name or address"),
-        ('host = "hall"\ntopic = "a"\nport = 70000', 0o600, "port 70000 is not 1 to 65535"),
-        ('host = "hall"\ntopic = "a"\nport = 0', 0o600, "port 0 is not 1 to 65535"),
-        ('host = "hall"\ntopic = "a/#"', 0o600, "topic 'a/#' can't be published to"),
-        ('host = "hall"\ntopic = "a"\npassword = "x"', 0o644, "others can read its password"),
-        ('host = "hall"\ntopic = "a"\ntls = false', 0o600, "a password needs TLS"),
-        ('host = "hall"\ntopic = "a"\nca = "none.pem"', 0o600, "there is no file"),
+        ('host = ""\ntopic = "a"', 0o600, "host '' is not a valid host name or IP address"),
+        ('host = " "\ntopic = "a"', 0o600, "host ' ' is not a valid host name or IP address"),
+        (
+            'host = "hall..3"\ntopic = "a"',
+            0o600,
+            "host 'hall..3' is not a valid host name or IP address",
+        ),
+        (
+            'host = "hall"\ntopic = "a"\nport = 70000',
+            0o600,
+            "port 70000 is not between 1 and 65535",
+        ),
+        ('host = "hall"\ntopic = "a"\nport = 0', 0o600, "port 0 is not between 1 and 65535"),
+        ('host = "hall"\ntopic = "a/#"', 0o600, "topic 'a/#' is empty or contains"),
+        ('host = "hall"\ntopic = "a"\npassword = "x"', 0o644, "other users can read the password"),
+        ('host = "hall"\ntopic = "a"\ntls = false', 0o600, "to hall requires TLS"),
+        ('host = "hall"\ntopic = "a"\nca = "none.pem"', 0o600, "does not exist"),
     ],
 )
-def test_what_is_wrong_is_refused_in_one_line(
+def test_read_broker_with_an_invalid_file_raises_a_one_line_error(
     tmp_path: Path, text: str, mode: int, why: str
 ) -> None:
-    file = written(tmp_path, text, mode=mode)
+    file = write_broker_file(tmp_path, text, mode=mode)
     with pytest.raises(InputError, match=f"--mqtt {file}: .*{why}") as refused:
         read_broker(file, environment=SECRET)
     assert "\n" not in str(refused.value)
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_read_broker_with_a_missing_file_raises_an_error_with_its_name(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.toml: No such file"):
         read_broker(tmp_path / "none.toml")
