@@ -34,23 +34,25 @@ class PixelMonitor:
     def __init__(self, plan: Plan) -> None:
         self._plan, self._layout = plan, plan.layout
         rest_ohm = np.asarray(plan.rest_ohm, dtype=float)
-        self._known = np.isfinite(rest_ohm) & (rest_ohm > 0)
+        #: All arrays hold the pixels with a rest value, in this order.
+        self._watched = np.isfinite(rest_ohm) & (rest_ohm > 0)
+        self._names = [pixel_name(row, col) for row, col in np.argwhere(self._watched).tolist()]
         # Resistance over reference: follows from the counts without knowing the reference.
-        self._rest = np.where(self._known, rest_ohm, 1.0) / plan.layout.divider.reference_ohm
-        resting = plan.layout.divider.full_scale / (1.0 + self._rest[self._known])
+        self._rest = rest_ohm[self._watched] / plan.layout.divider.reference_ohm
+        resting = plan.layout.divider.full_scale / (1.0 + self._rest)
         self._unlike = resting.size > 0 and float(np.ptp(resting)) >= PIXELS.unlike_counts
         #: Reports of a hand that stands differ by less.
         self._rounding = READING.report_steps * plan.resolution
         self._equal = 0
         self._counts: NDArray[np.float64] | None = None
-        self._opened = np.zeros(rest_ohm.shape, dtype=int)
-        self._ended = np.zeros(rest_ohm.shape, dtype=int)
-        self._shorted = np.zeros(rest_ohm.shape, dtype=bool)
-        self._pressed = np.zeros(rest_ohm.shape, dtype=bool)
-        self._loaded = np.zeros(rest_ohm.shape, dtype=bool)
-        self._unchanged = np.zeros(rest_ohm.shape, dtype=int)
-        self._shaken = np.zeros(rest_ohm.shape, dtype=bool)
-        self._changed_s = np.full(rest_ohm.shape, np.inf)
+        self._opened = np.zeros(self._rest.shape, dtype=int)
+        self._ended = np.zeros(self._rest.shape, dtype=int)
+        self._shorted = np.zeros(self._rest.shape, dtype=bool)
+        self._pressed = np.zeros(self._rest.shape, dtype=bool)
+        self._loaded = np.zeros(self._rest.shape, dtype=bool)
+        self._unchanged = np.zeros(self._rest.shape, dtype=int)
+        self._shaken = np.zeros(self._rest.shape, dtype=bool)
+        self._changed_s = np.full(self._rest.shape, np.inf)
         self._now_s = 0.0
         self._counted_at = 0.0
         self._frames = self._alike = self._longest = 0
@@ -61,29 +63,29 @@ class PixelMonitor:
     def doubtful(self) -> bool:
         """Whether a pixel has just jumped to a range end; such frames are skipped."""
         sudden = (self._ended > 0) & ~self._pressed
-        return bool((self._known & ((self._opened > 0) | sudden)).any())
+        return bool(((self._opened > 0) | sudden).any())
 
     @property
     def beyond(self) -> str | None:
         """The warning about pixels saturated by the load, if any."""
-        if not (self._known & self._pressed).any():
+        if not self._pressed.any():
             return None
         return (
-            f"{self._first_pixel(self._pressed)} is pressed beyond what can be read: the force may "
+            f"{self._name_first(self._pressed)} is pressed beyond what can be read: the force may "
             "be more than measured; a smaller reference resistor reads further"
         )
 
     def check(self, observation: Observation, state: GraspState | None = None) -> Alarm | None:
         """Take the next observation; return which pixel failed and how, None if none did."""
         frame = observation.frame
-        counts = np.asarray(frame.counts, dtype=float) / frame.oversampling
+        counts = np.asarray(frame.counts)[self._watched] / frame.oversampling
         before = counts if self._counts is None else self._counts
         changed = counts != before
         self._shaken |= changed
         self._changed_s = np.where(changed, frame.time_s, np.fmin(self._changed_s, frame.time_s))
         self._now_s = frame.time_s
-        self._count_alike(alike=bool((counts == before)[self._known].all()))
-        equal = self._unlike and float(np.ptp(counts[self._known])) <= 1
+        self._count_alike(alike=not changed.any())
+        equal = self._unlike and float(np.ptp(counts)) <= 1
         self._equal = self._equal + 1 if equal else 0
         moving, closure = (
             observation.gripper.moving,
@@ -99,7 +101,8 @@ class PixelMonitor:
         self._opened = np.where(opened, self._opened + 1, 0)
         self._ended = np.where(ended, self._ended + 1, 0)
         jumped = np.abs(counts - before) > PIXELS.jump_fraction * np.maximum(before, 1.0)
-        jumped = self._known & (jumped if self._counts is not None else ended)
+        if self._counts is None:
+            jumped = ended
         standing = frame.time_s - self._moved_s > READING.quiet_s
         came = jumped & (~_has_others(jumped) | standing)
         self._loaded = self._under_load(counts)
@@ -113,8 +116,8 @@ class PixelMonitor:
         return self._describe_fault()
 
     def _describe_fault(self) -> Alarm | None:
-        unchanged = self._known & (self._unchanged >= PIXELS.all_moves)
-        if self._known.any() and ((unchanged == self._known).all() or self._repeating):
+        unchanged = self._unchanged >= PIXELS.all_moves
+        if unchanged.size and (unchanged.all() or self._repeating):
             since = f"{self._alike} frames"
             if not self._repeating:
                 since = f"{PIXELS.all_moves} movements of the fingers"
@@ -129,23 +132,22 @@ class PixelMonitor:
             "stuck": self._find_stuck(),
         }
         for how, mask in failed.items():
-            if (mask & self._known).any():
-                words = f"{self._first_pixel(mask)} reads {how}; {_SEE_DOCTOR}"
+            if mask.any():
+                words = f"{self._name_first(mask)} reads {how}; {_SEE_DOCTOR}"
                 return Alarm(danger=Danger.SENSOR_LOST, words=words)
         lost = ended & ~self._pressed
-        if 2 * int((self._known & self._pressed).sum()) > int(self._loaded.sum()):
+        if 2 * int(self._pressed.sum()) > int(self._loaded.sum()):
             lost = ended
-        if (lost & self._known).any():
-            words = f"{self._first_pixel(ended)} is pressed beyond what can be read: force unknown"
+        if lost.any():
+            words = f"{self._name_first(ended)} is pressed beyond what can be read: force unknown"
             return Alarm(danger=Danger.FORCE_LIMIT, words=words)
         if self._equal >= PIXELS.frames:
             words = f"all pixels read the same, which no sheet does; {_SEE_DOCTOR}"
             return Alarm(danger=Danger.SENSOR_LOST, words=words)
         return None
 
-    def _first_pixel(self, mask: NDArray[np.bool_]) -> str:
-        row, col = np.argwhere(mask & self._known)[0].tolist()
-        return f"pixel {pixel_name(row, col)}"
+    def _name_first(self, mask: NDArray[np.bool_]) -> str:
+        return f"pixel {self._names[int(np.argmax(mask))]}"
 
     def _count_alike(self, *, alike: bool) -> None:
         """Count consecutive repeated frames, and learn the usual run length."""
@@ -178,7 +180,7 @@ class PixelMonitor:
     def _find_unchanged(self, moves: int, *, others: int) -> NDArray[np.bool_]:
         """Return which pixels did not change in `moves` movements, while the others did."""
         unchanged = self._unchanged >= moves
-        rest = self._unchanged[self._known & ~unchanged]
+        rest = self._unchanged[~unchanged]
         lively = rest.size > 0 and int(rest.max()) <= others
         return np.asarray(unchanged & lively)
 
@@ -187,9 +189,7 @@ class PixelMonitor:
         full = self._layout.divider.full_scale
         upper = self._layout.divider.taxel_leg == "upper"
         seen = np.clip(counts if upper else full - counts, 1.0, full - 1.0)
-        return np.asarray(
-            self._known & (full / seen - 1.0 < (1.0 - PIXELS.loaded_fraction) * self._rest)
-        )
+        return np.asarray(full / seen - 1.0 < (1.0 - PIXELS.loaded_fraction) * self._rest)
 
 
 def _has_others(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

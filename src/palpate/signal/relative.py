@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -131,12 +132,20 @@ def finger_means(change_percent: ArrayLike, *, finger_of_row: Sequence[int]) -> 
     [-40.0, -1.0]
     """
     change = np.asarray(change_percent, float)
-    row_finger = np.asarray(finger_of_row)
     each = [
-        _mean_over(change[..., row_finger == finger, :], axis=(-2, -1))
-        for finger in np.unique(row_finger)
+        _mean_over(change[..., rows, :], axis=(-2, -1))
+        for rows in _rows_by_finger(tuple(finger_of_row))
     ]
     return np.stack(each, axis=-1)
+
+
+@cache
+def _rows_by_finger(finger_of_row: tuple[int, ...]) -> list[list[int]]:
+    """Return the rows of each finger, in the order of the fingers' numbers."""
+    return [
+        [row for row, other in enumerate(finger_of_row) if other == finger]
+        for finger in sorted(set(finger_of_row))
+    ]
 
 
 def largest_change(change_percent: ArrayLike) -> FloatArray:
@@ -167,8 +176,10 @@ def total_excess(excess: ArrayLike) -> FloatArray:
 
 def _mean_over(values: FloatArray, *, axis: tuple[int, int]) -> FloatArray:
     """Return the mean that leaves NaN out, NaN where nothing is left."""
-    count = np.sum(~np.isnan(values), axis=axis)
-    return np.where(count > 0, np.nansum(values, axis=axis) / np.maximum(count, 1), np.nan)
+    known = ~np.isnan(values)
+    count = known.sum(axis=axis)
+    total = np.where(known, values, 0.0).sum(axis=axis)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def _refuse_unrest(change_percent: FloatArray) -> None:
