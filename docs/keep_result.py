@@ -15,7 +15,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from palpate_studies.scoreboard import keep
+from palpate_studies.scoreboard import store_result
 from palpate_studies.study_code import code_hash
 
 #: `palpate` of this interpreter, installed or not on the path.
@@ -37,7 +37,7 @@ def main() -> None:
     )
     document = json.loads(done.stdout)
     shown = " ".join(["palpate", *(Path(a).name if "/" in a else a for a in arguments)])
-    keep(
+    store_result(
         name,
         docs=Path(__file__).parent,
         command=shown,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from palpate_studies.scoreboard import read_kept
+from palpate_studies.scoreboard import read_stored_results
 from palpate_studies.study_code import code_hash
 
 
@@ -18,7 +18,7 @@ def main() -> None:
     """Print name, date and command of each."""
     sys.stdout.writelines(
         f"{name}, made on {one['made_on']}: {one['command']}\n"
-        for name, one in read_kept(Path(__file__).parent).items()
+        for name, one in read_stored_results(Path(__file__).parent).items()
         if one["code_sha256"] != code_hash(one["study"])
     )
 

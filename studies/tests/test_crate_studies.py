@@ -185,7 +185,7 @@ def test_the_command_writes_what_it_read(
 def test_a_crate_is_measured_by_grasps(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, kinds in (("CRATE_TAUGHT", ["egg"]), ("CRATE_STRANGERS", ["walnut"])):
         monkeypatch.setattr(crates_module, name, dict.fromkeys(kinds))
-    found = measure_crates(level="lab", sensor=7, taught=1, sorted_items=1)
+    found = measure_crates(level="lab", sensor=7, training_items=1, sorted_items=1)
     assert [(i.kind, i.teaches, i.known, len(i.grasps)) for i in found] == [
         ("egg", True, True, 2),
         ("egg", False, True, 3),

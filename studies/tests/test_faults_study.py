@@ -8,7 +8,14 @@ import pytest
 
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate_studies.fault_devices import FAULTS
-from palpate_studies.fault_grasps import KINDS, Cell, Struck, cells, sample_cells, struck
+from palpate_studies.fault_grasps import (
+    KINDS,
+    Cell,
+    FaultyGrasp,
+    list_cells,
+    run_faulty_grasp,
+    sample_cells,
+)
 from palpate_studies.faults import is_unexplained, judge
 
 pytestmark = pytest.mark.slow
@@ -27,7 +34,9 @@ CASES = {
 def test_no_fault_goes_on_unseen(name: str) -> None:
     fault, phase, thing, kind = CASES[name]
     assert kind in KINDS
-    found = struck(Cell(fault=fault, phase=phase, thing=thing, kind=kind, speed=1.0), seed=77)
+    found = run_faulty_grasp(
+        Cell(fault=fault, phase=phase, thing=thing, kind=kind, speed=1.0), seed=77
+    )
     assert found.struck
     assert found.outcome in ("sensor_lost", "gripper_fault", "force_limit")
     assert found.reason
@@ -39,7 +48,7 @@ def test_no_fault_goes_on_unseen(name: str) -> None:
 @pytest.mark.parametrize(("speed", "seed"), [(1.0, 920_913), (2.0, 920_914)])
 def test_a_sheet_turned_round_crushes_no_berry(speed: float, seed: int) -> None:
     """The reading falls as force rises; forces of 7.2 and 5.6 N occurred before."""
-    found = struck(
+    found = run_faulty_grasp(
         Cell(fault="inverted", phase="squeeze", thing="strawberry", kind="rigid", speed=speed),
         seed=seed,
     )
@@ -53,12 +62,12 @@ def test_a_sample_has_every_fault_about_as_often() -> None:
     chosen = sample_cells(2 * len(FAULTS), seed=3)
     assert len(chosen) == len({(c.fault, c.phase, c.thing, c.kind, c.speed) for c in chosen})
     assert all(sum(cell.fault == name for cell in chosen) == 2 for name in FAULTS)
-    assert len(sample_cells(10**6, seed=3)) == len(cells())
+    assert len(sample_cells(10**6, seed=3)) == len(list_cells())
 
 
 def test_a_row_shows_the_worst() -> None:
     cell = Cell(fault="pixel open", phase="hold", thing="strawberry", kind="rigid", speed=1.0)
-    first = Struck(
+    first = FaultyGrasp(
         cell=cell,
         struck=True,
         outcome="sensor_lost",

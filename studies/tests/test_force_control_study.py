@@ -17,23 +17,23 @@ from palpate_studies.baselines.feedback_loops import (
     run_learned_loop,
     taught_by,
 )
-from palpate_studies.baselines.told_everything import RIDGE
+from palpate_studies.baselines.full_input_learners import RIDGE
 from palpate_studies.force_control import compare_methods, judge, scores
 from palpate_studies.force_control_world import (
     TARGETS_N,
     UNLIMITED,
-    Gripped,
+    GripOutcome,
+    draw_task,
     grip_as_shipped,
     learn_damage,
-    task,
 )
 from palpate_studies.protocol.parts import SeenBeforeError
 
 
-def made(*, force_share: float, damaged: bool = False, limited: bool = False) -> Gripped:
-    one = task(7, level="lab")
+def made(*, force_share: float, damaged: bool = False, limited: bool = False) -> GripOutcome:
+    one = draw_task(7, level="lab")
     force_n = force_share * one.target_n
-    return Gripped(
+    return GripOutcome(
         task=one,
         method="ours",
         outcome="held",
@@ -41,7 +41,7 @@ def made(*, force_share: float, damaged: bool = False, limited: bool = False) ->
         lifted=True,
         dropped=False,
         damaged=damaged,
-        said_n=one.target_n,
+        reported_n=one.target_n,
         low_n=0.9 * one.target_n,
         high_n=1.1 * one.target_n,
         limited=limited,
@@ -60,8 +60,8 @@ def test_what_the_damage_limit_kept_below_is_no_miss() -> None:
 
 def test_tasks_are_drawn_by_seed_and_can_be_lifted_at_their_target() -> None:
     for seed in range(20):
-        one = task(seed, level="field")
-        assert one == task(seed, level="field")
+        one = draw_task(seed, level="field")
+        assert one == draw_task(seed, level="field")
         assert TARGETS_N[0] <= one.target_n <= TARGETS_N[1]
         weight_n = N_PER_G * one.obj.mass_g
         assert weight_n <= 2 * FRICTION[0] * one.target_n
@@ -85,7 +85,7 @@ def test_the_report_says_simulated() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["rigid", "soft"])
 def test_a_soft_thing_is_not_pressed_to_its_target(kind: GripperKind) -> None:
-    drawn = task(7, level="lab")
+    drawn = draw_task(7, level="lab")
     tender = replace(
         drawn.obj,
         contact="linear",
@@ -110,24 +110,24 @@ def test_percentages_are_also_given_of_everything_that_was_to_be_gripped() -> No
 
 @pytest.mark.slow
 def test_the_papers_line_as_feedback_says_the_target_where_it_stops() -> None:
-    found = paper_loop(task(700_000, level="lab"))
+    found = paper_loop(draw_task(700_000, level="lab"))
     assert found.on_target_s is not None
-    assert found.said_n == pytest.approx(found.task.target_n, rel=0.05)
+    assert found.reported_n == pytest.approx(found.task.target_n, rel=0.05)
     assert found.force_n == pytest.approx(found.task.target_n, rel=0.4)
     assert found.on_target_s > WAITS_S
 
 
 @pytest.mark.slow
 def test_a_learned_law_is_feedback_on_sensors_that_it_never_saw() -> None:
-    laws = learn_laws([task(seed, level="lab") for seed in (700_000, 700_004, 700_008)])
+    laws = learn_laws([draw_task(seed, level="lab") for seed in (700_000, 700_004, 700_008)])
     with pytest.raises(SeenBeforeError, match="lab 175000 was used"):
-        run_learned_loop(task(700_001, level="lab"), RIDGE, laws=laws)
-    found = run_learned_loop(task(700_016, level="lab"), RIDGE, laws=laws)
+        run_learned_loop(draw_task(700_001, level="lab"), RIDGE, laws=laws)
+    found = run_learned_loop(draw_task(700_016, level="lab"), RIDGE, laws=laws)
     assert found.method == LOOPS[RIDGE]
-    assert found.said_n == pytest.approx(found.task.target_n, rel=0.05)
+    assert found.reported_n == pytest.approx(found.task.target_n, rel=0.05)
     assert found.force_n == pytest.approx(found.task.target_n, rel=0.6)
     # It learned from holds that the hand really had: the calibrated law is off by some percent.
-    rows = taught_by(task(700_000, level="lab"))
+    rows = taught_by(draw_task(700_000, level="lab"))
     assert 1 <= len(rows) <= 13
     assert all(abs(log) < 1.0 for _, log in rows)
 
@@ -135,7 +135,7 @@ def test_a_learned_law_is_feedback_on_sensors_that_it_never_saw() -> None:
 def test_ours_is_compared_on_the_things_that_both_gripped() -> None:
     near, far = made(force_share=1.0), made(force_share=1.5)
     rival = replace(far, method="rival")
-    other = replace(near, task=task(8, level="lab"), method="ours")
+    other = replace(near, task=draw_task(8, level="lab"), method="ours")
     (row,) = compare_methods([near, rival, other])
     assert (row["cases"], row["ours_near"], row["rival_near"]) == (1, 1.0, 0.0)
     assert row["difference"] == -1.0

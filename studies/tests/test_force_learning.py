@@ -36,13 +36,13 @@ def contacts(*, seed: int, count: int = 40, gain_sd: float = 0.4) -> list[KnownC
     return found
 
 
-def errors(population: Population, *, told: str) -> tuple[float, float]:
+def errors(population: Population, *, given: str) -> tuple[float, float]:
     """Return the median |ln error| and the coverage on contacts of other places."""
     off, covered = [], []
     tested = contacts(seed=2)
     for one, other in zip(tested[::2], tested[1::2], strict=True):
         law = ForceLaw(population)
-        if told == "place":
+        if given == "place":
             law = ForceLaw.fit(
                 other.inputs,
                 force_n=other.force_n,
@@ -50,7 +50,7 @@ def errors(population: Population, *, told: str) -> tuple[float, float]:
                 population=population,
             )
         first = 0
-        if told == "once":
+        if given == "once":
             assert one.given is not None
             law.update(one.inputs[one.given], force_n=one.force_n[one.given])
             first = one.given + 1
@@ -63,7 +63,7 @@ def errors(population: Population, *, told: str) -> tuple[float, float]:
 
 def test_known_forces_narrow_error_and_the_interval_covers() -> None:
     population = learn_population(contacts(seed=1))
-    nothing, place, once = (errors(population, told=t) for t in ("nothing", "place", "once"))
+    nothing, place, once = (errors(population, given=t) for t in ("nothing", "place", "once"))
     assert place[0] < 0.35 * nothing[0]
     assert once[0] < 0.35 * nothing[0]
     for _, coverage in (nothing, place, once):

@@ -45,7 +45,7 @@ def test_presses_follow_the_definition(tmp_path: Path) -> None:
         trace = press.trace
         held = trace.force_n[trace.first :]
         threshold = 0.8 * np.percentile(held, 80)
-        assert trace.force_n[trace.told] >= threshold > trace.force_n[trace.told - 1]
+        assert trace.force_n[trace.given] >= threshold > trace.force_n[trace.given - 1]
         assert trace.time_s[-1] - trace.time_s[trace.first] >= 0.8
         assert trace.group == "shape0"
 
@@ -55,14 +55,14 @@ def test_what_comes_later_changes_nothing_said_before(tmp_path: Path) -> None:
     follow = MODELS["ours"](presses)
     whole = presses[5]
     end = len(whole.trace.time_s) - 20
-    cut = replace(
+    cut_presses = replace(
         whole,
         trace=replace(
             whole.trace,
             **{name: getattr(whole.trace, name)[:end] for name in ("time_s", "excess", "force_n")},
         ),
     )
-    for before, after in zip(follow(cut), follow(whole), strict=True):
+    for before, after in zip(follow(cut_presses), follow(whole), strict=True):
         np.testing.assert_allclose(before, after[:-20], rtol=0, atol=1e-12)
 
 
@@ -71,7 +71,7 @@ def test_the_reference_is_seen_once(tmp_path: Path) -> None:
     presses = read_presses(press_csv(tmp_path / "p.csv"))
     press = presses[3]
     hidden = press.trace.force_n.copy()
-    hidden[np.arange(len(hidden)) != press.trace.told] = 99.0
+    hidden[np.arange(len(hidden)) != press.trace.given] = 99.0
     blind = replace(press, trace=replace(press.trace, force_n=hidden))
     for name, learn in MODELS.items():
         follow = learn(presses)

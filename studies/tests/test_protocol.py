@@ -9,7 +9,7 @@ from palpate.errors import PalpateError
 from palpate.estimate.damage_learning import FruitClosing, follow_closing
 from palpate_studies.protocol.paired import difference_of_pairs
 from palpate_studies.protocol.parts import Learned, SeenBeforeError
-from palpate_studies.rupture import RATES, RULE, apply_policy, stops, tradeoff
+from palpate_studies.rupture import RATES, RULE, apply_policy, stop_fractions, tradeoff
 
 
 def pears(count: int, *, seed: int) -> list[FruitClosing]:
@@ -64,7 +64,7 @@ def test_rupture_settings_come_from_the_training_fruit_alone() -> None:
     training, test = pears(60, seed=1), pears(30, seed=2)
     whole, part = (apply_policy(RULE, [(training, some)]) for some in (test, test[:5]))
     assert part.settings == pytest.approx(whole.settings[:5])
-    assert stops(part, test[:5]) == pytest.approx(stops(whole, test)[:5])
+    assert stop_fractions(part, test[:5]) == pytest.approx(stop_fractions(whole, test)[:5])
     assert np.all(np.diff(whole.settings[0]) >= 0)
     rows = [row for row in tradeoff([whole], closings=test) if row["fruit"] == "all"]
     assert [row["rate_limit"] for row in rows] == list(RATES)

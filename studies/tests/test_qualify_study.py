@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate_studies.qualify import FIGURES, Pool, check, side_pairs
+from palpate_studies.qualify import FIGURES, Pool, check_coverage, side_pairs
 
 
 def test_side_pairs_reads_both_sides(tmp_path: Path) -> None:
@@ -24,6 +24,6 @@ def test_check_of_a_good_instrument_covers_its_true_figures() -> None:
     random = np.random.default_rng(1)
     truth = random.normal(1.0, 0.6, 80)
     pool = Pool(truth=truth, grasps=truth[:, None] + random.normal(0.0, 0.1, (80, 2)))
-    rows = check(pool, 0.3, level="lab", campaigns=10)
+    rows = check_coverage(pool, 0.3, level="lab", campaigns=10)
     assert {row["figure"] for row in rows} <= set(FIGURES)
     assert all(row["coverage"] >= 0.6 for row in rows)

@@ -9,7 +9,12 @@ import pytest
 
 from palpate.holds import Hold
 from palpate_studies import realism
-from palpate_studies.realism import halves, hold_quantities, ladder_quantities, together
+from palpate_studies.realism import (
+    half_sheet_differences,
+    hold_quantities,
+    ladder_quantities,
+    scatter_of_drawn_means,
+)
 
 
 def test_ladder_quantities_of_a_known_law() -> None:
@@ -41,10 +46,10 @@ def test_compare_smaller_scatter_is_marked_kinder() -> None:
 def test_together_independent_places_average_neighbours_do_not() -> None:
     rng = np.random.default_rng(0)
     mixed = {str(number): 0.6 * rng.standard_normal(16) for number in range(40)}
-    assert np.median(together(mixed)) == pytest.approx(0.6 / np.sqrt(8), rel=0.2)
+    assert np.median(scatter_of_drawn_means(mixed)) == pytest.approx(0.6 / np.sqrt(8), rel=0.2)
     sloping = {name: np.sort(gain) for name, gain in mixed.items()}
-    assert np.median(halves(sloping)) > 2 * np.median(halves(mixed))
-    assert halves({"few": np.zeros(12)}).size == 0
+    assert np.median(half_sheet_differences(sloping)) > 2 * np.median(half_sheet_differences(mixed))
+    assert half_sheet_differences({"few": np.zeros(12)}).size == 0
 
 
 @pytest.mark.slow

@@ -22,9 +22,9 @@ from palpate.produce.ripeness.stages import STAGES
 from palpate_studies import ripeness_station
 from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS
 from palpate_studies.ripeness import CONDITIONS, choose_conditions, judge
-from palpate_studies.ripeness_felt import REFERENCE_ID, Felt, drift_of
-from palpate_studies.ripeness_scores import compare_ways, judge_days, scores
+from palpate_studies.ripeness_scores import compare_methods, judge_days, scores
 from palpate_studies.ripeness_station import DAYS, draw_labelled, run_station
+from palpate_studies.station_records import REFERENCE_ID, StationRecords, drift_of
 from palpate_studies.twin_avocado import Avocado, draw_avocado
 
 pytestmark = pytest.mark.slow
@@ -33,7 +33,7 @@ FIRST, FEW_GRASPS = datetime(2026, 5, 4, 8, tzinfo=UTC), 8
 
 
 @pytest.fixture(scope="module")
-def station() -> Iterator[Felt]:
+def station() -> Iterator[StationRecords]:
     """A station with fewer grasps than those of the study, which take minutes."""
     with pytest.MonkeyPatch.context() as few:
         few.setattr(ripeness_station, "LABELLED_GRASPS", FEW_GRASPS)
@@ -41,7 +41,7 @@ def station() -> Iterator[Felt]:
         yield run_station(41, level="lab", gripper="rigid", aging=True, labelled=0, others=1)
 
 
-def test_a_station_feels_every_day_through_the_devices(station: Felt) -> None:
+def test_a_station_feels_every_day_through_the_devices(station: StationRecords) -> None:
     fruit = [grasp for grasp in station.grasps if grasp.item_id == "fruit-0"]
     ball = [grasp for grasp in station.grasps if grasp.item_id == REFERENCE_ID]
     assert len(fruit) == FEW_GRASPS * DAYS
@@ -54,7 +54,7 @@ def test_a_station_feels_every_day_through_the_devices(station: Felt) -> None:
     assert station.damaged == 0
 
 
-def test_firmness_follows_the_fruit_and_not_the_ball(station: Felt) -> None:
+def test_firmness_follows_the_fruit_and_not_the_ball(station: StationRecords) -> None:
     def means(item_id: str) -> list[float]:
         felt = [
             (grasp.taken_at.date(), firmness)
@@ -70,7 +70,7 @@ def test_firmness_follows_the_fruit_and_not_the_ball(station: Felt) -> None:
     assert np.ptp(ball) < 0.35 * np.ptp(fruit)
 
 
-def made_up(station: Felt, *, worn: float, labelled_fruits: int = 12) -> Felt:
+def made_up(station: StationRecords, *, worn: float, labelled_fruits: int = 12) -> StationRecords:
     """Return a station's records for stiffness with a little noise and drift."""
     rng = np.random.default_rng(8)
     labelled, others = (tuple(draw_avocado(rng) for _ in range(n)) for n in (labelled_fruits, 10))
@@ -122,7 +122,7 @@ def made_up(station: Felt, *, worn: float, labelled_fruits: int = 12) -> Felt:
         width_mm=(40.0, 39.9996, 39.9992, 39.9984),
         force_n=(0.0, 2.0, 4.0, 8.0),
     )
-    return Felt(
+    return StationRecords(
         calibration=replace(station.calibration, block=block),
         labelled=labelled,
         others=others,
@@ -132,7 +132,7 @@ def made_up(station: Felt, *, worn: float, labelled_fruits: int = 12) -> Felt:
     )
 
 
-def test_the_reference_object_keeps_what_drift_would_lose(station: Felt) -> None:
+def test_the_reference_object_keeps_what_drift_would_lose(station: StationRecords) -> None:
     felt = made_up(station, worn=-0.5)
     assert drift_of(felt).moved[-1] == pytest.approx(-0.5, abs=0.05)
     found = scores(judge_days(felt))
@@ -144,7 +144,7 @@ def test_the_reference_object_keeps_what_drift_would_lose(station: Felt) -> None
     assert found["days_to_ripe"]["coverage"] > 0.7
 
 
-def test_learners_are_rivals_that_see_the_labels_of_every_station(station: Felt) -> None:
+def test_learners_are_rivals_that_see_the_labels_of_every_station(station: StationRecords) -> None:
     felt, other = (made_up(station, worn=0.0, labelled_fruits=n) for n in (6, 12))
     alone, taught = judge_days(felt, name="a"), judge_days(felt, taught=[other], name="a")
     for learner in STAGE_LEARNERS:
@@ -154,7 +154,7 @@ def test_learners_are_rivals_that_see_the_labels_of_every_station(station: Felt)
     assert [row.said["ours"] for row in alone] == [row.said["ours"] for row in taught]
 
 
-def test_differences_are_paired_by_fruit(station: Felt) -> None:
+def test_differences_are_paired_by_fruit(station: StationRecords) -> None:
     rows = judge_days(made_up(station, worn=0.0), name="a")
     assert len({row.fruit for row in rows}) == 10
     never = [replace(row, said=row.said | {"settled change": row.said["ours"]}) for row in rows]
@@ -163,7 +163,7 @@ def test_differences_are_paired_by_fruit(station: Felt) -> None:
         for row in rows
     ]
     for judgements, difference in ((never, 0.0), (always, -1.0)):
-        (row,) = (one for one in compare_ways(judgements) if one["rival"] == "settled change")
+        (row,) = (one for one in compare_methods(judgements) if one["rival"] == "settled change")
         assert (row["difference"], row["cases"], row["specimens"]) == (difference, 40, 10)
 
 
@@ -176,7 +176,9 @@ def test_labelled_fruits_show_every_stage() -> None:
     assert draw_labelled(np.random.default_rng(0), 0) == ()
 
 
-def test_the_report_is_whole_and_says_that_it_is_simulated(station: Felt, tmp_path: Path) -> None:
+def test_the_report_is_whole_and_says_that_it_is_simulated(
+    station: StationRecords, tmp_path: Path
+) -> None:
     felt = made_up(station, worn=-0.2, labelled_fruits=6)
     made = judge({("lab", "rigid", True): [felt], ("lab", "rigid", False): [felt]})
     made.write(tmp_path)
@@ -204,7 +206,7 @@ def test_a_condition_that_is_not_compared_is_refused_before_any_grasp(
     assert "leave --no-aging out" in capsys.readouterr().err
 
 
-def test_a_study_without_fruit_to_judge_says_so(station: Felt) -> None:
+def test_a_study_without_fruit_to_judge_says_so(station: StationRecords) -> None:
     felt = made_up(station, worn=0.0, labelled_fruits=6)
     with pytest.raises(InputError, match="judge more with --fruits"):
         judge({("lab", "rigid", True): [replace(felt, others=())]})

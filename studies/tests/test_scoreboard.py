@@ -16,14 +16,14 @@ from palpate.errors import InputError
 from palpate_studies.catalogue import STUDIES
 from palpate_studies.scoreboard import (
     MARKS,
-    as_first_table,
-    as_table,
+    claims_table,
     fill_page,
+    first_page_table,
     generate_pages,
-    keep,
+    insert_table,
     read_claims,
-    read_kept,
-    with_table,
+    read_stored_results,
+    store_result,
 )
 from palpate_studies.study_code import code_hash, study_files
 
@@ -45,7 +45,7 @@ def test_readme_has_no_table_of_results_but_the_generated_one() -> None:
 
 def test_every_stored_result_names_its_origin_and_is_quoted() -> None:
     quoting = (DOCS / "claims.toml").read_text() + (DOCS / "kept" / "results.md.in").read_text()
-    for name, one in read_kept(DOCS).items():
+    for name, one in read_stored_results(DOCS).items():
         assert f'"{name}"' in quoting or f"{{{{{name}|" in quoting, name
         assert one["origin"] in ("real", "simulated")
         assert one["command"].startswith(f"palpate study {one['study']}")
@@ -57,7 +57,7 @@ def test_every_stored_result_names_its_origin_and_is_quoted() -> None:
 @pytest.fixture
 def docs(tmp_path: Path) -> Path:
     (tmp_path / "kept").mkdir()
-    keep(
+    store_result(
         "one",
         docs=tmp_path,
         command="palpate study one",
@@ -72,7 +72,7 @@ def docs(tmp_path: Path) -> Path:
         note="Evaluated once.",
         code_sha256="1" * 64,
     )
-    keep(
+    store_result(
         "two",
         docs=tmp_path,
         command="palpate study one --second",
@@ -95,7 +95,7 @@ def docs(tmp_path: Path) -> Path:
 
 
 def test_read_kept_returns_the_origin_of_each_result(docs: Path) -> None:
-    kept = read_kept(docs)
+    kept = read_stored_results(docs)
     one, two = kept["one"], kept["two"]
     assert (one["study"], two["command"]) == ("one", "palpate study one --second")
     assert (one["note"], two["code_sha256"]) == ("Evaluated once.", "0" * 64)
@@ -116,7 +116,7 @@ def test_figures_are_looked_up_and_scaled(docs: Path) -> None:
     assert (claim["ours"], claim["rival"], claim["origin"]) == ("12.3 %", "0.2", "real")
     assert claim["difference"] == "-0.100 (-0.200 to +0.010)"
     assert claim["second"] == "**baseline**: 0.5 (+0.300, +0.100 to +0.400)"
-    table = as_table([claim])
+    table = claims_table([claim])
     assert "| error (3) | `one` | 3; sensors | 12.3 % | 0.2 (c) |" in table
     page = fill_page("{{one|rows[method=c]/error:.2f}} {{one|rows[method=c]/ends:.0f}}", docs)
     assert page == "0.20 2"
@@ -150,9 +150,9 @@ def test_a_changed_result_changes_the_page(tmp_path: Path) -> None:
     for row in document["figures"]["tradeoff"]:
         row["firmness"] += 0.1
     path.write_text(json.dumps(document))
-    assert with_table(page, as_first_table(read_claims(tmp_path))) != page
+    assert insert_table(page, first_page_table(read_claims(tmp_path))) != page
     with pytest.raises(InputError, match="needs one"):
-        with_table("no marks", "")
+        insert_table("no marks", "")
 
 
 def test_notes_on_the_paper_count_misses_as_the_stored_results_do() -> None:

@@ -54,12 +54,12 @@ def test_every_material_has_every_rule_and_own_holds(
     document = json.loads(capsys.readouterr().out)
     rows = document["rows"]
     without = [row for row in rows if row["own_holds"] == 0]
-    rules = {settled.OURS, *settled.PLAIN, "multiple", "ridge"}
+    rules = {settled.PALPATE, *settled.PLAIN, "multiple", "ridge"}
     for material in "abc":
         found = {row["method"] for row in without if row["material"] == material}
         assert found == rules
         own = [row for row in rows if (row["material"], row["own_holds"]) == (material, 3)]
-        assert {row["method"] for row in own} == {settled.OURS, "log_law"}
+        assert {row["method"] for row in own} == {settled.PALPATE, "log_law"}
     assert {row["material"] for row in without} == {*"abc", settled.SINGLE}
     assert set(rows[0]) == {
         "material",
@@ -78,9 +78,9 @@ def test_every_material_has_every_rule_and_own_holds(
 
 
 def test_a_multiple_learns_from_the_others_alone() -> None:
-    shown = {name: [settled.show(h, 2.5) for h in holds(name, 4)] for name in "ab"}
-    [one] = [settled.show(h, 2.5) for h in holds("c", 1)]
-    rule = settled.multiple(shown)
+    shown = {name: [settled.extract_features(h, 2.5) for h in holds(name, 4)] for name in "ab"}
+    [one] = [settled.extract_features(h, 2.5) for h in holds("c", 1)]
+    rule = settled.fit_multiple(shown)
     changes = [each.change for some in shown.values() for each in some]
     assert min(changes) <= rule(one) <= max(changes)
     assert abs(rule(one) - one.change) > 0.02
@@ -92,9 +92,9 @@ def test_files_of_the_same_holds_are_left_out_together() -> None:
 
 
 def test_a_ridge_recovers_what_others_share() -> None:
-    others = {name: [settled.show(h, 5.0) for h in holds(name, 6)] for name in "ac"}
-    rule = settled.ridge(others)
-    for one in (settled.show(h, 5.0) for h in holds("a", 2)):
+    others = {name: [settled.extract_features(h, 5.0) for h in holds(name, 6)] for name in "ac"}
+    rule = settled.fit_ridge(others)
+    for one in (settled.extract_features(h, 5.0) for h in holds("a", 2)):
         assert rule(one) == pytest.approx(one.change, rel=0.1)
 
 

@@ -12,7 +12,7 @@ from tests.pdf_fonts import check_all_fonts
 
 from palpate.estimate.measurement import Measurement
 from palpate_studies import size
-from palpate_studies.size import Sized, errors_mm, measure_sizes
+from palpate_studies.size import SizedStrawberry, errors_mm, measure_sizes
 
 
 def said(value: float, half: float = 0.3) -> Measurement:
@@ -21,7 +21,7 @@ def said(value: float, half: float = 0.3) -> Measurement:
 
 def test_scores_of_sizes() -> None:
     berries = [
-        Sized(
+        SizedStrawberry(
             sensor=0,
             true_mm=35.0,
             published_mm=published,
@@ -48,7 +48,7 @@ def test_size_study_is_finite_and_says_simulated(tmp_path: Path) -> None:
     report.write(tmp_path)
     stored = json.loads((tmp_path / "size.json").read_text())
     assert stored["origin"] == "twin"
-    assert [row["strawberries"] for row in stored["summary"]] == [2] * 2 * len(size.WAYS)
+    assert [row["strawberries"] for row in stored["summary"]] == [2] * 2 * len(size.METHODS)
     ours = [row for row in stored["summary"] if row["way"] == "same_steps"]
     assert all(row["rms_mm"] < 1.0 for row in ours)
     assert "Simulated" in (tmp_path / "size.md").read_text()

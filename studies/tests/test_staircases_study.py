@@ -9,11 +9,11 @@ from palpate.rig.simulated import calibrate_twin
 from palpate_studies import staircases
 from palpate_studies.protocol.parts import SeenBeforeError
 from palpate_studies.staircases import (
-    FAINT_N,
+    LEAST_SCORED_N,
     FollowedForce,
     follow_staircases,
     learn_from_staircases,
-    numbers_of,
+    list_features,
 )
 
 
@@ -22,7 +22,7 @@ def test_a_sheet_is_followed_by_the_laws_of_its_calibration() -> None:
     found = follow_staircases(3, level="lab", staircases=1)
     assert list(found) == ["settled", "by_time", "memory", "now"]
     (now,) = found["now"]
-    assert (now.force_n > FAINT_N).all()
+    assert (now.force_n > LEAST_SCORED_N).all()
     assert np.median(np.abs(np.log(np.maximum(now.value_n, 0.01) / now.force_n))) < 0.3
     assert (now.low_n <= now.value_n).all()
     assert (now.value_n <= now.high_n).all()
@@ -50,14 +50,14 @@ def test_what_a_learner_sees_of_a_frame_is_what_came_before_it() -> None:
     time_s = np.arange(40) / 15
     excess = np.full((40, 4, 2), 0.3)
     excess[20:] *= 2.0
-    seen = numbers_of(time_s, excess, pairs=pairs)
-    np.testing.assert_array_equal(seen[:20], numbers_of(time_s[:20], excess[:20], pairs=pairs))
+    seen = list_features(time_s, excess, pairs=pairs)
+    np.testing.assert_array_equal(seen[:20], list_features(time_s[:20], excess[:20], pairs=pairs))
     since_moved_s, since_start_s = seen[:, -2:].T
     np.testing.assert_allclose(since_start_s, time_s)
     assert since_moved_s[20] == 0.0
     assert since_moved_s[35] == pytest.approx(13 / 15)
     # A sheet that reads above its rest, as an open hand may: still a number.
-    assert np.isfinite(numbers_of(time_s, excess - 0.9, pairs=pairs)).all()
+    assert np.isfinite(list_features(time_s, excess - 0.9, pairs=pairs)).all()
 
 
 def test_scores_of_known_errors() -> None:

@@ -7,12 +7,19 @@ import math
 import pytest
 
 from palpate.twin.mechanics import object_force_n
-from palpate_studies.stiffness import FIRM_N, SIZES_MM, StiffnessAnswer, object_of, repeat, scores
+from palpate_studies.stiffness import (
+    FIRM_N,
+    SIZES_MM,
+    StiffnessAnswer,
+    draw_stiffness_object,
+    repeat_grasps,
+    scores,
+)
 
 
 @pytest.mark.parametrize("stiffness", [0.5, 5.0, 50.0])
 def test_every_object_has_the_secant_stiffness_that_was_asked_for(stiffness: float) -> None:
-    drawn = [object_of(stiffness, seed=seed) for seed in range(12)]
+    drawn = [draw_stiffness_object(stiffness, seed=seed) for seed in range(12)]
     for obj in drawn:
         force_n = object_force_n(obj, FIRM_N / stiffness, ruptured=False)[0]
         assert force_n == pytest.approx(FIRM_N)
@@ -72,6 +79,6 @@ def test_rank_correlation_of_firmness_counts_every_grasp_that_has_one() -> None:
 
 @pytest.mark.slow
 def test_repeat_of_one_object_varies_little() -> None:
-    found = repeat("lab", seed=700, stiffness=4.0, gripper="rigid", grasps=3)
+    found = repeat_grasps("lab", seed=700, stiffness=4.0, gripper="rigid", grasps=3)
     assert found["grasps"] == 3
     assert 0.0 < found["sd"] < 6.0

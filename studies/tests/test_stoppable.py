@@ -10,7 +10,7 @@ import pytest
 
 from palpate_studies import force_control_world
 from palpate_studies.force_control import grip_all
-from palpate_studies.force_control_world import learn_damage, task
+from palpate_studies.force_control_world import draw_task, learn_damage
 
 
 @pytest.mark.slow
@@ -28,7 +28,7 @@ def test_a_signal_ends_the_study_with_the_hand_safe(
             return super().command(wanted)
 
     monkeypatch.setattr(force_control_world, "TwinGripper", Gripper)
-    tasks = [task(seed, level="lab") for seed in (8, 9)]
+    tasks = [draw_task(seed, level="lab") for seed in (8, 9)]
     with pytest.raises(KeyboardInterrupt):
         list(grip_all(tasks, damage=learn_damage(seed=1), laws={}))
     assert len(worlds) == 1

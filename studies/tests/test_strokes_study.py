@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate_studies.strokes import MODELS, TOLD, Touch, others_of, read_strokes
+from palpate_studies.strokes import MODELS, PRIORS, Touch, others_of, read_strokes
 
 HEADER = "recording_id,time_s,resistance_ohm,force_n,touch,phase\n"
 
@@ -59,24 +59,24 @@ def test_touches_follow_the_definition(touches: list[Touch]) -> None:
         assert (force[one.scored] >= 0.5).all()
         assert (one.phase[one.scored] != "rest").all()
         inside = force[one.phase != "rest"]
-        at = one.told["eighty_percent"]
+        at = one.measured_at["eighty_percent"]
         assert force[at] >= 0.8 * np.percentile(inside, 80) - 1e-3 > force[at - 1] - 1e-3
         assert not one.after("eighty_percent")[: at + 1].any()
         assert len(others_of(one, touches)) == 1
 
 
-@pytest.mark.parametrize("told", TOLD)
-def test_the_reference_is_seen_only_where_it_is_told(touches: list[Touch], told: str) -> None:
-    """Change every force of a test touch but the measured one: nothing changes."""
+@pytest.mark.parametrize("prior", PRIORS)
+def test_the_reference_is_seen_only_where_it_is_told(touches: list[Touch], prior: str) -> None:
+    """Changing all unmeasured forces of a test touch does not change the predictions."""
     train = [one for one in touches if one.sensor == "s0"]
     touch = next(one for one in touches if one.sensor == "s1")
     others = others_of(touch, touches)
     hidden = np.full_like(touch.log_force, 4.0)
-    if told in touch.told:
-        hidden[touch.told[told]] = touch.log_force[touch.told[told]]
+    if prior in touch.measured_at:
+        hidden[touch.measured_at[prior]] = touch.log_force[touch.measured_at[prior]]
     blind = replace(touch, log_force=hidden)
     for name in ("constant", "clock", "static", "ours"):
-        follow = MODELS[name](train, told)
+        follow = MODELS[name](train, prior)
         assert follow(blind, others)[0].tolist() == follow(touch, others)[0].tolist(), name
 
 
@@ -101,7 +101,7 @@ def test_study_prints_one_document(tmp_path: Path, document: Callable[..., Any])
     found = document("strokes", "--recordings", path)
     asked = {(row["model"], row["told"]) for row in found["summary"]}
     assert {(model, "eighty_percent") for model in MODELS} <= asked
-    assert {("ours", told) for told in TOLD} <= asked
+    assert {("ours", told) for told in PRIORS} <= asked
     # One line of the summary for each question: a reader may look it up by these four.
     keys = [tuple(one[k] for k in ("model", "told", "phase", "band")) for one in found["summary"]]
     assert len(keys) == len(set(keys))
@@ -135,7 +135,7 @@ def test_study_with_test_recordings_scores_them_alone(
     rows = document("strokes", "--recordings", known, "--test-recordings", tested)["rows"]
     assert {row["recording_id"].split("-")[0] for row in rows} == {"new"}
     assert {row["touch"] for row in rows} == {0, 1, 2}
-    assert {row["told"] for row in rows} == {*TOLD}
+    assert {row["told"] for row in rows} == {*PRIORS}
 
 
 @pytest.mark.slow
@@ -144,4 +144,4 @@ def test_strokes_with_one_attempt_a_place_leaves_out_what_needs_two(
 ) -> None:
     path = strokes_csv(tmp_path / "s.csv", attempts=1)
     told = {row["told"] for row in document("strokes", "--recordings", path)["summary"]}
-    assert told == set(TOLD) - {"place"}
+    assert told == set(PRIORS) - {"place"}

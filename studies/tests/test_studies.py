@@ -66,7 +66,7 @@ REPORTS: dict[str, Callable[[], StudyReport]] = {
     "stiffness": lambda: stiffness.report(grasps=4, repeats=3),
     "size": lambda: size.report(sensors=1, first_sensor=300, berries=2),
     "ripeness": lambda: ripeness.report(sensors=1, fruits=4, second=True),
-    "harvest": lambda: harvest.judge(harvest.pulls(harvest.FIRST_SEED - 4, level="lab")),
+    "harvest": lambda: harvest.judge(harvest.judge_pulls(harvest.FIRST_SEED - 4, level="lab")),
 }
 
 

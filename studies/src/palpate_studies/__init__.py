@@ -1,1 +1,1 @@
-"""One file per claim: of the paper, and of ours."""
+"""Studies: one file per claim of the paper or of palpate."""

@@ -1,6 +1,6 @@
-"""What a board sends, in bytes: for simulated boards in tests and benchmarks.
+"""Encode the messages of a board, for simulated boards in tests and benchmarks.
 
-`docs/protocol.md` has the tables that this follows; `palpate.sensor.wire` reads them back.
+The format is specified in `docs/protocol.md` and decoded by `palpate.sensor.wire`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from palpate.sensor.wire_messages import (
 
 
 def encode_message(message: BoardMessage) -> bytes:
-    """Return the bytes by which a board sends `message`."""
+    """Return the packet of a board's message."""
     if isinstance(message, FrameMessage):
         return pack(MessageType.FRAME, pack_frame(message))
     if isinstance(message, Ack):
@@ -29,7 +29,7 @@ def encode_message(message: BoardMessage) -> bytes:
 
 
 def pack_frame(frame: FrameMessage) -> bytes:
-    """Return the payload of a frame; sequence and time are cut to 32 bits."""
+    """Return the payload of a frame; sequence and time are truncated to 32 bits."""
     counts = np.asarray(frame.counts)
     rows, cols = counts.shape
     if not (1 <= rows <= MAX_SIDE and 1 <= cols <= MAX_SIDE):
@@ -58,7 +58,7 @@ def pack_frame(frame: FrameMessage) -> bytes:
 
 
 def pack_ack(ack: Ack) -> bytes:
-    """Return the payload of an answer."""
+    """Return the payload of an acknowledgement."""
     return ACK.pack(
         ack.command,
         ack.tag,
@@ -71,7 +71,7 @@ def pack_ack(ack: Ack) -> bytes:
 
 
 def pack_identity(identity: BoardIdentity) -> bytes:
-    """Return the payload of an identity, in the version of the protocol that it names."""
+    """Return the payload of an identity, in its own protocol version."""
     name = identity.board.encode("ascii")
     if identity.protocol > 1:
         name = FULL_SCALE.pack(identity.full_scale) + name

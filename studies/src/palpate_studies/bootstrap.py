@@ -1,4 +1,4 @@
-"""An interval of a figure over specimens, by drawing whole specimens again."""
+"""Bootstrap intervals over specimens."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 
@@ -20,25 +19,26 @@ def bootstrap_interval(
     draws: int = 1000,
     seed: int = 0,
 ) -> tuple[float, float]:
-    """Return a percentile interval of a statistic, drawing whole groups with replacement.
+    """Return a percentile interval of a statistic, resampling whole groups with replacement.
 
-    Holds of one specimen resemble each other; drawing single holds would promise too much.
+    Holds of one specimen are correlated, so resampling single holds would give too narrow an
+    interval.
 
     Parameters
     ----------
     values : ndarray, shape (n_holds,)
-        One figure for each hold; NaN ones are left out.
+        One value per hold; NaN values are ignored.
     groups : sequence of str, length n_holds
         Specimen of each hold.
     statistic : callable
-        Of an array of finite values: `np.mean`, `np.median`.
+        Function of an array of finite values, such as `np.mean` or `np.median`.
     level, draws, seed : float, int, int
-        Probability inside the interval, number of draws, seed of the draws.
+        Confidence level, number of resamples, random seed.
 
     Returns
     -------
     tuple of float
-        Low and high end; NaN where there are fewer than two groups.
+        Lower and upper limit; NaN with fewer than two groups.
 
     References
     ----------
@@ -50,8 +50,9 @@ def bootstrap_interval(
     >>> bootstrap_interval(values, ["a", "a", "b", "c"], statistic=np.mean)
     (0.3333333333333333, 1.0)
     """
-    kept = np.isfinite(values)
-    members = _members(values[kept], [g for g, keep in zip(groups, kept, strict=True) if keep])
+    finite = np.isfinite(values)
+    labels = np.array(groups, dtype=object)[finite]
+    members = [values[finite][labels == group] for group in dict.fromkeys(labels)]
     if len(members) < 2:
         return float("nan"), float("nan")
     random = np.random.default_rng(seed)
@@ -59,8 +60,3 @@ def bootstrap_interval(
     results = [statistic(np.concatenate([members[index] for index in draw])) for draw in drawn]
     low, high = np.quantile(results, [(1 - level) / 2, (1 + level) / 2])
     return float(low), float(high)
-
-
-def _members(values: FloatArray, groups: Sequence[str]) -> list[NDArray[np.float64]]:
-    labels = np.array(groups, dtype=object)
-    return [values[labels == group] for group in dict.fromkeys(groups)]

@@ -1,4 +1,4 @@
-"""Simulated crates, grasped: what the study of sorting starts from."""
+"""Grasps of simulated crates, the input of the sorting study."""
 
 from __future__ import annotations
 
@@ -21,34 +21,34 @@ from palpate.settling.result import Status
 from palpate.twin.crate import CRATE_STRANGERS, CRATE_TAUGHT, CrateTable, draw_crate
 from palpate_studies.second.things import other_item
 
-#: Grasps of each item that is taught, and of each that is sorted.
-TAUGHT_GRASPS, SORTED_GRASPS = 2, 3
-#: What a file states of an item besides its grasps.
+#: Grasps per training item and per sorted item.
+TRAINING_GRASPS, SORTED_GRASPS = 2, 3
+#: Fields of an item in the file, besides its grasps.
 _TRUTH = ("level", "sensor", "item_id", "kind", "teaches", "known", "size_mm", "damaged")
-#: A simulated clock starts here.
+#: Start of the simulated clock.
 _BEGAN_AT = datetime(2026, 1, 1, tzinfo=UTC)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CrateItemGrasps:
-    """One item of a crate with its grasps, and what is true of it.
+    """One item of a crate with its true properties and its grasps.
 
     Attributes
     ----------
     level, sensor
         Level of the twin, and the seed of sensor and gripper.
     item_id, kind : str
-        Name, and what it truly is.
+        Name and true kind.
     teaches : bool
-        Whether it is one of those that are taught; the others are sorted.
+        Whether the item belongs to the training set; other items are sorted.
     known : bool
-        Whether its kind is taught.
+        Whether the training set contains this kind.
     size_mm : float
-        Its true mean diameter.
+        True mean diameter.
     damaged : bool
-        Whether any grasp pressed it beyond its yield.
+        Whether any grasp exceeded the yield force.
     grasps : tuple of TimedGrasp
-        In order.
+        Grasps in order of time.
     """
 
     level: str
@@ -63,7 +63,7 @@ class CrateItemGrasps:
 
     @property
     def true_answer(self) -> str:
-        """The answer of a faultless method: the kind, or unknown for an untrained kind."""
+        """The correct answer: the kind, or unknown for an untrained kind."""
         return self.kind if self.known else UNKNOWN
 
 
@@ -71,14 +71,15 @@ def measure_crates(
     *,
     level: str,
     sensor: int,
-    taught: int,
+    training_items: int,
     sorted_items: int,
     second: bool = False,
 ) -> list[CrateItemGrasps]:
     """Calibrate a sensor, grasp training items of each kind, then a crate to sort.
 
-    A stranger of each kind comes with every second sorted item of a taught kind (rounded up), so
-    that a quarter of the crate is strange. `second`: all items are of the second generator.
+    The crate has `sorted_items` of each trained kind, and half as many (rounded up) of each
+    untrained kind, which makes a quarter of the crate unknown. With `second`, all items come from
+    the second generator.
     """
     calibration = calibrate_twin(seed=sensor, level=level, apart_from="")
     table = CrateTable(sensor=sensor, seed=sensor + 500_009, level=level)
@@ -92,14 +93,14 @@ def measure_crates(
         calibration_id=calibration.sensor_id,
         now=lambda: _BEGAN_AT + timedelta(seconds=table.clock.now_s()),
     )
-    teaching = draw_crate(list(CRATE_TAUGHT) * taught, seed=sensor, prefix="taught")
+    training = draw_crate(list(CRATE_TAUGHT) * training_items, seed=sensor, prefix="taught")
     sorting = [*CRATE_TAUGHT] * sorted_items + [*CRATE_STRANGERS] * ((sorted_items + 1) // 2)
     crate = draw_crate(sorting, seed=sensor + 250_007)
     found = []
-    for drawn in (*teaching, *crate):
+    for drawn in (*training, *crate):
         item, teaches = other_item(drawn) if second else drawn, drawn.item_id.startswith("taught")
         grasps, damaged = list[TimedGrasp](), False
-        for turn in range(TAUGHT_GRASPS if teaches else SORTED_GRASPS):
+        for turn in range(TRAINING_GRASPS if teaches else SORTED_GRASPS):
             table.bring(item, turn=turn)
             size = grasps[-1].grasp.measurements.get("size_mm") if grasps else None
             grasps.append(hand.grasp(item.item_id, expected=size))
@@ -121,7 +122,7 @@ def measure_crates(
 
 
 def write_crates(items: Sequence[CrateItemGrasps], path: Path) -> None:
-    """Write what was grasped, to be studied again without grasping again."""
+    """Write the grasps to a file, so that a study can reuse them."""
     rows = [
         {name: getattr(item, name) for name in _TRUTH}
         | {
@@ -147,12 +148,12 @@ def write_crates(items: Sequence[CrateItemGrasps], path: Path) -> None:
 
 
 def read_crates(path: Path) -> list[CrateItemGrasps]:
-    """Read what `write_crates` wrote.
+    """Read a file of `write_crates`.
 
     Raises
     ------
     InputError
-        If the file can't be read or is something else.
+        If the file can't be read or has another format.
     """
     try:
         document = json.loads(path.read_text())

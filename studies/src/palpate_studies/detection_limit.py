@@ -1,4 +1,4 @@
-"""The weakest force that is seen, and how linear readings are over the range."""
+"""Detection limit of the sensor, and linearity over the force range."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from palpate_studies.rows import LEVELS, running_median
 from palpate_studies.twin_session import GAP_MM, STILL_S, Session, draw_named, grasps
 
 SENSORS, SMOOTH = 6, 3
-#: Rest from which the noise is taken, and standard deviations that give about one false contact an
-#: hour at 15 Hz, were the noise normal.
+#: Duration of the noise measurement at rest, and the threshold in standard deviations: with normal
+#: noise at 15 Hz it gives about one false contact an hour.
 REST_S, FALSE_SD = 30.0, 4.2
-#: Steps of closing, mm, one second each, on a soft face and on a soft ball.
+#: Closing steps, mm, of one second each, on a soft face and on a soft ball.
 STEP_MM, STEPS, DWELL_S = 0.04, 45, 1.0
 FACES = {"flat (springs)": "springs-2", "round (ball)": "ball-33lbs"}
-#: Linearity: closures on a stiff sheet, and the spans over which a line is tried.
+#: Linearity: closures on a stiff sheet, and the force spans of the fitted lines.
 STIFF, CLOSURES_MM = "dragonskin-30", tuple(np.geomspace(0.3, 8.5, 18))
 SPANS_N = (2.0, 5.0, 10.0, 20.0, 30.0)
 LAWS = ("line in mean change", "line in summed excess", "power law in excess")
@@ -31,32 +31,37 @@ def report(*, sensors: int = SENSORS) -> StudyReport:
     Example: palpate study detection-limit --out reports
     """
     limits = {
-        (level, face): np.array([weakest_n(sensor, name, level=level) for sensor in range(sensors)])
+        (level, face): np.array(
+            [find_weakest_n(sensor, name, level=level) for sensor in range(sensors)]
+        )
         for level in LEVELS
         for face, name in FACES.items()
     }
     ranges = {
-        level: [over_range(sensor, level=level) for sensor in range(sensors)] for level in LEVELS
+        level: [measure_range(sensor, level=level) for sensor in range(sensors)] for level in LEVELS
     }
-    bends = {level: np.array([_list_bends(*one) for one in ranges[level]]) for level in LEVELS}
+    departures = {
+        level: np.array([_departures_percent(*one) for one in ranges[level]]) for level in LEVELS
+    }
     rules = ("the paper's -10 %", f"{FALSE_SD:g} sd of its own noise")
     return StudyReport(
         name="detection-limit",
-        title="Weakest force seen, and linearity over the range",
+        title="Weakest detectable force, and linearity over the range",
         provenance=[
-            f"Simulated: {sensors} sensors per level, 15 Hz, 10 bit; the hand closes by "
-            f"{STEP_MM:g} mm a second until a finger's mean change (median of {SMOOTH} frames) "
-            "crosses the threshold; force from the simulated load cell.",
-            "The paper has no such data (its future work). The twin's threshold of force per pixel "
-            "is an assumed range (0.05-0.2 N at `lab`, 0-0.1 N at `field`), which bounds these "
-            "figures from below.",
-            "Linearity: settled readings on a stiff sheet; largest distance from the best line "
-            "through all forces up to the span, in percent of the span. Power law: fitted up to "
-            "the span, its largest error in percent of the force, above a tenth of the span.",
+            f"Simulated: {sensors} sensors per level, 15 Hz, 10 bit. The hand closes at "
+            f"{STEP_MM:g} mm/s until the mean change of both fingers (median of {SMOOTH} frames) "
+            "crosses the threshold. The force is that of the simulated load cell.",
+            "The paper has no such data; it names them as future work. The twin's force threshold "
+            "per pixel is an assumed range (0.05-0.2 N at `lab`, 0-0.1 N at `field`), which is a "
+            "lower bound of these figures.",
+            "Linearity: settled readings on a stiff sheet. A line is fitted to all forces up to "
+            "the span; the departure is its largest error in percent of the span. The power law is "
+            "fitted to the same forces; its departure is the largest error in percent of the "
+            "force, above a tenth of the span.",
         ],
         tables=[
             Table.of(
-                "Weakest force seen, N: median sensor",
+                "Weakest detectable force, N: median sensor",
                 [
                     {"face": face, "threshold": rule}
                     | {level: float(np.nanmedian(limits[level, face][:, k])) for level in LEVELS}
@@ -68,7 +73,7 @@ def report(*, sensors: int = SENSORS) -> StudyReport:
                 "Departure from a law, percent: median sensor",
                 [
                     {"law": law, "up_to_n": span_n}
-                    | {level: float(np.nanmedian(bends[level][:, k, at])) for level in LEVELS}
+                    | {level: float(np.nanmedian(departures[level][:, k, at])) for level in LEVELS}
                     for k, law in enumerate(LAWS)
                     for at, span_n in enumerate(SPANS_N)
                 ],
@@ -83,7 +88,7 @@ def report(*, sensors: int = SENSORS) -> StudyReport:
             },
             "spans_n": list(SPANS_N),
             "departure_percent": {
-                level: [_replace_nan(one) for one in bends[level]] for level in LEVELS
+                level: [_replace_nan(one) for one in departures[level]] for level in LEVELS
             },
         },
     )
@@ -92,8 +97,8 @@ def report(*, sensors: int = SENSORS) -> StudyReport:
 command = as_command(report)
 
 
-def weakest_n(sensor: int, name: str, *, level: str) -> tuple[float, float]:
-    """Return the force at which each threshold is first crossed."""
+def find_weakest_n(sensor: int, name: str, *, level: str) -> tuple[float, float]:
+    """Close in steps; return the force at which each threshold is first crossed."""
     session, obj = Session(sensor, level=level), draw_named(name)
     session.place(obj)
     session.close_to(obj.size_mm + GAP_MM)
@@ -102,7 +107,7 @@ def weakest_n(sensor: int, name: str, *, level: str) -> tuple[float, float]:
     rest_ohm, fingers = rest.mean(axis=0), session.world.layout.finger_of_row
 
     def lowest(ohm: FloatArray) -> FloatArray:
-        """Return the lower finger's smoothed mean change of each frame but the first ones."""
+        """Return the smaller of the fingers' smoothed mean changes, per frame."""
         change = finger_means(
             relative_change_percent(ohm, rest_ohm=rest_ohm), finger_of_row=fingers
         )
@@ -119,21 +124,23 @@ def weakest_n(sensor: int, name: str, *, level: str) -> tuple[float, float]:
     return seen[0], seen[1]
 
 
-def over_range(sensor: int, *, level: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return force, mean change and summed excess over the range, in order of force."""
+def measure_range(sensor: int, *, level: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Grasp at each closure; return force, mean change and summed excess, sorted by force."""
     session, obj = Session(sensor, level=level, trial=1), draw_named(STIFF)
     widths = [obj.size_mm - closure_mm for closure_mm in CLOSURES_MM]
-    made = [at[0] for at in grasps(session, obj, widths_mm=widths, repeats=1)]
-    made.sort(key=lambda reading: reading.force_n)
+    readings = [at[0] for at in grasps(session, obj, widths_mm=widths, repeats=1)]
+    readings.sort(key=lambda reading: reading.force_n)
     return (
-        np.array([r.force_n for r in made]),
-        np.array([r.mean_percent for r in made]),
-        np.array([r.excess for r in made]),
+        np.array([r.force_n for r in readings]),
+        np.array([r.mean_percent for r in readings]),
+        np.array([r.excess for r in readings]),
     )
 
 
-def _list_bends(force_n: FloatArray, percent: FloatArray, excess: FloatArray) -> list[list[float]]:
-    """Return departures in percent, shape (laws, spans); NaN where a law can't be fitted."""
+def _departures_percent(
+    force_n: FloatArray, percent: FloatArray, excess: FloatArray
+) -> list[list[float]]:
+    """Return departures in percent, shape (laws, spans); NaN if a law can't be fitted."""
     rows: list[list[float]] = [[], [], []]
     for span_n in SPANS_N:
         inside = (force_n <= span_n) & (excess > 0)
@@ -143,13 +150,13 @@ def _list_bends(force_n: FloatArray, percent: FloatArray, excess: FloatArray) ->
             row.append(float(100 * np.max(np.abs(line - force)) / span_n))
         try:
             fitted = PowerForceLaw.fit(excess[inside], force_n=force).force_n(excess[inside]).value
-            kept = force > 0.1 * span_n
-            rows[2].append(float(100 * np.max(np.abs(fitted / force - 1)[kept])))
+            scored = force > 0.1 * span_n
+            rows[2].append(float(100 * np.max(np.abs(fitted / force - 1)[scored])))
         except CalibrationError:
             rows[2].append(np.nan)
     return rows
 
 
 def _replace_nan(values: FloatArray) -> list[list[float | None]]:
-    """Return a table for JSON, which has no NaN."""
+    """Replace NaN with None, for JSON."""
     return [[float(v) if np.isfinite(v) else None for v in row] for row in values]

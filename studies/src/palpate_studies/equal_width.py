@@ -1,6 +1,6 @@
 """Objects grasped at one width (section 3.2 of the paper): settled change and curves.
 
-The paper prints no widths. Here the fingers close by the middle of Table 1's five closures.
+The paper prints no widths. The closure used here is the middle one of Table 1's five closures.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from palpate_studies.twin_session import Session, grasps, stack
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Where the published settled values are drawn: next to the end of the curves, at 20 s.
+#: Position of the published settled values in the figure: just after the curves, which end at 20 s.
 PUBLISHED_AT_S = 21.0
-#: Sensor and grasps that are drawn.
+#: Sensor and number of grasps in the figure.
 SHOWN_SENSOR, SHOWN_GRASPS = 0, 5
 SENSORS = 3
 CLOSURE_MM = 3.0
-#: The data that set the spread of the level `lab`; to be stated wherever these tables are shown.
+#: Origin of the scatter at the level `lab`; every report with these tables must state it.
 CALIBRATION_INPUT = (
-    "The level `lab` got its scatter from grasp to grasp so as to be of the size of the "
-    "published standard deviations, and its sheets so as to reach such changes; the twin's objects "
-    "are guesses in the ratio of their makers' ratings. So agreement of single entries shows "
-    "little; order, linearity and what is lost at `field` are predictions."
+    "At the level `lab`, the scatter from grasp to grasp was set to the size of the published "
+    "standard deviations, and the sheets were set to reach such changes. The twin's objects are "
+    "guesses in the ratio of their manufacturers' ratings. Agreement of single entries therefore "
+    "shows little; the order, the linearity and the loss at `field` are predictions."
 )
 #: Reading -> attribute of `Reading`.
 READINGS = {"mean change": "mean_percent", "largest change": "largest_percent"}
@@ -49,20 +49,20 @@ def draw_curves(
     published: Mapping[str, tuple[float, float]],
     fixture: bool = False,
 ) -> Figure:
-    """Draw mean and standard deviation over a few grasps of each object, level by level.
+    """Draw mean and standard deviation over a few grasps of each object, by level.
 
     Parameters
     ----------
     objects : mapping of str to TwinObject
-        Label -> what is grasped.
+        Label -> object to grasp.
     width_mm : float
-        Width that the fingers close to.
+        Closing width.
     title : str
         The figure of the paper.
     published : mapping of str to (float, float)
         Label -> published mean and standard deviation of the settled change, percent.
     fixture : bool
-        Whether objects lie in the middle, within 1 mm.
+        Whether a fixture centres the objects within 1 mm.
     """
     from palpate.plots.style import AMBER, BLUE, GREEN, INK, ORANGE, PURPLE, SKY, new_figure
 
@@ -109,7 +109,7 @@ def measure_settled_readings(
 ) -> Settled:
     """Grasp each object `repeats` times at one width on each sensor of each level.
 
-    `replace_each` places it again before every grasp, else once.
+    `replace_each` places the object again before every grasp; otherwise it is placed once.
     """
     found, each = {}, 1 if replace_each else repeats
     for level in LEVELS:
@@ -126,14 +126,14 @@ def measure_settled_readings(
     return found
 
 
-def cells_of(found: Settled, index: int) -> list[str]:
-    """Return mean and sd of one object's median sensor, and the range of means."""
+def format_cells(found: Settled, index: int) -> list[str]:
+    """Return an object's table cells: mean and sd of the median sensor, range of means."""
     each = [found[level][index] for level in LEVELS]
     return [mean_and_range(v.mean(axis=1), v.std(axis=1, ddof=1)) for v in each]
 
 
 def mean_and_range(mean: FloatArray, sd: FloatArray) -> str:
-    """Return mean and sd of the median sensor, and the range of the means."""
+    """Format mean and sd of the median sensor, and the range of the means."""
     return f"{np.median(mean):.1f} ± {np.median(sd):.2g} ({mean.min():.1f} to {mean.max():.1f})"
 
 
@@ -149,7 +149,7 @@ def as_json(found: Settled, names: Sequence[str]) -> dict[str, Any]:
 
 
 def r_squared(x: FloatArray, y: FloatArray) -> float:
-    """Return the squared correlation: R^2 of a line through the points.
+    """Return the squared correlation, which is the R^2 of a fitted line.
 
     Examples
     --------
@@ -161,22 +161,22 @@ def r_squared(x: FloatArray, y: FloatArray) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineStudy:
-    """A study of a line through objects of known rating.
+    """A study that fits a line to the readings of objects with known ratings.
 
     Attributes
     ----------
     name, title, figure : str
-        On the command line, in words, and the file of its figure.
+        Name on the command line, title of the report, file stem of the figure.
     reading : str
-        Name in `READINGS` of what the published R^2 is of.
+        Reading of the published R^2, a key of `READINGS`.
     published_r_squared : float
-        Paper, section 3.2.
+        R^2 from section 3.2 of the paper.
     ratings : mapping of str to float
         Object -> rating.
     rated : str
-        What the rating is, with its unit.
+        Name and unit of the rating.
     published_values : sequence of float
-        The reading of each object, percent; empty if the paper prints none.
+        Published reading of each object, percent; empty if none is printed.
     """
 
     name: str
@@ -198,20 +198,20 @@ class LineStudy:
         payload: Mapping[str, Any],
         figures: Mapping[str, Callable[[], Figure]] | None = None,
     ) -> StudyReport:
-        """Compare changes and R^2 with the published ones.
+        """Compare changes and R^2 with the published values.
 
         Parameters
         ----------
         conditions : mapping
             Condition -> settled readings.
         main : str
-            The condition whose changes are shown.
+            Condition of the table of changes.
         provenance : sequence of str
-            What else must be stated about the grasps.
+            Statements about the grasps.
         changes : tuple
             Title of the table of changes, its first columns, and their cells for each object.
         payload, figures : mapping
-            What the study has of its own.
+            Additional entries of this study.
         """
         title, columns, leads = changes
         rating = np.array([*self.ratings.values()])
@@ -230,7 +230,9 @@ class LineStudy:
                 Table(
                     title=title,
                     columns=(*columns, *LEVELS),
-                    rows=[[*lead, *cells_of(conditions[main], k)] for k, lead in enumerate(leads)],
+                    rows=[
+                        [*lead, *format_cells(conditions[main], k)] for k, lead in enumerate(leads)
+                    ],
                 ),
                 Table(
                     title=f"R^2 of a line through the means, published {self.published_r_squared:g}"
@@ -262,7 +264,7 @@ class LineStudy:
         )
 
     def _draw(self, found: Settled) -> Figure:
-        """Draw every grasp against the rating, level by level, with each sensor's line."""
+        """Draw every grasp over the rating with each sensor's line, one panel per level."""
         from palpate.plots.style import AMBER, BLUE, GREEN, INK, ORANGE, PURPLE, new_figure
 
         rating = np.array([*self.ratings.values()])
@@ -283,7 +285,7 @@ class LineStudy:
                     )
                 axis.set(xlabel=self.rated, ylabel=f"{self.reading} (%)")
                 axis.set_title(f"simulated, {level}")
-                # Without printed points the entry alone gives the line's R².
+                # Without printed values the legend entry still shows the published R².
                 printed = self.published_values
                 axis.plot(
                     rating[: len(printed)],
@@ -294,7 +296,7 @@ class LineStudy:
                     mfc="none",
                     label=f"published: R² {self.published_r_squared:.2f}",
                 )
-                # Room for the legend: no height is free of readings at every level.
+                # Make room for the legend above the readings.
                 lowest, highest = axis.get_ylim()
                 axis.set_ylim(lowest, highest + 0.3 * (highest - lowest))
                 axis.legend(loc="upper center", ncols=2, fontsize=7)

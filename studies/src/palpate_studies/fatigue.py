@@ -1,4 +1,4 @@
-"""Figure 4 of the paper: 2 500 cycles and the drift of a calibrated force."""
+"""Figure 4 of the paper: drift of resistance and force over 2 500 cycles."""
 
 from __future__ import annotations
 
@@ -25,19 +25,20 @@ if TYPE_CHECKING:
 CYCLES, CLOSED_S, OPEN_S = 2500, 10.0, 10.0
 SENSORS, FIRST_SENSOR = 2, 20
 OBJECT, CLOSURE_MM, OPENED_MM = "springs-8", 3.0, 12.0
-#: The room swings by this much over a period, as a laboratory's does.
+#: Mean room temperature, amplitude of its daily swing, and period: those of a laboratory.
 ROOM_C, ROOM_SWING_C, ROOM_PERIOD_S = 21.9, 1.5, 12 * 3600.0
-#: Closures at which the force law is calibrated before the first cycle, mm, and how often.
+#: Closures of the force calibration before the first cycle, mm, and repeats of each.
 CALIBRATED_MM, CALIBRATED_TIMES = (0.8, 1.2, 1.7, 2.3, 3.0, 3.8), 3
-#: Drift counts from the median of this many cycles: one contact scatters by a third at `field`.
+#: The drift's reference is the median of this many first cycles, because a single contact scatters
+#: by a third at `field`; and the end of the break-in, cycles.
 BEGINNING, BREAK_IN = 30, 500
-#: Cycles whose running median is drawn.
+#: Window of the running median in the figure, cycles.
 _DRAWN = 51
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Worn:
-    """One sensor over its cycles; arrays of shape (cycles,)."""
+class WearRun:
+    """Readings of one sensor in each cycle; arrays of shape (cycles,)."""
 
     ohm: FloatArray
     change_percent: FloatArray
@@ -46,13 +47,13 @@ class Worn:
 
 
 def report(*, sensors: int = SENSORS, cycles: int = CYCLES) -> StudyReport:
-    """Wear simulated sheets over 2 500 grasps, and report the drift of what they read.
+    """Run simulated sheets through 2 500 grasps and report the drift of their readings.
 
     Example: palpate study fatigue --out reports
     """
     found = {
         level: [
-            wear(sensor, level=level, cycles=cycles)
+            run_cycles(sensor, level=level, cycles=cycles)
             for sensor in range(FIRST_SENSOR, FIRST_SENSOR + sensors)
         ]
         for level in LEVELS
@@ -61,16 +62,16 @@ def report(*, sensors: int = SENSORS, cycles: int = CYCLES) -> StudyReport:
         name="fatigue",
         title="Figure 4: 2 500 cycles of 10 s closed and 10 s open",
         provenance=[
-            f"Simulated: {sensors} sensors per level, each of {cycles} cycles of {CLOSED_S:g} s "
-            f"closed and {OPEN_S:g} s open, in a room that swings by {ROOM_SWING_C:g} K. The paper "
+            f"Simulated: {sensors} sensors per level, {cycles} cycles of {CLOSED_S:g} s closed "
+            f"and {OPEN_S:g} s open, room temperature swinging by {ROOM_SWING_C:g} K. The paper "
             "prints no numbers in Figure 4; the twin's break-in and wear are plausible ranges, not "
             "measurements.",
-            "Force: a power law calibrated on a load cell before the first cycle; rest values are "
-            "those of the calibration.",
+            "Force: power law calibrated with a load cell before the first cycle, with the rest "
+            "values of that calibration.",
         ],
         tables=[
             Table.of(
-                "Drift from the first cycles on: size of the median over cycles, median sensor",
+                "Drift relative to the first cycles: |median over cycles|, median sensor",
                 [
                     {"quantity": name, "cycles": f"{low} to {high}"}
                     | {
@@ -89,7 +90,7 @@ def report(*, sensors: int = SENSORS, cycles: int = CYCLES) -> StudyReport:
             "cycles": cycles,
             "levels": {
                 level: [
-                    {name: getattr(one, name).tolist() for name in Worn.__slots__}
+                    {name: getattr(one, name).tolist() for name in WearRun.__slots__}
                     for one in found[level]
                 ]
                 for level in LEVELS
@@ -102,14 +103,14 @@ def report(*, sensors: int = SENSORS, cycles: int = CYCLES) -> StudyReport:
 command = as_command(report)
 
 
-def wear(sensor: int, *, level: str, cycles: int) -> Worn:
-    """Calibrate a sensor, and close it on an object again and again."""
+def run_cycles(sensor: int, *, level: str, cycles: int) -> WearRun:
+    """Calibrate a sensor, then close repeatedly on one object and open again."""
     obj, session = draw_named(OBJECT), Session(sensor, level=level)
     session.place(obj)
     clock, closings = session.world.clock, 0
 
     def surround() -> None:
-        """Let the room be what it is by now, and count one closing more."""
+        """Set the current room temperature and wear, and count one more closing."""
         nonlocal closings
         swing_c = ROOM_SWING_C * float(np.sin(2 * np.pi * clock.now_s() / ROOM_PERIOD_S))
         session.world.surround(
@@ -117,12 +118,12 @@ def wear(sensor: int, *, level: str, cycles: int) -> Worn:
         )
         closings += 1
 
-    made = []
+    readings = []
     for closure_mm in CALIBRATED_MM * CALIBRATED_TIMES:
         surround()
         width_mm = obj.size_mm - closure_mm
-        made.append(session.grasp(obj.size_mm, width_mm=width_mm, hold_s=CLOSED_S))
-    law = PowerForceLaw.fit([r.excess for r in made], force_n=[r.force_n for r in made])
+        readings.append(session.grasp(obj.size_mm, width_mm=width_mm, hold_s=CLOSED_S))
+    law = PowerForceLaw.fit([r.excess for r in readings], force_n=[r.force_n for r in readings])
     rest_ohm, rows = session.mean_ohm(), []
     for _ in range(cycles):
         surround()
@@ -136,14 +137,14 @@ def wear(sensor: int, *, level: str, cycles: int) -> Worn:
         session.close_to(obj.size_mm + OPENED_MM)
         clock.sleep_s(OPEN_S)
     ohms, changes, forces_n, true_n = np.array(rows).T
-    return Worn(ohm=ohms, change_percent=changes, force_n=forces_n, true_n=true_n)
+    return WearRun(ohm=ohms, change_percent=changes, force_n=forces_n, true_n=true_n)
 
 
 def _drift_percent(values: FloatArray) -> FloatArray:
     return np.asarray(100 * (values / np.median(values[:BEGINNING]) - 1))
 
 
-QUANTITIES: dict[str, Callable[[Worn], FloatArray]] = {
+QUANTITIES: dict[str, Callable[[WearRun], FloatArray]] = {
     "drift of absolute resistance, %": lambda one: _drift_percent(one.ohm),
     "drift of relative change, points": lambda one: (
         one.change_percent - np.median(one.change_percent[:BEGINNING])
@@ -152,8 +153,8 @@ QUANTITIES: dict[str, Callable[[Worn], FloatArray]] = {
 }
 
 
-def draw(found: dict[str, list[Worn]]) -> Figure:
-    """Draw resistance, relative change and force over cycles on the first sensor of each level."""
+def draw(found: dict[str, list[WearRun]]) -> Figure:
+    """Draw resistance, relative change and force over cycles, first sensor of each level."""
     from palpate.plots.style import BLUE, GREY, INK, new_figure
 
     with new_figure(rows=2, columns=3, width_in=11.0, height_in=5.8) as (figure, axes):

@@ -1,4 +1,4 @@
-"""The twin's array and gripper with a fault from a given time: one row each."""
+"""The twin's array and gripper with an injected fault."""
 
 from __future__ import annotations
 
@@ -18,171 +18,179 @@ from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.world import World
 
 Counts: TypeAlias = NDArray[np.int32]
-#: Gets the counts of a frame, and those of the first frame of the grasp.
-Spoil: TypeAlias = Callable[[Counts, Counts], Counts]
-#: Gets a state, and the first one after the fault.
-Misreport: TypeAlias = Callable[[GripperState, GripperState], GripperState]
+#: From the counts of a frame and of the first frame of the grasp to the faulty counts.
+CorruptCounts: TypeAlias = Callable[[Counts, Counts], Counts]
+#: From a state and the first state after the fault to the reported state.
+AlterState: TypeAlias = Callable[[GripperState, GripperState], GripperState]
 _TOP = 1023
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fault:
-    """One single fault; what it leaves out works.
+    """A single fault.
 
     Attributes
     ----------
     part : str
-        What fails: sheet, wire, servo or host.
-    spoil : callable or None
-        What the frames show instead.
-    misreport : callable or None
-        What the gripper reports instead.
-    silent, gone, numb : bool
-        No frames any more; the sensor's port is gone; the gripper does not answer.
-    late_s : float
-        By how much frames are old when they come.
-    runs_on : bool
-        The gripper ignores where it was sent, and closes.
-    idle : bool
+        Failing part: sheet, wire, servo or host.
+    corrupt : callable or None
+        Replaces the counts of each frame.
+    alter_state : callable or None
+        Replaces the state that the gripper reports.
+    no_frames, port_lost, no_reply : bool
+        The sensor sends no frames; its port vanished; the gripper does not reply.
+    delay_s : float
+        Delay of each frame.
+    closes_fully : bool
+        The gripper ignores its target and closes.
+    does_not_move : bool
         The gripper does not move.
-    back_s : float
-        By how much the times of every second frame go back.
-    pressed_mm : float
-        By how much a force from outside closes the fingers, which report nothing of it.
-    hasty : float
-        The gripper moves this many times as fast as it was sent.
-    nudged_s : float
+    time_jump_s : float
+        Backward jump of the timestamps of every second frame.
+    pushed_mm : float
+        Closure of the fingers by an external force, which they do not report.
+    speed_factor : float
+        Actual over commanded speed of the gripper.
+    hang_s : float
         The host hangs once for this long.
-    stopped : bool
+    user_stops : bool
         The user stops the grasp.
     """
 
     part: str
-    spoil: Spoil | None = None
-    misreport: Misreport | None = None
-    silent: bool = False
-    gone: bool = False
-    numb: bool = False
-    late_s: float = 0.0
-    runs_on: bool = False
-    idle: bool = False
-    back_s: float = 0.0
-    pressed_mm: float = 0.0
-    hasty: float = 1.0
-    nudged_s: float = 0.0
-    stopped: bool = False
+    corrupt: CorruptCounts | None = None
+    alter_state: AlterState | None = None
+    no_frames: bool = False
+    port_lost: bool = False
+    no_reply: bool = False
+    delay_s: float = 0.0
+    closes_fully: bool = False
+    does_not_move: bool = False
+    time_jump_s: float = 0.0
+    pushed_mm: float = 0.0
+    speed_factor: float = 1.0
+    hang_s: float = 0.0
+    user_stops: bool = False
 
 
-def _at(where: Any, value: int) -> Spoil:
-    def spoil(counts: Counts, first: Counts) -> Counts:
+def _set_pixels(where: Any, value: int) -> CorruptCounts:
+    def corrupt(counts: Counts, first: Counts) -> Counts:
         counts[where] = value
         return counts
 
-    return spoil
+    return corrupt
 
 
-def _flat(value: int) -> Spoil:
-    """All pixels at one value, with the flicker of a converter."""
+def _set_all_flickering(value: int) -> CorruptCounts:
+    """Set all pixels to one value with the flicker of a converter."""
 
-    def spoil(counts: Counts, first: Counts) -> Counts:
+    def corrupt(counts: Counts, first: Counts) -> Counts:
         return value + counts % 2
 
-    return spoil
+    return corrupt
 
 
-def _unfelt(counts: Counts, first: Counts) -> Counts:
-    """The object lies off the sheet: each pixel keeps its first reading, with small noise."""
+def _hold_first_counts(counts: Counts, first: Counts) -> Counts:
+    """Repeat the first reading of each pixel with small noise, as off the sheet."""
     return np.asarray(np.clip(first + counts % 3 - 1, 2, _TOP - 3), dtype=np.int32)
 
 
-def _finger_at_rest(counts: Counts, first: Counts) -> Counts:
-    """One finger's pixels read as at first, and shake a little; the other's work."""
-    counts[: len(counts) // 2] = _unfelt(counts, first)[: len(counts) // 2]
+def _hold_one_finger(counts: Counts, first: Counts) -> Counts:
+    """Repeat the first readings of one finger with small noise."""
+    counts[: len(counts) // 2] = _hold_first_counts(counts, first)[: len(counts) // 2]
     return counts
 
 
-def _frozen() -> Spoil:
-    kept = list[Counts]()
+def _repeat_counts() -> CorruptCounts:
+    seen = list[Counts]()
 
-    def spoil(counts: Counts, first: Counts) -> Counts:
-        kept.append(counts)
-        return kept[0]
+    def corrupt(counts: Counts, first: Counts) -> Counts:
+        seen.append(counts)
+        return seen[0]
 
-    return spoil
+    return corrupt
 
 
-def _reporting(**values: float) -> Misreport:
+def _replace_values(**values: float) -> AlterState:
     return lambda state, first: replace(state, **values)  # type: ignore[arg-type]
 
 
-def _negative(state: GripperState, first: GripperState) -> GripperState:
+def _negate_current(state: GripperState, first: GripperState) -> GripperState:
     return replace(state, current_ma=-state.current_ma)
 
 
-def _flickering() -> Misreport:
+def _flicker_moving() -> AlterState:
     turns = count()
     return lambda state, first: replace(state, moving=state.moving != (next(turns) % 2 == 0))
 
 
-def _frozen_state(state: GripperState, first: GripperState) -> GripperState:
+def _repeat_first_state(state: GripperState, first: GripperState) -> GripperState:
     return replace(first, time_s=state.time_s, moving=False)
 
 
-#: Name -> a fault, made again for each grasp.
+#: Name -> factory of a fault, called for each grasp.
 FAULTS: dict[str, Callable[[], Fault]] = {
     "none": lambda: Fault(part="none"),
-    "all pixels short": lambda: Fault(part="sheet", spoil=_at(np.s_[:], _TOP)),
-    "finger short": lambda: Fault(part="sheet", spoil=_at(np.s_[:2], _TOP)),
-    "row short": lambda: Fault(part="sheet", spoil=_at(np.s_[1], _TOP)),
-    "column short": lambda: Fault(part="sheet", spoil=_at(np.s_[:, 1], _TOP)),
-    "pixel short": lambda: Fault(part="sheet", spoil=_at(np.s_[1, 1], _TOP)),
-    "all pixels open": lambda: Fault(part="sheet", spoil=_at(np.s_[:], 0)),
-    "row open": lambda: Fault(part="sheet", spoil=_at(np.s_[1], 0)),
-    "pixel open": lambda: Fault(part="sheet", spoil=_at(np.s_[1, 1], 0)),
-    "object beside the sheet": lambda: Fault(part="sheet", spoil=_unfelt),
-    "finger at rest": lambda: Fault(part="sheet", spoil=_finger_at_rest),
-    "all pixels 512": lambda: Fault(part="sheet", spoil=_flat(512)),
-    "all pixels 1020": lambda: Fault(part="sheet", spoil=_flat(1020)),
-    "inverted": lambda: Fault(part="sheet", spoil=lambda counts, first: _TOP - counts),
-    "half the reading": lambda: Fault(part="sheet", spoil=lambda counts, first: counts // 2),
-    "frames constant": lambda: Fault(part="wire", spoil=_frozen()),
-    "counts of 1024": lambda: Fault(part="wire", spoil=_at(np.s_[0, 0], 1024)),
-    "counts of -1": lambda: Fault(part="wire", spoil=_at(np.s_[0, 0], -1)),
-    "frame times go back": lambda: Fault(part="wire", back_s=0.3),
-    "frames stop": lambda: Fault(part="wire", silent=True),
-    "frames 1 s late": lambda: Fault(part="wire", late_s=1.0),
-    "port gone": lambda: Fault(part="wire", gone=True),
-    "gripper silent": lambda: Fault(part="servo", numb=True),
-    "gripper runs on": lambda: Fault(part="servo", runs_on=True),
-    "gripper 10 times too fast": lambda: Fault(part="servo", hasty=10.0),
-    "gripper does not move": lambda: Fault(part="servo", idle=True),
-    "reported width frozen": lambda: Fault(part="servo", misreport=_frozen_state),
+    "all pixels short": lambda: Fault(part="sheet", corrupt=_set_pixels(np.s_[:], _TOP)),
+    "finger short": lambda: Fault(part="sheet", corrupt=_set_pixels(np.s_[:2], _TOP)),
+    "row short": lambda: Fault(part="sheet", corrupt=_set_pixels(np.s_[1], _TOP)),
+    "column short": lambda: Fault(part="sheet", corrupt=_set_pixels(np.s_[:, 1], _TOP)),
+    "pixel short": lambda: Fault(part="sheet", corrupt=_set_pixels(np.s_[1, 1], _TOP)),
+    "all pixels open": lambda: Fault(part="sheet", corrupt=_set_pixels(np.s_[:], 0)),
+    "row open": lambda: Fault(part="sheet", corrupt=_set_pixels(np.s_[1], 0)),
+    "pixel open": lambda: Fault(part="sheet", corrupt=_set_pixels(np.s_[1, 1], 0)),
+    "object beside the sheet": lambda: Fault(part="sheet", corrupt=_hold_first_counts),
+    "finger at rest": lambda: Fault(part="sheet", corrupt=_hold_one_finger),
+    "all pixels 512": lambda: Fault(part="sheet", corrupt=_set_all_flickering(512)),
+    "all pixels 1020": lambda: Fault(part="sheet", corrupt=_set_all_flickering(1020)),
+    "inverted": lambda: Fault(part="sheet", corrupt=lambda counts, first: _TOP - counts),
+    "half the reading": lambda: Fault(part="sheet", corrupt=lambda counts, first: counts // 2),
+    "frames constant": lambda: Fault(part="wire", corrupt=_repeat_counts()),
+    "counts of 1024": lambda: Fault(part="wire", corrupt=_set_pixels(np.s_[0, 0], 1024)),
+    "counts of -1": lambda: Fault(part="wire", corrupt=_set_pixels(np.s_[0, 0], -1)),
+    "frame times go back": lambda: Fault(part="wire", time_jump_s=0.3),
+    "frames stop": lambda: Fault(part="wire", no_frames=True),
+    "frames 1 s late": lambda: Fault(part="wire", delay_s=1.0),
+    "port gone": lambda: Fault(part="wire", port_lost=True),
+    "gripper silent": lambda: Fault(part="servo", no_reply=True),
+    "gripper runs on": lambda: Fault(part="servo", closes_fully=True),
+    "gripper 10 times too fast": lambda: Fault(part="servo", speed_factor=10.0),
+    "gripper does not move": lambda: Fault(part="servo", does_not_move=True),
+    "reported width frozen": lambda: Fault(part="servo", alter_state=_repeat_first_state),
     "reported width NaN": lambda: Fault(
-        part="servo", misreport=_reporting(width_mm=math.nan, pressure_kpa=math.nan)
+        part="servo", alter_state=_replace_values(width_mm=math.nan, pressure_kpa=math.nan)
     ),
-    "current endless": lambda: Fault(part="servo", misreport=_reporting(current_ma=math.inf)),
-    "current stuck at 0": lambda: Fault(part="servo", misreport=_reporting(current_ma=0.0)),
-    "current absent": lambda: Fault(part="servo", misreport=_reporting(current_ma=math.nan)),
-    "current negative": lambda: Fault(part="servo", misreport=_negative),
-    "moving flag flickers": lambda: Fault(part="servo", misreport=_flickering()),
-    "pressed from outside": lambda: Fault(part="world", pressed_mm=4.0, misreport=_frozen_state),
+    "current endless": lambda: Fault(
+        part="servo", alter_state=_replace_values(current_ma=math.inf)
+    ),
+    "current stuck at 0": lambda: Fault(part="servo", alter_state=_replace_values(current_ma=0.0)),
+    "current absent": lambda: Fault(part="servo", alter_state=_replace_values(current_ma=math.nan)),
+    "current negative": lambda: Fault(part="servo", alter_state=_negate_current),
+    "moving flag flickers": lambda: Fault(part="servo", alter_state=_flicker_moving()),
+    "pressed from outside": lambda: Fault(
+        part="world", pushed_mm=4.0, alter_state=_repeat_first_state
+    ),
     "finger at rest, current absent": lambda: Fault(
-        part="two at once", spoil=_finger_at_rest, misreport=_reporting(current_ma=math.nan)
+        part="two at once",
+        corrupt=_hold_one_finger,
+        alter_state=_replace_values(current_ma=math.nan),
     ),
     "finger at rest, 10 times too fast": lambda: Fault(
-        part="two at once", spoil=_finger_at_rest, hasty=10.0
+        part="two at once", corrupt=_hold_one_finger, speed_factor=10.0
     ),
-    "host hangs for 1 s": lambda: Fault(part="host", nudged_s=1.0),
-    "stopped by the user": lambda: Fault(part="host", stopped=True),
-    "gripper 10 times too slow": lambda: Fault(part="servo", hasty=0.1),
+    "host hangs for 1 s": lambda: Fault(part="host", hang_s=1.0),
+    "stopped by the user": lambda: Fault(part="host", user_stops=True),
+    "gripper 10 times too slow": lambda: Fault(part="servo", speed_factor=0.1),
     "object beside the sheet, current absent": lambda: Fault(
-        part="two at once", spoil=_unfelt, misreport=_reporting(current_ma=math.nan)
+        part="two at once",
+        corrupt=_hold_first_counts,
+        alter_state=_replace_values(current_ma=math.nan),
     ),
     "pressed from outside, finger at rest": lambda: Fault(
-        part="two at once", pressed_mm=4.0, misreport=_frozen_state, spoil=_finger_at_rest
+        part="two at once", pushed_mm=4.0, alter_state=_repeat_first_state, corrupt=_hold_one_finger
     ),
     "too fast, moving flag flickers": lambda: Fault(
-        part="two at once", hasty=10.0, misreport=_flickering()
+        part="two at once", speed_factor=10.0, alter_state=_flicker_moving()
     ),
 }
 
@@ -201,11 +209,11 @@ class FaultyArray:
         return self._array.layout
 
     def read(self, *, timeout_s: float) -> Frame:
-        """Return the next frame, as the fault leaves it."""
+        """Return the next frame, with the fault applied."""
         fault = self.fault
-        if fault is not None and fault.gone:
+        if fault is not None and fault.port_lost:
             raise DeviceError("port /dev/ttyUSB0 vanished; plug it in again")
-        if fault is not None and fault.silent:
+        if fault is not None and fault.no_frames:
             self._clock.sleep_s(timeout_s)
             raise DeviceTimeoutError(f"no frame in {timeout_s:.2f} s; check the cable")
         frame = self._array.read(timeout_s=timeout_s)
@@ -213,13 +221,13 @@ class FaultyArray:
             self._first = frame.counts
         if fault is None:
             return frame
-        if fault.late_s:
-            self._clock.sleep_s(fault.late_s)
-        if fault.back_s and frame.sequence % 2:
-            frame = replace(frame, time_s=frame.time_s - fault.back_s)
-        if fault.spoil is None:
+        if fault.delay_s:
+            self._clock.sleep_s(fault.delay_s)
+        if fault.time_jump_s and frame.sequence % 2:
+            frame = replace(frame, time_s=frame.time_s - fault.time_jump_s)
+        if fault.corrupt is None:
             return frame
-        return replace(frame, counts=fault.spoil(frame.counts.copy(), self._first))
+        return replace(frame, counts=fault.corrupt(frame.counts.copy(), self._first))
 
     def close(self) -> None:
         """Stop scanning."""
@@ -240,35 +248,35 @@ class FaultyGripper:
         return self._gripper.limits
 
     def state(self) -> GripperState:
-        """Return its state, as the fault leaves it."""
-        fault = self._answering()
+        """Return the state, with the fault applied."""
+        fault = self._require_reply()
         state = self._gripper.state()
-        if fault is None or fault.misreport is None:
+        if fault is None or fault.alter_state is None:
             return state
         self._first = self._first or state
-        other = fault.misreport(state, self._first)
+        other = fault.alter_state(state, self._first)
         if self.limits.drive == "width":
             return replace(other, pressure_kpa=math.nan)
         return replace(other, width_mm=math.nan, current_ma=math.nan)
 
     def command(self, wanted: GripperCommand) -> GripperCommand:
-        """Send a command, or what the fault makes of it; return what was wanted."""
-        fault, limits = self._answering(), self.limits
+        """Send a command, altered by the fault; return the unaltered command."""
+        fault, limits = self._require_reply(), self.limits
         closing = limits.target(limits.span)
-        if fault is not None and fault.idle:
+        if fault is not None and fault.does_not_move:
             return wanted
-        if fault is not None and fault.runs_on and wanted.target != limits.target(0.0):
+        if fault is not None and fault.closes_fully and wanted.target != limits.target(0.0):
             self._gripper.command(replace(wanted, target=closing))
             return wanted
-        if fault is not None and fault.hasty != 1.0:
+        if fault is not None and fault.speed_factor != 1.0:
             sent = self._gripper.command(wanted)
-            self._world.drive(sent.target, rate=fault.hasty * sent.rate)
+            self._world.drive(sent.target, rate=fault.speed_factor * sent.rate)
             return sent
         return self._gripper.command(wanted)
 
     def stop(self) -> None:
-        """Stop where it is; soft fingers vent, as their driver does."""
-        self._answering()
+        """Stop; soft fingers vent, as with their driver."""
+        self._require_reply()
         if self.limits.drive == "pressure":
             self._gripper.release()
         else:
@@ -279,9 +287,9 @@ class FaultyGripper:
         self._gripper.release()
 
     def close(self) -> None:
-        """Let go of nothing."""
+        """Do nothing."""
 
-    def _answering(self) -> Fault | None:
-        if self.fault is not None and self.fault.numb:
+    def _require_reply(self) -> Fault | None:
+        if self.fault is not None and self.fault.no_reply:
             raise DeviceTimeoutError("the gripper does not reply; check its power")
         return self.fault

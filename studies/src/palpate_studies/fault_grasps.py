@@ -1,4 +1,4 @@
-"""One grasp on the twin with a single fault in one phase, and its outcome."""
+"""Run one grasp on the twin with a single fault in one phase."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ from palpate_studies.fault_devices import FAULTS, FaultyArray, FaultyGripper
 
 KINDS: tuple[GripperKind, ...] = ("rigid", "soft")
 OBJECTS = ("rigid-block", "ball-44lbs", "strawberry")
-#: Phase that is struck -> activities of the controller that are it.
-STRUCK = {
+#: Phase of the fault -> the controller's activities in this phase.
+PHASE_ACTIVITIES = {
     "start": (Activity.TOUCH,),
     "approach": (Activity.SWEEP,),
     "squeeze": (Activity.CONFIRM, Phase.SQUEEZE),
     "hold": (Activity.FORECAST, Activity.ADJUST, Activity.EASE, Phase.HOLD),
 }
-#: Speeds of the steps against the plan's own; the approach takes the speed that it works out.
+#: Step speeds relative to the plan's; the approach computes its own speed.
 SPEEDS = (0.5, 1.0, 2.0)
-#: Sheet and gripper; the grasps of it are drawn from the seeds that follow.
+#: Seed of sheet and gripper.
 SHEET = 7300
 _TARGET_N = 4.0
-#: The hand begins this far from the object, mm, and is observed for this long afterwards, seconds.
-_GAP_MM, _AFTERWARDS_S = 8.0, 2.0
+#: Initial gap to the object, mm, and observation time after the end of the grasp, seconds.
+_GAP_MM, _OBSERVED_AFTER_S = 8.0, 2.0
 _LONGEST_S = 40.0
-#: An approach is struck when the hand has been at speed for this long, seconds.
-_UNDERWAY_S = 0.3
+#: In the approach, the fault occurs this long after the hand reached its speed, seconds.
+_AT_SPEED_S = 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +54,7 @@ class Cell:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Struck:
+class FaultyGrasp:
     """The outcome of one grasp with a fault.
 
     Attributes
@@ -62,17 +62,17 @@ class Struck:
     cell : Cell
         The grasp.
     struck : bool
-        Whether it came to the phase at all.
+        Whether the grasp reached the phase, so that the fault occurred.
     outcome : str
-        How it ended.
+        Outcome of the grasp.
     reason : str
-        The first line that explains it; empty if there is none.
+        First line of the explanation; empty without one.
     peak_n, stays_n : float
-        True grip force: the largest of all, and what is left some time after the end.
+        True grip force: the maximum, and the remainder some time after the end.
     damaged : bool
-        Whether the object was.
+        Whether the object was damaged.
     safe_s : float
-        From the fault until nothing is commanded any more; NaN where it was not struck.
+        Time from the fault to the last command; NaN if the fault did not occur.
     """
 
     cell: Cell
@@ -85,19 +85,21 @@ class Struck:
     safe_s: float
 
 
-def cells() -> list[Cell]:
-    """Return the whole campaign; soft fingers have no faults of a servo."""
+def list_cells() -> list[Cell]:
+    """Return all cells of the campaign; soft fingers have no faults of the servo current."""
     found = [
         Cell(fault=fault, phase=phase, thing=thing, kind=kind, speed=speed)
-        for fault, phase, thing, kind, speed in product(FAULTS, STRUCK, OBJECTS, KINDS, SPEEDS)
+        for fault, phase, thing, kind, speed in product(
+            FAULTS, PHASE_ACTIVITIES, OBJECTS, KINDS, SPEEDS
+        )
     ]
     return [cell for cell in found if not (cell.kind == "soft" and "current" in cell.fault)]
 
 
 def sample_cells(count: int, *, seed: int) -> list[Cell]:
-    """Return some cells of the campaign, every fault about as often."""
+    """Return a sample of the campaign in which all faults are about equally frequent."""
     rng = np.random.default_rng(seed)
-    by_fault = {name: [cell for cell in cells() if cell.fault == name] for name in FAULTS}
+    by_fault = {name: [cell for cell in list_cells() if cell.fault == name] for name in FAULTS}
     each = [rng.permutation(len(found)).tolist() for found in by_fault.values()]
     rounds = [
         found[order[turn]]
@@ -117,8 +119,8 @@ def _plan(kind: GripperKind) -> Plan:
     )
 
 
-def struck(cell: Cell, *, seed: int) -> Struck:
-    """Run one grasp."""
+def run_faulty_grasp(cell: Cell, *, seed: int) -> FaultyGrasp:
+    """Run one grasp and inject the fault in its phase."""
     plan = _plan(cell.kind)
     plan = replace(plan, rate=cell.speed * plan.rate, squeeze_rate=cell.speed * plan.squeeze_rate)
     obj = draw_object(np.random.default_rng([seed, 1]), cell.thing)
@@ -132,18 +134,18 @@ def struck(cell: Cell, *, seed: int) -> Struck:
     def strike() -> None:
         struck_s.append(world.clock.now_s())
         array.fault = gripper.fault = fault
-        world.clock.sleep_s(fault.nudged_s)
-        if fault.pressed_mm and cell.kind == "rigid":
+        world.clock.sleep_s(fault.hang_s)
+        if fault.pushed_mm and cell.kind == "rigid":
             gripper.state()
-            world.drive(world.drive_value(world.clock.now_s()) - fault.pressed_mm, rate=60.0)
-        if fault.stopped:
+            world.drive(world.drive_value(world.clock.now_s()) - fault.pushed_mm, rate=60.0)
+        if fault.user_stops:
             requests.stop.set()
 
     def watch(grasp_state: GraspState) -> None:
         estimate = grasp_state.estimate
-        underway = estimate.sweep and estimate.now_s - estimate.sweep.since_s > _UNDERWAY_S
+        underway = estimate.sweep and estimate.now_s - estimate.sweep.since_s > _AT_SPEED_S
         late = cell.phase != "approach" or underway
-        if grasp_state.activity in STRUCK[cell.phase] and late and not struck_s:
+        if grasp_state.activity in PHASE_ACTIVITIES[cell.phase] and late and not struck_s:
             strike()
 
     if cell.phase == "start":
@@ -152,10 +154,10 @@ def struck(cell: Cell, *, seed: int) -> Struck:
         plan, array=array, gripper=gripper, clock=world.clock, watchers=[watch], requests=requests
     )
     ended_s = world.clock.now_s()
-    world.clock.sleep_s(_AFTERWARDS_S)
+    world.clock.sleep_s(_OBSERVED_AFTER_S)
     stays_n = world.force_n(world.clock.now_s())
     truth = world.truth()
-    return Struck(
+    return FaultyGrasp(
         cell=cell,
         struck=bool(struck_s),
         outcome=str(result.outcome),

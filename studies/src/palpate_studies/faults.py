@@ -1,4 +1,4 @@
-"""Single faults of sheet, wire, servo and host in every phase of a grasp."""
+"""Inject single faults of sheet, wire, servo and host in every phase of a grasp."""
 
 from __future__ import annotations
 
@@ -10,51 +10,59 @@ import typer
 
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate_studies.fault_devices import FAULTS
-from palpate_studies.fault_grasps import KINDS, OBJECTS, Struck, cells, sample_cells, struck
+from palpate_studies.fault_grasps import (
+    KINDS,
+    OBJECTS,
+    FaultyGrasp,
+    list_cells,
+    run_faulty_grasp,
+    sample_cells,
+)
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import as_row, group
 
-#: Which grasps are sampled, and the first object; seeds that the watches were not made with.
+#: Seeds of the sample and of the first object; neither was used to develop the monitors.
 _SAMPLE_SEED, _FIRST_SEED = 43, 920_000
-#: A hand that presses less than this presses nothing, newtons.
+#: Forces below this count as zero, newtons.
 _NOTHING_N = 0.05
-#: Ends that need no reason: what was asked for, or what the world did.
-_PLAIN = ("held", "slipped", "nothing_there", "too_weak", "stopped")
+#: Outcomes that need no reason: requested ones, and events in the world.
+_SELF_EXPLANATORY = ("held", "slipped", "nothing_there", "too_weak", "stopped")
 
 
 def report(
     *,
     sample: Annotated[
-        int, typer.Option("--sample", help="Grasps, every fault about as often; 0: all.", min=0)
+        int,
+        typer.Option("--sample", help="Number of grasps, evenly over the faults; 0: all.", min=0),
     ] = 200,
 ) -> StudyReport:
-    """Apply single faults to simulated grasps: true force, outcome, time to a safe state.
+    """Apply single faults to simulated grasps; report force, outcome and time to safety.
 
     Example: palpate study faults --sample 400 --out reports
     """
-    chosen = sample_cells(sample, seed=_SAMPLE_SEED) if sample else cells()
-    return judge([struck(cell, seed=_FIRST_SEED + k) for k, cell in enumerate(chosen)])
+    chosen = sample_cells(sample, seed=_SAMPLE_SEED) if sample else list_cells()
+    return judge([run_faulty_grasp(cell, seed=_FIRST_SEED + k) for k, cell in enumerate(chosen)])
 
 
 command = as_command(report)
 
 
-def judge(found: Sequence[Struck]) -> StudyReport:
-    """Report grasps, a row for each fault and hand."""
-    hit = [one for one in found if one.struck]
+def judge(found: Sequence[FaultyGrasp]) -> StudyReport:
+    """Return the report of any number of grasps, with a row per fault and hand."""
+    struck_grasps = [one for one in found if one.struck]
     return StudyReport(
         name="faults",
         title="Single faults in a grasp",
         provenance=[
-            f"Simulated, level lab: {len(found)} of {len(cells())} grasps of "
-            f"{', '.join(OBJECTS)} at half, full and twice the speed, each with an object and a "
-            "session of its own; one sheet and gripper of each kind.",
-            f"The ceiling is {FORCE_CEILING_N:g} N. Forces are the twin's own. Rigid fingers "
-            "report current, soft ones pressure.",
+            f"Simulated, level lab: {len(found)} of {len(list_cells())} grasps of "
+            f"{', '.join(OBJECTS)} at half, full and twice the speed. Each grasp has a new object "
+            "and session; all share one sheet and gripper per kind of fingers.",
+            f"The force ceiling is {FORCE_CEILING_N:g} N. Forces are the twin's true forces. Rigid "
+            "fingers report current, soft fingers pressure.",
         ],
         tables=[
             _table(
-                "The worst of the faults of each part",
+                "Worst case of the faults of each part",
                 {"fault of": "{part}", "fingers": "{kind}"},
                 [
                     {"part": part, "kind": kind, **_worst(each)}
@@ -63,7 +71,7 @@ def judge(found: Sequence[Struck]) -> StudyReport:
                     if (
                         each := [
                             one
-                            for one in hit
+                            for one in struck_grasps
                             if (FAULTS[one.cell.fault]().part, one.cell.kind) == (part, kind)
                         ]
                     )
@@ -71,11 +79,11 @@ def judge(found: Sequence[Struck]) -> StudyReport:
             ),
             *(
                 _table(
-                    f"{key['kind']} fingers: the worst of the grasps of each fault",
+                    f"{key['kind']} fingers: worst case of each fault",
                     {"fault": "{fault}"},
                     [fault | _worst(each) for fault, each in group(mine, "cell.fault")],
                 )
-                for key, mine in group(hit, "cell.kind")
+                for key, mine in group(struck_grasps, "cell.kind")
             ),
         ],
         payload={
@@ -87,25 +95,25 @@ def judge(found: Sequence[Struck]) -> StudyReport:
     )
 
 
-def is_unexplained(one: Struck) -> bool:
-    """Whether a grasp ended otherwise than asked and gives no reason."""
-    return not one.reason and one.outcome not in _PLAIN
+def is_unexplained(one: FaultyGrasp) -> bool:
+    """Return whether a grasp ended unexpectedly without a reason."""
+    return not one.reason and one.outcome not in _SELF_EXPLANATORY
 
 
-def _worst(hit: Sequence[Struck]) -> dict[str, Any]:
-    """Return the worst of some grasps that a fault struck."""
-    berries = [one for one in hit if one.cell.thing == "strawberry"]
-    stays_n = max(one.stays_n for one in hit)
-    outcomes = Counter(one.outcome for one in hit)
+def _worst(struck_grasps: Sequence[FaultyGrasp]) -> dict[str, Any]:
+    """Return the worst case of the grasps in which a fault occurred."""
+    berries = [one for one in struck_grasps if one.cell.thing == "strawberry"]
+    stays_n = max(one.stays_n for one in struck_grasps)
+    outcomes = Counter(one.outcome for one in struck_grasps)
     return {
-        "n": len(hit),
+        "n": len(struck_grasps),
         "outcomes": ", ".join(f"{name} {outcomes[name]}" for name in sorted(outcomes)),
-        "peak_n": max(one.peak_n for one in hit),
+        "peak_n": max(one.peak_n for one in struck_grasps),
         "stays_n": stays_n if stays_n > _NOTHING_N else 0.0,
         "crushed": sum(one.damaged for one in berries),
         "berries": len(berries),
-        "unexplained": sum(map(is_unexplained, hit)),
-        "safe_s": max(one.safe_s for one in hit),
+        "unexplained": sum(map(is_unexplained, struck_grasps)),
+        "safe_s": max(one.safe_s for one in struck_grasps),
     }
 
 
@@ -118,7 +126,7 @@ def _table(title: str, lead: dict[str, str], rows: Sequence[dict[str, Any]]) -> 
             "n": "{n}",
             "outcomes": "{outcomes}",
             "largest peak, N": "{peak_n:.1f}",
-            "most that stays, N": "{stays_n:.1f}",
+            "largest remaining force, N": "{stays_n:.1f}",
             "strawberries crushed": "{crushed} of {berries}",
             "no reason given": "{unexplained}",
             "safe within, s": "{safe_s:.1f}",

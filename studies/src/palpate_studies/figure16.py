@@ -1,4 +1,4 @@
-"""Figure 16 of the paper: an avocado over four days, and requirements on soft fingers."""
+"""Figure 16 of the paper: an avocado over four days, with rigid and soft fingers."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from palpate_studies.twin_session import HOLD_S, PAUSE_S, STILL_S
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: As in the paper: days, and grasps of a fruit each day.
+#: Days, and grasps of a fruit on each day, as in the paper.
 DAYS, GRASPS = 4, 10
-#: Seeds of fruits and sensor; none was used before. Fruits that are not hard on the first day
-#: and ripe on the last are passed over.
+#: Seeds of fruits and sensor, not used before. Fruits that are not hard on the first day or not
+#: ripe on the last are skipped.
 FIRST_FRUIT, SENSOR = 16_000, 16
-#: Rigid fingers, and soft ones that a stop keeps from closing on, press this far beyond a caliper's
-#: size; soft ones otherwise have one pressure for all, as in the study `ripeness`.
-CLOSED_BY_MM, PRESSURE_KPA = 3.0, 28.0
-#: Compliance of soft fingers at their stop: a tenth.
+#: Rigid fingers, and soft fingers with a mechanical stop, close this far beyond the size measured
+#: with a caliper. Other soft fingers use one pressure for all fruits, as in the study `ripeness`.
+CLOSURE_MM, PRESSURE_KPA = 3.0, 28.0
+#: Compliance of soft fingers at their stop: a tenth of their own.
 STOPPED_MM_PER_N = SOFT_MM_PER_N / 10.0
 _RATE: dict[GripperKind, float] = {"rigid": 40.0, "soft": 15.0}
 
@@ -42,13 +42,13 @@ class Hand:
     Attributes
     ----------
     name : str
-        For tables.
+        Name in tables.
     gripper : {"rigid", "soft"}
-        Kind.
+        Kind of fingers.
     soft_mm_per_n : float
         Compliance of soft fingers.
     stopped : bool
-        Whether they end `CLOSED_BY_MM` beyond the size of each fruit, not at one pressure.
+        Whether the fingers end `CLOSURE_MM` beyond the size of each fruit, not at one pressure.
     """
 
     name: str
@@ -57,12 +57,12 @@ class Hand:
     stopped: bool = False
 
     def target(self, fruit: Avocado) -> float:
-        """Return the width or pressure of the paper's method for a fruit on all days."""
+        """Return the width or pressure of the paper's method, the same on all days."""
         if self.gripper == "rigid":
-            return fruit.size_mm - CLOSED_BY_MM
+            return fruit.size_mm - CLOSURE_MM
         if not self.stopped:
             return PRESSURE_KPA
-        return (OPEN_MM - fruit.size_mm + CLOSED_BY_MM) / SOFT_MM_PER_KPA
+        return (OPEN_MM - fruit.size_mm + CLOSURE_MM) / SOFT_MM_PER_KPA
 
 
 HANDS = (
@@ -77,16 +77,16 @@ def report(
     *,
     grasps: int = GRASPS,
 ) -> StudyReport:
-    """Grasp avocados ten times a day for four days, by rigid and two soft grippers.
+    """Grasp avocados ten times a day for four days with one rigid and two soft grippers.
 
     Example: palpate study figure16 --out reports
     """
-    chosen = ripening(fruits)
+    chosen = draw_ripening_fruits(fruits)
     rows = list[dict[str, Any]]()
     for level in LEVELS:
         for hand in HANDS:
             settled = np.array(
-                [days_of(fruit, hand, level=level, grasps=grasps) for fruit in chosen]
+                [measure_days(fruit, hand, level=level, grasps=grasps) for fruit in chosen]
             )
             rows.append({"level": level, "hand": hand.name, **scores(settled)})
     return StudyReport(
@@ -96,15 +96,15 @@ def report(
             f"Simulated: {fruits} avocados that are hard on the first day and ripe on the fourth, "
             f"{grasps} grasps a day on one sensor per level, held for {HOLD_S:g} s; mean of all "
             "pixels, without noise.",
-            f"One width or stop: {CLOSED_BY_MM:g} mm less than by caliper. One pressure: "
-            f"{PRESSURE_KPA:g} kPa. Stopped by geometry: {STOPPED_MM_PER_N:g} instead of "
-            f"{SOFT_MM_PER_N:g} mm/N.",
-            "Published: one avocado in Figure 16b (rigid) and 16c (soft), a falling change in "
+            f"One width, or stopped by geometry: {CLOSURE_MM:g} mm below the caliper size. One "
+            f"pressure: {PRESSURE_KPA:g} kPa. Compliance when stopped by geometry: "
+            f"{STOPPED_MM_PER_N:g} instead of {SOFT_MM_PER_N:g} mm/N.",
+            "Published: one avocado in Figure 16b (rigid) and 16c (soft), with a falling change in "
             "both; no numbers are printed.",
         ],
         tables=[
             Table.of(
-                "Mean settled change, percent, and fruits whose change falls",
+                "Mean settled change, percent, and number of fruits with a falling change",
                 [
                     {**row, **{f"day {k + 1}": at for k, at in enumerate(row["mean_percent"])}}
                     for row in rows
@@ -119,8 +119,8 @@ def report(
 command = as_command(report)
 
 
-def ripening(count: int) -> list[Avocado]:
-    """Return the first fruits, hard on the first day and ripe on the last."""
+def draw_ripening_fruits(count: int) -> list[Avocado]:
+    """Draw fruits that are hard on the first day and ripe on the last."""
 
     def draw_line() -> Iterator[Avocado]:
         seed = FIRST_FRUIT
@@ -134,8 +134,8 @@ def ripening(count: int) -> list[Avocado]:
     return [next(fruits) for _ in range(count)]
 
 
-def days_of(fruit: Avocado, hand: Hand, *, level: str, grasps: int) -> FloatArray:
-    """Return the settled change of each grasp of a fruit, percent, shape (days, grasps)."""
+def measure_days(fruit: Avocado, hand: Hand, *, level: str, grasps: int) -> FloatArray:
+    """Grasp a fruit on each day; return the settled changes, percent, shape (days, grasps)."""
     world = World(
         None,
         seed=SENSOR + 1_000_003,
@@ -149,7 +149,7 @@ def days_of(fruit: Avocado, hand: Hand, *, level: str, grasps: int) -> FloatArra
         [
             [
                 _measure_settled_percent(
-                    world, gripper, spot=fruit.spot(day, rng=rng), fruit=fruit, by=hand
+                    world, gripper, spot=fruit.spot(day, rng=rng), fruit=fruit, hand=hand
                 )
                 for _ in range(grasps)
             ]
@@ -159,13 +159,13 @@ def days_of(fruit: Avocado, hand: Hand, *, level: str, grasps: int) -> FloatArra
 
 
 def _measure_settled_percent(
-    world: World, gripper: TwinGripper, *, spot: TwinObject, fruit: Avocado, by: Hand
+    world: World, gripper: TwinGripper, *, spot: TwinObject, fruit: Avocado, hand: Hand
 ) -> float:
-    """Grasp one spot, hold, open, and return the mean change at the hold's end."""
+    """Grasp one spot, hold and open; return the mean change at the end of the hold."""
     gripper.release()
     world.clock.sleep_s(STILL_S)
     world.place(spot, fixture=True)
-    gripper.command(GripperCommand(target=by.target(fruit), rate=_RATE[by.gripper]))
+    gripper.command(GripperCommand(target=hand.target(fruit), rate=_RATE[hand.gripper]))
     world.clock.sleep_s(HOLD_S)
     world.force_n(world.clock.now_s())
     percent = world.truth(HOLD_S).settled_percent
@@ -175,10 +175,10 @@ def _measure_settled_percent(
 
 
 def scores(settled: FloatArray) -> dict[str, Any]:
-    """Return what counts of changes of shape (fruits, days, grasps).
+    """Summarise changes of shape (fruits, days, grasps).
 
-    A fruit shows the paper's trend where the mean change falls from day to day, and by more than
-    two standard deviations of the grasps from the first day to the last.
+    `falls_every_day` counts fruits whose mean change falls from day to day; `falls_clearly` counts
+    fruits that differ between first and last day by more than two standard deviations of a grasp.
     """
     mean, sd = settled.mean(axis=2), settled.std(axis=2, ddof=1)
     steps = np.diff(mean, axis=1)

@@ -1,4 +1,4 @@
-"""Random objects gripped to a force and lifted: ours compared with the simpler ways, simulated."""
+"""Grip random simulated objects to a force and lift them, with palpate and with baselines."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from palpate_studies.force_control_world import (
     PRESSED,
     TARGETS_N,
     UNLIMITED,
-    Gripped,
+    GripOutcome,
     Task,
+    draw_task,
     grip_as_shipped,
     learn_damage,
-    task,
 )
 from palpate_studies.protocol.paired import compare
 from palpate_studies.report import StudyReport, Table, as_command
@@ -34,9 +34,9 @@ from palpate_studies.rows import LEVELS, group, mean, median
 if TYPE_CHECKING:
     from palpate.estimate.damage import DamageModel
 
-#: The first seed of the shown grasps, fixed before anything was scored on them.
+#: First seed of the reported grasps, fixed before anything was scored on them.
 FIRST_SEED = 870_000
-#: Seeds that the learners learn from; none of them is shown.
+#: First seed and number of training tasks; they are not reported.
 LEARNING_SEED, LEARNED_FROM = 1_600_000, 240
 
 
@@ -44,16 +44,16 @@ def report(
     *,
     grasps: Annotated[int, typer.Option(help="Objects gripped at each level.", min=1)] = 8,
 ) -> StudyReport:
-    """Grip random objects to a force, lift them, and count misses, drops and damage.
+    """Grip random objects to a force and lift them; count misses, drops and damage.
 
     Example: palpate study force-control --grasps 100 --out reports
     """
-    found = list[Gripped]()
+    found = list[GripOutcome]()
     damage = learn_damage(seed=FIRST_SEED)
     for level in LEVELS:
-        tasks = [task(seed, level=level) for seed in range(FIRST_SEED, FIRST_SEED + grasps)]
+        tasks = [draw_task(seed, level=level) for seed in range(FIRST_SEED, FIRST_SEED + grasps)]
         training = range(LEARNING_SEED, LEARNING_SEED + LEARNED_FROM)
-        laws = learn_laws([task(seed, level=level) for seed in training])
+        laws = learn_laws([draw_task(seed, level=level) for seed in training])
         found += grip_all(tasks, damage=damage, laws=laws)
     return judge(found)
 
@@ -61,8 +61,8 @@ def report(
 command = as_command(report)
 
 
-def grip_all(tasks: Sequence[Task], *, damage: DamageModel, laws: Laws) -> Iterator[Gripped]:
-    """Grip every task with and without the damage limit, and by each baseline."""
+def grip_all(tasks: Sequence[Task], *, damage: DamageModel, laws: Laws) -> Iterator[GripOutcome]:
+    """Grip every task with and without the damage limit, and with each baseline."""
     for one in tasks:
         yield grip_as_shipped(one, damage=damage)
         yield grip_as_shipped(one, damage=None)
@@ -70,14 +70,14 @@ def grip_all(tasks: Sequence[Task], *, damage: DamageModel, laws: Laws) -> Itera
         yield from (run_learned_loop(one, learner, laws=laws) for learner in LOOPS)
 
 
-def scores(found: Sequence[Gripped]) -> dict[str, Any]:
-    """Return what counts, of the grasps of one method at one level."""
+def scores(found: Sequence[GripOutcome]) -> dict[str, Any]:
+    """Return the scores of the grasps of one method at one level."""
     count = len(found)
     lifted = [one for one in found if one.lifted]
-    # Where the damage limit kept the force below the target, missing it is the answer.
-    aimed = [one for one in found if not one.limited and (one.said_n is not None or one.lifted)]
-    near = [abs(one.off_target) <= NEAR for one in aimed]
-    near_of_all = [abs(one.off_target) <= NEAR for one in found]
+    # Grasps that the damage limit kept below the target are not misses.
+    aimed = [one for one in found if not one.limited and (one.reported_n is not None or one.lifted)]
+    near = [abs(one.relative_error) <= NEAR for one in aimed]
+    near_of_all = [abs(one.relative_error) <= NEAR for one in found]
     covered = [
         one.low_n <= one.force_n <= one.high_n
         for one in found
@@ -91,27 +91,28 @@ def scores(found: Sequence[Gripped]) -> dict[str, Any]:
         "dropped": sum(one.dropped for one in lifted),
         "not_lifted": count - len(lifted),
         "limited": sum(one.limited for one in found),
-        "limited_could_bear": sum(one.limited and one.could_bear for one in found),
-        "could_bear": sum(one.could_bear for one in found),
+        "limited_could_bear": sum(one.limited and one.could_withstand for one in found),
+        "could_bear": sum(one.could_withstand for one in found),
         "aimed": len(aimed),
-        # Of every object that was to be gripped, and of those that the method aimed at the target.
+        # Over all objects, and over the objects that the method gripped to the target.
         "within_10_percent_of_all": float(np.mean(near_of_all)),
         "within_10_percent": mean(near),
-        "median_off_target_percent": median([100 * abs(one.off_target) for one in aimed]),
+        "median_off_target_percent": median([100 * abs(one.relative_error) for one in aimed]),
         "coverage": mean(covered),
         "median_on_target_s": median(times_s),
     }
 
 
-def compare_methods(found: Sequence[Gripped], *, method: str = "ours") -> list[dict[str, Any]]:
-    """Return a method of ours against every rival on objects gripped by both, by sensor.
+def compare_methods(found: Sequence[GripOutcome], *, method: str = "ours") -> list[dict[str, Any]]:
+    """Compare a method of palpate with every baseline on objects gripped by both, by sensor.
 
-    A thing's loss is 1 where the settled force is not within 10 % of the target, whatever kept it.
+    The loss of an object is 1 if its settled force is not within 10 % of the target, for any
+    reason.
     """
     rows = []
     for key, mine in group(found, "task.level"):
         lost = {
-            name["method"]: {one.task.seed: float(abs(one.off_target) > NEAR) for one in each}
+            name["method"]: {one.task.seed: float(abs(one.relative_error) > NEAR) for one in each}
             for name, each in group(mine, "method")
         }
         ours = lost.pop(method, {})
@@ -135,7 +136,7 @@ def compare_methods(found: Sequence[Gripped], *, method: str = "ours") -> list[d
     return rows
 
 
-def judge(found: Sequence[Gripped]) -> StudyReport:
+def judge(found: Sequence[GripOutcome]) -> StudyReport:
     """Return the report of any number of grasps."""
     summary = [
         {**key, "gripper": "all", **scores(part)}
@@ -145,21 +146,22 @@ def judge(found: Sequence[Gripped]) -> StudyReport:
         name="force-control",
         title="Gripping random objects to a force, and lifting them (simulated)",
         provenance=(
-            "Simulated: sizes within the stroke, stiffness over two decades, linear or Hertz, flat "
-            "or round, half relaxing as fruit does, off-centre, off the middle, on worn sheets; "
-            f"every fourth sensor on soft fingers. Targets {TARGETS_N[0]:g} to {TARGETS_N[1]:g} N; "
-            "the weight takes 20-60 % of the target at the least friction there is.",
-            f"A sensor calibrated by a user's steps for every {GRASPS_PER_SHEET} grasps. Damage "
-            f"limit learned from {PRESSED} other objects pressed in a test stand; kind not known.",
-            "Within 10 %: true settled force against the target, of grasps that the damage limit "
-            "did not keep below it.",
-            "Lifted: only where the method reports that the grip will do; the baselines lift "
-            "blindly.",
-            "The paper's line: the one of its Table 4, fitted to the settled pairs of the same "
-            "calibration, with equations 2 and 3 as feedback, up and down.",
-            "Learners: the same loop as the paper's line, with the calibrated law of ours as it is "
-            "corrected by everything that was read after 2.5 s, the way of closing and the servo's "
-            f"current; learned for each level from {LEARNED_FROM} other objects on other sensors "
+            "Simulated: sizes within the stroke, stiffness over two decades, linear or Hertz "
+            "contact, flat or round, half of them relaxing like fruit, off-centre, on worn sheets; "
+            f"every fourth sensor on soft fingers. Targets: {TARGETS_N[0]:g} to {TARGETS_N[1]:g} "
+            "N. At the lowest friction, lifting the weight requires 20-60 % of the target.",
+            f"Each sensor is calibrated with a user's steps and makes {GRASPS_PER_SHEET} grasps. "
+            f"The damage limit is learned from {PRESSED} other objects pressed in a test stand; "
+            "the kind of the object is not given.",
+            "Within 10 %: true settled force relative to the target, without the grasps that the "
+            "damage limit kept below it.",
+            "Lifted: palpate lifts only if it reports that the grip suffices; the baselines always "
+            "lift.",
+            "The paper's line: the line of its Table 4, fitted to the settled pairs of the same "
+            "calibration, with equations 2 and 3 as feedback in both directions.",
+            "Learners: the same loop as the paper's line. The feedback is palpate's calibrated "
+            "law, corrected with all readings of the first 2.5 s, the closure and the servo "
+            f"current; trained for each level on {LEARNED_FROM} other objects on other sensors "
             f"(seeds from {LEARNING_SEED} on).",
         ),
         tables=[Table.of(title, summary, [*_LEAD, *keys]) for title, keys in _TABLES.items()],
@@ -172,10 +174,10 @@ def judge(found: Sequence[Gripped]) -> StudyReport:
 
 
 _LEAD = ("level", "method")
-#: Two tables, because one of all columns fits no screen: title -> keys of the summary.
+#: Title -> keys of the summary; one table with all columns would be too wide for a screen.
 _TABLES = {
     "Outcome": ("grasps", "damaged", "lifted", "dropped", "limited", "limited_could_bear"),
-    "How near the target": (
+    "Accuracy relative to the target": (
         "within_10_percent_of_all",
         "aimed",
         "within_10_percent",

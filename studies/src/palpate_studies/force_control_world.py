@@ -1,6 +1,6 @@
-"""Random objects gripped to a force by the controller and lifted, with their outcomes.
+"""Draw random objects, grip them to a force with the controller and lift them.
 
-What their user would have found out before comes from a test stand and a calibration.
+The damage limit comes from a simulated test stand, the force law from a simulated calibration.
 """
 
 from __future__ import annotations
@@ -30,39 +30,38 @@ from palpate_studies.stoppable import require_uninterrupted
 
 #: This many grasps share a sensor, a gripper and their calibration.
 GRASPS_PER_SHEET = 4
-#: Near enough to the target.
+#: Largest relative error that counts as on target.
 NEAR = 0.1
-#: Name of the method that knows no damage limit.
+#: Name of the method without a damage limit.
 UNLIMITED = "ours, no damage limit"
-#: Held this long in the air before it is released, seconds.
+#: Time in the air before the release, seconds.
 LIFTED_S = 3.0
-#: Two decades of force at 1 mm, newtons.
+#: Force at 1 mm, two decades, newtons.
 STIFFNESS_N = (0.5, 50.0)
-#: Sizes within the stroke: soft fingers need some of it to press.
+#: Sizes within the stroke; soft fingers need part of the stroke to press.
 SIZES_MM: dict[str, tuple[float, float]] = {"rigid": (25.0, 60.0), "soft": (42.0, 60.0)}
-#: Targets: below the first, a sheet of the level `lab` may feel nothing at all.
+#: Target forces; below the first, a sheet of the level `lab` may show no change.
 TARGETS_N = (1.5, 8.0)
-#: Softer objects yield at more deformation in mm, as fruit does: median and log sd of what they
-#: stand. Correlation of stiffness and strength then is about that of recorded fruit.
+#: Deformation at yield, mm: median and log sd. Stiffness and strength are then correlated about as
+#: in recorded fruit.
 _YIELD_MM, _YIELD_LOG_SD = 4.0, 0.45
-#: Share of objects that relax as fruit does, and how much they and others relax.
-_FRUIT_SHARE, _FRUIT_RELAXES, _OTHERS_RELAX = 0.5, (0.10, 0.35), (0.0, 0.05)
-#: Lifting takes this share of the target, with the least friction there is.
-_LIFT_SHARE = (0.2, 0.6)
-#: Wear of the sheet when it is used, contacts.
+#: Fraction of objects that relax like fruit; relaxation of these and of other objects.
+_FRUIT_FRACTION, _FRUIT_RELAXES, _OTHERS_RELAX = 0.5, (0.10, 0.35), (0.0, 0.05)
+#: Force required for lifting as a fraction of the target, at the lowest friction.
+_LIFT_FRACTION = (0.2, 0.6)
+#: Largest wear of the sheet since its calibration, contacts.
 _CYCLES = 300
-#: Objects pressed until they yield, so that the limit can be learned.
+#: Training objects of the damage limit, pressed until they yield.
 PRESSED = 120
 _STEP_MM, _PRESS_UP_TO_N = 0.02, 60.0
-#: How a hand reads a closing: in steps of force, with a wobble from step to step (log sd), an error
-#: of the closure (mm), and nothing below a first force. A gain of the whole curve is not among it:
-#: the hand weighs what it doesn't know of its gain itself.
-_RISE_N, _WOBBLE, _SLACK_MM, _BLIND_N = 0.7, 0.08, 0.03, 0.5
+#: Readings of a closing curve: force step, noise of force (log sd) and closure (mm), first force.
+#: No gain error is added, because the hand accounts for its own gain uncertainty.
+_RISE_N, _WOBBLE, _CLOSURE_SD_MM, _FIRST_READING_N = 0.7, 0.08, 0.03, 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """One object, the force to grip it with, and the force that lifting it takes."""
+    """One object, its target force, and the force required to lift it."""
 
     seed: int
     level: str
@@ -72,7 +71,7 @@ class Task:
     lift_n: float
 
     def world(self) -> World:
-        """Return the world of this grasp, on a sheet that was used since its calibration."""
+        """Return the world of this grasp, on a sheet worn since its calibration."""
         cycles = int(np.random.default_rng([self.seed, 33]).integers(_CYCLES))
         return World(
             self.obj,
@@ -84,24 +83,24 @@ class Task:
         )
 
 
-def task(seed: int, *, level: str) -> Task:
-    """Draw one task; every fourth sensor sits on soft fingers."""
+def draw_task(seed: int, *, level: str) -> Task:
+    """Draw one task; every fourth sensor is on soft fingers."""
     rng = np.random.default_rng([seed, 31])
     kind: GripperKind = "soft" if (seed // GRASPS_PER_SHEET) % 4 == 3 else "rigid"
     target_n = log_uniform(rng, TARGETS_N)
-    lift_n = target_n * uniform(rng, _LIFT_SHARE)
+    lift_n = target_n * uniform(rng, _LIFT_FRACTION)
     mass_g = 2.0 * FRICTION[0] * lift_n / N_PER_G
-    obj = thing(rng, size_mm=SIZES_MM[kind], mass_g=mass_g)
+    obj = draw_random_object(rng, size_mm=SIZES_MM[kind], mass_g=mass_g)
     return Task(seed=seed, level=level, kind=kind, obj=obj, target_n=target_n, lift_n=lift_n)
 
 
-def thing(
+def draw_random_object(
     rng: np.random.Generator, *, size_mm: tuple[float, float], mass_g: float = 50.0
 ) -> TwinObject:
     """Draw an object of any stiffness, shape and strength."""
     contact = "hertz" if rng.random() < 0.5 else "linear"
     force_at_1mm_n = log_uniform(rng, STIFFNESS_N)
-    relaxing = _FRUIT_RELAXES if rng.random() < _FRUIT_SHARE else _OTHERS_RELAX
+    relaxing = _FRUIT_RELAXES if rng.random() < _FRUIT_FRACTION else _OTHERS_RELAX
     yield_mm = _YIELD_MM * float(np.exp(_YIELD_LOG_SD * rng.standard_normal()))
     yield_n = force_at_1mm_n * yield_mm ** (1.5 if contact == "hertz" else 1.0)
     return TwinObject(
@@ -120,16 +119,16 @@ def thing(
 
 
 def learn_damage(*, seed: int) -> DamageModel:
-    """Press training objects in a test stand until they yield, and learn their limit.
+    """Press training objects in a test stand until they yield, and learn the damage limit.
 
-    A user's step: the label is the force at which an object yielded. The curves are coarsened and
-    blurred as the hand will read them: a guard that learned from clean curves takes every wobble
-    of a reading for a bend. Objects that stand more than the stand gives are left out.
+    The label is the force at yield. The curves have the resolution and noise of the hand's
+    readings: a model of clean curves would take the noise of a reading for a bend. Objects that
+    withstand the largest force of the stand are skipped.
     """
     paths, limits_n = list[list[ClosingState]](), list[float]()
     rng = np.random.default_rng([seed, 34])
     while len(paths) < PRESSED:
-        obj = thing(rng, size_mm=SIZES_MM["rigid"])
+        obj = draw_random_object(rng, size_mm=SIZES_MM["rigid"])
         if obj.yield_n < _PRESS_UP_TO_N:
             paths.append(_press(obj, rng=rng))
             limits_n.append(obj.yield_n)
@@ -137,7 +136,7 @@ def learn_damage(*, seed: int) -> DamageModel:
 
 
 def _press(obj: TwinObject, *, rng: np.random.Generator) -> list[ClosingState]:
-    """Return the states of a pressing, in the forces that a hand would have read."""
+    """Press an object until it yields; return the states with noisy forces."""
     curve, states = ClosingCurve(), list[ClosingState]()
     deformation_mm, force_n = 0.0, 0.0
     while force_n < obj.yield_n:
@@ -146,28 +145,30 @@ def _press(obj: TwinObject, *, rng: np.random.Generator) -> list[ClosingState]:
             deformation_mm += _STEP_MM
             force_n = object_force_n(obj, deformation_mm, ruptured=False)[0]
         read_n = force_n * float(np.exp(_WOBBLE * rng.standard_normal()))
-        if force_n > _BLIND_N:
-            states += curve.push(deformation_mm + _SLACK_MM * rng.standard_normal(), force_n=read_n)
+        if force_n > _FIRST_READING_N:
+            states += curve.push(
+                deformation_mm + _CLOSURE_SD_MM * rng.standard_normal(), force_n=read_n
+            )
     return states
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Gripped:
-    """The outcome of one task; None for a quantity that the method does not give.
+class GripOutcome:
+    """The outcome of one task; None for quantities that the method does not report.
 
     Attributes
     ----------
     method, outcome : str
-        How it was gripped, and how that ended.
+        Method and outcome of the grasp.
     force_n : float
         True settled force of the final hold.
-    said_n, low_n, high_n : float or None
-        The settled force that was reported, and its interval.
+    reported_n, low_n, high_n : float or None
+        Reported settled force and its interval.
     lifted, dropped, damaged, limited : bool
-        Whether it was lifted, fell, was pressed beyond its yield, and whether the damage limit kept
-        the force below the target.
+        Whether the object was lifted, fell and was pressed beyond its yield, and whether the damage
+        limit kept the force below the target.
     on_target_s : float or None
-        From contact until it was first reported on target after the last movement.
+        Time from contact to the first report of being on target after the last movement.
     """
 
     task: Task
@@ -177,25 +178,25 @@ class Gripped:
     lifted: bool
     dropped: bool
     damaged: bool
-    said_n: float | None = None
+    reported_n: float | None = None
     low_n: float | None = None
     high_n: float | None = None
     limited: bool = False
     on_target_s: float | None = None
 
     @property
-    def could_bear(self) -> bool:
-        """Whether the object would have borne the target, and what counts as near it."""
+    def could_withstand(self) -> bool:
+        """Whether the object withstands the target force with its tolerance."""
         return self.task.obj.yield_n > (1.0 + NEAR) * self.task.target_n
 
     @property
-    def off_target(self) -> float:
-        """Settled force over target, less 1."""
+    def relative_error(self) -> float:
+        """Relative error of the settled force."""
         return self.force_n / self.task.target_n - 1.0
 
 
-def grip_as_shipped(task: Task, *, damage: DamageModel | None) -> Gripped:
-    """Grip with the controller as shipped; without a damage limit as its rivals do."""
+def grip_as_shipped(task: Task, *, damage: DamageModel | None) -> GripOutcome:
+    """Grip with the shipped controller; `damage=None` disables the damage limit."""
     world = task.world()
     gripper, lifted = TwinGripper(world), list[float]()
 
@@ -218,13 +219,13 @@ def grip_as_shipped(task: Task, *, damage: DamageModel | None) -> Gripped:
         run_grasp(plan, array=array, gripper=gripper, clock=world.clock, watchers=[arm])
     )
     force, truth = result.force_n, world.truth()
-    return Gripped(
+    return GripOutcome(
         task=task,
         method=UNLIMITED if damage is None else "ours",
         outcome=str(result.outcome),
         lifted=bool(lifted),
         dropped=world.has_dropped,
-        said_n=None if force is None else force.value,
+        reported_n=None if force is None else force.value,
         low_n=None if force is None else force.low,
         high_n=None if force is None else force.high,
         limited=result.is_limited,
@@ -235,11 +236,12 @@ def grip_as_shipped(task: Task, *, damage: DamageModel | None) -> Gripped:
 
 
 def is_damaged(world: World, task: Task) -> bool:
+    """Return whether the object was pressed beyond its yield."""
     return world.truth().peak_force_n >= task.obj.yield_n
 
 
 def _on_target_s(result: GraspResult) -> float | None:
-    """Return the time from contact to the last statement of being on target."""
+    """Return the time from contact to the last report of being on target."""
     at = {moment.name: moment.time_s for moment in result.moments if moment.finger is None}
     if "contact" not in at or at.get("on_target", -1.0) < at.get("adjusted", -1.0):
         return None
@@ -248,5 +250,5 @@ def _on_target_s(result: GraspResult) -> float | None:
 
 @lru_cache(maxsize=2)
 def calibration_of(sheet: int, level: str, kind: GripperKind) -> Calibration:
-    """Calibrate a sensor and gripper by a user's steps, once for each sheet."""
+    """Calibrate a sensor and gripper with a user's steps, once per sheet."""
     return calibrate_twin(seed=sheet, level=level, apart_from="", kind=kind)

@@ -19,7 +19,7 @@ from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.estimate.force_law import build_settled_inputs
-from palpate_studies.force_learning import KnownContact, interval_reach, learn_population
+from palpate_studies.force_learning import KnownContact, interval_quantile, learn_population
 from palpate_studies.recordings import read_runs
 from palpate_studies.report import StudyReport, Table, as_command
 
@@ -81,29 +81,29 @@ class Ladder:
         return (self.resistance_ohm / self.rest_ohm - 1) * 100
 
 
-def line(one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_]) -> Predicted:
+def line(one: Ladder, others: Sequence[Ladder], *, given: NDArray[np.bool_]) -> Predicted:
     """Predict by the paper's line: slope from the other ladders, intercept from the steps given."""
     value, half = _fit_shared_slope(
         [(ladder.relative_percent, ladder.load_n) for ladder in others],
         (one.relative_percent, one.load_n),
-        told=told,
+        given=given,
     )
     value, low, high = (np.maximum(each, 0.0) for each in (value, value - half, value + half))
     return value, low, high
 
 
-def power(one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_]) -> Predicted:
+def power(one: Ladder, others: Sequence[Ladder], *, given: NDArray[np.bool_]) -> Predicted:
     """Predict by a power law: exponent from the other ladders, gain from the steps given."""
     value, half = _fit_shared_slope(
         [(np.log(ladder.excess_s), np.log(ladder.load_n)) for ladder in others],
         (np.log(one.excess_s), np.log(one.load_n)),
-        told=told,
+        given=given,
     )
     return _in_newtons(value, half)
 
 
 def predict_unweighed(
-    one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_]
+    one: Ladder, others: Sequence[Ladder], *, given: NDArray[np.bool_]
 ) -> Predicted:
     """Predict by one power law of all other ladders, without any step of this one."""
     log_g, log_n = (
@@ -115,15 +115,15 @@ def predict_unweighed(
     return _in_newtons(slope * np.log(one.excess_s) + offset, half)
 
 
-def ours(one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_]) -> Predicted:
+def ours(one: Ladder, others: Sequence[Ladder], *, given: NDArray[np.bool_]) -> Predicted:
     """Predict by `palpate.ForceLaw`: the population of the other ladders, and the steps given."""
     law = ForceLaw.fit(
-        one.inputs[told],
-        force_n=one.load_n[told],
+        one.inputs[given],
+        force_n=one.load_n[given],
         population=learn_population([make_known_contact(ladder) for ladder in others]),
     )
     value, sd = law.log_force(one.inputs)
-    return _in_newtons(value, interval_reach(LEVEL) * sd)
+    return _in_newtons(value, interval_quantile(LEVEL) * sd)
 
 
 def make_known_contact(ladder: Ladder) -> KnownContact:
@@ -139,7 +139,7 @@ def _fit_shared_slope(
     known: Sequence[tuple[FloatArray, FloatArray]],
     own: tuple[FloatArray, FloatArray],
     *,
-    told: NDArray[np.bool_],
+    given: NDArray[np.bool_],
 ) -> tuple[FloatArray, FloatArray]:
     """Return slope and half width of lines with a shared slope and own intercepts."""
     centred = [(x - x.mean(), y - y.mean()) for x, y in known]
@@ -148,9 +148,9 @@ def _fit_shared_slope(
     freedom = sum(len(x) for x, _ in centred) - len(centred) - 1
     variance = float(sum(np.sum((y - slope * x) ** 2) for x, y in centred)) / freedom
     x, y = own
-    away = x - x[told].mean()
-    value = y[told].mean() + slope * away
-    spread = variance * (1 + 1 / np.count_nonzero(told) + away**2 / squares)
+    away = x - x[given].mean()
+    value = y[given].mean() + slope * away
+    spread = variance * (1 + 1 / np.count_nonzero(given) + away**2 / squares)
     return value, student_t.ppf(0.5 + LEVEL / 2, freedom) * np.sqrt(spread)
 
 
@@ -266,7 +266,7 @@ def _nearest(load_n: FloatArray) -> NDArray[np.bool_]:
 def _rows(one: Ladder, others: Sequence[Ladder], *, given: NDArray[np.bool_]) -> Rows:
     rows: Rows = []
     for name, predict in MODELS.items():
-        value_n, low_n, high_n = predict(one, others, told=given)
+        value_n, low_n, high_n = predict(one, others, given=given)
         rows += [
             {
                 "ladder": one.name,

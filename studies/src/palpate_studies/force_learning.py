@@ -25,7 +25,7 @@ from palpate.estimate.force_law import (
 #: (ln N, guesses), worth as many contacts.
 _PRIOR_SD, _PRIOR_CONTACTS = (0.5, 0.1), 2.0
 #: Change from contact to contact, as a share of that spread, where no place was touched twice.
-_CONTACT_SHARE = 0.1
+_CONTACT_FRACTION = 0.1
 #: Weight of the relation within a contact, next to that of the change since a force was measured.
 _WITHIN = 0.1
 _RIDGE = 1e-3
@@ -33,13 +33,13 @@ _RIDGE = 1e-3
 #: freedom).
 _GOOD_ENOUGH, _FREEDOM = 0.02, 4.0
 #: Percentile of the forces learned from that counts as the weakest.
-_FAINT_PERCENTILE = 1.0
+_WEAKEST_PERCENTILE = 1.0
 _ROUNDS, _EM_ROUNDS, _REWEIGHTINGS = 3, 6, 15
 #: Normal quantile at the level (0.9) that the scatter is scaled to.
 _AT_LEVEL, _LEVEL = 1.645, 0.9
 
 
-def interval_reach(level: float) -> float:
+def interval_quantile(level: float) -> float:
     """Return how many standard deviations an interval of a level reaches to each side."""
     return float(ndtri(0.5 + level / 2))
 
@@ -109,7 +109,7 @@ def learn_population(contacts: Sequence[KnownContact]) -> Population:
         for each in by_place.values()
         if len(each) > 1
     ]
-    contact_spread = _CONTACT_SHARE * population.spread
+    contact_spread = _CONTACT_FRACTION * population.spread
     if again:
         changes = np.concatenate(again)
         contact_spread = (changes.T @ changes + contact_spread) / (len(changes) + 1)
@@ -137,7 +137,7 @@ def _start(contacts: Sequence[KnownContact]) -> _Learned:
         spread=spread,
         contact_spread=spread,
         noise=np.array([np.log(0.15), 0.0, 0.0, 0.0]),
-        least_n=float(np.exp(np.percentile(np.concatenate(log_n), _FAINT_PERCENTILE))),
+        least_n=float(np.exp(np.percentile(np.concatenate(log_n), _WEAKEST_PERCENTILE))),
     )
     return _Learned(
         design=design,
@@ -165,7 +165,7 @@ def _fit_mean(learned: _Learned) -> None:
     rows, targets, weights = [], [], []
     each = zip(learned.design, learned.log_n, learned.weight, learned.given, strict=True)
     for design, log_n, weight, given in each:
-        before = _untold(design)
+        before = _before_measurement(design)
         middle = np.average(before, axis=0, weights=weight)
         rows.append(before - middle)
         targets.append(log_n - np.average(log_n, weights=weight))
@@ -189,7 +189,7 @@ def _fit_mean(learned: _Learned) -> None:
         share /= np.average(share, weights=w)
     mean[0] = np.mean(
         [
-            np.average(log_n - _untold(design) @ mean, weights=weight)
+            np.average(log_n - _before_measurement(design) @ mean, weights=weight)
             for design, log_n, weight in zip(
                 learned.design, learned.log_n, learned.weight, strict=True
             )
@@ -198,7 +198,7 @@ def _fit_mean(learned: _Learned) -> None:
     learned.population = replace(population, mean=mean)
 
 
-def _untold(design: FloatArray) -> FloatArray:
+def _before_measurement(design: FloatArray) -> FloatArray:
     """Return regressors as they are before a force was measured."""
     return np.column_stack([design[:, :-1], np.zeros(len(design))])
 
@@ -212,7 +212,7 @@ def _fit_spread(learned: _Learned) -> list[FloatArray]:
         precision = np.linalg.inv(population.spread)
         deviations, total, errors = [], np.zeros_like(precision), []
         for place, (design, log_n) in enumerate(zip(learned.design, learned.log_n, strict=True)):
-            x, weight = _untold(design), learned.weight[place]
+            x, weight = _before_measurement(design), learned.weight[place]
             share = min(MOST_SAMPLES / weight.sum(), 1.0)
             variance = population.variance(x)
             weighed = x * (share * weight * robust[place] / variance)[:, None]

@@ -49,8 +49,10 @@ def report(
     touches = [one for one in stroke_study.read_strokes(strokes) if one.scored.sum() > 1]
     weights = [ladder_study.make_known_contact(one) for one in ladder_study.read_ladders(ladders)]
     parts: dict[str, Sequence[KnownContact]] = {
-        "strokes": [stroke_study.make_known_contact(one) for one in _spread(touches)],
-        "presses": [press_study.make_known_contact(one) for one in _spread(read_presses(presses))],
+        "strokes": [stroke_study.make_known_contact(one) for one in _sample_evenly(touches)],
+        "presses": [
+            press_study.make_known_contact(one) for one in _sample_evenly(read_presses(presses))
+        ],
         # A few, but the only ones that show what a settled reading means: repeated.
         "ladders": [
             replace(one, place=f"{one.place}-{number}")
@@ -64,7 +66,7 @@ def report(
     population = replace(population, spread=population.spread * np.outer(factor, factor))
     if write is not None:
         with atomic_path(write) as partial:
-            partial.write_text(_text(population))
+            partial.write_text(_population_json(population))
     shipped = load_population()
     rows = [
         {
@@ -95,11 +97,11 @@ def report(
 command = as_command(report)
 
 
-def _spread(contacts: Sequence[Contact]) -> Sequence[Contact]:
+def _sample_evenly(contacts: Sequence[Contact]) -> Sequence[Contact]:
     return contacts[:: max(len(contacts) // _CONTACTS, 1)]
 
 
-def _text(population: Population) -> str:
+def _population_json(population: Population) -> str:
     rounded = {
         name: np.round(values, 7).tolist() if name != "least_n" else round(values, 3)
         for name, values in population.as_dict().items()

@@ -25,7 +25,8 @@ from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
 from palpate.twin.world import GripperKind, World
 from palpate_studies.baselines.feedback_loops import STEP, close_until, make_touch_check, read_ohm
-from palpate_studies.force_control_world import GRASPS_PER_SHEET, SIZES_MM, calibration_of, thing
+from palpate_studies.force_control_world import GRASPS_PER_SHEET, SIZES_MM, calibration_of
+from palpate_studies.force_control_world import draw_random_object as thing
 from palpate_studies.processes import map_batches
 from palpate_studies.protocol.paired import compare
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command

@@ -39,13 +39,15 @@ def report(
     Example: palpate study harvest --fruits 100 --out reports
     """
     seeds = range(FIRST_SEED, FIRST_SEED + fruits)
-    return judge([row for level in LEVELS for seed in seeds for row in pulls(seed, level=level)])
+    return judge(
+        [row for level in LEVELS for seed in seeds for row in judge_pulls(seed, level=level)]
+    )
 
 
 command = as_command(report)
 
 
-def pulls(seed: int, *, level: str) -> list[dict[str, Any]]:
+def judge_pulls(seed: int, *, level: str) -> list[dict[str, Any]]:
     """Grip one fruit and pull at it ten times from its state at the answer."""
     rng = np.random.default_rng([seed, 51])
     name = FRUIT[seed % len(FRUIT)]

@@ -16,8 +16,8 @@ from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.estimate.force_law import INPUTS
 from palpate.estimate.force_states import log_reading, states_of
-from palpate_studies.baselines.told_everything import make_trees
-from palpate_studies.force_learning import KnownContact, interval_reach, learn_population
+from palpate_studies.baselines.full_input_learners import make_trees
+from palpate_studies.force_learning import KnownContact, interval_quantile, learn_population
 from palpate_studies.recordings import leave_out, read_runs
 from palpate_studies.report import StudyReport, Table, as_command
 
@@ -123,9 +123,9 @@ def score(train: Sequence[Contact], *, tested: Sequence[Contact]) -> list[dict[s
     gain = float(_USUAL_EXCESS / np.percentile(summed, 90))
     truth = np.concatenate([one.force_n[one.is_in_contact] for one in tested])
     answers = {
-        "ours": _by_law(train, tested, gain=gain),
+        "ours": _predict_by_law(train, tested, gain=gain),
         "authors' LSTM": (np.concatenate([one.lstm_n[one.is_in_contact] for one in tested]), None),
-        "trees": (_by_trees(train, tested, gain=gain), None),
+        "trees": (_predict_by_trees(train, tested, gain=gain), None),
         "mean force": (np.full(len(truth), np.mean(_forces(train))), None),
     }
     return [
@@ -153,7 +153,7 @@ def _states(one: Contact, *, gain: float) -> FloatArray:
     return states_of(one.time_s, reading)[one.is_in_contact]
 
 
-def _by_law(
+def _predict_by_law(
     train: Sequence[Contact], tested: Sequence[Contact], *, gain: float
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return the force by `palpate.ForceLaw`, and where its interval holds the truth."""
@@ -170,10 +170,12 @@ def _by_law(
     law = ForceLaw(population)
     log_n, sd = law.log_force(np.concatenate([_states(one, gain=gain) for one in tested]))
     away = np.abs(log_n - np.log(_forces(tested)))
-    return np.exp(log_n), away <= interval_reach(LEVEL) * sd
+    return np.exp(log_n), away <= interval_quantile(LEVEL) * sd
 
 
-def _by_trees(train: Sequence[Contact], tested: Sequence[Contact], *, gain: float) -> FloatArray:
+def _predict_by_trees(
+    train: Sequence[Contact], tested: Sequence[Contact], *, gain: float
+) -> FloatArray:
     """Return the force by boosted trees, which see every channel and the states."""
 
     def list_inputs(contacts: Sequence[Contact]) -> FloatArray:

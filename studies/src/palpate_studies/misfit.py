@@ -18,12 +18,12 @@ class Entry:
     fitted: bool = False
 
     @property
-    def is_met(self) -> bool:
+    def is_reproduced(self) -> bool:
         """Whether the range reaches a number that is printed like this.
 
         Examples
         --------
-        >>> [Entry(published=9.2, low=low, high=9.6).is_met for low in (9.24, 9.3)]
+        >>> [Entry(published=9.2, low=low, high=9.6).is_reproduced for low in (9.24, 9.3)]
         [True, False]
         """
         digits = Decimal(str(self.published)).as_tuple().exponent
@@ -36,19 +36,19 @@ def count_missed(entries: Iterable[Entry]) -> dict[str, dict[str, int]]:
     """Return how many entries there are and how many are missed, fitted and predicted."""
     found = list(entries)
     return {
-        name: {"entries": len(part), "missed": sum(not entry.is_met for entry in part)}
+        name: {"entries": len(part), "missed": sum(not entry.is_reproduced for entry in part)}
         for name, fitted in (("fitted", True), ("predicted", False))
         for part in [[entry for entry in found if entry.fitted == fitted]]
     }
 
 
-def sentence(counts: dict[str, dict[str, int]], *, of: str) -> str:
+def format_missed(counts: dict[str, dict[str, int]], *, of: str) -> str:
     """Return the counts in words.
 
     Examples
     --------
-    >>> sentence({"fitted": {"entries": 0, "missed": 0}, "predicted": {"entries": 4, "missed": 1}},
-    ...          of="Table 4")
+    >>> counts = {"fitted": {"entries": 0, "missed": 0}, "predicted": {"entries": 4, "missed": 1}}
+    >>> format_missed(counts, of="Table 4")
     'Missed of Table 4, within its rounding: 1 of 4 predicted.'
     """
     parts = [

@@ -61,13 +61,13 @@ class CleanHold:
     divider: Divider
 
 
-def percent_of(ohm: FloatArray, time_s: FloatArray) -> FloatArray:
+def mean_percent(ohm: FloatArray, time_s: FloatArray) -> FloatArray:
     """Return the mean relative change, the rest taken from before the closing."""
     rest_ohm = np.median(ohm[time_s < -1.0], axis=0)
     return mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm))
 
 
-def clean_hold(sensor: int, *, level: str) -> CleanHold:
+def simulate_clean_hold(sensor: int, *, level: str) -> CleanHold:
     """Make 10 s of rest and 20 s of holding a silicone sheet."""
     session, obj = Session(sensor, level=level), draw_named("dragonskin-10")
     session.place(obj)
@@ -113,13 +113,13 @@ class Chain:
     software: Callable[[FloatArray], FloatArray] = lambda x: x
 
 
-def notch(values: FloatArray) -> FloatArray:
+def remove_mains(values: FloatArray) -> FloatArray:
     """Take both mains frequencies out of a signal at 250 Hz, causally.
 
     Examples
     --------
     >>> hum = np.sin(2 * np.pi * 50 * np.arange(500) / FAST_HZ)
-    >>> bool(abs(notch(3.0 + hum)[250:] - 3.0).max() < 1e-3)
+    >>> bool(abs(remove_mains(3.0 + hum)[250:] - 3.0).max() < 1e-3)
     True
     """
     for mains_hz in (50.0, 60.0):
@@ -137,8 +137,8 @@ CHAINS = {
     "250 Hz, no filter": Chain(),
     "250 Hz, RC 20 ms": Chain(rc_s=0.02),
     "250 Hz, median of 5": Chain(software=_median_of_5),
-    "250 Hz, notch 50 and 60 Hz": Chain(software=notch),
-    "250 Hz, median of 5, notch": Chain(software=lambda x: notch(_median_of_5(x))),
+    "250 Hz, notch 50 and 60 Hz": Chain(software=remove_mains),
+    "250 Hz, median of 5, notch": Chain(software=lambda x: remove_mains(_median_of_5(x))),
     "15 Hz, no filter": Chain(rate_hz=SLOW_HZ),
     "15 Hz, RC 100 ms": Chain(rate_hz=SLOW_HZ, rc_s=0.1),
 }
@@ -150,7 +150,8 @@ def report(*, sensors: int = SENSORS, chains: Mapping[str, Chain] = CHAINS) -> S
     Example: palpate study noise --out reports
     """
     holds = {
-        level: [clean_hold(sensor, level=level) for sensor in range(sensors)] for level in LEVELS
+        level: [simulate_clean_hold(sensor, level=level) for sensor in range(sensors)]
+        for level in LEVELS
     }
     delay_ms = {
         level: {name: _delay_ms(holds[level][0], chain) for name, chain in chains.items()}
@@ -216,7 +217,7 @@ def sample_percent(
         np.clip(volts[every], 0.0, divider.supply_v), divider=divider, noise_counts=noise
     )
     time_s = clean.time_s[every]
-    return time_s, chain.software(percent_of(resistance_ohm(counts, divider=divider), time_s))
+    return time_s, chain.software(mean_percent(resistance_ohm(counts, divider=divider), time_s))
 
 
 def _errors(holds: list[CleanHold], chain: Chain, disturbance: str) -> dict[str, float]:
@@ -224,7 +225,7 @@ def _errors(holds: list[CleanHold], chain: Chain, disturbance: str) -> dict[str,
     pairs = []
     for seed, clean in enumerate(holds):
         time_s, percent = sample_percent(clean, chain, disturbance, seed=seed)
-        truth = percent_of(clean.ohm, clean.time_s)
+        truth = mean_percent(clean.ohm, clean.time_s)
         touch_s = _find_touch_s(time_s, percent)
         held, seen = time_s > 2.0, (time_s >= touch_s) & (time_s <= CUTOFF_S)
         rms = np.sqrt(np.mean((percent - np.interp(time_s, clean.time_s, truth))[held] ** 2))

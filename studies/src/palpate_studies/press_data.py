@@ -15,11 +15,11 @@ from palpate_studies.recordings import read_runs
 
 #: A press is a run of force above this, and above this share of the recording's 90th percentile,
 SMALLEST_FORCE_N = 0.5
-SHARE_OF_P90 = 0.3
+FRACTION_OF_P90 = 0.3
 #: of at least this length.
 SHORTEST_S = 0.8
 #: The force is given once, when it first reaches this share of the press's 80th percentile.
-TOLD_SHARE = 0.8
+GIVEN_FRACTION = 0.8
 #: A press is followed from this long before it begins, or from the end of the one before.
 LEAD_S = 3.0
 #: The rest reading is the median over this long, up to this long before the press begins.
@@ -44,7 +44,7 @@ class Trace:
     excess: FloatArray
     force_n: FloatArray
     first: int
-    told: int
+    given: int
     group: str
 
 
@@ -87,7 +87,7 @@ def read_presses(path: Path) -> list[Press]:
             raise InputError(f"{where}: time_s doesn't increase; sort it by time")
         if (ohm <= 0).any():
             raise InputError(f"{where} has a resistance of 0 ohm or less; remove those samples")
-        presses += cut(name, time_s, ohm, force_n)
+        presses += cut_presses(name, time_s, ohm, force_n)
     if not presses:
         raise InputError(
             f"{path}: no press in it (force above {SMALLEST_FORCE_N} N for {SHORTEST_S} s)"
@@ -106,12 +106,14 @@ def setting_of(recording_id: str) -> str:
     return re.sub(r"_exp\d+(_[0-9a-f]+)?$", "", recording_id)
 
 
-def cut(recording_id: str, time_s: FloatArray, ohm: FloatArray, force_n: FloatArray) -> list[Press]:
+def cut_presses(
+    recording_id: str, time_s: FloatArray, ohm: FloatArray, force_n: FloatArray
+) -> list[Press]:
     """Cut one recording into its presses; each array has shape (n_times,)."""
     presses: list[Press] = []
     previous_end = 0
     for begin, end in _runs(time_s, force_n):
-        held_n = TOLD_SHARE * np.percentile(force_n[begin:end], 80)
+        held_n = GIVEN_FRACTION * np.percentile(force_n[begin:end], 80)
         enough = np.flatnonzero(force_n[begin:end] >= held_n) + begin
         lead = max(int(np.searchsorted(time_s, time_s[begin] - LEAD_S)), previous_end)
         here = slice(lead, end)
@@ -121,10 +123,10 @@ def cut(recording_id: str, time_s: FloatArray, ohm: FloatArray, force_n: FloatAr
             excess=excess,
             force_n=force_n[here],
             first=begin - lead,
-            told=int(enough[0]) - lead,
+            given=int(enough[0]) - lead,
             group=setting_of(recording_id),
         )
-        if trace.told < len(trace.time_s) - 1:
+        if trace.given < len(trace.time_s) - 1:
             presses.append(
                 Press(
                     recording_id=recording_id,
@@ -139,7 +141,7 @@ def cut(recording_id: str, time_s: FloatArray, ohm: FloatArray, force_n: FloatAr
 
 def _runs(time_s: FloatArray, force_n: FloatArray) -> Sequence[tuple[int, int]]:
     """Return the first sample of each press and the one after its last."""
-    above = force_n > max(SMALLEST_FORCE_N, SHARE_OF_P90 * float(np.percentile(force_n, 90)))
+    above = force_n > max(SMALLEST_FORCE_N, FRACTION_OF_P90 * float(np.percentile(force_n, 90)))
     edges = np.flatnonzero(np.diff(np.r_[False, above, False].astype(int)))
     runs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
     return [(a, b) for a, b in runs if time_s[b - 1] - time_s[a] >= SHORTEST_S]

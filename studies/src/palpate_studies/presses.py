@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.estimate.force_states import log_reading, states_of
-from palpate_studies.baselines.told_everything import make_trees
-from palpate_studies.force_learning import KnownContact, interval_reach, learn_population
+from palpate_studies.baselines.full_input_learners import make_trees
+from palpate_studies.force_learning import KnownContact, interval_quantile, learn_population
 from palpate_studies.press_data import Press, read_presses
 from palpate_studies.protocol.paired import compare
 from palpate_studies.report import StudyReport, Table, as_command
@@ -59,7 +59,9 @@ def report(
     Example: palpate study presses --recordings presses.csv.gz
     """
     known = read_presses(recordings)
-    splits = folds(known) if test_recordings is None else [(known, read_presses(test_recordings))]
+    splits = (
+        split_folds(known) if test_recordings is None else [(known, read_presses(test_recordings))]
+    )
     scores = judge(splits)
     return StudyReport(
         name="presses",
@@ -95,7 +97,7 @@ def _states(press: Press) -> FloatArray:
 
 def _inputs(press: Press) -> FloatArray:
     """Return the change of the states since the force was given, and that force."""
-    states, given = _states(press), press.trace.told
+    states, given = _states(press), press.trace.given
     measured = np.full((len(states), 1), np.log(press.trace.force_n[given]))
     return np.concatenate([states - states[given], measured], axis=1)
 
@@ -103,12 +105,12 @@ def _inputs(press: Press) -> FloatArray:
 def log_change(press: Press) -> FloatArray:
     """Return ln(force / given force); before the contact, where nothing is asked, of 0.01 N."""
     force_n = np.maximum(press.trace.force_n, 0.01)
-    return np.asarray(np.log(force_n / force_n[press.trace.told]))
+    return np.asarray(np.log(force_n / force_n[press.trace.given]))
 
 
 def _select_training(press: Press) -> NDArray[np.bool_]:
     """Return the samples to learn from."""
-    place, given = np.arange(len(press.trace.time_s)), press.trace.told
+    place, given = np.arange(len(press.trace.time_s)), press.trace.given
     dense = (place <= given + _ALL_UNTIL) | (place > press.last_held) | (place % _EVERY == 0)
     return np.asarray((place > given) & dense)
 
@@ -128,7 +130,7 @@ def _weight(presses: Presses) -> FloatArray:
     return np.asarray(weight / weight.mean())
 
 
-def folds(presses: Presses) -> Iterator[tuple[list[Press], list[Press]]]:
+def split_folds(presses: Presses) -> Iterator[tuple[list[Press], list[Press]]]:
     """Yield what stays and what is left out: the repeats of a setting together."""
     settings = list(dict.fromkeys(press.trace.group for press in presses))
     for fold in (settings[k::FOLDS] for k in range(min(FOLDS, len(settings)))):
@@ -148,7 +150,7 @@ def clock(train: Presses) -> Follower:
     """Learn the usual change of force at each time since it was given."""
 
     def ticks(press: Press) -> FloatArray:
-        since_s = press.trace.time_s - press.trace.time_s[press.trace.told]
+        since_s = press.trace.time_s - press.trace.time_s[press.trace.given]
         return np.asarray(np.round(since_s / _TICK_S))
 
     tick, change = _pool(train, ticks), _pool(train, log_change)
@@ -185,11 +187,11 @@ def ours(train: Presses) -> Follower:
     population = learn_population([make_known_contact(press) for press in train])
 
     def follow(press: Press) -> Prediction:
-        states, given = _states(press), press.trace.told
+        states, given = _states(press), press.trace.given
         law, given_n = ForceLaw(population), float(press.trace.force_n[given])
         law.update(states[given], force_n=given_n)
         value, sd = law.log_force(states)
-        return value - np.log(given_n), interval_reach(LEVEL) * sd
+        return value - np.log(given_n), interval_quantile(LEVEL) * sd
 
     return follow
 
@@ -197,7 +199,7 @@ def ours(train: Presses) -> Follower:
 def make_known_contact(press: Press) -> KnownContact:
     """Return a press, from the measured force on, as what a population is learned from."""
     training = _select_training(press) & (press.trace.force_n > 0)
-    used = np.r_[press.trace.told, np.flatnonzero(training)]
+    used = np.r_[press.trace.given, np.flatnonzero(training)]
     weight = np.where(used > press.last_held, _RELEASE_WEIGHT, 1.0)
     return KnownContact(
         inputs=_states(press)[used],
@@ -228,13 +230,13 @@ class Followed(NamedTuple):
     @property
     def is_released(self) -> NDArray[np.bool_]:
         """Whether each sample comes after the last with as much force as given."""
-        given = self.press.trace.told
+        given = self.press.trace.given
         return np.arange(given + 1, len(self.press.trace.time_s)) > self.press.last_held
 
 
 def compare_with_cell(press: Press, prediction: Prediction) -> Followed:
     """Return a model's answer next to the load cell, from the given force on."""
-    given = press.trace.told
+    given = press.trace.given
     change, half = (part[given + 1 :] for part in prediction)
     given_n, truth_n = float(press.trace.force_n[given]), press.trace.force_n[given + 1 :]
     value_n, low_n, high_n = (

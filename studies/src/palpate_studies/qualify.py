@@ -80,7 +80,7 @@ def report(
     for level in LEVELS:
         pool = grasp_pool(items, level=level)
         for side_sd in SIDE_SCATTERS:
-            payload["summary"] += check(pool, side_sd, level=level, campaigns=campaigns)
+            payload["summary"] += check_coverage(pool, side_sd, level=level, campaigns=campaigns)
     tables.append(
         Table.of("Grasps against simulated penetrometers (simulated)", payload["summary"])
     )
@@ -146,7 +146,9 @@ def _log_of(measured: Measurement | None) -> float:
     return 0.5 * (math.log(measured.low) + math.log(measured.high))
 
 
-def check(pool: Pool, side_sd: float, *, level: str, campaigns: int) -> list[dict[str, Any]]:
+def check_coverage(
+    pool: Pool, side_sd: float, *, level: str, campaigns: int
+) -> list[dict[str, Any]]:
     """Return how often the intervals of each figure cover its true value."""
     demand = Demand(tolerance=TOLERANCE)
     random = np.random.default_rng([SENSOR, round(1000 * side_sd)])

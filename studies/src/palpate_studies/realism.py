@@ -122,12 +122,12 @@ def log_gains(presses: Sequence[Press]) -> dict[str, FloatArray]:
 def _find_held_gain(press: Press, exponent: float) -> tuple[FloatArray, FloatArray]:
     """Return time since force application, and ln conductance less the force's part."""
     trace = press.trace
-    held = slice(trace.told, press.last_held + 1)
+    held = slice(trace.given, press.last_held + 1)
     log_gain = _log(trace.excess[held]) - exponent * _log(trace.force_n[held])
-    return trace.time_s[held] - trace.time_s[trace.told], log_gain
+    return trace.time_s[held] - trace.time_s[trace.given], log_gain
 
 
-def together(gains: Mapping[str, FloatArray]) -> FloatArray:
+def scatter_of_drawn_means(gains: Mapping[str, FloatArray]) -> FloatArray:
     """Return the scatter of the mean conductance of eight places drawn from each recording.
 
     That is what a sheet of eight pixels sums, if its pixels are places independent of each other.
@@ -141,7 +141,7 @@ def together(gains: Mapping[str, FloatArray]) -> FloatArray:
     return np.array([np.std(np.log(mean)) for mean in drawn])
 
 
-def halves(gains: Mapping[str, FloatArray]) -> FloatArray:
+def half_sheet_differences(gains: Mapping[str, FloatArray]) -> FloatArray:
     """Return |difference| / sqrt(2) of ln mean conductance of the first and last eight places.
 
     Neighbours are pressed one after another and are alike, so that they average less.
@@ -161,8 +161,8 @@ def _within_press_exponent(presses: Sequence[Press]) -> float:
     excesses: list[FloatArray] = []
     for press in presses:
         trace = press.trace
-        rising = slice(trace.first, trace.told + 1)
-        if trace.told - trace.first >= FEWEST_RISING:
+        rising = slice(trace.first, trace.given + 1)
+        if trace.given - trace.first >= FEWEST_RISING:
             for found, values in ((forces, trace.force_n), (excesses, trace.excess)):
                 log = _log(values[rising])
                 found.append(log - log.mean())
@@ -199,7 +199,7 @@ def hold_quantities(holds: Sequence[Hold]) -> dict[str, FloatArray]:
     return found
 
 
-def twin_ladder(sensor: int, *, level: str) -> Ladder:
+def simulate_ladder(sensor: int, *, level: str) -> Ladder:
     """Load one sensor in steps, each seated again, and read it 10 s after loading."""
     session, springs = Session(sensor, level=level, layout=FINE), draw_named("springs-8")
     pairs = []
@@ -213,7 +213,7 @@ def twin_ladder(sensor: int, *, level: str) -> Ladder:
     return load[kept], excess[kept]
 
 
-def twin_presses(sensor: int, *, level: str, count: int) -> tuple[list[Press], list[Press]]:
+def simulate_presses(sensor: int, *, level: str, count: int) -> tuple[list[Press], list[Press]]:
     """Press one sensor `count` times with a flat face, as one pixel and as all.
 
     A real indenter presses one place after another of a sheet that is a single pixel. Here the
@@ -232,7 +232,7 @@ def twin_presses(sensor: int, *, level: str, count: int) -> tuple[list[Press], l
                 excess=seen,
                 force_n=force_n,
                 first=int(np.argmax(force_n > SMALLEST_N)),
-                told=int(np.argmax(force_n >= 0.95 * force_n.max())),
+                given=int(np.argmax(force_n >= 0.95 * force_n.max())),
                 group=str(sensor),
             )
             last = len(clock_s) - 1
@@ -258,7 +258,7 @@ def _press(session: Session, size_mm: float) -> tuple[FloatArray, FloatArray, Fl
     return np.array(clock_s), excess, np.array(cell)
 
 
-def twin_weights(sensor: int, *, level: str, count: int) -> list[Hold]:
+def simulate_holds(sensor: int, *, level: str, count: int) -> list[Hold]:
     """Hold a ball for 20 s, `count` times; parallel pixels, ohm, time 0 at standstill.
 
     The real recordings begin there too: their loggers missed the contact, or were strained already.
@@ -365,23 +365,27 @@ def real_quantities(*, ladders: Path, presses: Path, holds: Path) -> Quantities:
             ]
         ),
         **press_quantities(pressed),
-        "gain scatter, eight places": together(gains),
-        "gain from eight places to the next": halves(gains),
+        "gain scatter, eight places": scatter_of_drawn_means(gains),
+        "gain from eight places to the next": half_sheet_differences(gains),
         **hold_quantities(read_holds(holds)),
     }
 
 
 def twin_quantities(*, level: str, sensors: int = SENSORS) -> Quantities:
     """Return the same quantities of the twin."""
-    pressed = [twin_presses(sensor, level=level, count=PRESSES) for sensor in range(sensors)]
+    pressed = [simulate_presses(sensor, level=level, count=PRESSES) for sensor in range(sensors)]
     one, summed = ([p for pair in pressed for p in pair[part]] for part in (0, 1))
     gains = np.array(list(log_gains(summed).values()))
     return {
-        **ladder_quantities([twin_ladder(sensor, level=level) for sensor in range(sensors)]),
+        **ladder_quantities([simulate_ladder(sensor, level=level) for sensor in range(sensors)]),
         **press_quantities(one),
         "gain scatter, eight places": np.std(gains, axis=1, ddof=1),
         "gain from eight places to the next": np.abs(np.diff(gains, axis=1)).ravel() / np.sqrt(2),
         **hold_quantities(
-            [h for sensor in range(sensors) for h in twin_weights(sensor, level=level, count=HOLDS)]
+            [
+                h
+                for sensor in range(sensors)
+                for h in simulate_holds(sensor, level=level, count=HOLDS)
+            ]
         ),
     }

@@ -13,8 +13,7 @@ from palpate.twin.ranges import Level
 from palpate.twin.world import GripperKind
 from palpate_studies import ripeness_virtual
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
-from palpate_studies.ripeness_felt import Felt
-from palpate_studies.ripeness_scores import WAYS, compare_ways, judge_days, scores
+from palpate_studies.ripeness_scores import METHODS, compare_methods, judge_days, scores
 from palpate_studies.ripeness_station import (
     DAYS,
     GRASPS_AT_ONCE,
@@ -24,6 +23,7 @@ from palpate_studies.ripeness_station import (
     REFERENCE_GRASPS,
     run_station,
 )
+from palpate_studies.station_records import StationRecords
 
 #: Levels of the twin that the study has conditions at.
 StudiedLevel: TypeAlias = Literal["lab", "field"]
@@ -125,7 +125,7 @@ def choose_conditions(
     return found
 
 
-def judge(found: Mapping[Condition, Sequence[Felt]]) -> StudyReport:
+def judge(found: Mapping[Condition, Sequence[StationRecords]]) -> StudyReport:
     """Judge what the stations felt, condition by condition."""
     rows = [_condition(condition, stations) for condition, stations in found.items()]
     lead: dict[str, Any] = {
@@ -160,7 +160,7 @@ def judge(found: Mapping[Condition, Sequence[Felt]]) -> StudyReport:
                 rows,
                 lead
                 | {"fruit days": "{fruit_days}", "grasps a day": "{grasps_a_day:.1f}"}
-                | {way: f"{{{way}[exact]:.1p}} / {{{way}[within_one]:.1p}}" for way in WAYS},
+                | {way: f"{{{way}[exact]:.1p}} / {{{way}[within_one]:.1p}}" for way in METHODS},
             ),
             Table.of(
                 "Wrong stages: ours less the other way, points (90 % over fruits)",
@@ -188,7 +188,7 @@ def judge(found: Mapping[Condition, Sequence[Felt]]) -> StudyReport:
     )
 
 
-def _condition(condition: Condition, stations: Sequence[Felt]) -> dict[str, Any]:
+def _condition(condition: Condition, stations: Sequence[StationRecords]) -> dict[str, Any]:
     """Judge the fruits of every station; learners see the labels of all of them."""
     rows = [
         row
@@ -208,6 +208,6 @@ def _condition(condition: Condition, stations: Sequence[Felt]) -> dict[str, Any]
         "fruits": sum(len(felt.others) for felt in stations),
         "grasps": sum(len(felt.grasps) for felt in stations),
         "damaged": sum(felt.damaged for felt in stations),
-        "compared": compare_ways(rows),
+        "compared": compare_methods(rows),
         **scores(rows),
     }

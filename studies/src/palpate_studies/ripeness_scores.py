@@ -15,11 +15,17 @@ from palpate.produce.ripeness.rule import judge_by_first_day, learn_stages
 from palpate.produce.ripeness.stages import RIPE, STAGES
 from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS, learn_stage, numbers_of
 from palpate_studies.protocol.paired import difference_of_pairs
-from palpate_studies.ripeness_felt import Felt, days_of, drift_of, rule_of, select_labelled
 from palpate_studies.ripeness_station import DAYS
+from palpate_studies.station_records import (
+    StationRecords,
+    days_of,
+    drift_of,
+    learn_rule,
+    select_labelled,
+)
 
 #: Ways to judge -> what they are.
-WAYS = {
+METHODS = {
     "ours": "discriminant of that day's firmness, drift taken out by the reference object",
     "ours, no reference": "the same without the reference object",
     "own first day": "no labels: softening since the item's first day, reference used",
@@ -63,7 +69,9 @@ class Judged:
     grasps: int
 
 
-def judge_days(felt: Felt, *, taught: Sequence[Felt] = (), name: str = "") -> list[Judged]:
+def judge_days(
+    felt: StationRecords, *, taught: Sequence[StationRecords] = (), name: str = ""
+) -> list[Judged]:
     """Judge every unlabelled fruit on every day, by its days up to then.
 
     Parameters
@@ -76,7 +84,7 @@ def judge_days(felt: Felt, *, taught: Sequence[Felt] = (), name: str = "") -> li
         Of the station.
     """
     drift = drift_of(felt)
-    with_reference, without = (rule_of(felt, one) for one in (drift, None))
+    with_reference, without = (learn_rule(felt, one) for one in (drift, None))
     published = _learn_published(felt)
     learners = _learners([felt, *taught])
     found = []
@@ -118,7 +126,7 @@ def judge_days(felt: Felt, *, taught: Sequence[Felt] = (), name: str = "") -> li
 def scores(rows: Sequence[Judged]) -> dict[str, Any]:
     """Return each method's exact and within-one fractions, and its error in days to ripe."""
     found: dict[str, Any] = {"fruit_days": len(rows)}
-    for way in WAYS:
+    for way in METHODS:
         off = np.array([abs(row.truth - row.said[way]) for row in rows if row.said[way] >= 0])
         found[way] = (
             {"exact": float(np.mean(off == 0)), "within_one": float(np.mean(off <= 1))}
@@ -138,11 +146,11 @@ def scores(rows: Sequence[Judged]) -> dict[str, Any]:
     return found
 
 
-def compare_ways(rows: Sequence[Judged]) -> list[dict[str, Any]]:
+def compare_methods(rows: Sequence[Judged]) -> list[dict[str, Any]]:
     """Return our fraction of wrong stages less that of each other method, by fruit."""
     wrong = {
         way: [float(row.said[way] != row.truth) for row in rows]
-        for way in WAYS
+        for way in METHODS
         if all(row.said[way] >= 0 for row in rows)
     }
     return [
@@ -157,7 +165,7 @@ def compare_ways(rows: Sequence[Judged]) -> list[dict[str, Any]]:
     ]
 
 
-def _learners(stations: Sequence[Felt]) -> dict[str, Callable[[Sequence[float]], int]]:
+def _learners(stations: Sequence[StationRecords]) -> dict[str, Callable[[Sequence[float]], int]]:
     """Learn the stage of a day from every labelled fruit, shown up to that day."""
     rows, stages = list[list[float]](), list[int]()
     for felt in stations:
@@ -171,7 +179,7 @@ def _learners(stations: Sequence[Felt]) -> dict[str, Callable[[Sequence[float]],
 
 
 def _list_inputs(
-    felt: Felt, item_id: str, days: Sequence[DayFelt], raw: Sequence[DayFelt]
+    felt: StationRecords, item_id: str, days: Sequence[DayFelt], raw: Sequence[DayFelt]
 ) -> list[float]:
     """Return a learner's inputs: firmness with and without drift, and the day's means.
 
@@ -193,7 +201,7 @@ def _list_inputs(
     return [*numbers_of(days), *numbers_of(raw), *means, change]
 
 
-def _learn_published(felt: Felt) -> LabelLearner:
+def _learn_published(felt: StationRecords) -> LabelLearner:
     """Learn stages from the settled change, from the same labels as ours.
 
     Under one pressure a ripe fruit may read more than a hard one, for it lies against more pixels.

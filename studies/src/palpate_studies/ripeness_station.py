@@ -40,7 +40,13 @@ from palpate.twin.ranges import uniform
 from palpate.twin.velostat import Environment
 from palpate.twin.world import OPEN_MM, SOFT_MM_PER_KPA, GripperKind, World
 from palpate_studies.fruit_ranges import AVOCADO_STAGES, STATION
-from palpate_studies.ripeness_felt import REFERENCE_ID, Felt, days_of, drift_of, rule_of
+from palpate_studies.station_records import (
+    REFERENCE_ID,
+    StationRecords,
+    days_of,
+    drift_of,
+    learn_rule,
+)
 from palpate_studies.stoppable import require_uninterrupted
 from palpate_studies.twin_avocado import Avocado, draw_avocado
 
@@ -55,7 +61,7 @@ LATER_DAYS = 7
 _FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
 #: A fruit is laid into the nest, and the sheet forgets the last one: as long as it reads this many
 #: percent below its rest, the user waits once more, but not for ever.
-_PAUSE_S, _REMEMBERS, _LONGEST_PAUSE_S = 5.0, -5.0, 30.0
+_PAUSE_S, _RESIDUAL_PERCENT, _LONGEST_PAUSE_S = 5.0, -5.0, 30.0
 #: The fingers wait this far from it, by eye.
 _GAP_MM = 3.0
 #: Steps of the squeeze, newtons: five to the grip force.
@@ -69,7 +75,7 @@ _CLOSED_BY_MM, _PRESSURE_KPA, _MEAN_S = 3.0, 28.0, 0.5
 
 def run_station(
     sensor: int, *, level: str, gripper: GripperKind, aging: bool, labelled: int, others: int
-) -> Felt:
+) -> StationRecords:
     """Feel some fruits on four mornings each; `aging` switches wear and weather on.
 
     More fruits than `labelled` are labelled where these do not show every stage.
@@ -78,28 +84,28 @@ def run_station(
     bench = _Bench(sensor, level=level, gripper=gripper)
     first = draw_labelled(rng, labelled)
     second = tuple(draw_avocado(rng) for _ in range(others))
-    weather = np.random.default_rng([sensor, 32])
+    climate = np.random.default_rng([sensor, 32])
     # A new sheet was pressed some sixty times for its calibration.
     cycles = 60.0
     rule = None
     for begins, fruits, name in ((0, first, "labelled"), (LATER_DAYS, second, "fruit")):
         if first and name == "fruit":
-            rule = rule_of(learned := bench.read_all(first), drift_of(learned))
+            rule = learn_rule(learned := bench.read_all(first), drift_of(learned))
         for day in range(DAYS if fruits else 0):
             surroundings = Environment()
             if aging:
                 surroundings = Environment(
-                    temperature_c=uniform(weather, STATION.temperature_c),
-                    humidity_percent=uniform(weather, STATION.humidity_percent),
+                    temperature_c=uniform(climate, STATION.temperature_c),
+                    humidity_percent=uniform(climate, STATION.humidity_percent),
                     cycles=int(cycles),
                 )
-                cycles += uniform(weather, STATION.cycles_per_day)
-            bench.morning(begins + day, surroundings=surroundings)
+                cycles += uniform(climate, STATION.cycles_per_day)
+            bench.begin_day(begins + day, surroundings=surroundings)
             # Half before the fruit and half after it: the servo warms up on the way.
-            bench.feel_reference(REFERENCE_GRASPS // 2)
-            bench.feel_fruits(fruits, name=name, day=day, rule=rule)
-            bench.feel_reference(REFERENCE_GRASPS - REFERENCE_GRASPS // 2)
-        cycles += (LATER_DAYS - DAYS) * uniform(weather, STATION.cycles_per_day)
+            bench.grasp_reference(REFERENCE_GRASPS // 2)
+            bench.grasp_fruits(fruits, name=name, day=day, rule=rule)
+            bench.grasp_reference(REFERENCE_GRASPS - REFERENCE_GRASPS // 2)
+        cycles += (LATER_DAYS - DAYS) * uniform(climate, STATION.cycles_per_day)
     return bench.read_all(first, second)
 
 
@@ -125,7 +131,7 @@ class _Bench:
         self._ids = np.random.default_rng([sensor, 33])
         self._reference = draw_object(np.random.default_rng([sensor, 34]), REFERENCE)
 
-    def morning(self, day: int, *, surroundings: Environment) -> None:
+    def begin_day(self, day: int, *, surroundings: Environment) -> None:
         """Begin a day: a new world around the same sensor, in these surroundings.
 
         Weather and wear move the rest values, so these are taken again with the hand empty
@@ -147,28 +153,30 @@ class _Bench:
         plan = plan_grasp(calibration, gripper=self._hand, target_force_n=RIPENESS_N, hold_s=0.0)
         self._plan = replace(plan, force_step_n=_FORCE_STEP_N)
 
-    def feel_reference(self, times: int) -> None:
+    def grasp_reference(self, times: int) -> None:
         """Grasp the object that does not ripen."""
         for _ in range(times):
-            self._feel(self._reference, item_id=REFERENCE_ID)
+            self._grasp(self._reference, item_id=REFERENCE_ID)
 
-    def feel_fruits(
+    def grasp_fruits(
         self, fruits: Sequence[Avocado], *, name: str, day: int, rule: RipenessRule | None
     ) -> None:
         """Grasp each fruit as a user would, and once more in the paper's way."""
         for number, fruit in enumerate(fruits):
             item_id, times = f"{name}-{number}", 0
             at_once = LABELLED_GRASPS if rule is None else GRASPS_AT_ONCE
-            while times == 0 or (times < MOST_GRASPS and self._unsure(item_id, rule=rule)):
+            while times == 0 or (times < MOST_GRASPS and self._is_uncertain(item_id, rule=rule)):
                 for _ in range(at_once):
-                    self._feel(fruit.spot(day, rng=self._rng), item_id=item_id)
+                    self._grasp(fruit.spot(day, rng=self._rng), item_id=item_id)
                 times += at_once
             spot = fruit.spot(day, rng=self._rng)
             self.as_published[item_id, day] = self._read_settled_percent(spot, fruit=fruit)
 
-    def read_all(self, labelled: tuple[Avocado, ...], others: tuple[Avocado, ...] = ()) -> Felt:
+    def read_all(
+        self, labelled: tuple[Avocado, ...], others: tuple[Avocado, ...] = ()
+    ) -> StationRecords:
         """Return all that was felt so far."""
-        return Felt(
+        return StationRecords(
             calibration=self.calibration,
             labelled=labelled,
             others=others,
@@ -177,7 +185,7 @@ class _Bench:
             as_published=self.as_published,
         )
 
-    def _unsure(self, item_id: str, *, rule: RipenessRule | None) -> bool:
+    def _is_uncertain(self, item_id: str, *, rule: RipenessRule | None) -> bool:
         """Whether the fruit's stage is in doubt by what was felt up to now."""
         if rule is None:
             return False
@@ -185,7 +193,7 @@ class _Bench:
         days = days_of(felt, item_id, drift_of(felt))
         return not days or rule.judge(days).unsure
 
-    def _wait_near(self, size_mm: float) -> None:
+    def _approach_and_settle(self, size_mm: float) -> None:
         """Bring the fingers near what lies in the nest, and let the sheet settle."""
         limits = self._plan.gripper
         gap_mm = math.ceil(size_mm) + _GAP_MM - OPEN_MM
@@ -194,11 +202,12 @@ class _Bench:
         give_up_s = self._world.clock.now_s() + _LONGEST_PAUSE_S
         self._array.skip_until(self._world.clock.now_s() + _PAUSE_S)
         while (
-            self._read_remembered_percent() < _REMEMBERS and self._world.clock.now_s() < give_up_s
+            self._read_residual_percent() < _RESIDUAL_PERCENT
+            and self._world.clock.now_s() < give_up_s
         ):
             self._array.skip_until(self._world.clock.now_s() + _PAUSE_S)
 
-    def _read_remembered_percent(self) -> float:
+    def _read_residual_percent(self) -> float:
         """Return how far the open hand still reads below the morning's rest values."""
         now_ohm = self._mean_ohm(after_s=0.0)
         return float(mean_change(relative_change_percent(now_ohm, rest_ohm=self._plan.rest_ohm)))
@@ -225,11 +234,11 @@ class _Bench:
         layout = self._plan.layout
         return np.asarray(pixel_resistance_ohm(np.stack(counts), layout=layout).mean(axis=0))
 
-    def _feel(self, obj: TwinObject, *, item_id: str) -> None:
+    def _grasp(self, obj: TwinObject, *, item_id: str) -> None:
         world, observations = self._world, list[Observation]()
         closing = ClosingWatch(self._plan)
         world.place(obj, fixture=True)
-        self._wait_near(obj.size_mm)
+        self._approach_and_settle(obj.size_mm)
         result = require_uninterrupted(
             run_grasp(
                 self._plan,

@@ -70,7 +70,7 @@ def report(*, sensors: int, fruits: int) -> StudyReport:
                 ]
             ),
         }
-        for name, make in ripening_ways().items()
+        for name, make in list_generators().items()
     ]
     return StudyReport(
         name="ripeness",
@@ -104,7 +104,7 @@ def report(*, sensors: int, fruits: int) -> StudyReport:
     )
 
 
-def ripening_ways() -> dict[str, Callable[[Avocado, int], Avocado]]:
+def list_generators() -> dict[str, Callable[[Avocado, int], Avocado]]:
     """Return how each generator makes its fruit out of the first generator's."""
     found: dict[str, Callable[[Avocado, int], Avocado]] = {"first": lambda fruit, number: fruit}
     for way in WAYS:
@@ -158,7 +158,7 @@ def judge_days(
     labelled = _draw_labelled(make, rng)
     others = [make(draw_avocado(rng), number) for number in range(fruits)]
     mornings = _MORNING_SD * rng.standard_normal(2 * DAYS)
-    taught = [_feel(one, rng, mornings[:DAYS], grasps=LABELLED_GRASPS) for one in labelled]
+    taught = [_simulate_days(one, rng, mornings[:DAYS], grasps=LABELLED_GRASPS) for one in labelled]
     labels = [[one.stage(day) for day in range(DAYS)] for one in labelled]
     rule = RipenessRule.learn(taught, labels=labels, stages=STAGES)
     rows = [numbers_of(days[: count + 1]) for days in taught for count in range(DAYS)]
@@ -166,7 +166,7 @@ def judge_days(
     learners = {name: learn_stage(name, rows, ranks) for name in STAGE_LEARNERS}
     found = []
     for number, fruit in enumerate(others):
-        days = _feel(fruit, rng, mornings[DAYS:], grasps=GRASPS)
+        days = _simulate_days(fruit, rng, mornings[DAYS:], grasps=GRASPS)
         found += [
             _judge(fruit, days[: count + 1], rule, learners, name=f"{sensor}/{number}")
             for count in range(DAYS)
@@ -184,7 +184,7 @@ def _draw_labelled(
     return drawn
 
 
-def _feel(
+def _simulate_days(
     fruit: Avocado, rng: np.random.Generator, mornings: np.ndarray, *, grasps: int
 ) -> list[DayFelt]:
     own = _FRUIT_SD * rng.standard_normal()

@@ -24,7 +24,7 @@ from palpate.estimate.damage_learning import (
     split,
 )
 from palpate.estimate.measurement import Measurement
-from palpate_studies.baselines.told_everything import make_ridge
+from palpate_studies.baselines.full_input_learners import make_ridge
 from palpate_studies.protocol.paired import compare
 from palpate_studies.protocol.parts import Learned
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
@@ -417,7 +417,7 @@ def settings_of(critical: Sequence[float]) -> FloatArray:
     return np.asarray(np.where(ranks == 0, np.nextafter(found, -np.inf), found))
 
 
-def stops(method: Method, closings: Closings) -> FloatArray:
+def stop_fractions(method: Method, closings: Closings) -> FloatArray:
     """Return the stop force over the rupture force, shape (closings, rates); 1 is a rupture."""
     rows = [
         stop_forces(scored, closing.rupture_force_n, at=at) / closing.rupture_force_n
@@ -435,7 +435,7 @@ def compare_grips(methods: Sequence[Method], closings: Closings) -> list[dict[st
     lost = {
         method.name: np.where(found >= 1, 1.0, 1.0 - found)
         for method in methods
-        for found in [stops(method, closings)]
+        for found in [stop_fractions(method, closings)]
     }
     names = [specimen(closing) for closing in closings]
     return [
@@ -467,7 +467,7 @@ def tradeoff(methods: Sequence[Method], *, closings: Closings) -> list[dict[str,
         parts), ``ruptured``, ``grasps``, ``rupture_rate``, and ``firmness``: mean stop force as a
         share of the rupture force, 1 for one that ruptured.
     """
-    shares = {method.name: stops(method, closings) for method in methods}
+    shares = {method.name: stop_fractions(method, closings) for method in methods}
     entries = []
     for fruit in [*sorted({closing.fruit for closing in closings}), "all"]:
         chosen = [i for i, closing in enumerate(closings) if fruit in ("all", closing.fruit)]

@@ -39,9 +39,9 @@ def generate_pages(docs: Path) -> dict[Path, str]:
     page = (docs / "kept" / "results.md.in").read_text(encoding="utf-8")
     for origin in ("real", "simulated"):
         chosen = [one for one in claims if one["origin"] == origin]
-        page = page.replace(f"{{{{claims {origin}}}}}", as_table(chosen))
+        page = page.replace(f"{{{{claims {origin}}}}}", claims_table(chosen))
     return {
-        readme: with_table(readme.read_text(encoding="utf-8"), as_first_table(claims)),
+        readme: insert_table(readme.read_text(encoding="utf-8"), first_page_table(claims)),
         docs / "results.md": fill_page(page, docs),
     }
 
@@ -55,14 +55,14 @@ def fill_page(text: str, docs: Path) -> str:
         If a result does not hold a figure.
     """
 
-    def put(match: re.Match[str]) -> str:
+    def substitute(match: re.Match[str]) -> str:
         figures = _read_result(docs, match[1])["figures"]
         return _fill(f"{{{match[2]}}}", figures, claim="results.md.in")
 
-    return re.sub(r"\{\{([\w-]+)\|([^}]*)\}\}", put, text)
+    return re.sub(r"\{\{([\w-]+)\|([^}]*)\}\}", substitute, text)
 
 
-def read_kept(docs: Path) -> dict[str, dict[str, Any]]:
+def read_stored_results(docs: Path) -> dict[str, dict[str, Any]]:
     """Read every stored result, by name, with the study that gave it."""
     results = {
         path.stem: _read_result(docs, path.stem) for path in sorted((docs / "kept").glob("*.json"))
@@ -125,7 +125,7 @@ def _read_result(docs: Path, name: str) -> dict[str, Any]:
 def _fill(text: str, figures: Any, *, claim: str) -> str:
     """Put figures in place of `{path}` or `{path:form}`, or `{100*path:form}`."""
 
-    def put(match: re.Match[str]) -> str:
+    def substitute(match: re.Match[str]) -> str:
         path, _, form = match.group(1).partition(":")
         factor, star, rest = path.partition("*")
         value = _look_up(rest if star else path, figures, claim=claim)
@@ -133,7 +133,7 @@ def _fill(text: str, figures: Any, *, claim: str) -> str:
             value = median(value)
         return f"{float(factor if star else 1) * value:{form}}" if form else f"{value}"
 
-    return re.sub(r"\{([^}]*)\}", put, text)
+    return re.sub(r"\{([^}]*)\}", substitute, text)
 
 
 def _look_up(path: str, figures: Any, *, claim: str) -> Any:
@@ -156,7 +156,7 @@ def _look_up(path: str, figures: Any, *, claim: str) -> Any:
     return found
 
 
-def as_table(claims: Sequence[Claim]) -> str:
+def claims_table(claims: Sequence[Claim]) -> str:
     """Return the Markdown table of claims for the results page."""
     rows = [
         (
@@ -175,7 +175,7 @@ def as_table(claims: Sequence[Claim]) -> str:
     return _markdown((*head, "difference (90 %)", "better", "second generator"), rows)
 
 
-def as_first_table(claims: Sequence[Claim]) -> str:
+def first_page_table(claims: Sequence[Claim]) -> str:
     """Return the Markdown table of the few claims that README.md shows."""
     rows = [
         (
@@ -197,7 +197,7 @@ def _markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(lines)
 
 
-def with_table(page: str, table: str) -> str:
+def insert_table(page: str, table: str) -> str:
     """Return a page with the table of claims between its marks.
 
     Raises
@@ -208,7 +208,7 @@ def with_table(page: str, table: str) -> str:
     Examples
     --------
     >>> begin, end = MARKS
-    >>> with_table(f"a\\n{begin}\\nold\\n{end}\\nb", "new").split("\\n")[2:5]
+    >>> insert_table(f"a\\n{begin}\\nold\\n{end}\\nb", "new").split("\\n")[2:5]
     ['', 'new', '']
     """
     begin, end = MARKS
@@ -223,7 +223,7 @@ def with_table(page: str, table: str) -> str:
 MARKS = ("<!-- scoreboard: begin -->", "<!-- scoreboard: end -->")
 
 
-def keep(
+def store_result(
     name: str,
     *,
     docs: Path,

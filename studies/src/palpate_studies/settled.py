@@ -22,7 +22,7 @@ from palpate.holds import Hold, measure_settled_value, read_holds
 from palpate.settling.baselines import LogLaw
 from palpate.settling.calibrated import Calibrated
 from palpate.settling.result import SettlingMethod, Status
-from palpate_studies.baselines.told_everything import fit_weighted_ridge
+from palpate_studies.baselines.full_input_learners import fit_weighted_ridge
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import mean, median
 
@@ -31,7 +31,7 @@ HORIZON_S = 20.0
 STRETCHES, PENALTIES = 6, np.geomspace(1e-3, 10.0, 9)
 _TINY = 1e-9
 CUTOFFS_S = (1.0, 2.5, 5.0)
-OURS = "ours"
+PALPATE = "ours"
 #: Rules that need no other holds, by the name that `predict_settled` knows them by.
 PLAIN = ("recorded", "exponential", "log_law", "log_law_early")
 #: Past holds of the same sensor, in the order of recording.
@@ -44,7 +44,7 @@ _TAU_S, _SHARE, _NOISE, _RATE_HZ = (0.4, 8.0), (0.05, 0.6), (2e-4, 2e-3), 15.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Shown:
+class HoldFeatures:
     """One hold up to a cut-off, in ln: what rules may use, and the truth.
 
     `profile`, shape (STRETCHES + 1,): the fall in each stretch as a share of the whole, the whole
@@ -57,7 +57,7 @@ class Shown:
     change: float
 
 
-def show(hold: Hold, cutoff_s: float) -> Shown:
+def extract_features(hold: Hold, cutoff_s: float) -> HoldFeatures:
     """Return what a hold of positive values shows up to a cut-off."""
     seen = hold.time_s <= cutoff_s
     time_s, height = hold.time_s[seen], np.log(hold.values[seen])
@@ -71,7 +71,7 @@ def show(hold: Hold, cutoff_s: float) -> Shown:
     drop = float(np.abs(fall).max()) + _TINY
     law = LogLaw(wait_s=0.1, from_s=0.4)
     below = law.predict(time_s, (height - height[-1])[None], horizon_s=HORIZON_S, level=0.9)
-    return Shown(
+    return HoldFeatures(
         profile=np.array([*(fall / drop), np.log(drop), drop]),
         drop=drop,
         log_law=float(below.hold(0).value),
@@ -79,17 +79,17 @@ def show(hold: Hold, cutoff_s: float) -> Shown:
     )
 
 
-Rule = Callable[[Shown], float]
+Rule = Callable[[HoldFeatures], float]
 
 
-def multiple(others: Mapping[str, Sequence[Shown]]) -> Rule:
+def fit_multiple(others: Mapping[str, Sequence[HoldFeatures]]) -> Rule:
     """Return the constant multiple of the last reading: the median of materials alike."""
     change = np.array([one.change for holds in others.values() for one in holds])
-    middle = _find_weighted_median(change, _alike(others))
+    middle = _find_weighted_median(change, _equal_material_weights(others))
     return lambda one: middle
 
 
-def fit_scaled_log_law(others: Sequence[Shown]) -> Rule:
+def fit_scaled_log_law(others: Sequence[HoldFeatures]) -> Rule:
     """Return the change by the log law times a factor learned from others."""
     guess = np.array([one.log_law for one in others])
     change = np.array([one.change for one in others])
@@ -100,13 +100,13 @@ def fit_scaled_log_law(others: Sequence[Shown]) -> Rule:
     return lambda one: factor * one.log_law
 
 
-def ridge(others: Mapping[str, Sequence[Shown]]) -> Rule:
+def fit_ridge(others: Mapping[str, Sequence[HoldFeatures]]) -> Rule:
     """Return a ridge on every feature, its penalty chosen with one material held out."""
     names = np.repeat(list(others), [len(holds) for holds in others.values()])
     holds = [one for some in others.values() for one in some]
     features = np.array([one.profile for one in holds])
     target = np.array([one.change / one.drop for one in holds])
-    weight = _alike(others)
+    weight = _equal_material_weights(others)
 
     def miss(penalty: float) -> float:
         return float(
@@ -125,7 +125,7 @@ def ridge(others: Mapping[str, Sequence[Shown]]) -> Rule:
     return lambda one: float(line(one.profile[None])[0]) * one.drop
 
 
-def _alike(others: Mapping[str, Sequence[Shown]]) -> FloatArray:
+def _equal_material_weights(others: Mapping[str, Sequence[HoldFeatures]]) -> FloatArray:
     return np.concatenate([np.full(len(holds), 1 / len(holds)) for holds in others.values()])
 
 
@@ -193,7 +193,7 @@ def judge(
 ) -> StudyReport:
     """Score every rule on every material without it, on held-out files, and with own holds."""
     shown = {
-        (name, cutoff_s): [show(hold, cutoff_s) for hold in holds]
+        (name, cutoff_s): [extract_features(hold, cutoff_s) for hold in holds]
         for name, holds in {**materials, **held_out}.items()
         for cutoff_s in CUTOFFS_S
     }
@@ -202,22 +202,22 @@ def judge(
         others = [other for other in materials if not _have_common_hold(materials[other], holds)]
         for cutoff_s in CUTOFFS_S:
             learned = {other: shown[other, cutoff_s] for other in others if other != name}
-            found = _plain(holds, cutoff_s)
+            found = _score_without_holds(holds, cutoff_s)
             if learned:
-                for rule, learn in (("multiple", multiple), ("ridge", ridge)):
-                    found[rule] = _by_rule(shown[name, cutoff_s], learn(learned))
+                for rule, learn in (("multiple", fit_multiple), ("ridge", fit_ridge)):
+                    found[rule] = _score_rule(shown[name, cutoff_s], learn(learned))
             rows += [_row(name, cutoff_s, method, one) for method, one in found.items()]
         for wanted in OWN_HOLDS:
             count = min(wanted, len(holds) - 1)
             if count >= 0.9 * wanted:
-                rows += _own_rows(name, holds, count=count)
-    drawn = single_exponentials()
+                rows += _rows_with_own_holds(name, holds, count=count)
+    drawn = draw_single_exponentials()
     rows += [
         _row(SINGLE, cutoff_s, method, one)
         for cutoff_s in CUTOFFS_S
-        for method, one in _plain(drawn, cutoff_s).items()
+        for method, one in _score_without_holds(drawn, cutoff_s).items()
     ]
-    regrets = regret([row for row in rows if row["material"] in materials])
+    regrets = compute_regret([row for row in rows if row["material"] in materials])
     return StudyReport(
         name="settled",
         title="The settled value of real recordings, on materials that no rule learned from",
@@ -243,9 +243,9 @@ def _have_common_hold(some: Sequence[Hold], others: Sequence[Hold]) -> bool:
     return bool({hold.hold_id for hold in some} & {hold.hold_id for hold in others})
 
 
-def _plain(holds: Sequence[Hold], cutoff_s: float) -> dict[str, Scores]:
+def _score_without_holds(holds: Sequence[Hold], cutoff_s: float) -> dict[str, Scores]:
     """Return the scores of methods as `predict_settled` ships them."""
-    found = {OURS: _scores(holds, cutoff_s, method="relaxation")}
+    found = {PALPATE: _scores(holds, cutoff_s, method="relaxation")}
     return found | {name: _scores(holds, cutoff_s, method=name) for name in PLAIN}
 
 
@@ -270,12 +270,12 @@ def _scores(holds: Sequence[Hold], cutoff_s: float, *, method: str | SettlingMet
     return scores
 
 
-def _by_rule(holds: Sequence[Shown], rule: Rule) -> Scores:
+def _score_rule(holds: Sequence[HoldFeatures], rule: Rule) -> Scores:
     errors = [100 * np.expm1(rule(one) - one.change) for one in holds]
     return np.array([(error, np.nan, np.nan, np.nan) for error in errors])
 
 
-def _own_rows(name: str, holds: Sequence[Hold], *, count: int) -> list[dict[str, Any]]:
+def _rows_with_own_holds(name: str, holds: Sequence[Hold], *, count: int) -> list[dict[str, Any]]:
     """Return rows for predictions after `count` own holds, those recorded before each hold."""
     tested = range(0, len(holds), max(1, len(holds) // MOST_TESTED))
     past = {
@@ -286,12 +286,12 @@ def _own_rows(name: str, holds: Sequence[Hold], *, count: int) -> list[dict[str,
     }
     rows = []
     for cutoff_s in CUTOFFS_S:
-        every = [show(hold, cutoff_s) for hold in holds]
-        found: dict[str, list[Scores]] = {OURS: [], "log_law": []}
+        every = [extract_features(hold, cutoff_s) for hold in holds]
+        found: dict[str, list[Scores]] = {PALPATE: [], "log_law": []}
         for place in tested:
             law = fit_scaled_log_law([every[k] for k in past[place]])
-            found[OURS].append(_scores([holds[place]], cutoff_s, method=methods[place]))
-            found["log_law"].append(_by_rule([every[place]], law))
+            found[PALPATE].append(_scores([holds[place]], cutoff_s, method=methods[place]))
+            found["log_law"].append(_score_rule([every[place]], law))
         rows += [
             _row(name, cutoff_s, rule, np.concatenate(each), own_holds=count)
             for rule, each in found.items()
@@ -319,7 +319,7 @@ def _row(
     }
 
 
-def regret(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def compute_regret(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Return how far each method is from the best of each material, without own holds.
 
     The geometric mean over materials of its median |error| over the smallest of all methods.
@@ -329,7 +329,7 @@ def regret(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     ...      "median_abs_error_percent": e}
     ...     for m, n, e in (("a", "x", 1.0), ("a", "y", 2.0), ("b", "x", 8.0), ("b", "y", 2.0))
     ... ]
-    >>> [(row["method"], round(row["regret"], 2)) for row in regret(two)]
+    >>> [(row["method"], round(row["regret"], 2)) for row in compute_regret(two)]
     [('x', 2.0), ('y', 1.41)]
     """
     errors: dict[float, dict[str, dict[str, float]]] = {}
@@ -349,7 +349,7 @@ def regret(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return found
 
 
-def single_exponentials() -> list[Hold]:
+def draw_single_exponentials() -> list[Hold]:
     """Draw holds of the paper's equation 2, as resistances with noise."""
     rng = np.random.default_rng(SINGLE_SEED)
 
@@ -384,7 +384,7 @@ def _tables(rows: Sequence[Mapping[str, Any]], regrets: Sequence[Mapping[str, An
             over="method",
             form=form,
         ),
-        Table.of("palpate", [row for row in rows if row["method"] == OURS]),
+        Table.of("palpate", [row for row in rows if row["method"] == PALPATE]),
         Table.wide(
             "Regret: geometric mean over materials of the error over the smallest of all",
             regrets,

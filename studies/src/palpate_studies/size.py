@@ -35,7 +35,7 @@ from palpate.signal.relative import (
 )
 from palpate.twin.devices import TwinArray
 from palpate.twin.objects import TwinObject, draw_object
-from palpate_studies.baselines.told_everything import TREES, answer_left_out
+from palpate_studies.baselines.full_input_learners import TREES, answer_left_out
 from palpate_studies.protocol.paired import compare, rms
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
@@ -51,10 +51,10 @@ PUBLISHED = {"rms_mm": 0.89, "mean_error_percent": 2.2, "within_1_mm": 1.0}
 #: Seed of the first sensor, fixed before anything was scored on it.
 FIRST_SENSOR = 99_000
 #: palpate's way, with an interval: no step finer than 1 mm.
-OURS = "same_steps"
+PALPATE = "same_steps"
 #: The previous width of Figure 13; that plus a constant learned on other sensors; palpate's; and
 #: boosted trees given all that this read, trained on other sensors.
-WAYS = ("published", "without_bias", OURS, TREES)
+METHODS = ("published", "without_bias", PALPATE, TREES)
 #: Stops that are shown, up to the narrowest, and the time before each next movement that is read.
 _STOPS, _READ_S = 5, 0.2
 #: The fingers begin here, open beyond the largest strawberry, and close by this much at a time.
@@ -83,7 +83,7 @@ def report(
     summary = [
         {"level": level, "way": way, **scores(found[level], way)}
         for level in LEVELS
-        for way in WAYS
+        for way in METHODS
     ]
     return StudyReport(
         name="size",
@@ -106,7 +106,7 @@ def report(
             "origin": "twin",
             "published": PUBLISHED,
             "summary": summary,
-            "compared": [row for level in LEVELS for row in _compare_ways(level, found[level])],
+            "compared": [row for level in LEVELS for row in _compare_methods(level, found[level])],
         },
         figures={"figure14": lambda: draw(found, shown=berries)},
     )
@@ -115,11 +115,11 @@ def report(
 command = as_command(report)
 
 
-def scores(found: Sequence[Sized], way: str) -> dict[str, Any]:
+def scores(found: Sequence[SizedStrawberry], way: str) -> dict[str, Any]:
     """Return how large the errors of one way are, and what its intervals cover."""
     error = errors_mm(found, way)
     error = error[np.isfinite(error)]
-    pairs = list_estimates(found) if way == OURS else []
+    pairs = list_estimates(found) if way == PALPATE else []
     inside = [value.low <= true_mm <= value.high for value, true_mm in pairs]
     half = [0.5 * (value.high - value.low) for value, _ in pairs]
     return {
@@ -131,19 +131,21 @@ def scores(found: Sequence[Sized], way: str) -> dict[str, Any]:
         "within_1_mm": float(np.mean(np.abs(error) <= 1)) if len(error) else None,
         "coverage": float(np.mean(inside)) if inside else None,
         "median_half_width_mm": float(np.median(half)) if half else None,
-        "damaged": sum(one.damaged for one in found) if way == OURS else None,
+        "damaged": sum(one.damaged for one in found) if way == PALPATE else None,
     }
 
 
-def _compare_ways(level: str, found: Sequence[Sized]) -> list[dict[str, Any]]:
+def _compare_methods(level: str, found: Sequence[SizedStrawberry]) -> list[dict[str, Any]]:
     """Return our RMS error less each other method's on the same fruit, by sensor."""
     both = [one for one in found if one.same_steps is not None and np.isfinite(one.published_mm)]
-    of, lost = [str(one.sensor) for one in both], {way: errors_mm(both, way) for way in WAYS}
-    finite = {way: e for way, e in lost.items() if way == OURS or np.isfinite(e).all()}
-    return compare(finite, of, ours=OURS, statistic=rms, level=level, way=OURS)
+    of, lost = [str(one.sensor) for one in both], {way: errors_mm(both, way) for way in METHODS}
+    finite = {way: e for way, e in lost.items() if way == PALPATE or np.isfinite(e).all()}
+    return compare(finite, of, ours=PALPATE, statistic=rms, level=level, way=PALPATE)
 
 
-def last_steps(observations: Sequence[Observation], *, plan: Plan, give: Compliance) -> FloatArray:
+def list_last_steps(
+    observations: Sequence[Observation], *, plan: Plan, give: Compliance
+) -> FloatArray:
     """Return the numbers of the last stops, narrowest last; shape (1 + 9 * stops,).
 
     After the width of the narrowest, for each: how much wider it is, the force by the calibrated
@@ -174,7 +176,7 @@ def last_steps(observations: Sequence[Observation], *, plan: Plan, give: Complia
                 float(np.max(fingers)),
                 float(largest_change(change)),
                 stop[-1].gripper.current_ma,
-                _pull_ma(observations, before_s=stop[0].frame.time_s),
+                _strongest_current_ma(observations, before_s=stop[0].frame.time_s),
             )
         )
     return np.array([widths_mm[last], *np.ravel(rows)])
@@ -197,7 +199,7 @@ def _ohm(stop: Sequence[Observation], plan: Plan) -> FloatArray:
     return np.asarray(np.maximum(np.mean(ohm, axis=0), plan.layout.divider.least_ohm))
 
 
-def _pull_ma(observations: Sequence[Observation], *, before_s: float) -> float:
+def _strongest_current_ma(observations: Sequence[Observation], *, before_s: float) -> float:
     """Return the strongest servo current of the last movement before a time; 0 with none."""
     before = [one for one in observations if one.frame.time_s < before_s]
     pulls = list[float]()
@@ -209,7 +211,7 @@ def _pull_ma(observations: Sequence[Observation], *, before_s: float) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sized:
+class SizedStrawberry:
     """One strawberry: its size, each method's estimate, and damage by our grasp.
 
     Attributes
@@ -227,7 +229,7 @@ class Sized:
     pressed_to_mm : float
         Least width of the grasp that gave `same_steps`.
     steps : ndarray, shape (numbers,)
-        What that grasp read at its last steps (`last_steps`), for the trees.
+        What that grasp read at its last steps (`list_last_steps`), for the trees.
     """
 
     sensor: int
@@ -239,7 +241,7 @@ class Sized:
     steps: FloatArray
 
 
-def measure_sizes(level: str, *, sensors: Sequence[int], berries: int) -> Iterator[Sized]:
+def measure_sizes(level: str, *, sensors: Sequence[int], berries: int) -> Iterator[SizedStrawberry]:
     """Size `berries` strawberries on each sensor of a level, each in both ways."""
     for sensor in sensors:
         calibration = calibrate_twin(seed=sensor, level=level, apart_from="strawberry")
@@ -258,14 +260,14 @@ def measure_sizes(level: str, *, sensors: Sequence[int], berries: int) -> Iterat
             )
             # Driven by width: the calibration always knows how the fingers give way.
             assert plan.give is not None
-            yield Sized(
+            yield SizedStrawberry(
                 sensor=sensor,
                 true_mm=obj.size_mm,
-                published_mm=previous_width_mm(_place_strawberry(obj, level, sensor, berry)),
+                published_mm=find_previous_width_mm(_place_strawberry(obj, level, sensor, berry)),
                 same_steps=result.size_mm,
                 damaged=session.world.truth().damaged,
                 pressed_to_mm=min(stop[-1].gripper.width_mm for stop in _stops(seen)),
-                steps=last_steps(seen, plan=plan, give=plan.give),
+                steps=list_last_steps(seen, plan=plan, give=plan.give),
             )
 
 
@@ -278,7 +280,7 @@ def _place_strawberry(obj: TwinObject, level: str, sensor: int, berry: int) -> S
     return session
 
 
-def previous_width_mm(session: Session) -> float:
+def find_previous_width_mm(session: Session) -> float:
     """Close by Figure 13 until the mean falls by 10 %; return the width before."""
     rest_ohm, width_mm = session.mean_ohm(), START_MM
     while width_mm > session.gripper.limits.lowest:
@@ -291,7 +293,7 @@ def previous_width_mm(session: Session) -> float:
     return float("nan")
 
 
-def errors_mm(found: Sequence[Sized], way: str) -> FloatArray:
+def errors_mm(found: Sequence[SizedStrawberry], way: str) -> FloatArray:
     """Return estimate minus size of those that have one, shape (n,).
 
     Trees, and the constant that takes out the bias of the paper's way, are learned on the other
@@ -306,7 +308,7 @@ def errors_mm(found: Sequence[Sized], way: str) -> FloatArray:
             specimens=[str(one.sensor) for one in found],
         )
         return np.asarray(pressed_to_mm + thinner_mm - true_mm)
-    if way == OURS:
+    if way == PALPATE:
         return np.array([m.middle - true_mm for m, true_mm in list_estimates(found)], dtype=float)
     seen = [one for one in found if np.isfinite(one.published_mm)]
     errors = np.array([one.published_mm - one.true_mm for one in seen], dtype=float)
@@ -319,12 +321,12 @@ def errors_mm(found: Sequence[Sized], way: str) -> FloatArray:
     return left
 
 
-def list_estimates(found: Sequence[Sized]) -> list[tuple[Measurement, float]]:
+def list_estimates(found: Sequence[SizedStrawberry]) -> list[tuple[Measurement, float]]:
     """Return each estimate of palpate with the true size."""
     return [(one.same_steps, one.true_mm) for one in found if one.same_steps is not None]
 
 
-def draw(found: Mapping[str, Sequence[Sized]], *, shown: int) -> Figure:
+def draw(found: Mapping[str, Sequence[SizedStrawberry]], *, shown: int) -> Figure:
     """Draw the first strawberries of each level as in the paper's Figure 14."""
     from palpate.plots.style import GREY, look_of, new_figure
 

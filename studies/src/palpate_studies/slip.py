@@ -51,11 +51,11 @@ def report(
     for level in LEVELS:
         for index, kind in enumerate(KINDS):
             happened = [
-                _happening(level, sensor=FIRST_SENSOR + n // 10, trial=n % 10, kind=kind)
+                _simulate_event(level, sensor=FIRST_SENSOR + n // 10, trial=n % 10, kind=kind)
                 for n in range(index, events, len(KINDS))
             ]
             summary.append({"level": level, "kind": kind, **_scores(happened)})
-        quiet = [_quiet(level, sensor=FIRST_SENSOR + n) for n in range(holds)]
+        quiet = [_watch_quiet_hold(level, sensor=FIRST_SENSOR + n) for n in range(holds)]
         alarms.append({"level": level, **_alarms(quiet)})
     return StudyReport(
         name="slip",
@@ -83,7 +83,7 @@ def report(
 command = as_command(report)
 
 
-def _happening(level: str, *, sensor: int, trial: int, kind: str) -> tuple[bool, list[float]]:
+def _simulate_event(level: str, *, sensor: int, trial: int, kind: str) -> tuple[bool, list[float]]:
     """Let something happen to a held object.
 
     Returns whether both fingers felt it before (what is not felt can't be missed), and when slips
@@ -95,10 +95,10 @@ def _happening(level: str, *, sensor: int, trial: int, kind: str) -> tuple[bool,
     world, array = session.world, TwinArray(session.world)
     event_s = world.clock.now_s() + float(rng.uniform(*HOLDS_S))
     frames, times = [], []
-    begun = False
+    has_begun = False
     while world.clock.now_s() < event_s + AFTER_S:
-        if not begun and world.clock.now_s() + 1 / world.frame_rate_hz > event_s:
-            begun, pull = True, float(rng.uniform(*PULLS))
+        if not has_begun and world.clock.now_s() + 1 / world.frame_rate_hz > event_s:
+            has_begun, pull = True, float(rng.uniform(*PULLS))
             if kind == "removal":
                 world.place(None, time_s=event_s)
             else:
@@ -110,7 +110,7 @@ def _happening(level: str, *, sensor: int, trial: int, kind: str) -> tuple[bool,
     array.close()
     fingers = _fingers(np.stack(frames), session=session, rest_ohm=rest_ohm)
     before = fingers[np.array(times) < event_s]
-    return _is_felt(before[-5:]), [at_s - event_s for at_s in _find_loss_s(times, fingers)]
+    return _has_contact(before[-5:]), [at_s - event_s for at_s in _find_loss_s(times, fingers)]
 
 
 def _hold(session: Session, rng: np.random.Generator) -> tuple[TwinObject, FloatArray]:
@@ -133,7 +133,7 @@ def _fingers(counts: np.ndarray, *, session: Session, rest_ohm: FloatArray) -> F
     return finger_means(change, finger_of_row=layout.finger_of_row)
 
 
-def _is_felt(fingers: FloatArray) -> bool:
+def _has_contact(fingers: FloatArray) -> bool:
     """Whether every finger feels the object in some frames."""
     return bool((np.median(fingers, axis=0) < _HELD_PERCENT).all())
 
@@ -151,7 +151,7 @@ def _find_loss_s(time_s: Sequence[float] | FloatArray, fingers: FloatArray) -> l
     return found
 
 
-def _quiet(level: str, *, sensor: int) -> tuple[int, bool]:
+def _watch_quiet_hold(level: str, *, sensor: int) -> tuple[int, bool]:
     """Hold an object for long; return slips and removals called, and whether it was felt."""
     session = Session(sensor, level=level)
     _, rest_ohm = _hold(session, np.random.default_rng([sensor, 52]))
@@ -178,7 +178,7 @@ def _quiet(level: str, *, sensor: int) -> tuple[int, bool]:
         ]
     )
     fingers = _fingers(counts, session=session, rest_ohm=rest_ohm)
-    return len(_find_loss_s(frames_s, fingers)), _is_felt(fingers[:15])
+    return len(_find_loss_s(frames_s, fingers)), _has_contact(fingers[:15])
 
 
 def _scores(found: Sequence[tuple[bool, list[float]]]) -> dict[str, Any]:

@@ -19,8 +19,8 @@ from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.estimate.force_states import log_reading, states_of
-from palpate_studies.baselines.told_everything import make_ridge, make_trees
-from palpate_studies.force_learning import KnownContact, interval_reach, learn_population
+from palpate_studies.baselines.full_input_learners import make_ridge, make_trees
+from palpate_studies.force_learning import KnownContact, interval_quantile, learn_population
 from palpate_studies.recordings import leave_out, read_runs
 from palpate_studies.report import StudyReport, Table, as_command
 
@@ -175,7 +175,7 @@ def ours(train: Strokes) -> Predictor:
         for one in train
         for felt in [one.force_n >= _LEAST_N]
     ]
-    law, reach = ForceLaw(learn_population(contacts)), interval_reach(LEVEL)
+    law, reach = ForceLaw(learn_population(contacts)), interval_quantile(LEVEL)
 
     def predict(one: Stroke) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
         log_n, sd = law.log_force(one.inputs(volt))

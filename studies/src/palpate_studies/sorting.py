@@ -40,29 +40,29 @@ if TYPE_CHECKING:
 
 #: Names a kind, or unknown, from the measurements of one grasp; None where they do not do.
 Guess: TypeAlias = Callable[[Mapping[str, Measurement]], str | None]
-NEAREST_MEAN, OURS = "nearest mean, may abstain", "ours"
+NEAREST_MEAN, PALPATE = "nearest mean, may abstain", "ours"
 #: Learners in place of ours, a linear discriminant, with the same background class -> their names
 #: in `palpate.produce.learning.METHODS`.
 LEARNERS = {"logistic regression": "logistic", "boosted trees": "trees"}
-#: Items of each kind that teach. A packhouse has that many at hand.
-TAUGHT = 10
+#: Training items of each kind: as many as a packhouse has at hand.
+TRAINING_ITEMS = 10
 #: Seeds of the sensors; others were used while this was made, and for earlier figures. That of the
 #: one look at the second generator.
 FIRST_SENSOR, SECOND_SENSOR = 910, 960
 
 
-def _bin_of(kind: str, *sizes: Within, bin_name: str | None = None) -> Rule:
+def _kind_rule(kind: str, *sizes: Within, bin_name: str | None = None) -> Rule:
     return Rule(bin=bin_name or kind, conditions=(OneOf("class", frozenset({kind})), *sizes))
 
 
 #: The rules of the study: one bin per kind, kiwis by size, strangers apart.
 BOOK = RuleBook(
     rules=(
-        _bin_of("unknown", bin_name="strangers"),
-        *map(_bin_of, ("egg", "cherry-tomato", "strawberry", "lime")),
-        _bin_of("kiwi", Within("size_mm", 0.0, 50.0), bin_name="kiwi, small"),
-        _bin_of("kiwi", Within("size_mm", 50.0, 100.0), bin_name="kiwi, large"),
-        *map(_bin_of, ("tomato", "peach", "avocado", "apple")),
+        _kind_rule("unknown", bin_name="strangers"),
+        *map(_kind_rule, ("egg", "cherry-tomato", "strawberry", "lime")),
+        _kind_rule("kiwi", Within("size_mm", 0.0, 50.0), bin_name="kiwi, small"),
+        _kind_rule("kiwi", Within("size_mm", 50.0, 100.0), bin_name="kiwi, large"),
+        *map(_kind_rule, ("tomato", "peach", "avocado", "apple")),
     ),
     default_bin="by hand",
     most_grasps=SORTED_GRASPS,
@@ -168,7 +168,11 @@ def report(
             for level in LEVELS
             for sensor in range(first, first + sensors)
             for item in measure_crates(
-                level=level, sensor=sensor, taught=TAUGHT, sorted_items=items, second=second
+                level=level,
+                sensor=sensor,
+                training_items=TRAINING_ITEMS,
+                sorted_items=items,
+                second=second,
             )
         ]
     )
@@ -177,7 +181,7 @@ def report(
 command = as_command(report)
 
 
-def _divide(
+def _split_training(
     crate: Sequence[CrateItemGrasps],
 ) -> tuple[list[CrateItemGrasps], list[CrateItemGrasps]]:
     """Return the items that teach and those that are sorted."""
@@ -187,7 +191,7 @@ def _divide(
     )
 
 
-def _identifier(teaching: Sequence[CrateItemGrasps], *methods: str) -> Identifier:
+def _learn_identifier(teaching: Sequence[CrateItemGrasps], *methods: str) -> Identifier:
     taught = [
         (item.kind, touches_of([one.grasp for one in item.grasps]))
         for item in teaching
@@ -196,10 +200,10 @@ def _identifier(teaching: Sequence[CrateItemGrasps], *methods: str) -> Identifie
     return Identifier(taught, methods=methods) if methods else Identifier(taught)
 
 
-def identifiers(teaching: Sequence[CrateItemGrasps]) -> dict[str, Identifier]:
+def learn_identifiers(teaching: Sequence[CrateItemGrasps]) -> dict[str, Identifier]:
     """Return ours, and learners in its place, taught with the same items."""
-    learners = {name: _identifier(teaching, method) for name, method in LEARNERS.items()}
-    return {OURS: _identifier(teaching), **learners}
+    learners = {name: _learn_identifier(teaching, method) for name, method in LEARNERS.items()}
+    return {PALPATE: _learn_identifier(teaching), **learners}
 
 
 def name_method(method: str, count: int) -> str:
@@ -207,11 +211,11 @@ def name_method(method: str, count: int) -> str:
     return f"{method}, {count} grasp{'s' if count > 1 else ''}"
 
 
-def answers(crates: Sequence[CrateItemGrasps]) -> list[NamedItem]:
+def name_items(crates: Sequence[CrateItemGrasps]) -> list[NamedItem]:
     """Name a crate by every method, trained on its sensor; ours also on others."""
     found = list[NamedItem]()
     for key, mine in group(crates, "level", "sensor"):
-        (teaching, sorting), level = _divide(mine), key["level"]
+        (teaching, sorting), level = _split_training(mine), key["level"]
         guess = learn_nearest_mean(teaching)
         for item in sorting:
             said = guess(item.grasps[0].grasp.measurements) or UNKNOWN
@@ -220,12 +224,14 @@ def answers(crates: Sequence[CrateItemGrasps]) -> list[NamedItem]:
             )
         asked = [
             (name_method(name, count), known, count)
-            for name, known in identifiers(teaching).items()
+            for name, known in learn_identifiers(teaching).items()
             for count in range(1, SORTED_GRASPS + 1)
         ]
         others = [one for one in crates if one.level == level and one.sensor != key["sensor"]]
         if others:
-            asked.append(("ours, taught on other sensors", _identifier(others), SORTED_GRASPS))
+            asked.append(
+                ("ours, taught on other sensors", _learn_identifier(others), SORTED_GRASPS)
+            )
         for method, known, count in asked:
             for item in sorting:
                 touches = touches_of([one.grasp for one in item.grasps[:count]])
@@ -236,7 +242,7 @@ def answers(crates: Sequence[CrateItemGrasps]) -> list[NamedItem]:
     return found
 
 
-def against_learners(given: Sequence[NamedItem]) -> list[dict[str, Any]]:
+def compare_learners(given: Sequence[NamedItem]) -> list[dict[str, Any]]:
     """Return ours against each learner in its place at equal grasps, paired by item.
 
     An item's loss is 1 where its answer, a kind or unknown, is not true.
@@ -248,7 +254,7 @@ def against_learners(given: Sequence[NamedItem]) -> list[dict[str, Any]]:
             for name, each in group(mine, "method")
         }
         for count in range(1, SORTED_GRASPS + 1):
-            method = name_method(OURS, count)
+            method = name_method(PALPATE, count)
             items = [
                 f"{one.item.sensor}/{one.item.item_id}" for one in mine if one.method == method
             ]
@@ -267,10 +273,10 @@ def against_learners(given: Sequence[NamedItem]) -> list[dict[str, Any]]:
     return rows
 
 
-def count_right(answers: Sequence[NamedItem]) -> dict[str, Any]:
+def count_correct(name_items: Sequence[NamedItem]) -> dict[str, Any]:
     """Return shares of known items and strangers that one method named rightly."""
-    known = [one for one in answers if one.item.known]
-    strangers = [one for one in answers if not one.item.known]
+    known = [one for one in name_items if one.item.known]
+    strangers = [one for one in name_items if not one.item.known]
     return {
         "items": len(known),
         "right": float(np.mean([one.best == one.item.kind for one in known])),
@@ -284,12 +290,12 @@ def sort_crates(crates: Sequence[CrateItemGrasps]) -> dict[tuple[str, str], list
     """Sort every crate in every way; level and method -> items in their bins."""
     placed: dict[tuple[str, str], list[Placed]] = {}
     for key, mine in group(crates, "level", "sensor"):
-        teaching, sorting = _divide(mine)
+        teaching, sorting = _split_training(mine)
         guess = learn_nearest_mean(teaching)
         placed.setdefault((key["level"], NEAREST_MEAN), []).extend(
             _guess_item(item, guess) for item in sorting
         )
-        for name, known in identifiers(teaching).items():
+        for name, known in learn_identifiers(teaching).items():
             for most in range(1, SORTED_GRASPS + 1):
                 method = f"{name}, " + ("one grasp" if most == 1 else f"up to {most} grasps")
                 placed.setdefault((key["level"], method), []).extend(
@@ -308,7 +314,7 @@ def _sort_item(item: CrateItemGrasps, known: Identifier, *, most: int) -> Placed
     )
     return Placed(
         bin=done.decision.bin,
-        belongs=_belongs(item),
+        belongs=_true_bin_of(item),
         grasps=len(done.grasps),
         grasping_s=done.grasping_s,
     )
@@ -324,17 +330,17 @@ def _guess_item(item: CrateItemGrasps, guess: Guess) -> Placed:
         sharp = replace(size, low=size.middle, high=size.middle)
         seen = Evidence(identity=label_identity(kind), size_mm=sharp, grasps=SORTED_GRASPS)
         bin_name = decide(BOOK, seen).bin
-    return Placed(bin=bin_name, belongs=_belongs(item), grasps=1, grasping_s=first.lasted_s)
+    return Placed(bin=bin_name, belongs=_true_bin_of(item), grasps=1, grasping_s=first.lasted_s)
 
 
-def _belongs(item: CrateItemGrasps) -> str:
+def _true_bin_of(item: CrateItemGrasps) -> str:
     return true_bin(BOOK, kind=item.kind, taught=item.known, size_mm=item.size_mm)
 
 
 def judge(crates: Sequence[CrateItemGrasps]) -> StudyReport:
     """Put all ways of naming and sorting into tables."""
-    given = answers(crates)
-    identified = [{**key, **count_right(mine)} for key, mine in group(given, "level", "method")]
+    given = name_items(crates)
+    identified = [{**key, **count_correct(mine)} for key, mine in group(given, "level", "method")]
     summary = [
         {
             "level": level,
@@ -350,7 +356,7 @@ def judge(crates: Sequence[CrateItemGrasps]) -> StudyReport:
         for (level, method), placed in sort_crates(crates).items()
         for one in [score_sorting(placed, book=BOOK)]
     ]
-    _, sorting = _divide(crates)
+    _, sorting = _split_training(crates)
     damaged = sum(item.damaged for item in sorting)
     return StudyReport(
         name="sorting",
@@ -379,7 +385,7 @@ def judge(crates: Sequence[CrateItemGrasps]) -> StudyReport:
             "damaged": damaged,
             "summary": summary,
             "identify": identified,
-            "against_learners": against_learners(given),
+            "against_learners": compare_learners(given),
         },
         files={"crates.json": partial(write_crates, crates)},
         figures={"sorting-rate": partial(draw, summary)},

@@ -38,7 +38,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
         for speed in SPEEDS_MM_PER_S:
             values = np.concatenate(
                 [
-                    mean_holds(sensor, level=level, speed=speed, repeats=repeats)
+                    measure_holds(sensor, level=level, speed=speed, repeats=repeats)
                     for sensor in range(sensors)
                 ]
             )
@@ -46,14 +46,14 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             known = (0.0, 0.0), (closing_s, 0.0), (closing_s, CLOSURE_MM / speed)
             for clock, (offset_s, loading_s) in zip(CLOCKS, known, strict=True):
                 for name, method in METHODS.items():
-                    told = for_hold(method, unit="percent", loading_s=loading_s)
+                    hold_method = for_hold(method, unit="percent", loading_s=loading_s)
                     rows.append(
                         {
                             "level": level,
                             "speed_mm_per_s": speed,
                             "clock": clock,
                             "method": name,
-                            **_score(told, values, offset_s),
+                            **_score(hold_method, values, offset_s),
                         }
                     )
     return StudyReport(
@@ -85,7 +85,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
 command = as_command(report)
 
 
-def mean_holds(sensor: int, *, level: str, speed: float, repeats: int) -> FloatArray:
+def measure_holds(sensor: int, *, level: str, speed: float, repeats: int) -> FloatArray:
     """Return mean changes from the start of actuation on, shape (repeats, times), at 15 Hz."""
     session, obj = Session(sensor, level=level), draw_named(OBJECT)
     session.place(obj)

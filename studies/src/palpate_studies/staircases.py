@@ -29,7 +29,7 @@ from palpate.signal.relative import excess_conductance, total_excess
 from palpate.twin.objects import draw_object
 from palpate.twin.velostat import Sheet
 from palpate.twin.world import World
-from palpate_studies.baselines.told_everything import TREES, Answer, learn
+from palpate_studies.baselines.full_input_learners import TREES, Answer, learn
 from palpate_studies.protocol.paired import compare, rms
 from palpate_studies.protocol.parts import Learned
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
@@ -39,20 +39,20 @@ from palpate_studies.second.sheets import other_sheet
 #: Readings this long ago are shown, and the extremes within the last one, seconds.
 _AGO_S = (0.07, 0.14, 0.27, 0.54, 1.1, 2.2, 4.4)
 #: A reading that changed by this share within the second of those times has moved.
-_MOVED, _WITHIN_S = 0.05, 0.14
+_MOVED_FRACTION, _WITHIN_S = 0.05, 0.14
 #: What is grasped after the calibration: no name is among the faces of the load cell.
 GRASPED = ("ball-40lbs", "ball-55lbs", "springs-2", "springs-6", "tomato", "avocado-day-2")
 #: A staircase: steps at a grasp's speed, turned back at these forces; dwells are drawn from a
 #: range, uniformly in the logarithm, directions closing a little more often than not.
 DURATION_S = 20.0
 _STEP_MM, _RATE_MM_PER_S = 1.0, 3.5
-_LOWEST_N, _HIGHEST_N, _ONWARD = 0.3, 12.0, 0.55
+_LOWEST_N, _HIGHEST_N, _CLOSING_PROBABILITY = 0.3, 12.0, 0.55
 _DWELL_S = (0.2, 5.0)
 #: Opening beyond the largest object, mm; how fast contact is looked for, and from which force on
 #: the cell feels it.
 _START_MM, _APPROACH_MM_PER_S, _TOUCH_N = 72.0, 10.0, 0.05
 #: Smaller forces are not scored.
-FAINT_N = 0.2
+LEAST_SCORED_N = 0.2
 _FRAME_TIMEOUT_S = 2.0
 #: Time, excess conductance of the pixels and reference force of one frame.
 FrameRead: TypeAlias = tuple[float, FloatArray, float]
@@ -76,7 +76,7 @@ _SECOND = (
 )
 
 
-def numbers_of(time_s: FloatArray, excess: FloatArray, *, pairs: ForcePairs) -> FloatArray:
+def list_features(time_s: FloatArray, excess: FloatArray, *, pairs: ForcePairs) -> FloatArray:
     """Return what each frame and those before it show, shape (frames, numbers).
 
     Parameters
@@ -94,7 +94,7 @@ def numbers_of(time_s: FloatArray, excess: FloatArray, *, pairs: ForcePairs) -> 
     total = total_excess(excess)
     strongest = excess.max(axis=(1, 2)) / np.maximum(total, 0.01)
     forces_n = [np.asarray(law.force_n(read).value) for law in (early, settled)]
-    ago = [_before(log, time_s, ago_s=ago_s) for ago_s in _AGO_S]
+    ago = [_reading_before(log, time_s, ago_s=ago_s) for ago_s in _AGO_S]
     recent = np.stack([log, *ago])
     return np.column_stack(
         [
@@ -112,7 +112,7 @@ def numbers_of(time_s: FloatArray, excess: FloatArray, *, pairs: ForcePairs) -> 
     )
 
 
-def _before(log: FloatArray, time_s: FloatArray, *, ago_s: float) -> FloatArray:
+def _reading_before(log: FloatArray, time_s: FloatArray, *, ago_s: float) -> FloatArray:
     """Return the reading some time ago, or the first one."""
     index = np.searchsorted(time_s, time_s - ago_s + 1e-6, side="right") - 1
     return np.asarray(log[np.maximum(index, 0)])
@@ -120,7 +120,7 @@ def _before(log: FloatArray, time_s: FloatArray, *, ago_s: float) -> FloatArray:
 
 def _since_moved_s(log: FloatArray, time_s: FloatArray) -> FloatArray:
     """Return the time since the reading last moved, seconds."""
-    moved = np.abs(log - _before(log, time_s, ago_s=_WITHIN_S)) > _MOVED
+    moved = np.abs(log - _reading_before(log, time_s, ago_s=_WITHIN_S)) > _MOVED_FRACTION
     last_s = np.maximum.accumulate(np.where(moved, time_s, time_s[0]))
     return np.asarray(time_s - last_s)
 
@@ -175,9 +175,9 @@ def follow_staircases(
                 [one.high or np.inf for one in now],
             )
         if trees is not None:
-            value_n = trees.on([str(sensor)])(numbers_of(time_s, excess, pairs=pairs))
+            value_n = trees.on([str(sensor)])(list_features(time_s, excess, pairs=pairs))
             answers[TREES] = (value_n, value_n, value_n)
-        felt = force_n > FAINT_N
+        felt = force_n > LEAST_SCORED_N
         for method, each in answers.items():
             value_n, low_n, high_n = (np.asarray(one)[felt] for one in each)
             found.setdefault(method, []).append(
@@ -207,8 +207,8 @@ def learn_from_staircases(
         except CalibrationError:
             continue
         for time_s, excess, true_n in runs:
-            felt = true_n > FAINT_N
-            rows.append(numbers_of(time_s, excess, pairs=pairs)[felt])
+            felt = true_n > LEAST_SCORED_N
+            rows.append(list_features(time_s, excess, pairs=pairs)[felt])
             force_n += true_n[felt].tolist()
             sheets.append(str(sensor))
     return learn(TREES, np.concatenate(rows), asked=force_n, seen=sheets)
@@ -251,7 +251,7 @@ def _staircase(
     ends_s = bench.clock.now_s() + DURATION_S
     while bench.clock.now_s() < ends_s:
         closes = cell.read_n() < _LOWEST_N or (
-            cell.read_n() < _HIGHEST_N and bool(rng.random() < _ONWARD)
+            cell.read_n() < _HIGHEST_N and bool(rng.random() < _CLOSING_PROBABILITY)
         )
         target = gripper.state().width_mm + (-_STEP_MM if closes else _STEP_MM)
         if target < gripper.limits.lowest:

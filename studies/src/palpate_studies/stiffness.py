@@ -20,7 +20,7 @@ from palpate.sensor.calibration import Calibration
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
 from palpate.twin.world import GripperKind, World
-from palpate_studies.force_control_world import thing
+from palpate_studies.force_control_world import draw_random_object
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS, as_row, group, mean, median
 from palpate_studies.stoppable import require_uninterrupted
@@ -75,7 +75,9 @@ def report(
         for gripper in SQUEEZES_N
         for level in LEVELS
         for k, stiffness in enumerate(np.geomspace(*RANGE_N_PER_MM, grasps))
-        for answer in answers_of(level, gripper=gripper, seed=seed + k, stiffness=float(stiffness))
+        for answer in measure_object(
+            level, gripper=gripper, seed=seed + k, stiffness=float(stiffness)
+        )
     ]
     summary = list[dict[str, Any]]()
     for key, mine in group(found, "gripper", "level", "squeeze"):
@@ -84,7 +86,7 @@ def report(
             part = [one for one in mine if low <= one.truth < high]
             summary.append({**key, "range": f"{low:g}-{high:g} N/mm", **scores(part)})
     repeated = [
-        repeat(level, gripper=gripper, seed=seed + k, stiffness=stiffness, grasps=repeats)
+        repeat_grasps(level, gripper=gripper, seed=seed + k, stiffness=stiffness, grasps=repeats)
         for gripper in SQUEEZES_N
         for level in LEVELS
         for k, stiffness in enumerate(REPEATED_N_PER_MM)
@@ -118,11 +120,11 @@ def report(
 command = as_command(report)
 
 
-def answers_of(
+def measure_object(
     level: str, *, seed: int, stiffness: float, gripper: GripperKind = "rigid"
 ) -> list[StiffnessAnswer]:
     """Calibrate one sensor on one hand, and grasp one object with each squeeze."""
-    obj = object_of(stiffness, seed=seed)
+    obj = draw_stiffness_object(stiffness, seed=seed)
     calibration = calibrate_twin(seed=seed, level=level, apart_from="", kind=gripper)
     return [
         _answer(
@@ -135,11 +137,11 @@ def answers_of(
     ]
 
 
-def repeat(
+def repeat_grasps(
     level: str, *, seed: int, stiffness: float, gripper: GripperKind, grasps: int
 ) -> dict[str, Any]:
     """Grasp one object repeatedly on one sensor; return the spread of its firmness."""
-    obj = object_of(stiffness, seed=seed)
+    obj = draw_stiffness_object(stiffness, seed=seed)
     calibration = calibrate_twin(seed=seed, level=level, apart_from="", kind=gripper)
     answers = [
         _answer(
@@ -163,12 +165,12 @@ def repeat(
     }
 
 
-def object_of(stiffness: float, *, seed: int) -> TwinObject:
+def draw_stiffness_object(stiffness: float, *, seed: int) -> TwinObject:
     """Draw an object of given secant stiffness: flat or round, elastic or relaxing.
 
     Half of them are of each, as the objects of the force control study are; they stand any force.
     """
-    obj = thing(np.random.default_rng([seed, 21]), size_mm=SIZES_MM)
+    obj = draw_random_object(np.random.default_rng([seed, 21]), size_mm=SIZES_MM)
     deformation_mm = FIRM_N / stiffness
     return replace(
         obj,

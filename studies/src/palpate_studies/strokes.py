@@ -2,7 +2,7 @@
 
 The models are a clock, a static law, boosted trees, and the law of palpate. Each is learned from
 training touches and returns, for a test touch, ln force at every sample with the half width of its
-interval. What else it knows is `told`: nothing, the other attempts at the same place, or the force
+interval. What else it knows is `prior`: nothing, the other attempts at the same place, or the force
 once in this touch.
 """
 
@@ -23,8 +23,8 @@ from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.estimate.force_law import INPUTS, Population
 from palpate.estimate.force_states import log_reading, states_of
-from palpate_studies.baselines.told_everything import make_trees
-from palpate_studies.force_learning import KnownContact, interval_reach, learn_population
+from palpate_studies.baselines.full_input_learners import make_trees
+from palpate_studies.force_learning import KnownContact, interval_quantile, learn_population
 from palpate_studies.protocol.paired import compare
 from palpate_studies.recordings import leave_out, read_runs
 from palpate_studies.report import StudyReport, Table, as_command
@@ -45,8 +45,8 @@ _REST_S, _BEFORE_S = 1.0, 0.1
 #: time since is counted in logarithms, from about a sample on.
 _CONTACT, _SINCE_S = float(log_reading(0.2)), 0.01
 #: Shares of the touch's 80th percentile at which the force is measured once.
-TOLD_SHARES = {"five_percent": 0.05, "eighty_percent": 0.8}
-TOLD = ("nothing", "place", "five_percent", "eighty_percent")
+FORCE_FRACTIONS = {"five_percent": 0.05, "eighty_percent": 0.8}
+PRIORS = ("nothing", "place", "five_percent", "eighty_percent")
 LEVEL = 0.9
 #: A clock's time step: one sample of the logger.
 _TICK_S = 0.007
@@ -74,7 +74,7 @@ class Touch:
         As in the file.
     scored : ndarray of bool, shape (n_times,)
         In contact, with 0.5 N and more.
-    told : mapping of str to int
+    measured_at : mapping of str to int
         Sample at which the force is measured once.
     """
 
@@ -88,7 +88,7 @@ class Touch:
     log_force: FloatArray
     phase: NDArray[np.str_]
     scored: Mask
-    told: dict[str, int]
+    measured_at: dict[str, int]
 
     @property
     def place(self) -> tuple[str, str, int]:
@@ -100,11 +100,11 @@ class Touch:
         """Weight of each sample in a fit, as unloading is short but half the task."""
         return np.where(self.phase == "unloading", 2.0, 1.0)
 
-    def after(self, told: str) -> Mask:
+    def after(self, prior: str) -> Mask:
         """Return the scored samples after the force was measured; all where it is not."""
-        if told not in self.told:
+        if prior not in self.measured_at:
             return self.scored
-        return self.scored & (np.arange(len(self.scored)) > self.told[told])
+        return self.scored & (np.arange(len(self.scored)) > self.measured_at[prior])
 
 
 def read_strokes(path: Path) -> list[Touch]:
@@ -171,9 +171,9 @@ def _touch(
             log_force=np.log(np.maximum(force_n, 0.1)),
             phase=phase,
             scored=(phase != "rest") & (force_n >= SMALLEST_N),
-            told={
-                told: int(inside[np.flatnonzero(force_n[inside] >= share * high_n)[0]])
-                for told, share in TOLD_SHARES.items()
+            measured_at={
+                prior: int(inside[np.flatnonzero(force_n[inside] >= share * high_n)[0]])
+                for prior, share in FORCE_FRACTIONS.items()
             },
         )
     ]
@@ -202,20 +202,21 @@ def others_of(touch: Touch, touches: Others) -> list[Touch]:
     return [one for one in touches if one.place == touch.place and one is not touch]
 
 
-def _origin(touch: Touch, told: str) -> float:
-    return float(touch.log_force[touch.told[told]]) if told in touch.told else 0.0
+def _origin(touch: Touch, prior: str) -> float:
+    return float(touch.log_force[touch.measured_at[prior]]) if prior in touch.measured_at else 0.0
 
 
-def _pool(touches: Others, told: str, each: Callable[[Touch], FloatArray]) -> FloatArray:
-    return np.concatenate([each(one)[one.after(told)] for one in touches])
+def _pool(touches: Others, prior: str, each: Callable[[Touch], FloatArray]) -> FloatArray:
+    return np.concatenate([each(one)[one.after(prior)] for one in touches])
 
 
 def _with_interval(
-    follow: Callable[[Touch, Others], FloatArray], train: Others, told: str
+    follow: Callable[[Touch, Others], FloatArray], train: Others, prior: str
 ) -> Follower:
     """Return a follower whose interval covers the errors of its own training touches."""
     errors = [
-        np.abs(follow(one, others_of(one, train)) - one.log_force)[one.after(told)] for one in train
+        np.abs(follow(one, others_of(one, train)) - one.log_force)[one.after(prior)]
+        for one in train
     ]
     half = float(np.quantile(np.concatenate(errors), LEVEL))
     return lambda touch, others: (
@@ -224,44 +225,44 @@ def _with_interval(
     )
 
 
-def constant(train: Others, told: str) -> Follower:
+def constant(train: Others, prior: str) -> Follower:
     """Learn one force, that of the known place, or hold the measured force."""
 
     def middle(touches: Others) -> float:
-        return float(np.median(_pool(touches, told, lambda one: one.log_force)))
+        return float(np.median(_pool(touches, prior, lambda one: one.log_force)))
 
-    usual = 0.0 if told in train[0].told else middle(train)
+    usual = 0.0 if prior in train[0].measured_at else middle(train)
 
     def follow(touch: Touch, others: Others) -> FloatArray:
-        known = middle(others) if told == "place" and others else usual
-        return np.full(len(touch.time_s), known + _origin(touch, told))
+        known = middle(others) if prior == "place" and others else usual
+        return np.full(len(touch.time_s), known + _origin(touch, prior))
 
-    return _with_interval(follow, train, told)
+    return _with_interval(follow, train, prior)
 
 
-def clock(train: Others, told: str) -> Follower:
+def clock(train: Others, prior: str) -> Follower:
     """Learn the usual force at each time since contact, or its usual change since measured."""
 
     def ticks(touch: Touch) -> FloatArray:
-        start = touch.time_s[touch.told[told]] if told in touch.told else 0.0
+        start = touch.time_s[touch.measured_at[prior]] if prior in touch.measured_at else 0.0
         return np.round((touch.time_s - start) / _TICK_S)
 
     def table(touches: Others) -> tuple[FloatArray, FloatArray]:
-        tick = _pool(touches, told, ticks)
-        force = _pool(touches, told, lambda one: one.log_force - _origin(one, told))
+        tick = _pool(touches, prior, ticks)
+        force = _pool(touches, prior, lambda one: one.log_force - _origin(one, prior))
         seen = np.unique(tick)
         return seen, np.array([np.median(force[tick == one]) for one in seen])
 
     usual = table(train)
 
     def follow(touch: Touch, others: Others) -> FloatArray:
-        known = table(others) if told == "place" and others else usual
-        return np.asarray(np.interp(ticks(touch), *known)) + _origin(touch, told)
+        known = table(others) if prior == "place" and others else usual
+        return np.asarray(np.interp(ticks(touch), *known)) + _origin(touch, prior)
 
-    return _with_interval(follow, train, told)
+    return _with_interval(follow, train, prior)
 
 
-def static(train: Others, told: str) -> Follower:
+def static(train: Others, prior: str) -> Follower:
     """Learn a power law; its gain from the place's data or this contact's."""
     reading = _pool(train, "nothing", lambda one: one.inputs[:, 0])
     force = _pool(train, "nothing", lambda one: one.log_force)
@@ -269,15 +270,15 @@ def static(train: Others, told: str) -> Follower:
 
     def follow(touch: Touch, others: Others) -> FloatArray:
         value = slope * touch.inputs[:, 0] + offset
-        if told in touch.told:
-            at = touch.told[told]
+        if prior in touch.measured_at:
+            at = touch.measured_at[prior]
             return np.asarray(value + touch.log_force[at] - value[at])
-        if told == "place" and others:
-            left = _pool(others, told, lambda one: one.log_force - slope * one.inputs[:, 0])
+        if prior == "place" and others:
+            left = _pool(others, prior, lambda one: one.log_force - slope * one.inputs[:, 0])
             return np.asarray(value + float(np.median(left)) - offset)
         return np.asarray(value)
 
-    return _with_interval(follow, train, told)
+    return _with_interval(follow, train, prior)
 
 
 def _absolute_line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
@@ -290,60 +291,60 @@ def _absolute_line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
     return float(line[0]), float(line[1])
 
 
-def _inputs(touch: Touch, told: str) -> FloatArray:
+def _inputs(touch: Touch, prior: str) -> FloatArray:
     """Return what a learner sees: the states, or their change since the force was measured."""
-    if told not in touch.told:
+    if prior not in touch.measured_at:
         return touch.inputs
-    at = touch.told[told]
+    at = touch.measured_at[prior]
     measured = np.full((len(touch.inputs), 1), touch.log_force[at])
     return np.concatenate([touch.inputs - touch.inputs[at], measured], axis=1)
 
 
-def trees(train: Others, told: str) -> Follower:
+def trees(train: Others, prior: str) -> Follower:
     """Learn boosted trees on the same inputs; a known place adds its mean."""
     machine = make_trees(
         loss="absolute_error", max_iter=100, max_leaf_nodes=15, min_samples_leaf=40
     )
 
     def list_inputs(touch: Touch, others: Others) -> FloatArray:
-        inputs = _inputs(touch, told)
-        if told != "place":
+        inputs = _inputs(touch, prior)
+        if prior != "place":
             return inputs
         known = others or [touch]
-        reading = np.mean(_pool(known, told, lambda one: one.inputs[:, 0]))
-        force = np.mean(_pool(known, told, lambda one: one.log_force))
+        reading = np.mean(_pool(known, prior, lambda one: one.inputs[:, 0]))
+        force = np.mean(_pool(known, prior, lambda one: one.log_force))
         more = np.full((len(inputs), 1), force if others else np.nan)
         return np.concatenate([inputs, inputs[:, :1] - reading, more], axis=1)
 
-    x = np.concatenate([list_inputs(one, others_of(one, train))[one.after(told)] for one in train])
-    y = _pool(train, told, lambda one: one.log_force - _origin(one, told))
-    w = _pool(train, told, lambda one: one.weight)
+    x = np.concatenate([list_inputs(one, others_of(one, train))[one.after(prior)] for one in train])
+    y = _pool(train, prior, lambda one: one.log_force - _origin(one, prior))
+    w = _pool(train, prior, lambda one: one.weight)
     machine.fit(x, y, sample_weight=w)
     return _with_interval(
-        lambda touch, others: machine.predict(list_inputs(touch, others)) + _origin(touch, told),
+        lambda touch, others: machine.predict(list_inputs(touch, others)) + _origin(touch, prior),
         train,
-        told,
+        prior,
     )
 
 
-def ours(train: Others, told: str) -> Follower:
+def ours(train: Others, prior: str) -> Follower:
     """Learn the population of `palpate.ForceLaw`; the place or one force updates the law."""
     population = _population(tuple(train))
 
     def follow(touch: Touch, others: Others) -> Prediction:
         law = ForceLaw(population)
-        if told == "place" and others:
+        if prior == "place" and others:
             law = ForceLaw.fit(
-                _pool(others, told, lambda one: one.inputs[:, :INPUTS]),
-                force_n=np.exp(_pool(others, told, lambda one: one.log_force)),
+                _pool(others, prior, lambda one: one.inputs[:, :INPUTS]),
+                force_n=np.exp(_pool(others, prior, lambda one: one.log_force)),
                 contact=[one.attempt for one in others for _ in range(one.scored.sum())],
                 population=population,
             )
-        if told in touch.told:
-            at = touch.told[told]
+        if prior in touch.measured_at:
+            at = touch.measured_at[prior]
             law.update(touch.inputs[at, :INPUTS], force_n=np.exp(touch.log_force[at]))
         value, sd = law.log_force(touch.inputs[:, :INPUTS])
-        return value, interval_reach(LEVEL) * sd
+        return value, interval_quantile(LEVEL) * sd
 
     return follow
 
@@ -356,7 +357,7 @@ def _population(train: tuple[Touch, ...]) -> Population:
 def make_known_contact(touch: Touch) -> KnownContact:
     """Return a touch as what a population is learned from."""
     used = np.flatnonzero(touch.scored)
-    given = np.flatnonzero(used == touch.told["eighty_percent"])
+    given = np.flatnonzero(used == touch.measured_at["eighty_percent"])
     return KnownContact(
         inputs=touch.inputs[used, :INPUTS],
         force_n=np.exp(touch.log_force[used]),
@@ -380,7 +381,7 @@ class ScoredStrokes:
     """A model's answers on the scored samples of one touch; arrays of shape (n_scored,)."""
 
     model: str
-    told: str
+    prior: str
     touch: Touch
     log_force: FloatArray
     error: FloatArray
@@ -462,20 +463,20 @@ command = as_command(report)
 
 def _score(train: Others, tested: Others) -> Iterator[ScoredStrokes]:
     """Yield the answers of every model on the tested touches."""
-    for told in TOLD:
-        if told == "place" and not (_are_repeated(train) and _are_repeated(tested)):
+    for prior in PRIORS:
+        if prior == "place" and not (_are_repeated(train) and _are_repeated(tested)):
             continue
         for model, learn in MODELS.items():
-            follow = learn(train, told)
+            follow = learn(train, prior)
             for touch in tested:
-                used, others = touch.after(told), others_of(touch, tested)
-                if not used.any() or (told == "place" and not others):
+                used, others = touch.after(prior), others_of(touch, tested)
+                if not used.any() or (prior == "place" and not others):
                     continue
                 value, half = follow(touch, others)
                 error = np.abs(value - touch.log_force)[used]
                 yield ScoredStrokes(
                     model=model,
-                    told=told,
+                    prior=prior,
                     touch=touch,
                     log_force=touch.log_force[used],
                     error=error,
@@ -503,7 +504,7 @@ def _rows(scored: Sequence[ScoredStrokes]) -> Rows:
                             "recording_id": one.touch.recording_id,
                             "touch": one.touch.touch,
                             "model": one.model,
-                            "told": one.told,
+                            "told": one.prior,
                             "phase": phase,
                             "band": band,
                             **_figures(one.error[mine], one.covered[mine]),
@@ -515,7 +516,7 @@ def _rows(scored: Sequence[ScoredStrokes]) -> Rows:
 def _summary(scored: Sequence[ScoredStrokes]) -> Rows:
     """Return medians over samples of all sensors, by phase and by band of force."""
     summary: Rows = []
-    for key, mine in group(scored, "model", "told"):
+    for key, mine in group(scored, "model", "prior"):
         error, covered, phases, log_force = (
             np.concatenate([getattr(one, name) for one in mine])
             for name in ("error", "covered", "phase", "log_force")
@@ -548,7 +549,7 @@ def _figures(error: FloatArray, covered: Mask) -> dict[str, Any]:
 def _compare_models(scored: Sequence[ScoredStrokes]) -> Rows:
     """Return our error less that of each other model, by pin of a sensor."""
     rows: Rows = []
-    for key, some in group(scored, "told"):
+    for key, some in group(scored, "prior"):
         for phase in ("all", "unloading"):
             lost: dict[str, FloatArray] = {}
             for name, mine in group(some, "model"):

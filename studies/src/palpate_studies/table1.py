@@ -16,7 +16,7 @@ from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod, Status
 from palpate.signal.transient import WAIT_S
 from palpate_studies.bootstrap import bootstrap_interval
-from palpate_studies.misfit import Entry, count_missed, sentence
+from palpate_studies.misfit import Entry, count_missed, format_missed
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.twin_session import twin_holds
 
@@ -76,7 +76,7 @@ def report(
             "interval over sensors.",
             "Marked *: the family was fitted to this entry, so agreement there shows nothing. All "
             "else is a prediction.",
-            *(sentence(misfit[name], of=f"Table 1 by the family {name}") for name in names),
+            *(format_missed(misfit[name], of=f"Table 1 by the family {name}") for name in names),
         ],
         tables=[error_table(name, results[name]) for name in names],
         payload={

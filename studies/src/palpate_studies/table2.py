@@ -9,8 +9,8 @@ from palpate_studies.equal_width import (
     CLOSURE_MM,
     SENSORS,
     as_json,
-    cells_of,
     draw_curves,
+    format_cells,
     measure_settled_readings,
 )
 from palpate_studies.report import StudyReport, Table, as_command
@@ -46,7 +46,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             name,
             PUBLISHED[name][2],
             "{:g} ± {:g}".format(*PUBLISHED[name][:2]),
-            *cells_of(found, index),
+            *format_cells(found, index),
         ]
         for index, name in enumerate(names)
     ]

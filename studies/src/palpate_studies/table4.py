@@ -11,7 +11,7 @@ from palpate.arrays import FloatArray
 from palpate.estimate.force import PowerForceLaw
 from palpate.estimate.line_law import LineForceLaw
 from palpate_studies.equal_width import r_squared
-from palpate_studies.misfit import Entry, count_missed, sentence
+from palpate_studies.misfit import Entry, count_missed, format_missed
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
 from palpate_studies.twin_session import Reading, Session, draw_named, grasps
@@ -62,7 +62,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             "A slope of -0.163 N/% means that resistance falls by 6.1 % per newton, -0.0953 N/% by "
             "10.5 %: by its numbers the stiffer sheet changes less per newton, against the paper's "
             "words under Table 4.",
-            *(sentence(misfit[level], of=f"Table 4 by the level {level}") for level in LEVELS),
+            *(format_missed(misfit[level], of=f"Table 4 by the level {level}") for level in LEVELS),
         ],
         tables=[
             Table.of(

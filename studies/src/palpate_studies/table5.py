@@ -21,7 +21,7 @@ from palpate.twin.devices import TwinLoadCell
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 from palpate_studies.bootstrap import bootstrap_interval
-from palpate_studies.misfit import Entry, count_missed, sentence
+from palpate_studies.misfit import Entry, count_missed, format_missed
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
 from palpate_studies.twin_session import CLOSURES_MM, MATERIALS, SETTLED_MEAN_S, hold_each, stack
@@ -79,7 +79,7 @@ def report(
             "`own holds` also learns how the sheet settles from those holds, 20 of each sensor.",
             "Published: Table 5, newtons. Ratios are to `recorded, 2.5 s`; the paper's percentages "
             "don't fit its newtons and are left out. Nothing of Table 5 was used to set the twin.",
-            *(sentence(misfit[level], of=f"Table 5 by the level {level}") for level in LEVELS),
+            *(format_missed(misfit[level], of=f"Table 5 by the level {level}") for level in LEVELS),
         ),
         tables=[Table.of(f"Error of the settled force, {count} grasps of each level", rows)],
         payload={

@@ -37,11 +37,11 @@ from palpate.signal.relative import (
 )
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.world import GripperKind, World
-from palpate_studies.baselines.told_everything import LEARNERS, Answer, learn
+from palpate_studies.baselines.full_input_learners import LEARNERS, Answer, learn
 from palpate_studies.force_control_world import (
     GRASPS_PER_SHEET,
     LIFTED_S,
-    Gripped,
+    GripOutcome,
     Task,
     calibration_of,
     is_damaged,
@@ -74,7 +74,7 @@ ForceReader: TypeAlias = Callable[[float, float], float]
 MakeReader: TypeAlias = Callable[[TwinArray, TwinGripper, FloatArray], ForceReader]
 
 
-def paper_loop(task: Task) -> Gripped:
+def paper_loop(task: Task) -> GripOutcome:
     """Close to contact, then correct until the line reads the target, and lift."""
     law = _line(task.seed // GRASPS_PER_SHEET, task.level, task.kind)
 
@@ -102,7 +102,7 @@ def _forecast(mean_percent: FloatArray) -> float:
     return float(np.asarray(found.value)[0])
 
 
-def run_learned_loop(task: Task, learner: str, *, laws: Laws) -> Gripped:
+def run_learned_loop(task: Task, learner: str, *, laws: Laws) -> GripOutcome:
     """Close to contact, then correct until the learned law reads the target, and lift."""
     answer = laws[learner].on([_sensor(task)])
 
@@ -204,7 +204,7 @@ def _read_all(array: TwinArray, rest_ohm: FloatArray, plan: Plan) -> tuple[list[
 
 def correct_by_reading(
     task: Task, *, name: str, reader: MakeReader, world: World | None = None
-) -> Gripped:
+) -> GripOutcome:
     """Close to contact, correct until the force reading is on target, lift, and hold.
 
     `name` is of the method; `world` the task's, where the caller looks into it too.
@@ -235,7 +235,7 @@ def correct_by_reading(
     world.lift()
     world.clock.sleep_s(LIFTED_S)
     world.force_n(world.now_s())
-    return Gripped(
+    return GripOutcome(
         task=task,
         method=name,
         outcome="lifted",
@@ -243,7 +243,7 @@ def correct_by_reading(
         dropped=world.has_dropped,
         force_n=world.truth().force_n,
         damaged=is_damaged(world, task),
-        said_n=reading_n,
+        reported_n=reading_n,
         on_target_s=on_target_s,
     )
 

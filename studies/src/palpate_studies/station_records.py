@@ -19,7 +19,7 @@ REFERENCE_ID = "reference"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Felt:
+class StationRecords:
     """The records of one station.
 
     Attributes
@@ -46,7 +46,7 @@ class Felt:
     as_published: dict[tuple[str, int], float]
 
 
-def drift_of(felt: Felt) -> Drift:
+def drift_of(felt: StationRecords) -> Drift:
     """Return the drift that a station's reference object shows."""
     drive, block = felt.grasps[0].drive, felt.calibration.block
     give = None
@@ -56,14 +56,16 @@ def drift_of(felt: Felt) -> Drift:
     return Drift.learn(grasps, drive=drive, give=give)
 
 
-def days_of(felt: Felt, item_id: str, drift: Drift | None) -> tuple[DayFelt, ...]:
+def days_of(felt: StationRecords, item_id: str, drift: Drift | None) -> tuple[DayFelt, ...]:
     """Return the days of an item, freed of drift where that is given."""
     grasps = [grasp for grasp in felt.grasps if grasp.item_id == item_id]
     drive = felt.grasps[0].drive
     return history_of(grasps, item_id=item_id, drive=drive, drift=drift).days
 
 
-def select_labelled(felt: Felt, drift: Drift | None) -> list[tuple[Avocado, tuple[DayFelt, ...]]]:
+def select_labelled(
+    felt: StationRecords, drift: Drift | None
+) -> list[tuple[Avocado, tuple[DayFelt, ...]]]:
     """Return every labelled fruit with its days."""
     return [
         (fruit, days_of(felt, f"labelled-{number}", drift))
@@ -71,7 +73,7 @@ def select_labelled(felt: Felt, drift: Drift | None) -> list[tuple[Avocado, tupl
     ]
 
 
-def rule_of(felt: Felt, drift: Drift | None) -> RipenessRule:
+def learn_rule(felt: StationRecords, drift: Drift | None) -> RipenessRule:
     """Learn from the labelled fruits, whose labels are true stages."""
     known = select_labelled(felt, drift)
     return RipenessRule.learn(
