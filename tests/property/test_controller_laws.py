@@ -26,14 +26,14 @@ LIMITS = GripperLimits(drive="width", lowest=20.0, highest=40.0, fastest=60.0)
 LAYOUT = ArrayLayout(name="two", rows=2, cols=1, finger_of_row=(0, 1))
 FORCE = np.array([0.3, 0.6, 1.2, 2.5, 5.0, 10.0])
 LAW = PowerForceLaw.fit(2 * FORCE, force_n=FORCE * np.exp([0.1, -0.1] * 3))
-GIVE = Compliance.fit(FORCE, width_mm=40 - 0.2 * FORCE, block_mm=40.0)
+COMPLIANCE = Compliance.fit(FORCE, width_mm=40 - 0.2 * FORCE, block_mm=40.0)
 PLAN = Plan(
     layout=LAYOUT,
     rest_ohm=np.full((2, 1), 9000.0),
     settled_law=LAW,
     early_law=LAW,
-    give=GIVE,
-    steepest_n=GIVE.stiffest_n_per_mm,
+    compliance=COMPLIANCE,
+    steepest_n=COMPLIANCE.stiffest_n_per_mm,
     gripper=LIMITS,
     settling=Recorded(),
     longest_s=30.0,

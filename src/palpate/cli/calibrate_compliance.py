@@ -45,7 +45,7 @@ def compliance(
     with open_bench(rig, seed=seed) as guided:
         made = _measure(guided, block_mm=block_mm, rig=rig, out=path)
     block = made.block
-    give = Compliance.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
+    compliance = Compliance.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
     made.save(path)
     if as_json:
         print_json(
@@ -53,20 +53,24 @@ def compliance(
                 "file": str(path),
                 "simulated": made.origin == "simulated",
                 "readings": len(block.force_n),
-                "fingers_mm_per_n": give.slope_mm_per_n,
-                "pads_mm": float(sum(give.pad_mm)),
-                "zero_mm": give.zero_mm,
-                "residual_mm": give.residual_mm,
-                "largest_force_n": give.largest_force_n,
+                "fingers_mm_per_n": compliance.slope_mm_per_n,
+                "pads_mm": float(sum(compliance.pad_mm)),
+                "zero_mm": compliance.zero_mm,
+                "residual_mm": compliance.residual_mm,
+                "largest_force_n": compliance.largest_force_n,
                 "current_readings": None if made.current is None else len(made.current.force_n),
             }
         )
         return
     simulated = " (simulated)" if made.origin == "simulated" else ""
-    print(f"{path}{simulated}: {len(block.force_n)} closings up to {give.largest_force_n:.1f} N")
-    slope_mm_per_n, pads_mm = give.slope_mm_per_n, sum(give.pad_mm)
+    print(
+        f"{path}{simulated}: {len(block.force_n)} closings up to {compliance.largest_force_n:.1f} N"
+    )
+    slope_mm_per_n, pads_mm = compliance.slope_mm_per_n, sum(compliance.pad_mm)
     print(f"compliance of fingers and servo {slope_mm_per_n:.3f} mm/N, pads {pads_mm:.2f} mm")
-    print(f"error of the width: {give.zero_mm:+.2f} mm; scatter {give.residual_mm:.3f} mm")
+    print(
+        f"error of the width: {compliance.zero_mm:+.2f} mm; scatter {compliance.residual_mm:.3f} mm"
+    )
     if made.current is None:
         print("no current reported")
     else:

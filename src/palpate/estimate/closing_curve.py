@@ -30,7 +30,7 @@ _SHAPES = {1.0: 0.4, 1.25: 0.15, 1.5: 0.35, 2.0: 0.1}
 #: evenly, once their exponent and lag are known; some reseat themselves.
 _SCATTERS = {0.007: 0.4, 0.02: 0.4, 0.08: 0.2}
 #: An object off the middle, or another face than the block's: pads and fingers give a share more.
-_GIVE_SD = 0.02
+_COMPLIANCE_SD = 0.02
 #: How far (in ln force) the object has relaxed at the horizon against its closing, and how
 #: likely: springs and silicone hardly, fruit by a tenth to a third. At one closure no force rises.
 _RELAXED = ((0.6, -0.03, 0.04), (0.4, -0.2, 0.1))
@@ -109,27 +109,28 @@ class _Posterior:
     scale: FloatArray
     shape: FloatArray
     end_gain: FloatArray
-    give: FloatArray
+    compliance_factor: FloatArray
 
 
 def measure_closing(
-    curve: ClosingSteps, *, give: Compliance, opening_mm: float, force: Measurement
+    curve: ClosingSteps, *, compliance: Compliance, opening_mm: float, force: Measurement
 ) -> ClosingAnswer | None:
     """Return size, and secant stiffness at the settled force; None with few steps.
 
-    `give`: of pads, fingers and servo.
+    `compliance`: of pads, fingers and servo.
     `opening_mm`: final opening, zero taken out.
     `force`: settled force there, newtons.
 
     A spring of 2 N/mm in a gripper with a compliance of 0.2 mm/N:
 
     >>> force_n = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 6.0])
-    >>> give = Compliance(slope_mm_per_n=0.2, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.02,
-    ...     largest_force_n=15.0)
+    >>> compliance = Compliance(slope_mm_per_n=0.2, pad_mm=(0.0,) * 5, zero_mm=0.0,
+    ...     residual_mm=0.02, largest_force_n=15.0)
     >>> curve = ClosingSteps(width_mm=40.0 - 0.7 * force_n, force_n=force_n, gain_sd=0.03,
     ...     law_sd=0.05, floor_n=0.02)
     >>> held = Measurement(value=6.0, low=5.6, high=6.4, unit="n", level=0.9)
-    >>> size_mm, stiffness = measure_closing(curve, give=give, opening_mm=35.8, force=held)
+    >>> size_mm, stiffness = measure_closing(curve, compliance=compliance, opening_mm=35.8,
+    ...     force=held)
     >>> stiffness.low < 2.0 < stiffness.high, abs(stiffness.value - 2.0) < 0.1
     (True, True)
     >>> size_mm
@@ -143,13 +144,15 @@ def measure_closing(
     curve = replace(curve, gain_sd=min(curve.gain_sd, float(log_sd)))
     # A fixed seed: the same touch gives the same answer.
     rng = np.random.default_rng(0)
-    held = _posterior(curve, give=give, rng=rng)
+    held = _posterior(curve, compliance=compliance, rng=rng)
     own_sd = float(np.sqrt(max(log_sd**2 - curve.gain_sd**2, 0.0) + _FORECAST_SD**2))
     log_force = np.log(force.middle) + own_sd * rng.standard_normal(_DRAWS)
     unseen = _UNSEEN + _UNSEEN_SD * rng.standard_normal(_DRAWS)
     log_force += held.end_gain + np.where(rng.random(_DRAWS) < _FRUIT_SHARE, unseen, 0.0)
     force_n = np.exp(log_force)
-    deformed = held.size_mm - opening_mm - held.give * give.give_mm(force_n)
+    deformed = (
+        held.size_mm - opening_mm - held.compliance_factor * compliance.deflection_mm(force_n)
+    )
     possible = deformed > force_n / STIFFEST_N_PER_MM
     deformed = np.where(possible, deformed, force_n / STIFFEST_N_PER_MM)
     relaxed = log_force - np.log(held.scale) - held.shape * np.log(deformed)
@@ -158,7 +161,7 @@ def measure_closing(
     rigid = weight.sum() < 1e-3 * _DRAWS
     weight = np.ones_like(weight) if rigid else weight
     low, value, high = _quantiles(held.size_mm, weight, [tail, 0.5, 1 - tail])
-    zero_mm = float(ndtri(1 - tail)) * math.hypot(give.residual_mm, _BLOCK_SD_MM)
+    zero_mm = float(ndtri(1 - tail)) * math.hypot(compliance.residual_mm, _BLOCK_SD_MM)
     size_mm = Measurement(
         value=value,
         low=value - math.hypot(value - low, zero_mm),
@@ -187,13 +190,15 @@ def _quantiles(values: FloatArray, weight: FloatArray, at: list[float]) -> tuple
     return tuple(np.interp(at, reached / weight.sum(), values[order]).tolist())
 
 
-def _posterior(curve: ClosingSteps, *, give: Compliance, rng: np.random.Generator) -> _Posterior:
+def _posterior(
+    curve: ClosingSteps, *, compliance: Compliance, rng: np.random.Generator
+) -> _Posterior:
     """Weigh the grid twice, the second time around the scale found, and draw from it."""
     scales = np.geomspace(0.02, STIFFEST_N_PER_MM, _SCALES)
-    seen = scales[_weigh(curve, give, scales).weight.sum(axis=(0, 1, 3)) > 1e-5]
+    seen = scales[_weigh(curve, compliance, scales).weight.sum(axis=(0, 1, 3)) > 1e-5]
     step = scales[1] / scales[0]
     scales = np.geomspace(seen[0] / step, seen[-1] * step, _SCALES)
-    grid = _weigh(curve, give, scales)
+    grid = _weigh(curve, compliance, scales)
     places = np.searchsorted(np.cumsum(grid.weight), (np.arange(_DRAWS) + 0.5) / _DRAWS)
     places = rng.permutation(np.minimum(places, grid.weight.size - 1))
     gain, shape, scale, _ = np.unravel_index(places, grid.weight.shape)
@@ -208,7 +213,7 @@ def _posterior(curve: ClosingSteps, *, give: Compliance, rng: np.random.Generato
         scale=scales[scale],
         shape=np.array(list(_SHAPES))[shape],
         end_gain=_gains(curve)[gain] + further + tilt * curve.samples.above[-1],
-        give=1.0 + more,
+        compliance_factor=1.0 + more,
     )
 
 
@@ -219,15 +224,15 @@ def _gains(curve: ClosingSteps) -> FloatArray:
     return np.asarray(curve.own_gain_sd * kept * middles)
 
 
-def _weigh(curve: ClosingSteps, give: Compliance, scales: FloatArray) -> _Grid:
+def _weigh(curve: ClosingSteps, compliance: Compliance, scales: FloatArray) -> _Grid:
     """Weigh each place of the grid by the scatter of its contact over the steps."""
-    touch_mm, design = _contact_equations(curve, give, scales)
+    touch_mm, design = _contact_equations(curve, compliance, scales)
     scatters = np.array(list(_SCATTERS))
     doubt = scatters[:, None] ** 2 + (curve.floor_n / curve.samples.read_n) ** 2
-    sharp_mm = max(give.residual_mm, _SHARPEST_MM)
+    sharp_mm = max(compliance.residual_mm, _SHARPEST_MM)
     weight = 1.0 / (sharp_mm**2 + design[..., None, :, 1] ** 2 * doubt)
     gain_sd = max(_SOLVED_SHARE * curve.own_gain_sd, 1e-3)
-    known = np.array([np.inf, gain_sd, tilt_sd(curve.law_sd), LAG_SD, _GIVE_SD])
+    known = np.array([np.inf, gain_sd, tilt_sd(curve.law_sd), LAG_SD, _COMPLIANCE_SD])
     # From the middle: sums of squares of whole widths would lose the digits that count.
     middle_mm = float(touch_mm.mean())
     off_mm = touch_mm - middle_mm
@@ -242,7 +247,7 @@ def _weigh(curve: ClosingSteps, give: Compliance, scales: FloatArray) -> _Grid:
     mean[..., 0] += middle_mm
     if not curve.is_certain[0]:
         variance = np.linalg.inv(precision)[..., 0, 0] + sharp_mm**2
-        evidence += _bound_size(curve, give, scales, mean[..., 0], np.sqrt(variance))
+        evidence += _bound_size(curve, compliance, scales, mean[..., 0], np.sqrt(variance))
         evidence += _SLOPE_POWER * np.log(-design[..., 1]).sum(axis=-1)[..., None]
     evidence += np.log(list(_SHAPES.values()))[:, None, None] + np.log(list(_SCATTERS.values()))
     likely = np.exp(evidence - evidence.max())
@@ -250,7 +255,7 @@ def _weigh(curve: ClosingSteps, give: Compliance, scales: FloatArray) -> _Grid:
 
 
 def _contact_equations(
-    curve: ClosingSteps, give: Compliance, scales: FloatArray
+    curve: ClosingSteps, compliance: Compliance, scales: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return where contact began by each step, and what moves that.
 
@@ -259,20 +264,22 @@ def _contact_equations(
     """
     samples = curve.samples
     log_n = np.log(samples.read_n) + _gains(curve)[:, None]
-    give_mm = give.give_mm(np.exp(log_n))
-    give_slope = (give.give_mm(1.01 * np.exp(log_n)) - give_mm) / 0.01
-    log_n, give_mm, give_slope = (a[:, None, None] for a in (log_n, give_mm, give_slope))
+    deflection_mm = compliance.deflection_mm(np.exp(log_n))
+    deflection_slope = (compliance.deflection_mm(1.01 * np.exp(log_n)) - deflection_mm) / 0.01
+    log_n, deflection_mm, deflection_slope = (
+        a[:, None, None] for a in (log_n, deflection_mm, deflection_slope)
+    )
     power = 1.0 / np.array(list(_SHAPES))[:, None, None]
     deformed = np.exp(power * (log_n - np.log(scales)[:, None]))
-    slope_mm = give_slope + power * deformed
-    moved = (-slope_mm, -slope_mm * samples.above, -slope_mm * samples.lagging, -give_mm)
+    slope_mm = deflection_slope + power * deformed
+    moved = (-slope_mm, -slope_mm * samples.above, -slope_mm * samples.lagging, -deflection_mm)
     design = np.stack(np.broadcast_arrays(np.ones_like(slope_mm), *moved), axis=-1)
-    return samples.width_mm + give_mm + deformed, design
+    return samples.width_mm + deflection_mm + deformed, design
 
 
 def _bound_size(
     curve: ClosingSteps,
-    give: Compliance,
+    compliance: Compliance,
     scales: FloatArray,
     size_mm: FloatArray,
     sd_mm: FloatArray,
@@ -283,7 +290,9 @@ def _bound_size(
     shows pixels that cancel each other.
     """
     power = 1.0 / np.array(list(_SHAPES))[:, None, None]
-    faint_mm = (curve.faint_n / scales[:, None]) ** power + float(give.give_mm(curve.faint_n))
+    faint_mm = (curve.faint_n / scales[:, None]) ** power + float(
+        compliance.deflection_mm(curve.faint_n)
+    )
     beyond_mm = float(curve.width_mm[: np.argmax(curve.is_certain)].min()) + faint_mm
     return np.asarray(log_ndtr((beyond_mm - size_mm) / sd_mm))
 

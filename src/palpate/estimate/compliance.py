@@ -50,8 +50,8 @@ class Compliance:
         as the force rises.
 
         >>> force = np.array([0.0, 2.0, 4.0, 8.0])
-        >>> give = Compliance.fit(force, width_mm=40.0 - 0.2 * force, block_mm=40.0)
-        >>> round(give.slope_mm_per_n, 6), give.give_mm(5.0).round(6).tolist()
+        >>> compliance = Compliance.fit(force, width_mm=40.0 - 0.2 * force, block_mm=40.0)
+        >>> round(compliance.slope_mm_per_n, 6), compliance.deflection_mm(5.0).round(6).tolist()
         (0.2, 1.0)
         """
         force = np.asarray(force_n, dtype=float)
@@ -76,7 +76,7 @@ class Compliance:
             largest_force_n=float(force.max()),
         )
 
-    def give_mm(self, force_n: ArrayLike) -> FloatArray:
+    def deflection_mm(self, force_n: ArrayLike) -> FloatArray:
         """Return the gripper's deflection, mm, of the shape of the forces."""
         force = np.asarray(force_n, dtype=float)
         pads = -np.expm1(-force[..., None] / _PAD_FORCES_N) @ np.array(self.pad_mm)
@@ -98,7 +98,7 @@ class SoftFingerCompliance:
     #: How far they close per pressure while nothing is in the way.
     mm_per_kpa: float
     #: How far less under a force.
-    give: Compliance
+    compliance: Compliance
 
     @classmethod
     def fit(
@@ -113,7 +113,7 @@ class SoftFingerCompliance:
         >>> force_n = np.tile([0.5, 1.0, 2.0, 3.0, 4.0], 2)
         >>> bend = SoftFingerCompliance.fit((74 - block_mm + 3.5 * force_n) / 1.4, force_n=force_n,
         ...     block_mm=block_mm)
-        >>> round(bend.mm_per_kpa, 3), round(bend.give.slope_mm_per_n, 2)
+        >>> round(bend.mm_per_kpa, 3), round(bend.compliance.slope_mm_per_n, 2)
         (1.4, 3.5)
         """
         pressure, force, block = (
@@ -130,5 +130,5 @@ class SoftFingerCompliance:
             raise CalibrationError(
                 "fingers driven by pressure: a smaller block must be touched at a higher pressure"
             )
-        give = Compliance.fit(force, width_mm=-pressure / per_mm, block_mm=block)
-        return cls(mm_per_kpa=1.0 / per_mm, give=give)
+        compliance = Compliance.fit(force, width_mm=-pressure / per_mm, block_mm=block)
+        return cls(mm_per_kpa=1.0 / per_mm, compliance=compliance)

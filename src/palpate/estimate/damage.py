@@ -54,7 +54,7 @@ class DamageModel:
     ----------
     strengths : mapping of str to Strength
         Prediction of the rupture force, by kind; ``""`` serves the kinds that have none.
-    low_shares : mapping of str to float
+    low_fractions : mapping of str to float
         Lower bound as a fraction of the prediction, by kind.
     rate : float
         Fraction of objects that may be damaged at the limit, between 0 and 1.
@@ -66,7 +66,7 @@ class DamageModel:
     """
 
     strengths: Mapping[str, Strength]
-    low_shares: Mapping[str, float]
+    low_fractions: Mapping[str, float]
     rate: float = NOMINAL_RATE
 
     def __post_init__(self) -> None:
@@ -77,7 +77,7 @@ class DamageModel:
         """Return the rupture force from one state of a closing curve (kind ``""``: not known)."""
         kind = kind if kind in self.strengths else ""
         predicted_n = self.strengths[kind].predict_n(state)
-        low_n = max(self.low_shares[kind] * predicted_n, state.force_n)
+        low_n = max(self.low_fractions[kind] * predicted_n, state.force_n)
         return RupturePrediction(state.force_n, predicted_n, low_n)
 
     def bound_n(self, stiffness: Measurement, *, kind: str = "") -> float:
@@ -133,14 +133,14 @@ def fit_damage_model(
     limits_n = np.asarray(rupture_force_n, dtype=np.float64)
     counts = {kind: list(kinds).count(kind) for kind in sorted(set(kinds))}
     known = [kind for kind, count in counts.items() if by_kind and count >= 2 * FEWEST_CLOSINGS]
-    strengths, low_shares = {}, {}
+    strengths, low_fractions = {}, {}
     for kind in ("", *known):
         chosen = [i for i in range(len(paths)) if kind in ("", kinds[i])]
         strengths[kind] = fit_strength(
             [paths[i] for i in chosen], rupture_force_n=limits_n[chosen].tolist()
         )
-        low_shares[kind] = _low_share([paths[i] for i in chosen], limits_n[chosen])
-    return DamageModel(strengths=strengths, low_shares=low_shares, rate=rate)
+        low_fractions[kind] = _low_share([paths[i] for i in chosen], limits_n[chosen])
+    return DamageModel(strengths=strengths, low_fractions=low_fractions, rate=rate)
 
 
 def _low_share(paths: Sequence[Path], limits_n: NDArray[np.float64]) -> float:

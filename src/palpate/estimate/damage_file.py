@@ -87,7 +87,7 @@ class DamageFile:
         checked = self.held_out.get(kind)
         return {
             **_round_all(asdict(self.model.strengths[kind])),
-            "low_share": round(self.model.low_shares[kind], _DIGITS),
+            "low_share": round(self.model.low_fractions[kind], _DIGITS),
             "held_out": None if checked is None else _round_all(asdict(checked)),
         }
 
@@ -181,7 +181,7 @@ def _read(document: Any) -> DamageFile:
                 kind: Strength(**{name: getattr(stored, name) for name in _STRENGTH})
                 for kind, stored in kinds.items()
             },
-            low_shares={kind: stored.low_share for kind, stored in kinds.items()},
+            low_fractions={kind: stored.low_share for kind, stored in kinds.items()},
         ),
         closings=read.closings,
         learned_from=read.learned_from,

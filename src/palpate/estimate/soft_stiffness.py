@@ -35,7 +35,7 @@ _FORCES = 200
 
 
 def measure_soft_stiffness(
-    curve: ClosingSteps, *, give: Compliance, opening_mm: float, force: Measurement
+    curve: ClosingSteps, *, compliance: Compliance, opening_mm: float, force: Measurement
 ) -> Measurement | None:
     """Return the object's secant stiffness at the settled force; None with too little force.
 
@@ -48,7 +48,7 @@ def measure_soft_stiffness(
 
     Fingers of 3.5 mm/N with contact at 40 mm, on 0.5 N/mm and on a rigid object:
 
-    >>> give = Compliance(slope_mm_per_n=3.5, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.1,
+    >>> compliance = Compliance(slope_mm_per_n=3.5, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.1,
     ...     largest_force_n=15.0)
     >>> held = Measurement(value=4.0, low=3.6, high=4.4, unit="n", level=0.9)
     >>> force_n = np.array([0.0, 0.5, 2.0, 4.0])
@@ -56,21 +56,22 @@ def measure_soft_stiffness(
     ...     width_mm = 40.0 - (3.5 + own_mm_per_n) * force_n
     ...     curve = ClosingSteps(width_mm=width_mm, force_n=force_n, gain_sd=0.05,
     ...         law_sd=0.1, floor_n=0.02)
-    ...     found = measure_soft_stiffness(curve, give=give, opening_mm=width_mm[-1], force=held)
+    ...     found = measure_soft_stiffness(curve, compliance=compliance, opening_mm=width_mm[-1],
+    ...         force=held)
     ...     print(found.low < 0.5 < found.high, found.status)
     True ok
     False saturated
     """
     if not curve.is_certain.any() or force.middle <= 0:
         return None
-    together = _measure_compliance(curve, give, opening_mm, force.middle)
+    together = _measure_compliance(curve, compliance, opening_mm, force.middle)
     if together is None:
         return None
     log_mm_per_n, ways_sd = together
     reach = float(ndtri(0.5 + force.level / 2))
     force_sd = math.log(force.high / max(force.low, 1e-3 * force.middle)) / (2 * reach)
     sd = math.hypot(force_sd, ways_sd)
-    hand_mm_per_n = float(give.give_mm(force.middle)) / force.middle
+    hand_mm_per_n = float(compliance.deflection_mm(force.middle)) / force.middle
     beyond = (log_mm_per_n - math.log(hand_mm_per_n)) / sd
     least, most = interval_above_zero(beyond, freedom=_FREEDOM, level=force.level)
     middle = middle_above_zero(beyond, freedom=_FREEDOM)
@@ -94,7 +95,7 @@ def _stiffness_n_per_mm(softness_mm_per_n: float) -> float:
 
 
 def _measure_compliance(
-    curve: ClosingSteps, give: Compliance, opening_mm: float, force_n: float
+    curve: ClosingSteps, compliance: Compliance, opening_mm: float, force_n: float
 ) -> tuple[float, float] | None:
     """Return ln compliance (mm/N) of gripper and object, and its scatter without the force's.
 
@@ -114,10 +115,10 @@ def _measure_compliance(
         # One step before without reading, the force was at most a faint one.
         step_mm = float(curve.width_mm[first - 1]) - touched_mm
         most_n = curve.faint_n + step_mm / softness
-        doubt_n = np.hypot(curve.floor_n, give.residual_mm / softness)
+        doubt_n = np.hypot(curve.floor_n, compliance.residual_mm / softness)
         likely = likely * ndtr((most_n - then_n) / doubt_n)
     if not likely.sum() > 0:
         return None
     mean = float(np.average(np.log(softness), weights=likely))
     spread = float(np.average((np.log(softness) - mean) ** 2, weights=likely))
-    return mean, math.hypot(math.sqrt(spread), give.residual_mm / way_mm)
+    return mean, math.hypot(math.sqrt(spread), compliance.residual_mm / way_mm)

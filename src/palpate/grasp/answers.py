@@ -110,7 +110,7 @@ def _widen(one: SettledEstimate, *, by: float, unit: str) -> Measurement:
 
 def _keep_plausible(reading: Measurement, *, now: float) -> Measurement:
     """Return the forecast, or the present reading if the forecast is implausible."""
-    least, most = now / SETTLE.kept_factor, now * SETTLE.kept_factor
+    least, most = now / SETTLE.max_change_ratio, now * SETTLE.max_change_ratio
     if now <= 0 or least <= reading.middle <= most:
         return reading
     return replace(reading, value=now, low=least, high=most, status=Status.FELL_BACK)
@@ -161,11 +161,13 @@ def _bound_by_travel(
     more than the hand closed since the one, and by no less than since the other, less what the hand
     itself gives.
     """
-    give = plan.give if plan.bend is None else plan.bend.give
-    if give is None or not estimate.steps:
+    compliance = plan.gripper_compliance
+    if compliance is None or not estimate.steps:
         return None, None
     unfelt = [
-        step.closure for step in estimate.steps if step.touch.deepest_percent > READING.felt_percent
+        step.closure
+        for step in estimate.steps
+        if step.touch.deepest_percent > READING.contact_percent
     ]
     pressed = [
         step.closure for step in estimate.steps if step.touch.shared_percent <= plan.hint_percent
@@ -173,7 +175,7 @@ def _bound_by_travel(
     begin = unfelt[-1] if unfelt else estimate.steps[0].closure - APPROACH.overrun_steps * plan.step
     longest_mm = mm_per_unit(plan) * (estimate.closure - begin)
     surely_mm = mm_per_unit(plan) * (estimate.closure - pressed[0]) if pressed else 0.0
-    held_mm = mm_per_unit(plan) * _opening(plan, estimate.closure) - give.zero_mm
+    held_mm = mm_per_unit(plan) * _opening(plan, estimate.closure) - compliance.zero_mm
     size_mm = Measurement(
         value=held_mm + 0.5 * (longest_mm + surely_mm),
         low=held_mm + surely_mm,
@@ -181,10 +183,10 @@ def _bound_by_travel(
         unit="mm",
         level=force.level,
     )
-    shortest_mm = surely_mm - float(give.give_mm(force.high))
+    shortest_mm = surely_mm - float(compliance.deflection_mm(force.high))
     # The first reading may include as much force as the scatter of faint readings.
     begun_n = FELT * floor_n(plan)
-    own_mm = longest_mm - float(give.give_mm(force.middle))
+    own_mm = longest_mm - float(compliance.deflection_mm(force.middle))
     low, high, value = (
         min(max(force_n / max(way_mm, 1e-3), SOFTEST_N_PER_MM), STIFFEST_N_PER_MM)
         for force_n, way_mm in (
@@ -209,7 +211,7 @@ def measure_settled_force(
     interval, carried through the law.
     """
     reading = settled.reading
-    more_sd = float(np.hypot(SETTLE.since_sd, SETTLE.relaxed_sd))
+    more_sd = float(np.hypot(SETTLE.drift_sd, SETTLE.relaxation_sd))
     law = Gain.from_calibration(law_sd=plan.settled_law.residual_sd, more_sd=more_sd).apply_to(
         plan.settled_law.force_n([reading.middle, reading.low, reading.high], level=plan.level)
     )
@@ -225,8 +227,8 @@ def measure_settled_force(
         reach = float(ndtri(0.5 + plan.level / 2))
         relaxed = replace(
             felt,
-            force_n=SETTLE.relaxed * felt.force_n,
-            log_sd=float(np.hypot(felt.log_sd, SETTLE.relaxed_sd)),
+            force_n=SETTLE.relaxation_ratio * felt.force_n,
+            log_sd=float(np.hypot(felt.log_sd, SETTLE.relaxation_sd)),
         )
         gain = Gain.from_calibration(law_sd=0.5 * (down + up) / reach).update(
             relaxed, sheet_n=value
@@ -261,15 +263,17 @@ def _measure(
     found = _closing_curve(estimate, plan)
     if found is None:
         return None, None
-    curve, give = found
-    opening_mm = mm_per_unit(plan) * _opening(plan, estimate.closure) - give.zero_mm
+    curve, compliance = found
+    opening_mm = mm_per_unit(plan) * _opening(plan, estimate.closure) - compliance.zero_mm
     if plan.bend is None:
-        answer = measure_closing(curve, give=give, opening_mm=opening_mm, force=force)
+        answer = measure_closing(curve, compliance=compliance, opening_mm=opening_mm, force=force)
         return answer or (None, None)
-    return None, measure_soft_stiffness(curve, give=give, opening_mm=opening_mm, force=force)
+    return None, measure_soft_stiffness(
+        curve, compliance=compliance, opening_mm=opening_mm, force=force
+    )
 
 
-def count_felt_steps(estimate: ContactEstimate, plan: Plan) -> int:
+def count_contact_steps(estimate: ContactEstimate, plan: Plan) -> int:
     """Return how many steps of the closing a stiffness can be estimated from."""
     found = _closing_curve(estimate, plan)
     return 0 if found is None else int(np.count_nonzero(found[0].is_certain))
@@ -281,21 +285,21 @@ def _closing_curve(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingSteps,
     Fingers driven by pressure close by their compliance per pressure; with them the compliance that
     is taken out. None where neither is known, or nothing was touched.
     """
-    give = plan.give if plan.bend is None else plan.bend.give
+    compliance = plan.gripper_compliance
     steps = _steps_from_touch(estimate, plan)
-    if give is None or not steps:
+    if compliance is None or not steps:
         return None
     width, felt, read = _read_steps(steps, estimate, plan)
     firmest = int(np.argmax(read.value))
     reach = float(ndtri(0.5 + plan.level / 2))
     curve = ClosingSteps(
-        width_mm=mm_per_unit(plan) * width - give.zero_mm,
+        width_mm=mm_per_unit(plan) * width - compliance.zero_mm,
         force_n=np.where(felt, read.value, 0.0),
         gain_sd=float(np.log(read.high[firmest] / read.value[firmest])) / reach,
         law_sd=estimate.gain.law_sd,
         floor_n=floor_n(plan),
     )
-    return curve, give
+    return curve, compliance
 
 
 def _read_steps(
@@ -308,7 +312,7 @@ def _read_steps(
     return (
         np.array([_opening(plan, step.closure) for step in steps]),
         # Pixels that rise may cancel the fall of others.
-        (shared_percent < READING.felt_percent) & (read.value > 0.0),
+        (shared_percent < READING.contact_percent) & (read.value > 0.0),
         read,
     )
 

@@ -67,11 +67,11 @@ def touch_finely(state: GraspState, plan: Plan) -> GripperCommand | None:
 def _continue(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Continue closing: in fine steps near a possible contact, otherwise at speed."""
     estimate, attempt = state.estimate, state.attempt
-    felt = bool(estimate.touches) and estimate.now.deepest_percent <= READING.felt_percent
+    felt = bool(estimate.touches) and estimate.now.deepest_percent <= READING.contact_percent
     # A weak object may not withstand a full step more; its limit is not known yet.
     if attempt.proving_from is not None or (plan.damage is not None and felt):
         return close_by(estimate, plan.fine_step, plan)
-    if not estimate.closure <= attempt.swept_to + approach_step(plan):
+    if not estimate.closure <= attempt.sweep_end + approach_step(plan):
         start_sweep(state, plan)
         return None
     # One finger alone pushes the object to the middle: the next touch is still to come.
@@ -80,8 +80,8 @@ def _continue(state: GraspState, plan: Plan) -> GripperCommand | None:
     if plan.damage is None and not felt and estimate.fast_contact is not None:
         # Up to close to what the hand met at speed the object has borne more already.
         closure, force_n = estimate.fast_contact
-        of_force = APPROACH.short_fraction * force_n / plan.steepest_n
-        short = max(of_force, APPROACH.short_steps * approach_step(plan))
+        of_force = APPROACH.return_gap_fraction * force_n / plan.steepest_n
+        short = max(of_force, APPROACH.return_gap_steps * approach_step(plan))
         step = max(step, closure - short - estimate.closure)
     return close_by(estimate, step, plan)
 
@@ -104,7 +104,7 @@ def confirm(state: GraspState, plan: Plan) -> GripperCommand | None:
         state.enter(Activity.TOUCH)
         return None
     # It may have been noted already where the sweep ended.
-    felt_s, moments = state.attempt.felt_s, state.result.moments
+    felt_s, moments = state.attempt.sweep_contact_s, state.result.moments
     known = felt_s is not None and any(m.name == "contact" and m.time_s > felt_s for m in moments)
     state.enter(Phase.SQUEEZE, note=None if known else "contact")
     return None
@@ -160,7 +160,9 @@ def start_sweep(state: GraspState, plan: Plan, *, rows: tuple[int, ...] | None =
     if not slowed and near - estimate.closure > approach_step(plan):
         # An expectation may be wrong: no command goes further than is safe, whatever is there.
         safe = safe_step(estimate, plan)
-        hasty_s = _command_s(estimate, frames=APPROACH.haste_frames) + plan.safety.latency_s
+        hasty_s = (
+            _command_s(estimate, frames=APPROACH.fast_lookahead_frames) + plan.safety.latency_s
+        )
         end, rate = near, max(rate, min(safe / hasty_s, plan.gripper.fastest))
     most_n = math.inf
     if rows is not None:
@@ -183,13 +185,13 @@ def _free_closure(plan: Plan) -> float:
     """Return the closure up to which an expected object can't be there yet."""
     if plan.expect_size_mm is None:
         return 0.0
-    width_mm = plan.expect_size_mm + APPROACH.expected_mm
+    width_mm = plan.expect_size_mm + APPROACH.size_error_mm
     if plan.gripper.drive == "width":
-        zero_mm = 0.0 if plan.give is None else plan.give.zero_mm
+        zero_mm = 0.0 if plan.compliance is None else plan.compliance.zero_mm
         return plan.gripper.highest - (width_mm + zero_mm)
     if plan.bend is None:
         return 0.0
-    return -(width_mm + plan.bend.give.zero_mm) / plan.bend.mm_per_kpa - plan.gripper.lowest
+    return -(width_mm + plan.bend.compliance.zero_mm) / plan.bend.mm_per_kpa - plan.gripper.lowest
 
 
 def continue_sweep(state: GraspState, plan: Plan) -> GripperCommand | None:
@@ -203,7 +205,7 @@ def continue_sweep(state: GraspState, plan: Plan) -> GripperCommand | None:
     if sweep.time_s and (frozen or gripped or sweep.is_touching(plan.current)):
         return _end_sweep(state, stop_here(estimate, plan))
     near = sweep.end < plan.gripper.span
-    frames = APPROACH.haste_frames if near else APPROACH.ahead_frames
+    frames = APPROACH.fast_lookahead_frames if near else APPROACH.lookahead_frames
     ahead = sweep.rate * _command_s(estimate, frames=frames)
     if near and estimate.closure >= sweep.end - ahead:
         # Before it stops there: that would read like a touch.
@@ -214,13 +216,13 @@ def continue_sweep(state: GraspState, plan: Plan) -> GripperCommand | None:
     target = quantize_target(min(estimate.closure + ahead, sweep.end), plan)
     further = closure_of(target, plan) > estimate.sent + plan.resolution / 2
     # A hand that does not move is sent on now and then, so that it is noticed.
-    if not further and estimate.now_s - estimate.moved_s < APPROACH.idle_s:
+    if not further and estimate.now_s - estimate.moved_s < APPROACH.resend_s:
         return None
     return GripperCommand(target=target, rate=sweep.rate)
 
 
 def _end_sweep(state: GraspState, command: GripperCommand | None) -> GripperCommand | None:
-    state.attempt.swept_to = state.estimate.closure
+    state.attempt.sweep_end = state.estimate.closure
     state.enter(Activity.LOOK)
     return command
 
@@ -230,31 +232,31 @@ def _command_s(estimate: ContactEstimate, *, frames: float) -> float:
 
     If no more comes, the hand stops of its own.
     """
-    return frames * estimate.period_s + APPROACH.ahead_s
+    return frames * estimate.period_s + APPROACH.lookahead_s
 
 
 def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Classify the end of a sweep: contact of both fingers, of one, or of none."""
     estimate, attempt = state.estimate, state.attempt
-    if estimate.still_s < APPROACH.stand_s or not estimate.touches:
+    if estimate.still_s < APPROACH.stop_quiet_s or not estimate.touches:
         return None
     assert estimate.sweep is not None
     now, travel = estimate.now, estimate.closure - estimate.sweep.begin
     estimate.sweep = None
     force = plan.early_law.force_n(now.reading, level=plan.level)
-    if now.shared_percent > READING.felt_percent:
-        pushes = now.deepest_percent <= READING.felt_percent
-        alone = pushes and now.shared_percent > APPROACH.alone_fraction * now.deepest_percent
+    if now.shared_percent > READING.contact_percent:
+        pushes = now.deepest_percent <= READING.contact_percent
+        alone = pushes and now.shared_percent > APPROACH.one_finger_fraction * now.deepest_percent
         if alone and float(force.value) <= plan.no_push_n and travel > approach_step(plan):
             start_sweep(state, plan, rows=_rows_without_contact(now, plan))
             return None
         # Nothing, or one finger alone and no way gained: on in small steps.
-        pushed = APPROACH.back_steps * plan.step if pushes else 0.0
-        attempt.swept_to = estimate.closure + pushed
+        pushed = APPROACH.max_return_steps * plan.step if pushes else 0.0
+        attempt.sweep_end = estimate.closure + pushed
         state.enter(Activity.TOUCH)
         return None
     estimate.set_force(float(force.value), float(force.high))
-    attempt.felt_s = estimate.moved_s
+    attempt.sweep_contact_s = estimate.moved_s
     if now.shared_percent <= plan.hint_percent or _is_pressed(estimate, plan):
         state.note("contact")
     state.enter(Activity.TOUCH)
@@ -263,7 +265,7 @@ def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
         return None
     estimate.fast_contact = (estimate.closure, estimate.force_n)
     estimate.released_s, estimate.residual = estimate.now_s, None
-    return _open_by(estimate, approach_step(plan) + 0.5 * plan.step + plan.play, plan)
+    return _open_by(estimate, approach_step(plan) + 0.5 * plan.step + plan.backlash, plan)
 
 
 def _open_by(estimate: ContactEstimate, travel: float, plan: Plan) -> GripperCommand:
@@ -276,7 +278,7 @@ def _rows_without_contact(now: Touch, plan: Plan) -> tuple[int, ...]:
 
     One finger alone pushes the object to the middle, and its own pixels change on the way.
     """
-    felt = np.array(now.finger_percent) <= READING.felt_percent
+    felt = np.array(now.finger_percent) <= READING.contact_percent
     return tuple(np.flatnonzero(~felt[list(plan.layout.finger_of_row)]).tolist())
 
 
@@ -288,11 +290,11 @@ def _record_residual(state: GraspState, plan: Plan) -> GripperCommand | None:
     """
     estimate, now = state.estimate, state.estimate.now
     if now.shared_percent <= plan.hint_percent:
-        furthest = state.attempt.swept_to - APPROACH.back_steps * plan.step
+        furthest = state.attempt.sweep_end - APPROACH.max_return_steps * plan.step
         if estimate.closure > max(furthest, plan.step):
             return _open_by(estimate, plan.step, plan)
         left_n = float(plan.early_law.force_n(now.reading).value)
-        if left_n > GUARDS.left_fraction * estimate.force_n:
+        if left_n > GUARDS.residual_fraction * estimate.force_n:
             state.add_fault(
                 "the sheet reads the same after the fingers withdrew as in contact; see "
                 "what `palpate doctor` reports"

@@ -19,20 +19,22 @@ _ENTRY = re.compile(r"(\w+) : (\S+ to \S+) (.+?), ([a-z ]+)\.\s+(.+)")
 class ReadingNumbers:
     """From frames and reports to an estimate.
 
-    now_s : 0.05 to 0.3 s, guess. Span of the frames whose mean is read as now.
-    now_frames : 2 to 6 frames, guess. Fewest frames that are read as now.
-    quiet_s : 0.2 to 0.5 s, twin. A movement's spike, and the sheet's answer, are over.
-    lag_s : 0.06 to 0.12 s, twin. A pixel hides its fall under a rising load.
-    felt_percent : -3 to -0.5 %, twin. A larger fall is a contact (ten times a mean's noise).
-    report_steps : 1 to 4 steps, datasheet. Error of a report, in steps of the drive.
+    now_s : 0.05 to 0.3 s, guess. Span of the frames averaged for the current reading.
+    now_frames : 2 to 6 frames, guess. Fewest frames averaged for the current reading.
+    quiet_s : 0.2 to 0.5 s, twin.
+        Time after a movement until its disturbance and the sheet's response are over.
+    lag_s : 0.06 to 0.12 s, twin. Time in which a rising load is hidden by the sheet's lag.
+    contact_percent : -3 to -0.5 %, twin.
+        Larger fall that counts as contact (ten times the noise of a mean).
+    report_error_steps : 1 to 4 steps, datasheet. Error of a position report, in steps of the drive.
     """
 
     now_s: float = 0.14
     now_frames: int = 3
     quiet_s: float = 0.3
     lag_s: float = 0.06
-    felt_percent: float = -1.0
-    report_steps: float = 3.0
+    contact_percent: float = -1.0
+    report_error_steps: float = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,82 +42,88 @@ class Approach:
     """Closing at speed, and the touch that ends it.
 
     overrun_steps : 1 to 3 steps, twin.
-        Travel from a touch until the hand stands. Less is a slower approach, by `start_sweep`.
-    ahead_frames : 1.25 to 4 frames, guess. Reach of a command ahead.
-    ahead_s : 0.01 to 0.05 s, guess. And beyond those frames.
-    haste_frames : 1 to 2 frames, guess. The same where no object is expected yet.
-    expected_mm : 2 to 10 mm, requirement. Error of an expected size.
-    stand_s : 0.15 to 0.4 s, twin. Spike of a movement at speed is over.
-    idle_s : 0.3 to 2 s, guess. A hand that does not move is sent again.
-    back_steps : 2 to 8 steps, guess. Furthest way back from a touch, or on where one finger pushes.
-    alone_fraction : 0.1 to 0.5 1, guess. One finger pushes alone below this ratio of both.
-    short_steps : 0.2 to 1 steps, twin. Second touch begins before the first, at least.
-    short_fraction : 0.5 to 1 1, twin.
-        Second touch begins before the first, of its force on a block.
+        Travel from contact until the hand stops; sets the speed of `start_sweep`.
+    lookahead_frames : 1.25 to 4 frames, guess.
+        How far ahead of the hand a command is, in frame periods.
+    lookahead_s : 0.01 to 0.05 s, guess. Added to the lookahead in frames.
+    fast_lookahead_frames : 1 to 2 frames, guess. The same lookahead before an expected object.
+    size_error_mm : 2 to 10 mm, requirement. Error of an expected size.
+    stop_quiet_s : 0.15 to 0.4 s, twin. Time after a stop at speed until its disturbance is over.
+    resend_s : 0.3 to 2 s, guess. Time without movement after which a command is sent again.
+    max_return_steps : 2 to 8 steps, guess.
+        Largest retreat from a contact, or advance while one finger pushes.
+    one_finger_fraction : 0.1 to 0.5 1, guess.
+        Below this ratio of the weaker to the stronger finger, one pushes alone.
+    return_gap_steps : 0.2 to 1 steps, twin.
+        Fine closing begins at least this far before the contact found at speed.
+    return_gap_fraction : 0.5 to 1 1, twin. The same gap, from the contact's force on a rigid block.
     """
 
     overrun_steps: float = 2.0
-    ahead_frames: float = 2.0
-    ahead_s: float = 0.02
-    haste_frames: float = 1.25
-    expected_mm: float = 5.0
-    stand_s: float = 0.21
-    idle_s: float = 0.7
-    back_steps: float = 4.0
-    alone_fraction: float = 0.3
-    short_steps: float = 0.4
-    short_fraction: float = 0.8
+    lookahead_frames: float = 2.0
+    lookahead_s: float = 0.02
+    fast_lookahead_frames: float = 1.25
+    size_error_mm: float = 5.0
+    stop_quiet_s: float = 0.21
+    resend_s: float = 0.7
+    max_return_steps: float = 4.0
+    one_finger_fraction: float = 0.3
+    return_gap_steps: float = 0.4
+    return_gap_fraction: float = 0.8
 
 
 @dataclass(frozen=True, slots=True)
 class TouchDetection:
     """Detection of a contact while the hand moves at constant speed.
 
-    history_s : 0.4 to 1 s, twin. Readings compared with.
-    latest_s : 0.004 to 0.07 s, guess. Readings taken as now.
-    steady_s : 0.3 to 0.6 s, twin. A movement's rise is steady.
-    level_s : 0.1 to 0.4 s, guess. Span of a movement's level.
-    slowed_s : 0.2 to 0.4 s, twin. Older fast movements do not count.
-    sd : 4 to 8 sd, twin. Change that is a touch.
-    fraction : 0.004 to 0.02 1, twin. Least change, and unseen noise; a slow fall is twice this.
-    gears_fraction : 0.1 to 0.3 1, guess. Friction of the gears is mapped no better.
+    baseline_s : 0.4 to 1 s, twin. Span of the readings compared with.
+    window_s : 0.004 to 0.07 s, guess. Span of the readings averaged for the current value.
+    steady_s : 0.3 to 0.6 s, twin. Time until the rise of a movement is constant.
+    level_s : 0.1 to 0.4 s, guess. Span in which the level of a movement is measured.
+    slowdown_s : 0.2 to 0.4 s, twin. Time after slowing down in which readings are not compared.
+    threshold_sd : 4 to 8 sd, twin.
+        Change that counts as contact, in standard deviations of the noise.
+    min_change : 0.004 to 0.02 1, twin.
+        Smallest change that counts as contact; twice this for a slow fall.
+    friction_error_fraction : 0.1 to 0.3 1, guess. Relative error of the calibrated gear friction.
     """
 
-    history_s: float = 0.6
-    latest_s: float = 0.016
+    baseline_s: float = 0.6
+    window_s: float = 0.016
     steady_s: float = 0.4
     level_s: float = 0.2
-    slowed_s: float = 0.25
-    sd: float = 6.0
-    fraction: float = 0.008
-    gears_fraction: float = 0.15
+    slowdown_s: float = 0.25
+    threshold_sd: float = 6.0
+    min_change: float = 0.008
+    friction_error_fraction: float = 0.15
 
 
 @dataclass(frozen=True, slots=True)
 class Squeeze:
     """Size of the next closing step.
 
-    force_fraction : 0.5 to 1 1, twin. Of the missing force that one step may add.
-    further : 1 to 2 1, guess. Of the depth so far that a step may add.
-    stiffening : 1.1 to 1.6 1, guess. Slope over that of the last steps.
-    most_of_target : 1.2 to 2 1, requirement. Of the target that no step exceeds.
-    most_beyond_n : 0.2 to 1 N, requirement. And beyond the target, no step exceeds.
-    near_fraction : 0.85 to 1 1, twin. Of the target where the squeeze ends.
-    sure_n : 0.1 to 0.3 N, twin. Rise that noise does not make.
-    soft_n_per_mm : 0.4 to 1.5 N/mm, study rupture. Softest fruit that is gripped.
-    listen_s : 0.05 to 0.3 s, guess. Least time of a step whose current is read.
-    firm_n_per_mm : 4 to 10 N/mm, twin. Stiffer needs no firmer squeeze.
+    force_fraction : 0.5 to 1 1, twin. Fraction of the missing force that one step may add.
+    depth_ratio : 1 to 2 1, guess. Largest step relative to the squeeze depth so far.
+    stiffening_ratio : 1.1 to 1.6 1, guess.
+        Allowed slope of the next step relative to that of the last steps.
+    max_target_ratio : 1.2 to 2 1, requirement. Force limit of a step relative to the target.
+    max_overshoot_n : 0.2 to 1 N, requirement. Added to that limit.
+    near_fraction : 0.85 to 1 1, twin. Fraction of the target at which the squeeze ends.
+    min_rise_n : 0.1 to 0.3 N, twin. Smallest rise of force that exceeds noise.
+    soft_n_per_mm : 0.4 to 1.5 N/mm, study rupture. Stiffness of the softest fruit that is gripped.
+    min_current_s : 0.05 to 0.3 s, guess. Shortest step in which the servo current is measured.
+    firm_n_per_mm : 4 to 10 N/mm, twin. Objects above this stiffness need no firmer squeeze.
     """
 
     force_fraction: float = 0.75
-    further: float = 1.2
-    stiffening: float = 1.3
-    most_of_target: float = 1.5
-    most_beyond_n: float = 0.5
+    depth_ratio: float = 1.2
+    stiffening_ratio: float = 1.3
+    max_target_ratio: float = 1.5
+    max_overshoot_n: float = 0.5
     near_fraction: float = 0.93
-    sure_n: float = 0.15
+    min_rise_n: float = 0.15
     soft_n_per_mm: float = 0.7
-    listen_s: float = 0.1
+    min_current_s: float = 0.1
     firm_n_per_mm: float = 6.0
 
 
@@ -123,27 +131,28 @@ class Squeeze:
 class Settle:
     """The settled force, and its corrections.
 
-    every_s : 0.07 to 0.5 s, guess. Between two forecasts.
-    since_sd : 0.03 to 0.1 ln, paper. Gain changes after calibration.
-    relaxed : 0.85 to 1 1, twin. Of the closing force left at 20 s.
-    relaxed_sd : 0.02 to 0.1 ln, twin. Scatter of that.
-    kept_factor : 1.5 to 3 1, guess. A reading of what is held changes by no more until 20 s.
-    haste_sd : 0.05 to 0.2 ln, twin. Lag of larger steps.
+    forecast_interval_s : 0.07 to 0.5 s, guess. Time between two forecasts.
+    drift_sd : 0.03 to 0.1 ln, paper. Change of the gain since calibration.
+    relaxation_ratio : 0.85 to 1 1, twin. Settled force at 20 s relative to the closing force.
+    relaxation_sd : 0.02 to 0.1 ln, twin. Scatter of that ratio.
+    max_change_ratio : 1.5 to 3 1, guess. Largest plausible change of a reading until 20 s.
+    step_lag_sd : 0.05 to 0.2 ln, twin. Uncertainty from the sheet's lag after larger steps.
     hysteresis_sd : 0.1 to 0.3 ln, guess. Hysteresis of soft fingers.
-    less_steep : 2 to 8 1, guess. A correction's slope may be less.
-    eased_fraction : 0.2 to 0.5 1, guess. Of the goal that the hand opens below it.
+    max_slope_drop : 2 to 8 1, guess. Largest factor by which a correction may lower the slope.
+    easing_fraction : 0.2 to 0.5 1, guess.
+        Fraction of the target force by which the hand opens below it.
     correction_s : 0.3 to 1 s, guess. Duration of a correction.
     """
 
-    every_s: float = 0.2
-    since_sd: float = 0.05
-    relaxed: float = 0.96
-    relaxed_sd: float = 0.03
-    kept_factor: float = 2.0
-    haste_sd: float = 0.12
+    forecast_interval_s: float = 0.2
+    drift_sd: float = 0.05
+    relaxation_ratio: float = 0.96
+    relaxation_sd: float = 0.03
+    max_change_ratio: float = 2.0
+    step_lag_sd: float = 0.12
     hysteresis_sd: float = 0.15
-    less_steep: float = 4.0
-    eased_fraction: float = 0.3
+    max_slope_drop: float = 4.0
+    easing_fraction: float = 0.3
     correction_s: float = 0.5
 
 
@@ -151,96 +160,113 @@ class Settle:
 class Guards:
     """Thresholds of the monitors of sheet, gripper and grip.
 
-    patience_s : 1 to 10 s, guess. A sheet comes to rest; the first frames come; a pixel moves.
-    sheet_factor : 2 to 4 1, twin. Drift of a sheet's rest.
-    pixel_factor : 1.3 to 2 1, twin. Drift of a pixel's rest against the others'.
-    too_far : 1.1 to 1.5 1, guess. Of the target that ends a movement.
-    late_s : 0.06 to 0.12 s, twin. The sheet shows a rising force this late.
-    lost_fraction : 0.2 to 0.5 1, twin. Of a grip that is left: gone.
-    left_fraction : 0.6 to 0.85 1, guess. Of a touch still read after the way back.
-    falls_fraction : 0.005 to 0.03 1, study faults. Fall of the reading at each closing step.
-    falls_steps : 3 to 5 steps, study faults. Steps that fall in a row.
-    rises_fraction : 0.05 to 0.2 1, study faults. Rise of the reading while opening.
-    alone_hints : 1.5 to 4 hints, study faults. A hint is -3 %. One finger grips, the other not.
-    opening_s : 5 to 30 s, guess. Longest opening.
-    idle_commands : 3 to 8 commands, guess. Without any movement.
-    idle_fraction : 0.2 to 0.5 1, guess. Of the way, or no movement.
-    shown_fraction : 0.003 to 0.02 1, guess. Of the travel, a way that shows anything.
-    range_fraction : 0.05 to 0.2 1, guess. Of the travel, a report beyond the gripper's range.
-    too_fast : 1.3 to 2 1, guess. Of the rate that was sent.
-    most_ma : 5000 to 50000 mA, datasheet. Of any such motor.
-    intervals : 9 to 31 frames, guess. Whose median is the period.
+    patience_s : 1 to 10 s, guess.
+        Longest wait for a stable sheet, first frames, or a changing pixel.
+    sheet_factor : 2 to 4 1, twin. Largest drift of the sheet's rest resistance.
+    pixel_factor : 1.3 to 2 1, twin.
+        Largest drift of one pixel's rest resistance relative to the others.
+    max_force_ratio : 1.1 to 1.5 1, guess.
+        Force relative to the target at which a movement is stopped.
+    sheet_lag_s : 0.06 to 0.12 s, twin. Delay with which the sheet shows a rising force.
+    lost_fraction : 0.2 to 0.5 1, twin.
+        Fraction of the grip's reading below which the object is gone.
+    residual_fraction : 0.6 to 0.85 1, guess.
+        Fraction of the contact's force still read after opening: sheet failed.
+    fall_fraction : 0.005 to 0.03 1, study faults.
+        Fall of the reading at a closing step that counts as wrong.
+    fall_steps : 3 to 5 steps, study faults. Consecutive falling steps that raise the alarm.
+    rise_fraction : 0.05 to 0.2 1, study faults.
+        Rise of the reading while opening that raises the alarm.
+    one_finger_hints : 1.5 to 4 hints, study faults.
+        Reading, in hints of -3 %, at which one finger grips alone.
+    max_opening_s : 5 to 30 s, guess. Longest opening.
+    idle_commands : 3 to 8 commands, guess. Commands without movement that raise the alarm.
+    idle_fraction : 0.2 to 0.5 1, guess.
+        Fraction of the expected travel below which the hand did not move.
+    min_travel_fraction : 0.003 to 0.02 1, guess.
+        Smallest expected travel, relative to the range, that is evaluated.
+    range_fraction : 0.05 to 0.2 1, guess.
+        Distance outside the range, relative to it, at which a report is impossible.
+    max_speed_ratio : 1.3 to 2 1, guess. Largest speed relative to the commanded speed.
+    max_current_ma : 5000 to 50000 mA, datasheet. Largest current of such a motor.
+    period_frames : 9 to 31 frames, guess. Frame intervals whose median is the frame period.
     """
 
     patience_s: float = 3.0
     sheet_factor: float = 2.5
     pixel_factor: float = 1.6
-    too_far: float = 1.25
-    late_s: float = 0.1
+    max_force_ratio: float = 1.25
+    sheet_lag_s: float = 0.1
     lost_fraction: float = 0.35
-    left_fraction: float = 0.75
-    falls_fraction: float = 0.01
-    falls_steps: int = 3
-    rises_fraction: float = 0.1
-    alone_hints: float = 2.0
-    opening_s: float = 10.0
+    residual_fraction: float = 0.75
+    fall_fraction: float = 0.01
+    fall_steps: int = 3
+    rise_fraction: float = 0.1
+    one_finger_hints: float = 2.0
+    max_opening_s: float = 10.0
     idle_commands: int = 4
     idle_fraction: float = 0.3
-    shown_fraction: float = 0.005
+    min_travel_fraction: float = 0.005
     range_fraction: float = 0.1
-    too_fast: float = 1.5
-    most_ma: float = 20000.0
-    intervals: int = 15
+    max_speed_ratio: float = 1.5
+    max_current_ma: float = 20000.0
+    period_frames: int = 15
 
 
 @dataclass(frozen=True, slots=True)
 class Pixels:
     """Thresholds of failed pixels.
 
-    frames : 2 to 4 frames, study faults.
-        At an end of the range, or equal; no more are alike in a sensor that flickers.
-    loaded_fraction : 0.3 to 0.7 1, guess. Of its resistance lost to a load.
-    jump_fraction : 0.02 to 0.1 1, guess. Of a reading, in one frame.
-    moves : 5 to 12 moves, study faults. Without a change: the pixel is stuck.
-    other_moves : 1 to 5 moves, study faults. Of the others meanwhile, at most.
-    all_moves : 3 to 6 moves, study faults. Without a change of any pixel.
-    few_moves : 1 to 4 moves, study faults. Without a change, in a long time.
-    flicker_frames : 15 to 60 frames, guess. Show whether a sensor flickers.
-    most_alike : 6 to 20 frames, study faults. Alike that are not new.
-    unlike_counts : 4 to 20 counts, study faults. Pixels differ at rest.
+    fault_frames : 2 to 4 frames, study faults.
+        Consecutive frames, at an end of the range or all equal, that are a fault.
+    loaded_fraction : 0.3 to 0.7 1, guess. Fall of the resistance, relative to rest, that is a load.
+    jump_fraction : 0.02 to 0.1 1, guess. Change of a reading within one frame that is a jump.
+    stuck_moves : 5 to 12 moves, study faults.
+        Movements without a change after which a pixel is stuck.
+    other_moves : 1 to 5 moves, study faults.
+        Most movements without a change of any other pixel meanwhile.
+    all_moves : 3 to 6 moves, study faults.
+        Movements without a change of any pixel after which all are stuck.
+    slow_stuck_moves : 1 to 4 moves, study faults. The same for one pixel over a long time.
+    flicker_frames : 15 to 60 frames, guess. Frames that show whether a sensor flickers.
+    max_equal_frames : 6 to 20 frames, study faults. Largest number of equal frames in a row.
+    min_spread_counts : 4 to 20 counts, study faults.
+        Smallest spread of the rest values in which equal pixels are a fault.
     """
 
-    frames: int = 2
+    fault_frames: int = 2
     loaded_fraction: float = 0.5
     jump_fraction: float = 0.05
-    moves: int = 8
+    stuck_moves: int = 8
     other_moves: int = 3
     all_moves: int = 4
-    few_moves: int = 2
+    slow_stuck_moves: int = 2
     flicker_frames: int = 30
-    most_alike: int = 10
-    unlike_counts: int = 8
+    max_equal_frames: int = 10
+    min_spread_counts: int = 8
 
 
 @dataclass(frozen=True, slots=True)
 class Current:
     """Thresholds of the evidence in the servo's current.
 
-    sd : 4 to 6 sd, study faults. A rise seen in one movement is accepted.
-    twice_sd : 2.5 to 4 sd, study faults. Two in a row are believed.
+    single_sd : 4 to 6 sd, study faults. Threshold of a rise in one movement.
+    repeated_sd : 2.5 to 4 sd, study faults. Threshold of a rise in two consecutive movements.
     readings : 3 to 8 readings, guess.
-        In a mean; short movements of an empty hand that show what its gears take.
-    sheet_factor : 1.5 to 3 1, study faults. Of what the sheet shows.
-    equal_readings : 10 to 30 readings, study faults. A stuck current.
-    more_ma : 10 to 50 mA, datasheet. And this much more.
+        Readings averaged; short movements that measure the friction of an empty hand.
+    sheet_ratio : 1.5 to 3 1, study faults.
+        Force from the current that is allowed relative to the sheet's force.
+    equal_readings : 10 to 30 readings, study faults.
+        Equal currents in a row that mean a stuck sensor.
+    margin_ma : 10 to 50 mA, datasheet. Added to the limit of an uncalibrated current.
     """
 
-    sd: float = 4.5
-    twice_sd: float = 3.0
+    single_sd: float = 4.5
+    repeated_sd: float = 3.0
     readings: int = 4
-    sheet_factor: float = 2.0
+    sheet_ratio: float = 2.0
     equal_readings: int = 16
-    more_ma: float = 20.0
+    margin_ma: float = 20.0
 
 
 READING, APPROACH, TOUCH = ReadingNumbers(), Approach(), TouchDetection()

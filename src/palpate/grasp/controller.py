@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeAlias
 
-from palpate.grasp.answers import count_felt_steps
+from palpate.grasp.answers import count_contact_steps
 from palpate.grasp.approach import approach
 from palpate.grasp.config import GUARDS, SQUEEZE
 from palpate.grasp.estimator import Observation
@@ -94,9 +94,9 @@ def is_closing_too_far(state: GraspState, plan: Plan) -> bool:
     closing = state.phase is Phase.SQUEEZE or state.activity == Phase.SETTLE
     if not moving or plan.target_force_n is None or not closing:
         return False
-    late_s = GUARDS.late_s + estimate.period_s + plan.safety.latency_s
+    late_s = GUARDS.sheet_lag_s + estimate.period_s + plan.safety.latency_s
     ahead_n = estimate.confirmed_force_n + late_s * estimate.rise_n_per_s
-    return ahead_n > GUARDS.too_far * goal_n(plan)
+    return ahead_n > GUARDS.max_force_ratio * goal_n(plan)
 
 
 def squeeze(state: GraspState, plan: Plan) -> GripperCommand | None:
@@ -115,7 +115,7 @@ def squeeze(state: GraspState, plan: Plan) -> GripperCommand | None:
     met = estimate.fast_contact
     borne = met is not None and estimate.closure < met[0]
     measures = not aimed and (why != "gave_way" or borne)
-    few = measures and count_felt_steps(estimate, plan) < plan.fewest_steps
+    few = measures and count_contact_steps(estimate, plan) < plan.fewest_steps
     if estimate.force_n < goal or few:
         wish = close_by(estimate, squeeze_step(estimate, plan, goal_n=goal), plan)
         if wish is not None:
@@ -133,7 +133,7 @@ def finish_release(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Wait until the hand is open."""
     # Half a step: closer than that some grippers never report themselves.
     opened = state.estimate.closure <= plan.step / 2
-    if opened or state.in_this_s > GUARDS.opening_s:
+    if opened or state.in_this_s > GUARDS.max_opening_s:
         state.enter(Phase.DONE)
     return None
 

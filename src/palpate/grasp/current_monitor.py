@@ -107,7 +107,7 @@ class CurrentMonitor:
         return max(float(current_ma.mean()) - most_ma, 0.0) / per_n
 
     def _check_ceiling(self, readings: deque[tuple[float, float]]) -> Alarm | None:
-        least_n = self._least_n(readings, deviations=CURRENT.twice_sd)
+        least_n = self._least_n(readings, deviations=CURRENT.repeated_sd)
         ceiling_n = self._plan.safety.force_ceiling_n
         if least_n <= ceiling_n:
             return None
@@ -131,7 +131,11 @@ class CurrentMonitor:
         law = self._plan.current
         usual = law is None or law.gears.mean_ma > 0
         mean_ma = float(np.mean(self._turning))
-        if len(self._turning) < CURRENT.equal_readings or mean_ma >= -CURRENT.more_ma or not usual:
+        if (
+            len(self._turning) < CURRENT.equal_readings
+            or mean_ma >= -CURRENT.margin_ma
+            or not usual
+        ):
             return None
         words = (
             f"the servo's current is {mean_ma:.0f} mA while the hand closes: its driver must "
@@ -161,7 +165,7 @@ class CurrentMonitor:
 
     @property
     def _most_empty_ma(self) -> float:
-        return CURRENT.sheet_factor * max(*self._empty_ma, 0.0) + CURRENT.more_ma
+        return CURRENT.sheet_ratio * max(*self._empty_ma, 0.0) + CURRENT.margin_ma
 
     def _report_unexplained_rise(self, pull_ma: float) -> Alarm:
         words = (
@@ -178,12 +182,12 @@ class CurrentMonitor:
             return self._check_uncalibrated(estimate)
         force = self._plan.early_law.force_n(estimate.now.reading, level=self._plan.level)
         shown_n = float(np.nan_to_num(force.high))
-        bound_n = CURRENT.sheet_factor * shown_n
-        least_n = self._least_n(self._stand, deviations=CURRENT.sd)
+        bound_n = CURRENT.sheet_ratio * shown_n
+        least_n = self._least_n(self._stand, deviations=CURRENT.single_sd)
         if not self._judged:
             self._judged = True
-            least_n = max(least_n, self._least_n(self._pull, deviations=CURRENT.sd))
-            again_n = self._least_n(self._pull, deviations=CURRENT.twice_sd)
+            least_n = max(least_n, self._least_n(self._pull, deviations=CURRENT.single_sd))
+            again_n = self._least_n(self._pull, deviations=CURRENT.repeated_sd)
             self._twice = self._twice + 1 if again_n > bound_n else 0
             if self._twice > 1:
                 least_n = max(least_n, again_n)

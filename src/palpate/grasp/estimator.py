@@ -245,7 +245,7 @@ class ContactEstimate(HandMotion):
             self.still_since_s = frame.time_s
         reported = plan.gripper.closure(gripper)
         # As sent where the report agrees, because reports are rounded.
-        error = READING.report_steps * plan.resolution
+        error = READING.report_error_steps * plan.resolution
         agrees = not gripper.moving and abs(reported - self.sent) <= error
         self.closure = self.sent if agrees else reported
         self.tracking_lag = max(self.closure - reported, 0.0)

@@ -121,7 +121,7 @@ class FingersMonitor:
         pressed_percent = min(now.finger_percent)
         if now.shared_percent <= plan.hint_percent:
             return None
-        if pressed_percent > GUARDS.alone_hints * plan.hint_percent:
+        if pressed_percent > GUARDS.one_finger_hints * plan.hint_percent:
             return None
         words = (
             f"finger {int(np.argmin(now.finger_percent))} shows a grip and the other shows "
@@ -159,13 +159,13 @@ class ResponseMonitor:
             for step in steps
             if contact_s is not None
             and step.touch.time_s >= contact_s
-            and step.touch.shared_percent <= READING.felt_percent
+            and step.touch.shared_percent <= READING.contact_percent
         ]
-        if not gripped or steps[-1].touch.deepest_percent > READING.felt_percent:
+        if not gripped or steps[-1].touch.deepest_percent > READING.contact_percent:
             return False
-        rises = np.diff(gripped)[-GUARDS.falls_steps :]
-        falls = bool((rises < -GUARDS.falls_fraction * max(gripped)).all())
-        return falls and rises.size == GUARDS.falls_steps
+        rises = np.diff(gripped)[-GUARDS.fall_steps :]
+        falls = bool((rises < -GUARDS.fall_fraction * max(gripped)).all())
+        return falls and rises.size == GUARDS.fall_steps
 
     def _is_rising(self, state: GraspState) -> bool:
         """Whether the sheet shows more after the hand has opened than at its furthest step."""
@@ -175,7 +175,7 @@ class ResponseMonitor:
             return False
         furthest = estimate.steps[-1]
         opened = estimate.closure < furthest.closure
-        most = (1.0 + GUARDS.rises_fraction) * furthest.touch.reading
+        most = (1.0 + GUARDS.rise_fraction) * furthest.touch.reading
         return opened and estimate.now.reading > most
 
 

@@ -94,9 +94,9 @@ def close_until_mean(state: GraspState, plan: Plan) -> GripperCommand | None:
 
 def note_size(state: GraspState, plan: Plan, *, before: float) -> None:
     """Set the size of the result to the width before contact; `before`: its closure."""
-    if plan.give is None:
+    if plan.compliance is None:
         return
-    zero_mm, width_mm = plan.give.zero_mm, plan.gripper.target(before)
+    zero_mm, width_mm = plan.compliance.zero_mm, plan.gripper.target(before)
     size = Measurement(
         value=width_mm - zero_mm,
         low=plan.gripper.target(state.estimate.closure) - zero_mm,

@@ -40,9 +40,9 @@ class PixelMonitor:
         # Resistance over reference: follows from the counts without knowing the reference.
         self._rest = rest_ohm[self._watched] / plan.layout.divider.reference_ohm
         resting = plan.layout.divider.full_scale / (1.0 + self._rest)
-        self._unlike = resting.size > 0 and float(np.ptp(resting)) >= PIXELS.unlike_counts
+        self._unlike = resting.size > 0 and float(np.ptp(resting)) >= PIXELS.min_spread_counts
         #: Reports of a hand that stands differ by less.
-        self._rounding = READING.report_steps * plan.resolution
+        self._rounding = READING.report_error_steps * plan.resolution
         self._equal = 0
         self._counts: NDArray[np.float64] | None = None
         self._opened = np.zeros(self._rest.shape, dtype=int)
@@ -125,9 +125,9 @@ class PixelMonitor:
                 danger=Danger.SENSOR_LOST,
                 words=f"no pixel has changed in {since}: frames arrive, but repeat; {_SEE_DOCTOR}",
             )
-        ended = self._ended >= PIXELS.frames
+        ended = self._ended >= PIXELS.fault_frames
         failed = {
-            "open": self._opened >= PIXELS.frames,
+            "open": self._opened >= PIXELS.fault_frames,
             "short": ended & self._shorted,
             "stuck": self._find_stuck(),
         }
@@ -141,7 +141,7 @@ class PixelMonitor:
         if lost.any():
             words = f"{self._name_first(ended)} is pressed beyond what can be read: force unknown"
             return Alarm(danger=Danger.FORCE_LIMIT, words=words)
-        if self._equal >= PIXELS.frames:
+        if self._equal >= PIXELS.fault_frames:
             words = f"all pixels read the same, which no sheet does; {_SEE_DOCTOR}"
             return Alarm(danger=Danger.SENSOR_LOST, words=words)
         return None
@@ -160,8 +160,8 @@ class PixelMonitor:
     @property
     def _repeating(self) -> bool:
         before = self._frames - self._alike
-        flickers = before >= PIXELS.flicker_frames and self._longest <= PIXELS.frames
-        return flickers and self._alike > PIXELS.most_alike
+        flickers = before >= PIXELS.flicker_frames and self._longest <= PIXELS.fault_frames
+        return flickers and self._alike > PIXELS.max_equal_frames
 
     def _count_moves(self, closure: float) -> None:
         """Count the movements in which each pixel did not change."""
@@ -173,8 +173,8 @@ class PixelMonitor:
     def _find_stuck(self) -> NDArray[np.bool_]:
         """Return the pixels unchanged in many movements, or in few over a long time."""
         long = self._now_s - self._changed_s > GUARDS.patience_s
-        return self._find_unchanged(PIXELS.moves, others=PIXELS.other_moves) | (
-            self._find_unchanged(PIXELS.few_moves, others=1) & long
+        return self._find_unchanged(PIXELS.stuck_moves, others=PIXELS.other_moves) | (
+            self._find_unchanged(PIXELS.slow_stuck_moves, others=1) & long
         )
 
     def _find_unchanged(self, moves: int, *, others: int) -> NDArray[np.bool_]:

@@ -35,7 +35,7 @@ class Plan:
     settled_law, early_law : StaticLaw
         Force from the reading at the settling horizon, and from that `dwell_s` after a movement:
         the sheet lags, so they are two laws.
-    give : Compliance or None
+    compliance : Compliance or None
         Compliance of pads, fingers and servo. None for pressure-driven fingers: their pressure
         gives no width, so there is neither size nor stiffness.
     steepest_n : float
@@ -82,7 +82,7 @@ class Plan:
         Steps below this are not worth the movement's spike.
     resolution : float
         Commands go to whole steps of this: about the encoder's, or the regulator's.
-    play : float
+    backlash : float
         How far the drive may go back before the fingers follow: more than the backlash of gears.
     force_step_n : float
         Rise of force aimed at with each step of the squeeze.
@@ -91,10 +91,10 @@ class Plan:
         pressure), or once the object has given way so far. Of 163 recorded fruit none ruptured
         within 1.25 mm of its first touch, and 13 within 2 mm.
     firm_force_n, firm_mm : float
-        How hard rigid fingers squeeze on while the stiffness is not known to `stiffness_share` to
-        either side, and the deformation that certainly damages the object.
-    stiffness_share : float
-        See above.
+        Limits of a firmer squeeze with rigid fingers while the stiffness is still uncertain: the
+        force, and the deformation that certainly damages the object.
+    stiffness_tolerance : float
+        Relative uncertainty, to either side, of a stiffness that counts as known.
     fewest_steps : int
         Steps with a touch that size and stiffness need.
     rest_s, rest_frames : float and int
@@ -133,7 +133,7 @@ class Plan:
     rest_ohm: NDArray[np.float64]
     settled_law: StaticLaw
     early_law: StaticLaw
-    give: Compliance | None
+    compliance: Compliance | None
     steepest_n: float
     gripper: GripperLimits
     settling: SettlingMethod
@@ -154,13 +154,13 @@ class Plan:
     fine_step: float = 0.25
     smallest_step: float = 0.04
     resolution: float = 0.05
-    play: float = 0.3
+    backlash: float = 0.3
     force_step_n: float = 0.7
     gentle_force_n: float = 2.0
     gentle_mm: float = 1.0
     firm_force_n: float = 6.0
     firm_mm: float = 1.0
-    stiffness_share: float = 0.25
+    stiffness_tolerance: float = 0.25
     fewest_steps: int = 3
     rest_s: float = 0.3
     rest_frames: int = 8
@@ -180,6 +180,11 @@ class Plan:
     hold_s: float = HOLD_S
     longest_s: float = LONGEST_S
     level: float = 0.9
+
+    @property
+    def gripper_compliance(self) -> Compliance | None:
+        """Compliance of the gripper, of either drive, if it was calibrated."""
+        return self.compliance if self.bend is None else self.bend.compliance
 
     @property
     def no_push_n(self) -> float:

@@ -138,8 +138,8 @@ def _fit_width_compliance(block: BlockPairs) -> dict[str, Any]:
             "the calibration's closings on a block are pressures, and this gripper is driven by "
             "width; calibrate it on this gripper"
         )
-    give = Compliance.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
-    return {"give": give, "steepest_n": give.stiffest_n_per_mm}
+    compliance = Compliance.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
+    return {"compliance": compliance, "steepest_n": compliance.stiffest_n_per_mm}
 
 
 def _fit_pressure_bend(block: BlockPairs) -> dict[str, Any]:
@@ -157,4 +157,4 @@ def _fit_pressure_bend(block: BlockPairs) -> dict[str, Any]:
     if np.ptp(block.block_mm) > 0:
         bend = SoftFingerCompliance.fit(pressure_kpa, force_n=force_n, block_mm=block.block_mm)
     steepest_n = _BEND_MARGIN * slope_n_per_kpa
-    return {"give": None, "bend": bend, "steepest_n": steepest_n, **_PRESSURE_STEPS}
+    return {"compliance": None, "bend": bend, "steepest_n": steepest_n, **_PRESSURE_STEPS}

@@ -47,7 +47,7 @@ class _Feed:
         self._array, self._clock, self._safety = array, clock, plan.safety
         self._layout = plan.layout
         self._last_s: float | None = None
-        self._intervals_s = deque[float](maxlen=GUARDS.intervals)
+        self._intervals_s = deque[float](maxlen=GUARDS.period_frames)
 
     def next(self, hand: _Hand, estimate: ContactEstimate) -> Frame | Alarm:
         """Return the next frame, or the hand's alarm during the wait."""
@@ -180,7 +180,7 @@ class _Hand:
 
         The sensor is lost already, and a gripper on the same board may be as silent.
         """
-        until_s = clock.now_s() + GUARDS.opening_s
+        until_s = clock.now_s() + GUARDS.max_opening_s
         try:
             while self._gripper.state().moving and clock.now_s() < until_s:
                 clock.sleep_s(0.02)

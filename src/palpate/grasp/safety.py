@@ -57,12 +57,12 @@ class SafetyLimits:
         Frames older than this many frame periods stop the grasp.
     stale_floor_s : float
         But never frames younger than this: a scheduler's hiccup is not a lost sensor.
-    astray_mm, astray_kpa : float
+    tracking_tolerance_mm, tracking_tolerance_kpa : float
         A gripper that reports a width or pressure this far from what it was sent to, once it had
         the time to arrive, stops the grasp. More than a loaded servo's error of position.
-    past_mm, past_kpa : float
+    overshoot_mm, overshoot_kpa : float
         A gripper that has closed this far beyond where it was sent stops the grasp at once. Less
-        than `astray_mm`, because no load makes a servo close too far.
+        than `tracking_tolerance_mm`, because no load makes a servo close too far.
     arrival_s : float
         Time to arrive, beyond what the way takes at the rate sent.
     latency_s : float
@@ -83,10 +83,10 @@ class SafetyLimits:
     force_ceiling_n: float = FORCE_CEILING_N
     stale_periods: float = 5.0
     stale_floor_s: float = 0.1
-    astray_mm: float = 0.5
-    astray_kpa: float = 2.0
-    past_mm: float = 0.2
-    past_kpa: float = 1.5
+    tracking_tolerance_mm: float = 0.5
+    tracking_tolerance_kpa: float = 2.0
+    overshoot_mm: float = 0.2
+    overshoot_kpa: float = 1.5
     arrival_s: float = 0.4
     latency_s: float = 0.02
 

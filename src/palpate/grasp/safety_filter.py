@@ -63,12 +63,12 @@ def _largest_blind_step(estimate: ContactEstimate, plan: Plan) -> float:
         return math.inf
     force_n = sheet_forces_n(estimate.steps, estimate, plan)
     shared = np.array([step.touch.shared_percent for step in estimate.steps])
-    both = (shared <= READING.felt_percent) | (force_n > plan.no_push_n)
+    both = (shared <= READING.contact_percent) | (force_n > plan.no_push_n)
     felt = both & (force_n > FELT * floor_n(plan))
     if not felt.any():
         return math.inf
     soft_n = SQUEEZE.soft_n_per_mm * mm_per_unit(plan)
-    longest = 2 * SQUEEZE.sure_n * (1.0 / plan.steepest_n + 1.0 / soft_n)
+    longest = 2 * SQUEEZE.min_rise_n * (1.0 / plan.steepest_n + 1.0 / soft_n)
     return estimate.steps[int(np.argmax(felt))].closure + longest - estimate.closure
 
 

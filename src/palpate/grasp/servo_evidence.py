@@ -80,10 +80,14 @@ def _force_by_pressure(
     start = float(np.clip(-offset / slope, free, closure[first])) if slope > 0 else free
     way_mm = bend.mm_per_kpa * (estimate.closure - start)
     # Stiff fingers measure no force, as no force of the search closes them this far.
-    if not 0.0 < way_mm < float(bend.give.give_mm(_MOST_N)):
+    if not 0.0 < way_mm < float(bend.compliance.deflection_mm(_MOST_N)):
         return None
     low_n, high_n = (
-        brentq(lambda f, per_n=per_n: bend.give.give_mm(f) + f * per_n - way_mm, 0.0, _MOST_N)
+        brentq(
+            lambda f, per_n=per_n: bend.compliance.deflection_mm(f) + f * per_n - way_mm,
+            0.0,
+            _MOST_N,
+        )
         for per_n in (1.0 / SQUEEZE.soft_n_per_mm, 0.0)
     )
     middle_n = math.sqrt(low_n * high_n)
@@ -114,7 +118,7 @@ def _interpolate_force(at: FloatArray, closure: FloatArray, force_n: FloatArray)
 
 def early_gain(estimate: ContactEstimate, plan: Plan) -> Gain:
     """Return the gain of this contact, soon after a step, against the sheet's early law."""
-    gain = Gain.from_calibration(law_sd=plan.early_law.residual_sd, more_sd=SETTLE.haste_sd)
+    gain = Gain.from_calibration(law_sd=plan.early_law.residual_sd, more_sd=SETTLE.step_lag_sd)
     felt = force_by_gripper(estimate, plan) if estimate.steps else None
     if felt is None:
         return gain

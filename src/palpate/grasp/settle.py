@@ -32,7 +32,7 @@ def await_forecast(state: GraspState, plan: Plan) -> GripperCommand | None:
     earliest_s = plan.decide_after_s if plan.target_force_n is None else plan.correct_after_s
     if estimate.still_s < max(earliest_s, correction.next_forecast_s):
         return None
-    correction.next_forecast_s = estimate.still_s + SETTLE.every_s
+    correction.next_forecast_s = estimate.still_s + SETTLE.forecast_interval_s
     settled = forecast(estimate, plan=plan)
     force = state.take_answer(settled, plan=plan)
     _note_on_target(state, force, plan)
@@ -112,7 +112,7 @@ def gentle_goal(estimate: ContactEstimate, plan: Plan) -> tuple[float, str]:
     stiffness = measure_stiffness(estimate, force_now(estimate, plan), plan=plan)
     if stiffness is None:
         return goal, "force_reached"
-    near = (1.0 + plan.stiffness_share) / (1.0 - plan.stiffness_share)
+    near = (1.0 + plan.stiffness_tolerance) / (1.0 - plan.stiffness_tolerance)
     # A stiffness above the range of a small force counts as known.
     if stiffness.high / stiffness.low <= near or stiffness.low > SQUEEZE.firm_n_per_mm:
         return goal, "stiffness_known"
@@ -188,7 +188,7 @@ def press_on(
         if travel > 0:
             # Faint steps may have seemed far too steep; one correction that fell short is not
             # believed wholly either. One that raised nothing is not exceeded.
-            shown = max((force.middle - force_n) / travel, slope / SETTLE.less_steep)
+            shown = max((force.middle - force_n) / travel, slope / SETTLE.max_slope_drop)
             slope = min(slope, shown)
             fruitless = math.inf if force.middle > force_n else travel
     step = max(min(missing_n / slope, fruitless), plan.smallest_step)
@@ -209,8 +209,8 @@ def ease_off(state: GraspState, force: Measurement, plan: Plan, *, goal_n: float
     estimate.set_force(force.middle, force.high)
     slope, over_n = slope_n(estimate, plan), estimate.force_n - goal_n
     closure = estimate.closure - max(over_n / slope, plan.smallest_step)
-    opened = max(closure - SETTLE.eased_fraction * goal_n / slope - plan.play, 0.0)
-    left = (1.0 - SETTLE.eased_fraction) * goal_n / estimate.force_n
+    opened = max(closure - SETTLE.easing_fraction * goal_n / slope - plan.backlash, 0.0)
+    left = (1.0 - SETTLE.easing_fraction) * goal_n / estimate.force_n
     estimate.set_force(left * estimate.force_n, left * estimate.force_high_n)
     correction.return_closure = closure
     correction.count, correction.next_forecast_s = correction.count + 1, 0.0

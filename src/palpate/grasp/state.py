@@ -27,9 +27,9 @@ class Attempt:
         What the approach does.
     proving_from : float or None
         Closure from which on it is being found out whether the rest values are a rest.
-    swept_to : float
+    sweep_end : float
         Closure where the last sweep ended; NaN before.
-    felt_s : float or None
+    sweep_contact_s : float or None
         Time of the first contact on a sweep.
     fingers : tuple of ContactState
         Reading of each finger while the hand was still.
@@ -37,8 +37,8 @@ class Attempt:
 
     activity: Activity = Activity.TOUCH
     proving_from: float | None = None
-    swept_to: float = math.nan
-    felt_s: float | None = None
+    sweep_end: float = math.nan
+    sweep_contact_s: float | None = None
     fingers: tuple[ContactState, ...] = ()
 
 
@@ -114,7 +114,7 @@ class GraspState:
     @property
     def first_contact_s(self) -> float:
         """Time of the first contact, if known."""
-        times_s = (self.attempt.felt_s, self.estimate.contact_s, self.estimate.moved_s)
+        times_s = (self.attempt.sweep_contact_s, self.estimate.contact_s, self.estimate.moved_s)
         return next(time_s for time_s in times_s if time_s is not None)
 
     @property

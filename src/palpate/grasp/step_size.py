@@ -93,7 +93,7 @@ def close_by(
     rate = plan.rate if estimate.contact_s is None else plan.squeeze_rate
     if estimate.contact_s is not None and plan.current is not None:
         frames_s = _LISTENED_FRAMES * estimate.period_s
-        rate = min(rate, step / max(lasting_s, frames_s, SQUEEZE.listen_s))
+        rate = min(rate, step / max(lasting_s, frames_s, SQUEEZE.min_current_s))
     wish = GripperCommand(target=quantize_target(estimate.closure + step, plan), rate=rate)
     return None if filter_command(wish, estimate, plan) is None else wish
 
@@ -103,7 +103,7 @@ def _step_to_bound(estimate: ContactEstimate, plan: Plan) -> float:
     if plan.target_force_n is None or not estimate.force_n > 0:
         return math.inf
     target_n = max(plan.target_force_n, plan.lift_force_n or 0.0)
-    room_n = SQUEEZE.most_of_target * target_n + SQUEEZE.most_beyond_n - estimate.force_n
+    room_n = SQUEEZE.max_target_ratio * target_n + SQUEEZE.max_overshoot_n - estimate.force_n
     return max(room_n, 0.0) / plan.steepest_n
 
 
@@ -114,7 +114,7 @@ def squeeze_step(estimate: ContactEstimate, plan: Plan, *, goal_n: float) -> flo
     already: how steeply the force rises is known only up to the measured depth.
     """
     rise_n = max(plan.force_step_n, SQUEEZE.force_fraction * (goal_n - estimate.force_n))
-    longest = SQUEEZE.further * squeeze_depth(estimate, plan) + plan.fine_step
+    longest = SQUEEZE.depth_ratio * squeeze_depth(estimate, plan) + plan.fine_step
     if plan.target_force_n is None and plan.lift_force_n is None:
         left_mm = plan.gentle_mm - deformation_mm(estimate, plan)
         longest = min(longest, max(left_mm / mm_per_unit(plan), plan.fine_step))
@@ -154,13 +154,14 @@ def squeeze_depth(estimate: ContactEstimate, plan: Plan) -> float:
 def deformation_mm(estimate: ContactEstimate, plan: Plan) -> float:
     """Return the object's deformation: the squeeze less the hand's own compliance."""
     depth_mm = squeeze_depth(estimate, plan) * mm_per_unit(plan)
-    give = plan.give if plan.bend is None else plan.bend.give
-    return depth_mm if give is None else depth_mm - float(give.give_mm(estimate.force_n))
+    if plan.gripper_compliance is None:
+        return depth_mm
+    return depth_mm - float(plan.gripper_compliance.deflection_mm(estimate.force_n))
 
 
 def slope_high_n(estimate: ContactEstimate, plan: Plan) -> float:
     """Return the steepest likely rise of force, from the last steps, with room for stiffening."""
-    return min(SQUEEZE.stiffening * slope_n(estimate, plan), plan.steepest_n)
+    return min(SQUEEZE.stiffening_ratio * slope_n(estimate, plan), plan.steepest_n)
 
 
 def slope_n(estimate: ContactEstimate, plan: Plan) -> float:
@@ -177,7 +178,7 @@ def slope_n(estimate: ContactEstimate, plan: Plan) -> float:
     slopes = [
         (f1 - f0) / (c1.closure - c0.closure)
         for (c0, f0), (c1, f1) in pairwise(curve)
-        if c1.closure > c0.closure and f1 - f0 >= SQUEEZE.sure_n and _is_gripped(c0, f0, plan)
+        if c1.closure > c0.closure and f1 - f0 >= SQUEEZE.min_rise_n and _is_gripped(c0, f0, plan)
     ]
     if estimate.fast_contact is not None and curve:
         (closure, met_n), (now, now_n) = estimate.fast_contact, curve[-1]
@@ -200,7 +201,7 @@ def _slope_bound_n(estimate: ContactEstimate, plan: Plan) -> float:
     """
     steps = estimate.steps
     felt = np.flatnonzero(sheet_forces_n(steps, estimate, plan) > FELT * floor_n(plan))
-    alone = [step.touch.shared_percent > READING.felt_percent for step in steps]
+    alone = [step.touch.shared_percent > READING.contact_percent for step in steps]
     if not felt.size:
         return plan.steepest_n
     first = int(max([felt[0], *np.flatnonzero(alone)[-1:]]))

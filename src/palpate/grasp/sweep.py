@@ -32,7 +32,7 @@ def blind_s(period_s: float) -> float:
     >>> round(blind_s(1 / 15), 2), round(blind_s(1 / 250), 2)
     (0.51, 0.36)
     """
-    return TOUCH.slowed_s + READING.lag_s + _FEWEST * max(period_s, TOUCH.latest_s)
+    return TOUCH.slowdown_s + READING.lag_s + _FEWEST * max(period_s, TOUCH.window_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +87,7 @@ class Sweep:
                 if at > time_s - TOUCH.level_s
             ]
             level = np.asarray(np.mean(recent, axis=0)) if recent else None
-        first = sum(old < time_s - TOUCH.history_s for old in self.time_s)
+        first = sum(old < time_s - TOUCH.baseline_s for old in self.time_s)
         return replace(
             self,
             time_s=(*self.time_s[first:], time_s),
@@ -107,10 +107,10 @@ class Sweep:
     def is_touching(self, current: CurrentLaw | None) -> bool:
         """Whether a pixel or the servo shows a contact now."""
         time_s = np.array(self.time_s)
-        now = time_s > time_s[-1] - TOUCH.latest_s
+        now = time_s > time_s[-1] - TOUCH.window_s
         before = time_s < time_s[-1] - READING.lag_s
         if self.slowed:
-            before &= time_s > self.since_s + TOUCH.slowed_s
+            before &= time_s > self.since_s + TOUCH.slowdown_s
         if current is not None and self._is_servo_pulling(current, now=now, before=before):
             return True
         steady = before & (time_s > self.since_s + TOUCH.steady_s)
@@ -119,12 +119,16 @@ class Sweep:
         # A load that rises slowly also shifts its own recent past: the level of this movement, and
         # that at rest, which a movement only raises, are compared too.
         highest = 0.0 if self.level is None else np.maximum(self.level, 0.0)
-        if bool((latest < highest - max(TOUCH.sd * _noise(pixels), 2 * TOUCH.fraction)).any()):
+        if bool(
+            (
+                latest < highest - max(TOUCH.threshold_sd * _noise(pixels), 2 * TOUCH.min_change)
+            ).any()
+        ):
             return True
         many = int(np.count_nonzero(now))
         if np.count_nonzero(steady) // many >= _FEWEST:
             past = _means(pixels[steady], many)
-            least = max(TOUCH.sd * _scatter(past), TOUCH.fraction)
+            least = max(TOUCH.threshold_sd * _scatter(past), TOUCH.min_change)
             return bool((abs(latest - past.mean(axis=0)) > least).any())
         if np.count_nonzero(before) // many < _FEWEST:
             return False
@@ -132,7 +136,7 @@ class Sweep:
         # The part of the change that all pixels share is the movement's.
         own = np.diff(past, axis=0)
         own = own - np.median(own, axis=(1, 2), keepdims=True)
-        least = max(TOUCH.sd * float(np.sqrt(np.mean(own**2))), TOUCH.fraction)
+        least = max(TOUCH.threshold_sd * float(np.sqrt(np.mean(own**2))), TOUCH.min_change)
         return bool((latest - past.max(axis=0) < -least).any())
 
     def _is_servo_pulling(
@@ -146,8 +150,8 @@ class Sweep:
             return False
         more_ma = float(gears_ma[now].mean() - gears_ma[before].mean())
         share = 1.0 / np.count_nonzero(now) + 1.0 / np.count_nonzero(before)
-        noise_ma = CURRENT.sd * current.noise_ma * float(np.sqrt(share))
-        return more_ma > noise_ma + TOUCH.gears_fraction * abs(current.gears.mean_ma)
+        noise_ma = CURRENT.single_sd * current.noise_ma * float(np.sqrt(share))
+        return more_ma > noise_ma + TOUCH.friction_error_fraction * abs(current.gears.mean_ma)
 
 
 def _means(pixels: FloatArray, many: int) -> FloatArray:
@@ -159,7 +163,7 @@ def _means(pixels: FloatArray, many: int) -> FloatArray:
 def _noise(pixels: FloatArray) -> float:
     """Return the standard deviation of one pixel from frame to frame: no slow change counts."""
     if len(pixels) <= _FEWEST:
-        return TOUCH.fraction
+        return TOUCH.min_change
     return float(np.sqrt(0.5 * np.median(np.diff(pixels, axis=0) ** 2) / _MEDIAN_SQUARE))
 
 

@@ -31,7 +31,7 @@ def find_impossible_value(
         )
     unsensed = math.isnan(state.current_ma)
     lost = unsensed and before is not None and not math.isnan(before.current_ma)
-    if lost or not (unsensed or abs(state.current_ma) < GUARDS.most_ma):
+    if lost or not (unsensed or abs(state.current_ma) < GUARDS.max_current_ma):
         return (
             f"the gripper reports a current of {state.current_ma:g} mA; check its cable and its "
             "driver"
@@ -98,7 +98,7 @@ class Following:
         Meanwhile the hand could exceed its target by the allowed amount. Pressure is in the frames.
         """
         closes = limits.drive == "width" and self.target < self.begin
-        every_s = safety.past_mm / self.rate
+        every_s = safety.overshoot_mm / self.rate
         return every_s if closes and now_s <= self.ends_s + 2 * every_s else None
 
     def is_idle(self, state: GripperState, *, now_s: float, limits: GripperLimits) -> bool | None:
@@ -115,7 +115,7 @@ class Following:
         way = self.target - self.begin
         left = max(self.ends_s - now_s, 0.0) * self.rate
         expected = abs(way) - min(left, abs(way))
-        if expected < GUARDS.shown_fraction * limits.span:
+        if expected < GUARDS.min_travel_fraction * limits.span:
             return None
         made = math.copysign(1.0, way) * (limits.reading_of(state) - self.begin)
         return made / expected < GUARDS.idle_fraction
@@ -125,17 +125,17 @@ class Following:
     ) -> str | None:
         """Return the fault, if any: closed beyond the target, or late."""
         reported, unit = limits.reading_of(state), _UNITS[limits.drive]
-        past, astray = safety.past_mm, safety.astray_mm
+        overshoot, tolerance = safety.overshoot_mm, safety.tracking_tolerance_mm
         if limits.drive == "pressure":
-            past, astray = safety.past_kpa, safety.astray_kpa
+            overshoot, tolerance = safety.overshoot_kpa, safety.tracking_tolerance_kpa
         closing = -1.0 if limits.drive == "width" else 1.0
         furthest = closing * max(closing * self.begin, closing * self.target)
-        if closing * (reported - furthest) > past:
+        if closing * (reported - furthest) > overshoot:
             return (
                 f"the gripper was sent to {self.target:.1f} {unit} and runs on: it reports "
                 f"{reported:.1f} {unit}; take its supply away"
             )
-        if now_s < self.due_s or not abs(reported - self.target) > astray:
+        if now_s < self.due_s or not abs(reported - self.target) > tolerance:
             return None
         return (
             f"the gripper was sent to {self.target:.1f} {unit} and reports {reported:.1f} {unit}; "
@@ -164,8 +164,10 @@ class SpeedWatch:
 
     def __init__(self, limits: GripperLimits, *, safety: SafetyLimits) -> None:
         self._limits, self._latency_s = limits, safety.latency_s
-        # What a loaded servo lags behind it makes up for at once where the load is gone.
-        self._lag = safety.astray_mm if limits.drive == "width" else safety.astray_kpa
+        # A loaded servo catches up with its tracking error at once when the load disappears.
+        self._lag = safety.tracking_tolerance_mm
+        if limits.drive == "pressure":
+            self._lag = safety.tracking_tolerance_kpa
         self._before: tuple[float, float] | None = None
         self._rate = self._ahead = 0.0
 
@@ -184,7 +186,7 @@ class SpeedWatch:
         # A hand that gets a slower command closes at the speed of the one before for a moment.
         late = max(self._rate - way.rate, 0.0) * self._latency_s
         self._rate = way.rate
-        more = closed - GUARDS.too_fast * way.rate * passed_s
+        more = closed - GUARDS.max_speed_ratio * way.rate * passed_s
         self._ahead = max(self._ahead - late + more, min(self._ahead, 0.0) - late)
         if self._ahead <= self._lag + way.rate * self._latency_s:
             return None

@@ -175,9 +175,9 @@ def by_both_fingers(sample: Sample) -> Cycle:
     size_mm = np.nan
     if sample.kind == "rigid":
         calibration = calibration_of(sample.sheet, sample.level, sample.kind)
-        give = plan_grasp(calibration, gripper=gripper).give
-        assert give is not None
-        size_mm = gripper.limits.target(closed - step) - give.zero_mm
+        compliance = plan_grasp(calibration, gripper=gripper).compliance
+        assert compliance is not None
+        size_mm = gripper.limits.target(closed - step) - compliance.zero_mm
     return _plain(sample, world, way=BOTH_FINGERS, size_mm=size_mm)
 
 
@@ -190,7 +190,7 @@ def by_current(sample: Sample) -> Cycle:
     gripper = TwinGripper(world)
     plan = plan_grasp(calibration_of(sample.sheet, sample.level, sample.kind), gripper=gripper)
     assert plan.current is not None
-    assert plan.give is not None
+    assert plan.compliance is not None
     world.clock.sleep_s(0.5)
     gripper.command(GripperCommand(target=gripper.limits.lowest, rate=_CURRENT_MM_PER_S))
     # The motor gathers speed; then the empty hand shows what its gears take.
@@ -201,8 +201,8 @@ def by_current(sample: Sample) -> Cycle:
         if pull_ma >= plan.current.ma_per_n * _CURRENT_N:
             break
     gripper.stop()
-    give_mm = float(plan.give.give_mm(_CURRENT_N))
-    size_mm = gripper.state().width_mm - plan.give.zero_mm + give_mm
+    deflection_mm = float(plan.compliance.deflection_mm(_CURRENT_N))
+    size_mm = gripper.state().width_mm - plan.compliance.zero_mm + deflection_mm
     return _plain(sample, world, way="close until current", size_mm=size_mm, predicts_s=0.0)
 
 

@@ -144,7 +144,7 @@ def _compare_methods(level: str, found: Sequence[SizedStrawberry]) -> list[dict[
 
 
 def list_last_steps(
-    observations: Sequence[Observation], *, plan: Plan, give: Compliance
+    observations: Sequence[Observation], *, plan: Plan, compliance: Compliance
 ) -> FloatArray:
     """Return the numbers of the last stops, narrowest last; shape (1 + 9 * stops,).
 
@@ -170,7 +170,7 @@ def list_last_steps(
             (
                 stop[-1].gripper.width_mm - widths_mm[last],
                 force_n,
-                float(give.give_mm(force_n)),
+                float(compliance.deflection_mm(force_n)),
                 float(np.log1p(max(float(total_excess(excess)), 0.0))),
                 float(mean_change(change)),
                 float(np.max(fingers)),
@@ -259,7 +259,7 @@ def measure_sizes(level: str, *, sensors: Sequence[int], berries: int) -> Iterat
                 )
             )
             # Driven by width: the calibration always knows how the fingers give way.
-            assert plan.give is not None
+            assert plan.compliance is not None
             yield SizedStrawberry(
                 sensor=sensor,
                 true_mm=obj.size_mm,
@@ -267,7 +267,7 @@ def measure_sizes(level: str, *, sensors: Sequence[int], berries: int) -> Iterat
                 same_steps=result.size_mm,
                 damaged=session.world.truth().damaged,
                 pressed_to_mm=min(stop[-1].gripper.width_mm for stop in _stops(seen)),
-                steps=list_last_steps(seen, plan=plan, give=plan.give),
+                steps=list_last_steps(seen, plan=plan, compliance=plan.compliance),
             )
 
 

@@ -49,11 +49,11 @@ class StationRecords:
 def drift_of(felt: StationRecords) -> Drift:
     """Return the drift that a station's reference object shows."""
     drive, block = felt.grasps[0].drive, felt.calibration.block
-    give = None
+    compliance = None
     if drive == "width":
-        give = Compliance.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
+        compliance = Compliance.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
     grasps = [grasp for grasp in felt.grasps if grasp.item_id == REFERENCE_ID]
-    return Drift.learn(grasps, drive=drive, give=give)
+    return Drift.learn(grasps, drive=drive, compliance=compliance)
 
 
 def days_of(felt: StationRecords, item_id: str, drift: Drift | None) -> tuple[DayFelt, ...]:

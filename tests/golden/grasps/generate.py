@@ -46,7 +46,7 @@ DAMAGE = DamageModel(
             objects=60,
         )
     },
-    low_shares={"": 0.6},
+    low_fractions={"": 0.6},
 )
 
 

@@ -111,7 +111,7 @@ def test_a_calibration_fits_its_own_kind_of_hand() -> None:
     with pytest.raises(CalibrationError, match="this gripper is driven by width"):
         plan_grasp(soft, gripper=TwinGripper(World(None, seed=3)))
     plan = plan_grasp(soft, gripper=TwinGripper(World(None, seed=3, gripper="soft")))
-    assert plan.give is None
+    assert plan.compliance is None
     # A third of a newton per kPa on the block, and a margin for other openings.
     assert 1 / 3 < plan.steepest_n < 0.5
 
@@ -167,9 +167,9 @@ def test_two_blocks_calibrate_the_closing_of_soft_fingers() -> None:
     made = calibrate_twin(seed=7, level="field", apart_from="", kind="soft")
     assert made.current is None
     plan = plan_grasp(made, gripper=TwinGripper(World(None, seed=7, gripper="soft")))
-    assert plan.give is None, "their pressure tells no size"
+    assert plan.compliance is None, "their pressure tells no size"
     assert plan.bend.mm_per_kpa == pytest.approx(1.4, rel=0.05)
-    assert plan.bend.give.slope_mm_per_n == pytest.approx(3.7, rel=0.1)
+    assert plan.bend.compliance.slope_mm_per_n == pytest.approx(3.7, rel=0.1)
 
 
 def test_file_keeps_the_current_and_older_files_lack_it(rigid: Calibration) -> None:

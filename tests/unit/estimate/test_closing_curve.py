@@ -11,7 +11,7 @@ from palpate.estimate.closing_curve import ClosingSteps, measure_closing
 from palpate.estimate.compliance import Compliance
 from palpate.estimate.measurement import Measurement
 
-GIVE = Compliance(
+COMPLIANCE = Compliance(
     slope_mm_per_n=0.2, pad_mm=(0.0, 0.0, 0.3, 0.0, 0.0), zero_mm=0.0, residual_mm=0.02,
     largest_force_n=15.0,
 )  # fmt: skip
@@ -23,7 +23,7 @@ def answer(
     n_per_mm: float, *, gain: float = 1.0, gain_sd: float = 0.03, touches: tuple[float, ...] = ()
 ) -> Measurement:
     """Close on a spring; `gain` falsifies every force, `touches` are drift before the contact."""
-    opening = 40.0 - FORCE_N / n_per_mm - GIVE.give_mm(FORCE_N)
+    opening = 40.0 - FORCE_N / n_per_mm - COMPLIANCE.deflection_mm(FORCE_N)
     before = 40.0 + np.arange(len(touches), 0, -1)
     curve = ClosingSteps(
         width_mm=np.concatenate([before, opening]),
@@ -35,7 +35,7 @@ def answer(
     held_n = gain * FORCE_N[-1]
     wide = np.exp(1.645 * np.hypot(gain_sd, 0.03))
     held = Measurement(value=held_n, low=held_n / wide, high=held_n * wide, unit="n", level=0.9)
-    found = measure_closing(curve, give=GIVE, opening_mm=float(opening[-1]), force=held)
+    found = measure_closing(curve, compliance=COMPLIANCE, opening_mm=float(opening[-1]), force=held)
     assert found is not None
     return found.stiffness
 
@@ -55,15 +55,17 @@ def test_what_is_stiffer_than_the_gripper_is_told_less_well() -> None:
 
 
 def test_what_relaxed_unseen_is_inside_though_the_force_was_sure() -> None:
-    opening = 40.0 - FORCE_N / 2.0 - GIVE.give_mm(FORCE_N)
+    opening = 40.0 - FORCE_N / 2.0 - COMPLIANCE.deflection_mm(FORCE_N)
     curve = ClosingSteps(width_mm=opening, force_n=FORCE_N, gain_sd=0.01, law_sd=0.03, floor_n=0.05)
     said = Measurement(value=6.0, low=5.9, high=6.1, unit="n", level=0.9)
-    answered = measure_closing(curve, give=GIVE, opening_mm=float(opening[-1]), force=said)
+    answered = measure_closing(
+        curve, compliance=COMPLIANCE, opening_mm=float(opening[-1]), force=said
+    )
     assert answered is not None
     found = answered.stiffness
     # A fruit lost 6 % of its force and nobody felt it; the fingers came that much nearer to it.
     left_n = 0.94 * 6.0
-    relaxed = left_n / float(40.0 - opening[-1] - GIVE.give_mm(left_n))
+    relaxed = left_n / float(40.0 - opening[-1] - COMPLIANCE.deflection_mm(left_n))
     assert found.low < relaxed < 0.95 * 2.0 < 2.0 < found.high
 
 
@@ -77,10 +79,10 @@ def read_as(
     read_n: np.ndarray, *, n_per_mm: float, law_sd: float
 ) -> tuple[Measurement, ClosingSteps]:
     """Close on a spring in many steps with given forces; the last is correct."""
-    opening = 40.0 - STEPS_N / n_per_mm - GIVE.give_mm(STEPS_N)
+    opening = 40.0 - STEPS_N / n_per_mm - COMPLIANCE.deflection_mm(STEPS_N)
     curve = ClosingSteps(width_mm=opening, force_n=read_n, gain_sd=0.03, law_sd=law_sd, floor_n=0.1)
     held = Measurement(value=8.0, low=7.6, high=8.4, unit="n", level=0.9)
-    found = measure_closing(curve, give=GIVE, opening_mm=float(opening[-1]), force=held)
+    found = measure_closing(curve, compliance=COMPLIANCE, opening_mm=float(opening[-1]), force=held)
     assert found is not None
     return found.stiffness, curve
 
@@ -129,7 +131,7 @@ def test_one_step_is_not_enough() -> None:
         floor_n=0.05,
     )
     held = Measurement(value=2.0, low=1.8, high=2.2, unit="n", level=0.9)
-    assert measure_closing(curve, give=GIVE, opening_mm=39.0, force=held) is None
+    assert measure_closing(curve, compliance=COMPLIANCE, opening_mm=39.0, force=held) is None
 
 
 # -- size ------------------------------------------------------------------------------------------
@@ -143,7 +145,7 @@ def size(
     width_mm: np.ndarray,
     force_n: np.ndarray,
     *,
-    give: Compliance = HARD,
+    compliance: Compliance = HARD,
     law_sd: float = 0.1,
     floor_n: float = 0.05,
 ) -> Measurement:
@@ -153,7 +155,9 @@ def size(
     )
     held_n = float(force_n[-1])
     held = Measurement(value=held_n, low=0.85 * held_n, high=1.18 * held_n, unit="n", level=0.9)
-    found = measure_closing(curve, give=give, opening_mm=float(width_mm[-1]), force=held)
+    found = measure_closing(
+        curve, compliance=compliance, opening_mm=float(width_mm[-1]), force=held
+    )
     assert found is not None
     return found.size_mm
 
@@ -185,11 +189,11 @@ def test_size_does_not_depend_on_the_gain() -> None:
 def test_size_of_a_stiff_object_found_by_a_whole_step_is_near() -> None:
     """Before the last step it was touched, but the gripper's give kept the force unfelt."""
     true_mm, n_per_mm = 40.0, 36.0
-    give = replace(HARD, slope_mm_per_n=0.35)
+    compliance = replace(HARD, slope_mm_per_n=0.35)
     width = np.array([40.9, 39.9, 38.9, 38.7, 38.5])
     force = np.maximum(true_mm - width, 0.0) / (1 / n_per_mm + 0.35)
     force = np.where(force > 0.3, force, 0.0)
-    assert abs(size(width, force, give=give, floor_n=0.15).middle - true_mm) < 0.1
+    assert abs(size(width, force, compliance=compliance, floor_n=0.15).middle - true_mm) < 0.1
 
 
 @pytest.mark.slow

@@ -12,10 +12,10 @@ from palpate.estimate.compliance import Compliance
 def test_give_takes_pads_and_zero_out() -> None:
     force = np.linspace(0.2, 15, 25)
     true = 0.22 * force + 0.3 * -np.expm1(-force / 2.3)
-    give = Compliance.fit(force, width_mm=40.0 - true - 0.1, block_mm=40.0)
-    np.testing.assert_allclose(give.give_mm(force), true, atol=0.03)
-    assert give.zero_mm == pytest.approx(-0.1, abs=0.03)
-    assert 1 / give.stiffest_n_per_mm == pytest.approx(0.22, rel=0.03)
+    compliance = Compliance.fit(force, width_mm=40.0 - true - 0.1, block_mm=40.0)
+    np.testing.assert_allclose(compliance.deflection_mm(force), true, atol=0.03)
+    assert compliance.zero_mm == pytest.approx(-0.1, abs=0.03)
+    assert 1 / compliance.stiffest_n_per_mm == pytest.approx(0.22, rel=0.03)
 
 
 @pytest.mark.parametrize(

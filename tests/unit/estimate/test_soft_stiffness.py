@@ -12,7 +12,7 @@ from palpate.estimate.measurement import Measurement
 from palpate.estimate.soft_stiffness import measure_soft_stiffness
 from palpate.settling.result import Status
 
-GIVE = Compliance(
+COMPLIANCE = Compliance(
     slope_mm_per_n=3.5, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.1, largest_force_n=15.0
 )
 FORCE_N = np.array([0.0, 0.6, 2.0, 4.0, 6.0])
@@ -31,7 +31,9 @@ def grasped(
     held = Measurement(
         value=read_n, low=read_n * (1 - half), high=read_n * (1 + half), unit="n", level=0.9
     )
-    found = measure_soft_stiffness(curve, give=GIVE, opening_mm=float(width_mm[-1]), force=held)
+    found = measure_soft_stiffness(
+        curve, compliance=COMPLIANCE, opening_mm=float(width_mm[-1]), force=held
+    )
     assert found is not None
     return found
 
@@ -85,7 +87,7 @@ def test_a_touch_at_the_very_end_tells_nothing() -> None:
         floor_n=0.05,
     )
     held = Measurement(value=1.0, low=0.9, high=1.1, unit="n", level=0.9)
-    assert measure_soft_stiffness(curve, give=GIVE, opening_mm=40.0, force=held) is None
+    assert measure_soft_stiffness(curve, compliance=COMPLIANCE, opening_mm=40.0, force=held) is None
 
 
 def test_nothing_felt_tells_nothing() -> None:
@@ -93,4 +95,4 @@ def test_nothing_felt_tells_nothing() -> None:
         width_mm=np.array([50.0, 40.0]), force_n=np.zeros(2), gain_sd=0.1, law_sd=0.1, floor_n=0.05
     )
     held = Measurement(value=1.0, low=0.9, high=1.1, unit="n", level=0.9)
-    assert measure_soft_stiffness(curve, give=GIVE, opening_mm=40.0, force=held) is None
+    assert measure_soft_stiffness(curve, compliance=COMPLIANCE, opening_mm=40.0, force=held) is None

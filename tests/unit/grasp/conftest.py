@@ -24,7 +24,7 @@ from palpate.settling.relaxation import Relaxation
 
 REST_OHM = 9000.0
 PERIOD_S = 1 / 15
-GIVE_MM_PER_N = 0.2
+GRIPPER_MM_PER_N = 0.2
 #: The fingers are where they are sent before the next frame, and report that they were sent so.
 _AT_ONCE_MM_PER_S = 2000.0
 
@@ -48,7 +48,7 @@ class Bench:
 
     @property
     def force_n(self) -> float:
-        return max(0.0, self.size_mm - self.width_mm) / (1 / self.n_per_mm + GIVE_MM_PER_N)
+        return max(0.0, self.size_mm - self.width_mm) / (1 / self.n_per_mm + GRIPPER_MM_PER_N)
 
     def read(self, *, timeout_s: float) -> Frame:
         if self.clock.now_s() > self.gone_after_s:
@@ -105,14 +105,14 @@ def bench() -> Bench:
 def plan() -> Plan:
     force = np.array([0.3, 0.6, 1.2, 2.5, 5.0, 10.0])
     law = PowerForceLaw.fit(2 * force, force_n=force * np.exp([0.02, -0.02] * 3))
-    give = Compliance.fit(force, width_mm=40 - GIVE_MM_PER_N * force, block_mm=40.0)
+    compliance = Compliance.fit(force, width_mm=40 - GRIPPER_MM_PER_N * force, block_mm=40.0)
     return Plan(
         layout=RIGID_LAYOUT,
         rest_ohm=np.full((4, 2), REST_OHM),
         settled_law=law,
         early_law=law,
-        give=replace(give, residual_mm=0.02),
-        steepest_n=give.stiffest_n_per_mm,
+        compliance=replace(compliance, residual_mm=0.02),
+        steepest_n=compliance.stiffest_n_per_mm,
         gripper=Bench.limits,
         settling=Relaxation(),
         rest_s=0.5,

@@ -174,7 +174,7 @@ def test_a_push_on_one_finger_is_no_contact(plan: Plan, bench: Any) -> None:
 def test_unknown_damage_limit_stops_closing(plan: Plan, bench: Any, damage: DamageModel) -> None:
     """No give is known, so no stiffness is told: after the touch the hand stays."""
     forces = list[float]()
-    blind = replace(plan, target_force_n=8.0, damage=damage, give=None)
+    blind = replace(plan, target_force_n=8.0, damage=damage, compliance=None)
     bench.n_per_mm = 0.7
     result = bench.grasp(blind, watchers=[lambda _: forces.append(bench.force_n)])
     assert "damage_limit" in names(result)

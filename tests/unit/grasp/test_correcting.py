@@ -84,7 +84,7 @@ def test_correction_downwards_opens_well_below_the_target(plan: Plan) -> None:
     over_n = 5.0 - 4.0
     closure = 21.0 - over_n / N_PER_MM
     assert state.correction.return_closure == pytest.approx(closure, abs=0.05)
-    opened = closure - 0.3 * 4.0 / N_PER_MM - plan.play
+    opened = closure - 0.3 * 4.0 / N_PER_MM - plan.backlash
     assert plan.gripper.highest - command.target == pytest.approx(opened, abs=0.05)
     assert state.estimate.force_n == pytest.approx(0.7 * 4.0)
     assert state.correction.next_forecast_s == 0.0

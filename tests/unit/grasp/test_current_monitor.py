@@ -355,8 +355,8 @@ def test_force_limit_comes_where_the_current_proves_the_ceiling(
 ) -> None:
     """Gears and noise may take their share, and a warm servo more for each newton."""
     assert calibrated.current is not None
-    gears_ma = GEARS_MA * np.exp(CURRENT.twice_sd * 4.0 / GEARS_MA)
-    noise_ma = CURRENT.twice_sd * 6.0 / np.sqrt(CURRENT.readings)
+    gears_ma = GEARS_MA * np.exp(CURRENT.repeated_sd * 4.0 / GEARS_MA)
+    noise_ma = CURRENT.repeated_sd * 6.0 / np.sqrt(CURRENT.readings)
     per_n = MA_PER_N * (1.0 + 2.0 * WARMTH_SD)
     proven_n = fraction * calibrated.safety.force_ceiling_n
     found = moved(

@@ -180,7 +180,7 @@ def test_soft_fingers_calibration_without_compliance_gives_no_force() -> None:
         slope_mm_per_n=0.0, pad_mm=(0.01,) * 5, zero_mm=0.0, residual_mm=0.1, largest_force_n=9.0
     )
     result = run_grasp(
-        replace(plan, bend=replace(plan.bend, give=stiff)),
+        replace(plan, bend=replace(plan.bend, compliance=stiff)),
         array=TwinArray(world),
         gripper=gripper,
         clock=world.clock,

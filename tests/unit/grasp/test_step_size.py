@@ -141,5 +141,5 @@ def test_step_from_the_first_touch_is_no_longer_than_what_the_softest_fruit_show
     touched = replace(begun, steps=begun.steps[:1], closure=20.0, sent=20.0)
     command = filter_command(GripperCommand(target=50.0, rate=5.0), touched, careful)
     way_mm = careful.gripper.highest - 20.0 - command.target
-    longest_mm = 2 * SQUEEZE.sure_n * (1.0 / careful.steepest_n + 1.0 / SQUEEZE.soft_n_per_mm)
+    longest_mm = 2 * SQUEEZE.min_rise_n * (1.0 / careful.steepest_n + 1.0 / SQUEEZE.soft_n_per_mm)
     assert longest_mm - 2 * careful.resolution <= way_mm <= longest_mm

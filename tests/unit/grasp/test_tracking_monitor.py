@@ -47,10 +47,10 @@ def test_following_is_late_after_its_due_time(
 @pytest.mark.parametrize(
     ("limits", "begin", "target", "past", "allowed"),
     [
-        (WIDTH, 40.0, 30.0, -1.0, SAFETY.past_mm),
-        (PRESSURE, 10.0, 20.0, 1.0, SAFETY.past_kpa),
+        (WIDTH, 40.0, 30.0, -1.0, SAFETY.overshoot_mm),
+        (PRESSURE, 10.0, 20.0, 1.0, SAFETY.overshoot_kpa),
         # An opening hand may come from beyond its target.
-        (WIDTH, 30.0, 40.0, -11.0, 10.0 + SAFETY.past_mm),
+        (WIDTH, 30.0, 40.0, -11.0, 10.0 + SAFETY.overshoot_mm),
     ],
 )
 def test_running_on_is_known_at_once(
@@ -65,7 +65,7 @@ def test_running_on_is_known_at_once(
 
 
 def test_only_a_hand_that_closes_by_width_is_looked_at_between_frames() -> None:
-    often_s = SAFETY.past_mm / 20.0
+    often_s = SAFETY.overshoot_mm / 20.0
     look = sent(WIDTH, 40.0, 30.0).glance_s
     assert look(now_s=1.2, limits=WIDTH, safety=SAFETY) == pytest.approx(often_s)
     assert look(now_s=1.5 + 1.9 * often_s, limits=WIDTH, safety=SAFETY) is not None

@@ -249,14 +249,14 @@ def drifted(item_id: str, truth: float, *, ratio: float, day: float) -> Grasp:
     Of a thing of 60 mm by a hand that gives way by 0.25 mm/N; the ball is like a spring, fruit is
     round.
     """
-    force_n, give = 5.0 / ratio, 0.25
+    force_n, compliance = 5.0 / ratio, 0.25
     exponent = 1.0 if item_id == "ball" else 2.0 / 3.0
     deformation = 5.0 / truth * (force_n / 5.0) ** exponent
     return grasp(
         item_id,
-        5.0 / (deformation + give * (force_n - 5.0)),
+        5.0 / (deformation + compliance * (force_n - 5.0)),
         day=day,
-        width_mm=60.0 - deformation - give * force_n,
+        width_mm=60.0 - deformation - compliance * force_n,
     )
 
 
@@ -275,7 +275,7 @@ def test_the_reference_object_takes_drift_out_of_fruit(fruit: float) -> None:
     measured = Compliance.fit(
         [0.0, 2.0, 4.0, 8.0], width_mm=[40.0, 39.5, 39.0, 38.0], block_mm=40.0
     )
-    drift = Drift.learn(ball, drive="width", give=measured)
+    drift = Drift.learn(ball, drive="width", compliance=measured)
     worn = drifted("fruit", fruit, ratio=0.85, day=6.0)
     felt = firmness_of(worn)
     assert felt is not None

@@ -30,7 +30,7 @@ pytestmark = pytest.mark.slow
 
 BEND = SoftFingerCompliance(
     mm_per_kpa=1.4,
-    give=Compliance(
+    compliance=Compliance(
         slope_mm_per_n=3.5,
         pad_mm=(0.0,) * 5,
         zero_mm=-74.0,
@@ -153,14 +153,16 @@ def test_shared_pixels_need_a_width_and_an_answer(by_size: dict[float, Felt]) ->
 @pytest.mark.parametrize("first", [0, 1, 2])
 def test_width_is_found_from_any_first_step(first: int) -> None:
     force_n = np.array([0.3, 0.8, 2.0, 4.0])
-    pressure_kpa = 10.0 + BEND.give.give_mm(force_n) / BEND.mm_per_kpa
+    pressure_kpa = 10.0 + BEND.compliance.deflection_mm(force_n) / BEND.mm_per_kpa
     said = width_at_contact(pressure_kpa[first:], force_n=force_n[first:], bend=BEND)
     assert said == pytest.approx(60.0)
 
 
 def test_residual_before_the_touch_is_ignored() -> None:
     force_n = np.array([1.4, 0.2, 0.6, 3.0])
-    pressure_kpa = np.array([4.0, *(10.0 + BEND.give.give_mm(force_n[1:]) / BEND.mm_per_kpa)])
+    pressure_kpa = np.array(
+        [4.0, *(10.0 + BEND.compliance.deflection_mm(force_n[1:]) / BEND.mm_per_kpa)]
+    )
     assert width_at_contact(pressure_kpa, force_n=force_n, bend=BEND) == pytest.approx(60.0)
 
 

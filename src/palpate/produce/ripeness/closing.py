@@ -63,7 +63,7 @@ def contact_width(grasp_state: GraspState, *, plan: Plan) -> Measurement | None:
         width_at_contact(pressure_kpa, force_n=force_n, bend=plan.bend)
         for force_n in (read.value, read.low, read.high)
     )
-    doubt_mm = plan.bend.give.residual_mm * float(ndtri(0.5 + plan.level / 2))
+    doubt_mm = plan.bend.compliance.residual_mm * float(ndtri(0.5 + plan.level / 2))
     return Measurement(
         value=value,
         low=value - float(np.hypot(max(value - min(ends), 0.0), doubt_mm)),
@@ -85,15 +85,19 @@ def width_at_contact(
     Fingers that close by 1.4 mm per kPa meet 60 mm at 10 kPa, and deflect by 3.5 mm per newton:
 
     >>> from palpate.estimate.compliance import Compliance
-    >>> give = Compliance(slope_mm_per_n=3.5, pad_mm=(0.0,) * 5, zero_mm=-74.0, residual_mm=0.1,
-    ...     largest_force_n=12.0)
+    >>> compliance = Compliance(slope_mm_per_n=3.5, pad_mm=(0.0,) * 5, zero_mm=-74.0,
+    ...     residual_mm=0.1, largest_force_n=12.0)
     >>> force_n = np.array([0.0, 0.4, 2.4])
     >>> pressure_kpa = 10.0 + 3.5 * force_n / 1.4
-    >>> bend = SoftFingerCompliance(mm_per_kpa=1.4, give=give)
+    >>> bend = SoftFingerCompliance(mm_per_kpa=1.4, compliance=compliance)
     >>> round(width_at_contact(pressure_kpa, force_n=force_n, bend=bend), 6)
     60.0
     """
-    width_mm = bend.give.give_mm(force_n) - bend.mm_per_kpa * pressure_kpa - bend.give.zero_mm
+    width_mm = (
+        bend.compliance.deflection_mm(force_n)
+        - bend.mm_per_kpa * pressure_kpa
+        - bend.compliance.zero_mm
+    )
     last = int(np.argmax(force_n))
     below = np.flatnonzero(force_n[: last + 1] < CONTACT_N)
     first = int(below[-1]) if below.size else 0

@@ -89,7 +89,7 @@ def drift_of(store: Store, reference_id: str, *, drive: Drive) -> Drift:
     """
     store.item(reference_id)
     grasps = store.grasps_of(reference_id)
-    return Drift.learn(grasps, drive=drive, give=_fit_compliance(store, grasps, drive=drive))
+    return Drift.learn(grasps, drive=drive, compliance=_fit_compliance(store, grasps, drive=drive))
 
 
 def learn_rule(

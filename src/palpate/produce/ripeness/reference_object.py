@@ -61,26 +61,26 @@ class Drift:
     #: Of these two.
     drive: Drive
     #: Compliance of a width-driven gripper at the grip force, mm/N.
-    give_mm_per_n: float = 0.0
+    compliance_mm_per_n: float = 0.0
 
     @classmethod
     def learn(
-        cls, grasps: Sequence[Grasp], *, drive: Drive, give: Compliance | None = None
+        cls, grasps: Sequence[Grasp], *, drive: Drive, compliance: Compliance | None = None
     ) -> Drift:
         """Learn from the grasps of the reference object by one kind of gripper.
 
         `grasps`: of the reference object.
         `drive` ("width" or "pressure"): which grasps to use.
-        `give`: the gripper's compliance, from its calibration.
+        `compliance`: the gripper's compliance, from its calibration.
         Raises `InputError` if it was grasped on fewer than two days.
         """
         used = [grasp for grasp in grasps if grasp.drive == drive]
-        give_mm_per_n = 0.0
+        compliance_mm_per_n = 0.0
         if drive == "width":
-            if give is not None:
-                around_mm = give.give_mm([0.9 * RIPENESS_N, 1.1 * RIPENESS_N])
-                give_mm_per_n = float(np.diff(around_mm)[0] / (0.2 * RIPENESS_N))
-            read = _log_force_errors(used, give_mm_per_n=give_mm_per_n)
+            if compliance is not None:
+                around_mm = compliance.deflection_mm([0.9 * RIPENESS_N, 1.1 * RIPENESS_N])
+                compliance_mm_per_n = float(np.diff(around_mm)[0] / (0.2 * RIPENESS_N))
+            read = _log_force_errors(used, compliance_mm_per_n=compliance_mm_per_n)
         else:
             felt = ((grasp.taken_at, firmness_of(grasp)) for grasp in used)
             read = tuple((at, firmness) for at, firmness in felt if firmness is not None)
@@ -102,7 +102,7 @@ class Drift:
             days=tuple(day.day for day in days),
             moved=tuple(moved.tolist()),
             drive=drive,
-            give_mm_per_n=give_mm_per_n,
+            compliance_mm_per_n=compliance_mm_per_n,
         )
 
     def at(self, when: datetime) -> float:
@@ -122,7 +122,7 @@ class Drift:
             return firmness - moved
         read = math.exp(-firmness)
         # At least this much of what was read is fruit, however far the sensor has drifted.
-        fruit = max(read + self.give_mm_per_n * moved, _LEAST_SHARE * read)
+        fruit = max(read + self.compliance_mm_per_n * moved, _LEAST_SHARE * read)
         return -math.log(fruit) - 2.0 / 3.0 * moved
 
     @property
@@ -156,7 +156,7 @@ def _expect_drift(day: FloatArray, moved: FloatArray, *, variance: FloatArray) -
 
 
 def _log_force_errors(
-    grasps: Sequence[Grasp], *, give_mm_per_n: float
+    grasps: Sequence[Grasp], *, compliance_mm_per_n: float
 ) -> tuple[tuple[datetime, float], ...]:
     """Return ln of measured over true force in each grasp, up to a constant.
 
@@ -173,7 +173,7 @@ def _log_force_errors(
     if not felt:
         return ()
     first = by_day((at, firmness) for at, _, _, firmness in felt)[0]
-    way_mm_per_n = give_mm_per_n + math.exp(-first.firmness) / _STEEPER
+    way_mm_per_n = compliance_mm_per_n + math.exp(-first.firmness) / _STEEPER
     at_usual_mm = [width + way_mm_per_n * (force - RIPENESS_N) for _, width, force, _ in felt]
     off = (np.array(at_usual_mm) - at_usual_mm[0]) / (way_mm_per_n * RIPENESS_N)
     return tuple(zip((at for at, *_ in felt), off.tolist(), strict=True))

@@ -167,7 +167,7 @@ def _make_reader(task: Task, factor: Callable[[FloatArray, float], float]) -> Ma
                 law_n - last_n,
                 float(len(before)),
                 current_ma if np.isfinite(current_ma) else 0.0,
-                0.0 if plan.give is None else float(plan.give.give_mm(law_n)),
+                0.0 if plan.compliance is None else float(plan.compliance.deflection_mm(law_n)),
             ]
             return law_n * factor(np.array([*how, *read]), law_n)
 
