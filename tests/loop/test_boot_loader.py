@@ -14,7 +14,7 @@ from palpate.clock import ManualClock
 from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.gripper.pneumatic import PneumaticGripper
 from palpate.sensor.array import RIGID_LAYOUT
-from palpate.sensor.ports import ask_identity
+from palpate.sensor.ports import query_identity
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire import Decoder, encode_command
 from palpate.sensor.wire_messages import BoardMessage, BoardStatus, Contents, Identify, Ping
@@ -92,7 +92,7 @@ def test_who_asks_at_once_gets_no_answer() -> None:
 def test_ports_flash_and_doctor_ask_in_the_same_way(name: str, shown: str) -> None:
     with boards(name=name) as (world, _, stream):
         begin_s = world.clock.now_s()
-        assert ask_identity(stream, clock=world.clock).board == shown
+        assert query_identity(stream, clock=world.clock).board == shown
         assert world.clock.now_s() - begin_s < CONNECTED_S
 
 

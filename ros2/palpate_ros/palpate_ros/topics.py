@@ -25,7 +25,7 @@ from palpate.recording import RecordingInfo
 from palpate.recording.channels import encode_info
 from palpate.sensor.array import Frame
 from palpate.sensor.calibration import Calibration
-from palpate.sensor.health import FEWEST_FRAMES, FrameColumns, examine
+from palpate.sensor.health import MIN_FRAMES, FrameColumns, check_health
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import excess_conductance, mean_change, relative_change_percent
 from palpate_ros import messages
@@ -180,13 +180,15 @@ class SensorTopics:
         if fault or silent_s > _SILENT_S:
             text = fault or f"no frame for {silent_s:.1f} s: check cable, power and `palpate ports`"
             return messages.status(DiagnosticStatus.ERROR, text, **said)
-        if len(quiet) < FEWEST_FRAMES:
+        if len(quiet) < MIN_FRAMES:
             return messages.status(
                 DiagnosticStatus.OK, "touched, or just begun: the pixels are not judged", **said
             )
         try:
-            health = examine(
-                FrameColumns.of(quiet), layout=self._about.info.layout, known_ohm=self._rest_ohm
+            health = check_health(
+                FrameColumns.from_frames(quiet),
+                layout=self._about.info.layout,
+                known_ohm=self._rest_ohm,
             )
         except PalpateError as error:
             return messages.status(DiagnosticStatus.ERROR, str(error), **said)

@@ -91,7 +91,7 @@ def earlier_calibration(path: Path, *, layout: ArrayLayout, simulated: bool) -> 
         return None
     earlier = Calibration.load(path)
     origin = "simulated" if simulated else "hardware"
-    if difference := earlier.layout.difference(layout):
+    if difference := earlier.layout.describe_difference(layout):
         raise CalibrationError(
             f"{path} is of another sensor ({difference}); fix the rig file, "
             "give another --out, or start the file again with `palpate calibrate rest --new`"

@@ -22,7 +22,7 @@ from palpate.estimate.damage_learning import (
 )
 from palpate.estimate.measurement import Measurement
 from palpate.files import keep_inputs
-from palpate.sensor.rest_calibration import now_text
+from palpate.sensor.rest_calibration import format_now
 
 #: Fewer can't be learned from and tested on in turn.
 _FEWEST = 12
@@ -77,7 +77,7 @@ def _learn(closings: list[FruitClosing], *, files: tuple[Path, ...], rate: float
         model=learn_damage(used, rate=rate),
         closings={kind: sum(closing.fruit == kind for closing in used) for kind in kinds},
         learned_from={path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files},
-        made_at=now_text(),
+        made_at=format_now(),
         left_out=left_out,
         held_out=score_left_out(used),
     )

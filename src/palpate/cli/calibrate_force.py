@@ -41,7 +41,7 @@ from palpate.plots.style import check_plot, save_figure
 from palpate.rig.board_cell import board_with_cells, mean_counts
 from palpate.rig.file import read_load_cells
 from palpate.sensor.calibration import Calibration
-from palpate.sensor.rest_calibration import now_text, with_rest
+from palpate.sensor.rest_calibration import format_now, replace_rest
 
 
 def force(
@@ -119,9 +119,9 @@ def _calibrate_by_cell(rig: str, *, seed: int, out: Path) -> Calibration:
             dwell_s=DWELL_S,
             horizon_s=HORIZON_S,
         )
-        begin = with_rest(earlier, rest, layout=layout, simulated=guided.simulated)
+        begin = replace_rest(earlier, rest, layout=layout, simulated=guided.simulated)
     made = with_force_law(replace(begin, force=pairs))
-    return replace(made, made_at=now_text())
+    return replace(made, made_at=format_now())
 
 
 def _document(made: Calibration, *, path: Path) -> dict[str, Any]:
@@ -241,7 +241,7 @@ def weigh_loads(
         **made.held_out,
         "unloading_seen": has_hysteresis(weighing.pairs.force_n),
     }
-    return replace(made, held_out=held_out, made_at=now_text()), course
+    return replace(made, held_out=held_out, made_at=format_now()), course
 
 
 def _take_until_enough(loads_n: Sequence[float], course: WeightSeries) -> Iterator[float]:

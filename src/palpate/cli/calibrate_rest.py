@@ -16,7 +16,7 @@ from palpate.cli.sensor_source import open_source
 from palpate.files import check_place
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.findings import pixel_name
-from palpate.sensor.rest_calibration import rest_values, with_rest
+from palpate.sensor.rest_calibration import compute_rest, replace_rest
 from palpate.terminal_table import print_table
 
 
@@ -46,8 +46,8 @@ def rest(
         if not simulated:
             say(f"{source.name}: leave the sensor alone for {duration_s:g} s")
         known_ohm = None if earlier is None or empty else earlier.rest_ohm
-        values = rest_values(source.frames(duration_s), layout=pixels, known_ohm=known_ohm)
-    calibration = with_rest(earlier, values, layout=pixels, simulated=simulated)
+        values = compute_rest(source.frames(duration_s), layout=pixels, known_ohm=known_ohm)
+    calibration = replace_rest(earlier, values, layout=pixels, simulated=simulated)
     calibration.save(path)
     if as_json:
         print_json(

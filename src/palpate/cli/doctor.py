@@ -23,9 +23,9 @@ from palpate.errors import InputError
 from palpate.recording import load_recording
 from palpate.sensor.array import FRAME_TIMEOUT_S, ArrayLayout, Frame
 from palpate.sensor.findings import Finding, Severity, pixel_name
-from palpate.sensor.health import FrameColumns, Health, examine
+from palpate.sensor.health import FrameColumns, Health, check_health
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
-from palpate.sensor.press_order import PressWatch, order_findings
+from palpate.sensor.press_order import PressMonitor, order_findings
 from palpate.terminal_table import fit_table, make_table
 
 
@@ -61,7 +61,7 @@ def doctor(
         print_json(health_document(examined))
     else:
         print_health(examined)
-    if not examined.health.healthy:
+    if not examined.health.is_healthy:
         raise typer.Exit(1)
 
 
@@ -75,20 +75,20 @@ def _examine_source(source: SensorSource, *, duration_s: float, press: bool) -> 
     source.frames(0.0)  # garbage that came before the first frame is no fault of the link
     before = source.events()
     rest = source.frames(duration_s)
-    events = source.events().since(before)
-    whole = rest
-    also: tuple[Finding, ...] = ()
+    counters = source.events().count_since(before)
+    all_frames = rest
+    extra: tuple[Finding, ...] = ()
     if press:
         frames = iter(lambda: source.array.read(timeout_s=FRAME_TIMEOUT_S), None)
-        whole, also = _follow_presses(frames, rest=rest, layout=layout, prompt=say)
-    health = examine(
+        all_frames, extra = _follow_presses(frames, rest=rest, layout=layout, prompt=say)
+    health = check_health(
         rest,
         layout=layout,
-        whole=whole,
+        all_frames=all_frames,
         known_ohm=known_ohm,
-        asked_hz=source.requested_rate_hz,
-        events=events,
-        also=also,
+        requested_hz=source.requested_rate_hz,
+        counters=counters,
+        extra_findings=extra,
     )
     return Examined(name=source.name, simulated=source.simulated, layout=layout, health=health)
 
@@ -101,18 +101,18 @@ def _examine_recording(path: Path, *, duration_s: float, press: bool) -> Examine
         raise InputError(f"{path}: no frames to judge")
     if len(set(loaded.oversampling.tolist())) > 1:
         raise InputError(f"{path}: the oversampling changes within it; record with one setting")
-    whole = FrameColumns(
+    all_frames = FrameColumns(
         time_s=loaded.time_s,
         sequence=loaded.sequence,
         counts=loaded.counts,
         oversampling=int(loaded.oversampling[0]),
     )
-    rest = whole.first(duration_s)
-    also: tuple[Finding, ...] = ()
+    rest = all_frames.select_first(duration_s)
+    extra: tuple[Finding, ...] = ()
     if press:
-        after = whole.frames()[len(rest.time_s) :]
-        _, also = _follow_presses(iter(after), rest=rest, layout=layout, prompt=lambda _: None)
-    health = examine(rest, layout=layout, whole=whole, also=also)
+        after = all_frames.to_frames()[len(rest.time_s) :]
+        _, extra = _follow_presses(iter(after), rest=rest, layout=layout, prompt=lambda _: None)
+    health = check_health(rest, layout=layout, all_frames=all_frames, extra_findings=extra)
     simulated = loaded.info.origin != "hardware"
     return Examined(name=path.name, simulated=simulated, layout=layout, health=health)
 
@@ -125,19 +125,19 @@ def _follow_presses(
     prompt: Callable[[str], None],
 ) -> tuple[FrameColumns, tuple[Finding, ...]]:
     """Follow the presses; return the frames of rest and presses, and the findings."""
-    watch, asked, taken = PressWatch(rest.rest_ohm(layout=layout)), None, rest.frames()
+    monitor, requested, taken = PressMonitor(rest.rest_ohm(layout=layout)), None, rest.to_frames()
     for frame in frames:
-        if watch.next_place is not None and watch.next_place != asked:
-            asked = watch.next_place
-            where = f"pixel {pixel_name(*asked)} (finger {layout.finger_of_row[asked[0]]})"
+        if monitor.next_pixel is not None and monitor.next_pixel != requested:
+            requested = monitor.next_pixel
+            where = f"pixel {pixel_name(*requested)} (finger {layout.finger_of_row[requested[0]]})"
             prompt(f"press {where}, hold it for a moment, release")
         ohm = pixel_resistance_ohm(frame.counts, layout=layout, oversampling=frame.oversampling)
-        watch.add_frame(frame.time_s, ohm)
+        monitor.add_frame(frame.time_s, ohm)
         taken.append(frame)
-        if watch.is_done:
+        if monitor.is_done:
             break
-    watch.end_early()
-    return FrameColumns.of(taken), tuple(order_findings(watch.presses, layout=layout))
+    monitor.finish()
+    return FrameColumns.from_frames(taken), tuple(order_findings(monitor.presses, layout=layout))
 
 
 _MARKS = {Severity.FAULT: "[bold red]✗[/]", Severity.ADVICE: "[yellow]![/]"}
@@ -160,7 +160,7 @@ def health_document(examined: Examined) -> dict[str, Any]:
     health, layout = examined.health, examined.layout
     link, fit, pixels = health.link, health.resistor, health.pixels
     return {
-        "healthy": health.healthy,
+        "healthy": health.is_healthy,
         "source": examined.name,
         "simulated": examined.simulated,
         "layout": layout.name,
@@ -189,18 +189,18 @@ def health_document(examined: Examined) -> dict[str, Any]:
         "duration_s": link.duration_s,
         "rate_hz": link.rate_hz,
         "jitter_percent": link.jitter_percent,
-        "corrupt": link.events.corrupt,
-        "late": link.events.late,
-        "clock_drift_ppm": link.events.drift_ppm,
+        "corrupt": link.counters.corrupt,
+        "late": link.counters.late,
+        "clock_drift_ppm": link.counters.drift_ppm,
     }
 
 
 def print_health(examined: Examined) -> None:
     """Print the report on standard output."""
     health = examined.health
-    color = "green" if health.healthy else "red"
+    color = "green" if health.is_healthy else "red"
     faults = sum(found.severity is Severity.FAULT for found in health.findings)
-    summary = "healthy" if health.healthy else f"{faults} fault{'s' * (faults > 1)}"
+    summary = "healthy" if health.is_healthy else f"{faults} fault{'s' * (faults > 1)}"
     console = Console(highlight=False)
     print_card(
         console,
@@ -249,7 +249,7 @@ def _pixel_marks(examined: Examined) -> dict[str, str]:
         # Of several, the first counts.
         for found in reversed(examined.health.findings)
         for row, col in np.ndindex(examined.layout.rows, examined.layout.cols)
-        if found.is_about(row, col)
+        if found.affects_pixel(row, col)
     }
 
 
@@ -260,11 +260,11 @@ def _summary(examined: Examined) -> Text:
         f"{link.frames} frames in {link.duration_s:.1f} s",
         f"{link.rate_hz:.1f} Hz",
         f"{link.lost} lost",
-        f"{link.events.corrupt} corrupt",
+        f"{link.counters.corrupt} corrupt",
         f"jitter {link.jitter_percent:.1f} %",
     ]
-    if link.events.drift_ppm is not None:
-        parts.append(f"clock {link.events.drift_ppm:+.0f} ppm")
+    if link.counters.drift_ppm is not None:
+        parts.append(f"clock {link.counters.drift_ppm:+.0f} ppm")
     lines = "  ·  ".join(parts)
     if fit is not None:
         how = "measured" if health.range_measured else "low end assumed"

@@ -15,7 +15,7 @@ from palpate.clock import RealClock
 from palpate.errors import DeviceError, DeviceNotFoundError, InputError
 from palpate.firmware_image import BOARDS, image_path
 from palpate.sensor.byte_stream import SerialStream
-from palpate.sensor.ports import ask_identity, serial_ports
+from palpate.sensor.ports import list_serial_ports, query_identity
 
 
 def flash(
@@ -47,7 +47,7 @@ def flash(
     say(f"writing {chosen.name} to {device} ...")
     write_image(chosen, board=board, port=device)
     try:
-        found = ask_identity(SerialStream(device, baud=baud), clock=RealClock())
+        found = query_identity(SerialStream(device, baud=baud), clock=RealClock())
     except DeviceError as error:
         raise DeviceError(
             f"written and verified, but the board does not answer: {error}"
@@ -58,7 +58,7 @@ def flash(
 
 def _find_port() -> str:
     """Return the one port of a board by its USB id, as only firmware answers."""
-    likely = [found for found in serial_ports() if found.board is not None]
+    likely = [found for found in list_serial_ports() if found.board is not None]
     if len(likely) == 1:
         return likely[0].device
     if not likely:
@@ -195,7 +195,7 @@ def ports(
 
     Example: palpate ports
     """
-    found = serial_ports()
+    found = list_serial_ports()
     if as_json:
         print_json({"ports": [asdict(port) for port in found]})
         return

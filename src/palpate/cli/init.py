@@ -14,7 +14,7 @@ from palpate.errors import InputError
 from palpate.files import atomic_path
 from palpate.sensor.array import IdleLines
 from palpate.sensor.board_array import LAYOUTS, check_rate, find_layout
-from palpate.sensor.ports import serial_ports
+from palpate.sensor.ports import list_serial_ports
 
 _Answer = TypeVar("_Answer")
 _OPEN_ARRAY = "palpate.sensor.board_array:open_board"
@@ -86,7 +86,7 @@ def init(
     if file.exists() and not force:
         raise InputError(f"{file} exists; give another name, or --force to replace it")
     check_rate(rate_hz)
-    boards = [found.device for found in serial_ports() if found.board is not None]
+    boards = [found.device for found in list_serial_ports() if found.board is not None]
     likely = boards[0] if len(boards) == 1 else _ANY_PORT
     array: dict[str, str | float | bool] = {"port": _ask("Serial port", port, likely)}
     array |= _ask_layout(layout, fingers) | _ask_divider(reference_ohm, taxel_leg, idle_lines)

@@ -21,7 +21,7 @@ from palpate.recording.writer import capture
 from palpate.rig import Rig
 from palpate.rig.recorded import recording_info
 from palpate.rig.sensor_only import SensorRig, open_rig_or_sensor
-from palpate.sensor.array import PressureArray, link_counters
+from palpate.sensor.array import PressureArray, get_link_counters
 from palpate.sensor.board_array import open_board
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import NO_READING
@@ -67,7 +67,7 @@ def record(
             stopped=stopped,
             report=say,
         )
-    count = link_counters(array)
+    count = get_link_counters(array)
     say(
         f"{file}: recorded"
         if count is None

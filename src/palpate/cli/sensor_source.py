@@ -13,7 +13,7 @@ from palpate.errors import CalibrationError, DeviceTimeoutError
 from palpate.gripper.interface import Gripper
 from palpate.rig import open_rig
 from palpate.rig.file import find_calibration_file, open_stated, read_stated
-from palpate.sensor.array import FRAME_TIMEOUT_S, LinkCounters, PressureArray, link_counters
+from palpate.sensor.array import FRAME_TIMEOUT_S, LinkCounters, PressureArray, get_link_counters
 from palpate.sensor.board_array import open_board
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.health import FrameColumns
@@ -45,7 +45,7 @@ class SensorSource:
 
     def events(self) -> LinkCounters:
         """Return the counters of the link; zeros for a source without one."""
-        return link_counters(self.array) or LinkCounters()
+        return get_link_counters(self.array) or LinkCounters()
 
     def rest_ohm(self) -> NDArray[np.float64] | None:
         """Return the calibrated rest values, shape (rows, cols); None without them.
@@ -65,7 +65,7 @@ class SensorSource:
             calibration = Calibration.load(self.calibration_path)
         if calibration is None:
             return None
-        if difference := calibration.layout.difference(layout):
+        if difference := calibration.layout.describe_difference(layout):
             raise CalibrationError(
                 f"the calibration is of another sensor ({difference}); "
                 "fix the rig file, or run `palpate calibrate rest --new`"
@@ -85,7 +85,7 @@ class SensorSource:
                 if len(taken) < 2:
                     raise
                 break
-        return FrameColumns.of(taken)
+        return FrameColumns.from_frames(taken)
 
     def close(self) -> None:
         """Release the devices."""

@@ -44,11 +44,11 @@ from palpate.sensor.array import (
     Frame,
     LinkCounters,
     PressureArray,
-    link_counters,
+    get_link_counters,
 )
 from palpate.sensor.calibration import Calibration, ForcePairs, RestValues
-from palpate.sensor.health import FrameColumns, Health, examine
-from palpate.sensor.rest_calibration import now_text, rest_values, with_rest
+from palpate.sensor.health import FrameColumns, Health, check_health
+from palpate.sensor.rest_calibration import compute_rest, format_now, replace_rest
 from palpate.sensor.serial_array import SerialArray
 
 NO_GRIPPER = "this rig has no gripper: name one in its file (`palpate init --gripper`)"
@@ -114,7 +114,7 @@ class JobContext:
 
     def link_events(self) -> LinkCounters:
         """Return the counters of the link, if there is one."""
-        return link_counters(self.rig.array) or LinkCounters()
+        return get_link_counters(self.rig.array) or LinkCounters()
 
     def watch_array(self, array: PressureArray | None = None) -> WatchedArray:
         """Return the array with every frame shown; a stop request ends its reading."""
@@ -297,7 +297,7 @@ def calibrate_rest(order: CalibrateRest, *, context: JobContext) -> CalibrationR
         else _measure_rest_with_gripper(rig, context)
     )
     # A rig without a calibration is a board: the twin's have one.
-    made = with_rest(rig.calibration, rest, layout=rig.array.layout, simulated=False)
+    made = replace_rest(rig.calibration, rest, layout=rig.array.layout, simulated=False)
     return _store_calibration(made, file=order.file, context=context)
 
 
@@ -319,7 +319,7 @@ def _measure_rest_without_gripper(context: JobContext) -> RestValues:
     frames = _read_at_rest(_REST_S, context)
     if frames.time_s[-1] - frames.time_s[0] < _REST_S:
         raise DeviceTimeoutError("the sensor sends no frames: check its cable and power")
-    return rest_values(frames, layout=context.rig.array.layout)
+    return compute_rest(frames, layout=context.rig.array.layout)
 
 
 def calibrate_force(order: CalibrateForce, *, context: JobContext) -> CalibrationRenewed:
@@ -343,7 +343,7 @@ def calibrate_force(order: CalibrateForce, *, context: JobContext) -> Calibratio
         pairs = _calibrate_with_load_cell(open_twin_bench(context.rig.name, context.seed), context)
     else:
         raise DeviceError("this rig has no load cell that palpate can read: give dead weights")
-    made = replace(with_force_law(replace(before, force=pairs)), made_at=now_text())
+    made = replace(with_force_law(replace(before, force=pairs)), made_at=format_now())
     return _store_calibration(made, file=order.file, context=context)
 
 
@@ -411,12 +411,12 @@ def examine_sensor(order: Examine, *, context: JobContext) -> Health:
     before = context.link_events()
     frames, board = _read_at_rest(order.duration_s, context), context.rig.array
     identity = board.identity if isinstance(board, SerialArray) else None
-    return examine(
+    return check_health(
         frames,
         layout=board.layout,
         known_ohm=context.source().rest_ohm,
-        asked_hz=None if identity is None else identity.rate_hz,
-        events=context.link_events().since(before),
+        requested_hz=None if identity is None else identity.rate_hz,
+        counters=context.link_events().count_since(before),
     )
 
 
@@ -430,4 +430,4 @@ def _read_at_rest(duration_s: float, context: JobContext) -> FrameColumns:
             frames.append(array.read(timeout_s=FRAME_TIMEOUT_S))
         except DeviceTimeoutError:
             break
-    return FrameColumns.of(frames)
+    return FrameColumns.from_frames(frames)

@@ -252,7 +252,7 @@ def _pixel_findings(health: Health | None) -> list[dict[str, Any]]:
         {"row": row, "col": col, "severity": str(found.severity), "text": found.text}
         for found in health.findings
         for row, col in np.ndindex(*health.pixels.rest_ohm.shape)
-        if found.is_about(row, col)
+        if found.affects_pixel(row, col)
     ]
 
 

@@ -11,7 +11,7 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.safety import Alarm, Danger
 from palpate.grasp.state import GraspState
 from palpate.sensor.findings import pixel_name
-from palpate.sensor.health_pixels import at_ends
+from palpate.sensor.health_pixels import find_end_readings
 
 _SEE_DOCTOR = "run `palpate doctor`"
 
@@ -97,7 +97,7 @@ class PixelMonitor:
         # A long way at one speed shakes the sheet at its ends only: it is one movement.
         if not moving:
             self._count_moves(closure)
-        opened, ended = at_ends(counts, layout=self._layout)
+        opened, ended = find_end_readings(counts, layout=self._layout)
         self._opened = np.where(opened, self._opened + 1, 0)
         self._ended = np.where(ended, self._ended + 1, 0)
         jumped = np.abs(counts - before) > PIXELS.jump_fraction * np.maximum(before, 1.0)

@@ -13,7 +13,7 @@ from palpate.clock import Clock, RealClock
 from palpate.errors import DeviceError, DeviceTimeoutError, InputError
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.sensor.array import PressureArray
-from palpate.sensor.serial_array import SIGN_OF_LIFE_S, STALE_S, SerialArray
+from palpate.sensor.serial_array import HEARTBEAT_S, STALE_S, SerialArray
 from palpate.sensor.wire_messages import (
     SERVO_PULSES_US,
     BoardStatus,
@@ -113,7 +113,7 @@ class HobbyServoGripper:
         heard nothing.
         """
         now_s = self._clock.now_s()
-        if now_s - self._sent_s >= SIGN_OF_LIFE_S:
+        if now_s - self._sent_s >= HEARTBEAT_S:
             self._send(Ping())
         newest = self._board.newest()
         if newest is not None:

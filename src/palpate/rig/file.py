@@ -115,7 +115,7 @@ def check_layout(
 
     Raises `CalibrationError` if it was made with another layout, divider or wiring.
     """
-    if difference := calibration.layout.difference(array.layout):
+    if difference := calibration.layout.describe_difference(array.layout):
         raise CalibrationError(
             f"calibration {file}: it is of another sensor ({difference}); fix [array] in "
             f"{rig_file}, or calibrate again"

@@ -1,4 +1,4 @@
-"""Frames of pixel readings, their layout, and the interface of a sensor."""
+"""Frames of pixel readings, the layout of the pixels, and the interface of a sensor."""
 
 from __future__ import annotations
 
@@ -13,36 +13,36 @@ from palpate.signal.circuit import Divider
 
 #: A sensor counts as silent after this long without a frame.
 FRAME_TIMEOUT_S = 2.0
-#: Lines of the largest matrices that people build (FlexiTac's has 12 x 32).
-MOST_LINES = 64
-#: What the lines that are not selected do: see `ArrayLayout`.
+#: Largest number of rows or columns; the largest published matrix (FlexiTac) is 12 x 32.
+MAX_LINES = 64
+#: Connection of the unselected lines; see `ArrayLayout`.
 IdleLines: TypeAlias = Literal["isolated", "floating", "held"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArrayLayout:
-    """The pixels of a sensor: rows, columns, wiring, and fingers.
+    """The pixels of a sensor: rows, columns, wiring and fingers.
 
     Attributes
     ----------
     name : str
         Short name, e.g. ``"rigid-2x2"``.
     rows, cols : int
-        Size of the scanned matrix, 1 to 64 each; a board with palpate's firmware reads up to 16.
+        Size of the scanned matrix, 1 to 64 each. A board with palpate's firmware reads up to 16.
     finger_of_row : tuple of int, length rows
-        Finger that the pixels of each row are on: a row of the matrix never spans two fingers.
+        Finger of each row. A row of the matrix never spans two fingers.
     pitch_mm : float
-        Distance between neighbouring pixel centres.
+        Distance between the centres of adjacent pixels.
     divider : Divider
         The readout circuit.
     idle_lines : {"isolated", "floating", "held"}
-        What the lines of the other pixels do while one is read. *Isolated*: nothing that matters,
-        each pixel has a line of its own, or a diode. *Floating*: rows and columns go to two
-        multiplexers and nothing else, so that the reading leaks through detours. *Held*: idle rows
-        are tied to the rail that the reference resistor goes to. Decides how crosstalk is solved
-        out (`palpate.sensor.pixel_resistance`).
+        State of the unselected lines during a reading; it determines the crosstalk correction
+        (`palpate.sensor.pixel_resistance`). *Isolated*: each pixel has its own line or a diode,
+        and there is no crosstalk. *Floating*: rows and columns connect only to two multiplexers,
+        and current also flows through other pixels. *Held*: idle rows are tied to the same rail
+        as the reference resistor.
     line_ohm : float
-        In series with every pixel: on-resistance of the multiplexers, and leads. Subtracted.
+        Resistance in series with every pixel (multiplexers and leads). It is subtracted.
 
     Examples
     --------
@@ -63,13 +63,13 @@ class ArrayLayout:
     def __post_init__(self) -> None:
         if self.idle_lines not in get_args(IdleLines):
             raise ValueError(
-                f"layout {self.name}: idle_lines {self.idle_lines!r} is none of "
+                f"layout {self.name}: idle_lines {self.idle_lines!r} must be one of "
                 f"{', '.join(get_args(IdleLines))}"
             )
         if not (math.isfinite(self.line_ohm) and self.line_ohm >= 0):
             raise ValueError(f"layout {self.name}: line_ohm {self.line_ohm!r} must be 0 or more")
-        if not (1 <= self.rows <= MOST_LINES and 1 <= self.cols <= MOST_LINES):
-            raise ValueError(f"layout {self.name}: rows and cols must be 1 to {MOST_LINES}")
+        if not (1 <= self.rows <= MAX_LINES and 1 <= self.cols <= MAX_LINES):
+            raise ValueError(f"layout {self.name}: rows and cols must be 1 to {MAX_LINES}")
         if len(self.finger_of_row) != self.rows:
             raise ValueError(
                 f"layout {self.name}: finger_of_row has {len(self.finger_of_row)} entries "
@@ -87,28 +87,28 @@ class ArrayLayout:
         return len(set(self.finger_of_row))
 
     def finger_mask(self, finger: int) -> NDArray[np.bool_]:
-        """Return which pixels are on `finger`, shape (rows, cols)."""
+        """Return the mask of the pixels on `finger`, shape (rows, cols)."""
         on_finger = np.array(self.finger_of_row) == finger
         return np.repeat(on_finger[:, None], self.cols, axis=1)
 
-    def difference(self, other: ArrayLayout) -> str:
-        """Describe how this layout differs from `other`; empty if both give the same readings.
+    def describe_difference(self, other: ArrayLayout) -> str:
+        """Describe the differences from `other`; return an empty string if there are none.
 
-        Names don't count.
+        The names of the layouts are not compared.
 
         Examples
         --------
         >>> from dataclasses import replace
-        >>> RIGID_LAYOUT.difference(replace(RIGID_LAYOUT, idle_lines="floating"))
+        >>> RIGID_LAYOUT.describe_difference(replace(RIGID_LAYOUT, idle_lines="floating"))
         "idle_lines 'isolated' instead of 'floating'"
-        >>> RIGID_LAYOUT.difference(replace(RIGID_LAYOUT, name="left gripper"))
+        >>> RIGID_LAYOUT.describe_difference(replace(RIGID_LAYOUT, name="left gripper"))
         ''
         """
-        mine, its = ({**asdict(layout), **asdict(layout.divider)} for layout in (self, other))
+        own, others = ({**asdict(layout), **asdict(layout.divider)} for layout in (self, other))
         return ", ".join(
-            f"{name} {mine[name]!r} instead of {its[name]!r}"
-            for name in mine
-            if name not in ("name", "divider") and mine[name] != its[name]
+            f"{name} {own[name]!r} instead of {others[name]!r}"
+            for name in own
+            if name not in ("name", "divider") and own[name] != others[name]
         )
 
 
@@ -120,20 +120,20 @@ SOFT_LAYOUT = ArrayLayout(name="soft-3x2", rows=6, cols=2, finger_of_row=(0, 0, 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """One scan of all the pixels.
+    """One scan of all pixels.
 
     Attributes
     ----------
     time_s : float
-        When it was scanned: device time mapped to the host's clock. Rises from frame to frame.
+        Scan time: device time mapped to the host's clock. It increases from frame to frame.
     sequence : int
-        Number given by the device, without the wrap: gaps are lost frames.
+        Unwrapped frame number from the device. Gaps are lost frames.
     counts : ndarray of int, shape (rows, cols)
         Raw ADC counts, summed over `oversampling` conversions; read-only.
     oversampling : int
         Conversions summed per pixel.
     ceiling_tripped : bool
-        Whether a pixel has reached the ceiling that the board checks, since it was armed.
+        Whether a pixel has reached the board's ceiling since the ceiling was armed.
     """
 
     time_s: float
@@ -149,11 +149,11 @@ class Frame:
 
 
 def find_impossible_count(frame: Frame, *, layout: ArrayLayout) -> str | None:
-    """Describe a reading that layout and converter cannot give; None if all are possible.
+    """Describe a reading outside the range of layout and converter; None if all are valid.
 
     >>> frame = Frame(time_s=0.0, sequence=0, counts=np.full((4, 2), 1024))
     >>> find_impossible_count(frame, layout=RIGID_LAYOUT)
-    'pixel R0 C0 reads 1024, and 1 conversion(s) of 10 bit give 0 to 1023; check the layout'
+    'pixel R0 C0 reads 1024, but 1 conversion(s) of 10 bit give 0 to 1023; check the layout'
     """
     counts, divider = frame.counts, layout.divider
     if counts.shape != (layout.rows, layout.cols):
@@ -167,7 +167,7 @@ def find_impossible_count(frame: Frame, *, layout: ArrayLayout) -> str | None:
         return None
     row, col = np.argwhere(wrong)[0].tolist()
     return (
-        f"pixel R{row} C{col} reads {counts[row, col]}, and {frame.oversampling} conversion(s) of "
+        f"pixel R{row} C{col} reads {counts[row, col]}, but {frame.oversampling} conversion(s) of "
         f"{divider.adc_bits} bit give 0 to {top}; check the layout"
     )
 
@@ -178,21 +178,21 @@ class LinkCounters:
 
     #: Frames received.
     frames: int = 0
-    #: Frames that are missing by their numbers, or by the time between them.
+    #: Missing frames, from gaps in the frame numbers or in time.
     lost: int = 0
     #: Packets or lines rejected.
     corrupt: int = 0
-    #: Frames older than 5 periods and 100 ms when they were read: the host stalled.
+    #: Frames older than 5 periods and 100 ms when read, because the host stalled.
     late: int = 0
-    #: Streams begun after the first: resets of the board, and resumptions.
+    #: Streams after the first: the board was reset or the stream was started again.
     restarts: int = 0
-    #: Times that the port was opened again.
+    #: Times that the port was reopened.
     reconnects: int = 0
-    #: How much longer a host second is than the board's, parts per million; None if unknown.
+    #: Excess of a host second over a board second, parts per million; None if unknown.
     drift_ppm: float | None = None
 
-    def since(self, before: LinkCounters) -> LinkCounters:
-        """Return the counts since `before`, with the present drift."""
+    def count_since(self, before: LinkCounters) -> LinkCounters:
+        """Return the counts since `before`, with the current drift."""
         counted = {
             f.name: getattr(self, f.name) - getattr(before, f.name)
             for f in fields(self)
@@ -206,7 +206,7 @@ class PressureArray(Protocol):
 
     @property
     def layout(self) -> ArrayLayout:
-        """Layout of the frames that the array delivers."""
+        """Layout of the frames."""
         ...
 
     def read(self, *, timeout_s: float) -> Frame:
@@ -215,9 +215,9 @@ class PressureArray(Protocol):
         Raises
         ------
         DeviceTimeoutError
-            If none came within `timeout_s`.
+            If no frame arrived within `timeout_s`.
         DeviceError
-            If the source is gone for good.
+            If the source is permanently lost.
         """
         ...
 
@@ -226,7 +226,7 @@ class PressureArray(Protocol):
         ...
 
 
-def link_counters(array: PressureArray) -> LinkCounters | None:
+def get_link_counters(array: PressureArray) -> LinkCounters | None:
     """Return the counters of an array's link; None for an array without one."""
     counters = getattr(array, "counters", None)
     return counters if isinstance(counters, LinkCounters) else None

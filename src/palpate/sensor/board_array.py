@@ -1,6 +1,6 @@
-"""A board's pressure array, opened by port, layout, resistor and rate.
+"""Opening of the pressure array of a board with palpate's firmware.
 
-`open_board` is what a rig file names for its `[array]`.
+A rig file refers to `open_board` in its `[array]` section.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from palpate.clock import RealClock
 from palpate.errors import InputError
 from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout, IdleLines
 from palpate.sensor.byte_stream import BAUD, SerialStream
-from palpate.sensor.ports import find_port, follow_port, serial_ports
+from palpate.sensor.ports import find_port, follow_port, list_serial_ports
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import MAX_SIDE, Contents
 from palpate.signal.circuit import Divider
@@ -32,35 +32,35 @@ def find_layout(
     fingers: int = 1,
     pitch_mm: float | None = None,
     adc_bits: int = 10,
-    most_lines: int = MAX_SIDE,
+    max_lines: int = MAX_SIDE,
 ) -> ArrayLayout:
-    """Return a preset layout, or one of rows x columns, with its divider and wiring.
+    """Return a preset or rows x columns layout with its divider and wiring.
 
     Parameters
     ----------
     name : str
-        ``"rigid-2x2"``, ``"soft-3x2"``, or the whole matrix, e.g. ``"6x3"``.
+        ``"rigid-2x2"``, ``"soft-3x2"``, or the size of the matrix, e.g. ``"6x3"``.
     reference_ohm : float
         The divider's fixed resistor.
     taxel_leg : {"upper", "lower"}
-        Where the pixel lies in the divider.
+        Position of the pixel in the divider.
     idle_lines : {"isolated", "floating", "held"}
-        What the lines of the other pixels do while one is read (`ArrayLayout`).
+        State of the unselected lines during a reading (`ArrayLayout`).
     line_ohm : float
-        In series with every pixel: the multiplexers' on-resistance.
+        Resistance in series with every pixel, such as that of the multiplexers.
     fingers : int
-        How many fingers the rows of a matrix are on, as many on each; presets know theirs.
+        Number of fingers, each with the same number of rows. Presets define their own.
     pitch_mm : float, optional
-        Distance between the centres of neighbouring pixels; 10 by default.
+        Distance between the centres of adjacent pixels; 10 by default.
     adc_bits : int
-        Width of the board's converter.
-    most_lines : int
-        Largest number of rows, and of columns, that the board reads.
+        Resolution of the board's converter.
+    max_lines : int
+        Largest number of rows or columns that the board can read.
 
     Raises
     ------
     InputError
-        If there is no such layout, or a value makes no sense.
+        If the layout is unknown or a value is out of range.
 
     Examples
     --------
@@ -75,10 +75,12 @@ def find_layout(
         raise InputError(f"adc_bits = {adc_bits}: a converter has 1 to 24 bits")
     divider = Divider(reference_ohm=reference_ohm, taxel_leg=taxel_leg, adc_bits=adc_bits)
     if pitch_mm is not None and not 0 < pitch_mm < math.inf:
-        raise InputError(f"a pitch of {pitch_mm:g} mm: give millimetres between pixel centres")
-    layout = LAYOUTS.get(name) or _make_grid(name, fingers=fingers, most_lines=most_lines)
+        raise InputError(
+            f"pitch_mm = {pitch_mm:g}: give the distance between pixel centres, above 0 mm"
+        )
+    layout = LAYOUTS.get(name) or _make_grid(name, fingers=fingers, max_lines=max_lines)
     if fingers not in (1, layout.fingers):
-        raise InputError(f"layout {name} is on {layout.fingers} fingers, not on {fingers}")
+        raise InputError(f"layout {name} has {layout.fingers} fingers, not {fingers}")
     try:
         return replace(
             layout,
@@ -91,35 +93,32 @@ def find_layout(
         raise InputError(str(error)) from error
 
 
-def _make_grid(name: str, *, fingers: int, most_lines: int) -> ArrayLayout:
-    """Return the layout of rows x columns, the rows shared equally by the fingers."""
+def _make_grid(name: str, *, fingers: int, max_lines: int) -> ArrayLayout:
+    """Return a rows x columns layout with the rows divided equally among the fingers."""
     rows, _, cols = name.partition("x")
     sizes = [int(side) for side in (rows, cols) if side.isdecimal()]
-    if len(sizes) != 2 or not all(1 <= size <= most_lines for size in sizes):
+    if len(sizes) != 2 or not all(1 <= size <= max_lines for size in sizes):
         raise InputError(
-            f"no layout {name!r}: give {', '.join(LAYOUTS)}, or rows x columns from 1x1 to "
-            f"{most_lines}x{most_lines}"
+            f"unknown layout {name!r}: give {', '.join(LAYOUTS)}, or rows x columns from 1x1 to "
+            f"{max_lines}x{max_lines}"
         )
     if fingers < 1 or sizes[0] % fingers:
         raise InputError(
-            f"layout {name}: {sizes[0]} rows cannot be shared equally by {fingers} fingers"
+            f"layout {name}: {sizes[0]} rows cannot be divided equally among {fingers} fingers"
         )
-    each = sizes[0] // fingers
+    rows_per_finger = sizes[0] // fingers
     return ArrayLayout(
         name=name,
         rows=sizes[0],
         cols=sizes[1],
-        finger_of_row=tuple(row // each for row in range(sizes[0])),
+        finger_of_row=tuple(row // rows_per_finger for row in range(sizes[0])),
     )
 
 
 def check_rate(rate_hz: float) -> None:
-    """Refuse a frame rate that is not positive and finite.
-
-    Raises `InputError` if it is not above 0, or without end.
-    """
+    """Raise `InputError` if a frame rate is not positive and finite."""
     if not 0 < rate_hz < math.inf:
-        raise InputError(f"a rate of {rate_hz:g} Hz: give frames per second, such as 250")
+        raise InputError(f"a rate of {rate_hz:g} Hz: give frames per second above 0, such as 250")
 
 
 def open_board(
@@ -139,12 +138,15 @@ def open_board(
     pressure: bool = False,
     servo: bool = False,
 ) -> SerialArray:
-    """Open the array of a board with palpate's firmware; it reconnects after an unplug.
+    """Open the array of a board with palpate's firmware.
+
+    The array reconnects after an unplug.
 
     Parameters
     ----------
     port : str, optional
-        Device, e.g. ``"/dev/ttyACM0"``; by default found by USB id, or by asking who answers.
+        Device, e.g. ``"/dev/ttyACM0"``. By default the USB id identifies the board, or its answer
+        on one of the ports.
     layout, reference_ohm, taxel_leg, idle_lines, line_ohm, fingers, pitch_mm
         As in `find_layout`.
     rate_hz : float
@@ -152,20 +154,20 @@ def open_board(
     oversampling : int
         Conversions summed per pixel, 1 to 64.
     baud : int
-        Speed that the firmware was built for.
+        Baud rate of the firmware.
     load_cells : bool
-        Whether the board's two load cells are read too.
+        Whether to read the board's two load cells as well.
     pressure : bool
-        Whether the board's regulator is read too, for fingers driven by pressure.
+        Whether to read the board's pressure regulator as well, for pneumatic fingers.
     servo : bool
-        Whether the board's servo pulses are read too, for fingers driven by a hobby servo.
+        Whether to read the board's servo pulses as well, for fingers with a hobby servo.
 
     Raises
     ------
     InputError
-        If there is no such layout, or the rate is none.
+        If the layout is unknown or the rate is not positive.
     DeviceError
-        If there is no board, it does not answer, or it can't do that rate.
+        If there is no board, the board does not answer, or it cannot reach the rate.
     """
     check_rate(rate_hz)
     pixels = find_layout(
@@ -182,8 +184,8 @@ def open_board(
     def open_stream(name: str) -> SerialStream:
         return SerialStream(name, baud=baud)
 
-    device = port or find_port(serial_ports(), clock=clock, open_stream=open_stream)
-    where = follow_port(device)
+    device = port or find_port(list_serial_ports(), clock=clock, open_stream=open_stream)
+    find_current_port = follow_port(device)
     return SerialArray(
         open_stream(device),
         clock=clock,
@@ -193,5 +195,5 @@ def open_board(
         contents=(Contents.LOAD_CELLS if load_cells else Contents.PIXELS)
         | (Contents.PRESSURE if pressure else Contents.PIXELS)
         | (Contents.SERVO if servo else Contents.PIXELS),
-        reopen=lambda: open_stream(where()),
+        reopen=lambda: open_stream(find_current_port()),
     )

@@ -1,4 +1,4 @@
-"""Commands and answers over a byte stream: one conversation with one board."""
+"""Commands to a board and its answers, over a byte stream."""
 
 from __future__ import annotations
 
@@ -19,91 +19,91 @@ from palpate.sensor.wire_messages import (
     SetRate,
 )
 
-#: Opening its port resets most boards, and any byte keeps a boot loader in its programming mode:
-#: the firmware's own first message is awaited in silence. The stock boot loader of a Mega takes
-#: 0.9 s, and 5.2 s where a byte was on its way to it (both on the simulator): what was being sent
-#: to a board that falls silent is such a byte.
+#: Opening the port resets most boards, and any received byte keeps a boot loader in programming
+#: mode. The host therefore sends nothing until the firmware's first message. The stock boot loader
+#: of a Mega takes 0.9 s, or 5.2 s after a received byte (both measured on the simulator). The
+#: longer wait follows when a board falls silent, because a byte may have been on its way to it.
 LISTEN_S, RESTART_S = 2.0, 6.0
-#: After that, an answer is missing from this time on.
+#: Time limit for an answer after that wait.
 ANSWER_TIMEOUT_S = 2.0
-#: An answer that has not come by then is lost (docs/protocol.md; 1 s at 9600 baud).
+#: A command without an answer after this time is sent again (docs/protocol.md; 1 s at 9600 baud).
 RESEND_S = 0.3
-#: Bytes are fetched in bulk this often: a quarter of the time between frames at 500 Hz at most.
+#: Interval between reads of the port: at most a quarter of the frame period at 500 Hz.
 POLL_S = 0.001
 _FRAME_OVERHEAD_BYTES = 23  # head 13, packet 7, stuffing 2, final zero
 _FIRMWARE_S_PER_PIXEL = 10e-6  # docs/protocol.md
 
 
 class BoardLink:
-    """Feeds a decoder from a stream and executes command lists without blocking.
+    """Feeds a decoder from a stream and executes lists of commands without blocking.
 
-    Nothing is sent until data has arrived from the board, or `LISTEN_S` have passed.
+    Nothing is sent until the board has sent data or `LISTEN_S` has elapsed.
 
-    `decoder`: to continue the count after a reconnect.
+    `decoder`: the decoder of the earlier link after a reconnect, which continues its counters.
     """
 
     def __init__(self, stream: ByteStream, *, clock: Clock, decoder: Decoder | None = None) -> None:
         self.stream = stream
         self.decoder = decoder or Decoder()
         self.identity: BoardIdentity | None = None
-        #: The board started again (an unrequested identity) since it was last set up.
+        #: Whether the board has been reset since its last setup (an unrequested identity arrived).
         self.was_reset = False
         self._clock = clock
         self._commands: Sequence[Command] = ()
-        self._todo: list[Command] = []
+        self._pending: list[Command] = []
         self._tag = 0
         self._sent_s = -float("inf")
-        self._asked_s = 0.0
-        self._bytes_seen = 0
-        self._heard = False
+        self._started_s = 0.0
+        self._received_bytes = 0
+        self._has_packet = False
         self._listen_until_s = clock.now_s() + LISTEN_S
 
     @property
-    def busy(self) -> bool:
-        """Whether commands wait for answers."""
-        return bool(self._todo)
+    def is_busy(self) -> bool:
+        """Whether a command is still unanswered."""
+        return bool(self._pending)
 
-    def begin(self, commands: Sequence[Command]) -> None:
-        """Send these commands one by one, each after the answer to the one before."""
+    def start_commands(self, commands: Sequence[Command]) -> None:
+        """Start to send commands, each after the answer to the previous command."""
         self._commands = commands
-        self._todo = list(commands)
+        self._pending = list(commands)
         self.was_reset = False
-        self._bytes_seen = 0
-        self._heard = False
-        self._next_command()
+        self._received_bytes = 0
+        self._has_packet = False
+        self._prepare_command()
 
-    def listen(self) -> None:
-        """Send nothing until the board sends, or for `RESTART_S`: it may be starting."""
+    def wait_for_restart(self) -> None:
+        """Send nothing until the board sends a packet, or for `RESTART_S`."""
         self._listen_until_s = self._clock.now_s() + RESTART_S
 
     def poll(self) -> list[FrameMessage]:
-        """Receive bytes, send due commands; return frames once all commands are answered.
+        """Receive bytes and send due commands; return frames once all commands are answered.
 
-        Raises `DeviceError` if the port is gone, or the board refuses a command or does not answer.
+        Raises `DeviceError` if the port is lost, or the board refuses or ignores a command.
         """
         data = self.stream.read_waiting()
-        self._bytes_seen += len(data)
+        self._received_bytes += len(data)
         frames: list[FrameMessage] = []
         for message in self.decoder.feed(data) if data else ():
-            self._heard = True
+            self._has_packet = True
             self._listen_until_s = -math.inf
             if isinstance(message, FrameMessage):
-                if not self._todo:
+                if not self._pending:
                     frames.append(message)
             elif isinstance(message, BoardIdentity):
-                self._identify(message)
+                self._handle_identity(message)
             else:
-                self._take_answer(message)
-        if self._todo:
+                self._handle_answer(message)
+        if self._pending:
             self._send_if_due()
         return frames
 
-    def ask(self, *commands: Command) -> list[FrameMessage]:
-        """Carry out commands and wait for the answers; return the frames right after the last."""
-        self.begin(commands)
+    def execute(self, *commands: Command) -> list[FrameMessage]:
+        """Send commands and wait for their answers; return the first frames after the last."""
+        self.start_commands(commands)
         while True:
             frames = self.poll()
-            if not self.busy:
+            if not self.is_busy:
                 return frames
             self._clock.sleep_s(POLL_S)
 
@@ -111,61 +111,64 @@ class BoardLink:
         """Send a command without waiting for its answer (heartbeats, pressure steps)."""
         self.stream.write(encode_command(command, tag=0))
 
-    def _next_command(self) -> None:
-        # Tags 1 to 255: an identity with tag 0 was not asked for.
+    def _prepare_command(self) -> None:
+        # Tags are 1 to 255, because tag 0 marks an unrequested identity.
         self._tag = self._tag % 255 + 1
-        self._asked_s = max(self._clock.now_s(), self._listen_until_s)
+        self._started_s = max(self._clock.now_s(), self._listen_until_s)
         self._sent_s = -float("inf")
 
     def _send_if_due(self) -> None:
         now_s = self._clock.now_s()
         if now_s < self._listen_until_s:
             return
-        if now_s - self._asked_s > ANSWER_TIMEOUT_S:
+        if now_s - self._started_s > ANSWER_TIMEOUT_S:
             raise self._explain_silence()
         if now_s - self._sent_s >= RESEND_S:
             self._sent_s = now_s
-            self.stream.write(encode_command(self._todo[0], tag=self._tag))
+            self.stream.write(encode_command(self._pending[0], tag=self._tag))
 
-    def _identify(self, identity: BoardIdentity) -> None:
+    def _handle_identity(self, identity: BoardIdentity) -> None:
         self.identity = identity
-        if identity.tag == 0 and self._todo:
-            self._todo = list(self._commands)  # the board has lost its earlier settings
-            self._next_command()
+        if identity.tag == 0 and self._pending:
+            self._pending = list(self._commands)  # the board has lost its earlier settings
+            self._prepare_command()
         elif identity.tag == 0:
             self.was_reset = True
-        elif identity.tag == self._tag and self._todo and isinstance(self._todo[0], Identify):
+        elif identity.tag == self._tag and self._pending and isinstance(self._pending[0], Identify):
             self._advance()
 
-    def _take_answer(self, ack: Ack) -> None:
-        if not self._todo or ack.tag != self._tag:
+    def _handle_answer(self, ack: Ack) -> None:
+        if not self._pending or ack.tag != self._tag:
             return
+        command = self._pending[0]
         if ack.result == Result.TOO_FAST:
-            wanted = self._todo[0]
-            rate = f"{wanted.rate_hz:g} frames/s" if isinstance(wanted, SetRate) else "the rate set"
+            rate = (
+                f"{command.rate_hz:g} frames/s" if isinstance(command, SetRate) else "the set rate"
+            )
             raise WireError(
                 f"{self.stream.name}: the board can't do {rate} with this layout and "
                 f"oversampling; at most {ack.highest_rate_hz:.1f}"
             )
         if ack.result != Result.OK:
-            refusal = ack.result.name.lower().replace("_", " ")
-            raise WireError(f"{self.stream.name}: the board refused {self._todo[0]}: {refusal}")
+            reason = ack.result.name.lower().replace("_", " ")
+            raise WireError(f"{self.stream.name}: the board refused {command}: {reason}")
         self._advance()
 
     def _advance(self) -> None:
-        del self._todo[0]
-        self._next_command()
+        del self._pending[0]
+        self._prepare_command()
 
     def _explain_silence(self) -> DeviceError:
         name, waited_s = self.stream.name, LISTEN_S + ANSWER_TIMEOUT_S
-        if self._bytes_seen and not self._heard:
+        if self._received_bytes and not self._has_packet:
             return WireError(
-                f"{name}: {self._bytes_seen} bytes but no valid packet in {waited_s:g} s: "
-                "the baud rate is another, or the board runs other firmware (`palpate flash`)"
+                f"{name}: {self._received_bytes} bytes but no valid packet in {waited_s:g} s: "
+                "the baud rate differs, or the board runs other firmware (`palpate flash`)"
             )
-        if self._heard:
+        if self._has_packet:
             return DeviceTimeoutError(
-                f"{name}: the board sends but does not answer. Is another program using the port?"
+                f"{name}: the board sends data but does not answer. Close any other program that "
+                "uses the port."
             )
         return DeviceTimeoutError(
             f"{name}: no answer from the board in {waited_s:g} s. Check its power, then "
@@ -173,10 +176,10 @@ class BoardLink:
         )
 
 
-def least_delay_s(identity: BoardIdentity, *, pixels: int, oversampling: int) -> float:
+def minimum_delay_s(identity: BoardIdentity, *, pixels: int, oversampling: int) -> float:
     """Return the time from the start of a scan to its last byte.
 
-    `identity`: conversion and settle times, and the speed of the link.
+    `identity`: provides the conversion time, the settle time and the baud rate.
     """
     conversion_s = oversampling * identity.conversion_us * 1e-6
     scan_s = pixels * (identity.settle_us * 1e-6 + conversion_s + _FIRMWARE_S_PER_PIXEL)

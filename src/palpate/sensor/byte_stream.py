@@ -1,4 +1,4 @@
-"""A serial port as plain bytes, and the errors of opening one."""
+"""A serial port as a stream of bytes, with explanations when it can't be opened."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ class ByteStream(Protocol):
 
     @property
     def name(self) -> str:
-        """Its name in messages, e.g. the port."""
+        """Name for messages, e.g. the port."""
         ...
 
     def read_waiting(self) -> bytes:
         """Return all received bytes without waiting; b"" if there are none.
 
-        Raises `DeviceError` if the port is gone.
+        Raises `DeviceError` if the port is lost.
         """
         ...
 
     def write(self, data: bytes) -> None:
         """Send all of `data`.
 
-        Raises `DeviceError` if the port is gone.
+        Raises `DeviceError` if the port is lost.
         """
         ...
 
@@ -46,9 +46,9 @@ class SerialStream:
     """A `ByteStream` over a serial port, locked against other programs.
 
     `port`: device, e.g. ``"/dev/ttyACM0"``.
-    `baud`: speed that the firmware was built for.
-    Raises `DeviceNotFoundError` if there is no such port; `DeviceError` if it is busy, or may not
-    be opened.
+    `baud`: baud rate of the firmware.
+    Raises `DeviceNotFoundError` if there is no such port; `DeviceError` if the port is busy or
+    access is denied.
     """
 
     def __init__(self, port: str, *, baud: int = BAUD) -> None:
@@ -78,15 +78,15 @@ class SerialStream:
 
 
 def _port_error(port: str) -> str:
-    return f"{port} is gone: the cable was pulled or the board lost power. Plug it in again."
+    return f"{port} is gone: the cable was pulled or the board lost power. Plug the board in again."
 
 
 def _explain_refusal(port: str, error: serial.SerialException) -> DeviceError:
-    """Return in one line the reason why a port can't be opened, and the remedy."""
+    """Return an error with the reason why a port can't be opened, and the remedy."""
     code = error.errno
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         return DeviceNotFoundError(
-            f"no port {port}; `palpate ports` lists those there are. Check cable and power."
+            f"no port {port}; `palpate ports` lists the available ports. Check cable and power."
         )
     if code in (errno.EACCES, errno.EPERM):
         return DeviceError(
@@ -95,13 +95,13 @@ def _explain_refusal(port: str, error: serial.SerialException) -> DeviceError:
         )
     if code in (errno.EBUSY, errno.EAGAIN):
         return DeviceError(
-            f"{port} is in use by another program; `fuser -v {port}` names it. Close it first."
+            f"{port} is in use by another program; `fuser -v {port}` shows which. Close it first."
         )
     return DeviceError(f"{port} can't be opened as a serial port: {error}")
 
 
 def _port_group(port: str) -> str:
-    """Return the group that may use the port: `dialout` on most systems."""
+    """Return the user group with access to the port: `dialout` on most systems."""
     try:
         name = grp.getgrgid(os.stat(port).st_gid).gr_name
     except (OSError, KeyError):

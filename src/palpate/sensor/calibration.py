@@ -1,7 +1,7 @@
 """The calibration file: rest values, raw force and closure pairs, and the fitted law.
 
-JSON, written whole or not at all. The raw pairs are always kept, so a better law can be fitted to
-an old calibration; the law's own numbers are next to them for people who read the file.
+The file is JSON and is written atomically. It always contains the raw pairs, so that a better law
+can be fitted to an old calibration. The coefficients of the law are included for human readers.
 """
 
 from __future__ import annotations
@@ -22,20 +22,17 @@ from palpate.sensor.array import ArrayLayout
 
 FORMAT = "palpate-calibration"
 VERSION = 3
-#: Version 1 had no held-out errors; version 2 kept traces and an observer fitted to them; files of
-#: all versions may state the conditions in the room. None of these has a reader.
-_READABLE = (1, 2, VERSION)
-_NO_LONGER_READ = ("traces", "observer", "temperature_c", "humidity_percent")
+#: Version 1 has no held-out errors. Version 2 contains traces and an observer fitted to the traces.
+#: Files of all versions may contain the room conditions. The obsolete keys are ignored.
+_READABLE_VERSIONS = (1, 2, VERSION)
+_OBSOLETE_KEYS = ("traces", "observer", "temperature_c", "humidity_percent")
 
-_BROKEN = "not whole JSON ({}); take the file from a backup or calibrate again"
-
-#: The one column of force pairs that a file may lack.
-PIXELS = ("pixel_excess",)
+_INVALID_JSON = "not whole JSON ({}); restore the file from a backup or calibrate again"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RestValues:
-    """Pixels without load.
+    """Readings of the pixels without load.
 
     Attributes
     ----------
@@ -44,7 +41,7 @@ class RestValues:
     spread_percent : tuple of tuple of float, shape (rows, cols)
         Standard deviation of each pixel, percent of its rest value.
     frames : int
-        Frames that they rest on.
+        Number of frames used.
     """
 
     ohm: tuple[tuple[float, ...], ...]
@@ -54,14 +51,14 @@ class RestValues:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForcePairs:
-    """Readings of the sheet with a reference force, one entry per reading.
+    """Sheet readings paired with a reference force, one entry per reading.
 
     Attributes
     ----------
     run : tuple of int
-        Which placement of the load cell: pairs of one run share its place on the sheet.
+        Number of the load cell placement. Pairs of one run share the position on the sheet.
     since_move_s : tuple of float
-        How long after the last movement it was read.
+        Time since the last movement.
     excess : tuple of float
         Excess conductance G/G0 - 1 summed over pixels.
     relative_percent : tuple of float
@@ -69,8 +66,8 @@ class ForcePairs:
     force_n : tuple of float
         Reference: mean of the fingers' normal forces.
     pixel_excess : tuple of tuple of float
-        Excess conductance of each pixel, row by row; empty where only the sum was kept. It shows
-        how the load was spread.
+        Excess conductance of each pixel, row by row, which shows the distribution of the load.
+        Empty if only the sum was stored.
     """
 
     run: tuple[int, ...]
@@ -81,7 +78,8 @@ class ForcePairs:
     pixel_excess: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:
-        _check_lengths(self, what="force pairs", apart_from=() if self.pixel_excess else PIXELS)
+        missing = () if self.pixel_excess else ("pixel_excess",)
+        _check_lengths(self, what="force pairs", ignore=missing)
         if len(self.force_n) >= 4 and np.ptp(self.force_n) < 0.01 * max(map(abs, self.force_n)):
             raise CalibrationError(
                 f"force pairs: the reference force stays at {self.force_n[0]:g} N; "
@@ -91,18 +89,18 @@ class ForcePairs:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BlockPairs:
-    """Closing on a rigid block of known size, which measures the gripper's own compliance.
+    """Readings of a closure on a rigid block, which measure the gripper's own compliance.
 
     Attributes
     ----------
     block_mm : tuple of float
         True size of the block, one entry per reading.
     width_mm : tuple of float
-        Width that the gripper reported; empty if it is driven by pressure.
+        Width reported by the gripper; empty for a pressure-controlled gripper.
     force_n : tuple of float
-        Grip force there.
+        Grip force of the reading.
     pressure_kpa : tuple of float
-        Pressure that the gripper reported; empty if it is driven by width.
+        Pressure reported by the gripper; empty for a width-controlled gripper.
     """
 
     block_mm: tuple[float, ...]
@@ -113,35 +111,35 @@ class BlockPairs:
     def __post_init__(self) -> None:
         drives = {"width_mm": self.width_mm, "pressure_kpa": self.pressure_kpa}
         unused = [name for name, values in drives.items() if not values]
-        _check_lengths(self, what="block pairs", apart_from=unused if len(unused) == 1 else ())
+        _check_lengths(self, what="block pairs", ignore=unused if len(unused) == 1 else ())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """The calibration of one sensor on one gripper, from counts to quantities.
+    """The calibration of one sensor on one gripper.
 
     Attributes
     ----------
     sensor_id : str
-        Which sensor.
+        Name of the sensor.
     origin : str
-        Where it was made: ``"hardware"`` or ``"simulated"``.
+        ``"hardware"`` or ``"simulated"``.
     layout : ArrayLayout
         Layout and readout circuit.
     rest : RestValues
-        Pixels without load.
+        Readings of the pixels without load.
     force : ForcePairs
         Raw pairs of reading and force.
     block : BlockPairs
         Raw pairs of width and force on a rigid block.
     force_law : mapping
-        The law fitted to `force`, as its `as_dict` gave it: for readers of the file.
+        The law fitted to `force`, in the form of its `as_dict`; for human readers of the file.
     made_at : str or None
         ISO 8601 date and time.
     current : CurrentPairs or None
-        Servo current paired with the load cell while closing, where the gripper reports one.
+        Servo current paired with the load cell during closing; None if no current is reported.
     held_out : mapping
-        Expected error at 1, 5 and 10 N from placements left out of the fit, percent.
+        Error at 1, 5 and 10 N on placements excluded from the fit, percent.
 
     Examples
     --------
@@ -169,7 +167,7 @@ class Calibration:
                 f"rest: {self.rest_ohm.shape} values for a layout of {shape} pixels"
             )
         if not (self.rest_ohm > 0).all():
-            raise CalibrationError("rest: every pixel needs a resistance above 0 ohm")
+            raise CalibrationError("rest: every pixel must have a resistance above 0 ohm")
         if not (self.made_at is None or _is_date(self.made_at)):
             raise CalibrationError(
                 f"made_at is {self.made_at!r}; it must be a date such as 2026-05-04T08:00:00+00:00"
@@ -183,10 +181,10 @@ class Calibration:
     def as_text(self) -> str:
         """Return the content of the file."""
         document = {"format": FORMAT, "version": VERSION, **asdict(self)}
-        return _rows_on_one_line(json.dumps(document, indent=1, allow_nan=False)) + "\n"
+        return _collapse_number_lists(json.dumps(document, indent=1, allow_nan=False)) + "\n"
 
     def save(self, path: str | Path) -> None:
-        """Write the file, whole or not at all."""
+        """Write the file atomically."""
         text = self.as_text()
         with atomic_path(path) as partial:
             partial.write_text(text)
@@ -198,8 +196,8 @@ class Calibration:
         Raises
         ------
         CalibrationError
-            If it can't be read, is cut, comes from a newer version, or lacks or misnames a value
-            (units are in the names); one line that names it.
+            If the file can't be read, is truncated or from a newer version, or if a value is
+            missing or has a wrong name (names include units). The message is one line.
         """
         try:
             text = Path(path).read_text(encoding="utf-8-sig")
@@ -208,29 +206,29 @@ class Calibration:
             remedy = "; `palpate calibrate rest` makes one" if absent else ""
             raise CalibrationError(f"calibration {path}: {error.strerror}{remedy}") from error
         except UnicodeDecodeError as error:
-            raise CalibrationError(f"calibration {path}: {_BROKEN.format(error)}") from error
+            raise CalibrationError(f"calibration {path}: {_INVALID_JSON.format(error)}") from error
         return cls.from_text(text, where=f"calibration {path}")
 
     @classmethod
     def from_text(cls, text: str, *, where: str = "calibration") -> Calibration:
-        """Read the output of `as_text`, such as the calibration in a recording.
+        """Parse the output of `as_text`, such as the calibration in a recording.
 
         Parameters
         ----------
         text : str
             The content of a calibration file.
         where : str
-            Where it comes from, for errors.
+            Origin of the text, for error messages.
 
         Raises
         ------
         CalibrationError
-            As `load`.
+            Under the same conditions as in `load`.
         """
         try:
             return cls._from_document(json.loads(text))
         except (json.JSONDecodeError, RecursionError) as error:
-            raise CalibrationError(f"{where}: {_BROKEN.format(error)}") from error
+            raise CalibrationError(f"{where}: {_INVALID_JSON.format(error)}") from error
         except (CalibrationError, ValueError) as error:
             raise CalibrationError(f"{where}: {error}") from error
 
@@ -238,17 +236,17 @@ class Calibration:
     def _from_document(cls, document: Any) -> Calibration:
         if not isinstance(document, dict) or document.get("format") != FORMAT:
             raise CalibrationError(
-                f"not a calibration file: its format is not {FORMAT!r}; name another file, or make "
-                "one with `palpate calibrate rest`"
+                f"not a calibration file: its format is not {FORMAT!r}; choose another file, or "
+                "create one with `palpate calibrate rest`"
             )
         version = document.get("version")
-        if version not in _READABLE:
+        if version not in _READABLE_VERSIONS:
             raise CalibrationError(
                 f"written by another version of palpate (file version {version}, "
                 f"this one reads up to {VERSION}); update palpate or calibrate again"
             )
-        passed_over = ("format", "version", *_NO_LONGER_READ)
-        return structure(cls, {k: v for k, v in document.items() if k not in passed_over})
+        ignored = ("format", "version", *_OBSOLETE_KEYS)
+        return structure(cls, {k: v for k, v in document.items() if k not in ignored})
 
 
 def _is_date(value: object) -> bool:
@@ -258,15 +256,15 @@ def _is_date(value: object) -> bool:
         return False
 
 
-def _check_lengths(pairs: Any, *, what: str, apart_from: Sequence[str] = ()) -> None:
-    names = [f.name for f in fields(pairs) if f.name not in apart_from]
+def _check_lengths(pairs: Any, *, what: str, ignore: Sequence[str]) -> None:
+    names = [f.name for f in fields(pairs) if f.name not in ignore]
     lengths = {name: len(getattr(pairs, name)) for name in names}
     if len(set(lengths.values())) != 1:
         raise CalibrationError(f"{what} of unequal length: {lengths}")
 
 
-def _rows_on_one_line(text: str) -> str:
-    """Write each list of numbers on one line, which keeps the file readable."""
+def _collapse_number_lists(text: str) -> str:
+    """Put each list of numbers on one line, to keep the file readable."""
     lines: list[str] = []
     for line in text.splitlines():
         inner = line.strip()
@@ -281,20 +279,21 @@ def _rows_on_one_line(text: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurrentPairs:
-    """Readings of the servo's current while it closes, one entry per reading.
+    """Readings of the servo current during closing, one entry per reading.
 
-    At rest gears hold any part of their friction either way; in motion they take all of it.
+    Readings are taken in motion, where the full friction of the gears opposes the servo. At rest,
+    static friction can carry part of the load in either direction.
 
-    Raises `CalibrationError` if the columns differ in length, or hold what is no finite number.
+    Raises `CalibrationError` if the columns differ in length or contain a non-finite number.
     """
 
     #: Reference: mean of the fingers' normal forces.
     force_n: tuple[float, ...]
-    #: What the servo reported at that moment.
+    #: Current reported by the servo at the same time.
     current_ma: tuple[float, ...]
-    #: Opening at that moment; empty in older files.
+    #: Opening at the same time; empty in older files.
     width_mm: tuple[float, ...] = ()
-    #: Number of the movement that the reading was taken in; empty in older files.
+    #: Number of the movement during the reading; empty in older files.
     movement: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
@@ -310,11 +309,11 @@ class CurrentPairs:
         if bool(self.width_mm) != bool(self.movement):
             raise CalibrationError("current: give both width_mm and movement, or neither")
         if not np.isfinite([*self.force_n, *self.current_ma, *self.width_mm]).all():
-            raise CalibrationError("current: every entry must be a finite number")
+            raise CalibrationError("current: all entries must be finite numbers")
 
 
 def join_currents(*parts: CurrentPairs) -> CurrentPairs:
-    """Return the readings of several runs as one, their movements numbered through.
+    """Concatenate the readings of several runs and renumber their movements.
 
     >>> one = CurrentPairs(force_n=(0.0,), current_ma=(40.0,), width_mm=(30.0,), movement=(0,))
     >>> join_currents(one, one).movement
@@ -322,7 +321,7 @@ def join_currents(*parts: CurrentPairs) -> CurrentPairs:
     """
     numbers, first = list[int](), 0
     for part in parts:
-        numbers += [first + number for number in part.movement]
+        numbers += [first + movement for movement in part.movement]
         first += 1 + max(part.movement, default=-1)
     return CurrentPairs(
         force_n=tuple(value for part in parts for value in part.force_n),

@@ -1,4 +1,4 @@
-"""Device time to host time, from the arrival times of frames."""
+"""Conversion of device time to host time, from the arrival times of frames."""
 
 from __future__ import annotations
 
@@ -7,25 +7,26 @@ from collections import deque
 from itertools import pairwise
 from operator import itemgetter
 
-#: Device time per point of the fit, and points kept: one minute follows a warming resonator.
+#: Device time per point of the fit, and number of points. One minute is short enough to track a
+#: resonator during warm-up.
 BUCKET_S = 0.5
-BUCKETS = 120
-#: Twice what a ceramic resonator may be off; anything above it is a stall, not drift.
-LARGEST_DRIFT = 0.01
+MAX_BUCKETS = 120
+#: Twice the tolerance of a ceramic resonator. A larger slope is a stall of the host, not drift.
+MAX_DRIFT = 0.01
 
 
 class DeviceClock:
-    """Maps a board's clock to the host's, with offset and drift.
+    """Maps a board's clock to the host's clock, with offset and drift.
 
-    A frame arrives late by a delay that varies but has a floor, so arrival minus device time is
-    bounded below by the line of the fit. The smallest difference of each half second is
-    kept for a minute; the line that lies below all of them, and closest to them, is the edge of
-    their lower convex hull that spans their middle. Stalls of the host and bursts only lie above.
-    The Mega's ceramic resonator has an error of up to 0.5 %, 5 ms in each second.
+    The delay of a frame varies but has a minimum. Arrival time minus device time therefore has a
+    linear lower bound. The clock retains the smallest difference of each half second for one
+    minute. The fitted line is the edge of their lower convex hull at the middle of the minute: it
+    is below all points and closest to them. Stalls of the host and bursts only add points above
+    the line. The error of the Mega's ceramic resonator is up to 0.5 %, or 5 ms per second.
 
-    `floor_s`: the known least delay (scan and transmission), which is subtracted.
-    `not_before_s`: host time that was given out already: time never goes back, even where the line
-        is moved.
+    `floor_s`: the known minimum delay (scan and transmission), which is subtracted.
+    `not_before_s`: latest host time already returned. Time never decreases, even after the line
+        has moved.
 
     >>> clock = DeviceClock()
     >>> for k in range(400):
@@ -38,7 +39,7 @@ class DeviceClock:
     def __init__(self, *, floor_s: float = 0.0, not_before_s: float = -math.inf) -> None:
         self._floor_s = floor_s
         self._latest_s = not_before_s
-        self._points: deque[tuple[float, float]] = deque(maxlen=BUCKETS)
+        self._points: deque[tuple[float, float]] = deque(maxlen=MAX_BUCKETS)
         self._bucket_end_s: float | None = None
         self._lowest = (0.0, 0.0)
         self._origin = (0.0, 0.0)
@@ -46,15 +47,17 @@ class DeviceClock:
 
     @property
     def drift_ppm(self) -> float:
-        """Drift of the board's clock against the host's, parts per million."""
+        """Drift of the board's clock relative to the host's clock, parts per million."""
         return self._slope * 1e6
 
     def to_host_s(self, device_s: float, *, arrival_s: float) -> float:
-        """Return the host time of `device_s`, learning from the arrival.
+        """Return the host time of `device_s` and update the fit with its arrival.
 
-        `device_s`: the board's time, not wrapped, not decreasing.
-        `arrival_s`: host time at which it was received.
-        It is at most `arrival_s` less the known least delay.
+        The result is at most `arrival_s` minus the known minimum delay, unless `not_before_s` is
+        later.
+
+        `device_s`: the board's time, unwrapped and non-decreasing.
+        `arrival_s`: host time of the arrival.
         """
         offset_s = arrival_s - self._floor_s - device_s
         if self._bucket_end_s is None:
@@ -75,7 +78,7 @@ class DeviceClock:
         return self._latest_s
 
     def _fit(self) -> None:
-        """Take the hull's edge below the middle of the points; one point gives no drift."""
+        """Fit the line to the hull's edge at the middle; needs two points."""
         hull: list[tuple[float, float]] = []
         for point in self._points:
             while len(hull) > 1 and not _turns_left(hull[-2], hull[-1], point):
@@ -86,7 +89,7 @@ class DeviceClock:
         middle_s = sum(device_s for device_s, _ in self._points) / len(self._points)
         (x0, y0), (x1, y1) = next(edge for edge in pairwise(hull) if edge[1][0] >= middle_s)
         slope = (y1 - y0) / (x1 - x0)
-        if abs(slope) <= LARGEST_DRIFT:
+        if abs(slope) <= MAX_DRIFT:
             self._slope, self._origin = slope, (x1, y1)
         else:
             self._slope, self._origin = 0.0, min(hull, key=itemgetter(1))

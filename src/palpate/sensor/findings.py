@@ -1,4 +1,4 @@
-"""All findings of a health check, each with its remedy."""
+"""Codes of the findings of a health check, each with its remedy."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Severity(StrEnum):
     ADVICE = "advice"
 
 
-#: Code -> what to check. `docs/troubleshooting.md` lists each with its condition.
+#: Remedy of each code. `docs/troubleshooting.md` lists the codes with their conditions.
 CHECKS: dict[str, str] = {
     "open": "check the solder joint and the copper under the pixel; a whole row or column points "
     "to its wire or multiplexer channel, every pixel to the supply, the reference resistor or a "
@@ -22,41 +22,41 @@ CHECKS: dict[str, str] = {
     "solder bridges; every pixel points to a missing reference resistor",
     "loose": "move the wire and the connector while `palpate live` runs; solder the joint that "
     "makes it jump",
-    "stuck": "press that pixel in `palpate live`; if it stays, look for a broken select line of "
-    "the multiplexer or a wire soldered to a fixed voltage",
-    "noisy": "shorten or twist the wires, keep them from motors and mains, connect all grounds; a "
-    "single noisy pixel is a poor joint, and oversampling only hides it",
-    "drifting": "look for moisture, lifting tape or a cable that pulls; a sheet pressed until "
-    "lately needs a few minutes of rest",
-    "faint": "its contact is poor or its tape has lifted: press the layers together; if that "
-    "helps, renew the tape",
+    "stuck": "press that pixel in `palpate live`; if its reading does not change, look for a "
+    "broken select line of the multiplexer or a wire soldered to a fixed voltage",
+    "noisy": "shorten or twist the wires, keep them away from motors and mains, connect all "
+    "grounds; a single noisy pixel has a poor joint, and oversampling only hides it",
+    "drifting": "look for moisture, lifting tape or a cable under tension; after a press, a sheet "
+    "needs a few minutes of rest",
+    "faint": "the pixel has poor contact or its tape has lifted: press the layers together; if "
+    "that helps, renew the tape",
     "changed": "the pixel has aged or was damaged since the calibration: run `palpate calibrate "
     "rest`, and replace the sheet if it keeps changing",
-    "unrest": "open the fingers, take away what touches the sensor, wait a minute and repeat",
-    "resistor": "replace the reference resistor, state the new one in the rig file, and "
+    "unrest": "open the fingers, remove any object from the sensor, wait a minute and repeat",
+    "resistor": "replace the reference resistor, enter the new value in the rig file, and "
     "calibrate again",
     "swapped": "exchange the two wires, or their pins at the multiplexer",
-    "silent": "press the pixel harder and in its middle; if it still does not answer, treat it as "
+    "silent": "press the pixel harder and in its middle; if it still does not respond, treat it as "
     "open: joint, copper, multiplexer channel",
-    "slow": "lower the rate or the oversampling; `palpate ports` shows whether the board is the "
-    "one meant",
+    "slow": "lower the rate or the oversampling; check with `palpate ports` that this is the "
+    "right board",
     "lost": "use a shorter USB cable and no hub, and close other programs that load the machine; "
-    "at 9600 baud ask for at most 15 Hz",
-    "corrupt": "check cable and ground; another program on the port or a wrong baud rate does the "
-    "same",
+    "at 9600 baud set at most 15 Hz",
+    "corrupt": "check cable and ground; another program on the port or a wrong baud rate has the "
+    "same effect",
     "late": "the computer stalls: close busy programs, or lower the rate",
-    "jitter": "another task holds up the board or the link; times stay true, but filters that "
-    "count frames suffer",
-    "clock": "the board's resonator is out of its range, or the computer's clock is being set: "
-    "repeat, then try another board",
-    "restarted": "the board reset itself or was unplugged: check its supply, above all where the "
+    "jitter": "another task delays the board or the link; times remain correct, but filters that "
+    "assume evenly spaced frames are affected",
+    "clock": "the board's resonator is out of tolerance, or the computer's clock is being "
+    "adjusted: repeat, then try another board",
+    "restarted": "the board reset itself or was unplugged: check its supply, especially if the "
     "gripper's motor shares it",
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One fault or piece of advice.
+    """One fault or one recommendation.
 
     >>> found = Finding("late", "7 frames late", severity=Severity.ADVICE)
     >>> found.check
@@ -65,9 +65,9 @@ class Finding:
 
     #: A key of `CHECKS`.
     code: str
-    #: What was measured, with its numbers.
+    #: The measurement, with its numbers.
     text: str
-    #: The pixel ("R0 C1"), line ("row R0") or part that it is about.
+    #: The affected pixel ("R0 C1"), line ("row R0") or part.
     where: str = "link"
     #: Fault or advice.
     severity: Severity = Severity.FAULT
@@ -77,8 +77,8 @@ class Finding:
         """The remedy."""
         return CHECKS[self.code]
 
-    def is_about(self, row: int, col: int) -> bool:
-        """Return whether the finding concerns a pixel, its line or all pixels."""
+    def affects_pixel(self, row: int, col: int) -> bool:
+        """Return whether the finding affects a pixel, its row or column, or all pixels."""
         return self.where in (
             pixel_name(row, col),
             f"row R{row}",
@@ -88,7 +88,7 @@ class Finding:
 
 
 def pixel_name(row: int, col: int) -> str:
-    """Return the name of a pixel: its row's and column's multiplexer channels, from 0.
+    """Return the name of a pixel from the multiplexer channels of its row and column.
 
     >>> pixel_name(0, 1)
     'R0 C1'

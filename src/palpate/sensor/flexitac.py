@@ -1,8 +1,8 @@
 """FlexiTac's board: 12 x 32 or 16 x 32 pixels, 8 bits, no checksum.
 
-`open_board` is what a rig file names for its `[array]`. The format is that of the MIT-licensed
-package `flexitac` 0.3.1: a marker AA 55, then a byte a pixel, row by row, the ten bits of the
-converter without the lower two.
+A rig file refers to `open_board` in its `[array]` section. The format is that of the MIT-licensed
+package `flexitac` 0.3.1: a marker AA 55, then one byte per pixel, row by row. Each byte contains
+the upper eight of the converter's ten bits.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from palpate.sensor.one_way_array import Counts, OneWayArray
 from palpate.signal.circuit import Divider
 
 _MARKER = b"\xaa\x55"
-#: Its columns, and the rows that its board reads through one multiplexer.
-_COLS, _MOST_ROWS = 32, 16
+#: Number of columns, and maximum number of rows of the board's multiplexer.
+_COLS, _MAX_ROWS = 32, 16
 
 
 class FlexitacDecoder:
-    """Finds frames by a marker at both their ends.
+    """Finds frames from the markers before and after each frame.
 
-    Lost bytes shift the second marker, so that the frame is rejected; a changed byte is not
+    A lost byte shifts the second marker, and the frame is rejected. A changed byte is not
     detected.
 
-    `rows`: that the board's program sends.
+    `rows`: number of rows that the board sends.
 
     >>> decoder = FlexitacDecoder(rows=12)
     >>> frame = b"\\xaa\\x55" + bytes(range(96)) * 4
@@ -39,61 +39,61 @@ class FlexitacDecoder:
         self._rows = rows
         self._size = len(_MARKER) + rows * _COLS
         self._rest = b""
-        self._in_step = False
+        self._is_synchronized = False
         self.corrupt = 0
         self.fault = ""
 
     def feed(self, data: bytes) -> list[Counts]:
-        """Take bytes; return the frames that they complete, shape (rows, 32) each."""
-        buffer, at, size = self._rest + data, 0, self._size
+        """Append bytes and return the completed frames, shape (rows, 32) each."""
+        buffer, start, size = self._rest + data, 0, self._size
         frames = []
-        while len(buffer) - at >= size + len(_MARKER):
-            if buffer.startswith(_MARKER, at) and buffer.startswith(_MARKER, at + size):
-                pixels = np.frombuffer(buffer, np.uint8, size - len(_MARKER), at + len(_MARKER))
+        while len(buffer) - start >= size + len(_MARKER):
+            if buffer.startswith(_MARKER, start) and buffer.startswith(_MARKER, start + size):
+                pixels = np.frombuffer(buffer, np.uint8, size - len(_MARKER), start + len(_MARKER))
                 frames.append(pixels.reshape(self._rows, _COLS).astype(np.int32))
-                at += size
-                self._in_step = True
+                start += size
+                self._is_synchronized = True
                 continue
-            # What came before the first frame is the end of another.
-            self.corrupt += self._in_step
-            self._in_step = False
+            # Bytes before the first frame are the end of a frame sent earlier: no corruption.
+            self.corrupt += self._is_synchronized
+            self._is_synchronized = False
             self.fault = f"no marker every {size} bytes; check rows and baud in the rig file"
-            at = buffer.find(_MARKER, at + 1)
-            if at < 0:
-                at = len(buffer) - 1
-        self._rest = buffer[at:]
+            start = buffer.find(_MARKER, start + 1)
+            if start < 0:
+                start = len(buffer) - 1
+        self._rest = buffer[start:]
         return frames
 
 
 def open_board(
     *, port: str, rows: int = 12, baud: int = 2_000_000, reference_ohm: float = 1000.0
 ) -> OneWayArray:
-    """Open the array of a FlexiTac board; it reconnects after an unplug.
+    """Open the array of a FlexiTac board; the array reconnects after an unplug.
 
-    Readings are taken as those of single pixels: pads at rest read more than a matrix whose idle
-    columns are at ground could, so that crosstalk is not solved out.
+    Crosstalk is not corrected, and each reading is assigned to one pixel. Pads at rest give
+    higher readings than are possible in a matrix with grounded idle columns.
 
     Parameters
     ----------
     port : str
         Device, e.g. ``"/dev/ttyUSB0"``.
     rows : int
-        That its program sends: 12, or 16.
+        Number of rows that the board sends: 12 or 16.
     baud : int
-        Speed that its program sets.
+        Baud rate of the board's program.
     reference_ohm : float
-        The resistor at its converter (1000 is a guess). It scales the ohms that are shown, and
-        cancels in the force.
+        Resistor at the board's converter (1000 is a guess). It scales the displayed resistances
+        and cancels in the force.
 
     Raises
     ------
     InputError
-        If the number of rows is impossible, or the resistance is invalid.
+        If the number of rows or the resistance is invalid.
     DeviceError
-        If the port can't be opened, or no frame comes.
+        If the port can't be opened, or no frame arrives.
     """
-    if not 1 <= rows <= _MOST_ROWS:
-        raise InputError(f"rows = {rows}: a FlexiTac board sends 1 to {_MOST_ROWS}")
+    if not 1 <= rows <= _MAX_ROWS:
+        raise InputError(f"rows = {rows}: a FlexiTac board sends 1 to {_MAX_ROWS}")
     if not reference_ohm > 0:
         raise InputError(f"the reference resistor must be above 0 ohm, not {reference_ohm:g}")
     layout = ArrayLayout(
@@ -104,4 +104,4 @@ def open_board(
         divider=Divider(reference_ohm=reference_ohm, adc_bits=8),
     )
     decoder = FlexitacDecoder(rows=rows)
-    return OneWayArray.on_port(port, baud=baud, layout=layout, decoder=decoder)
+    return OneWayArray.open_port(port, baud=baud, layout=layout, decoder=decoder)

@@ -1,4 +1,4 @@
-"""A pressure array on a serial port, which it reopens after an unplug."""
+"""A pressure array on a serial port that reopens the port after an unplug."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError
 from palpate.sensor.array import ArrayLayout, Frame
 from palpate.sensor.byte_stream import ByteStream
 
-#: Bytes are fetched in bulk this often: a quarter of the time between frames at 500 Hz at most.
+#: Interval between reads of the port: at most a quarter of the frame period at 500 Hz.
 _POLL_S = 0.001
-#: Between two attempts to open a port that was pulled out.
+#: Interval between attempts to open the port of an unplugged board.
 _REOPEN_S = 0.25
-#: Frames older than this when they are read count as late: 5 periods, at least 100 ms.
+#: A frame older than this when it is read counts as late: 5 periods, at least 100 ms.
 _LATE_PERIODS, _LATE_S = 5, 0.1
 
 
 class PortArray(ABC):
-    """A `PressureArray` on a port; a kind of board fetches its frames.
+    """A `PressureArray` on a port; a subclass for each kind of board fetches the frames.
 
-    `reopen`: opens the port again after an unplug, raising `DeviceError` while it can't; without
-    it, an unplugged board is lost for good.
+    `reopen`: opens the port again after an unplug and raises `DeviceError` on failure. Without
+        `reopen`, an unplugged board is permanently lost.
     """
 
     def __init__(
@@ -34,15 +34,15 @@ class PortArray(ABC):
         layout: ArrayLayout,
         reopen: Callable[[], ByteStream] | None,
     ) -> None:
-        #: The present or last port of the board.
+        #: The current or last port of the board.
         self.name = stream.name
         self._layout, self._clock, self._reopen = layout, clock, reopen
         #: None while the board is unplugged.
         self._stream: ByteStream | None = stream
-        #: Frames that came and were not read yet.
+        #: Received frames not yet read.
         self._waiting: deque[Frame] = deque()
         self._late = self._reconnects = 0
-        self._tried_s = clock.now_s()
+        self._last_attempt_s = clock.now_s()
 
     @property
     def layout(self) -> ArrayLayout:
@@ -52,7 +52,7 @@ class PortArray(ABC):
     @property
     @abstractmethod
     def _period_s(self) -> float:
-        """Time between frames; 0 before it is known."""
+        """Time between frames; 0 while unknown."""
 
     @abstractmethod
     def _fetch(self) -> None:
@@ -60,7 +60,7 @@ class PortArray(ABC):
 
     @abstractmethod
     def _explain_silence(self, timeout_s: float) -> DeviceError:
-        """Return why there may be no frame from a board whose port is open."""
+        """Return an error that explains the missing frames of a board on an open port."""
 
     def read(self, *, timeout_s: float) -> Frame:
         """Return the next frame, oldest first.
@@ -68,20 +68,20 @@ class PortArray(ABC):
         Raises
         ------
         DeviceTimeoutError
-            If none came within `timeout_s`; an unplugged board is waited for, so call again.
+            If no frame arrived within `timeout_s`. Later calls can succeed, also after an unplug.
         WireError
-            If only bytes came that are no frames.
+            If bytes arrived but no valid frame.
         DeviceError
-            If the board is gone for good.
+            If the board is permanently lost.
         """
         deadline_s = self._clock.now_s() + timeout_s
         while not self._waiting:
             self._fetch()
             if self._waiting:
                 break
-            left_s = deadline_s - self._clock.now_s()
-            if left_s > 0:
-                self._clock.sleep_s(min(_POLL_S, left_s))
+            remaining_s = deadline_s - self._clock.now_s()
+            if remaining_s > 0:
+                self._clock.sleep_s(min(_POLL_S, remaining_s))
             elif self._stream is not None:
                 raise self._explain_silence(timeout_s)
             else:
@@ -101,28 +101,28 @@ class PortArray(ABC):
             self._stream = None
 
     def _disconnect(self, error: DeviceError) -> None:
-        """Close the port after its board was unplugged; raise `error` if it can't be reopened."""
+        """Close the port after an unplug; raise `error` if there is no `reopen`."""
         if self._reopen is None:
             raise error
         if self._stream is not None:
             self._stream.close()
-        self._stream, self._tried_s = None, self._clock.now_s()
+        self._stream, self._last_attempt_s = None, self._clock.now_s()
 
     def _reopen_if_due(self) -> ByteStream | None:
-        """Return the port if an attempt was due and it could be opened.
+        """Reopen the port if an attempt is due; return the port, or None.
 
-        Raises `DeviceNotFoundError` if it was closed.
+        Raises `DeviceNotFoundError` if the array was closed.
         """
         if self._reopen is None:
             raise DeviceNotFoundError(f"{self.name} was closed")
         now_s = self._clock.now_s()
-        if now_s - self._tried_s < _REOPEN_S:
+        if now_s - self._last_attempt_s < _REOPEN_S:
             return None
-        self._tried_s = now_s
+        self._last_attempt_s = now_s
         try:
             self._stream = self._reopen()
         except DeviceError:
-            return None  # still unplugged: the timeout informs the caller
+            return None  # still unplugged: the caller gets a timeout from `read`
         self.name = self._stream.name
         self._reconnects += 1
         return self._stream

@@ -1,4 +1,4 @@
-"""Faults of single pixels, from a stretch of frames at rest."""
+"""Faults of single pixels, detected from frames at rest."""
 
 from __future__ import annotations
 
@@ -20,35 +20,36 @@ from palpate.signal.relative import relative_change_percent
 BoolArray: TypeAlias = NDArray[np.bool_]
 PixelVerdict: TypeAlias = tuple[str, BoolArray, str, FloatArray]
 
-#: Within this many counts of an end of the range nothing is read but the converter's noise. A pixel
-#: that rests there is dead; one that goes there now and then has a loose joint.
-_END_COUNTS, _FEWEST_DROPOUTS = 1.0, 2
-#: Jumps from one frame to the next that no sheet at rest makes; a touch or a spike makes two.
-_JUMP_PERCENT, _FEWEST_JUMPS = 20.0, 3
-#: Noise of one frame: a fifth of the paper's contact threshold, so that five deviations reach it;
-#: or far above the other pixels'. Below one count it is the converter's step, not noise.
+#: Within this many counts of an end of the range a reading is only converter noise. A pixel with
+#: this rest value is dead. A pixel with some such readings has a loose joint.
+_END_COUNTS, _MIN_DROPOUTS = 1.0, 2
+#: Frame-to-frame jumps that a sheet at rest cannot cause. A touch or a spike causes two jumps.
+_JUMP_PERCENT, _MIN_JUMPS = 20.0, 3
+#: Noise of one frame. The limit is a fifth of the paper's contact threshold, so that the threshold
+#: is five standard deviations, or a multiple of the noise of the other pixels. A fluctuation below
+#: one count is quantization, not noise.
 _NOISY_PERCENT, _NOISY_RATIO, _QUIET_PERCENT, _COUNT = 2.0, 5.0, 0.5, 1.0
-#: Change from the first to the last third of the stretch, beyond what all pixels share.
+#: Change from the first to the last third of the frames, relative to the change common to all.
 _DRIFT_PERCENT = 2.0
-#: A healthy pixel may stand still by this chance at most before it is called stuck.
-_STUCK_CHANCE, _FEWEST_OTHERS = 1e-6, 3
-#: Rest resistance against the median of the pixels, and against the calibration's.
+#: A pixel is stuck if a healthy pixel would be constant with a smaller probability than this.
+_STUCK_PROBABILITY, _MIN_OTHERS = 1e-6, 3
+#: Rest resistance relative to the median of all pixels, and to the calibration.
 _FAINT_RATIO, _CHANGED_PERCENT = 10.0, 30.0
-#: 90 % of the differences of two normal readings lie within this many standard deviations.
+#: 90 % quantile of the absolute difference of two normal readings, in standard deviations.
 _Q90_OF_DIFFERENCES = 1.6449 * math.sqrt(2.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PixelReadings:
-    """Statistics of each pixel over the stretch; arrays have shape (rows, cols)."""
+    """Statistics of each pixel; arrays have shape (rows, cols)."""
 
-    #: Median resistance: inf for an open pixel, 0 for a short one.
+    #: Median resistance: inf for an open pixel, 0 for a short pixel.
     rest_ohm: FloatArray
-    #: Standard deviation of one frame, slow changes left out; NaN for dead pixels.
+    #: Standard deviation of one frame without slow changes; NaN for dead pixels.
     noise_percent: FloatArray
-    #: Change from the first to the last third of the stretch; NaN for dead pixels.
+    #: Change from the first to the last third of the frames; NaN for dead pixels.
     drift_percent: FloatArray
-    #: Change of the reading by one count; NaN for dead pixels.
+    #: Relative change of the resistance for one count; NaN for dead pixels.
     count_percent: FloatArray
 
 
@@ -58,8 +59,8 @@ def measure_pixels(mean_counts: FloatArray, *, layout: ArrayLayout) -> PixelRead
     `mean_counts`: shape (frames, rows, cols).
     """
     ohm = pixel_resistance_ohm(mean_counts, layout=layout)
-    at_open, at_short = at_ends(np.median(mean_counts, axis=0), layout=layout)
-    rest_ohm = np.where(at_open, np.inf, np.where(at_short, 0.0, np.median(ohm, axis=0)))
+    is_open, is_short = find_end_readings(np.median(mean_counts, axis=0), layout=layout)
+    rest_ohm = np.where(is_open, np.inf, np.where(is_short, 0.0, np.median(ohm, axis=0)))
     alive = np.isfinite(rest_ohm) & (rest_ohm > 0)
     safe_rest = np.where(alive, rest_ohm, 1.0)
     change = relative_change_percent(ohm, rest_ohm=np.where(alive, rest_ohm, np.nan))
@@ -85,10 +86,10 @@ def judge_pixels(
     layout: ArrayLayout,
     known_ohm: FloatArray | None = None,
 ) -> Iterator[PixelVerdict]:
-    """Yield code, pixels, text and its number, the most severe fault first.
+    """Yield the code, pixels, text and values of each fault, the most severe first.
 
     `mean_counts`: shape (frames, rows, cols).
-    `steps_per_count`: conversions summed per reading: how many steps there are to a count.
+    `steps_per_count`: conversions summed per reading, each of which adds steps within a count.
     `known_ohm`, shape (rows, cols): rest values of the calibration.
     """
     nothing = np.zeros((layout.rows, layout.cols))
@@ -96,69 +97,71 @@ def judge_pixels(
     yield "short", readings.rest_ohm == 0.0, "reads short: no resistance at all", nothing
     alive = np.isfinite(readings.noise_percent)
     ratio = np.where(alive, readings.rest_ohm, 0.0) / _typical_value(readings.rest_ohm)
-    yield "faint", ratio > _FAINT_RATIO, "reads {} times the resistance of the others", ratio
+    yield "faint", ratio > _FAINT_RATIO, "reads {} times the resistance of the other pixels", ratio
     noise = readings.noise_percent
     loud = (noise > _NOISY_PERCENT) | (
         (noise > _NOISY_RATIO * _typical_value(noise)) & (noise > _QUIET_PERCENT)
     )
     drops, jumps = _count_interruptions(mean_counts, layout=layout)
-    loose = (drops >= _FEWEST_DROPOUTS) | ((jumps >= _FEWEST_JUMPS) & ~loud)
-    yield "loose", loose, "drops out or jumps {} times in the stretch", drops + jumps
+    loose = (drops >= _MIN_DROPOUTS) | ((jumps >= _MIN_JUMPS) & ~loud)
+    yield "loose", loose, "drops out or jumps {} times", drops + jumps
     loud &= noise >= _COUNT * readings.count_percent
     yield "noisy", loud, "noise of one frame is {} %", noise
     stuck = _find_stuck(mean_counts, steps_per_count, sound=alive & ~loose, layout=layout)
-    yield "stuck", stuck, "never moves, though the other pixels' noise should move it", nothing
-    shared = _typical_value(readings.drift_percent)
-    own = readings.drift_percent - shared
-    # When most pixels move together the sensor is not at rest, and no pixel can be singled out.
-    calm = abs(shared) < 0.5 * _DRIFT_PERCENT
+    yield "stuck", stuck, "is constant, despite the noise of the other pixels", nothing
+    common = _typical_value(readings.drift_percent)
+    own = readings.drift_percent - common
+    # If most pixels drift together, the sensor is not at rest and single pixels can't be judged.
+    is_calm = abs(common) < 0.5 * _DRIFT_PERCENT
     yield (
         "drifting",
-        calm & (np.abs(own) > _DRIFT_PERCENT),
-        "drifts by {} % more than the others",
+        is_calm & (np.abs(own) > _DRIFT_PERCENT),
+        "drifts by {} % relative to the other pixels",
         own,
     )
     if known_ohm is not None:
-        # What all pixels share is climate or load.
+        # A change common to all pixels is due to climate or load.
         change = relative_change_percent(readings.rest_ohm, rest_ohm=known_ohm)
         own = 100.0 * ((100.0 + change) / (100.0 + _typical_value(change)) - 1.0)
-        text = "rests {} % from its calibrated value, more than the others"
+        text = "differs by {} % from its calibrated rest value, relative to the other pixels"
         yield "changed", np.abs(own) > _CHANGED_PERCENT, text, own
 
 
 def group_pixels(mask: BoolArray) -> Iterator[tuple[str, BoolArray]]:
-    """Yield the pixels of a mask by name: all, whole rows or columns, single ones.
+    """Yield names and masks of groups of pixels: all, complete rows or columns, single ones.
 
     >>> mask = np.array([[True, True], [False, False], [True, False]])
     >>> [where for where, _ in group_pixels(mask)]
     ['row R0', 'R2 C0']
     """
-    left = mask.copy()
+    remaining = mask.copy()
     if mask.size > 1 and mask.all():
-        yield "every pixel", left
+        yield "every pixel", remaining
         return
     for axis, name in ((1, "row R"), (0, "column C")):
         if mask.shape[axis] < 2:
             continue
-        for line in np.flatnonzero(left.all(axis=axis)):
+        for line in np.flatnonzero(remaining.all(axis=axis)):
             part = np.zeros_like(mask)
             part[(line, slice(None)) if axis == 1 else (slice(None), line)] = True
             yield f"{name}{line}", part
-            left &= ~part
-    for row, col in np.argwhere(left):
+            remaining &= ~part
+    for row, col in np.argwhere(remaining):
         part = np.zeros_like(mask)
         part[row, col] = True
         yield pixel_name(row, col), part
 
 
 def _typical_value(values: FloatArray) -> float:
-    """Return the median of the working pixels; NaN without one."""
-    kept = values[np.isfinite(values) & (values != 0)]
-    return float(np.median(kept)) if kept.size else math.nan
+    """Return the median of the working pixels; NaN if there are none."""
+    valid = values[np.isfinite(values) & (values != 0)]
+    return float(np.median(valid)) if valid.size else math.nan
 
 
-def at_ends(mean_counts: FloatArray, *, layout: ArrayLayout) -> tuple[BoolArray, BoolArray]:
-    """Return masks of counts at the open end and the short end of the range."""
+def find_end_readings(
+    mean_counts: FloatArray, *, layout: ArrayLayout
+) -> tuple[BoolArray, BoolArray]:
+    """Return masks of the counts at the open and short ends of the range."""
     at_ground = np.asarray(mean_counts <= _END_COUNTS)
     at_supply = np.asarray(mean_counts >= layout.divider.full_scale - 1 - _END_COUNTS)
     upper = layout.divider.taxel_leg == "upper"
@@ -169,41 +172,41 @@ def _count_interruptions(
     mean_counts: FloatArray, *, layout: ArrayLayout
 ) -> tuple[FloatArray, FloatArray]:
     """Count each pixel's drops to an end of the range and jumps within it."""
-    dead = np.logical_or(*at_ends(mean_counts, layout=layout))
-    # Near an end of the range a reading touches it by noise alone.
+    dead = np.logical_or(*find_end_readings(mean_counts, layout=layout))
+    # A pixel near an end of the range reaches this end from noise alone, and is excluded.
     middle = np.median(mean_counts, axis=0)
-    away = (middle > 4) & (middle < layout.divider.full_scale - 5)
-    drops = np.where(away, dead.sum(axis=0), 0.0)
+    is_clear = (middle > 4) & (middle < layout.divider.full_scale - 5)
+    drops = np.where(is_clear, dead.sum(axis=0), 0.0)
     ohm = resistance_ohm(mean_counts, divider=layout.divider)
     usable = ~dead & (ohm > 0)
     log_ohm = np.log(np.where(usable, ohm, 1.0))
     both = usable[1:] & usable[:-1]
     far = np.abs(np.diff(log_ohm, axis=0)) > math.log1p(_JUMP_PERCENT / 100.0)
-    jumps = np.where(away, (both & far).sum(axis=0), 0.0)
+    jumps = np.where(is_clear, (both & far).sum(axis=0), 0.0)
     return drops, jumps
 
 
 def _find_stuck(
     mean_counts: FloatArray, steps_per_count: int, *, sound: BoolArray, layout: ArrayLayout
 ) -> BoolArray:
-    """Find pixels without noise where that of the others should show.
+    """Find constant pixels whose noise should be visible.
 
-    A reading in the middle of a step stays there while its noise is within half a step. The noise
-    is taken as the least of the moving pixels', less where this one is less sensitive.
+    A reading in the middle of a step stays constant while its noise is within half a step. The
+    expected noise is the lowest noise of the other pixels, reduced for a less sensitive pixel.
     """
     sums = mean_counts * steps_per_count
     noise = np.std(np.diff(sums, axis=0), axis=0) / math.sqrt(2.0)
-    still = sound & np.asarray(np.ptp(sums, axis=0) == 0)
-    moving = sound & np.asarray(noise > 0)
+    constant = sound & np.asarray(np.ptp(sums, axis=0) == 0)
+    noisy = sound & np.asarray(noise > 0)
     stuck: BoolArray = np.zeros(sound.shape, dtype=np.bool_)
-    if moving.sum() < _FEWEST_OTHERS:
+    if noisy.sum() < _MIN_OTHERS:
         return stuck
-    share = np.median(mean_counts, axis=0) / layout.divider.full_scale
-    sensitivity = share * (1.0 - share)
-    quietest = np.flatnonzero(moving.ravel())[np.argmin(noise[moving])]
-    for row, col in np.argwhere(still):
-        weaker = min(1.0, float(sensitivity[row, col] / sensitivity.ravel()[quietest]))
-        expected = float(noise.ravel()[quietest]) * weaker
-        stays = math.erf(0.5 / (expected * math.sqrt(2.0)))
-        stuck[row, col] = stays ** len(sums) * layout.pixels < _STUCK_CHANCE
+    fraction = np.median(mean_counts, axis=0) / layout.divider.full_scale
+    sensitivity = fraction * (1.0 - fraction)
+    quietest = np.flatnonzero(noisy.ravel())[np.argmin(noise[noisy])]
+    for row, col in np.argwhere(constant):
+        ratio = min(1.0, float(sensitivity[row, col] / sensitivity.ravel()[quietest]))
+        expected = float(noise.ravel()[quietest]) * ratio
+        p_constant = math.erf(0.5 / (expected * math.sqrt(2.0)))
+        stuck[row, col] = p_constant ** len(sums) * layout.pixels < _STUCK_PROBABILITY
     return stuck

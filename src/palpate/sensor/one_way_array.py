@@ -1,7 +1,7 @@
-"""A pressure array on a board that sends bare readings: no numbers, times or checksums.
+"""A pressure array on a board that sends readings without frame numbers, times or checksums.
 
-What can be detected is counted: frames that do not parse by their decoder, frames that are missing
-by the time between their neighbours. A changed digit or byte is not detected.
+The array counts the frames that its decoder rejects, and infers missing frames from gaps in time.
+A changed digit or byte is not detected.
 """
 
 from __future__ import annotations
@@ -21,20 +21,21 @@ from palpate.sensor.ports import follow_port
 
 Counts: TypeAlias = NDArray[np.int32]
 
-#: Opening its port resets most boards: boot loader up to 2 s, and the program's own start.
+#: Opening the port resets most boards: up to 2 s for the boot loader, then the program's start.
 OPEN_S = 5.0
-#: Frames that the period is averaged over (a running mean), and fewest to know it.
-_PERIOD_FRAMES, _FEWEST_FRAMES = 1000, 8
-#: A gap by this many periods more than a frame takes hides lost ones (guess: a half is jitter).
+#: Number of frames in the running mean of the period, and minimum number for a period.
+_PERIOD_FRAMES, _MIN_FRAMES = 1000, 8
+#: A gap longer than one period by this many periods may contain lost frames (guess: up to half a
+#: period is jitter).
 _GAP_PERIODS = 0.75
-#: A gap counts once frames have come regularly for some periods, none of them early or late by more
-#: than this (guesses: a busy computer delays in several pieces).
+#: Frames in a gap count as lost after several regular periods, each within this tolerance (guesses:
+#: a busy computer delays frames several times in a row).
 _IRREGULAR_PERIODS, _SETTLED_PERIODS = 0.25, 8
-_NO_END = "none has an end; the baud rate is another (baud in the rig file), or the layout"
+_NO_END = "no end of a frame found; check the baud rate and the layout in the rig file"
 
 
 class FrameDecoder(Protocol):
-    """Finds frames in the bytes of one kind of board."""
+    """Finds frames in the bytes from one kind of board."""
 
     @property
     def corrupt(self) -> int:
@@ -43,20 +44,20 @@ class FrameDecoder(Protocol):
 
     @property
     def fault(self) -> str:
-        """Fault of the last rejected one, with the remedy; empty before one."""
+        """Fault of the last rejected line or frame, with the remedy; empty if none."""
         ...
 
     def feed(self, data: bytes) -> list[Counts]:
-        """Take bytes; return the frames that they complete, shape (rows, cols) each."""
+        """Append bytes and return the completed frames, shape (rows, cols) each."""
         ...
 
 
 class OneWayArray(PortArray):
-    """A `PressureArray` on a board that sends frames without being asked.
+    """A `PressureArray` on a board that sends frames without a request.
 
-    Frames are numbered here: after a gap in time the number rises by the frames that are missing.
-    They carry the time of their arrival; those that arrive together are spread over the time
-    before.
+    The array numbers the frames. After a gap in time the number increases by the missing frames.
+    The time of a frame is its arrival time. The times of frames that arrive together are spread
+    over the time before their arrival.
 
     Parameters
     ----------
@@ -65,17 +66,17 @@ class OneWayArray(PortArray):
     clock : Clock
         The host's clock; frames carry its time.
     layout : ArrayLayout
-        Layout of the frames that the decoder gives.
+        Layout of the decoder's frames.
     decoder : FrameDecoder
         Finds the frames.
     reopen : callable, optional
-        Opens the port again after an unplug, raising `DeviceError` while it can't. Without it, an
-        unplugged board is lost for good.
+        Opens the port again after an unplug and raises `DeviceError` on failure. Without it, an
+        unplugged board is permanently lost.
 
     Raises
     ------
     DeviceError
-        If no frame comes within 5 s.
+        If no frame arrives within 5 s.
     """
 
     def __init__(
@@ -89,7 +90,7 @@ class OneWayArray(PortArray):
     ) -> None:
         super().__init__(stream, clock=clock, layout=layout, reopen=reopen)
         self._decoder = decoder
-        self._timing = _Timing()
+        self._timing = _FrameTiming()
         self._last_s = clock.now_s()
         self._bytes = 0
         self._next = self._frames = self._lost = 0
@@ -100,20 +101,20 @@ class OneWayArray(PortArray):
             raise
 
     @classmethod
-    def on_port(
+    def open_port(
         cls, port: str, *, baud: int, layout: ArrayLayout, decoder: FrameDecoder
     ) -> OneWayArray:
-        """Return the array of a serial board; it reconnects after an unplug.
+        """Open the array of a serial board; the array reconnects after an unplug.
 
-        Raises `DeviceError` if the port can't be opened, or no frame comes.
+        Raises `DeviceError` if the port can't be opened, or no frame arrives.
         """
-        where = follow_port(port)
+        find_current_port = follow_port(port)
         return cls(
             SerialStream(port, baud=baud),
             clock=RealClock(),
             layout=layout,
             decoder=decoder,
-            reopen=lambda: SerialStream(where(), baud=baud),
+            reopen=lambda: SerialStream(find_current_port(), baud=baud),
         )
 
     @property
@@ -135,7 +136,7 @@ class OneWayArray(PortArray):
         now_s = self._clock.now_s()
         if self._stream is None:
             if self._reopen_if_due() is not None:
-                self._timing, self._last_s = _Timing(), now_s
+                self._timing, self._last_s = _FrameTiming(), now_s
             return
         try:
             data = self._stream.read_waiting()
@@ -148,17 +149,18 @@ class OneWayArray(PortArray):
             self._accept(counts, arrival_s=now_s)
 
     def _accept(self, counts: list[Counts], *, arrival_s: float) -> None:
-        """Number and date frames that arrived together."""
+        """Assign numbers and times to frames that arrived together."""
         elapsed_s, count = arrival_s - self._last_s, len(counts)
-        missing = self._timing.add(elapsed_s, frames=count) if self._frames else 0
+        missing = self._timing.add_arrival(elapsed_s, frames=count) if self._frames else 0
         self._lost += missing
         self._next += missing
         step_s = min(elapsed_s / count, self._timing.period_s or elapsed_s)
-        for index, one in enumerate(counts):
-            # Two reads within the clock's resolution: time still rises.
+        for index, frame_counts in enumerate(counts):
+            # Time increases even between two reads within the clock's resolution.
             time_s = arrival_s - (count - 1 - index) * step_s
             self._last_s = max(time_s, self._last_s + 1e-6)
-            self._waiting.append(Frame(time_s=self._last_s, sequence=self._next, counts=one))
+            frame = Frame(time_s=self._last_s, sequence=self._next, counts=frame_counts)
+            self._waiting.append(frame)
             self._next += 1
         self._frames += count
 
@@ -166,30 +168,30 @@ class OneWayArray(PortArray):
         if self._bytes:
             rows, cols = self._layout.rows, self._layout.cols
             return WireError(
-                f"{self.name}: {self._bytes} bytes and no frame of {rows} x {cols} readings in "
+                f"{self.name}: {self._bytes} bytes but no frame of {rows} x {cols} readings in "
                 f"{timeout_s:g} s: {self._decoder.fault or _NO_END}"
             )
         return DeviceTimeoutError(
-            f"{self.name}: nothing came in {timeout_s:g} s. Check its power, and that its "
-            "firmware sends readings unprompted."
+            f"{self.name}: no data in {timeout_s:g} s. Check the board's power, and that its "
+            "firmware sends readings without a request."
         )
 
 
-class _Timing:
-    """The period of frames, and the number missing between received ones."""
+class _FrameTiming:
+    """Estimates the frame period and the number of missing frames."""
 
     def __init__(self) -> None:
-        #: None before it is known.
+        #: None while unknown.
         self.period_s: float | None = None
         self._elapsed_s = self._frames = 0.0
-        #: Periods without a frame that later ones may still make up for, and since when none has.
+        #: Periods of the present gap without a frame, and duration of regular arrivals after it.
         self._gap = self._regular_s = 0.0
 
-    def add(self, elapsed_s: float, *, frames: int) -> int:
-        """Add the time since the last frame, and the frames received then.
+    def add_arrival(self, elapsed_s: float, *, frames: int) -> int:
+        """Add frames that arrived `elapsed_s` after the last; return the number of lost frames.
 
-        Returns the frames that a gap hid, once those after it have come in time: frames that were
-        only delayed come together.
+        Frames in a gap are lost only if the later frames arrive regularly. Frames that were only
+        delayed arrive together and fill the gap.
         """
         missing = 0
         if self.period_s is not None:
@@ -201,9 +203,9 @@ class _Timing:
                 )
             if self._gap and self._regular_s >= _SETTLED_PERIODS * self.period_s:
                 missing, self._gap = max(round(self._gap), 0), 0.0
-        kept = 1.0 - min(frames / _PERIOD_FRAMES, 1.0)
-        self._elapsed_s = kept * self._elapsed_s + elapsed_s
-        self._frames = kept * self._frames + frames
-        if self._frames >= _FEWEST_FRAMES:
+        weight = 1.0 - min(frames / _PERIOD_FRAMES, 1.0)
+        self._elapsed_s = weight * self._elapsed_s + elapsed_s
+        self._frames = weight * self._frames + frames
+        if self._frames >= _MIN_FRAMES:
             self.period_s = self._elapsed_s / self._frames
         return missing

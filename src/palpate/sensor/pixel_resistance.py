@@ -1,7 +1,6 @@
 """Conversion of a frame's counts to pixel resistances: divider, series resistance, crosstalk.
 
-The only module that does this conversion. All uses of pixels take them from here, so that rest
-values, loads and recordings are always solved alike.
+All other modules use this conversion, for rest values, loads and recordings.
 """
 
 from __future__ import annotations
@@ -18,15 +17,15 @@ from palpate.signal.crosstalk import unmix_floating, unmix_held
 def pixel_resistance_ohm(
     counts: ArrayLike, *, layout: ArrayLayout, oversampling: int = 1
 ) -> FloatArray:
-    """Return the resistance of each pixel: inf where open or hidden, 0 where short.
+    """Return the resistance of each pixel: inf if open or hidden, 0 if short.
 
-    NaN where no resistances explain the readings.
+    The result is NaN if no set of resistances explains the readings.
 
     `counts`, shape (..., rows, cols): readings, summed over `oversampling` conversions.
-    `layout`: divider, resistance in series, and what idle lines do.
-    Raises `ValueError` if counts don't fit the layout's pixels or converter.
+    `layout`: provides the divider, the series resistance and the state of idle lines.
+    Raises `ValueError` if the counts do not fit the layout's pixels or converter.
 
-    Four equal pixels behind two bare multiplexers read a quarter low:
+    Without the correction, four equal pixels behind two multiplexers read a quarter too low:
 
     >>> from palpate.sensor.array import ArrayLayout
     >>> bare = ArrayLayout(name="bare", rows=2, cols=2, finger_of_row=(0, 0), idle_lines="floating")
@@ -42,9 +41,9 @@ def pixel_resistance_ohm(
             f"counts of shape {counts.shape} are not frames of layout {layout.name} "
             f"({layout.rows} x {layout.cols})"
         )
-    read = resistance_ohm(counts, divider=layout.divider, oversampling=oversampling)
-    # A short behind the lines reads less than they have by the noise alone.
-    ohm = np.maximum(read - layout.line_ohm, 0.0)
+    reading = resistance_ohm(counts, divider=layout.divider, oversampling=oversampling)
+    # The noise of a short pixel can put its reading below the resistance of the lines.
+    ohm = np.maximum(reading - layout.line_ohm, 0.0)
     if layout.idle_lines == "floating":
         return unmix_floating(ohm)
     if layout.idle_lines == "held":

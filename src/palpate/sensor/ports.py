@@ -1,4 +1,4 @@
-"""Which serial ports there are, and on which one palpate's firmware answers."""
+"""Search of the serial ports for a board with palpate's firmware."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate.sensor.byte_stream import ByteStream, SerialStream
 from palpate.sensor.wire_messages import BoardIdentity, Identify
 
 _ARDUINO = "Arduino"
-#: USB vendor -> what it means; product ids matter only for the chips that are on everything.
+#: Board of each USB vendor. For generic USB bridge chips the product id is compared too.
 _VENDORS = {0x2341: _ARDUINO, 0x2A03: _ARDUINO}
 _BRIDGES = {
     (0x1A86, 0x7523): "CH340, as on many Arduino clones",
@@ -28,22 +28,22 @@ _BRIDGES = {
 class Port:
     """One serial port of this machine."""
 
-    #: What to open, e.g. ``"/dev/ttyACM0"``.
+    #: Device name, e.g. ``"/dev/ttyACM0"``.
     device: str
-    #: What the system calls it.
+    #: Description from the operating system.
     description: str
     #: Vendor and product.
     usb_id: tuple[int, int] | None = None
-    #: Of the USB device: distinguishes two boards.
+    #: Serial number of the USB device, which distinguishes two boards.
     serial_number: str | None = None
-    #: What is probably behind it; None if nothing speaks for a board.
+    #: Board or chip that the USB id suggests; None if unknown.
     board: str | None = None
 
 
-def board_of(usb_id: tuple[int, int] | None) -> str | None:
-    """Return the board or chip that a USB id suggests.
+def identify_board(usb_id: tuple[int, int] | None) -> str | None:
+    """Return the probable board or chip of a USB id; None if unknown.
 
-    >>> board_of((0x2341, 0x0042)), board_of((0x1A86, 0x7523)), board_of(None)
+    >>> identify_board((0x2341, 0x0042)), identify_board((0x1A86, 0x7523)), identify_board(None)
     ('Arduino', 'CH340, as on many Arduino clones', None)
     """
     if usb_id is None:
@@ -51,8 +51,8 @@ def board_of(usb_id: tuple[int, int] | None) -> str | None:
     return _VENDORS.get(usb_id[0]) or _BRIDGES.get(usb_id)
 
 
-def serial_ports() -> list[Port]:
-    """Return the serial ports of this machine, likely boards first."""
+def list_serial_ports() -> list[Port]:
+    """Return the serial ports of this machine, with probable boards first."""
     ports = []
     for found in comports():
         usb_id = None if found.vid is None or found.pid is None else (found.vid, found.pid)
@@ -62,7 +62,7 @@ def serial_ports() -> list[Port]:
                 description="" if found.description in (None, "n/a") else found.description,
                 usb_id=usb_id,
                 serial_number=found.serial_number,
-                board=board_of(usb_id),
+                board=identify_board(usb_id),
             )
         )
     return sorted(ports, key=lambda port: (port.board is None, port.board != _ARDUINO, port.device))
@@ -74,40 +74,40 @@ def find_port(
     clock: Clock,
     open_stream: Callable[[str], ByteStream] = SerialStream,
 ) -> str:
-    """Return the port of the only board, by USB id or by its answer.
+    """Find the port of the only board, from its USB id or its answer.
 
     Raises `DeviceNotFoundError` if there is no board; `DeviceError` if several boards answer.
     """
     likely = [port for port in ports if port.board is not None]
     if len(likely) == 1:
         return likely[0].device
-    asked = likely or list(ports)
-    silence: list[str] = []
+    candidates = likely or list(ports)
+    errors: list[str] = []
     answering: list[str] = []
-    for port in asked:
+    for port in candidates:
         try:
-            ask_identity(open_stream(port.device), clock=clock)
+            query_identity(open_stream(port.device), clock=clock)
             answering.append(port.device)
         except DeviceError as error:
-            silence.append(str(error))
+            errors.append(str(error))
     if len(answering) == 1:
         return answering[0]
     if answering:
         raise DeviceError(
             f"{len(answering)} boards answer: {', '.join(answering)}. Choose one with --port."
         )
-    if not asked:
+    if not candidates:
         raise DeviceNotFoundError("no serial port on this machine. Plug the board in.")
-    raise DeviceNotFoundError(f"no board answers. {silence[0]}")
+    raise DeviceNotFoundError(f"no board answers. {errors[0]}")
 
 
 def follow_port(
-    device: str, *, list_ports: Callable[[], Sequence[Port]] = serial_ports
+    device: str, *, list_ports: Callable[[], Sequence[Port]] = list_serial_ports
 ) -> Callable[[], str]:
-    """Return a function that names the port of the board that is now at `device`.
+    """Return a function that finds the current port of the board now at `device`.
 
-    A board that is pulled out and put back may come back under another name; its USB serial number
-    stays. Without one, the name stays.
+    A replugged board can get another port name, but its USB serial number does not change. For a
+    board without a serial number the function returns `device`.
 
     >>> before = [Port(device="/dev/ttyACM0", description="Mega", serial_number="7543")]
     >>> after = [Port(device="/dev/ttyACM1", description="Mega", serial_number="7543")]
@@ -118,23 +118,23 @@ def follow_port(
     numbers = {port.device: port.serial_number for port in list_ports()}
     number = numbers.get(device)
 
-    def where() -> str:
+    def find_current_port() -> str:
         if number is None:
             return device
-        same = [port.device for port in list_ports() if port.serial_number == number]
-        return same[0] if same else device
+        matches = [port.device for port in list_ports() if port.serial_number == number]
+        return matches[0] if matches else device
 
-    return where
+    return find_current_port
 
 
-def ask_identity(stream: ByteStream, *, clock: Clock) -> BoardIdentity:
+def query_identity(stream: ByteStream, *, clock: Clock) -> BoardIdentity:
     """Return the identity of the board at a port, and close the port.
 
-    Raises `DeviceError` if it does not answer as palpate's firmware does.
+    Raises `DeviceError` if the board does not answer with palpate's protocol.
     """
     try:
         link = BoardLink(stream, clock=clock)
-        link.ask(Identify())
+        link.execute(Identify())
         if link.identity is None:
             raise DeviceError(f"{stream.name}: the board did not identify itself")
         return link.identity

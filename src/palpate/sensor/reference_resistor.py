@@ -7,45 +7,45 @@ from dataclasses import dataclass, replace
 
 from palpate.signal.circuit import Divider, resolution_ohm
 
-#: One count may change the reading by this much: a fifth of the paper's contact threshold.
-COARSEST_PERCENT = 2.0
-#: Another resistor is worth soldering only if it makes the coarsest step this much finer.
-_WORTH_IT = 2.0
+#: Largest acceptable change of the reading for one count: a fifth of the paper's contact threshold.
+_MAX_STEP_PERCENT = 2.0
+#: A replacement must reduce the largest step by at least this factor.
+_MIN_IMPROVEMENT = 2.0
 _E12 = (1.0, 1.2, 1.5, 1.8, 2.2, 2.7, 3.3, 3.9, 4.7, 5.6, 6.8, 8.2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResistorFit:
-    """The reference resistor compared with the best one of the E12 series."""
+    """The present reference resistor and the best resistor of the E12 series."""
 
     #: Working range of the pixels.
     low_ohm: float
     high_ohm: float
-    #: In place, and advised.
+    #: Present and recommended resistor.
     present_ohm: float
     recommended_ohm: float
-    #: Change of the reading by one count at the worse end of the range, with either.
+    #: Change of the reading for one count at the worse end of the range, for each resistor.
     step_percent: float
     recommended_step_percent: float
 
     @property
-    def fits(self) -> bool:
-        """Whether the one in place is fine enough, or no other is clearly finer."""
-        fine = self.step_percent <= COARSEST_PERCENT
-        return fine or self.step_percent < _WORTH_IT * self.recommended_step_percent
+    def is_adequate(self) -> bool:
+        """Whether the step is small enough, or no other resistor reduces it clearly."""
+        is_fine = self.step_percent <= _MAX_STEP_PERCENT
+        return is_fine or self.step_percent < _MIN_IMPROVEMENT * self.recommended_step_percent
 
 
 def fit_reference(*, low_ohm: float, high_ohm: float, divider: Divider) -> ResistorFit:
-    """Compare the divider's resistor with the one that suits a range best.
+    """Compare the divider's resistor with the best resistor for a resistance range.
 
-    One count changes a reading by (R + R_ref)^2 / (R R_ref N) of itself. That depends on R / R_ref
-    alone and is the same for a ratio and its inverse, so the coarser end of a range is finest where
-    R_ref is the geometric mean of its ends.
+    The relative change of a reading for one count is (R + R_ref)^2 / (R R_ref N). It depends only
+    on R / R_ref and is equal for a ratio and its inverse. The largest step in a range is therefore
+    smallest if R_ref is the geometric mean of the two ends.
 
-    `low_ohm`, `high_ohm`: smallest resistance under load, and resistance at rest.
+    `low_ohm`, `high_ohm`: lowest resistance under load, and resistance at rest.
     Raises `ValueError` if the range is empty or not positive.
 
-    The paper's 4.7 kohm, for a pixel that falls from 12 kohm to 40 ohm (9 counts from the end):
+    The paper's 4.7 kohm, for a pixel between 12 kohm and 40 ohm (9 counts from the end):
 
     >>> fit = fit_reference(low_ohm=40.0, high_ohm=12e3, divider=Divider())
     >>> fit.recommended_ohm, round(fit.step_percent, 1), round(fit.recommended_step_percent, 1)
@@ -55,7 +55,7 @@ def fit_reference(*, low_ohm: float, high_ohm: float, divider: Divider) -> Resis
         raise ValueError(f"no range of resistances: {low_ohm:g} to {high_ohm:g} ohm")
     best = nearest_e12(math.sqrt(low_ohm * high_ohm))
 
-    def coarsest_percent(candidate: Divider) -> float:
+    def largest_step_percent(candidate: Divider) -> float:
         ends = ((r, float(resolution_ohm(r, divider=candidate))) for r in (low_ohm, high_ohm))
         return max(100.0 * step / r for r, step in ends)
 
@@ -64,13 +64,13 @@ def fit_reference(*, low_ohm: float, high_ohm: float, divider: Divider) -> Resis
         high_ohm=high_ohm,
         present_ohm=divider.reference_ohm,
         recommended_ohm=best,
-        step_percent=coarsest_percent(divider),
-        recommended_step_percent=coarsest_percent(replace(divider, reference_ohm=best)),
+        step_percent=largest_step_percent(divider),
+        recommended_step_percent=largest_step_percent(replace(divider, reference_ohm=best)),
     )
 
 
 def nearest_e12(ohm: float) -> float:
-    """Return the resistor of the E12 series (IEC 60063) that is nearest in ratio.
+    """Return the E12 resistor (IEC 60063) nearest to a resistance, compared as a ratio.
 
     >>> nearest_e12(693.0), nearest_e12(9300.0)
     (680.0, 10000.0)

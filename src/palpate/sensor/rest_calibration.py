@@ -1,4 +1,4 @@
-"""Rest values of a stretch of frames, and the calibration that they begin or renew."""
+"""Rest values from frames without load, and their place in a calibration."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from palpate.sensor.health import FrameColumns
 from palpate.signal.relative import refuse_load, rest_baseline
 
 
-def rest_values(
-    stretch: FrameColumns, *, layout: ArrayLayout, known_ohm: NDArray[np.float64] | None = None
+def compute_rest(
+    frames: FrameColumns, *, layout: ArrayLayout, known_ohm: NDArray[np.float64] | None = None
 ) -> RestValues:
-    """Return the rest values of a stretch.
+    """Compute the rest values from frames without load.
 
-    The earlier ones, `known_ohm`, show whether the sensor is loaded.
+    `known_ohm`: earlier rest values, used to detect a load on the sensor.
 
-    Raises `CalibrationError` if something presses or moves, or a pixel is open or short.
+    Raises `CalibrationError` if the sensor is loaded or moved, or a pixel is open or short.
     """
-    ohm, middle_ohm = stretch.ohm(layout=layout), stretch.rest_ohm(layout=layout)
+    ohm, median_ohm = frames.ohm(layout=layout), frames.rest_ohm(layout=layout)
     rest = rest_baseline(ohm)
     if known_ohm is not None:
         try:
             refuse_load(rest.rest_ohm, known_ohm=known_ohm)
         except CalibrationError as loaded:
             raise CalibrationError(f"{loaded} (--new); if nothing does, give --empty") from loaded
-    useless = np.isnan(rest.rest_ohm) | np.isinf(middle_ohm) | (middle_ohm == 0)
-    dead = [pixel_name(int(row), int(col)) for row, col in np.argwhere(useless)]
+    is_dead = np.isnan(rest.rest_ohm) | np.isinf(median_ohm) | (median_ohm == 0)
+    dead = [pixel_name(int(row), int(col)) for row, col in np.argwhere(is_dead)]
     if dead:
         raise CalibrationError(
             f"no rest value for {', '.join(dead)}: open or short; run `palpate doctor`"
         )
     return RestValues(
         ohm=tuple(map(tuple, rest.rest_ohm.round(3).tolist())),
-        # The plain deviation: a robust one is 0 where the noise is within a count.
+        # Not a robust estimate, which is 0 if the noise is less than one count.
         spread_percent=tuple(
             map(tuple, (100.0 * ohm.std(axis=0) / rest.rest_ohm).round(4).tolist())
         ),
@@ -48,13 +48,13 @@ def rest_values(
     )
 
 
-def with_rest(
+def replace_rest(
     earlier: Calibration | None, rest: RestValues, *, layout: ArrayLayout, simulated: bool
 ) -> Calibration:
-    """Return the earlier calibration, or a new one, with these rest values."""
+    """Return the earlier calibration, or a new calibration, with these rest values."""
     if earlier is not None:
-        # The date is what its age is judged by: that of the force readings, where there are any.
-        made_at = earlier.made_at if earlier.force.force_n else now_text()
+        # The age of a calibration is the age of its force readings, if it has any.
+        made_at = earlier.made_at if earlier.force.force_n else format_now()
         return replace(earlier, rest=rest, made_at=made_at)
     return Calibration(
         sensor_id=layout.name,
@@ -63,10 +63,10 @@ def with_rest(
         rest=rest,
         force=ForcePairs(run=(), since_move_s=(), excess=(), relative_percent=(), force_n=()),
         block=BlockPairs(block_mm=(), width_mm=(), force_n=()),
-        made_at=now_text(),
+        made_at=format_now(),
     )
 
 
-def now_text() -> str:
-    """Return the date and time, ISO 8601."""
+def format_now() -> str:
+    """Return the current date and time, ISO 8601."""
     return datetime.now(UTC).isoformat(timespec="seconds")

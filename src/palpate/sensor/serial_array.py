@@ -1,4 +1,4 @@
-"""A pressure array behind a serial port: frames in host time, every loss counted."""
+"""A pressure array on a serial port: frames in host time, with counted losses."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from palpate.clock import Clock
 from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.sensor.array import ArrayLayout, Frame, LinkCounters
-from palpate.sensor.board_link import BoardLink, least_delay_s
+from palpate.sensor.board_link import BoardLink, minimum_delay_s
 from palpate.sensor.byte_stream import ByteStream
 from palpate.sensor.device_clock import DeviceClock
 from palpate.sensor.frame_port import PortArray
@@ -32,12 +32,12 @@ from palpate.sensor.wire_messages import (
     Stop,
 )
 
-#: A user of a board's outputs sends a heartbeat this often, well within its heartbeat of
-#: 0.5 s, and takes no older frame as current.
-SIGN_OF_LIFE_S, STALE_S = 0.1, 0.5
-#: A board is pinged while its frames come: at most 3 periods and what an adapter holds back.
+#: Interval of the heartbeats to a board whose outputs are used, well within the board's limit of
+#: 0.5 s; and maximum age of a frame that counts as current.
+HEARTBEAT_S, STALE_S = 0.1, 0.5
+#: Pings are sent only if the last frame is not older than 3 periods plus the delay of an adapter.
 _PING_PERIODS, _PING_S = 3, 0.02
-#: Without a frame for this long the stream is set up again: 10 periods, at least 0.5 s.
+#: Without a frame for this time the stream is set up again: 10 periods, at least 0.5 s.
 _SILENT_PERIODS, _SILENT_S = 10, 0.5
 
 
@@ -49,23 +49,24 @@ class SerialArray(PortArray):
     stream : ByteStream
         An open port.
     clock : Clock
-        The host's clock; frames carry its time.
+        The host's clock, used for the times of the frames.
     layout : ArrayLayout
         Size of the matrix to scan.
     rate_hz : float
-        Frames per second to ask for.
+        Requested frames per second.
     oversampling : int
         Conversions summed per pixel, 1 to 64.
     contents : Contents
-        What to send besides pixels.
+        Data requested in addition to the pixels.
     reopen : callable, optional
-        Opens the port again after an unplug, raising `DeviceError` while it can't. Without it, an
-        unplugged board is lost for good.
+        Opens the port again after an unplug and raises `DeviceError` on failure. Without it, an
+        unplugged board is permanently lost.
 
     Raises
     ------
     DeviceError
-        If the board does not answer or refuses the set-up (then with the highest possible rate).
+        If the board does not answer or refuses the setup. If the rate is too high, the message
+        includes the highest possible rate.
     """
 
     def __init__(
@@ -87,7 +88,7 @@ class SerialArray(PortArray):
             SetOversampling(conversions=oversampling),
             SetRate(rate_hz=rate_hz),
             Identify(),
-            # Off, and the safe line high: until a rig arms it.
+            # Off and safe line high, until a rig arms the ceiling.
             SetCeiling(counts=0),
             Start(contents=contents),
         )
@@ -98,10 +99,10 @@ class SerialArray(PortArray):
         self._stream_number: int | None = None
         self._sequence_offset = 0
         self._last: Frame | None = None
-        self._heard_s = clock.now_s()
+        self._last_frame_s = clock.now_s()
         self._tripped = False
         try:
-            frames = self._link.ask(*self._setup)
+            frames = self._link.execute(*self._setup)
         except DeviceError:
             self.close()
             raise
@@ -109,21 +110,21 @@ class SerialArray(PortArray):
             bits = self.identity.full_scale.bit_length() - 1
             divider = replace(layout.divider, adc_bits=bits)
             self._layout = replace(layout, divider=divider)
-        self._take(frames)
+        self._accept_frames(frames)
 
     @property
     def identity(self) -> BoardIdentity | None:
-        """The board's own description; None while it is unplugged."""
+        """The board's description of itself; None while the board is unplugged."""
         return None if self._link is None else self._link.identity
 
     @property
     def load_cells(self) -> tuple[CellSample, ...]:
-        """Raw readings of the newest frame; empty unless requested."""
+        """Raw load-cell readings of the newest frame; empty unless requested."""
         return () if self._newest is None else self._newest.load_cells
 
     @property
     def newest_s(self) -> float:
-        """Time of the newest frame received, to which `load_cells` belong; NaN before the first."""
+        """Time of the newest frame and its `load_cells`; NaN before the first frame."""
         return math.nan if self._last is None else self._last.time_s
 
     @property
@@ -139,12 +140,12 @@ class SerialArray(PortArray):
     def newest(self) -> FrameMessage | None:
         """Return the newest frame as sent, with status and pressure; None before the first.
 
-        Takes in what has come, without waiting; `read` still gives every frame.
+        The method receives waiting data without blocking. `read` still returns every frame.
 
         Raises
         ------
         DeviceError
-            If the board is gone for good.
+            If the board is permanently lost.
         """
         self._fetch()
         return self._newest
@@ -152,7 +153,8 @@ class SerialArray(PortArray):
     def send(self, command: Command) -> None:
         """Send a command without waiting for its answer (heartbeat, pressure, ceiling).
 
-        A ping to a board that is starting or silent is left out: it would keep the boot loader.
+        A ping to a starting or silent board is skipped, because it would keep the board in its
+        boot loader.
 
         Raises
         ------
@@ -161,20 +163,21 @@ class SerialArray(PortArray):
         """
         if self._link is None:
             raise DeviceError(f"{self.name} is unplugged; nothing can be sent to it")
-        silent = self._clock.now_s() - self._heard_s > _PING_PERIODS / self._rate_hz + _PING_S
-        if not (isinstance(command, Ping) and (silent or self._link.busy)):
+        age_s = self._clock.now_s() - self._last_frame_s
+        is_silent = age_s > _PING_PERIODS / self._rate_hz + _PING_S
+        if not (isinstance(command, Ping) and (is_silent or self._link.is_busy)):
             self._link.send(command)
 
     def arm_ceiling(self, counts: int) -> None:
         """Set the pixel reading at which the board vents and lowers its safe line.
 
-        It acts without the host, and is set again after a reset of the board. Frames report a trip
-        until this is called again, whether the board was reset meanwhile or not.
+        The ceiling works without the host, and is set again after a reset of the board. After a
+        trip, all frames report it until the next call, even after a reset of the board.
 
         Parameters
         ----------
         counts : int
-            Per conversion, below the converter's full scale; 0 is off.
+            Counts per conversion, below the converter's full scale; 0 disables the ceiling.
 
         Raises
         ------
@@ -185,7 +188,7 @@ class SerialArray(PortArray):
             raise DeviceError(f"{self.name} is unplugged; nothing can be sent to it")
         ceiling, self._tripped = SetCeiling(counts=counts), False
         self._setup = (*self._setup[:-2], ceiling, self._setup[-1])
-        self._take(self._link.ask(ceiling))
+        self._accept_frames(self._link.execute(ceiling))
 
     def close(self) -> None:
         """Stop the stream and release the port; calling it again does nothing."""
@@ -215,7 +218,7 @@ class SerialArray(PortArray):
             if (stream := self._reopen_if_due()) is not None:
                 self._link = BoardLink(stream, clock=self._clock, decoder=self._decoder)
                 self._set_up(self._link)
-                self._heard_s = now_s
+                self._last_frame_s = now_s
             return
         try:
             frames = self._link.poll()
@@ -223,22 +226,24 @@ class SerialArray(PortArray):
             self._disconnect(error)
             self._link = None
             return
-        if frames or self._link.busy:
-            self._take(frames)
-        silent = now_s - self._heard_s > max(_SILENT_S, _SILENT_PERIODS / self._rate_hz)
-        if silent and not self._link.was_reset:
-            self._link.listen()
-        if self._link.was_reset or silent:
+        if frames or self._link.is_busy:
+            self._accept_frames(frames)
+        is_silent = now_s - self._last_frame_s > max(_SILENT_S, _SILENT_PERIODS / self._rate_hz)
+        if is_silent and not self._link.was_reset:
+            self._link.wait_for_restart()
+        if self._link.was_reset or is_silent:
             self._set_up(self._link)
 
-    def _take(self, frames: list[FrameMessage]) -> None:
-        self._heard_s = self._clock.now_s()
+    def _accept_frames(self, frames: list[FrameMessage]) -> None:
+        self._last_frame_s = self._clock.now_s()
         for frame in frames:
-            self._accept(frame, arrival_s=self._heard_s)
+            self._accept(frame, arrival_s=self._last_frame_s)
 
     def _set_up(self, link: BoardLink) -> None:
-        """Set the board up again; a ceiling command would clear a trip, which stays."""
-        link.begin([c for c in self._setup if not (self._tripped and isinstance(c, SetCeiling))])
+        """Set up the board again; after a trip omit the ceiling, which would clear it."""
+        link.start_commands(
+            [c for c in self._setup if not (self._tripped and isinstance(c, SetCeiling))]
+        )
 
     def _accept(self, message: FrameMessage, *, arrival_s: float) -> None:
         if message.counts.shape != (self._layout.rows, self._layout.cols):
@@ -258,11 +263,11 @@ class SerialArray(PortArray):
         self._waiting.append(self._last)
 
     def _enter_stream(self, message: FrameMessage) -> None:
-        """Follow a new stream: frame numbers continue, the clocks are compared again."""
+        """Switch to a new stream: continue the frame numbers and restart the device clock."""
         self._stream_number = message.stream
         floor_s = 0.0
         if self.identity is not None:
-            floor_s = least_delay_s(
+            floor_s = minimum_delay_s(
                 self.identity, pixels=self._layout.pixels, oversampling=message.oversampling
             )
         if self._last is None:

@@ -1,6 +1,6 @@
-"""Boards that print numbers: a line of readings per frame, as most sketches do.
+"""Boards that print one line of readings per frame, like most Arduino sketches.
 
-`open_board` is what a rig file names for its `[array]`.
+A rig file refers to `open_board` in its `[array]` section.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ from typing import Literal
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.sensor.array import MOST_LINES, ArrayLayout, IdleLines
+from palpate.sensor.array import MAX_LINES, ArrayLayout, IdleLines
 from palpate.sensor.board_array import find_layout
 from palpate.sensor.one_way_array import Counts, OneWayArray
 
-#: Ohms are kept as the counts of a divider this fine: 0.01 % from 1 ohm to 10 megohm.
+#: Resistances are stored as counts of this divider: 0.01 % resolution from 1 ohm to 10 megohm.
 _OHM_BITS, _OHM_REFERENCE = 24, 4700.0
 #: Longer than any line of 64 x 64 numbers with their labels.
 _LONGEST_BYTES = 1 << 16
 _LABEL = re.compile(r"[^\s,;:=]*[A-Za-z_][^\s,;:=]*\s*[:=]\s*")
 _BETWEEN = re.compile(r"[,;\s]+")
-#: Arduino prints a float that is too large as "ovf".
+#: Arduino prints an overflowing float as "ovf".
 _READING = re.compile(r"\d|inf|ovf")
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|inf|ovf")
 
@@ -29,18 +29,18 @@ _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|inf|ovf")
 class LineDecoder:
     """Finds frames in lines of text.
 
-    A line holds all pixels row by row; or one row, with a blank line between frames. Numbers are
+    A line contains all pixels row by row, or one row with a blank line between frames. Numbers are
     separated by commas, semicolons, tabs or spaces; labels (``A0:512``) and brackets are ignored.
-    A line without digits is a remark. Anything else is rejected and counted, so is a line that came
-    short or a number out of range.
+    A line without digits is a comment. All other lines are rejected and counted, including
+    incomplete lines and lines with a number out of range.
 
     Parameters
     ----------
     layout : ArrayLayout
         Rows, columns and converter.
     columns : list of int, optional
-        Which numbers of a line are the pixels, from 1, in the order of the layout; then further
-        ones are ignored. By default a line holds the pixels alone.
+        Positions of the pixels in a line, from 1, in the order of the layout. Numbers at other
+        positions are ignored. By default a line contains only the pixels.
     in_ohm : bool
         Whether the numbers are resistances instead of counts.
 
@@ -51,7 +51,7 @@ class LineDecoder:
     >>> [frame.tolist() for frame in decoder.feed(b"12,300\\n511,300\\n51,2,300\\n512, 301\\n")]
     [[[511, 300]], [[512, 301]]]
     >>> decoder.corrupt, decoder.fault
-    (1, '"51,2,300" has 3 numbers, and layout pair needs 2; check layout and columns')
+    (1, '"51,2,300" has 3 numbers, but layout pair needs 2; check layout and columns')
     """
 
     def __init__(
@@ -61,64 +61,68 @@ class LineDecoder:
         self._columns = columns
         self._in_ohm = in_ohm
         self._rest = b""
-        self._in_step = False
-        #: Numbers in a line where `columns` are picked, once two lines agree; and in the last line.
+        self._is_synchronized = False
+        #: With `columns`: numbers per line, from the first two lines that agree; and in the last.
         self._width = self._last_width = 0
-        #: Whether a line held a whole frame; else the rows of one whose beginning was seen.
+        #: Whether a line contained a complete frame. Otherwise `_rows` collects a frame by rows,
+        #: from the first blank line on.
         self._by_line = False
         self._rows: list[list[float]] | None = None
         self.corrupt = 0
         self.fault = ""
 
     def feed(self, data: bytes) -> list[Counts]:
-        """Take bytes; return the frames that they complete, shape (rows, cols) each."""
+        """Append bytes and return the completed frames, shape (rows, cols) each."""
         *lines, self._rest = (self._rest + data).split(b"\n")
         if len(self._rest) > _LONGEST_BYTES:
             self._rest = b""
             self.corrupt += 1
         frames = []
         for line in lines:
-            if not self._in_step:
-                self._in_step = True  # its beginning was sent before the port was open
+            if not self._is_synchronized:
+                self._is_synchronized = True  # the first line can be incomplete
                 continue
             try:
                 frame = self._read_line(line)
             except ValueError as error:
                 self.corrupt += 1
-                shown = line[:40].strip().decode("ascii", errors="replace")
-                self.fault = f'"{shown}{"..." if len(line) > 40 else ""}" {error}'
+                excerpt = line[:40].strip().decode("ascii", errors="replace")
+                self.fault = f'"{excerpt}{"..." if len(line) > 40 else ""}" {error}'
             else:
                 frames += [] if frame is None else [frame]
         return frames
 
     def _read_line(self, line: bytes) -> Counts | None:
-        """Return the frame that a line is or completes; raise `ValueError` with its fault."""
+        """Parse a line; return the completed frame, or None.
+
+        Raises `ValueError` if the line is invalid, with the fault.
+        """
         text = line.decode("ascii", errors="replace").strip()
         if "\ufffd" in text or not text.replace("\t", " ").isprintable():
             raise ValueError("is not text; check the baud rate (baud in the rig file)")
         if not _READING.search(text):
-            short, self._rows = len(self._rows or ()), []
-            if short % self._layout.rows:
-                raise ValueError(f"ends a frame after {short} rows")
+            rows, self._rows = len(self._rows or ()), []
+            if rows % self._layout.rows:
+                raise ValueError(f"ends a frame after {rows} rows")
             return None
         fields = _BETWEEN.split(_LABEL.sub("", text).strip(" \t,;[](){}"))
         if not all(_NUMBER.fullmatch(field) for field in fields):
             raise ValueError("is not a line of numbers")
         values = [float(field.replace("ovf", "inf")) for field in fields]
         if self._columns is not None:
-            values = self._select(values)
+            values = self._select_columns(values)
         elif len(values) == self._layout.cols < self._layout.pixels and not self._by_line:
             return self._add_row(values)
         if len(values) != self._layout.pixels:
             raise ValueError(
-                f"has {len(values)} numbers, and layout {self._layout.name} needs "
+                f"has {len(values)} numbers, but layout {self._layout.name} needs "
                 f"{self._layout.pixels}; check layout and columns"
             )
         self._by_line = True
-        return self._counts(values)
+        return self._to_counts(values)
 
-    def _select(self, values: list[float]) -> list[float]:
-        """Return the pixels of a line of the usual length, which two equal lines establish."""
+    def _select_columns(self, values: list[float]) -> list[float]:
+        """Return the pixels of a line; require the length of the first two equal lines."""
         assert self._columns is not None
         if len(values) == self._last_width >= max(self._columns):
             self._width = self._width or len(values)
@@ -130,25 +134,25 @@ class LineDecoder:
 
     def _add_row(self, values: list[float]) -> Counts | None:
         if self._rows is None:
-            # Of a frame that began before the port was open, or there are no blank lines at all.
-            self.fault = "they are rows, and no blank line shows where a frame begins"
+            # No blank line yet: the frame began before the port was open, or none is ever sent.
+            self.fault = "the lines are rows, but no blank line marks the start of a frame"
             return None
         if len(self._rows) == self._layout.rows:
             self._rows = None
-            raise ValueError("has one row more than the layout")
+            raise ValueError("is one row more than the layout has")
         self._rows.append(values)
         if len(self._rows) < self._layout.rows:
             return None
-        return self._counts([value for row in self._rows for value in row])
+        return self._to_counts([value for row in self._rows for value in row])
 
-    def _counts(self, values: list[float]) -> Counts:
+    def _to_counts(self, values: list[float]) -> Counts:
         numbers, divider = np.array(values), self._layout.divider
         top = divider.full_scale - 1
         if self._in_ohm:
             if (numbers < 0).any():
                 raise ValueError("has a negative resistance")
-            share = _OHM_REFERENCE / (_OHM_REFERENCE + numbers)
-            numbers = np.minimum(share * divider.full_scale, top)
+            fraction = _OHM_REFERENCE / (_OHM_REFERENCE + numbers)
+            numbers = np.minimum(fraction * divider.full_scale, top)
         if (numbers < 0).any() or (numbers > top).any():
             raise ValueError(
                 f"is outside 0 to {top}, the range of {divider.adc_bits} bits (adc_bits)"
@@ -170,36 +174,38 @@ def open_board(
     fingers: int = 1,
     columns: list[int] | None = None,
 ) -> OneWayArray:
-    """Open the array of a board that prints its readings; it reconnects after an unplug.
+    """Open the array of a board that prints its readings.
+
+    The array reconnects after an unplug.
 
     Parameters
     ----------
     port : str
         Device, e.g. ``"/dev/ttyUSB0"``.
     layout, fingers
-        Rows x columns of the whole matrix, e.g. ``"4x2"``, as in
+        Rows x columns of the matrix, e.g. ``"4x2"``, as in
         `palpate.sensor.board_array.find_layout`.
     baud : int
-        Speed that the board's program sets.
+        Baud rate of the board's program.
     unit : {"counts", "ohm"}
-        What the numbers are: readings of the board's converter, or resistances.
+        Unit of the printed numbers: counts of the board's converter, or resistances.
     adc_bits, reference_ohm, taxel_leg
-        The converter and divider behind counts; not used for ohms.
+        Converter and divider of the counts; not used for ohms.
     idle_lines : {"isolated", "floating", "held"}
-        What the lines of the other pixels do while one is read (`ArrayLayout`).
+        State of the unselected lines during a reading (`ArrayLayout`).
     columns : list of int, optional
-        Which numbers of a line are the pixels (`LineDecoder`).
+        Positions of the pixels in a line (`LineDecoder`).
 
     Raises
     ------
     InputError
-        If there is no such layout, or `columns` does not fit it.
+        If the layout is unknown, or `columns` does not fit it.
     DeviceError
-        If the port can't be opened, or no frame comes.
+        If the port can't be opened, or no frame arrives.
     """
     in_ohm = unit == "ohm"
     if in_ohm and idle_lines == "held":
-        raise InputError('idle_lines = "held" needs counts: print those')
+        raise InputError('idle_lines = "held" needs counts: print counts instead of ohms')
     pixels = find_layout(
         layout,
         reference_ohm=_OHM_REFERENCE if in_ohm else reference_ohm,
@@ -207,14 +213,14 @@ def open_board(
         idle_lines=idle_lines,
         fingers=fingers,
         adc_bits=_OHM_BITS if in_ohm else adc_bits,
-        most_lines=MOST_LINES,
+        max_lines=MAX_LINES,
     )
     if columns is not None:
         wrong = [n for n in columns if type(n) is not int or n < 1 or columns.count(n) > 1]
         if wrong or len(columns) != pixels.pixels:
             raise InputError(
-                f"columns = {columns}: give {pixels.pixels} different whole numbers from 1, one "
+                f"columns = {columns}: give {pixels.pixels} different positive integers, one "
                 f"for each pixel of layout {layout}"
             )
     decoder = LineDecoder(pixels, columns=columns, in_ohm=in_ohm)
-    return OneWayArray.on_port(port, baud=baud, layout=pixels, decoder=decoder)
+    return OneWayArray.open_port(port, baud=baud, layout=pixels, decoder=decoder)

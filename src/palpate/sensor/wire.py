@@ -1,8 +1,8 @@
-"""Bytes to messages and commands to bytes, in any chunking, without input or output.
+"""Conversion of bytes to messages and of commands to bytes, without I/O.
 
-A packet is type, 16-bit length, payload and CRC-32, made free of zeros by COBS and ended by a zero
-(`docs/protocol.md`). A zero therefore always means "the next packet begins here": whatever
-happened before it, the decoder is back in step after it.
+A packet consists of type, 16-bit length, payload and CRC-32. COBS removes all zeros from the
+packet, and a zero ends it (`docs/protocol.md`). The decoder therefore resynchronizes at every zero,
+whatever was received before.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from palpate.sensor.wire_messages import (
 _HEAD = struct.Struct("<BH")
 _CRC = struct.Struct("<I")
 _OVERHEAD = _HEAD.size + _CRC.size
-#: Longest stuffed packet that is taken: a 16 x 16 frame with everything is 548 bytes.
+#: Maximum length of a stuffed packet; a 16 x 16 frame with all contents has 548 bytes.
 MAX_STUFFED_BYTES = 640
 _WRAP = 2**32
 _KNOWN = frozenset(int(kind) for kind in MessageType)
@@ -45,13 +45,13 @@ SERVO = struct.Struct("<H")
 ACK = struct.Struct("<BBBBIII")
 IDENTITY = struct.Struct("<BBBBBHBBBBBBHHBIIII")
 FULL_SCALE = struct.Struct("<H")
-#: Data of a frame besides the pixels, in their order.
+#: Formats of the additional data of a frame, in their order.
 _EXTRA = {Contents.LOAD_CELLS: LOADS, Contents.PRESSURE: PRESSURE, Contents.SERVO: SERVO}
 _ALL_CONTENTS = int(Contents.LOAD_CELLS | Contents.PRESSURE | Contents.SERVO)
 
 
 def stuff(data: bytes) -> bytes:
-    """Encode by consistent overhead byte stuffing (COBS), without the final zero.
+    """Encode with consistent overhead byte stuffing (COBS), without the final zero.
 
     Source: S. Cheshire and M. Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Transactions on
     Networking 7(2), 1999.
@@ -71,33 +71,33 @@ def stuff(data: bytes) -> bytes:
 
 
 def unstuff(stuffed: bytes | bytearray) -> bytes | None:
-    """Undo `stuff`; None if the bytes are not of that form.
+    """Decode the output of `stuff`; return None if the bytes are invalid.
 
     >>> unstuff(bytes.fromhex("0311220233")).hex(), unstuff(bytes([9, 1]))
     ('11220033', None)
     """
-    data, at = bytearray(), 0
-    while at < len(stuffed):
-        code = stuffed[at]
-        run = stuffed[at + 1 : at + code]
+    data, start = bytearray(), 0
+    while start < len(stuffed):
+        code = stuffed[start]
+        run = stuffed[start + 1 : start + code]
         if code == 0 or len(run) != code - 1:
             return None
         data += run
-        at += code
-        # A code of 255 means 254 bytes with no zero after them.
-        if code < 255 and at < len(stuffed):
+        start += code
+        # A code of 255 represents 254 bytes without a zero after them.
+        if code < 255 and start < len(stuffed):
             data.append(0)
     return bytes(data)
 
 
 def pack(kind: int, payload: bytes) -> bytes:
-    """Return the whole packet of a payload: type, length, CRC-32, stuffing, final zero."""
+    """Return the complete packet of a payload: type, length, CRC-32, stuffing, final zero."""
     body = _HEAD.pack(kind, len(payload)) + payload
     return stuff(body + _CRC.pack(zlib.crc32(body))) + b"\0"
 
 
 def unpack(stuffed: bytes | bytearray) -> tuple[int, bytes] | None:
-    """Return type and payload of a packet without its final zero; None if damaged."""
+    """Return the type and payload of a packet (without final zero); None if damaged."""
     packet = unstuff(stuffed)
     if packet is None or len(packet) < _OVERHEAD:
         return None
@@ -109,10 +109,9 @@ def unpack(stuffed: bytes | bytearray) -> tuple[int, bytes] | None:
 
 
 def encode_command(command: Command, *, tag: int = 0) -> bytes:
-    """Return the bytes that send `command`; the answer carries the same `tag` (0 to 255).
+    """Encode `command` as a packet; the board's answer contains the same `tag` (0 to 255).
 
-    Raises `ValueError` if a value does not fit its field; whether it makes sense is for the board
-    to decide.
+    Raises `ValueError` if a value does not fit its field. The board checks the other limits.
 
     >>> from palpate.sensor.wire_messages import Ping
     >>> encode_command(Ping(), tag=7).hex()
@@ -121,17 +120,18 @@ def encode_command(command: Command, *, tag: int = 0) -> bytes:
     values = [(getattr(command, f.name), f.type == "float") for f in fields(command)]
     numbers = [round(1e3 * value) if is_quantity else int(value) for value, is_quantity in values]
     try:
-        return pack(command.kind, struct.pack(f"<B{command.form}", tag, *numbers))
+        return pack(command.kind, struct.pack(f"<B{command.struct_format}", tag, *numbers))
     except struct.error as error:
         raise ValueError(f"{command} with tag {tag} can't be sent: {error}") from error
 
 
 def unpack_frame(
-    payload: bytes, *, place: Callable[[int, int, int], tuple[int, int]] | None = None
+    payload: bytes, *, unwrap: Callable[[int, int, int], tuple[int, int]] | None = None
 ) -> FrameMessage | None:
-    """Return the frame in `payload`, or None if it isn't one.
+    """Return the frame in `payload`; None if the payload is invalid.
 
-    `place`: unwraps sequence and time, given both and the stream; called for valid frames only.
+    `unwrap`: returns the unwrapped sequence and time for a sequence, time and stream. It is called
+        for valid frames only.
     """
     if len(payload) < FRAME_HEAD.size:
         return None
@@ -144,8 +144,8 @@ def unpack_frame(
         extra = _unpack_extra(payload, end, contents)
     if extra is None or not 1 <= oversampling <= MAX_OVERSAMPLING:
         return None
-    if place is not None:
-        sequence, time_us = place(sequence, time_us, stream)
+    if unwrap is not None:
+        sequence, time_us = unwrap(sequence, time_us, stream)
     return FrameMessage(
         sequence=sequence,
         time_us=time_us,
@@ -157,15 +157,16 @@ def unpack_frame(
     )
 
 
-def _unpack_extra(payload: bytes, at: int, contents: int) -> dict[str, Any] | None:
-    """Return the fields after a frame's pixels; None if they contradict `contents`."""
+def _unpack_extra(payload: bytes, start: int, contents: int) -> dict[str, Any] | None:
+    """Return the fields after a frame's pixels; None if they do not match `contents`."""
     parts = [part for part in _EXTRA if contents & part]
-    if contents > _ALL_CONTENTS or len(payload) != at + sum(_EXTRA[part].size for part in parts):
+    end = start + sum(_EXTRA[part].size for part in parts)
+    if contents > _ALL_CONTENTS or len(payload) != end:
         return None
     extra: dict[str, Any] = {}
     for part in parts:
-        values = _EXTRA[part].unpack_from(payload, at)
-        at += _EXTRA[part].size
+        values = _EXTRA[part].unpack_from(payload, start)
+        start += _EXTRA[part].size
         if part is Contents.LOAD_CELLS:
             cells = zip(values[::2], values[1::2], strict=True)
             extra["load_cells"] = tuple(CellSample(raw=raw, sample=n) for raw, n in cells)
@@ -177,7 +178,7 @@ def _unpack_extra(payload: bytes, at: int, contents: int) -> dict[str, Any] | No
 
 
 def unpack_ack(payload: bytes) -> Ack | None:
-    """Return the answer in `payload`, or None if it isn't one."""
+    """Return the answer in `payload`; None if the payload is invalid."""
     if len(payload) != ACK.size:
         return None
     command, tag, result, stream, next_sequence, time_us, highest_mhz = ACK.unpack(payload)
@@ -195,7 +196,7 @@ def unpack_ack(payload: bytes) -> Ack | None:
 
 
 def unpack_identity(payload: bytes) -> BoardIdentity | None:
-    """Return the identity in `payload`, or None if it isn't one."""
+    """Return the identity in `payload`; None if the payload is invalid."""
     if len(payload) < IDENTITY.size:
         return None
     tag, protocol, major, minor, patch, *rest = IDENTITY.unpack_from(payload)
@@ -233,11 +234,11 @@ def unpack_identity(payload: bytes) -> BoardIdentity | None:
 
 
 class Decoder:
-    """Turns the bytes of a board, in any pieces, into messages.
+    """Converts the bytes of a board, in chunks of any size, into messages.
 
-    It keeps at most `MAX_STUFFED_BYTES` between calls. Only whole packets with the right length
-    and CRC-32 are taken; the rest is counted. Sequence and time are unwrapped within a stream,
-    which needs at least one frame in every 71 minutes.
+    The decoder stores at most `MAX_STUFFED_BYTES` between calls. It accepts only complete packets
+    with the correct length and CRC-32 and counts all others. It unwraps sequence and time within a
+    stream, which requires at least one frame every 71 minutes.
 
     >>> data = bytes.fromhex("03011101010101020c010104010101010103020705a2ffcb0500")  # number 0
     >>> data += bytes.fromhex("03011102020101020c010104010101010103020705656ff7d100")  # number 2
@@ -251,7 +252,7 @@ class Decoder:
     def __init__(self) -> None:
         self._pending = bytearray()
         self._overlong = False
-        self._in_step = False
+        self._is_synchronized = False
         self._stream: int | None = None
         self._expected = 0
         self._time_us: int | None = None
@@ -259,20 +260,20 @@ class Decoder:
 
     @property
     def counters(self) -> LinkCounters:
-        """Counters of the link; the fragment before the first zero is not a corrupt packet."""
+        """Counters of the link; bytes before the first zero do not count as corrupt."""
         return LinkCounters(
             frames=self._frames, lost=self._lost, corrupt=self._corrupt, restarts=self._restarts
         )
 
     def feed(self, data: bytes) -> list[BoardMessage]:
-        """Take more bytes; return the messages that they complete, oldest first."""
+        """Append bytes and return the completed messages, oldest first."""
         messages: list[BoardMessage] = []
         *complete, rest = bytes(data).split(b"\0")
         for piece in complete:
             self._buffer(piece)
             if self._pending or self._overlong:
                 self._finish_packet(messages)
-            self._in_step = True
+            self._is_synchronized = True
         self._buffer(rest)
         return messages
 
@@ -284,18 +285,18 @@ class Decoder:
             self._pending += piece
 
     def _finish_packet(self, messages: list[BoardMessage]) -> None:
-        packet = unpack(self._pending)  # nothing is kept of an overlong one
+        packet = unpack(self._pending)  # empty after an overlong packet
         message = None if packet is None else self._read_message(*packet)
         if message is not None:
             messages.append(message)
         elif packet is None or packet[0] in _KNOWN:
-            self._corrupt += self._in_step
+            self._corrupt += self._is_synchronized
         self._pending.clear()
         self._overlong = False
 
     def _read_message(self, kind: int, payload: bytes) -> BoardMessage | None:
         if kind == _FRAME:
-            return unpack_frame(payload, place=self._count_frame)
+            return unpack_frame(payload, unwrap=self._count_frame)
         if kind == MessageType.ACK:
             return self._count_answer(unpack_ack(payload))
         if kind == MessageType.IDENTITY:
@@ -303,7 +304,7 @@ class Decoder:
         return None
 
     def _count_frame(self, sequence: int, time_us: int, stream: int) -> tuple[int, int]:
-        """Count a frame and the losses before it; return its unwrapped sequence and time."""
+        """Count a frame and the lost frames before it; return its unwrapped sequence and time."""
         ahead = (sequence - self._expected) % _WRAP
         if stream != self._stream or ahead >= _WRAP // 2:
             self._enter_stream(stream, sequence=sequence)
@@ -317,7 +318,7 @@ class Decoder:
         return self._expected - 1, self._time_us
 
     def _count_answer(self, ack: Ack | None) -> Ack | None:
-        """Count frames lost before an answer, using its count of sent frames."""
+        """Count the frames lost before an answer, from its number of the next frame."""
         if ack is None or ack.stream == 0:
             return ack
         if ack.stream != self._stream:
@@ -329,7 +330,7 @@ class Decoder:
         return ack
 
     def _enter_stream(self, stream: int, *, sequence: int) -> None:
-        """Follow another stream, from its beginning unless it is the first."""
+        """Switch to a stream, and expect its first frame unless it is the first stream."""
         joined_late = self._stream is None
         self._restarts += not joined_late
         self._stream = stream

@@ -1,6 +1,6 @@
-"""Messages on the wire: those of the board and the commands of the host.
+"""Messages from the board and commands from the host.
 
-`docs/protocol.md` is the specification; `palpate.sensor.wire` turns them into bytes and back.
+`docs/protocol.md` is the specification. `palpate.sensor.wire` encodes and decodes the messages.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-#: Version 1 has no servo and no full scale in the identity; it is still read.
+#: Version 1, without servo and without full scale in the identity, is still supported.
 PROTOCOL_VERSION = 2
 MAX_SIDE = 16
 MAX_OVERSAMPLING = 64
 MAX_PRESSURE_KPA = 50.0
-#: Shortest and longest pulse of a hobby servo.
+#: Minimum and maximum pulse width of a hobby servo.
 SERVO_PULSES_US = (500, 2500)
 LOAD_CELLS = 2
-#: Raw load-cell value that means "no reading since the start of the stream".
+#: Raw load-cell value without a reading since the start of the stream.
 NO_READING = -(2**31)
 
 
@@ -38,16 +38,16 @@ class Result(IntEnum):
     OK = 0
     UNKNOWN_COMMAND = 1
     BAD_ARGUMENT = 2
-    #: The rate can't be met; `Ack.highest_rate_hz` is the highest that can.
+    #: The rate is too high; `Ack.highest_rate_hz` is the highest possible rate.
     TOO_FAST = 3
-    #: Only possible while no frames are streamed: send `Stop` first.
+    #: Not allowed while frames are streamed: send `Stop` first.
     STREAMING = 4
     #: The pixel ceiling has tripped, or (servo) was never armed: send `SetCeiling`.
     TRIPPED = 5
 
 
 class Contents(IntFlag):
-    """Data of a frame besides the pixels."""
+    """Data of a frame in addition to the pixels."""
 
     PIXELS = 0
     LOAD_CELLS = 1
@@ -56,17 +56,17 @@ class Contents(IntFlag):
 
 
 class BoardStatus(IntFlag):
-    """Conditions and faults that every frame reports."""
+    """Conditions and faults, reported in every frame."""
 
-    #: The scan before this one was dropped on the board: the link was too slow.
+    #: The previous scan was dropped on the board because the link was too slow.
     DROPPED = 0x01
-    #: No command for the heartbeat time: pressure vented, servo held where it was.
+    #: No command within the heartbeat time: pressure vented, servo held at its position.
     HEARTBEAT_LOST = 0x02
-    #: A pixel reached the ceiling; vented, servo opened, safe line low, until `SetCeiling`.
+    #: A pixel reached the ceiling: vented, servo opened, safe line low, until `SetCeiling`.
     CEILING_TRIPPED = 0x04
-    #: A load cell that was asked for does not answer.
+    #: A requested load cell does not answer.
     LOAD_CELL_SILENT = 0x08
-    #: The board came back by its watchdog since power-up.
+    #: The watchdog has reset the board since power-up.
     WATCHDOG_RESET = 0x10
     #: The board received a damaged command since the previous frame.
     COMMAND_DAMAGED = 0x20
@@ -74,11 +74,11 @@ class BoardStatus(IntFlag):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CellSample:
-    """One load-cell amplifier's latest reading."""
+    """The latest reading of a load-cell amplifier."""
 
     #: 24-bit signed reading; `NO_READING` before the first.
     raw: int
-    #: Readings so far, modulo 256: unchanged means the same reading as in the frame before.
+    #: Number of readings, modulo 256; unchanged if the previous frame had the same reading.
     sample: int
 
 
@@ -86,11 +86,11 @@ class CellSample:
 class FrameMessage:
     """One scan of the pixels, as the board sent it."""
 
-    #: Number of the scan in its stream, from 0, without the 32-bit wrap.
+    #: Number of the scan in its stream, from 0; unwrapped from 32 bits.
     sequence: int
-    #: Board time at the start of the scan, microseconds, without the 32-bit wrap within a stream.
+    #: Board time at the start of the scan, microseconds; unwrapped from 32 bits within a stream.
     time_us: int
-    #: 1 to 255; changes at each start and each reset of the board.
+    #: Number of the stream, 1 to 255; changes at each start and each reset of the board.
     stream: int
     #: Conversions summed per pixel.
     oversampling: int
@@ -98,12 +98,12 @@ class FrameMessage:
     status: int
     #: Shape (rows, cols). Sums of 10-bit readings: at most 1023 times `oversampling`; read-only.
     counts: NDArray[np.uint16]
-    #: Empty unless asked for.
+    #: Empty unless requested.
     load_cells: tuple[CellSample, ...] = ()
-    #: Regulator output now (after the slew limit) and its read-back.
+    #: Present regulator setpoint (after the slew limit) and the measured pressure.
     pressure_set_kpa: float | None = None
     pressure_kpa: float | None = None
-    #: Width of the servo's pulses now (on the ramp); 0 while there are none.
+    #: Present pulse width of the servo (on the ramp); 0 without pulses.
     servo_us: int | None = None
 
 
@@ -111,30 +111,30 @@ class FrameMessage:
 class Ack:
     """The board's answer to a command."""
 
-    #: `kind` of the command that is answered, as received.
+    #: `kind` of the answered command, as received.
     command: int
-    #: The command's own tag, 0 to 255.
+    #: Tag of the answered command, 0 to 255.
     tag: int
-    #: What came of it.
+    #: Result of the command.
     result: Result
-    #: Every frame of this stream below `next_sequence` was sent before this answer, or dropped;
-    #: stream 0 is none since the board started.
+    #: All frames of this stream below `next_sequence` were sent or dropped before this answer.
+    #: Stream 0: no stream since the board started.
     stream: int = 0
     next_sequence: int = 0
     #: Board time, 32 bits.
     time_us: int = 0
-    #: Highest frame rate of the layout, oversampling and contents now in force (or just refused).
+    #: Highest frame rate with the present (or just refused) layout, oversampling and contents.
     highest_rate_hz: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoardIdentity:
-    """The board's own description; sent once at start-up (tag 0) and on `Identify`.
+    """The board's description of itself, sent at startup (tag 0) and on `Identify`.
 
-    `rows`, `cols`, `oversampling`, `settle_us`: configuration in force.
+    `rows`, `cols`, `oversampling`, `settle_us`: present configuration.
     """
 
-    #: Tag of the command; 0 when unasked.
+    #: Tag of the command; 0 if not requested.
     tag: int
     #: `PROTOCOL_VERSION` of the board.
     protocol: int
@@ -145,21 +145,21 @@ class BoardIdentity:
     rows: int
     cols: int
     oversampling: int
-    #: What it can be set to.
+    #: Limits of the configuration.
     max_rows: int
     max_cols: int
     max_oversampling: int
     settle_us: int
-    #: Silence after which the pressure output is vented.
+    #: Time without commands after which the pressure output is vented.
     heartbeat_ms: int
     #: Bits of the ATmega's MCUSR: power-on, reset pin, brown-out, watchdog (8), JTAG.
     reset_cause: int
-    #: Whether frames are being sent.
+    #: Whether the board is sending frames.
     streaming: bool
-    #: Nominal time of one conversion, and speed of the link.
+    #: Nominal time of one conversion, and baud rate of the link.
     conversion_us: int
     baud: int
-    #: Frame rate set, and highest possible with this configuration.
+    #: Present frame rate, and highest possible rate with this configuration.
     rate_hz: float
     highest_rate_hz: float
     #: Name of the hardware.
@@ -177,8 +177,8 @@ class Command:
 
     #: First byte of its packet.
     kind: ClassVar[int]
-    #: Of its fields after the tag, as `struct` has it; a quantity goes in thousandths.
-    form: ClassVar[str] = ""
+    #: `struct` format of the fields after the tag; float fields are sent in thousandths.
+    struct_format: ClassVar[str] = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -190,10 +190,10 @@ class Identify(Command):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetLayout(Command):
-    """Set the size of the matrix, and the wait after each multiplexer step."""
+    """Set the size of the matrix, and the settle time after each multiplexer step."""
 
     kind: ClassVar[int] = 0x82
-    form: ClassVar[str] = "BBH"
+    struct_format: ClassVar[str] = "BBH"
     rows: int
     cols: int
     settle_us: int = 20
@@ -201,10 +201,10 @@ class SetLayout(Command):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetRate(Command):
-    """Set the frame rate; refused with the highest possible one if it can't be met."""
+    """Set the frame rate; the refusal of a high rate contains the highest possible rate."""
 
     kind: ClassVar[int] = 0x83
-    form: ClassVar[str] = "I"
+    struct_format: ClassVar[str] = "I"
     rate_hz: float
 
 
@@ -213,49 +213,49 @@ class SetOversampling(Command):
     """Set the number of conversions summed per pixel, 1 to 64."""
 
     kind: ClassVar[int] = 0x84
-    form: ClassVar[str] = "B"
+    struct_format: ClassVar[str] = "B"
     conversions: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Start(Command):
-    """Begin a new stream of frames."""
+    """Start a new stream of frames."""
 
     kind: ClassVar[int] = 0x85
-    form: ClassVar[str] = "B"
+    struct_format: ClassVar[str] = "B"
     contents: Contents = Contents.PIXELS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stop(Command):
-    """End the stream; the answer's `next_sequence` is the number of its frames."""
+    """End the stream; `next_sequence` of the answer is the number of frames in the stream."""
 
     kind: ClassVar[int] = 0x86
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ping(Command):
-    """Ask for a sign of life; every valid command counts as a heartbeat."""
+    """Request an answer, as a heartbeat; every valid command also counts as one."""
 
     kind: ClassVar[int] = 0x87
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetPressure(Command):
-    """Set the regulator's pressure, 0 to 50 kPa, and how fast to go there."""
+    """Set the regulator's pressure, 0 to 50 kPa, and its rate of change."""
 
     kind: ClassVar[int] = 0x88
-    form: ClassVar[str] = "HI"
+    struct_format: ClassVar[str] = "HI"
     target_kpa: float
     slew_kpa_per_s: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetCeiling(Command):
-    """Set the reading per conversion, 0 to 1023, at which the board vents; 0 disables."""
+    """Set the venting limit in counts per conversion, 0 to 1023; 0 disables it."""
 
     kind: ClassVar[int] = 0x89
-    form: ClassVar[str] = "H"
+    struct_format: ClassVar[str] = "H"
     counts: int
 
 
@@ -264,16 +264,16 @@ class SetServoTravel(Command):
     """Set the pulse widths for open and closed fingers, 500 to 2500 microseconds."""
 
     kind: ClassVar[int] = 0x8A
-    form: ClassVar[str] = "HH"
+    struct_format: ClassVar[str] = "HH"
     open_us: int
     closed_us: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetServo(Command):
-    """Move the servo to a pulse within its travel, on a ramp; 0 stops it."""
+    """Move the servo on a ramp to a pulse width within its travel; 0 stops it."""
 
     kind: ClassVar[int] = 0x8B
-    form: ClassVar[str] = "HH"
+    struct_format: ClassVar[str] = "HH"
     target_us: int
     rate_us_per_s: int

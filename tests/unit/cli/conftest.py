@@ -54,7 +54,7 @@ def record_twin(tmp_path: Path) -> Callable[..., Path]:
     def record(*, seed: int = 1, order: list[tuple[int, int]] | None = None) -> Path:
         array = TwinArray(World(None, seed=seed))
         frames = [array.read(timeout_s=1.0) for _ in range(150)]
-        rest_ohm = FrameColumns.of(frames).rest_ohm(layout=RIGID_LAYOUT)
+        rest_ohm = FrameColumns.from_frames(frames).rest_ohm(layout=RIGID_LAYOUT)
         for pixel in order or []:
             for k in range(45):
                 frame = array.read(timeout_s=1.0)

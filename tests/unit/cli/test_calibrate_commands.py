@@ -12,7 +12,7 @@ from palpate.cli import build_app, calibrate_settling, run
 from palpate.cli.calibrate_bench import calibration_file
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import Calibration, RestValues
-from palpate.sensor.rest_calibration import with_rest
+from palpate.sensor.rest_calibration import replace_rest
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +78,7 @@ def test_compliance_refuses_bad_input_in_one_line(
 
 def of_other_sensor(path: Path) -> None:
     rest = RestValues(ohm=((9e3, 8e3),) * 4, spread_percent=((0.1, 0.2),) * 4, frames=30)
-    with_rest(None, rest, layout=RIGID_LAYOUT, simulated=False).save(path)
+    replace_rest(None, rest, layout=RIGID_LAYOUT, simulated=False).save(path)
 
 
 def cut_in_half(path: Path) -> None:

@@ -15,7 +15,7 @@ from tests.unit.rig.test_board_cell import Desk
 from palpate.cli.calibrate_bench import has_load_cell
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import Calibration, RestValues
-from palpate.sensor.rest_calibration import with_rest
+from palpate.sensor.rest_calibration import replace_rest
 from palpate.twin.devices import TwinGripper, TwinLoadCell
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
@@ -116,7 +116,7 @@ def test_compliance_on_a_board_with_two_cells(
     bench.rig.write_text(TABLES + "[load_cells]\nnewtons_per_count = [5e-6, -4e-6]\n")
     out = tmp_path / "pad.json"
     rest = RestValues(ohm=((9e3, 8e3),) * 4, spread_percent=((0.1, 0.2),) * 4, frames=30)
-    with_rest(None, rest, layout=RIGID_LAYOUT, simulated=False).save(out)
+    replace_rest(None, rest, layout=RIGID_LAYOUT, simulated=False).save(out)
     cell = TwinLoadCell(bench.world)
     zeros = [30_000, -70_000]
 

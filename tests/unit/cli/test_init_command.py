@@ -75,7 +75,7 @@ def test_next_steps_match_the_rig(
 
 @pytest.mark.parametrize("pitch_mm", [0.0, -1.0, float("nan")])
 def test_invalid_pitch_is_refused(pitch_mm: float) -> None:
-    with pytest.raises(InputError, match="give millimetres between pixel centres"):
+    with pytest.raises(InputError, match="give the distance between pixel centres"):
         find_layout("3x3", pitch_mm=pitch_mm)
 
 
@@ -130,12 +130,12 @@ def test_an_existing_file_is_kept_unless_forced(tmp_path: Path, palpate: Command
     ("arguments", "says"),
     [
         (["rig.json"], "ends in .toml"),
-        (["rig.toml", "--layout", "round"], "no layout"),
-        (["rig.toml", "--layout", "5x3", "--fingers", "2"], "5 rows cannot be shared equally"),
+        (["rig.toml", "--layout", "round"], "unknown layout"),
+        (["rig.toml", "--layout", "5x3", "--fingers", "2"], "5 rows cannot be divided equally"),
         (["rig.toml", "--layout", "6x3", "--fingers", "-2"], "--fingers -2: give a whole number"),
-        (["rig.toml", "--layout", "soft-3x2", "--fingers", "3"], "is on 2 fingers, not on 3"),
+        (["rig.toml", "--layout", "soft-3x2", "--fingers", "3"], "has 2 fingers, not 3"),
         (["rig.toml", "--reference-ohm", "-5"], "above 0 ohm"),
-        (["rig.toml", "--rate-hz", "nan"], "a rate of nan Hz: give frames per second"),
+        (["rig.toml", "--rate-hz", "nan"], "a rate of nan Hz: give frames per second above 0"),
         (["rig.toml", "--rate-hz", "0"], "a rate of 0 Hz"),
         (["rig.toml", "--baud", "0"], "greater than or equal to 1"),
         (["rig.toml", "--taxel-leg", "middle"], "upper or lower"),

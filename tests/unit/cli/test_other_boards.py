@@ -119,7 +119,7 @@ def test_a_board_of_another_maker_reaches_newtons(
 @pytest.mark.parametrize(
     ("options", "is_there", "status", "words"),
     [
-        ('layout = "4x2"\ncolumns = [1, 2]', True, 2, "8 different whole numbers"),
+        ('layout = "4x2"\ncolumns = [1, 2]', True, 2, "8 different positive integers"),
         ('layout = "4x2"\nunit = "volt"', True, 2, "it must be one of 'counts', 'ohm'"),
         ('layout = "4x2"', False, 3, "no port"),
         ('layout = "4x2"', True, 0, ""),

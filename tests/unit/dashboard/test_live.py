@@ -29,7 +29,7 @@ from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.gripper.interface import GripperLimits
 from palpate.sensor.array import RIGID_LAYOUT
-from palpate.sensor.health import FrameColumns, examine
+from palpate.sensor.health import FrameColumns, check_health
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 
 LIMITS = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
@@ -215,7 +215,7 @@ def test_findings_appear_on_their_pixels() -> None:
     session = Session(send=lambda message: None)
     session.devices.live.open_source(SOURCE)
     session.devices.live.add_frames(frames(1))
-    session.devices.health = examine(columns, layout=RIGID_LAYOUT)
+    session.devices.health = check_health(columns, layout=RIGID_LAYOUT)
     findings = document(session, generation=-1, after_s=0.0)["pixels"]["findings"]
     assert {(one["row"], one["col"]) for one in findings} == {(2, 1), (3, 0), (3, 1)}
     assert {one["severity"] for one in findings} == {"fault"}

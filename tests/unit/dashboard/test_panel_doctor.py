@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.dashboard.panel_sensor import findings_html
 from palpate.sensor.array import RIGID_LAYOUT
-from palpate.sensor.health import FrameColumns, examine
+from palpate.sensor.health import FrameColumns, check_health
 
 
 def test_commands_are_marked_and_negative_numbers_have_a_minus_sign() -> None:
@@ -16,7 +16,7 @@ def test_commands_are_marked_and_negative_numbers_have_a_minus_sign() -> None:
     columns = FrameColumns(time_s=np.arange(150) / 15, sequence=np.arange(150), counts=counts)
     known_ohm = 1.01 * columns.rest_ohm(layout=RIGID_LAYOUT)
     known_ohm[1, 0] *= 2.0
-    health = examine(columns, layout=RIGID_LAYOUT, known_ohm=known_ohm)
+    health = check_health(columns, layout=RIGID_LAYOUT, known_ohm=known_ohm)
     assert any("`palpate calibrate rest`" in one.check for one in health.findings)
     assert any(" -" in one.text for one in health.findings)
     shown = findings_html(health)

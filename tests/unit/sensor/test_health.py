@@ -11,7 +11,7 @@ import pytest
 from palpate.errors import InputError
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, LinkCounters
 from palpate.sensor.findings import Severity
-from palpate.sensor.health import FrameColumns, Health, examine
+from palpate.sensor.health import FrameColumns, Health, check_health
 from palpate.sensor.health_pixels import group_pixels
 from palpate.sensor.reference_resistor import fit_reference, nearest_e12
 from palpate.signal.circuit import Divider, ohm_to_volts, volts_to_counts
@@ -29,7 +29,7 @@ def twin_rest(
     """Ten seconds of a twin that nothing touches."""
     world = World(None, seed=seed, level=level, gripper="soft" if gripper == "soft" else "rigid")
     array = TwinArray(world)
-    return FrameColumns.of([array.read(timeout_s=1.0) for _ in range(150)]), world.layout
+    return FrameColumns.from_frames([array.read(timeout_s=1.0) for _ in range(150)]), world.layout
 
 
 def changed(stretch: FrameColumns, counts: np.ndarray) -> FrameColumns:
@@ -60,9 +60,9 @@ def codes(health: Health) -> list[tuple[str, str]]:
 @pytest.mark.parametrize(("value", "code"), [(0, "open"), (1023, "short")], ids=["open", "short"])
 def test_dead_pixel_is_found(value: int, code: str) -> None:
     stretch, layout = twin_rest(1)
-    health = examine(with_counts(stretch, (2, 1), value), layout=layout)
+    health = check_health(with_counts(stretch, (2, 1), value), layout=layout)
     assert codes(health) == [(code, "R2 C1")]
-    assert not health.healthy
+    assert not health.is_healthy
 
 
 @pytest.mark.parametrize(("end", "code"), [(0, "open"), (1023, "short")])
@@ -80,7 +80,7 @@ def test_the_converters_noise_does_not_hide_a_dead_pixel(
         counts=counts,
         oversampling=oversampling,
     )
-    assert codes(examine(noisy, layout=layout)) == [(code, "R2 C1")]
+    assert codes(check_health(noisy, layout=layout)) == [(code, "R2 C1")]
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_bad_pixel_behind_floating_lines_is_the_only_finding(
         read = floating_readings_ohm(rest_ohm * rng.normal(1.0, 0.0015, (150, 4, 2)))
         volts, noise = ohm_to_volts(read, divider=bare.divider), rng.normal(0, 0.3, read.shape)
         counts = volts_to_counts(volts, divider=bare.divider, noise_counts=noise)
-        health = examine(changed(twin_rest(1)[0], counts), layout=bare)
+        health = check_health(changed(twin_rest(1)[0], counts), layout=bare)
         assert {where for _, where in codes(health)} == ({"R2 C1"} if found else set())
         assert {code for code, _ in codes(health)} <= found
 
@@ -112,7 +112,7 @@ def test_bad_pixel_behind_floating_lines_is_the_only_finding(
 )
 def test_dead_lines_are_named_once(pixels: tuple, where: str) -> None:
     stretch, layout = twin_rest(1)
-    assert codes(examine(with_counts(stretch, pixels, 0), layout=layout)) == [("open", where)]
+    assert codes(check_health(with_counts(stretch, pixels, 0), layout=layout)) == [("open", where)]
 
 
 def test_open_pixel_in_the_lower_leg_is_found() -> None:
@@ -122,13 +122,13 @@ def test_open_pixel_in_the_lower_leg_is_found() -> None:
     counts = np.random.default_rng(1).integers(700, 703, (60, 1, 2)).astype(np.int32)
     counts[:, 0, 1] = 1023
     rest = FrameColumns(time_s=np.arange(60) / 15.0, sequence=np.arange(60), counts=counts)
-    assert codes(examine(rest, layout=layout)) == [("open", "R0 C1")]
+    assert codes(check_health(rest, layout=layout)) == [("open", "R0 C1")]
 
 
 def test_constant_pixel_among_changing_ones_is_stuck() -> None:
     stretch, layout = twin_rest(2)
     middle = int(np.median(stretch.counts[:, 1, 0]))
-    health = examine(with_counts(stretch, (1, 0), middle), layout=layout)
+    health = check_health(with_counts(stretch, (1, 0), middle), layout=layout)
     assert codes(health) == [("stuck", "R1 C0")]
 
 
@@ -136,13 +136,13 @@ def test_noise_free_converter_reports_no_stuck_pixel() -> None:
     """Where the noise is far below a count, standing still is what healthy pixels do."""
     stretch, layout = twin_rest(2)
     counts = np.broadcast_to(stretch.counts[0], stretch.counts.shape)
-    assert examine(changed(stretch, counts), layout=layout).healthy
+    assert check_health(changed(stretch, counts), layout=layout).is_healthy
 
 
 def test_noisy_pixel_is_found() -> None:
     stretch, layout = twin_rest(3)
     noise = np.random.default_rng(5).normal(1.0, 0.04, 150)
-    health = examine(with_factor(stretch, layout, (3, 0), noise), layout=layout)
+    health = check_health(with_factor(stretch, layout, (3, 0), noise), layout=layout)
     assert codes(health) == [("noisy", "R3 C0")]
     assert health.pixels.noise_percent[3, 0] == pytest.approx(4.0, rel=0.2)
 
@@ -150,7 +150,7 @@ def test_noisy_pixel_is_found() -> None:
 def test_drifting_pixel_is_found() -> None:
     stretch, layout = twin_rest(4)
     ramp = np.linspace(1.0, 0.93, 150)
-    health = examine(with_factor(stretch, layout, (0, 1), ramp), layout=layout)
+    health = check_health(with_factor(stretch, layout, (0, 1), ramp), layout=layout)
     assert codes(health) == [("drifting", "R0 C1")]
 
 
@@ -158,13 +158,13 @@ def test_loose_pixel_that_drops_out_is_found() -> None:
     stretch, layout = twin_rest(5)
     factor = np.ones(150)
     factor[[30, 31, 80, 120]] = 1e7
-    health = examine(with_factor(stretch, layout, (1, 1), factor), layout=layout)
+    health = check_health(with_factor(stretch, layout, (1, 1), factor), layout=layout)
     assert codes(health) == [("loose", "R1 C1")]
 
 
 def test_faint_pixel_is_found() -> None:
     stretch, layout = twin_rest(6)
-    health = examine(with_factor(stretch, layout, (2, 0), np.full(150, 15.0)), layout=layout)
+    health = check_health(with_factor(stretch, layout, (2, 0), np.full(150, 15.0)), layout=layout)
     assert codes(health) == [("faint", "R2 C0")]
 
 
@@ -172,9 +172,9 @@ def test_pixel_far_from_its_calibration_is_found() -> None:
     """What all pixels share is climate; one that differs from them has changed."""
     stretch, layout = twin_rest(7)
     known = 0.9 * stretch.rest_ohm(layout=layout)
-    assert examine(stretch, layout=layout, known_ohm=known).healthy
+    assert check_health(stretch, layout=layout, known_ohm=known).is_healthy
     known[0, 0] *= 0.5
-    health = examine(stretch, layout=layout, known_ohm=known)
+    health = check_health(stretch, layout=layout, known_ohm=known)
     assert codes(health) == [("changed", "R0 C0")]
 
 
@@ -182,28 +182,28 @@ def test_a_touched_sensor_is_not_at_rest() -> None:
     stretch, layout = twin_rest(8)
     counts = stretch.counts.copy()
     counts[75:] = np.minimum(counts[75:] * 2, 1000)
-    health = examine(changed(stretch, counts), layout=layout)
+    health = check_health(changed(stretch, counts), layout=layout)
     assert codes(health) == [("unrest", "sensor")]
 
 
 def test_load_during_the_check_is_detected_by_the_calibration() -> None:
     stretch, layout = twin_rest(8)
     known = 1.5 * stretch.rest_ohm(layout=layout)
-    health = examine(stretch, layout=layout, known_ohm=known)
+    health = check_health(stretch, layout=layout, known_ohm=known)
     assert codes(health) == [("unrest", "sensor")]
 
 
 def test_lost_frames_are_counted() -> None:
     stretch, layout = twin_rest(9)
     kept = np.delete(np.arange(150), [40, 41, 90])
-    health = examine(
+    health = check_health(
         FrameColumns(
             time_s=stretch.time_s[kept],
             sequence=stretch.sequence[kept],
             counts=stretch.counts[kept],
         ),
         layout=layout,
-        asked_hz=RATE_HZ,
+        requested_hz=RATE_HZ,
     )
     assert health.link.lost == 3
     assert codes(health) == [("lost", "link")]
@@ -213,12 +213,12 @@ def test_lost_frames_are_counted() -> None:
 def test_link_faults_are_found() -> None:
     stretch, layout = twin_rest(10)
     shaken = stretch.time_s + np.random.default_rng(2).uniform(0, 0.03, 150)
-    events = LinkCounters(corrupt=5, late=2, restarts=1, drift_ppm=-7000.0)
-    health = examine(
+    counters = LinkCounters(corrupt=5, late=2, restarts=1, drift_ppm=-7000.0)
+    health = check_health(
         FrameColumns(time_s=shaken, sequence=stretch.sequence, counts=stretch.counts),
         layout=layout,
-        asked_hz=30.0,
-        events=events,
+        requested_hz=30.0,
+        counters=counters,
     )
     found = {finding.code: finding.severity for finding in health.findings}
     assert found == {
@@ -238,9 +238,9 @@ def test_one_lost_frame_in_thousands_is_advice() -> None:
     whole = FrameColumns(
         time_s=number / 250.0, sequence=number, counts=np.tile(stretch.counts, (20, 1, 1))
     )
-    health = examine(stretch, layout=layout, whole=whole)
+    health = check_health(stretch, layout=layout, all_frames=whole)
     assert codes(health) == [("lost", "link")]
-    assert health.healthy
+    assert health.is_healthy
 
 
 def test_resistor_for_a_range_seen_under_load() -> None:
@@ -254,9 +254,9 @@ def test_resistor_for_a_range_seen_under_load() -> None:
         volts, divider=layout.divider, noise_counts=rng.normal(0, 0.4, ohm.shape)
     )
     whole = FrameColumns(time_s=np.arange(400) / 50.0, sequence=np.arange(400), counts=counts)
-    health = examine(whole.first(3.9), layout=layout, whole=whole)
+    health = check_health(whole.select_first(3.9), layout=layout, all_frames=whole)
     assert codes(health) == [("resistor", "4700 ohm")]
-    assert not health.healthy
+    assert not health.is_healthy
     assert 560 <= health.resistor.recommended_ohm <= 820
 
 
@@ -268,16 +268,16 @@ def test_recommended_resistor_is_best_of_its_series() -> None:
     ]
     assert fit.recommended_ohm == 820.0 or fit.recommended_ohm == 1000.0
     assert fit.recommended_step_percent == pytest.approx(min(others))
-    assert not fit.fits
+    assert not fit.is_adequate
     assert nearest_e12(1e6) == 1e6
 
 
 def test_too_few_frames_and_wrong_shape_are_refused() -> None:
     stretch, layout = twin_rest(1)
     with pytest.raises(InputError, match="too few"):
-        examine(stretch.first(1.0), layout=layout)
+        check_health(stretch.select_first(1.0), layout=layout)
     with pytest.raises(InputError, match="don't fit"):
-        examine(stretch, layout=twin_rest(1, "field", "soft")[1])
+        check_health(stretch, layout=twin_rest(1, "field", "soft")[1])
 
 
 def test_groups_cover_a_mask_once() -> None:
@@ -293,7 +293,7 @@ def test_healthy_twins_raise_no_fault(level: str) -> None:
         (seed, found.code)
         for seed in range(12)
         for stretch, layout in [twin_rest(100 + seed, level, "soft" if seed % 2 else "rigid")]
-        for found in examine(stretch, layout=layout, asked_hz=RATE_HZ).findings
+        for found in check_health(stretch, layout=layout, requested_hz=RATE_HZ).findings
         if found.severity is Severity.FAULT
     ]
     assert faults == []

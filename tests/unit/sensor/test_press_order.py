@@ -9,7 +9,7 @@ import pytest
 
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout
 from palpate.sensor.findings import Finding
-from palpate.sensor.press_order import PressWatch, order_findings
+from palpate.sensor.press_order import PressMonitor, order_findings
 
 Pixel = tuple[int, int]
 REST_OHM = 8e3 * np.exp(np.random.default_rng(1).normal(0, 0.2, (4, 2)))
@@ -19,25 +19,25 @@ def pressed(
     wiring: Callable[[Pixel], Pixel], *, deaf: Pixel | None = None, rest_ohm: np.ndarray = REST_OHM
 ) -> list[Finding]:
     """Press as asked, at 50 Hz, with spread to neighbours, on creeping pixels."""
-    watch = PressWatch(rest_ohm, timeout_s=5.0)
+    monitor = PressMonitor(rest_ohm, timeout_s=5.0)
     rng = np.random.default_rng(2)
     load, memory = np.zeros((4, 2)), np.zeros((4, 2))
     touch_s = 0.0
     for k in range(20_000):
         time_s = 0.02 * k
-        if watch.is_done:
+        if monitor.is_done:
             break
-        if watch.next_place is None or watch.next_place == deaf:
+        if monitor.next_pixel is None or monitor.next_pixel == deaf:
             load[:] = 0.0
             touch_s = time_s
         elif time_s - touch_s > 0.6:
             load[:] = 0.3
-            load[wiring(watch.next_place)] = 2.0
+            load[wiring(monitor.next_pixel)] = 2.0
         memory += 0.02 / 2.0 * (2.0 * load - memory)
         ohm = rest_ohm / (1.0 + load + memory) * rng.normal(1.0, 0.004, (4, 2))
-        watch.add_frame(time_s, ohm)
-    assert watch.is_done
-    return order_findings(watch.presses, layout=RIGID_LAYOUT)
+        monitor.add_frame(time_s, ohm)
+    assert monitor.is_done
+    return order_findings(monitor.presses, layout=RIGID_LAYOUT)
 
 
 def named(findings: list[Finding]) -> list[tuple[str, str, str]]:
@@ -81,15 +81,15 @@ def test_dead_pixels_are_not_asked_for() -> None:
     rest_ohm = REST_OHM.copy()
     rest_ohm[0, 0], rest_ohm[1, 1] = np.inf, 0.0
     assert pressed(lambda pixel: pixel, rest_ohm=rest_ohm) == []
-    assert PressWatch(rest_ohm).next_place == (0, 1)
+    assert PressMonitor(rest_ohm).next_pixel == (0, 1)
 
 
 @pytest.mark.parametrize("seen", [0, 1])
 def test_frames_ending_early_leave_remaining_pixels_unanswered(seen: int) -> None:
-    watch = PressWatch(np.full((1, 2), 1e3))
+    monitor = PressMonitor(np.full((1, 2), 1e3))
     for k in range(20 * seen):
-        watch.add_frame(0.1 * k, np.array([[300.0, 1e3]]))
-    watch.end_early()
+        monitor.add_frame(0.1 * k, np.array([[300.0, 1e3]]))
+    monitor.finish()
     layout = ArrayLayout(name="pair", rows=1, cols=2, finger_of_row=(0,))
-    silent = [found.where for found in order_findings(watch.presses, layout=layout)]
+    silent = [found.where for found in order_findings(monitor.presses, layout=layout)]
     assert silent == ["R0 C0", "R0 C1"][seen:]

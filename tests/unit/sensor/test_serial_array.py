@@ -266,7 +266,7 @@ def test_nothing_is_sent_before_the_board_is_heard(bench: Bench) -> None:
     """A byte in its first second would keep it in its boot loader."""
     board = bench.board()
     link = BoardLink(bench.open(board.port), clock=bench)
-    link.begin([Identify()])
+    link.start_commands([Identify()])
     while bench.now_s() < 101.2:
         bench.sleep_s(0.01)
         link.poll()
@@ -276,7 +276,7 @@ def test_nothing_is_sent_before_the_board_is_heard(bench: Bench) -> None:
     link.poll()
     bench.sleep_s(0.01)
     assert board.seen == [Identify.kind]
-    while link.busy:
+    while link.is_busy:
         bench.sleep_s(0.01)
         link.poll()
     assert bench.now_s() < 101.3
@@ -442,7 +442,7 @@ def test_wrong_baud_rate_is_distinguished_from_silence(bench: Bench) -> None:
         SerialArray(stream, clock=bench, layout=RIGID_LAYOUT)
     stream = bench.open(board.port)
     board.send(np.random.default_rng(0).bytes(1500))
-    with pytest.raises(WireError, match=r"1500 bytes but no valid packet .* baud rate is another"):
+    with pytest.raises(WireError, match=r"1500 bytes but no valid packet .* baud rate differs"):
         SerialArray(stream, clock=bench, layout=SOFT_LAYOUT)
 
 

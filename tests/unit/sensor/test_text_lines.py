@@ -169,7 +169,7 @@ def test_another_baud_rate_is_named_in_one_line(
     lines = line_of(board.counts(clock.now_s())) * 3
     garbage = heard_at(lines, sent_baud=sent_baud, read_baud=read_baud)
     board.spoil = lambda *_: garbage
-    with pytest.raises(WireError, match=r"bytes and no frame of 4 x 2 .*baud") as caught:
+    with pytest.raises(WireError, match=r"bytes but no frame of 4 x 2 .*baud") as caught:
         board.array(LineDecoder(PADS))
     assert "\n" not in str(caught.value)
 
@@ -191,7 +191,7 @@ def test_a_line_that_does_not_fit_the_layout_names_the_fault(
 
 def test_rows_without_a_blank_line_are_refused(clock: SendingClock) -> None:
     board = SendingBoard(clock, layout=PADS, encode=lambda c: block_of(c)[:-1])
-    with pytest.raises(WireError, match="no blank line shows where a frame begins"):
+    with pytest.raises(WireError, match="no blank line marks the start of a frame"):
         board.array(LineDecoder(PADS))
 
 
@@ -201,7 +201,7 @@ def test_silent_and_unplugged_board_are_distinguished(clock: SendingClock) -> No
     for _ in range(20):
         array.read(timeout_s=0.1)
     board.silent = True
-    with pytest.raises(DeviceTimeoutError, match=r"nothing came in 0.5 s. Check its power"):
+    with pytest.raises(DeviceTimeoutError, match=r"no data in 0.5 s. Check the board.s power"):
         read_on(array)
     board.silent = False
     board.unplug()
@@ -220,7 +220,7 @@ def test_silent_and_unplugged_board_are_distinguished(clock: SendingClock) -> No
 
 
 def test_options_that_do_not_fit_are_refused_before_a_port_is_opened() -> None:
-    with pytest.raises(InputError, match="8 different whole numbers"):
+    with pytest.raises(InputError, match="8 different positive integers"):
         open_board(port="/dev/none", layout="4x2", columns=[1, 2, 2])
     with pytest.raises(InputError, match="needs counts"):
         open_board(port="/dev/none", layout="4x2", unit="ohm", idle_lines="held")

@@ -19,7 +19,7 @@ from palpate.cli.sensor_source import SensorSource, open_source
 from palpate.clock import RealClock
 from palpate.errors import PalpateError
 from palpate.sensor.array import ArrayLayout
-from palpate.sensor.ports import serial_ports
+from palpate.sensor.ports import list_serial_ports
 
 _PIXEL_SIZE = 32
 #: Until the first image: without a calibration the first second is taken for rest.
@@ -59,7 +59,7 @@ class PalpateCamera(Camera):
         """Return the serial ports that look like a board."""
         return [
             {"name": port.board, "type": "palpate", "id": port.device}
-            for port in serial_ports()
+            for port in list_serial_ports()
             if port.board is not None
         ]
 
