@@ -271,7 +271,7 @@ class SetServoTravel(Command):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetServo(Command):
-    """Move the servo on a ramp to a pulse width within its travel; 0 stops it."""
+    """Ramp the servo to a pulse width within its travel; 0 stops it."""
 
     kind: ClassVar[int] = 0x8B
     struct_format: ClassVar[str] = "HH"
