@@ -50,5 +50,5 @@ def test_score_on_another_recording_beats_the_mean_force(tmp_path: Path) -> None
 
 
 def test_command_on_one_recording_refuses(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="one recording; each is left out in turn"):
+    with pytest.raises(InputError, match="one recording; each is held out in turn"):
         report(recordings=loop_csv(tmp_path / "loop.csv", recordings=1))

@@ -109,7 +109,7 @@ def test_strokes_and_ladders_become_what_the_studies_read(
     status, files, err = imported(capsys, here, out=tmp_path / "data")
     assert status == 0
     assert set(files) == {"velostat_strokes.csv.gz", "velostat_force_ladders.csv"}
-    assert "5d5250765551 is not in this clone; its head is read" in err
+    assert "5d5250765551 is not in this clone; reading its head" in err
     touches = read_strokes(tmp_path / "data" / "velostat_strokes.csv.gz")
     assert [one.touch for one in touches] == [0, 1, 2, 3]
     for one in touches:
@@ -209,7 +209,7 @@ def test_soft_sensor_becomes_strokes(tmp_path: Path, capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize(
     ("files", "message"),
     [
-        ({"README": b"no recordings"}, "holds no recordings that are known"),
+        ({"README": b"no recordings"}, "contains no known recordings"),
         ({f"{VELOSTAT}question_4/old_2/3_p/attempt_0/x.txt": b"1 2\n"}, "no recording for"),
         (
             {

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate_studies.qualify import FIGURES, Pool, check_coverage, side_pairs
+from palpate_studies.qualify import FIGURES, Pool, check_coverage, read_side_pairs
 
 
 def test_side_pairs_reads_both_sides(tmp_path: Path) -> None:
     path = tmp_path / "apples.csv"
     path.write_text("side1_lbf,side2_lbf\n15,16\n14,\n")
-    pairs = side_pairs(path)
+    pairs = read_side_pairs(path)
     assert pairs.items == 2
     assert int(pairs.has_both.sum()) == 1
     assert np.isfinite(pairs.reference).sum() == 3

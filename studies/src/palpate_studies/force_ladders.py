@@ -1,6 +1,6 @@
-"""Newtons from a sensor given three spread weights: real ladders of dead weights on Velostat.
+"""Force from a sensor calibrated with three weights: real dead-weight ladders on Velostat.
 
-Compared are the paper's line, power laws, and the force law of palpate.
+Compares the paper's line, power laws, and the force law of palpate.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from palpate_studies.force_learning import KnownContact, interval_quantile, lear
 from palpate_studies.recordings import read_runs
 from palpate_studies.report import StudyReport, Table, as_command
 
-#: Force and the ends of its interval, newtons, each of shape (n_steps,).
+#: Force and the limits of its interval, newtons, each of shape (n_steps,).
 Predicted: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
-#: Loaded readings are taken to show at least this share of the conductance at rest.
+#: Lower limit of the excess conductance under load, as a fraction of the conductance at rest.
 SMALLEST_EXCESS = 0.01
 Model: TypeAlias = Callable[..., Predicted]
-#: Loads at which a test ladder is given its own steps, newtons: spread over the working range. The
-#: first weights of a ladder lie at the threshold of contact, where they show little.
+#: Loads of a test ladder's calibration steps, newtons, spread over the working range. The first
+#: weights of a ladder are near the contact threshold and carry little information.
 GIVEN_N = (1.5, 4.0, 9.0)
-#: Fewer loaded steps than this show no law.
+#: Smallest number of loaded steps.
 MIN_STEPS = 5
 #: Loads up to this are not scored.
 SMALLEST_LOAD_N = 0.5
-#: Forces below this count as this: no load at all would be an infinite error of the logarithm.
+#: Predicted forces are clipped to this value, so that the error of the logarithm stays finite.
 FLOOR_N = 0.05
 LEVEL = 0.9
 FIGURES = ("median_abs_error_percent", "median_abs_log_ratio", "coverage")
@@ -44,12 +44,12 @@ Rows: TypeAlias = list[dict[str, Any]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ladder:
-    """The loaded steps of one sensor, in the order they were made.
+    """The loaded steps of one sensor, in order of time.
 
     Attributes
     ----------
     name : str
-        Of the sensor.
+        Name of the sensor.
     step : ndarray of int, shape (n_steps,)
         Number of each step in the file.
     load_n, resistance_ohm : ndarray, shape (n_steps,)
@@ -66,13 +66,13 @@ class Ladder:
 
     @property
     def excess_s(self) -> FloatArray:
-        """Excess conductance G - G0, siemens, above 0."""
+        """Excess conductance G - G0, siemens, always positive."""
         rest = 1 / self.rest_ohm
         return np.asarray(np.maximum(1 / self.resistance_ohm - rest, SMALLEST_EXCESS * rest))
 
     @property
     def inputs(self) -> FloatArray:
-        """Settled readings as `palpate.ForceLaw` takes them, shape (n_steps, INPUTS)."""
+        """Settled readings as inputs of `palpate.ForceLaw`, shape (n_steps, INPUTS)."""
         return build_settled_inputs(self.excess_s * self.rest_ohm)
 
     @property
@@ -81,8 +81,10 @@ class Ladder:
         return (self.resistance_ohm / self.rest_ohm - 1) * 100
 
 
-def line(one: Ladder, others: Sequence[Ladder], *, given: NDArray[np.bool_]) -> Predicted:
-    """Predict by the paper's line: slope from the other ladders, intercept from the steps given."""
+def predict_by_line(
+    one: Ladder, others: Sequence[Ladder], *, given: NDArray[np.bool_]
+) -> Predicted:
+    """Predict with the paper's line: slope from other ladders, intercept from the given steps."""
     value, half = _fit_shared_slope(
         [(ladder.relative_percent, ladder.load_n) for ladder in others],
         (one.relative_percent, one.load_n),
@@ -92,8 +94,10 @@ def line(one: Ladder, others: Sequence[Ladder], *, given: NDArray[np.bool_]) -> 
     return value, low, high
 
 
-def power(one: Ladder, others: Sequence[Ladder], *, given: NDArray[np.bool_]) -> Predicted:
-    """Predict by a power law: exponent from the other ladders, gain from the steps given."""
+def predict_by_power_law(
+    one: Ladder, others: Sequence[Ladder], *, given: NDArray[np.bool_]
+) -> Predicted:
+    """Predict with a power law: exponent from other ladders, gain from the given steps."""
     value, half = _fit_shared_slope(
         [(np.log(ladder.excess_s), np.log(ladder.load_n)) for ladder in others],
         (np.log(one.excess_s), np.log(one.load_n)),
@@ -102,10 +106,10 @@ def power(one: Ladder, others: Sequence[Ladder], *, given: NDArray[np.bool_]) ->
     return _in_newtons(value, half)
 
 
-def predict_unweighed(
+def predict_without_weights(
     one: Ladder, others: Sequence[Ladder], *, given: NDArray[np.bool_]
 ) -> Predicted:
-    """Predict by one power law of all other ladders, without any step of this one."""
+    """Predict with one power law of all other ladders, without the given steps."""
     log_g, log_n = (
         np.concatenate([np.log(getattr(ladder, name)) for ladder in others])
         for name in ("excess_s", "load_n")
@@ -115,8 +119,10 @@ def predict_unweighed(
     return _in_newtons(slope * np.log(one.excess_s) + offset, half)
 
 
-def ours(one: Ladder, others: Sequence[Ladder], *, given: NDArray[np.bool_]) -> Predicted:
-    """Predict by `palpate.ForceLaw`: the population of the other ladders, and the steps given."""
+def predict_by_force_law(
+    one: Ladder, others: Sequence[Ladder], *, given: NDArray[np.bool_]
+) -> Predicted:
+    """Predict with `palpate.ForceLaw` from the other ladders and the given steps."""
     law = ForceLaw.fit(
         one.inputs[given],
         force_n=one.load_n[given],
@@ -127,7 +133,7 @@ def ours(one: Ladder, others: Sequence[Ladder], *, given: NDArray[np.bool_]) -> 
 
 
 def make_known_contact(ladder: Ladder) -> KnownContact:
-    """Return a ladder as what a population is learned from."""
+    """Return a ladder as training data of a population."""
     return KnownContact(inputs=ladder.inputs, force_n=ladder.load_n, place=ladder.name)
 
 
@@ -141,7 +147,7 @@ def _fit_shared_slope(
     *,
     given: NDArray[np.bool_],
 ) -> tuple[FloatArray, FloatArray]:
-    """Return slope and half width of lines with a shared slope and own intercepts."""
+    """Fit lines with a shared slope; return this ladder's values and half widths."""
     centred = [(x - x.mean(), y - y.mean()) for x, y in known]
     squares = float(sum(x @ x for x, _ in centred))
     slope = float(sum(x @ y for x, y in centred)) / squares
@@ -155,10 +161,10 @@ def _fit_shared_slope(
 
 
 MODELS: Mapping[str, Model] = {
-    "line": line,
-    "power": power,
-    "pooled": predict_unweighed,
-    "ours": ours,
+    "line": predict_by_line,
+    "power": predict_by_power_law,
+    "pooled": predict_without_weights,
+    "ours": predict_by_force_law,
 }
 
 
@@ -167,7 +173,9 @@ def report(
     ladders: Annotated[Path, typer.Option(help="Ladders of weights to learn from.", metavar="CSV")],
     test_ladders: Annotated[
         Path | None,
-        typer.Option(help="Ladders to predict; without, each in turn is left out.", metavar="CSV"),
+        typer.Option(
+            help="Ladders to predict; by default each ladder in turn is held out.", metavar="CSV"
+        ),
     ] = None,
 ) -> StudyReport:
     """Predict dead weights on real sensors, each calibrated near 1.5, 4 and 9 N.
@@ -194,14 +202,14 @@ def report(
         name="force-ladders",
         title="Dead weights on real Velostat",
         provenance=(
-            "Real recordings. A ladder is never learned from when it is predicted, apart from its "
+            "Real recordings. Each ladder is predicted from the other ladders and from its own "
             "steps nearest to 1.5, 4 and 9 N, which are not scored.",
             f"Loads above {SMALLEST_LOAD_N} N; intervals at level {LEVEL}. "
-            f"Predictions below {FLOOR_N} N count as {FLOOR_N} N in ratios.",
+            f"For ratios, predictions are clipped to at least {FLOOR_N} N.",
         ),
         tables=[
             Table.of(
-                "New sensor, given three spread weights, medians",
+                "New sensor calibrated with three weights, medians",
                 [*summary, *({"ladder": "mean of ladders", **mean} for mean in means)],
                 ("ladder", "model", *FIGURES),
             )
@@ -229,7 +237,7 @@ def read_ladders(path: Path) -> list[Ladder]:
     Raises
     ------
     InputError
-        If the file can't be used, or a ladder has no unloaded step at its start or too few others.
+        If the file can't be used, or a ladder does not start unloaded or has too few loaded steps.
     """
     found = []
     numbers = ("step", "load_n", "resistance_ohm")
@@ -237,12 +245,14 @@ def read_ladders(path: Path) -> list[Ladder]:
         name, (step, load_n, ohm) = str(run["ladder"][0]), (run[key] for key in numbers)
         where = f"{path}: ladder {name!r}"
         if (ohm <= 0).any() or (load_n < 0).any():
-            raise InputError(f"{where} has a resistance of 0 ohm or a load below 0 N; fix it")
+            raise InputError(
+                f"{where} has a resistance of 0 ohm or less, or a load below 0 N; correct the row"
+            )
         if load_n[0] != 0:
-            raise InputError(f"{where} doesn't begin unloaded; its rest resistance is unknown")
+            raise InputError(f"{where} doesn't begin unloaded; add the reading at rest")
         loaded = load_n > 0
         if np.count_nonzero(loaded) < max(MIN_STEPS, len(GIVEN_N) + 2):
-            raise InputError(f"{where} has fewer than {MIN_STEPS} loaded steps; add some")
+            raise InputError(f"{where} has fewer than {MIN_STEPS} loaded steps; record more")
         found.append(
             Ladder(
                 name=name,
@@ -256,7 +266,7 @@ def read_ladders(path: Path) -> list[Ladder]:
 
 
 def _nearest(load_n: FloatArray) -> NDArray[np.bool_]:
-    """Return the steps whose loads are nearest to those given, each step once."""
+    """Return a mask of the steps nearest to the given loads, each step once."""
     given = np.zeros(len(load_n), dtype=bool)
     for at_n in GIVEN_N:
         given[np.argmin(np.where(given, np.inf, np.abs(load_n - at_n)))] = True

@@ -1,4 +1,4 @@
-"""Learn the population of a force law from several sensors' recordings with a load cell."""
+"""Learn the population of a force law from recordings of several sensors with a load cell."""
 
 from __future__ import annotations
 
@@ -21,26 +21,27 @@ from palpate.estimate.force_law import (
     with_memory,
 )
 
-#: Spread of a weight over sensors before any is seen, of the constant and of each other weight
-#: (ln N, guesses), worth as many contacts.
+#: Prior standard deviation over sensors of the constant and of each other weight (ln N, guesses),
+#: and the weight of the prior in contacts.
 _PRIOR_SD, _PRIOR_CONTACTS = (0.5, 0.1), 2.0
-#: Change from contact to contact, as a share of that spread, where no place was touched twice.
+#: Spread from contact to contact as a fraction of the spread over sensors, if no place was touched
+#: twice.
 _CONTACT_FRACTION = 0.1
-#: Weight of the relation within a contact, next to that of the change since a force was measured.
+#: Weight of the relation within a contact relative to the change since a force was measured.
 _WITHIN = 0.1
 _RIDGE = 1e-3
-#: Errors below this (ln) are good enough; samples off by more count less (Student, degrees of
-#: freedom).
+#: Scale of errors that are small enough (ln), and degrees of freedom of the Student weights of
+#: larger errors.
 _GOOD_ENOUGH, _FREEDOM = 0.02, 4.0
-#: Percentile of the forces learned from that counts as the weakest.
+#: Percentile of the training forces that defines the weakest force.
 _WEAKEST_PERCENTILE = 1.0
 _ROUNDS, _EM_ROUNDS, _REWEIGHTINGS = 3, 6, 15
-#: Normal quantile at the level (0.9) that the scatter is scaled to.
+#: Normal quantile and level of the interval to which the scatter is scaled.
 _AT_LEVEL, _LEVEL = 1.645, 0.9
 
 
 def interval_quantile(level: float) -> float:
-    """Return how many standard deviations an interval of a level reaches to each side."""
+    """Return the half width of an interval at a level, in standard deviations."""
     return float(ndtri(0.5 + level / 2))
 
 
@@ -51,15 +52,15 @@ class KnownContact:
     Attributes
     ----------
     inputs : ndarray, shape (n, INPUTS)
-        By `ForceStates`.
+        Inputs computed by `ForceStates`.
     force_n : ndarray, shape (n,)
         Newtons, above 0.
     place : hashable
-        Contacts at one place of one sensor share it.
+        Key shared by contacts at one place of one sensor.
     weight : ndarray, shape (n,), optional
-        How much each sample counts; all alike by default.
+        Weight of each sample; equal by default.
     given : int or None
-        Sample at which the force would be measured once, None where it is not.
+        Sample at which the force would be measured once; None without a measurement.
     """
 
     inputs: FloatArray
@@ -70,8 +71,8 @@ class KnownContact:
 
 
 @dataclass(slots=True, eq=False)
-class _Learned:
-    """Contacts as regressors, and what was learned of them so far."""
+class _Fit:
+    """Contacts as regressors, and the population fitted to them."""
 
     design: list[FloatArray]
     log_n: list[FloatArray]
@@ -83,9 +84,9 @@ class _Learned:
 def learn_population(contacts: Sequence[KnownContact]) -> Population:
     """Learn weights, their spread and the scatter from contacts with known forces.
 
-    The mean is fitted to changes within contacts, by least absolute error: gains differ from place
-    to place, and a regression over all of them would flatten the law. Its spread is what contacts,
-    each shrunk towards the mean, need beyond it (expectation maximisation).
+    The mean is fitted to changes within contacts with least absolute error: gains differ from place
+    to place, and a regression over all contacts would flatten the law. The spread is estimated by
+    expectation maximisation from the deviations of the contacts.
 
     Raises
     ------
@@ -94,33 +95,35 @@ def learn_population(contacts: Sequence[KnownContact]) -> Population:
     """
     contacts = [one for one in contacts if len(one.force_n) > 1]
     if not contacts:
-        raise CalibrationError("no contact has two measured forces; a population needs one")
-    learned = _start(contacts)
+        raise CalibrationError(
+            "no contact has two measured forces; a population needs at least one such contact"
+        )
+    fit = _initialise(contacts)
     deviations: list[FloatArray] = []
     for _ in range(_ROUNDS):
-        _fit_mean(learned)
-        deviations = _fit_spread(learned)
-    population = learned.population
+        _fit_mean(fit)
+        deviations = _fit_spread(fit)
+    population = fit.population
     by_place: dict[Hashable, list[FloatArray]] = defaultdict(list)
     for one, deviation in zip(contacts, deviations, strict=True):
         by_place[one.place].append(deviation)
-    again = [
+    repeats = [
         (np.array(each) - np.mean(each, axis=0)) * np.sqrt(len(each) / (len(each) - 1))
         for each in by_place.values()
         if len(each) > 1
     ]
     contact_spread = _CONTACT_FRACTION * population.spread
-    if again:
-        changes = np.concatenate(again)
+    if repeats:
+        changes = np.concatenate(repeats)
         contact_spread = (changes.T @ changes + contact_spread) / (len(changes) + 1)
     return replace(population, contact_spread=contact_spread)
 
 
-def _start(contacts: Sequence[KnownContact]) -> _Learned:
+def _initialise(contacts: Sequence[KnownContact]) -> _Fit:
     every = with_curve(np.concatenate([one.inputs for one in contacts]))
     log_n = [np.log(one.force_n) for one in contacts]
     if not (np.isfinite(every).all() and np.isfinite(np.concatenate(log_n)).all()):
-        raise CalibrationError("a reading is not finite, or a force not above 0; leave it out")
+        raise CalibrationError("a reading is not finite or a force is not positive; remove it")
     centre, scale = every.mean(axis=0), every.std(axis=0)
     scale[scale < 1e-9] = 1.0
     design = []
@@ -139,7 +142,7 @@ def _start(contacts: Sequence[KnownContact]) -> _Learned:
         noise=np.array([np.log(0.15), 0.0, 0.0, 0.0]),
         least_n=float(np.exp(np.percentile(np.concatenate(log_n), _WEAKEST_PERCENTILE))),
     )
-    return _Learned(
+    return _Fit(
         design=design,
         log_n=log_n,
         weight=[
@@ -154,16 +157,16 @@ def _start(contacts: Sequence[KnownContact]) -> _Learned:
 def _prior_spread(size: int) -> FloatArray:
     sd = np.full(size, _PRIOR_SD[1])
     sd[0] = _PRIOR_SD[0]
-    # Of having measured a force: known, not spread.
+    # The weight of having measured a force is known.
     sd[-1] = 1e-3
     return np.diag(sd**2)
 
 
-def _fit_mean(learned: _Learned) -> None:
+def _fit_mean(fit: _Fit) -> None:
     """Fit the weights to changes within contacts, and the constant to their means."""
-    population = learned.population
+    population = fit.population
     rows, targets, weights = [], [], []
-    each = zip(learned.design, learned.log_n, learned.weight, learned.given, strict=True)
+    each = zip(fit.design, fit.log_n, fit.weight, fit.given, strict=True)
     for design, log_n, weight, given in each:
         before = _before_measurement(design)
         middle = np.average(before, axis=0, weights=weight)
@@ -180,42 +183,40 @@ def _fit_mean(learned: _Learned) -> None:
         weights.append(weight[given + 1 :])
     x, y, w = np.concatenate(rows), np.concatenate(targets), np.concatenate(weights)
     x[:, 0] = 0.0
-    mean, share = np.zeros(x.shape[1]), np.ones(len(y))
+    mean, weight_factor = np.zeros(x.shape[1]), np.ones(len(y))
     for _ in range(_REWEIGHTINGS):
-        weighed = x * (w * share)[:, None]
+        weighed = x * (w * weight_factor)[:, None]
         normal = weighed.T @ x + _RIDGE * w.sum() * np.eye(x.shape[1])
         mean = np.linalg.solve(normal, weighed.T @ y)
-        share = 1.0 / np.maximum(np.abs(y - x @ mean), _GOOD_ENOUGH)
-        share /= np.average(share, weights=w)
+        weight_factor = 1.0 / np.maximum(np.abs(y - x @ mean), _GOOD_ENOUGH)
+        weight_factor /= np.average(weight_factor, weights=w)
     mean[0] = np.mean(
         [
             np.average(log_n - _before_measurement(design) @ mean, weights=weight)
-            for design, log_n, weight in zip(
-                learned.design, learned.log_n, learned.weight, strict=True
-            )
+            for design, log_n, weight in zip(fit.design, fit.log_n, fit.weight, strict=True)
         ]
     )
-    learned.population = replace(population, mean=mean)
+    fit.population = replace(population, mean=mean)
 
 
 def _before_measurement(design: FloatArray) -> FloatArray:
-    """Return regressors as they are before a force was measured."""
+    """Return the regressors without a measured force."""
     return np.column_stack([design[:, :-1], np.zeros(len(design))])
 
 
-def _fit_spread(learned: _Learned) -> list[FloatArray]:
-    """Fit the spread of the weights and the scatter; return each contact's deviation."""
+def _fit_spread(fit: _Fit) -> list[FloatArray]:
+    """Fit the spread of the weights and the scatter; return the contacts' deviations."""
     deviations: list[FloatArray] = []
-    robust = [np.ones(len(log_n)) for log_n in learned.log_n]
+    robust = [np.ones(len(log_n)) for log_n in fit.log_n]
     for _ in range(_EM_ROUNDS):
-        population = learned.population
+        population = fit.population
         precision = np.linalg.inv(population.spread)
         deviations, total, errors = [], np.zeros_like(precision), []
-        for place, (design, log_n) in enumerate(zip(learned.design, learned.log_n, strict=True)):
-            x, weight = _before_measurement(design), learned.weight[place]
-            share = min(MOST_SAMPLES / weight.sum(), 1.0)
+        for place, (design, log_n) in enumerate(zip(fit.design, fit.log_n, strict=True)):
+            x, weight = _before_measurement(design), fit.weight[place]
+            weight_factor = min(MOST_SAMPLES / weight.sum(), 1.0)
             variance = population.variance(x)
-            weighed = x * (share * weight * robust[place] / variance)[:, None]
+            weighed = x * (weight_factor * weight * robust[place] / variance)[:, None]
             covariance = np.linalg.inv(weighed.T @ x + precision)
             left = log_n - x @ population.mean
             deviation = covariance @ (weighed.T @ left)
@@ -226,18 +227,18 @@ def _fit_spread(learned: _Learned) -> list[FloatArray]:
             total += np.outer(deviation, deviation) + covariance
         prior = _prior_spread(len(total))
         count = len(deviations)
-        learned.population = replace(
+        fit.population = replace(
             population,
             spread=(total + _PRIOR_CONTACTS * prior) / (count + _PRIOR_CONTACTS),
-            noise=_noise(learned, np.concatenate(errors)),
+            noise=_fit_noise(fit, np.concatenate(errors)),
         )
     return deviations
 
 
-def _noise(learned: _Learned, error: FloatArray) -> FloatArray:
-    """Return the logarithm of the scatter as a line in what it depends on."""
-    x = noise_inputs(np.concatenate(learned.design))
-    weight = np.concatenate(learned.weight)
+def _fit_noise(fit: _Fit, error: FloatArray) -> FloatArray:
+    """Fit the logarithm of the scatter as a linear function of its inputs."""
+    x = noise_inputs(np.concatenate(fit.design))
+    weight = np.concatenate(fit.weight)
     weighed = x * weight[:, None]
     normal = weighed.T @ x + 1e-3 * weight.sum() * np.diag([0.0, 1.0, 1.0, 1.0])
     line = np.linalg.solve(normal, weighed.T @ np.log(error + 0.5 * _GOOD_ENOUGH))

@@ -1,4 +1,4 @@
-"""Learn the population of `palpate.ForceLaw` that palpate ships, from every real recording."""
+"""Learn the population of `palpate.ForceLaw` that palpate ships from all real recordings."""
 
 from __future__ import annotations
 
@@ -22,12 +22,11 @@ from palpate_studies.report import StudyReport, Table, as_command
 
 Contact = TypeVar("Contact")
 
-#: Three ladders show too little of how much sensors differ in gain and slope: both may differ this
-#: many times as much (guess; a sheet of another make is to be calibrated, too).
+#: Factor on the spread of gain and slope (guess): three ladders are too few to show the spread of
+#: sensors, and sheets of other makes are calibrated too.
 _WIDER = 2.0
 
-#: Contacts of each kind of recording that are learned from, spread over the file: every kind counts
-#: about alike.
+#: Training contacts per kind of recording, evenly over the file, so that all kinds count equally.
 _CONTACTS = 200
 
 
@@ -40,7 +39,7 @@ def report(
         Path | None, typer.Option(help="Write the population for palpate.", metavar="JSON")
     ] = None,
 ) -> StudyReport:
-    """Learn what sensors have in common, and compare it with what palpate ships.
+    """Learn the population of the force law and compare it with the shipped one.
 
     Example: palpate study force-population --strokes s.csv.gz --presses p.csv.gz --ladders l.csv
     """
@@ -53,7 +52,7 @@ def report(
         "presses": [
             press_study.make_known_contact(one) for one in _sample_evenly(read_presses(presses))
         ],
-        # A few, but the only ones that show what a settled reading means: repeated.
+        # Repeated: few ladders exist, but only they contain settled readings.
         "ladders": [
             replace(one, place=f"{one.place}-{number}")
             for number in range(max(_CONTACTS // len(weights), 1))
@@ -81,10 +80,11 @@ def report(
     counts = ", ".join(f"{len(part)} {name}" for name, part in parts.items())
     return StudyReport(
         name="force-population",
-        title="What real Velostat sensors have in common",
+        title="Population of the force law over real Velostat sensors",
         provenance=(
             f"Real recordings with a load cell or dead weights: {counts}. Weights of standardised "
-            "inputs, ln N; spread over places and sensors, and from contact to contact.",
+            "inputs, ln N; `spread` is over places and sensors, `contact_spread` from contact to "
+            "contact.",
         ),
         tables=[Table.of("Weights of the force law", rows)],
         payload={

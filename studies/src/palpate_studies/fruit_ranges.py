@@ -1,7 +1,7 @@
-"""All ranges of the studies' fruit: apples and bruises, avocados, a station.
+"""Parameter ranges of the studies' fruit: apples, bruises, avocados, and a station.
 
-Fixed, with their reasons, before anything was measured on them. Fruit scatters alike at both levels
-of the twin; what the levels change is sheet and gripper (`palpate.twin.ranges`).
+The ranges and their reasons were fixed before any measurement. The scatter of the fruit is the same
+at both levels of the twin; the levels change sheet and gripper (`palpate.twin.ranges`).
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from palpate.twin.ranges import Pair
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AppleRanges:
-    """Ranges of sound apples; attributes as of `palpate_studies.twin_apple.Apple`.
+    """Ranges of sound apples; attributes as in `palpate_studies.twin_apple.Apple`.
 
-    The hand opens to 74 mm, so the apples are of the smaller grades (60 to 70 mm). Stiffness goes
-    from soft after long storage to fresh and crisp. They are oval by up to 1.2 % (widths differ by
-    up to 1.6 mm around one fruit) and lobed as apples are; one side is firmer by up to 13 %, as
-    the side that ripened in the sun is: opposite sides then differ as the two penetrometer readings
-    of 720 real apples do, all of whose scatter (log sd 0.073, the instrument's included) is taken
-    as the fruit's. The rest is plausible, not measured.
+    The hand opens to 74 mm, so the apples have smaller grades (60 to 70 mm). Stiffness ranges from
+    soft after long storage to fresh and crisp. Ovality is up to 1.2 % (widths of one fruit differ
+    by up to 1.6 mm), with the five lobes of an apple. One side, the sunny one, is firmer by up to
+    13 %. Opposite sides then differ as much as the two penetrometer readings of 720 real apples.
+    Their whole scatter (log sd 0.073, including the instrument's) is attributed to the fruit. The
+    other ranges are plausible, not measured.
     """
 
     diameter_mm: Pair = (60.0, 70.0)
@@ -35,14 +35,15 @@ class AppleRanges:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BruiseRanges:
-    """Ranges of bruises; attributes as of `palpate_studies.twin_apple.Bruise`.
+    """Ranges of bruises; attributes as in `palpate_studies.twin_apple.Bruise`.
 
-    From 1 cm2 (11.3 mm across: the largest total area that the European marketing standard lets
-    pass in Class I) to 30 mm (a fall of a metre or so onto a hard floor). A quarter to nearly half
-    as deep as wide. Burst cells leave a fifth to three fifths of the modulus. Apples rebound with
-    about half of their speed, so most of the energy of a blow goes into crushed flesh: three tenths
-    (at once) to eight tenths (dried for days) of the flattening stay. Falls and knocks hit the
-    cheeks, near the widest place, where the fingers go too. Plausible, not measured.
+    Diameters range from 11.3 mm (1 cm2, the largest total area that the European marketing standard
+    allows in Class I) to 30 mm (a fall of about one metre onto a hard floor). The depth is a
+    quarter to nearly half of the diameter. Flesh with burst cells has a fifth to three fifths of
+    the modulus. Apples rebound with about half of their speed, so most of the energy of an impact
+    crushes flesh: three tenths (immediately) to eight tenths (after days of drying) of the
+    flattening remain as a dent. Falls and impacts hit the cheeks near the widest place, where the
+    fingers touch too. All ranges are plausible, not measured.
     """
 
     diameter_mm_log: Pair = (11.3, 30.0)
@@ -60,17 +61,17 @@ BRUISES = BruiseRanges()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AvocadoRanges:
-    """Ranges of avocados that ripen at 20 C; attributes as of `twin_avocado.Avocado`.
+    """Ranges of avocados that ripen at 20 C; attributes as in `twin_avocado.Avocado`.
 
-    Penetrometers find some 200 N in hard fruit, 80 N in conditioned, 19 N in nearly ripe and less
-    than 7 N in fully ripe fruit (8 mm tip): a fall by a factor of about 30, most of it within four
-    days, after a pause before the climacteric that differs most from fruit to fruit (Burdon and
-    Billing 2024) and that ethylene at the packhouse has partly used up. Elastic force between
-    fingers is taken to go with the 0.7th power of penetration: from 12-24 N at 1 mm (a modulus of
-    about 4 MPa) down to 0.5-1. Flesh differs by a tenth from spot to spot and the waist is not
-    quite round, so each grasp meets a slightly different fruit; rooms are not equally warm on all
-    days. Relaxation is the same at all stages here, though a ripe fruit relaxes more: what would
-    help to distinguish stages and is not known well enough is left out. Plausible, not measured.
+    Penetrometers (8 mm tip) read about 200 N in hard fruit, 80 N in conditioned, 19 N in nearly
+    ripe and less than 7 N in fully ripe fruit: a fall by a factor of about 30. Most of the fall
+    takes place within four days. The pause before the climacteric differs most from fruit to fruit
+    (Burdon and Billing 2024), and ethylene at the packhouse has partly shortened it. The elastic
+    force between fingers is assumed proportional to the 0.7th power of the penetration force: from
+    12-24 N at 1 mm (a modulus of about 4 MPa) down to 0.5-1 N. Firmness differs by a tenth from
+    spot to spot, the waist is not quite round, and the room temperature changes from day to day.
+    A ripe fruit relaxes more, but here relaxation is the same at all stages, because its course is
+    not known well enough to help distinguish them. All ranges are plausible, not measured.
     """
 
     size_mm: Pair = (58.0, 68.0)
@@ -88,18 +89,18 @@ class AvocadoRanges:
 
 
 AVOCADOS = AvocadoRanges()
-#: Stages, and the force at 1 mm below which each but the first begins: 80, 19 and 5 N of
-#: penetration by the power above.
+#: Stages, and the force at 1 mm at which each stage after the first begins: 80, 19 and 5 N of
+#: penetration, converted with the power above.
 AVOCADO_STAGES = ("hard", "conditioned", "ripe", "overripe")
 AVOCADO_BOUNDS_N = (8.5, 3.2, 1.3)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StationRanges:
-    """Surroundings of a sensor that feels avocados on some mornings and other objects all day.
+    """Use and climate of a sensor that grasps avocados on some mornings.
 
-    Grasps of other objects between two mornings, and the bench's temperature and humidity (the
-    temperatures of the paper's Figure 3; its humidities are ours).
+    `cycles_per_day` are grasps of other objects between two mornings. Temperatures are those of the
+    paper's Figure 3; the humidities are assumed.
     """
 
     cycles_per_day: Pair = (100.0, 400.0)

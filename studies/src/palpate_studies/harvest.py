@@ -1,4 +1,4 @@
-"""Pulls on held fruit: whether the verdict "secure to pull" is right, simulated."""
+"""Pull held simulated fruit, and compare the verdict "secure to pull" with the truth."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from palpate_studies.rows import LEVELS
 
 FRUIT = ("strawberry", "tomato", "apple", "kiwi")
 PULLS_N = tuple(float(pull_n) for pull_n in range(1, 11))
-#: Seed of the first fruit; none was used before. Targets are drawn from here, newtons.
+#: Seed of the first fruit, not used before, and range of the target forces, newtons.
 FIRST_SEED, TARGETS_N = 7_600_000, (2.0, 10.0)
-#: How long a pull lasts, seconds.
+#: Duration of a pull, seconds.
 _PULLED_S = 3.0
 VERDICTS = ("secure to pull", "not sure", "would slip")
 
@@ -34,7 +34,7 @@ VERDICTS = ("secure to pull", "not sure", "would slip")
 def report(
     *, fruits: Annotated[int, typer.Option(help="Fruit of each level.", min=1)] = 40
 ) -> StudyReport:
-    """Grip fruit, judge pulls of 1 to 10 N by its friction, and pull.
+    """Grip fruit, judge pulls of 1 to 10 N with the known friction, and pull.
 
     Example: palpate study harvest --fruits 100 --out reports
     """
@@ -48,7 +48,7 @@ command = as_command(report)
 
 
 def judge_pulls(seed: int, *, level: str) -> list[dict[str, Any]]:
-    """Grip one fruit and pull at it ten times from its state at the answer."""
+    """Grip one fruit; judge and simulate ten pulls from the state at the answer."""
     rng = np.random.default_rng([seed, 51])
     name = FRUIT[seed % len(FRUIT)]
     sheet = seed // GRASPS_PER_SHEET
@@ -109,12 +109,12 @@ def judge(rows: Sequence[dict[str, Any]]) -> StudyReport:
         name="harvest",
         title="Pulls of 1 to 10 N on held fruit (simulated)",
         provenance=[
-            f"Simulated: {', '.join(FRUIT)} in turn, four to a sensor, gripped to a random "
-            f"{TARGETS_N[0]:g} to {TARGETS_N[1]:g} N with rigid fingers; each is pulled for "
-            f"{_PULLED_S:g} s, weight included, as it is held at the answer. The friction is "
-            "known.",
+            f"Simulated: {', '.join(FRUIT)} in turn, four per sensor, gripped with rigid fingers "
+            f"to a random {TARGETS_N[0]:g} to {TARGETS_N[1]:g} N. From the state at the answer "
+            f"each fruit is pulled for {_PULLED_S:g} s; the pull includes the weight. The "
+            "friction is known.",
         ],
-        tables=[Table.of("Verdict, and whether it slipped", summary)],
+        tables=[Table.of("Verdicts and slips", summary)],
         payload={
             "simulated": True,
             "summary": summary,

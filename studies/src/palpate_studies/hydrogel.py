@@ -1,4 +1,4 @@
-"""Force of a hydrogel sensor in a robot's force loop, each recording held out."""
+"""Force of a hydrogel sensor in a robot's force loop, with each recording held out."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from palpate_studies.recordings import leave_out, read_runs
 from palpate_studies.report import StudyReport, Table, as_command
 
 LEVEL = 0.9
-#: Forces from here on are scored, newtons; a contact has at least so many scored samples.
+#: Smallest scored force, newtons, and smallest number of scored samples of a contact.
 SMALLEST_N, LEAST_SAMPLES = 0.5, 20
 #: The rest reading is the median of this many samples before contact (1 s at 20 Hz).
 _REST_SAMPLES = 20
-#: Excess that the training contacts reach at their 90th percentile after scaling: a sheet of
-#: Velostat shows 10 and more under a firm grip, this sensor .1.
+#: Excess at the 90th percentile of the training contacts after scaling: a Velostat sheet reaches 10
+#: and more under a firm grip, this sensor 0.1.
 _USUAL_EXCESS = 10.0
 _CHANNELS = tuple(f"v{number:02d}" for number in range(1, 17))
 
@@ -41,9 +41,9 @@ class Contact:
     recording : str
         Name in the file.
     time_s, force_n, lstm_n : ndarray, shape (n,)
-        Clock, sum of the load cells, and the authors' live estimate.
+        Time, sum of the load cells, and the authors' live estimate.
     change : ndarray, shape (n, 16)
-        Relative change of conductance of each channel since the rest before the contact.
+        Relative change of each channel's conductance from the rest before the contact.
     """
 
     recording: str
@@ -54,33 +54,36 @@ class Contact:
 
     @property
     def is_in_contact(self) -> NDArray[np.bool_]:
-        """Samples in contact."""
+        """Mask of the samples in contact."""
         return self.force_n >= SMALLEST_N
 
 
 def report(
     *, recordings: Annotated[Path, typer.Option(help="Recordings of the loop.", metavar="CSV")]
 ) -> StudyReport:
-    """Follow the force of a hydrogel sensor by laws learned on the other recordings.
+    """Track the force of a hydrogel sensor with laws learned on the other recordings.
 
     Example: palpate study hydrogel --recordings hydrogel_force_control.csv.gz
     """
     contacts = read_contacts(recordings)
     splits = leave_out(contacts, lambda one: one.recording)
     if len(splits) < 2:
-        raise InputError(f"{recordings}: one recording; each is left out in turn, give two")
+        raise InputError(
+            f"{recordings}: only one recording; each is held out in turn, so at least two are "
+            "needed"
+        )
     rows = [row for _, train, tested in splits for row in score(train, tested=tested)]
     return StudyReport(
         name="hydrogel",
         title="Force of a hydrogel sensor under a robot's force loop (real)",
         provenance=(
-            f"Real recordings with load cells, {len(contacts)} contacts from {SMALLEST_N:g} N on. "
-            "Each recording in turn is left out of what the laws learn; the authors' LSTM was "
-            "trained by its authors and ran live.",
+            f"Real recordings with load cells, {len(contacts)} contacts of {SMALLEST_N:g} N and "
+            "more. Each recording in turn is held out. The authors trained their LSTM, which ran "
+            "live.",
             "`ours` is `palpate.ForceLaw` on the sum of 16 channels, scaled by the training "
-            "contacts; trees see each channel and the same states.",
+            "contacts. The trees have each channel and the same states as inputs.",
         ),
-        tables=[Table.of("Recording left out", rows)],
+        tables=[Table.of("Held-out recording", rows)],
         payload={"origin": "real", "rows": rows},
     )
 
@@ -91,7 +94,7 @@ command = as_command(report)
 def read_contacts(path: Path) -> list[Contact]:
     """Read the recordings and cut them into contacts.
 
-    Raises `InputError` if the file can't be used or no contact in it has a rest before it.
+    Raises `InputError` if the file can't be used or no contact follows a rest.
     """
     found = []
     numbers = ("time_s", "press", "force_n", "lstm_n", *_CHANNELS)
@@ -118,7 +121,7 @@ def read_contacts(path: Path) -> list[Contact]:
 
 
 def score(train: Sequence[Contact], *, tested: Sequence[Contact]) -> list[dict[str, Any]]:
-    """Return a row a method: error and coverage on the contacts of one recording."""
+    """Return a row per method: error and coverage on the contacts of one recording."""
     summed = np.concatenate([one.change[one.is_in_contact].sum(axis=1) for one in train])
     gain = float(_USUAL_EXCESS / np.percentile(summed, 90))
     truth = np.concatenate([one.force_n[one.is_in_contact] for one in tested])
@@ -156,7 +159,7 @@ def _states(one: Contact, *, gain: float) -> FloatArray:
 def _predict_by_law(
     train: Sequence[Contact], tested: Sequence[Contact], *, gain: float
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the force by `palpate.ForceLaw`, and where its interval holds the truth."""
+    """Return the force of `palpate.ForceLaw`, and whether its interval covers the truth."""
     population = learn_population(
         [
             KnownContact(
@@ -176,7 +179,7 @@ def _predict_by_law(
 def _predict_by_trees(
     train: Sequence[Contact], tested: Sequence[Contact], *, gain: float
 ) -> FloatArray:
-    """Return the force by boosted trees, which see every channel and the states."""
+    """Return the force of boosted trees with every channel and the states as inputs."""
 
     def list_inputs(contacts: Sequence[Contact]) -> FloatArray:
         each = [

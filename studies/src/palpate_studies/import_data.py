@@ -1,4 +1,4 @@
-"""Tables for the studies from clones of the repositories in which others published recordings."""
+"""Convert recordings in clones of public repositories into the tables of the studies."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from palpate_studies.raw.clone import Clone
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source:
-    """Recordings in a public repository, and how they become tables.
+    """Recordings in a public repository, and their conversion to tables.
 
     Attributes
     ----------
     repository, commit : str
-        On GitHub; the commit that was read, empty for the head.
+        Name on GitHub, and the commit to read; empty for the head.
     marks : tuple of str
-        A clone holds the recordings where a path begins with one of these; without any, the name
-        of its folder decides.
+        Path prefixes that identify the recordings in a clone. Without prefixes, the name of the
+        clone's folder identifies them.
     write : callable
-        From a clone and a folder to the files written, with their rows.
+        From a clone and a folder to the written files with their numbers of rows.
     """
 
     repository: str
@@ -84,7 +84,7 @@ def command(
     out: Annotated[Path, typer.Option(help="Folder for the tables.", metavar="DIR")],
     as_json: JsonOption = False,
 ) -> None:
-    """Turn clones of the public repositories into the tables that the studies read.
+    """Convert clones of the public repositories into the tables of the studies.
 
     Example: palpate study import-data tactile-sensor-velostat FruitRuptureEstimate --out data
     """
@@ -101,17 +101,17 @@ def command(
 
 
 def _import_tables(path: Path, out: Path) -> list[dict[str, Any]]:
-    """Write the tables of every source that a clone holds."""
+    """Write the tables of every source found in a clone."""
     found: list[dict[str, Any]] = []
     for source in SOURCES:
         clone = Clone(path, commit=source.commit)
         held = any(name.startswith(source.marks) for name in clone.names)
-        # The stretches of silicone lie in folders of any name: by the name of the repository.
+        # Folders of the silicone recordings have arbitrary names, so the clone's name decides.
         named = not source.marks and source.repository.split("/")[1] in path.resolve().name
         if not (held or named):
             continue
         if not clone.pinned:
-            note = f"{path}: commit {source.commit[:12]} is not in this clone; its head is read"
+            note = f"{path}: commit {source.commit[:12]} is not in this clone; reading its head"
             typer.echo(note, err=True)
         for name, rows in source.write(clone, out):
             if not rows:
@@ -126,5 +126,5 @@ def _import_tables(path: Path, out: Path) -> list[dict[str, Any]]:
             )
     if not found:
         known = ", ".join(dict.fromkeys(source.repository for source in SOURCES))
-        raise InputError(f"{path}: holds no recordings that are known; clone one of {known}")
+        raise InputError(f"{path}: contains no known recordings; clone one of {known}")
     return found

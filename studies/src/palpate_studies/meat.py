@@ -1,7 +1,7 @@
-"""Squeezes of meat: real double presses of a plant-based steak, and a sheet's error.
+"""Squeezes of meat: real double presses of a plant-based steak, with a sheet's error added.
 
-The steak is the only meat whose curves are open. It has no ages and no doneness; what it shows is
-how far specimens of one steak differ, and so how far a cut must change before a squeeze shows it.
+The steak is the only meat with published curves. Age and doneness are not recorded. The curves show
+how much specimens of one steak differ, and so how large a change a squeeze can detect.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import typer
 from palpate.holds.strict import Kind, read_table
 from palpate_studies.report import StudyReport, Table, as_command
 
-#: Scatter of ln stiffness from grasp to grasp by the sheet on the twin's fruit, as in
-#: `ripeness_virtual`, and grasps averaged of one specimen.
+#: Scatter of ln stiffness from grasp to grasp, due to the sheet on the twin's fruit as in
+#: `ripeness_virtual`; and grasps averaged per specimen.
 SHEET_SD, GRASPS = 0.25 * 2.0 / 3.0, 3
-#: Falls of the force to look for. Warner-Bratzler shear of beef falls by about 30 % in two weeks of
-#: aging: an order of size, not a result of this study.
+#: Relative falls of the force to detect. Warner-Bratzler shear of beef falls by about 30 % in two
+#: weeks of aging: an order of magnitude, not a result of this study.
 FALLS = (0.3, 0.5)
-#: 5 % of false alarms and 20 % of misses, one-sided: sum of the normal quantiles.
+#: Sum of the one-sided normal quantiles for 5 % false alarms and 20 % misses.
 _QUANTILES = 1.645 + 0.842
 _COLUMNS: dict[str, Kind] = {
     "curve": "text",
@@ -50,29 +50,31 @@ command = as_command(report)
 
 
 def read_presses(path: Path) -> list[dict[str, Any]]:
-    """Return one row a double press: duration, direction and ln of its first peak."""
+    """Return one row per double press: duration, direction and ln of the first peak."""
     table = read_table(path, columns=_COLUMNS)
-    names, first, of = np.unique(table["curve"].astype(str), return_index=True, return_inverse=True)
+    names, first, curve = np.unique(
+        table["curve"].astype(str), return_index=True, return_inverse=True
+    )
     return [
         {
             "speed": str(table["test"][row]).removeprefix("double "),
             "direction": str(table["direction"][row]),
-            "ln_force": math.log(table["force_n"][(of == k) & (table["leg"] == 1)].max()),
+            "ln_force": math.log(table["force_n"][(curve == k) & (table["leg"] == 1)].max()),
         }
         for k, row in zip(range(len(names)), first, strict=True)
     ]
 
 
 def judge(rows: list[dict[str, Any]]) -> StudyReport:
-    """Put scatter and the specimens needed into a table; a row a speed."""
+    """Report scatter and required specimens, with a row per speed."""
     summary = []
     for speed in sorted({row["speed"] for row in rows}, key=lambda text: float(text.split()[0])):
         mine = [row for row in rows if row["speed"] == speed]
         scatter = math.sqrt(
             np.mean(
                 [
-                    np.var([r["ln_force"] for r in mine if r["direction"] == way], ddof=1)
-                    for way in sorted({row["direction"] for row in mine})
+                    np.var([r["ln_force"] for r in mine if r["direction"] == direction], ddof=1)
+                    for direction in sorted({row["direction"] for row in mine})
                 ]
             )
         )
@@ -88,22 +90,22 @@ def judge(rows: list[dict[str, Any]]) -> StudyReport:
         )
     return StudyReport(
         name="meat",
-        title="Meat: what a squeeze can show (real curves, the sheet's error added)",
+        title="Meat: change that a squeeze can detect (real curves, sheet error added)",
         provenance=(
-            "Real: double presses of a plant-based steak by half, along and across its grain, by a "
-            "load cell.",
-            f"Specimens needed in each of two groups, {GRASPS} grasps each, to see the force fall "
-            "with 5 % false alarms and 20 % misses; the sheet adds a scatter of "
-            f"{SHEET_SD:.2f} (ln) a grasp, as on the twin. No age, doneness or disease is known of "
-            "any curve.",
+            "Real: double presses of a plant-based steak to half its thickness, along and across "
+            "its grain, with a load cell.",
+            f"`needed`: specimens in each of two groups, {GRASPS} grasps each, to detect a fall of "
+            "the force with 5 % false alarms and 20 % misses. The sheet adds a scatter of "
+            f"{SHEET_SD:.2f} (ln) per grasp, as on the twin. Age, doneness and disease are not "
+            "known for any curve.",
         ),
-        tables=[Table.of("By the time of a press", summary)],
+        tables=[Table.of("By the duration of a press", summary)],
         payload={"origin": "real", "summary": summary},
     )
 
 
 def _count_needed(sd: float, fall: float) -> int:
-    """Return the specimens of each of two groups that show a fall.
+    """Return the specimens per group needed to detect a fall.
 
     >>> _count_needed(0.4, 0.3)
     16

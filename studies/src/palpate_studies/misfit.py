@@ -1,4 +1,4 @@
-"""Published entries that the twin does not meet, counted: fitted ones apart from predicted ones."""
+"""Count the published entries that the twin does not reproduce, fitted and predicted."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from decimal import Decimal
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry:
-    """One published number as printed, and the twin's range over its sensors."""
+    """One published number as printed, and the twin's range over sensors."""
 
     published: float
     low: float
@@ -19,7 +19,7 @@ class Entry:
 
     @property
     def is_reproduced(self) -> bool:
-        """Whether the range reaches a number that is printed like this.
+        """Whether the range contains a number that rounds to the printed one.
 
         Examples
         --------
@@ -33,7 +33,7 @@ class Entry:
 
 
 def count_missed(entries: Iterable[Entry]) -> dict[str, dict[str, int]]:
-    """Return how many entries there are and how many are missed, fitted and predicted."""
+    """Count all entries and the missed entries, separately for fitted and predicted ones."""
     found = list(entries)
     return {
         name: {"entries": len(part), "missed": sum(not entry.is_reproduced for entry in part)}
@@ -43,7 +43,7 @@ def count_missed(entries: Iterable[Entry]) -> dict[str, dict[str, int]]:
 
 
 def format_missed(counts: dict[str, dict[str, int]], *, of: str) -> str:
-    """Return the counts in words.
+    """Return the counts as a sentence.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""Which filter against noise, mains pick-up and motor spikes, at what delay and what error.
+"""Compare filters against noise, mains pick-up and motor spikes in delay and error.
 
-A simulated hold is disturbed on its way to the converter, as at a robot's workplace.
+Disturbances are added to simulated holds before the converter, as at a robot's workplace.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS, running_median
 from palpate_studies.twin_session import GAP_MM, HOLD_S, STILL_S, Session, draw_named
 
-#: Rate at which the signal before the converter is made, and that of the twin's physics below it.
+#: Rate of the simulated analogue signal, and rate of the twin's physics.
 ANALOG_HZ, PHYSICS_HZ = 3000, 60
 REST_S = 10.0
-#: Amplitude of mains pick-up on the wires, spikes per second while the servo holds, their height
-#: and length: plausible for unshielded wires next to a servo, not measured.
+#: Amplitude of mains pick-up on the wires; rate, height and length of the spikes while the servo
+#: holds: plausible for unshielded wires next to a servo, not measured.
 MAINS_V, SPIKES_HZ, SPIKE_V, SPIKE_S = 0.05, 8.0, 0.5, 0.002
 WHITE_V, ADC_NOISE_COUNTS = 0.002, 0.3
 SENSORS, FAST_HZ, SLOW_HZ, CUTOFF_S = 4, 250.0, 15.0, 2.5
-#: Frequency of a notch over its width: a wider notch rings for less time.
+#: Quality factor of the notches: a wider notch rings for a shorter time.
 _QUALITY = 2.0
 
 
-#: Name -> frequency of mains pick-up, Hz, and whether there are spikes.
+#: Name -> frequency of the mains pick-up, Hz, and whether spikes are added.
 DISTURBANCES = {
     "none": (0.0, False),
     "mains 50 Hz": (50.0, False),
@@ -49,11 +49,11 @@ class CleanHold:
     Attributes
     ----------
     time_s : ndarray, shape (times,)
-        At `ANALOG_HZ`; the fingers set out at 0.
+        Times at `ANALOG_HZ`; the fingers start to close at 0.
     ohm : ndarray, shape (times, rows, cols)
         Resistances.
     divider : Divider
-        What reads them.
+        Divider of the converter.
     """
 
     time_s: FloatArray
@@ -62,13 +62,13 @@ class CleanHold:
 
 
 def mean_percent(ohm: FloatArray, time_s: FloatArray) -> FloatArray:
-    """Return the mean relative change, the rest taken from before the closing."""
+    """Return the mean relative change from the rest before the closing."""
     rest_ohm = np.median(ohm[time_s < -1.0], axis=0)
     return mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm))
 
 
 def simulate_clean_hold(sensor: int, *, level: str) -> CleanHold:
-    """Make 10 s of rest and 20 s of holding a silicone sheet."""
+    """Simulate 10 s of rest and a 20 s hold of a silicone sheet."""
     session, obj = Session(sensor, level=level), draw_named("dragonskin-10")
     session.place(obj)
     session.close_to(obj.size_mm + GAP_MM)
@@ -91,7 +91,7 @@ def simulate_clean_hold(sensor: int, *, level: str) -> CleanHold:
 
 
 def _disturb_v(time_s: FloatArray, disturbance: str, rng: np.random.Generator) -> FloatArray:
-    """Return what a disturbance adds on every wire, volt."""
+    """Return the voltage that a disturbance adds on every wire."""
     added, (mains_hz, has_spikes) = np.zeros(time_s.size), DISTURBANCES[disturbance]
     if mains_hz:
         phase = rng.uniform(0, 2 * np.pi)
@@ -105,7 +105,7 @@ def _disturb_v(time_s: FloatArray, disturbance: str, rng: np.random.Generator) -
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chain:
-    """One way to filter: a resistor and capacitor before the converter, and software after it."""
+    """A filter chain: an RC low pass before the converter, and software after it."""
 
     rate_hz: float = FAST_HZ
     rc_s: float = 0.0
@@ -114,7 +114,7 @@ class Chain:
 
 
 def remove_mains(values: FloatArray) -> FloatArray:
-    """Take both mains frequencies out of a signal at 250 Hz, causally.
+    """Remove both mains frequencies from a signal at 250 Hz with causal filters.
 
     Examples
     --------
@@ -154,7 +154,7 @@ def report(*, sensors: int = SENSORS, chains: Mapping[str, Chain] = CHAINS) -> S
         for level in LEVELS
     }
     delay_ms = {
-        level: {name: _delay_ms(holds[level][0], chain) for name, chain in chains.items()}
+        level: {name: _contact_delay_ms(holds[level][0], chain) for name, chain in chains.items()}
         for level in LEVELS
     }
     rows: dict[str, list[dict[str, Any]]] = {
@@ -169,13 +169,14 @@ def report(*, sensors: int = SENSORS, chains: Mapping[str, Chain] = CHAINS) -> S
         name="noise",
         title="Filters against noise, mains pick-up and motor spikes",
         provenance=[
-            f"Simulated: {sensors} sensors per level, one hold each, 10 bit; pick-up of 50 mV and "
-            "spikes of 0.5 V for 2 ms, 8 a second, on every wire. These sizes are assumptions; the "
-            "paper has no such data (its future work).",
-            "Delay: how much later contact (-10 %) is seen than without filter at 250 Hz. Errors "
-            "are against the noise-free signal. A prediction starts at the contact.",
-            "At 15 Hz, 60 Hz mains is seen as a constant (60 is a multiple of 15), which the rest "
-            "values take out as long as the rate is exact, and 50 Hz as 5 Hz, which no notch can "
+            f"Simulated: {sensors} sensors per level, one hold each, 10 bit; on every wire, 50 mV "
+            "of mains pick-up and 8 spikes per second of 0.5 V and 2 ms. These values are "
+            "assumptions; the paper has no such data and names it as future work.",
+            "Delay: time from contact (-10 %) detected without a filter at 250 Hz to contact "
+            "detected with the filter. Errors are relative to the noise-free signal. A prediction "
+            "starts at the contact.",
+            "At 15 Hz, 60 Hz mains aliases to a constant (60 is a multiple of 15), which the rest "
+            "values cancel if the rate is exact. 50 Hz aliases to 5 Hz, which a notch cannot "
             "separate from the signal; a capacitor before the converter or a higher rate can.",
         ],
         tables=[
@@ -203,7 +204,7 @@ command = as_command(report)
 def sample_percent(
     clean: CleanHold, chain: Chain, disturbance: str, *, seed: int = 0
 ) -> tuple[FloatArray, FloatArray]:
-    """Disturb, pass the RC low pass, convert and filter a hold; times and mean change."""
+    """Disturb, low-pass, convert and filter a hold; return times and mean change."""
     rng, divider = np.random.default_rng(seed), clean.divider
     volts = ohm_to_volts(clean.ohm, divider=divider)
     volts = volts + _disturb_v(clean.time_s, disturbance, rng)[:, None, None]
@@ -221,7 +222,7 @@ def sample_percent(
 
 
 def _errors(holds: list[CleanHold], chain: Chain, disturbance: str) -> dict[str, float]:
-    """Return median RMS errors: from 2 s on, and of the prediction at 2.5 s."""
+    """Return the median RMS error after 2 s, and the median error of the prediction."""
     pairs = []
     for seed, clean in enumerate(holds):
         time_s, percent = sample_percent(clean, chain, disturbance, seed=seed)
@@ -229,7 +230,7 @@ def _errors(holds: list[CleanHold], chain: Chain, disturbance: str) -> dict[str,
         touch_s = _find_touch_s(time_s, percent)
         held, seen = time_s > 2.0, (time_s >= touch_s) & (time_s <= CUTOFF_S)
         rms = np.sqrt(np.mean((percent - np.interp(time_s, clean.time_s, truth))[held] ** 2))
-        # Prediction costs with the number of samples and gains nothing beyond this many.
+        # More than 60 samples slow the prediction down without improving it.
         thin = slice(None, None, max(1, int(seen.sum() // 60)))
         estimate = Relaxation().predict(
             time_s[seen][thin], percent[seen][None, thin], horizon_s=HOLD_S, level=0.9
@@ -239,8 +240,8 @@ def _errors(holds: list[CleanHold], chain: Chain, disturbance: str) -> dict[str,
     return {"rms_points": float(rms_points), "predicted_error_percent": float(missed)}
 
 
-def _delay_ms(clean: CleanHold, chain: Chain) -> float:
-    """Return how much later contact is seen than with no filter at 250 Hz."""
+def _contact_delay_ms(clean: CleanHold, chain: Chain) -> float:
+    """Return the delay of contact detection relative to 250 Hz without a filter."""
     touch_s, plain_s = (
         _find_touch_s(*sample_percent(clean, one, "none")) for one in (chain, Chain())
     )

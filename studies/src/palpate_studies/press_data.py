@@ -1,4 +1,4 @@
-"""Real presses of a sheet with a load cell: their start, and their force's time."""
+"""Read real presses of a sheet with a load cell, and cut recordings into presses."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate_studies.recordings import read_runs
 
-#: A press is a run of force above this, and above this share of the recording's 90th percentile,
+#: Thresholds of a press: smallest force, and fraction of the recording's 90th percentile.
 SMALLEST_FORCE_N = 0.5
 FRACTION_OF_P90 = 0.3
-#: of at least this length.
+#: Shortest duration of a press.
 SHORTEST_S = 0.8
-#: The force is given once, when it first reaches this share of the press's 80th percentile.
+#: The force is given once, when it first reaches this fraction of the press's 80th percentile.
 GIVEN_FRACTION = 0.8
-#: A press is followed from this long before it begins, or from the end of the one before.
+#: A trace starts this long before the press, but not before the end of the previous press.
 LEAD_S = 3.0
-#: The rest reading is the median over this long, up to this long before the press begins.
+#: The rest reading is the median over `REST_S`, ending `BEFORE_S` before the press.
 REST_S, BEFORE_S = 1.0, 0.3
 
 
@@ -33,11 +33,11 @@ class Trace:
     Attributes
     ----------
     time_s, excess, force_n : ndarray, shape (n_times,)
-        From before the contact on; `excess` is the conductance G/G0 - 1.
-    first, told : int
-        Sample from which the force is above the threshold, and sample at which it is given.
+        Samples from before the contact; `excess` is the conductance G/G0 - 1.
+    first, given : int
+        First sample above the force threshold, and sample at which the force is given.
     group : str
-        Traces of one group (a sensor, a setting) are left out together.
+        Traces of one group (a sensor, a setting) are held out together.
     """
 
     time_s: FloatArray
@@ -55,13 +55,13 @@ class Press:
     Attributes
     ----------
     recording_id : str
-        As in the file.
+        Identifier in the file.
     press : int
         Number in its recording, from 0.
     trace : Trace
-        Readings and force; its group is the setting: repeats of one setting share it.
+        Readings and force. The group is the setting, which is shared by its repeats.
     last_held : int
-        Last sample with as much force as when it was given; the release comes after.
+        Last sample at or above the given force; the release follows.
     """
 
     recording_id: str
@@ -76,7 +76,7 @@ def read_presses(path: Path) -> list[Press]:
     Raises
     ------
     InputError
-        If the file can't be used, time runs backwards, or there is no press in it.
+        If the file can't be used, a time does not increase, or no press is found.
     """
     presses: list[Press] = []
     numbers = ("time_s", "resistance_ohm", "force_n")
@@ -90,13 +90,13 @@ def read_presses(path: Path) -> list[Press]:
         presses += cut_presses(name, time_s, ohm, force_n)
     if not presses:
         raise InputError(
-            f"{path}: no press in it (force above {SMALLEST_FORCE_N} N for {SHORTEST_S} s)"
+            f"{path}: no press found (force above {SMALLEST_FORCE_N} N for {SHORTEST_S} s)"
         )
     return presses
 
 
 def setting_of(recording_id: str) -> str:
-    """Return the setting of a recording: its name without the number of the repeat.
+    """Return the setting of a recording: its name without the repeat's number.
 
     Examples
     --------
@@ -112,7 +112,7 @@ def cut_presses(
     """Cut one recording into its presses; each array has shape (n_times,)."""
     presses: list[Press] = []
     previous_end = 0
-    for begin, end in _runs(time_s, force_n):
+    for begin, end in _find_presses(time_s, force_n):
         held_n = GIVEN_FRACTION * np.percentile(force_n[begin:end], 80)
         enough = np.flatnonzero(force_n[begin:end] >= held_n) + begin
         lead = max(int(np.searchsorted(time_s, time_s[begin] - LEAD_S)), previous_end)
@@ -139,8 +139,8 @@ def cut_presses(
     return presses
 
 
-def _runs(time_s: FloatArray, force_n: FloatArray) -> Sequence[tuple[int, int]]:
-    """Return the first sample of each press and the one after its last."""
+def _find_presses(time_s: FloatArray, force_n: FloatArray) -> Sequence[tuple[int, int]]:
+    """Return the start and the end of each press, as half-open sample ranges."""
     above = force_n > max(SMALLEST_FORCE_N, FRACTION_OF_P90 * float(np.percentile(force_n, 90)))
     edges = np.flatnonzero(np.diff(np.r_[False, above, False].astype(int)))
     runs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
@@ -148,10 +148,10 @@ def _runs(time_s: FloatArray, force_n: FloatArray) -> Sequence[tuple[int, int]]:
 
 
 def _rest_ohm(time_s: FloatArray, ohm: FloatArray, *, begin: int, since: int) -> float:
-    """Return the reading at rest just before a press: from resistance alone, nothing later."""
+    """Return the rest reading before a press, from earlier resistances alone."""
     until = int(np.searchsorted(time_s, time_s[begin] - BEFORE_S))
     start = max(int(np.searchsorted(time_s, time_s[begin] - BEFORE_S - REST_S)), since)
     if until - start >= 5:
         return float(np.median(ohm[start:until]))
-    # No rest was recorded before it: the largest reading so far is the least loaded one.
+    # Without recorded rest, the largest resistance so far is the least loaded reading.
     return float(np.max(ohm[: begin + 1]))

@@ -1,9 +1,9 @@
-"""Force now under real presses, from resistance after the force was measured once.
+"""Current force during real presses, from resistance and one measured force.
 
-The models are a clock, a static law, boosted trees and the law of palpate. Each is given the force
-once and answers with ln(force / given force) at every sample, and with the half width of its
-interval. Everything is learned from training presses; every setting counts as much as every other,
-because a setting that nobody has seen is the task.
+The models are a clock, a static law, boosted trees and the force law of palpate. Each model is
+given the force once and predicts ln(force / given force) and the half width of its interval at
+every sample. All models are trained on other presses. Every setting has the same weight, because
+the test is on new settings.
 """
 
 from __future__ import annotations
@@ -29,13 +29,12 @@ from palpate_studies.rows import group
 
 LEVEL = 0.9
 FOLDS = 5
-#: A release is two or three samples long and half of what is asked.
+#: Weight of a release sample: a release is only two or three samples long.
 _RELEASE_WEIGHT = 5.0
-#: This many samples after the force is given, and every n-th of the hold, show what there is to
-#: learn.
+#: Training samples: this many after the force is given, then every n-th sample of the hold.
 _ALL_UNTIL, _EVERY = 30, 4
 _TICK_S = 0.02
-#: Trees of the boosted rival; not tuned.
+#: Number of boosted trees, not tuned.
 _ROUNDS = 200
 
 Prediction: TypeAlias = tuple[FloatArray, FloatArray]
@@ -51,10 +50,10 @@ def report(
     ],
     test_recordings: Annotated[
         Path | None,
-        typer.Option(help="Recordings to follow; without, 5 folds by setting.", metavar="CSV"),
+        typer.Option(help="Recordings to track; by default 5 folds by setting.", metavar="CSV"),
     ] = None,
 ) -> StudyReport:
-    """Follow the force of real presses from resistance, given the force once in each.
+    """Track the force of real presses from resistance, given the force once per press.
 
     Example: palpate study presses --recordings presses.csv.gz
     """
@@ -65,22 +64,21 @@ def report(
     scores = judge(splits)
     return StudyReport(
         name="presses",
-        title="Force now on real Velostat under a robot's presses",
+        title="Current force on real Velostat during robot presses",
         provenance=(
             "Real recordings with a reference load cell.",
-            f"{FOLDS} folds by setting: a setting's repeats are left out together."
+            f"{FOLDS} folds by setting: all repeats of a setting are held out together."
             if test_recordings is None
             else f"Learned from {recordings} alone.",
-            "All models are given the force once per press, then all but `clock`, which sees no "
-            "sensor, see resistance alone: how much force rises after that, and when, is learned "
-            "like everything else. `ours`: `palpate.ForceLaw`, its population learned from the "
-            "training presses; `trees` see the same states.",
-            "Presses of one kind that are alike help them; the release shows what the sheet is "
-            "worth.",
+            "All models are given the force once per press. After that they use resistance alone, "
+            "except `clock`, which uses no sensor. `ours` is `palpate.ForceLaw` with a population "
+            "learned from the training presses; `trees` have the same states as inputs.",
+            "Similar presses make the models look better while the force is held; the release "
+            "shows the contribution of the sheet.",
         ),
         tables=[
-            Table.of("Force after it was given, medians over presses", scores["summary"]),
-            Table.of("Held and released, medians over samples", scores["by_force"]),
+            Table.of("Force after the given force, medians over presses", scores["summary"]),
+            Table.of("Hold and release, medians over samples", scores["by_force"]),
         ],
         payload={**scores},
     )
@@ -96,20 +94,20 @@ def _states(press: Press) -> FloatArray:
 
 
 def _inputs(press: Press) -> FloatArray:
-    """Return the change of the states since the force was given, and that force."""
+    """Return the change of the states since the given force, and that force."""
     states, given = _states(press), press.trace.given
     measured = np.full((len(states), 1), np.log(press.trace.force_n[given]))
     return np.concatenate([states - states[given], measured], axis=1)
 
 
 def log_change(press: Press) -> FloatArray:
-    """Return ln(force / given force); before the contact, where nothing is asked, of 0.01 N."""
+    """Return ln(force / given force), with forces of at least 0.01 N."""
     force_n = np.maximum(press.trace.force_n, 0.01)
     return np.asarray(np.log(force_n / force_n[press.trace.given]))
 
 
 def _select_training(press: Press) -> NDArray[np.bool_]:
-    """Return the samples to learn from."""
+    """Return a mask of the training samples of a press."""
     place, given = np.arange(len(press.trace.time_s)), press.trace.given
     dense = (place <= given + _ALL_UNTIL) | (place > press.last_held) | (place % _EVERY == 0)
     return np.asarray((place > given) & dense)
@@ -131,7 +129,7 @@ def _weight(presses: Presses) -> FloatArray:
 
 
 def split_folds(presses: Presses) -> Iterator[tuple[list[Press], list[Press]]]:
-    """Yield what stays and what is left out: the repeats of a setting together."""
+    """Yield training and test presses, with all repeats of a setting together."""
     settings = list(dict.fromkeys(press.trace.group for press in presses))
     for fold in (settings[k::FOLDS] for k in range(min(FOLDS, len(settings)))):
         inside = [press for press in presses if press.trace.group not in fold]
@@ -146,8 +144,8 @@ def _with_interval(follow: Callable[[Press], FloatArray], train: Presses) -> Fol
     return lambda press: ((value := follow(press)), np.full(value.shape, half))
 
 
-def clock(train: Presses) -> Follower:
-    """Learn the usual change of force at each time since it was given."""
+def learn_clock(train: Presses) -> Follower:
+    """Learn the median change of force at each time since the given force."""
 
     def ticks(press: Press) -> FloatArray:
         since_s = press.trace.time_s - press.trace.time_s[press.trace.given]
@@ -160,8 +158,8 @@ def clock(train: Presses) -> Follower:
     return _with_interval(lambda press: np.asarray(np.interp(ticks(press), seen, usual)), train)
 
 
-def static(train: Presses) -> Follower:
-    """Learn a power law of the change of the reading, by least absolute error."""
+def learn_static_law(train: Presses) -> Follower:
+    """Learn a power law of the change of the reading with least absolute error."""
 
     def reading(press: Press) -> FloatArray:
         return _inputs(press)[:, 0]
@@ -174,15 +172,15 @@ def static(train: Presses) -> Follower:
     return _with_interval(lambda press: slope * reading(press), train)
 
 
-def trees(train: Presses) -> Follower:
-    """Learn boosted trees on the states since the force was given."""
+def learn_trees(train: Presses) -> Follower:
+    """Learn boosted trees on the change of the states since the given force."""
     machine = make_trees(loss="absolute_error", max_iter=_ROUNDS, early_stopping=False)
     inputs = np.concatenate([_inputs(press)[_select_training(press)] for press in train])
     machine.fit(inputs, _pool(train, log_change), sample_weight=_weight(train))
     return _with_interval(lambda press: np.asarray(machine.predict(_inputs(press))), train)
 
 
-def ours(train: Presses) -> Follower:
+def learn_force_law(train: Presses) -> Follower:
     """Learn the population of `palpate.ForceLaw`; the measured force updates it."""
     population = learn_population([make_known_contact(press) for press in train])
 
@@ -197,7 +195,7 @@ def ours(train: Presses) -> Follower:
 
 
 def make_known_contact(press: Press) -> KnownContact:
-    """Return a press, from the measured force on, as what a population is learned from."""
+    """Return a press from its given force as training data of a population."""
     training = _select_training(press) & (press.trace.force_n > 0)
     used = np.r_[press.trace.given, np.flatnonzero(training)]
     weight = np.where(used > press.last_held, _RELEASE_WEIGHT, 1.0)
@@ -205,37 +203,37 @@ def make_known_contact(press: Press) -> KnownContact:
         inputs=_states(press)[used],
         force_n=press.trace.force_n[used],
         weight=weight / weight.mean(),
-        # Repeats of a setting are at several places of the sensor.
+        # The repeats of a setting are at different places on the sensor.
         place=(press.recording_id, press.press),
         given=0,
     )
 
 
 MODELS: Mapping[str, Callable[[Presses], Follower]] = {
-    "clock": clock,
-    "static": static,
-    "trees": trees,
-    "ours": ours,
+    "clock": learn_clock,
+    "static": learn_static_law,
+    "trees": learn_trees,
+    "ours": learn_force_law,
 }
 
 
 class Followed(NamedTuple):
-    """A model's answer on a press, at each sample after the force was given."""
+    """A model's predictions for a press, at each sample after the given force."""
 
     press: Press
-    #: ln(estimated / true force), and whether the interval holds the true force.
+    #: ln(estimated / true force), and whether the interval covers the true force.
     log_error: FloatArray
     covered: NDArray[np.bool_]
 
     @property
     def is_released(self) -> NDArray[np.bool_]:
-        """Whether each sample comes after the last with as much force as given."""
+        """Whether each sample is after the last sample at or above the given force."""
         given = self.press.trace.given
         return np.arange(given + 1, len(self.press.trace.time_s)) > self.press.last_held
 
 
 def compare_with_cell(press: Press, prediction: Prediction) -> Followed:
-    """Return a model's answer next to the load cell, from the given force on."""
+    """Compare a model's predictions with the load cell after the given force."""
     given = press.trace.given
     change, half = (part[given + 1 :] for part in prediction)
     given_n, truth_n = float(press.trace.force_n[given]), press.trace.force_n[given + 1 :]
@@ -247,7 +245,7 @@ def compare_with_cell(press: Press, prediction: Prediction) -> Followed:
 
 
 def judge(splits: Iterable[tuple[Presses, Presses]]) -> dict[str, Any]:
-    """Follow every held-out press by every model, learned on the others; score it."""
+    """Track every held-out press with every trained model; score the predictions."""
     followed: dict[str, list[Followed]] = {name: [] for name in MODELS}
     for train, tested in splits:
         for name, learn in MODELS.items():
@@ -266,15 +264,15 @@ def judge(splits: Iterable[tuple[Presses, Presses]]) -> dict[str, Any]:
             for model, each in followed.items()
             for one in each
         ],
-        "summary": _summary(followed),
-        "by_force": _by_part(followed),
+        "summary": _summarise(followed),
+        "by_force": _summarise_by_part(followed),
         "compared": _compare_models(followed),
         "level": LEVEL,
     }
 
 
-def _summary(followed: Mapping[str, Sequence[Followed]]) -> Rows:
-    """Return medians over presses, of all and of each setting."""
+def _summarise(followed: Mapping[str, Sequence[Followed]]) -> Rows:
+    """Return medians over presses, for all presses and for each setting."""
     settings: dict[str, dict[str, Sequence[Followed]]] = {"all": {**followed}}
     for model, each in followed.items():
         for key, mine in group(each, "press.trace.group"):
@@ -294,8 +292,8 @@ def _summary(followed: Mapping[str, Sequence[Followed]]) -> Rows:
     ]
 
 
-def _by_part(followed: Mapping[str, Sequence[Followed]]) -> Rows:
-    """Return medians over samples, while the force is held and where it is released."""
+def _summarise_by_part(followed: Mapping[str, Sequence[Followed]]) -> Rows:
+    """Return medians over samples, separately for hold and release."""
     rows: Rows = []
     for model, each in followed.items():
         log_error, covered, released = (
@@ -317,9 +315,9 @@ def _by_part(followed: Mapping[str, Sequence[Followed]]) -> Rows:
 
 
 def _compare_models(followed: Mapping[str, Sequence[Followed]]) -> Rows:
-    """Return our error less that of each other model, by setting of the presses.
+    """Compare the error of `ours` with each other model, with settings as specimens.
 
-    Over presses it is the median error of each, over the release that of each sample.
+    The case is a press with its median error, or a sample of the release.
     """
 
     def select_release(each: Sequence[Followed]) -> FloatArray:
@@ -332,7 +330,7 @@ def _compare_models(followed: Mapping[str, Sequence[Followed]]) -> Rows:
     }
     rows = compare(presses, [one.press.trace.group for one in ours], part="presses")
     groups = [one.press.trace.group for one in ours for _ in range(int(one.is_released.sum()))]
-    # Recordings of presses that are never let go have no release.
+    # Some recordings contain no release.
     if groups:
         lost = {model: select_release(each) for model, each in followed.items()}
         rows += compare(lost, groups, part="released")

@@ -1,4 +1,4 @@
-"""Batches of work, spread over the processors."""
+"""Run batches of work on all processors."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from typing import TypeVar
 Batch = TypeVar("Batch")
 Result = TypeVar("Result")
 
-#: Fewest batches that are worth the two seconds in which a process imports the package.
+#: Fewest batches that justify new processes, each of which needs two seconds for its imports.
 _FEWEST_BATCHES = 12
 
 
 def map_batches(
     work: Callable[[Batch], Iterable[Result]], batches: Sequence[Batch]
 ) -> list[Result]:
-    """Return the results of all batches in their order; `work` is a function of a module.
+    """Return the results of all batches in order; `work` must be a module-level function.
 
     >>> map_batches(range, [2, 3])
     [0, 1, 0, 1, 2]

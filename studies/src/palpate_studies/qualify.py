@@ -1,4 +1,4 @@
-"""Ceiling of a real penetrometer, and coverage of `palpate qualify` on simulated ones."""
+"""Ceiling of a real penetrometer, and coverage of `palpate qualify` with simulated ones."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ from palpate.twin.world import World
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
 
-#: Twin fruit of the pool, grasps of each, and the sensor's seed.
+#: Twin fruit in the pool, grasps of each fruit, and seed of the sensor.
 ITEMS, GRASPS, SENSOR = 160, 2, 46
 KINDS = ("avocado-day-1", "avocado-day-2", "avocado-day-3", "avocado-day-4")
-#: Scatter of the simulated penetrometer between sides, ln N/mm: fine, as on the real apples beside
-#: their spread between items, and coarse.
+#: Scatter of the simulated penetrometer between sides, ln N/mm: small, as on the real apples
+#: relative to their spread between items, and large.
 SIDE_SCATTERS = (0.1, 0.3, 1.0)
-#: Campaigns of each condition, and items of each campaign.
+#: Campaigns per condition, and items per campaign.
 CAMPAIGNS, CAMPAIGN_ITEMS = 60, 60
 #: Tolerance in ln N/mm, and in pound-force on the apples.
 TOLERANCE, APPLE_TOLERANCE_LBF = 0.3, 1.0
-#: Figures whose true value is known.
+#: Figures with a known true value.
 CHECKED = ("r_squared", "r_squared_ceiling", "share_within", "share_within_ceiling")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pool:
-    """Grasped fruit of the twin: ln of true stiffness and of each grasp's measurement."""
+    """Grasped fruit of the twin: ln of the true stiffness and of each measurement."""
 
     truth: FloatArray
     grasps: FloatArray
@@ -56,14 +56,14 @@ def report(
     items: int = ITEMS,
     campaigns: int = CAMPAIGNS,
 ) -> StudyReport:
-    """Qualify a real penetrometer against itself, and grasps on the twin against simulated ones.
+    """Qualify a real penetrometer against itself, and twin grasps against simulated ones.
 
     Example: palpate study qualify --apples apples_firmness.csv.gz
     """
     tables: list[Table] = []
     payload: dict[str, Any] = {"summary": []}
     if apples is not None:
-        found = agreement_of(side_pairs(apples), Demand(tolerance=APPLE_TOLERANCE_LBF))
+        found = agreement_of(read_side_pairs(apples), Demand(tolerance=APPLE_TOLERANCE_LBF))
         payload["apples"] = {
             name: {
                 end: value if math.isfinite(value := getattr(figure, end)) else None
@@ -89,10 +89,10 @@ def report(
         title="Agreement with a reference, and the ceiling that the reference sets",
         provenance=[
             "Apples: real, one penetrometer against itself on the other side of 720 apples.",
-            f"Twin: simulated; {items} avocados of four days, {GRASPS} grasps each, one sensor a "
-            f"level; {campaigns} campaigns of {CAMPAIGN_ITEMS} items drawn from them, each with "
-            "newly drawn scatter of a simulated penetrometer. The true figures come from 20 000 "
-            "readings of the pool.",
+            f"Twin: simulated; {items} avocados of four days, {GRASPS} grasps each, one sensor per "
+            f"level; {campaigns} campaigns of {CAMPAIGN_ITEMS} items drawn from this pool, each "
+            "with new scatter of a simulated penetrometer. The true figures are computed from "
+            "20 000 readings of the pool.",
         ],
         tables=tables,
         payload=payload,
@@ -102,8 +102,8 @@ def report(
 command = as_command(report)
 
 
-def side_pairs(path: Path) -> PairedReadings:
-    """Return the first side of each apple as grasp, both sides as reference."""
+def read_side_pairs(path: Path) -> PairedReadings:
+    """Read apples: the first side as the grasp, both sides as the reference."""
     columns = read_table(
         path, columns={"side1_lbf": "number or empty", "side2_lbf": "number or empty"}
     )
@@ -117,7 +117,7 @@ def side_pairs(path: Path) -> PairedReadings:
 
 
 def grasp_pool(items: int, *, level: str) -> Pool:
-    """Grasp twin fruit, each twice; fruit without a stiffness at every grasp are left out."""
+    """Grasp each twin fruit twice; skip fruit without a stiffness in every grasp."""
     calibration = calibrate_twin(seed=SENSOR, level=level, apart_from="")
     truth, measured = [], []
     for number in range(items):
@@ -149,16 +149,16 @@ def _log_of(measured: Measurement | None) -> float:
 def check_coverage(
     pool: Pool, side_sd: float, *, level: str, campaigns: int
 ) -> list[dict[str, Any]]:
-    """Return how often the intervals of each figure cover its true value."""
+    """Return the coverage of each figure's intervals over many campaigns."""
     demand = Demand(tolerance=TOLERANCE)
     random = np.random.default_rng([SENSOR, round(1000 * side_sd)])
     every = np.tile(np.arange(pool.truth.size), math.ceil(20_000 / pool.truth.size))
-    large = _campaign(pool, every, side_sd, random)
+    large = _draw_campaign(pool, every, side_sd, random)
     true = _true_figures(large, pool, side_sd, demand)
     rows: dict[str, list[Estimate]] = {name: [] for name in CHECKED}
     for _ in range(campaigns):
         chosen = random.integers(pool.truth.size, size=CAMPAIGN_ITEMS)
-        found = agreement_of(_campaign(pool, chosen, side_sd, random), demand)
+        found = agreement_of(_draw_campaign(pool, chosen, side_sd, random), demand)
         for name in CHECKED:
             rows[name].append(found.figures[name])
     return [
@@ -180,13 +180,13 @@ def check_coverage(
     ]
 
 
-def _campaign(
+def _draw_campaign(
     pool: Pool,
     chosen: np.ndarray[Any, np.dtype[np.intp]],
     side_sd: float,
     random: np.random.Generator,
 ) -> PairedReadings:
-    """Return two sides of each chosen item, both read by both instruments."""
+    """Draw readings of two sides of each chosen item with both instruments."""
     sides = random.normal(0.0, side_sd, (chosen.size, GRASPS))
     return PairedReadings(
         item=np.repeat(np.arange(chosen.size), GRASPS),
@@ -198,7 +198,7 @@ def _campaign(
 def _true_figures(
     large: PairedReadings, pool: Pool, side_sd: float, demand: Demand
 ) -> dict[str, float]:
-    """Return the figures of endless readings; the ceiling from the scatter that was put in."""
+    """Return the figures of a very large sample; the ceiling from the known scatter."""
     exact = Scatter(between=float(pool.truth.std()), within=side_sd)
     figures = measure(large, demand).figures
     return {name: figure.value for name, figure in figures.items()} | {

@@ -103,12 +103,12 @@ def press_quantities(presses: Sequence[Press]) -> dict[str, FloatArray]:
         if time_s[-1] >= CREEP_TO_S:
             early, late = np.interp([CREEP_FROM_S, CREEP_TO_S], time_s, log_gain)
             creeps.append(100 * np.expm1(late - early))
-    gains = log_gains(presses)
+    gains = list_log_gains(presses)
     scatter = [np.std(gain, ddof=1) for gain in gains.values() if len(gain) > 2]
     return {"gain scatter": np.array(scatter), "creep, %": np.array(creeps)}
 
 
-def log_gains(presses: Sequence[Press]) -> dict[str, FloatArray]:
+def list_log_gains(presses: Sequence[Press]) -> dict[str, FloatArray]:
     """Return each press's ln conductance at equal force at its force's time, by recording."""
     exponent = _within_press_exponent(presses)
     gains: dict[str, list[float]] = {}
@@ -355,7 +355,7 @@ def compare(quantity: str, real: FloatArray, twin: Quantities) -> dict[str, Any]
 def real_quantities(*, ladders: Path, presses: Path, holds: Path) -> Quantities:
     """Return the quantities of real recordings."""
     pressed = read_presses(presses)
-    gains = log_gains(pressed)
+    gains = list_log_gains(pressed)
     return {
         **ladder_quantities(
             [
@@ -375,7 +375,7 @@ def twin_quantities(*, level: str, sensors: int = SENSORS) -> Quantities:
     """Return the same quantities of the twin."""
     pressed = [simulate_presses(sensor, level=level, count=PRESSES) for sensor in range(sensors)]
     one, summed = ([p for pair in pressed for p in pair[part]] for part in (0, 1))
-    gains = np.array(list(log_gains(summed).values()))
+    gains = np.array(list(list_log_gains(summed).values()))
     return {
         **ladder_quantities([simulate_ladder(sensor, level=level) for sensor in range(sensors)]),
         **press_quantities(one),

@@ -81,7 +81,7 @@ def report(
     Example: palpate study soft-sensor --train soft_sensor_ral2018.csv.gz
     """
     known = read_strokes(train)
-    splits = [("test", known, read_strokes(test))] if test is not None else _by_depth(known)
+    splits = [("test", known, read_strokes(test))] if test is not None else _split_by_depth(known)
     if test is None and len(splits) < 2:
         raise InputError(f"{train}: one depth only; two are needed, or --test")
     summary = [
@@ -122,7 +122,7 @@ def read_strokes(path: Path) -> list[Stroke]:
     ]
 
 
-def _by_depth(known: Strokes) -> list[tuple[str, Strokes, Strokes]]:
+def _split_by_depth(known: Strokes) -> list[tuple[str, Strokes, Strokes]]:
     """Return each depth of a place, from the shallowest, and the others for training."""
     depths: dict[float, set[float]] = {}
     for one in known:
@@ -136,34 +136,34 @@ def _forces(strokes: Strokes) -> FloatArray:
     return np.concatenate([one.force_n for one in strokes])
 
 
-def constant(train: Strokes) -> Predictor:
+def learn_constant(train: Strokes) -> Predictor:
     """Learn the mean force."""
     mean_n = float(_forces(train).mean())
     return lambda one: (np.full(len(one.force_n), mean_n), None)
 
 
-def static(train: Strokes) -> Predictor:
+def learn_cubic(train: Strokes) -> Predictor:
     """Learn a cubic in the voltage now."""
     cubic = np.polyfit(np.concatenate([one.voltage_v for one in train]), _forces(train), 3)
     return lambda one: (np.asarray(np.polyval(cubic, one.voltage_v)), None)
 
 
-def ridge(train: Strokes) -> Predictor:
+def learn_ridge(train: Strokes) -> Predictor:
     """Learn a ridge on the inputs of the force law and past voltages."""
-    return _machine(train, make_ridge(1.0))
+    return _fit_machine(train, make_ridge(1.0))
 
 
-def trees(train: Strokes) -> Predictor:
+def learn_trees(train: Strokes) -> Predictor:
     """Learn boosted trees on the inputs of the force law and past voltages."""
-    return _machine(train, make_trees())
+    return _fit_machine(train, make_trees())
 
 
-def _machine(train: Strokes, machine: Any) -> Predictor:
+def _fit_machine(train: Strokes, machine: Any) -> Predictor:
     machine.fit(np.concatenate([one.past() for one in train]), _forces(train))
     return lambda one: (np.asarray(machine.predict(one.past())), None)
 
 
-def ours(train: Strokes) -> Predictor:
+def learn_force_law(train: Strokes) -> Predictor:
     """Learn the population of `palpate.ForceLaw`, and predict by it."""
     volt = float(np.percentile(np.concatenate([one.voltage_v for one in train]) - _REST_V, 90))
     contacts = [
@@ -185,7 +185,11 @@ def ours(train: Strokes) -> Predictor:
 
 
 MODELS: Mapping[str, Callable[[Strokes], Predictor]] = {
-    one.__name__: one for one in (constant, static, ridge, trees, ours)
+    "constant": learn_constant,
+    "static": learn_cubic,
+    "ridge": learn_ridge,
+    "trees": learn_trees,
+    "ours": learn_force_law,
 }
 
 

@@ -225,7 +225,7 @@ def _with_interval(
     )
 
 
-def constant(train: Others, prior: str) -> Follower:
+def learn_constant(train: Others, prior: str) -> Follower:
     """Learn one force, that of the known place, or hold the measured force."""
 
     def middle(touches: Others) -> float:
@@ -240,7 +240,7 @@ def constant(train: Others, prior: str) -> Follower:
     return _with_interval(follow, train, prior)
 
 
-def clock(train: Others, prior: str) -> Follower:
+def learn_clock(train: Others, prior: str) -> Follower:
     """Learn the usual force at each time since contact, or its usual change since measured."""
 
     def ticks(touch: Touch) -> FloatArray:
@@ -262,7 +262,7 @@ def clock(train: Others, prior: str) -> Follower:
     return _with_interval(follow, train, prior)
 
 
-def static(train: Others, prior: str) -> Follower:
+def learn_static_law(train: Others, prior: str) -> Follower:
     """Learn a power law; its gain from the place's data or this contact's."""
     reading = _pool(train, "nothing", lambda one: one.inputs[:, 0])
     force = _pool(train, "nothing", lambda one: one.log_force)
@@ -300,7 +300,7 @@ def _inputs(touch: Touch, prior: str) -> FloatArray:
     return np.concatenate([touch.inputs - touch.inputs[at], measured], axis=1)
 
 
-def trees(train: Others, prior: str) -> Follower:
+def learn_trees(train: Others, prior: str) -> Follower:
     """Learn boosted trees on the same inputs; a known place adds its mean."""
     machine = make_trees(
         loss="absolute_error", max_iter=100, max_leaf_nodes=15, min_samples_leaf=40
@@ -327,7 +327,7 @@ def trees(train: Others, prior: str) -> Follower:
     )
 
 
-def ours(train: Others, prior: str) -> Follower:
+def learn_force_law(train: Others, prior: str) -> Follower:
     """Learn the population of `palpate.ForceLaw`; the place or one force updates the law."""
     population = _population(tuple(train))
 
@@ -368,11 +368,11 @@ def make_known_contact(touch: Touch) -> KnownContact:
 
 
 MODELS: Mapping[str, Learner] = {
-    "constant": constant,
-    "clock": clock,
-    "static": static,
-    "trees": trees,
-    "ours": ours,
+    "constant": learn_constant,
+    "clock": learn_clock,
+    "static": learn_static_law,
+    "trees": learn_trees,
+    "ours": learn_force_law,
 }
 
 
