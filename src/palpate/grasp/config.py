@@ -1,9 +1,8 @@
 """The tuned numbers of the grasp, each with its range, unit, source and quantity.
 
 A source is the paper, a datasheet, a study of this project, development sensors of the twin, a
-requirement, or a guess. `docs/grasp-states.md` shows them as a table. No other file of this folder
-holds a tuned number (`tests/unit/grasp/test_config.py`); what a user or a rig sets is in `Plan` and
-`SafetyLimits`.
+requirement, or a guess. No other file of this folder holds a tuned number
+(`tests/unit/grasp/test_config.py`); settings of a user or a rig are in `Plan` and `SafetyLimits`.
 """
 
 from __future__ import annotations
