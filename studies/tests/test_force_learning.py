@@ -7,7 +7,7 @@ import pytest
 
 from palpate.errors import CalibrationError
 from palpate.estimate.force_law import ForceLaw, Population
-from palpate.estimate.force_states import log_reading, states_of
+from palpate.estimate.force_states import compute_states, log_reading
 from palpate_studies.force_learning import KnownContact, learn_population
 
 
@@ -26,7 +26,7 @@ def contacts(*, seed: int, count: int = 40, gain_sd: float = 0.4) -> list[KnownC
             used = force >= 0.5
             found.append(
                 KnownContact(
-                    inputs=states_of(time_s, log_reading(excess))[used],
+                    inputs=compute_states(time_s, log_reading(excess))[used],
                     force_n=force[used],
                     weight=np.ones(used.sum()),
                     place=place,

@@ -37,7 +37,7 @@ def test_a_mirror_is_named_as_the_code_names_it(cell: str) -> None:
 
 
 def test_the_share_of_fruit_is_one_number_in_both() -> None:
-    assert closing_curve._FRUIT_SHARE == force_control_world._FRUIT_FRACTION
+    assert closing_curve._FRUIT_FRACTION == force_control_world._FRUIT_FRACTION
 
 
 def test_the_exponents_of_the_twin_are_among_those_of_the_estimators() -> None:

@@ -17,7 +17,7 @@ from tests.contract.servo_bus import ServoBus
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, InputError
 from palpate.grasp.estimator import Observation
 from palpate.grasp.paper import Paper
-from palpate.grasp.paper_method import by_paper
+from palpate.grasp.paper_method import use_paper_method
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult, Outcome
@@ -444,7 +444,7 @@ def test_the_papers_method_through_the_servo(
     plan: Plan, gripper: DynamixelGripper, world: World
 ) -> None:
     calibration = calibrate_twin(seed=5, level="lab", apart_from="strawberry")
-    by_its_steps = by_paper(plan, Paper(), calibration=calibration)
+    by_its_steps = use_paper_method(plan, Paper(), calibration=calibration)
     result = run_grasp(by_its_steps, array=TwinArray(world), gripper=gripper, clock=world.clock)
     truth = world.truth()
     assert result.outcome is Outcome.HELD

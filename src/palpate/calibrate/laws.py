@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from palpate.errors import CalibrationError
 from palpate.estimate.force import PowerForceLaw
-from palpate.estimate.force_follower import FollowsForce, ForceFollower
+from palpate.estimate.force_follower import ForceFollower, ForceSource
 from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.force_now import ForceLaws, ForceNow
-from palpate.estimate.pixel_law import PixelReading, PlacedReadings, fit_laws
-from palpate.estimate.sheet_creep import OwnCreep
-from palpate.estimate.weights_check import score_left_out_loads, score_left_out_placements
+from palpate.estimate.pixel_law import PixelReading, PlacementReadings, fit_laws
+from palpate.estimate.sheet_creep import SheetCreep
+from palpate.estimate.weights_check import score_held_out_loads, score_held_out_placements
 from palpate.sensor.calibration import Calibration, ForcePairs
 
 #: A step is read this long after its movement, in the calibration as in the grasp, because the
@@ -53,7 +53,7 @@ def laws_with_memory(pairs: ForcePairs) -> ForceLaws:
     return laws_of(pairs)._replace(memory=ForceLaw.fit(excess, force_n=force_n))
 
 
-def force_now(pairs: ForcePairs) -> FollowsForce:
+def force_now(pairs: ForcePairs) -> ForceSource:
     """Return the force tracker from frames alone, by the laws of a grasp.
 
     Dead weights give settled readings only: there it is `ForceLaw`, with a prior from other sensors
@@ -74,11 +74,11 @@ def is_made_by_weights(pairs: ForcePairs) -> bool:
     return bool(pairs.since_move_s) and bool(np.isclose(pairs.since_move_s, HORIZON_S).all())
 
 
-def placements_of(pairs: ForcePairs) -> PlacedReadings:
+def placements_of(pairs: ForcePairs) -> PlacementReadings:
     """Return the readings that the laws of a grasp are fitted to, by placement."""
     since_s = np.array(pairs.since_move_s)
     used = np.isclose(since_s, DWELL_S) | np.isclose(since_s, HORIZON_S)
-    return PlacedReadings(
+    return PlacementReadings(
         run=np.array(pairs.run, dtype=float)[used],
         pixel_excess=np.array(pairs.pixel_excess)[used],
         force_n=np.array(pairs.force_n)[used],
@@ -102,9 +102,9 @@ def with_force_law(recorded: Calibration) -> Calibration:
     held_out: dict[str, Any] = {"of": "settled force"}
     if is_made_by_weights(pairs):
         known = ForceLaw.fit(list(excess), force_n=force_n)
-        held_out["error_percent"] = score_left_out_loads(excess, force_n=force_n)
+        held_out["error_percent"] = score_held_out_loads(excess, force_n=force_n)
         return replace(recorded, force_law=known.as_dict(), held_out=held_out)
-    errors = score_left_out_placements(placements_of(pairs))
+    errors = score_held_out_placements(placements_of(pairs))
     held_out |= {"error_percent": errors["settled"], "early_error_percent": errors["early"]}
     law = PowerForceLaw.fit(excess, force_n=force_n)
     return replace(recorded, force_law=law.as_dict(), held_out=held_out)
@@ -135,11 +135,11 @@ def pairs_at(
     return np.array(pairs.excess)[chosen], np.array(pairs.force_n)[chosen]
 
 
-def fit_creep(pairs: ForcePairs, reading: PixelReading) -> OwnCreep | None:
+def fit_creep(pairs: ForcePairs, reading: PixelReading) -> SheetCreep | None:
     """Return the sheet's creep in each hold, from the last step to the end."""
     since_s, run = np.array(pairs.since_move_s), np.array(pairs.run)
     excess = np.array(pairs.pixel_excess if pairs.pixel_excess else pairs.excess)
     seen = reading.reading(excess.reshape(since_s.size, 1, -1))
     held = np.flatnonzero(np.isclose(since_s[1:], HORIZON_S) & np.isclose(since_s[:-1], DWELL_S))
     held = held[run[held] == run[held + 1]]
-    return OwnCreep.fit(seen[held], settled=seen[held + 1], early_s=DWELL_S, settled_s=HORIZON_S)
+    return SheetCreep.fit(seen[held], settled=seen[held + 1], early_s=DWELL_S, settled_s=HORIZON_S)

@@ -18,7 +18,7 @@ from palpate.estimate.damage_learning import (
     find_unfit,
     learn_damage,
     read_closings,
-    score_left_out,
+    score_held_out,
 )
 from palpate.estimate.measurement import Measurement
 from palpate.files import keep_inputs
@@ -79,7 +79,7 @@ def _learn(closings: list[FruitClosing], *, files: tuple[Path, ...], rate: float
         learned_from={path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files},
         made_at=format_now(),
         left_out=left_out,
-        held_out=score_left_out(used),
+        held_out=score_held_out(used),
     )
 
 

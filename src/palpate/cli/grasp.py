@@ -98,7 +98,7 @@ def grasp(
     from palpate.cli.grasp_card import print_card
     from palpate.cli.grasp_extras import open_limit, open_store_entry, run_watched
     from palpate.grasp.document import grasp_document
-    from palpate.grasp.paper_method import by_paper
+    from palpate.grasp.paper_method import use_paper_method
     from palpate.grasp.planning import plan_grasp
     from palpate.grasp.pull import judge_pull
     from palpate.rig import open_rig
@@ -131,7 +131,7 @@ def grasp(
             kind="" if limit is None else limit.kind,
         )
         if paper is not None:
-            plan = by_paper(plan, paper, calibration=devices.calibration)
+            plan = use_paper_method(plan, paper, calibration=devices.calibration)
         result = run_watched(
             plan, rig=devices, limit=limit, entry=entry, record=record, stack=stack
         )

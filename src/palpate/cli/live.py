@@ -21,7 +21,7 @@ from palpate.cli.output import say
 from palpate.cli.sensor_source import SensorSource, open_source
 from palpate.clock import Clock, RealClock
 from palpate.errors import InputError
-from palpate.estimate.force_follower import FollowsForce
+from palpate.estimate.force_follower import ForceSource
 from palpate.foxglove import LAYOUT
 from palpate.foxglove.channels import Link
 from palpate.recording import Event
@@ -91,7 +91,7 @@ def live(
                 break
 
 
-def _follow_force(source: SensorSource) -> FollowsForce:
+def _follow_force(source: SensorSource) -> ForceSource:
     """Return the force tracker of the source's calibration."""
     calibration = source.find_calibration()
     if calibration is None:

@@ -12,7 +12,7 @@ from palpate.arrays import FloatArray
 from palpate.cli.sensor_source import SensorSource
 from palpate.clock import Clock
 from palpate.errors import DeviceTimeoutError
-from palpate.estimate.force_follower import FollowsForce
+from palpate.estimate.force_follower import ForceSource
 from palpate.estimate.measurement import Measurement
 from palpate.gripper.interface import Gripper, GripperCommand
 from palpate.sensor.array import Frame
@@ -61,7 +61,7 @@ class LiveReading:
         *,
         rest_ohm: FloatArray | None,
         clock: Clock,
-        force: FollowsForce | None = None,
+        force: ForceSource | None = None,
     ) -> None:
         self.source, self.calibrated = source, rest_ohm is not None
         self._layout = source.array.layout

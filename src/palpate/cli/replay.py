@@ -10,7 +10,7 @@ from palpate.cli.grasp_card import print_card
 from palpate.cli.options import CutoffOption, EpsilonOption, JsonOption, Method, opt, paper_settings
 from palpate.cli.output import print_json
 from palpate.clock import ManualClock
-from palpate.grasp.decide_again import decide_again, read_by_paper
+from palpate.grasp.decide_again import decide_again, evaluate_with_paper_method
 from palpate.recording import RecordingReader, Replay
 from palpate.recording.replay import observations
 
@@ -48,7 +48,9 @@ def replay(
             _play(source, as_json=as_json)
             return
         result = (
-            decide_again(source, clock=clock) if paper is None else read_by_paper(source, paper)
+            decide_again(source, clock=clock)
+            if paper is None
+            else evaluate_with_paper_method(source, paper)
         )
     finally:
         source.close()

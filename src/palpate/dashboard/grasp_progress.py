@@ -152,7 +152,7 @@ def grasp_progress_of(
         thinned = grasp_state.snapshot()
         thinned.estimate.touches = touches[::-every][::-1]
         foreseen = forecast(thinned.estimate, plan=plan)
-        thinned.take_answer(foreseen, plan=plan)
+        thinned.set_settled_force(foreseen, plan=plan)
         would_answer = thinned.result
         settled, settled_n = foreseen.relative_percent, would_answer.force_n
         settled_gain = None

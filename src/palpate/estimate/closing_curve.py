@@ -36,7 +36,7 @@ _COMPLIANCE_SD = 0.02
 _RELAXED = ((0.6, -0.03, 0.04), (0.4, -0.2, 0.1))
 #: Sheet and current show no relaxation of a held object. For half of them, fruit, the force is
 #: lower than estimated by this much (ln).
-_FRUIT_SHARE, _UNSEEN, _UNSEEN_SD = 0.5, -0.06, 0.04
+_FRUIT_FRACTION, _UNSEEN, _UNSEEN_SD = 0.5, -0.06, 0.04
 #: A staircase is no clean step, and settling is known only for clean steps: its forecast has this
 #: error (ln force) beyond its own interval.
 _FORECAST_SD = 0.02
@@ -49,7 +49,7 @@ _GAINS, _SCALES, _DRAWS = 5, 40, 4000
 _UNKNOWN = 5
 #: Share of the uncertainty of the gain that each place of the grid solves for, so that what is not
 #: proportional in a large uncertainty is evaluated at several places.
-_SOLVED_SHARE = 0.5
+_SOLVED_FRACTION = 0.5
 
 #: A step that raises the force at once is read low, because the sheet lags: by this fraction of the
 #: rise (in ln force) that still lags. On development closings of the twin, compared with
@@ -62,13 +62,13 @@ _RECOVERY = 0.3
 #: This contact's exponent against the law's, because the load spreads over the pixels as it grows
 #: and a sheet near its end bends: scatter per unit of ln force, as a share of the law's own scatter
 #: from placement to placement, and its least and most.
-_TILT_SHARE, _TILT_SDS = 0.5, (0.04, 0.4)
+_TILT_FRACTION, _TILT_SDS = 0.5, (0.04, 0.4)
 #: The servo's current gives the gain all along the closing, from this fraction of the force on and
 #: with a weight that grows with it; the lag of the sheet is taken out there.
 _GAIN_FROM = 0.3
 #: A reading below this many standard deviations of faint forces may be drift before the contact:
 #: such a step shows only that the force was no larger.
-FELT = 2.0
+CONTACT_SD = 2.0
 #: The data are readings at given widths, but the equations are of widths at given readings. This
 #: power of the slopes between the two counts where a step before contact bounds the size (a bound
 #: is needed: a deep contact has large slopes). On development closings of the twin 0 gave a size
@@ -148,7 +148,7 @@ def measure_closing(
     own_sd = float(np.sqrt(max(log_sd**2 - curve.gain_sd**2, 0.0) + _FORECAST_SD**2))
     log_force = np.log(force.middle) + own_sd * rng.standard_normal(_DRAWS)
     unseen = _UNSEEN + _UNSEEN_SD * rng.standard_normal(_DRAWS)
-    log_force += held.end_gain + np.where(rng.random(_DRAWS) < _FRUIT_SHARE, unseen, 0.0)
+    log_force += held.end_gain + np.where(rng.random(_DRAWS) < _FRUIT_FRACTION, unseen, 0.0)
     force_n = np.exp(log_force)
     deformed = (
         held.size_mm - opening_mm - held.compliance_factor * compliance.deflection_mm(force_n)
@@ -220,7 +220,7 @@ def _posterior(
 def _gains(curve: ClosingSteps) -> FloatArray:
     """Return equally likely gains, of ln force; the other uncertainty is solved for each."""
     middles = ndtri((np.arange(_GAINS) + 0.5) / _GAINS)
-    kept = np.sqrt(1 - _SOLVED_SHARE**2) / np.std(middles)
+    kept = np.sqrt(1 - _SOLVED_FRACTION**2) / np.std(middles)
     return np.asarray(curve.own_gain_sd * kept * middles)
 
 
@@ -231,7 +231,7 @@ def _weigh(curve: ClosingSteps, compliance: Compliance, scales: FloatArray) -> _
     doubt = scatters[:, None] ** 2 + (curve.floor_n / curve.samples.read_n) ** 2
     sharp_mm = max(compliance.residual_mm, _SHARPEST_MM)
     weight = 1.0 / (sharp_mm**2 + design[..., None, :, 1] ** 2 * doubt)
-    gain_sd = max(_SOLVED_SHARE * curve.own_gain_sd, 1e-3)
+    gain_sd = max(_SOLVED_FRACTION * curve.own_gain_sd, 1e-3)
     known = np.array([np.inf, gain_sd, tilt_sd(curve.law_sd), LAG_SD, _COMPLIANCE_SD])
     # From the middle: sums of squares of whole widths would lose the digits that count.
     middle_mm = float(touch_mm.mean())
@@ -314,7 +314,7 @@ def compute_lag(force_n: FloatArray, *, faint_n: float) -> FloatArray:
 
 def tilt_sd(law_sd: float) -> float:
     """Return the scatter of a contact's exponent, from the scatter of the law."""
-    return float(np.clip(_TILT_SHARE * law_sd, *_TILT_SDS))
+    return float(np.clip(_TILT_FRACTION * law_sd, *_TILT_SDS))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -348,7 +348,7 @@ class ClosingSteps:
     @property
     def faint_n(self) -> float:
         """Force below which a reading shows only that it is small."""
-        return FELT * self.floor_n
+        return CONTACT_SD * self.floor_n
 
     @property
     def is_certain(self) -> NDArray[np.bool_]:

@@ -91,18 +91,18 @@ class DamageModel:
         """
 
         def excess(log_force: float) -> float:
-            return self.rate_below(float(np.exp(log_force)), stiffness, kind=kind) - self.rate
+            return self.damage_rate(float(np.exp(log_force)), stiffness, kind=kind) - self.rate
 
         return float(np.exp(brentq(excess, *_LOG_BOUNDS_N, xtol=1e-3)))
 
-    def rate_below(self, force_n: float, stiffness: Measurement, *, kind: str = "") -> float:
+    def damage_rate(self, force_n: float, stiffness: Measurement, *, kind: str = "") -> float:
         """Return the fraction of such objects that a force damages; the inverse of `bound_n`."""
         strength = self.strengths[kind if kind in self.strengths else ""]
         log_stiffness, weight = strength.likely(stiffness)
         return float(weight @ strength.below(force_n, log_stiffness))
 
 
-def half_load(predictions: Sequence[RupturePrediction]) -> RupturePrediction | None:
+def prediction_at_half_load(predictions: Sequence[RupturePrediction]) -> RupturePrediction | None:
     """Return the prediction made when the force first reached half of it.
 
     Where the object ruptured before that, the last one known; None where nothing was known.
@@ -139,11 +139,11 @@ def fit_damage_model(
         strengths[kind] = fit_strength(
             [paths[i] for i in chosen], rupture_force_n=limits_n[chosen].tolist()
         )
-        low_fractions[kind] = _low_share([paths[i] for i in chosen], limits_n[chosen])
+        low_fractions[kind] = _low_fraction([paths[i] for i in chosen], limits_n[chosen])
     return DamageModel(strengths=strengths, low_fractions=low_fractions, rate=rate)
 
 
-def _low_share(paths: Sequence[Path], limits_n: NDArray[np.float64]) -> float:
+def _low_fraction(paths: Sequence[Path], limits_n: NDArray[np.float64]) -> float:
     """Return the fraction of its prediction at half load that objects exceed with the level."""
     shares = []
     for inside, outside in _folds(len(paths)):

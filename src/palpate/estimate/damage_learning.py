@@ -16,7 +16,7 @@ from palpate.estimate.damage import (
     DamageModel,
     RupturePrediction,
     fit_damage_model,
-    half_load,
+    prediction_at_half_load,
 )
 from palpate.estimate.strength import ClosingCurve, ClosingState
 from palpate.holds.strict import read_table
@@ -107,14 +107,14 @@ def split(
     ]
 
 
-def at_half_load(
+def predict_at_half_load(
     closing: FruitClosing, *, model: DamageModel, kind: str
 ) -> RupturePrediction | None:
     """Return a model's prediction for a closing when half of it is reached."""
-    return half_load([model.predict(state, kind=kind) for state in closing.states])
+    return prediction_at_half_load([model.predict(state, kind=kind) for state in closing.states])
 
 
-def score_left_out(closings: Sequence[FruitClosing]) -> dict[str, HeldOut]:
+def score_held_out(closings: Sequence[FruitClosing]) -> dict[str, HeldOut]:
     """Score a model on closings left out of it, by kind (`""`: kind unknown).
 
     Raises `InputError` if there are too few to leave some out.
@@ -124,7 +124,7 @@ def score_left_out(closings: Sequence[FruitClosing]) -> dict[str, HeldOut]:
         model = learn_damage(training)
         for closing in test:
             for kind in {"", closing.fruit}:
-                half = at_half_load(closing, model=model, kind=kind)
+                half = predict_at_half_load(closing, model=model, kind=kind)
                 if half is None or (kind and kind not in model.strengths):
                     continue
                 alike = [c.rupture_force_n for c in training if kind in ("", c.fruit)]

@@ -48,10 +48,10 @@ def interval_above_zero(measured: float, *, freedom: float, level: float) -> tup
     return float(inside[0]), float(inside[-1])
 
 
-def middle_above_zero(measured: float, *, freedom: float) -> float:
+def median_above_zero(measured: float, *, freedom: float) -> float:
     """Return the middle of what is left once everything below nought is ruled out.
 
-    >>> [round(middle_above_zero(x, freedom=6), 1) for x in (-2.0, 0.0, 4.0)]
+    >>> [round(median_above_zero(x, freedom=6), 1) for x in (-2.0, 0.0, 4.0)]
     [0.5, 0.7, 4.0]
     """
     left = float(stdtr(freedom, measured))

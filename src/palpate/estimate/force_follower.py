@@ -27,7 +27,7 @@ SPREAD_N = (1.5, 4.0, 9.0)
 _READINGS = np.geomspace(0.2, 2e4, 400)
 
 
-class FollowsForce(Protocol):
+class ForceSource(Protocol):
     """Anything that turns frames into the force now."""
 
     def step(self, time_s: float, excess: ArrayLike) -> Measurement:
@@ -35,10 +35,10 @@ class FollowsForce(Protocol):
         ...
 
 
-class TouchWatch:
+class TouchDetector:
     """Whether any pixel is touched, with hysteresis.
 
-    >>> watch = TouchWatch()
+    >>> watch = TouchDetector()
     >>> [watch.step([[excess]]) for excess in (0.05, 0.2, 0.08, 0.02)]
     [False, True, True, False]
     """
@@ -67,7 +67,7 @@ class ForceFollower:
     """
 
     def __init__(self, law: ForceLaw) -> None:
-        self._law, self._states, self._touch = law, ForceStates(), TouchWatch()
+        self._law, self._states, self._touch = law, ForceStates(), TouchDetector()
 
     def step(self, time_s: float, excess: ArrayLike) -> Measurement:
         """Take a frame and return the force now; 0 with an upper end without contact.

@@ -38,7 +38,7 @@ MOST_SAMPLES = 25.0
 #: On a steep rise one force shows the gain of a contact, and little of its memory: an error of
 #: timing resembles memory. There the weights other than the constant take this fraction of a full
 #: update (share 1: strokes .110/.225 and presses .045; .3: .103/.201 and .028).
-MEMORY_SHARE = 0.3
+MEMORY_FRACTION = 0.3
 #: A reading rises where ln excess is this far from its copy of 0.1 s (the third input after x).
 _RISING, _COPY = 0.05, 3
 
@@ -72,7 +72,7 @@ class Population:
     least_n: float
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values; `population_of` reads them back."""
+        """Return plain values; `population_from_dict` reads them back."""
         return {
             one.name: np.asarray(getattr(self, one.name)).tolist() for one in fields(Population)
         }
@@ -107,7 +107,7 @@ def noise_inputs(design: FloatArray) -> FloatArray:
     return np.column_stack([design[:, 0], design[:, 1], speed, design[:, INPUTS]])
 
 
-def with_memory(spread: FloatArray, share: float) -> FloatArray:
+def scale_memory(spread: FloatArray, share: float) -> FloatArray:
     """Return a covariance of weights with less spread of all but the constant."""
     factor = np.full(len(spread), share)
     factor[0] = 1.0
@@ -215,7 +215,9 @@ class ForceLaw:
         many = np.ndim(force_n) > 0
         inputs, log_n = _samples(reading if many else [reading], np.atleast_1d(force_n))
         rising = bool((np.abs(inputs[:, _COPY]) > _RISING).any())
-        self._take(inputs, log_n, sd=sd_n * np.exp(-log_n), memory=MEMORY_SHARE if rising else 1.0)
+        self._take(
+            inputs, log_n, sd=sd_n * np.exp(-log_n), memory=MEMORY_FRACTION if rising else 1.0
+        )
         self._given = True
         return self
 
@@ -273,7 +275,7 @@ class ForceLaw:
                 f"force law {stored.get('law')!r} is unknown; calibrate the force again"
             )
         try:
-            law = cls(population_of(stored["population"]))
+            law = cls(population_from_dict(stored["population"]))
             law.mean = _shape(stored["weights"], law.mean.shape)
             law.covariance = _shape(stored["covariance"], law.covariance.shape)
             law.known, law.least_n = int(stored["known"]), float(stored["least_n"])
@@ -290,11 +292,11 @@ class ForceLaw:
         memory: float = 1.0,
         other_contact: bool = False,
     ) -> None:
-        """Update the weights with samples of one contact (Kalman); `memory`: `MEMORY_SHARE`."""
+        """Update the weights with samples of one contact (Kalman); `memory`: `MEMORY_FRACTION`."""
         design = self.population.design(inputs, given=self._given)
         share = max(len(log_n) / MOST_SAMPLES, 1.0)
         noise = share * (self.population.variance(design) + np.asarray(sd) ** 2)
-        gain = with_memory(self.covariance, memory) @ design.T
+        gain = scale_memory(self.covariance, memory) @ design.T
         scatter = np.diag(noise)
         if other_contact:
             # What this contact has of its own is shared by its samples, and no part of the place.
@@ -312,10 +314,10 @@ class ForceLaw:
 def load_population() -> Population:
     """Return the population that palpate ships; `palpate study force-population` learns it."""
     stored = files("palpate.estimate").joinpath("force_population.json").read_text("utf-8")
-    return population_of(json.loads(stored))
+    return population_from_dict(json.loads(stored))
 
 
-def population_of(stored: Mapping[str, Any]) -> Population:
+def population_from_dict(stored: Mapping[str, Any]) -> Population:
     """Return a population from plain values; raises `KeyError` or `ValueError` if one is wrong."""
     curved, all_weights = (INPUTS + 1,), (INPUTS + 3,)
     shapes = {"centre": curved, "scale": curved, "mean": all_weights, "noise": (4,)}

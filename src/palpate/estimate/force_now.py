@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.estimate.force import ForceEstimate, StaticLaw
-from palpate.estimate.force_follower import ForceFollower, TouchWatch
+from palpate.estimate.force_follower import ForceFollower, TouchDetector
 from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.gain import Gain
 from palpate.estimate.measurement import Measurement
@@ -28,7 +28,7 @@ from palpate.estimate.pixel_law import PixelReading
 
 #: A load moved where the reading differs by this share from its copy of this time constant: creep
 #: changes it by a few percent in that time.
-_MOVED_SHARE, _COPY_S = 0.2, 0.5
+_MOVED_FRACTION, _COPY_S = 0.2, 0.5
 #: Readings below this are noise of the rest.
 _FAINT = 0.02
 
@@ -82,7 +82,7 @@ class ForceNow:
         self._laws, self.gains = laws, ContactGains()
         self._early_s, self._settled_s, self._level = early_s, settled_s, level
         self._memory = None if laws.memory is None else ForceFollower(laws.memory)
-        self._copy, self._touch = 0.0, TouchWatch()
+        self._copy, self._touch = 0.0, TouchDetector()
         self._last_s = self._moved_s = -math.inf
 
     def step(self, time_s: float, excess: ArrayLike) -> Measurement:
@@ -95,7 +95,7 @@ class ForceNow:
         share = -math.expm1(-max(time_s - self._last_s, 0.0) / _COPY_S)
         self._copy += share * (seen - self._copy)
         if self._last_s == -math.inf or abs(seen - self._copy) > max(
-            _MOVED_SHARE * self._copy, _FAINT
+            _MOVED_FRACTION * self._copy, _FAINT
         ):
             self._moved_s = time_s
         self._last_s = time_s

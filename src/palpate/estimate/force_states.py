@@ -90,7 +90,7 @@ class ForceStates:
         return np.concatenate([[reading], reading - self._copies, [fall]])
 
 
-def states_of(time_s: ArrayLike, reading: ArrayLike) -> FloatArray:
+def compute_states(time_s: ArrayLike, reading: ArrayLike) -> FloatArray:
     """Return the inputs at every sample of a recording, shape (n_times, 8).
 
     Parameters

@@ -199,7 +199,7 @@ class PixelForceLaw:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PlacedReadings:
+class PlacementReadings:
     """Sheet readings with load-cell forces: some soon after a movement, some settled."""
 
     run: FloatArray
@@ -207,16 +207,16 @@ class PlacedReadings:
     force_n: FloatArray
     early: NDArray[np.bool_]
 
-    def without(self, run: float) -> PlacedReadings:
+    def without(self, run: float) -> PlacementReadings:
         """Return the readings of all other placements."""
         return self._where(self.run != run)
 
-    def only(self, run: float) -> PlacedReadings:
+    def only(self, run: float) -> PlacementReadings:
         """Return the readings of one placement."""
         return self._where(self.run == run)
 
-    def _where(self, chosen: NDArray[np.bool_]) -> PlacedReadings:
-        return PlacedReadings(
+    def _where(self, chosen: NDArray[np.bool_]) -> PlacementReadings:
+        return PlacementReadings(
             run=self.run[chosen],
             pixel_excess=self.pixel_excess[chosen],
             force_n=self.force_n[chosen],
@@ -224,7 +224,7 @@ class PlacedReadings:
         )
 
 
-def fit_laws(placements: PlacedReadings) -> tuple[PixelReading, PixelForceLaw, PixelForceLaw]:
+def fit_laws(placements: PlacementReadings) -> tuple[PixelReading, PixelForceLaw, PixelForceLaw]:
     """Fit the reading, its law soon after a movement, and its law when settled.
 
     The uncertainty is measured on placements held out of the fit.
@@ -234,7 +234,7 @@ def fit_laws(placements: PlacedReadings) -> tuple[PixelReading, PixelForceLaw, P
     reading, early, settled = _fit(placements)
     if np.unique(placements.run).size < _FEWEST_RUNS:
         return reading, early, settled
-    estimated, force, is_early = read_left_out(placements)
+    estimated, force, is_early = predict_held_out(placements)
     return (
         reading,
         _with_uncertainty(early, estimated[is_early], force[is_early]),
@@ -242,7 +242,9 @@ def fit_laws(placements: PlacedReadings) -> tuple[PixelReading, PixelForceLaw, P
     )
 
 
-def read_left_out(placements: PlacedReadings) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+def predict_held_out(
+    placements: PlacementReadings,
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Read each placement by laws fitted to the others.
 
     Returns, each of shape (n,), force by the laws, reference force, and whether it was read soon
@@ -259,7 +261,7 @@ def read_left_out(placements: PlacedReadings) -> tuple[FloatArray, FloatArray, N
     return np.concatenate(estimated), np.concatenate(force), np.concatenate(early)
 
 
-def _fit(placements: PlacedReadings) -> tuple[PixelReading, PixelForceLaw, PixelForceLaw]:
+def _fit(placements: PlacementReadings) -> tuple[PixelReading, PixelForceLaw, PixelForceLaw]:
     early, force, run = placements.early, placements.force_n, placements.run
     reading = PixelReading.fit(placements.pixel_excess[early], force_n=force[early])
     seen = reading.reading(placements.pixel_excess[:, None, :])
@@ -271,7 +273,7 @@ def _fit(placements: PlacedReadings) -> tuple[PixelReading, PixelForceLaw, Pixel
 
 
 #: Largest uncertainty of a sheet that can be calibrated at all.
-_MOST_DOUBT = 0.7
+_MAX_LOG_SD = 0.7
 #: With at least this many errors their quantile is believed.
 _MANY = 20
 
@@ -288,7 +290,7 @@ def _with_uncertainty(
     error_n = np.abs(estimated[~firm] - force[~firm])
     return replace(
         law,
-        residual_sd=min(max(_spread(log_error, tenth), 0.03), _MOST_DOUBT),
+        residual_sd=min(max(_spread(log_error, tenth), 0.03), _MAX_LOG_SD),
         floor_n=max(_spread(error_n, tenth), 0.02),
     )
 

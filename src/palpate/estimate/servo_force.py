@@ -34,13 +34,13 @@ _SHAPE_SD = 0.03
 WARMTH_SD = 0.035
 #: Force that a sheet may not show (threshold of its pixels, typical), newtons, and the least
 #: fraction of the final force that a reading must have to be used.
-_BLIND_N, _LEAST_SHARE = 0.25, 0.3
+_THRESHOLD_N, _MIN_FRACTION = 0.25, 0.3
 #: Friction grows with the load: by this share of the grip (a guess for small geared servos, between
 #: a twentieth and a quarter). The empty hand does not show how that part scatters.
-_LOADED_SHARE = 0.15
+_LOAD_FRACTION = 0.15
 #: Friction where no empty hand was closed: this fraction of it from movement to movement, and along
 #: the way (a guess for small geared servos, between a tenth and a quarter).
-_USUAL_SHARE = 0.15
+_TYPICAL_FRACTION = 0.15
 
 #: Below this force on the load cell nothing is pressed, newtons.
 _FREE_N = 0.1
@@ -50,7 +50,7 @@ _LONG_MM = 5.0
 _SPACING_MM, _SMOOTHING_MM = 0.5, 0.4
 #: From this many short movements on their own scatter is believed; before that, this share of the
 #: friction is taken for it (a guess for small geared servos, between a tenth and a quarter).
-_FEWEST_MOVEMENTS, _USUAL_GEAR_SHARE = 10, 0.15
+_FEWEST_MOVEMENTS, _TYPICAL_GEAR_FRACTION = 10, 0.15
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,7 +94,7 @@ class CurrentLaw:
                 "the current of the fingers' drive, with the sign of closing?"
             )
         if gears is None:
-            usual_ma = _USUAL_SHARE * abs(zero)
+            usual_ma = _TYPICAL_FRACTION * abs(zero)
             gears = GearFriction(mean_ma=zero, mean_sd_ma=usual_ma, movement_ma=usual_ma)
         return cls(gears=gears, ma_per_n=slope, noise_ma=noise_ma)
 
@@ -128,7 +128,7 @@ class CurrentLaw:
         (True, 0.15)
         """
         share = np.asarray(share, dtype=float)
-        if not share.size or not share.max() > _LEAST_SHARE:
+        if not share.size or not share.max() > _MIN_FRACTION:
             return None
         gears_ma = self.gears.at(np.asarray(width_mm, dtype=float))
         force_n = (np.asarray(current_ma, dtype=float) - gears_ma) / self.ma_per_n
@@ -141,10 +141,10 @@ class CurrentLaw:
             moved_n = movement_n * (1.0 + self._load_fraction(end_n) * share)
             scatter = noise_n**2 * np.eye(share.size) + alike * np.outer(moved_n, moved_n)
             weighed = np.linalg.solve(scatter, design)
-            covariance = np.linalg.inv(design.T @ weighed + np.diag([0.0, 1.0 / _BLIND_N**2]))
+            covariance = np.linalg.inv(design.T @ weighed + np.diag([0.0, 1.0 / _THRESHOLD_N**2]))
             end_n = float((covariance @ (weighed.T @ force_n))[0])
         mean_sd_n = self.gears.mean_sd_ma / self.ma_per_n
-        seen = share[share > _LEAST_SHARE]
+        seen = share[share > _MIN_FRACTION]
         tilted = tilt_sd * float(np.average(np.log(seen), weights=seen**2))
         return MeasuredForce(
             force_n=end_n,
@@ -155,7 +155,7 @@ class CurrentLaw:
     def _load_fraction(self, force_n: float) -> float:
         """Return by which fraction of itself the friction grows under a force."""
         free_ma = max(self.gears.mean_ma, 1e-9)
-        return min(_LOADED_SHARE * self.ma_per_n * max(force_n, 0.0) / free_ma, 2.0)
+        return min(_LOAD_FRACTION * self.ma_per_n * max(force_n, 0.0) / free_ma, 2.0)
 
 
 def _line(pairs: CurrentPairs, gears: GearFriction | None) -> tuple[float, float, float]:
@@ -219,7 +219,7 @@ class GearFriction:
         ]
         if len(short) < _FEWEST_MOVEMENTS:
             mean_ma, count = float(np.mean(levels)), len(levels)
-            movement_ma = _USUAL_GEAR_SHARE * abs(mean_ma)
+            movement_ma = _TYPICAL_GEAR_FRACTION * abs(mean_ma)
         else:
             mean_ma, count = float(np.mean([level for _, level in short])), len(short)
             noise = [np.var(current, ddof=1) / current.size for (_, current), _ in short]

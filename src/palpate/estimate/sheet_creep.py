@@ -30,7 +30,7 @@ _MAD = 1.4826
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OwnCreep:
+class SheetCreep:
     """Growth of one sheet's reading from soon after a step until it counts as settled."""
 
     #: Of ln(settled reading / early reading) over the holds of the calibration.
@@ -43,13 +43,13 @@ class OwnCreep:
     @classmethod
     def fit(
         cls, early: FloatArray, *, settled: FloatArray, early_s: float, settled_s: float
-    ) -> OwnCreep | None:
+    ) -> SheetCreep | None:
         """Learn from the readings of holds, shape (n,) each; None from too few.
 
         Medians: a placement near a pixel's threshold shows little of the others.
 
         >>> early = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
-        >>> creep = OwnCreep.fit(early, settled=1.2 * early, early_s=0.4, settled_s=20.0)
+        >>> creep = SheetCreep.fit(early, settled=1.2 * early, early_s=0.4, settled_s=20.0)
         >>> round(float(np.exp(creep.log_mean)), 3), round(creep.log_sd, 3)
         (1.2, 0.0)
         """
@@ -74,7 +74,7 @@ class OwnCreep:
         `forecast`: by a predictor for sheets in general.
         `now`, `since_s`: the present reading, and the time since the last movement began.
 
-        >>> creep = OwnCreep(log_mean=0.2, log_sd=0.0, early_s=0.4, settled_s=20.0)
+        >>> creep = SheetCreep(log_mean=0.2, log_sd=0.0, early_s=0.4, settled_s=20.0)
         >>> predicted = Measurement(value=1.0, low=0.8, high=1.2, unit="reading")
         >>> found = creep.join(predicted, now=1.0, since_s=0.4 * 50**0.5)
         >>> round(found.value, 2), found.high - found.value < 0.1

@@ -20,7 +20,7 @@ from scipy.special import ndtr, ndtri
 
 from palpate.estimate.closing_curve import ClosingSteps, normal_density
 from palpate.estimate.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Compliance
-from palpate.estimate.feldman_cousins import interval_above_zero, middle_above_zero
+from palpate.estimate.feldman_cousins import interval_above_zero, median_above_zero
 from palpate.estimate.measurement import Measurement
 from palpate.settling.result import Status
 
@@ -74,7 +74,7 @@ def measure_soft_stiffness(
     hand_mm_per_n = float(compliance.deflection_mm(force.middle)) / force.middle
     beyond = (log_mm_per_n - math.log(hand_mm_per_n)) / sd
     least, most = interval_above_zero(beyond, freedom=_FREEDOM, level=force.level)
-    middle = middle_above_zero(beyond, freedom=_FREEDOM)
+    middle = median_above_zero(beyond, freedom=_FREEDOM)
     low, value, high = (
         _stiffness_n_per_mm(hand_mm_per_n * math.expm1(min(sd * end, 700.0)))
         for end in (most, middle, least)

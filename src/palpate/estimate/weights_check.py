@@ -9,7 +9,7 @@ from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.line_law import LineForceLaw
-from palpate.estimate.pixel_law import PlacedReadings, read_left_out
+from palpate.estimate.pixel_law import PlacementReadings, predict_held_out
 from palpate.sensor.calibration import ForcePairs
 
 #: Forces at which a calibration reports what error to expect, newtons, and the ratio within which a
@@ -20,7 +20,7 @@ _NEAR = 1.4
 FEWEST_PLACEMENTS = 3
 
 
-def score_left_out_placements(placements: PlacedReadings) -> dict[str, dict[str, float | None]]:
+def score_held_out_placements(placements: PlacementReadings) -> dict[str, dict[str, float | None]]:
     """Return the median errors of a grasp's laws on placements left out, percent.
 
     A grasp is one more placement, so every placement counts once: by its readings near the force,
@@ -28,12 +28,12 @@ def score_left_out_placements(placements: PlacedReadings) -> dict[str, dict[str,
     gain, about the same at every force; the few placements that reach the highest show too little
     of it.
 
-    Keys are "settled" and "early" (soon after a movement), values as of `score_left_out_loads`.
+    Keys are "settled" and "early" (soon after a movement), values as of `score_held_out_loads`.
     """
     if np.unique(placements.run).size < FEWEST_PLACEMENTS:
         nothing = {f"{at_n:g}_n": None for at_n in _AT_N}
         return {"settled": dict(nothing), "early": dict(nothing)}
-    read_n, force, early = read_left_out(placements)
+    read_n, force, early = predict_held_out(placements)
     # Read placement by placement.
     run = np.sort(placements.run)
     log_force, error = np.log(np.maximum(force, 1e-3)), np.abs(read_n / np.maximum(force, 1e-3) - 1)
@@ -66,18 +66,18 @@ def _error_near(log_force: FloatArray, error: FloatArray) -> dict[str, float | N
     return found
 
 
-def score_left_out_loads(excess: ArrayLike, *, force_n: ArrayLike) -> dict[str, float | None]:
+def score_held_out_loads(excess: ArrayLike, *, force_n: ArrayLike) -> dict[str, float | None]:
     """Return the median error near 1, 5 and 10 N of held-out loads, percent.
 
     None where no load is near.
     """
     y = np.asarray(force_n, dtype=float)
-    error = np.abs(read_left_out_loads(excess, force_n=y) / y - 1.0)
+    error = np.abs(predict_held_out_loads(excess, force_n=y) / y - 1.0)
     known = np.isfinite(error)
     return _error_near(np.log(y[known]), error[known])
 
 
-def read_left_out_loads(excess: ArrayLike, *, force_n: ArrayLike) -> FloatArray:
+def predict_held_out_loads(excess: ArrayLike, *, force_n: ArrayLike) -> FloatArray:
     """Read each load by the law of all others; NaN if there are none.
 
     All readings of one load are left out together.
@@ -92,7 +92,7 @@ def read_left_out_loads(excess: ArrayLike, *, force_n: ArrayLike) -> FloatArray:
     return read_n
 
 
-def score_line_on_left_out(pairs: ForcePairs, *, horizon_s: float) -> dict[str, float | None]:
+def score_line_held_out(pairs: ForcePairs, *, horizon_s: float) -> dict[str, float | None]:
     """Return the paper line's median error near 1, 5 and 10 N, percent, as above.
 
     Every placement is left out once; of one placement, every load.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
-from palpate.estimate.closing_curve import FELT, ClosingSteps, measure_closing
+from palpate.estimate.closing_curve import CONTACT_SD, ClosingSteps, measure_closing
 from palpate.estimate.compliance import (
     SOFTEST_N_PER_MM,
     STIFFEST_N_PER_MM,
@@ -167,10 +167,10 @@ def _bound_by_travel(
     unfelt = [
         step.closure
         for step in estimate.steps
-        if step.touch.deepest_percent > READING.contact_percent
+        if step.touch.strongest_percent > READING.contact_percent
     ]
     pressed = [
-        step.closure for step in estimate.steps if step.touch.shared_percent <= plan.hint_percent
+        step.closure for step in estimate.steps if step.touch.weaker_percent <= plan.hint_percent
     ]
     begin = unfelt[-1] if unfelt else estimate.steps[0].closure - APPROACH.overrun_steps * plan.step
     longest_mm = mm_per_unit(plan) * (estimate.closure - begin)
@@ -185,7 +185,7 @@ def _bound_by_travel(
     )
     shortest_mm = surely_mm - float(compliance.deflection_mm(force.high))
     # The first reading may include as much force as the scatter of faint readings.
-    begun_n = FELT * floor_n(plan)
+    begun_n = CONTACT_SD * floor_n(plan)
     own_mm = longest_mm - float(compliance.deflection_mm(force.middle))
     low, high, value = (
         min(max(force_n / max(way_mm, 1e-3), SOFTEST_N_PER_MM), STIFFEST_N_PER_MM)
@@ -307,12 +307,12 @@ def _read_steps(
 ) -> tuple[FloatArray, NDArray[np.bool_], ForceEstimate]:
     """Return each step's opening (mm or -kPa), whether a contact was detected, and early force."""
     reading = [step.touch.reading for step in steps]
-    shared_percent = np.array([step.touch.shared_percent for step in steps])
+    weaker_percent = np.array([step.touch.weaker_percent for step in steps])
     read = estimate.gain.apply_to(plan.early_law.force_n(reading, level=plan.level))
     return (
         np.array([_opening(plan, step.closure) for step in steps]),
         # Pixels that rise may cancel the fall of others.
-        (shared_percent < READING.contact_percent) & (read.value > 0.0),
+        (weaker_percent < READING.contact_percent) & (read.value > 0.0),
         read,
     )
 
@@ -341,7 +341,7 @@ def _steps_from_touch(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingSte
 
     Drift can resemble a faint contact long before the real one: no more than two steps of it.
     """
-    hinted = [c.touch.shared_percent < plan.hint_percent for c in estimate.steps]
+    hinted = [c.touch.weaker_percent < plan.hint_percent for c in estimate.steps]
     if not any(hinted):
         return ()
     return estimate.steps[max(hinted.index(True) - 2, 0) :]

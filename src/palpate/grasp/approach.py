@@ -11,7 +11,7 @@ from palpate.grasp.config import APPROACH, GUARDS, READING
 from palpate.grasp.estimator import ContactEstimate, Touch, closure_of
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
-from palpate.grasp.rest import prove_rest, take_rest
+from palpate.grasp.rest import measure_rest, verify_rest
 from palpate.grasp.result import Outcome
 from palpate.grasp.safety_filter import quantize_target, safe_step, stop_here
 from palpate.grasp.state import Attempt, GraspState
@@ -25,20 +25,22 @@ def approach(state: GraspState, plan: Plan) -> GripperCommand | None:
     return _ACTIVITIES[state.attempt.activity](state, plan)
 
 
-def touch_finely(state: GraspState, plan: Plan) -> GripperCommand | None:
+def approach_in_steps(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Measure the rest values, then close step by step until both fingers are in contact."""
     estimate, attempt = state.estimate, state.attempt
     if estimate.rest_ohm is None:
-        return _continue(state, plan) if take_rest(state, plan=plan) else None
+        return _continue(state, plan) if measure_rest(state, plan=plan) else None
     if estimate.still_s < plan.dwell_s or not estimate.touches:
         return None
     if estimate.released_s is not None and estimate.residual is None:
         return _record_residual(state, plan)
-    if attempt.proving_from is not None and not prove_rest(state, attempt.proving_from, plan=plan):
+    if attempt.rest_check_from is not None and not verify_rest(
+        state, attempt.rest_check_from, plan=plan
+    ):
         return None
     before = estimate.steps[-1].closure if estimate.steps else 0.0
     read_step(estimate, plan)
-    if estimate.now.shared_percent <= plan.epsilon_percent or _is_pressed(estimate, plan):
+    if estimate.now.weaker_percent <= plan.epsilon_percent or _has_grip_force(estimate, plan):
         if plan.gripper.drive == "width":
             width_mm = plan.gripper.target(before)
             state.result = replace(state.result, previous_width_mm=width_mm)
@@ -48,7 +50,7 @@ def touch_finely(state: GraspState, plan: Plan) -> GripperCommand | None:
         return None
     if estimate.closure >= plan.gripper.span - 2 * plan.smallest_step:
         return end_attempt(state, plan)
-    if estimate.now.shared_percent > plan.hint_percent:
+    if estimate.now.weaker_percent > plan.hint_percent:
         estimate.contact_s = None
         command = _continue(state, plan)
     else:
@@ -67,9 +69,9 @@ def touch_finely(state: GraspState, plan: Plan) -> GripperCommand | None:
 def _continue(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Continue closing: in fine steps near a possible contact, otherwise at speed."""
     estimate, attempt = state.estimate, state.attempt
-    felt = bool(estimate.touches) and estimate.now.deepest_percent <= READING.contact_percent
+    felt = bool(estimate.touches) and estimate.now.strongest_percent <= READING.contact_percent
     # A weak object may not withstand a full step more; its limit is not known yet.
-    if attempt.proving_from is not None or (plan.damage is not None and felt):
+    if attempt.rest_check_from is not None or (plan.damage is not None and felt):
         return close_by(estimate, plan.fine_step, plan)
     if not estimate.closure <= attempt.sweep_end + approach_step(plan):
         start_sweep(state, plan)
@@ -86,7 +88,7 @@ def _continue(state: GraspState, plan: Plan) -> GripperCommand | None:
     return close_by(estimate, step, plan)
 
 
-def _is_pressed(estimate: ContactEstimate, plan: Plan) -> bool:
+def _has_grip_force(estimate: ContactEstimate, plan: Plan) -> bool:
     """Whether the force is enough for a grip, although one finger shows little.
 
     One finger alone may only push the object to the middle; with that much force it does not.
@@ -97,10 +99,10 @@ def _is_pressed(estimate: ContactEstimate, plan: Plan) -> bool:
 def confirm(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Confirm the touch on fresh frames, to exclude noise."""
     estimate = state.estimate
-    if state.in_this_s < plan.confirm_s:
+    if state.elapsed_s < plan.confirm_s:
         return None
-    faint = estimate.now.deepest_percent > 0.5 * plan.epsilon_percent
-    if faint and not _is_pressed(estimate, plan):
+    faint = estimate.now.strongest_percent > 0.5 * plan.epsilon_percent
+    if faint and not _has_grip_force(estimate, plan):
         state.enter(Activity.TOUCH)
         return None
     # It may have been noted already where the sweep ended.
@@ -119,14 +121,14 @@ def end_attempt(state: GraspState, plan: Plan) -> GripperCommand:
     return command
 
 
-def wait(state: GraspState, plan: Plan) -> GripperCommand | None:
+def wait_for_retry(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Wait with the hand open until the next try, or until a finger is touched."""
     opened = state.estimate.closure <= plan.step / 2
-    if not opened or state.in_this_s < plan.dwell_s:
+    if not opened or state.elapsed_s < plan.dwell_s:
         return None
     touched = any(moment.name == "touch" for moment in state.result.moments[-1:])
     if state.estimate.still_s >= plan.wait_s or touched:
-        state.estimate, state.attempt = state.estimate.renew(), Attempt()
+        state.estimate, state.attempt = state.estimate.start_attempt(), Attempt()
         state.enter(Activity.TOUCH)
     return None
 
@@ -161,13 +163,13 @@ def start_sweep(state: GraspState, plan: Plan, *, rows: tuple[int, ...] | None =
         # An expectation may be wrong: no command goes further than is safe, whatever is there.
         safe = safe_step(estimate, plan)
         hasty_s = (
-            _command_s(estimate, frames=APPROACH.fast_lookahead_frames) + plan.safety.latency_s
+            _lookahead_s(estimate, frames=APPROACH.fast_lookahead_frames) + plan.safety.latency_s
         )
         end, rate = near, max(rate, min(safe / hasty_s, plan.gripper.fastest))
     most_n = math.inf
     if rows is not None:
         # The law of both fingers reads a half of it, once one finger certainly shows force.
-        faint = estimate.now.deepest_percent > plan.hint_percent
+        faint = estimate.now.strongest_percent > plan.hint_percent
         most_n = plan.no_push_n if faint else 0.5 * plan.no_push_n
     estimate.sweep = Sweep(
         rate=rate,
@@ -203,16 +205,16 @@ def continue_sweep(state: GraspState, plan: Plan) -> GripperCommand | None:
     # With more than a push takes the object is gripped, and the other finger may not show it.
     gripped = estimate.confirmed_force_n > sweep.most_n
     if sweep.time_s and (frozen or gripped or sweep.is_touching(plan.current)):
-        return _end_sweep(state, stop_here(estimate, plan))
+        return _finish_sweep(state, stop_here(estimate, plan))
     near = sweep.end < plan.gripper.span
     frames = APPROACH.fast_lookahead_frames if near else APPROACH.lookahead_frames
-    ahead = sweep.rate * _command_s(estimate, frames=frames)
+    ahead = sweep.rate * _lookahead_s(estimate, frames=frames)
     if near and estimate.closure >= sweep.end - ahead:
         # Before it stops there: that would read like a touch.
         start_sweep(state, plan)
         return None
     if estimate.closure >= sweep.end - plan.smallest_step:
-        return _end_sweep(state, None)
+        return _finish_sweep(state, None)
     target = quantize_target(min(estimate.closure + ahead, sweep.end), plan)
     further = closure_of(target, plan) > estimate.sent + plan.resolution / 2
     # A hand that does not move is sent on now and then, so that it is noticed.
@@ -221,13 +223,13 @@ def continue_sweep(state: GraspState, plan: Plan) -> GripperCommand | None:
     return GripperCommand(target=target, rate=sweep.rate)
 
 
-def _end_sweep(state: GraspState, command: GripperCommand | None) -> GripperCommand | None:
+def _finish_sweep(state: GraspState, command: GripperCommand | None) -> GripperCommand | None:
     state.attempt.sweep_end = state.estimate.closure
-    state.enter(Activity.LOOK)
+    state.enter(Activity.EVALUATE)
     return command
 
 
-def _command_s(estimate: ContactEstimate, *, frames: float) -> float:
+def _lookahead_s(estimate: ContactEstimate, *, frames: float) -> float:
     """Return the time that a sweep's command reaches ahead, s.
 
     If no more comes, the hand stops of its own.
@@ -244,9 +246,9 @@ def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
     now, travel = estimate.now, estimate.closure - estimate.sweep.begin
     estimate.sweep = None
     force = plan.early_law.force_n(now.reading, level=plan.level)
-    if now.shared_percent > READING.contact_percent:
-        pushes = now.deepest_percent <= READING.contact_percent
-        alone = pushes and now.shared_percent > APPROACH.one_finger_fraction * now.deepest_percent
+    if now.weaker_percent > READING.contact_percent:
+        pushes = now.strongest_percent <= READING.contact_percent
+        alone = pushes and now.weaker_percent > APPROACH.one_finger_fraction * now.strongest_percent
         if alone and float(force.value) <= plan.no_push_n and travel > approach_step(plan):
             start_sweep(state, plan, rows=_rows_without_contact(now, plan))
             return None
@@ -257,7 +259,7 @@ def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
         return None
     estimate.set_force(float(force.value), float(force.high))
     attempt.sweep_contact_s = estimate.moved_s
-    if now.shared_percent <= plan.hint_percent or _is_pressed(estimate, plan):
+    if now.weaker_percent <= plan.hint_percent or _has_grip_force(estimate, plan):
         state.note("contact")
     state.enter(Activity.TOUCH)
     if plan.damage is None and estimate.force_n < plan.no_push_n:
@@ -289,7 +291,7 @@ def _record_residual(state: GraspState, plan: Plan) -> GripperCommand | None:
     back as far as it may and reads most of the touch, that has nothing to do with the fingers.
     """
     estimate, now = state.estimate, state.estimate.now
-    if now.shared_percent <= plan.hint_percent:
+    if now.weaker_percent <= plan.hint_percent:
         furthest = state.attempt.sweep_end - APPROACH.max_return_steps * plan.step
         if estimate.closure > max(furthest, plan.step):
             return _open_by(estimate, plan.step, plan)
@@ -315,9 +317,9 @@ def _record_residual(state: GraspState, plan: Plan) -> GripperCommand | None:
 
 
 _ACTIVITIES = {
-    Activity.TOUCH: touch_finely,
+    Activity.TOUCH: approach_in_steps,
     Activity.SWEEP: continue_sweep,
-    Activity.LOOK: evaluate_contact,
+    Activity.EVALUATE: evaluate_contact,
     Activity.CONFIRM: confirm,
-    Activity.WAIT: wait,
+    Activity.WAIT: wait_for_retry,
 }

@@ -10,8 +10,8 @@ from palpate.grasp.answers import count_contact_steps
 from palpate.grasp.approach import approach
 from palpate.grasp.config import GUARDS, SQUEEZE
 from palpate.grasp.estimator import Observation
-from palpate.grasp.monitors import GRIP, CeilingMonitor, Monitor
-from palpate.grasp.paper_method import close_by_extra, close_until_mean, settle_exponentially
+from palpate.grasp.monitors import GRIP_MONITORS, CeilingMonitor, Monitor
+from palpate.grasp.paper_method import close_extra, close_until_contact, predict_exponentially
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import Outcome
@@ -36,7 +36,7 @@ class GraspController:
     def __init__(self, plan: Plan, state: GraspState | None = None) -> None:
         self.plan, self.state = plan, state or GraspState()
         self._ceiling: Monitor = CeilingMonitor(plan)
-        self._grip: list[Monitor] = [kind(plan) for kind in GRIP]
+        self._grip: list[Monitor] = [kind(plan) for kind in GRIP_MONITORS]
 
     def step(self, observation: Observation) -> GripperCommand | None:
         """Take in one observation and decide; return the command to send, if any.
@@ -45,7 +45,7 @@ class GraspController:
         that by the safety filter, and only there.
         """
         self.state.estimate.update(observation, plan=self.plan)
-        self.state.notice_fingers()
+        self.state.record_finger_events()
         wish = self._select_command(observation)
         command = filter_command(wish, self.state.estimate, self.plan)
         if command is not None:
@@ -126,14 +126,14 @@ def squeeze(state: GraspState, plan: Plan) -> GripperCommand | None:
 
 def hold(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Keep holding for the plan's `hold_s`."""
-    return None if state.in_this_s < plan.hold_s else state.release(plan, Outcome.HELD)
+    return None if state.elapsed_s < plan.hold_s else state.release(plan, Outcome.HELD)
 
 
 def finish_release(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Wait until the hand is open."""
     # Half a step: closer than that some grippers never report themselves.
     opened = state.estimate.closure <= plan.step / 2
-    if opened or state.in_this_s > GUARDS.max_opening_s:
+    if opened or state.elapsed_s > GUARDS.max_opening_s:
         state.enter(Phase.DONE)
     return None
 
@@ -149,7 +149,7 @@ HANDLERS: dict[Phase, Handler] = {
 #: The states of the paper's method (`plan.paper`): the other ones are as above.
 PAPER_HANDLERS: dict[Phase, Handler] = {
     **HANDLERS,
-    Phase.APPROACH: close_until_mean,
-    Phase.SQUEEZE: close_by_extra,
-    Phase.SETTLE: settle_exponentially,
+    Phase.APPROACH: close_until_contact,
+    Phase.SQUEEZE: close_extra,
+    Phase.SETTLE: predict_exponentially,
 }

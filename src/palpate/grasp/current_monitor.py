@@ -30,15 +30,15 @@ class CurrentMonitor:
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
-        self._pull = deque[tuple[float, float]](maxlen=CURRENT.readings)
-        self._stand = deque[tuple[float, float]](maxlen=CURRENT.readings)
+        self._moving = deque[tuple[float, float]](maxlen=CURRENT.readings)
+        self._still = deque[tuple[float, float]](maxlen=CURRENT.readings)
         self._closure, self._moved_s = math.inf, math.nan
-        self._turning = deque[float](maxlen=CURRENT.equal_readings)
+        self._moving_ma = deque[float](maxlen=CURRENT.equal_readings)
         self._read_s = math.nan
-        self._judged = True
-        self._twice = 0
+        self._is_checked = True
+        self._repeats = 0
         self._empty_ma = list[float]()
-        self._grouped, self._risen_s = 0, math.nan
+        self._unaveraged, self._rise_s = 0, math.nan
         self._absent = 0
 
     def check(self, state: GripperState, *, estimate: ContactEstimate) -> Alarm | None:
@@ -48,28 +48,28 @@ class CurrentMonitor:
         reading = (state.current_ma, self._plan.gripper.reading_of(state))
         closure, before = self._plan.gripper.closure(state), self._closure
         self._closure = closure
-        if self._stand and (state.moving or estimate.moved_s != self._moved_s):
+        if self._still and (state.moving or estimate.moved_s != self._moved_s):
             # What was read before the last command shows nothing of what came after, even if that
             # was too short to be seen.
-            self._stand.clear()
-            self._pull.clear()
-            self._judged = True
+            self._still.clear()
+            self._moving.clear()
+            self._is_checked = True
         self._moved_s = estimate.moved_s
         if not state.moving:
-            self._stand.append(reading)
-            return self._check_ceiling(self._stand) or self._check_sheet(estimate)
+            self._still.append(reading)
+            return self._check_ceiling(self._still) or self._check_sheet(estimate)
         # A hand that is sent back and closes all the same is watched too.
         if not (closure <= estimate.sent or closure > before + self._plan.resolution):
-            self._judged = True
+            self._is_checked = True
             return None
-        self._pull.append(reading)
+        self._moving.append(reading)
         # A recording that is decided again gives one report several times.
         if state.time_s != self._read_s:
-            self._turning.append(state.current_ma)
+            self._moving_ma.append(state.current_ma)
         self._read_s = state.time_s
-        self._judged = False
+        self._is_checked = False
         return (
-            self._check_ceiling(self._pull)
+            self._check_ceiling(self._moving)
             or self._check_stuck()
             or self._check_sign()
             or self._check_rise(estimate, time_s=state.time_s)
@@ -118,10 +118,10 @@ class CurrentMonitor:
         return Alarm(danger=Danger.FORCE_LIMIT, words=words)
 
     def _check_stuck(self) -> Alarm | None:
-        if len(self._turning) < CURRENT.equal_readings or len(set(self._turning)) > 1:
+        if len(self._moving_ma) < CURRENT.equal_readings or len(set(self._moving_ma)) > 1:
             return None
         words = (
-            f"the servo's current has read {self._turning[0]:.0f} mA {CURRENT.equal_readings} "
+            f"the servo's current has read {self._moving_ma[0]:.0f} mA {CURRENT.equal_readings} "
             "times while the hand closed: it is stuck, and shows no force"
         )
         return Alarm(danger=Danger.GRIPPER_FAULT, words=words)
@@ -130,9 +130,9 @@ class CurrentMonitor:
         """Refuse a current with the other sign: it bounds no force."""
         law = self._plan.current
         usual = law is None or law.gears.mean_ma > 0
-        mean_ma = float(np.mean(self._turning))
+        mean_ma = float(np.mean(self._moving_ma))
         if (
-            len(self._turning) < CURRENT.equal_readings
+            len(self._moving_ma) < CURRENT.equal_readings
             or mean_ma >= -CURRENT.margin_ma
             or not usual
         ):
@@ -145,20 +145,20 @@ class CurrentMonitor:
 
     def _check_rise(self, estimate: ContactEstimate, *, time_s: float) -> Alarm | None:
         """Compare the uncalibrated current within a long movement."""
-        if self._plan.current is not None or len(self._pull) < CURRENT.readings:
+        if self._plan.current is not None or len(self._moving) < CURRENT.readings:
             return None
-        pull_ma = float(np.mean([current_ma for current_ma, _ in self._pull]))
+        pull_ma = float(np.mean([current_ma for current_ma, _ in self._moving]))
         if len(self._empty_ma) < CURRENT.readings:
-            self._grouped = (self._grouped + 1) % CURRENT.readings
-            if self._grouped == 0:
+            self._unaveraged = (self._unaveraged + 1) % CURRENT.readings
+            if self._unaveraged == 0:
                 self._empty_ma.append(pull_ma)
             return None
         if pull_ma <= self._most_empty_ma:
-            self._risen_s = math.nan
+            self._rise_s = math.nan
             return None
-        if math.isnan(self._risen_s):
-            self._risen_s = time_s
-        answered = estimate.now_s > self._risen_s + READING.lag_s
+        if math.isnan(self._rise_s):
+            self._rise_s = time_s
+        answered = estimate.now_s > self._rise_s + READING.lag_s
         if not answered or estimate.confirmed_force_n > self._plan.no_push_n:
             return None
         return self._report_unexplained_rise(pull_ma)
@@ -183,14 +183,14 @@ class CurrentMonitor:
         force = self._plan.early_law.force_n(estimate.now.reading, level=self._plan.level)
         shown_n = float(np.nan_to_num(force.high))
         bound_n = CURRENT.sheet_ratio * shown_n
-        least_n = self._least_n(self._stand, deviations=CURRENT.single_sd)
-        if not self._judged:
-            self._judged = True
-            least_n = max(least_n, self._least_n(self._pull, deviations=CURRENT.single_sd))
-            again_n = self._least_n(self._pull, deviations=CURRENT.repeated_sd)
-            self._twice = self._twice + 1 if again_n > bound_n else 0
-            if self._twice > 1:
-                least_n = max(least_n, again_n)
+        least_n = self._least_n(self._still, deviations=CURRENT.single_sd)
+        if not self._is_checked:
+            self._is_checked = True
+            least_n = max(least_n, self._least_n(self._moving, deviations=CURRENT.single_sd))
+            repeated_n = self._least_n(self._moving, deviations=CURRENT.repeated_sd)
+            self._repeats = self._repeats + 1 if repeated_n > bound_n else 0
+            if self._repeats > 1:
+                least_n = max(least_n, repeated_n)
         if least_n <= bound_n:
             return None
         words = (
@@ -200,11 +200,11 @@ class CurrentMonitor:
         return Alarm(danger=Danger.UNSEEN_FORCE, words=words)
 
     def _check_uncalibrated(self, estimate: ContactEstimate) -> Alarm | None:
-        felt = estimate.now.deepest_percent <= self._plan.hint_percent
-        if self._judged or felt or not self._pull:
+        felt = estimate.now.strongest_percent <= self._plan.hint_percent
+        if self._is_checked or felt or not self._moving:
             return None
-        self._judged = True
-        pull_ma = float(np.mean([current_ma for current_ma, _ in self._pull]))
+        self._is_checked = True
+        pull_ma = float(np.mean([current_ma for current_ma, _ in self._moving]))
         if len(self._empty_ma) < CURRENT.readings:
             self._empty_ma.append(pull_ma)
             return None

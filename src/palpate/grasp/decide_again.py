@@ -12,7 +12,7 @@ from palpate.estimate.damage_file import read_recorded_model
 from palpate.grasp.controller import PAPER_HANDLERS
 from palpate.grasp.estimator import Observation
 from palpate.grasp.paper import Paper
-from palpate.grasp.paper_method import by_paper, note_size
+from palpate.grasp.paper_method import record_size, use_paper_method
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import HOLD_S, Plan
 from palpate.grasp.planning import plan_grasp
@@ -78,10 +78,10 @@ def plan_of_recording(info: RecordingInfo, *, gripper: Gripper, hold_s: float = 
     )
     if info.paper is None:
         return plan
-    return by_paper(plan, Paper.from_text(info.paper), calibration=calibration)
+    return use_paper_method(plan, Paper.from_text(info.paper), calibration=calibration)
 
 
-def read_by_paper(source: Replay, paper: Paper) -> GraspResult:
+def evaluate_with_paper_method(source: Replay, paper: Paper) -> GraspResult:
     """Evaluate a recorded grasp by the paper's method, with the recorded movements.
 
     Contact is the first stillness whose mean change passes the threshold; the prediction comes
@@ -100,7 +100,7 @@ def read_by_paper(source: Replay, paper: Paper) -> GraspResult:
         stepped = abs(closure - before) > plan.smallest_step / 2
         report = replace(report, moving=report.moving or stepped)
         state.estimate.update(Observation(frame=frame, gripper=report), plan=plan)
-        state.notice_fingers()
+        state.record_finger_events()
         if report.moving:
             state.estimate.moved_s = frame.time_s
             continue
@@ -109,7 +109,7 @@ def read_by_paper(source: Replay, paper: Paper) -> GraspResult:
         if seeking and state.phase is Phase.SQUEEZE:
             # The hand may have stood too shortly before to be read there.
             before = max((stop for stop in stops if stop < closure), default=closure)
-            note_size(state, plan, before=before)
+            record_size(state, plan, before=before)
         stops.append(closure)
     answered = state.result.settled_percent is not None
     if state.phase is Phase.SETTLE and not answered:

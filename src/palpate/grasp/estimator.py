@@ -14,7 +14,7 @@ from palpate.arrays import FloatArray
 from palpate.estimate.gain import Gain
 from palpate.grasp.config import READING
 from palpate.grasp.plan import Plan
-from palpate.grasp.servo_evidence import Pull
+from palpate.grasp.servo_evidence import CurrentSample
 from palpate.grasp.sweep import Sweep
 from palpate.gripper.interface import GripperCommand, GripperState
 from palpate.sensor.array import Frame
@@ -61,12 +61,12 @@ class Touch:
     reading: float
 
     @property
-    def shared_percent(self) -> float:
+    def weaker_percent(self) -> float:
         """The fall of the less loaded finger: one alone may only push the object."""
         return max(self.finger_percent)
 
     @property
-    def deepest_percent(self) -> float:
+    def strongest_percent(self) -> float:
         """The strongest fall: of any finger, or of all pixels."""
         return min(*self.finger_percent, self.relative_percent)
 
@@ -143,10 +143,10 @@ class ContactEstimate(HandMotion):
         Resistances seen before the first movement.
     touches : tuple of Touch
         Since the last movement ended.
-    strongest : float
+    strongest_reading : float
         Largest reading among them. A long hold has tens of thousands, and this is asked at every
         frame.
-    frames_n : tuple of pairs of float
+    frame_forces : tuple of pairs of float
         Time and grip force by each of the last frames alone, the hand moving or not.
     steps : tuple of ClosingStep
         Every step of the closing read so far.
@@ -162,7 +162,7 @@ class ContactEstimate(HandMotion):
         Grip force now and its upper bound, from the last step read.
     damage_low_n : float
         Lower bound of the force that damages the object, from the closing so far.
-    pulls : tuple of Pull
+    current_samples : tuple of CurrentSample
         Servo current at moments of the closing.
     gain : Gain
         How this contact reads against the laws of the sheet.
@@ -171,8 +171,8 @@ class ContactEstimate(HandMotion):
     rest_ohm: NDArray[np.float64] | None = None
     rest_frames: tuple[NDArray[np.float64], ...] = ()
     touches: tuple[Touch, ...] = ()
-    strongest: float = math.nan
-    frames_n: tuple[tuple[float, float], ...] = ()
+    strongest_reading: float = math.nan
+    frame_forces: tuple[tuple[float, float], ...] = ()
     steps: tuple[ClosingStep, ...] = ()
     sweep: Sweep | None = None
     contact_s: float | None = None
@@ -182,10 +182,10 @@ class ContactEstimate(HandMotion):
     force_n: float = 0.0
     force_high_n: float = 0.0
     damage_low_n: float = math.inf
-    pulls: tuple[Pull, ...] = ()
+    current_samples: tuple[CurrentSample, ...] = ()
     gain: Gain = field(default_factory=lambda: Gain.from_calibration(law_sd=0.0))
 
-    def renew(self) -> ContactEstimate:
+    def start_attempt(self) -> ContactEstimate:
         """Return the estimate of the next attempt, which begins now with the hand open."""
         kept = {one.name: getattr(self, one.name) for one in fields(HandMotion)}
         return ContactEstimate(**kept | {"still_since_s": self.now_s})
@@ -196,7 +196,7 @@ class ContactEstimate(HandMotion):
 
         A single frame may be a spike.
         """
-        return min((n for _, n in self.frames_n[-2:]), default=0.0)
+        return min((n for _, n in self.frame_forces[-2:]), default=0.0)
 
     @property
     def rise_n_per_s(self) -> float:
@@ -204,9 +204,9 @@ class ContactEstimate(HandMotion):
 
         A single frame may be a spike.
         """
-        if len(self.frames_n) < _RISE_FRAMES:
+        if len(self.frame_forces) < _RISE_FRAMES:
             return 0.0
-        (then_s, then_n), (now_s, _) = self.frames_n[0], self.frames_n[-1]
+        (then_s, then_n), (now_s, _) = self.frame_forces[0], self.frame_forces[-1]
         return max(self.confirmed_force_n - then_n, 0.0) / (now_s - then_s)
 
     @property
@@ -257,26 +257,28 @@ class ContactEstimate(HandMotion):
             return
         if self.sweep is not None:
             self.sweep = self._update_sweep(self.sweep, self.rest_ohm, ohm, gripper, plan)
-        touch = self._touch(frame.time_s, self.rest_ohm, ohm, plan)
-        frames_n = (*self.frames_n, (frame.time_s, self._frame_n(touch, plan)))
-        recent = sum(time_s >= frame.time_s - READING.now_s for time_s, _ in frames_n)
-        self.frames_n = frames_n[-max(recent, _RISE_FRAMES) :]
+        touch = self._read_touch(frame.time_s, self.rest_ohm, ohm, plan)
+        frame_forces = (*self.frame_forces, (frame.time_s, self._frame_force_n(touch, plan)))
+        recent = sum(time_s >= frame.time_s - READING.now_s for time_s, _ in frame_forces)
+        self.frame_forces = frame_forces[-max(recent, _RISE_FRAMES) :]
         if gripper.moving:
             self.touches = ()
             closing = plan.gripper.closure(gripper) < self.sent and self.contact_s is not None
             if closing and not math.isnan(gripper.current_ma):
-                pull = Pull(closure=reported, current_ma=gripper.current_ma, moved_s=self.moved_s)
-                self.pulls = (*self.pulls, pull)
+                pull = CurrentSample(
+                    closure=reported, current_ma=gripper.current_ma, moved_s=self.moved_s
+                )
+                self.current_samples = (*self.current_samples, pull)
             return
-        before = self.strongest if self.touches else touch.reading
-        self.strongest, self.touches = max(before, touch.reading), (*self.touches, touch)
+        before = self.strongest_reading if self.touches else touch.reading
+        self.strongest_reading, self.touches = max(before, touch.reading), (*self.touches, touch)
 
     def record_command(self, command: GripperCommand, *, plan: Plan) -> None:
         """Record a command that was sent."""
         self.still_since_s, self.touches, self.moved_s = None, (), self.now_s
         self.sent = closure_of(command.target, plan)
 
-    def _touch(
+    def _read_touch(
         self, time_s: float, rest_ohm: FloatArray, ohm: NDArray[np.float64], plan: Plan
     ) -> Touch:
         """Read a frame, less the sheet's residual of an earlier contact."""
@@ -300,7 +302,7 @@ class ContactEstimate(HandMotion):
             reading=reading,
         )
 
-    def _frame_n(self, touch: Touch, plan: Plan) -> float:
+    def _frame_force_n(self, touch: Touch, plan: Plan) -> float:
         """Return the grip force of one frame: the smaller of the sheet's two laws.
 
         Whether the load is new or has settled is not known of a frame, and too small an answer

@@ -1,9 +1,9 @@
-"""Monitors of a grasp: each checks one danger after every frame.
+"""Monitors of a grasp: each checks for one danger after every frame.
 
-A monitor is a class with `__init__(plan)` and `check`. Add it to `GRIP` below if it needs the
-estimate: it is left out on uncertain frames and during the release. Make it in `run_grasp` if it
-has to see every frame; reports of the gripper are checked in `runner.py`. The monitors of pixels,
-of the servo's current and of the gripper's movements have a memory and a file each.
+A monitor is a class with `__init__(plan)` and `check`. Add a monitor that needs the estimate to
+`GRIP_MONITORS` below; it is skipped on uncertain frames and during the release. Create a monitor
+that needs every frame in `run_grasp`. `runner.py` checks the gripper's reports. The monitors of
+pixels, servo current and gripper movements keep state, and are in modules of their own.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from palpate.grasp.config import GUARDS, READING
 from palpate.grasp.estimator import Observation
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
-from palpate.grasp.rest import explain_strange_rest
+from palpate.grasp.rest import explain_implausible_rest
 from palpate.grasp.safety import FORCE_CEILING_N, Alarm, Danger
 from palpate.grasp.state import GraspState
 
@@ -62,7 +62,7 @@ class RestMonitor:
         known, self._known = self._known, rest_ohm is not None
         if rest_ohm is None or known:
             return None
-        why = explain_strange_rest(rest_ohm, plan=self._plan)
+        why = explain_implausible_rest(rest_ohm, plan=self._plan)
         return None if why is None else Alarm(danger=Danger.SENSOR_LOST, words=why)
 
 
@@ -94,10 +94,10 @@ class SlipMonitor:
             return None
         if len(estimate.touches) < 2 * READING.now_frames:
             return None
-        strongest = estimate.strongest
+        strongest_reading = estimate.strongest_reading
         if estimate.steps and np.isnan(state.correction.return_closure):
-            strongest = max(strongest, estimate.steps[-1].touch.reading)
-        if estimate.now.reading >= GUARDS.lost_fraction * strongest:
+            strongest_reading = max(strongest_reading, estimate.steps[-1].touch.reading)
+        if estimate.now.reading >= GUARDS.lost_fraction * strongest_reading:
             return None
         return Alarm(danger=Danger.SLIPPED, words="")
 
@@ -119,7 +119,7 @@ class FingersMonitor:
         now = estimate.now
         # Changes fall with load: the least is that of the finger that presses.
         pressed_percent = min(now.finger_percent)
-        if now.shared_percent <= plan.hint_percent:
+        if now.weaker_percent <= plan.hint_percent:
             return None
         if pressed_percent > GUARDS.one_finger_hints * plan.hint_percent:
             return None
@@ -159,9 +159,9 @@ class ResponseMonitor:
             for step in steps
             if contact_s is not None
             and step.touch.time_s >= contact_s
-            and step.touch.shared_percent <= READING.contact_percent
+            and step.touch.weaker_percent <= READING.contact_percent
         ]
-        if not gripped or steps[-1].touch.deepest_percent > READING.contact_percent:
+        if not gripped or steps[-1].touch.strongest_percent > READING.contact_percent:
             return False
         rises = np.diff(gripped)[-GUARDS.fall_steps :]
         falls = bool((rises < -GUARDS.fall_fraction * max(gripped)).all())
@@ -194,7 +194,7 @@ class TimeMonitor:
 
 
 #: What the controller checks before it decides, in this order.
-GRIP: tuple[Callable[[Plan], Monitor], ...] = (
+GRIP_MONITORS: tuple[Callable[[Plan], Monitor], ...] = (
     SlipMonitor,
     FingersMonitor,
     ResponseMonitor,

@@ -14,12 +14,12 @@ from palpate.calibrate.laws import HORIZON_S
 from palpate.errors import CalibrationError, InputError
 from palpate.estimate.line_law import fit_settled_line
 from palpate.estimate.measurement import Measurement
-from palpate.estimate.weights_check import score_line_on_left_out
-from palpate.grasp.approach import abort_insensitive, end_attempt, wait
+from palpate.estimate.weights_check import score_line_held_out
+from palpate.grasp.approach import abort_insensitive, end_attempt, wait_for_retry
 from palpate.grasp.paper import Paper
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
-from palpate.grasp.rest import take_rest
+from palpate.grasp.rest import measure_rest
 from palpate.grasp.state import GraspState
 from palpate.grasp.step_size import close_by, read_step
 from palpate.gripper.interface import GripperCommand
@@ -28,7 +28,7 @@ from palpate.settling.exponential import Exponential
 from palpate.settling.result import Status
 
 
-def by_paper(plan: Plan, paper: Paper, *, calibration: Calibration) -> Plan:
+def use_paper_method(plan: Plan, paper: Paper, *, calibration: Calibration) -> Plan:
     """Return a plan that follows the paper's method.
 
     Parameters
@@ -66,25 +66,25 @@ def with_line_law(recorded: Calibration) -> Calibration:
     Raises `CalibrationError` if its pairs can't carry a line.
     """
     line = fit_settled_line(recorded.force, horizon_s=HORIZON_S)
-    errors = score_line_on_left_out(recorded.force, horizon_s=HORIZON_S)
+    errors = score_line_held_out(recorded.force, horizon_s=HORIZON_S)
     held_out = {"of": "settled force by the line", "error_percent": errors}
     return replace(recorded, force_law=line.as_dict(), held_out=held_out)
 
 
-def close_until_mean(state: GraspState, plan: Plan) -> GripperCommand | None:
+def close_until_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Measure the rest values, then close step by step until the mean has fallen."""
     if state.attempt.activity is Activity.WAIT:
-        return wait(state, plan)
+        return wait_for_retry(state, plan)
     estimate = state.estimate
     if estimate.rest_ohm is None:
-        return close_by(estimate, plan.step, plan) if take_rest(state, plan=plan) else None
+        return close_by(estimate, plan.step, plan) if measure_rest(state, plan=plan) else None
     if estimate.still_s < plan.dwell_s or not estimate.touches:
         return None
     before = estimate.steps[-1].closure if estimate.steps else 0.0
     read_step(estimate, plan)
     if estimate.now.relative_percent <= plan.epsilon_percent:
         estimate.contact_s = estimate.moved_s
-        note_size(state, plan, before=before)
+        record_size(state, plan, before=before)
         state.enter(Phase.SQUEEZE, note="contact")
         return None
     if estimate.closure >= plan.gripper.span - 2 * plan.smallest_step:
@@ -92,7 +92,7 @@ def close_until_mean(state: GraspState, plan: Plan) -> GripperCommand | None:
     return close_by(estimate, plan.step, plan) or abort_insensitive(state, plan)
 
 
-def note_size(state: GraspState, plan: Plan, *, before: float) -> None:
+def record_size(state: GraspState, plan: Plan, *, before: float) -> None:
     """Set the size of the result to the width before contact; `before`: its closure."""
     if plan.compliance is None:
         return
@@ -107,7 +107,7 @@ def note_size(state: GraspState, plan: Plan, *, before: float) -> None:
     state.result = replace(state.result, previous_width_mm=width_mm, size_mm=size)
 
 
-def close_by_extra(state: GraspState, plan: Plan) -> GripperCommand | None:
+def close_extra(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Close further by the fixed amount, if that is safe."""
     assert plan.paper is not None
     extra_mm = plan.paper.extra_mm
@@ -115,7 +115,7 @@ def close_by_extra(state: GraspState, plan: Plan) -> GripperCommand | None:
     return close_by(state.estimate, extra_mm, plan) if extra_mm else None
 
 
-def settle_exponentially(state: GraspState, plan: Plan) -> GripperCommand | None:
+def predict_exponentially(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Wait for the cut-off, then predict the settled mean and the force by the line."""
     assert plan.paper is not None
     estimate = state.estimate
@@ -143,13 +143,13 @@ def settle_exponentially(state: GraspState, plan: Plan) -> GripperCommand | None
         state.result,
         decision_time_s=round(estimate.now_s - state.first_contact_s, 6),
         settled_percent=settled,
-        force_n=_force_by_line(settled, plan),
+        force_n=_force_from_line(settled, plan),
     )
     state.enter(Phase.HOLD, note="answer")
     return None
 
 
-def _force_by_line(settled: Measurement, plan: Plan) -> Measurement | None:
+def _force_from_line(settled: Measurement, plan: Plan) -> Measurement | None:
     """Return the force that the line of Table 4 gives for a settled change."""
     assert plan.paper is not None
     line = plan.paper.line

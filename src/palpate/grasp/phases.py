@@ -31,7 +31,7 @@ class Activity(StrEnum):
 
     TOUCH = "approach"
     SWEEP = "sweep"
-    LOOK = "felt"
+    EVALUATE = "felt"
     CONFIRM = "contact"
     WAIT = "wait"
     FORECAST = "settle"

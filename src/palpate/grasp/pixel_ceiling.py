@@ -14,7 +14,7 @@ from palpate.signal.relative import excess_conductance
 #: Largest fraction of a finger's load on one of its pixels. On the twin, pressed steadily to 80 N,
 #: 11 of 13 objects at `lab` reach the reading that follows (at 17 to 36 N); at `field`, where
 #: pixels run into the end of the range, 7 do (one at 14 N, the others from 22 N on).
-_MOST_SHARE = 0.5
+_MAX_FRACTION = 0.5
 
 
 def ceiling_counts(calibration: Calibration, *, force_n: float = FORCE_CEILING_N) -> int:
@@ -60,7 +60,7 @@ def ceiling_counts(calibration: Calibration, *, force_n: float = FORCE_CEILING_N
         excess = np.zeros((counts.size, *rest_ohm.shape))
         own = excess_conductance(ohm, rest_ohm=rest_ohm[row, col])
         excess[:, row, col] = np.maximum(own, 0.0)
-        grip = layout.fingers / _MOST_SHARE * reading.reading(excess)
+        grip = layout.fingers / _MAX_FRACTION * reading.reading(excess)
         shown_n = np.min([law.force_n(grip).value for law in laws], axis=0)
         if not shown_n[-1] > force_n:
             return 0

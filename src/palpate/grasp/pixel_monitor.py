@@ -60,13 +60,13 @@ class PixelMonitor:
         self._moved_s = -np.inf
 
     @property
-    def doubtful(self) -> bool:
+    def is_frame_uncertain(self) -> bool:
         """Whether a pixel has just jumped to a range end; such frames are skipped."""
         sudden = (self._ended > 0) & ~self._pressed
         return bool(((self._opened > 0) | sudden).any())
 
     @property
-    def beyond(self) -> str | None:
+    def saturation_warning(self) -> str | None:
         """The warning about pixels saturated by the load, if any."""
         if not self._pressed.any():
             return None

@@ -12,7 +12,7 @@ from palpate.estimate.damage import DamageModel
 from palpate.estimate.force import StaticLaw
 from palpate.estimate.pixel_law import PixelReading
 from palpate.estimate.servo_force import CurrentLaw
-from palpate.estimate.sheet_creep import OwnCreep
+from palpate.estimate.sheet_creep import SheetCreep
 from palpate.grasp.paper import Paper
 from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import GripperLimits
@@ -46,7 +46,7 @@ class Plan:
         Predictor of the settled value.
     reading : PixelReading
         From the excess conductance of the pixels to what the laws read.
-    creep : OwnCreep or None
+    creep : SheetCreep or None
         How this sheet creeps after a step, where its calibration had enough holds to show it.
     bend : SoftFingerCompliance or None
         Closure and compliance of pressure-driven fingers, measured on two blocks if known.
@@ -138,7 +138,7 @@ class Plan:
     gripper: GripperLimits
     settling: SettlingMethod
     reading: PixelReading = field(default_factory=PixelReading.sum_pixels)
-    creep: OwnCreep | None = None
+    creep: SheetCreep | None = None
     bend: SoftFingerCompliance | None = None
     current: CurrentLaw | None = None
     target_force_n: float | None = None

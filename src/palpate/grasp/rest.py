@@ -18,12 +18,12 @@ from palpate.grasp.state import GraspState
 from palpate.signal.relative import rest_baseline
 
 
-def take_rest(state: GraspState, *, plan: Plan) -> bool:
+def measure_rest(state: GraspState, *, plan: Plan) -> bool:
     """Take the rest values from frames before the first movement; return whether any exist.
 
     If those are no rest, newer frames are waited for. After that, moving frames are replaced by the
     calibration's values; and where steady ones lie far below those, the closing has to show that
-    nothing presses (`prove_rest`).
+    nothing presses (`verify_rest`).
     """
     estimate, now = state.estimate, state.estimate.now_s
     if estimate.still_s < plan.rest_s or len(estimate.rest_frames) < plan.rest_frames:
@@ -32,28 +32,28 @@ def take_rest(state: GraspState, *, plan: Plan) -> bool:
     try:
         estimate.rest_ohm = rest_baseline(frames, known_ohm=plan.rest_ohm).rest_ohm
     except CalibrationError as refused:
-        waited_s = min(state.in_this_s, estimate.duration_s)
+        waited_s = min(state.elapsed_s, estimate.duration_s)
         if waited_s < plan.rest_s + GUARDS.patience_s:
             estimate.rest_frames, estimate.still_since_s = (), now
             return False
         try:
             estimate.rest_ohm = rest_baseline(frames).rest_ohm
-            state.attempt.proving_from = estimate.closure
+            state.attempt.rest_check_from = estimate.closure
         except CalibrationError:
             _use_old_values(state, str(refused), plan=plan)
     estimate.rest_frames = ()
     return True
 
 
-def explain_strange_rest(rest_ohm: FloatArray, *, plan: Plan) -> str | None:
+def explain_implausible_rest(rest_ohm: FloatArray, *, plan: Plan) -> str | None:
     """Return why rest values can't be this sheet's, in any climate; None if they can.
 
     They are compared with the calibration's: the median over the pixels, then each pixel.
 
     >>> from types import SimpleNamespace
     >>> plan = SimpleNamespace(rest_ohm=np.array([[9e3, 8e3, 7e3]]))
-    >>> explain_strange_rest(np.array([[6e3, 5e3, 5e3]]), plan=plan)
-    >>> explain_strange_rest(np.array([[20.0, 20.0, 20.0]]), plan=plan)[:36]
+    >>> explain_implausible_rest(np.array([[6e3, 5e3, 5e3]]), plan=plan)
+    >>> explain_implausible_rest(np.array([[20.0, 20.0, 20.0]]), plan=plan)[:36]
     'the sheet at rest reads 0.0025 times'
     """
     ratio = np.asarray(rest_ohm) / np.asarray(plan.rest_ohm)
@@ -76,24 +76,24 @@ def explain_strange_rest(rest_ohm: FloatArray, *, plan: Plan) -> str | None:
     )
 
 
-def prove_rest(state: GraspState, proving_from: float, *, plan: Plan) -> bool:
+def verify_rest(state: GraspState, rest_check_from: float, *, plan: Plan) -> bool:
     """Decide whether the steady frames before closing were a rest, once closing has shown it.
 
     Returns whether what was read since still counts.
     """
     estimate = state.estimate
-    if estimate.now.deepest_percent <= plan.hint_percent:
+    if estimate.now.strongest_percent <= plan.hint_percent:
         why = "the reading rose as soon as the fingers closed: something pressed before"
         _use_old_values(state, why, plan=plan)
         estimate.steps, estimate.touches, estimate.contact_s = (), (), None
-        state.attempt.proving_from = None
+        state.attempt.rest_check_from = None
         return False
-    if estimate.closure - proving_from >= plan.step:
+    if estimate.closure - rest_check_from >= plan.step:
         state.add_fault(
             "rest values are far below the calibration's, yet nothing presses: climate or wear "
             "moved the sheet; `palpate calibrate rest --empty` keeps the new ones"
         )
-        state.attempt.proving_from = None
+        state.attempt.rest_check_from = None
     return True
 
 

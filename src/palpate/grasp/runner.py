@@ -25,7 +25,7 @@ from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult
 from palpate.grasp.safety import Alarm, Danger
 from palpate.grasp.state import GraspState
-from palpate.grasp.tracking_monitor import Following, SpeedWatch, find_impossible_value
+from palpate.grasp.tracking_monitor import CommandTracking, SpeedMonitor, find_impossible_value
 from palpate.gripper.interface import Gripper, GripperCommand, GripperState
 from palpate.sensor.array import Frame, PressureArray, find_impossible_count
 
@@ -54,17 +54,17 @@ class _Feed:
         stale_after_s = GUARDS.patience_s
         if len(self._intervals_s) >= _FEWEST_INTERVALS:
             stale_after_s = self._safety.stale_after_s(median(self._intervals_s))
-        until_s, glanced = self._clock.now_s() + stale_after_s, False
+        until_s, polled = self._clock.now_s() + stale_after_s, False
         while True:
             left_s = until_s - self._clock.now_s()
-            every_s = hand.glance_s(self._clock.now_s()) or left_s
+            every_s = hand.poll_interval_s(self._clock.now_s()) or left_s
             try:
                 frame = self._array.read(timeout_s=max(min(every_s, left_s), 0.0))
                 break
             except DeviceTimeoutError as late:
                 if every_s < left_s:
-                    alarm, glanced = hand.glance(estimate, now_s=self._clock.now_s()), True
-                elif glanced:
+                    alarm, polled = hand.poll(estimate, now_s=self._clock.now_s()), True
+                elif polled:
                     raise DeviceTimeoutError(
                         f"no frame in {stale_after_s:.2f} s; check the sensor's cable and power"
                     ) from late
@@ -102,10 +102,10 @@ class _Hand:
         self._gripper, self._plan = gripper, plan
         self._limits, self._safety = plan.gripper, plan.safety
         self._current = CurrentMonitor(plan)
-        self._speed = SpeedWatch(plan.gripper, safety=plan.safety)
-        self._following: Following | None = None
+        self._speed = SpeedMonitor(plan.gripper, safety=plan.safety)
+        self._tracking: CommandTracking | None = None
         #: The first command since the hand was last seen to move, or not to.
-        self._unjudged: Following | None = None
+        self._unchecked: CommandTracking | None = None
         self._idle = 0
         self._last: GripperState | None = None
 
@@ -125,23 +125,23 @@ class _Hand:
         self, state: GripperState, estimate: ContactEstimate, *, now_s: float
     ) -> Alarm | None:
         """Return an alarm if the hand is not at its target or presses too hard."""
-        complaint = None
-        if self._following is not None:
-            complaint = self._following.complaint(
+        fault = None
+        if self._tracking is not None:
+            fault = self._tracking.find_fault(
                 state, now_s=now_s, limits=self._limits, safety=self._safety
             )
-        complaint = complaint or self._speed.complaint(state, way=self._following)
-        if complaint is not None:
-            return Alarm(danger=Danger.GRIPPER_FAULT, words=complaint)
+        fault = fault or self._speed.find_fault(state, way=self._tracking)
+        if fault is not None:
+            return Alarm(danger=Danger.GRIPPER_FAULT, words=fault)
         return self._current.check(state, estimate=estimate)
 
-    def glance_s(self, now_s: float) -> float | None:
+    def poll_interval_s(self, now_s: float) -> float | None:
         """Return the interval of checks between frames; None if frames suffice."""
-        if self._following is None:
+        if self._tracking is None:
             return None
-        return self._following.glance_s(now_s=now_s, limits=self._limits, safety=self._safety)
+        return self._tracking.poll_interval_s(now_s=now_s, limits=self._limits, safety=self._safety)
 
-    def glance(self, estimate: ContactEstimate, *, now_s: float) -> Alarm | None:
+    def poll(self, estimate: ContactEstimate, *, now_s: float) -> Alarm | None:
         """Read the gripper between two frames."""
         try:
             return self.check(self.state(), estimate, now_s=now_s)
@@ -153,12 +153,12 @@ class _Hand:
 
         Raises `DeviceError` if it does not answer, or did not move at the last commands.
         """
-        if self._unjudged is not None and self._last is not None:
-            idle = self._unjudged.is_idle(self._last, now_s=now_s, limits=self._limits)
+        if self._unchecked is not None and self._last is not None:
+            idle = self._unchecked.is_idle(self._last, now_s=now_s, limits=self._limits)
             if idle is not None:
                 self._idle = (self._idle + 1) * idle
-            if idle is not None or now_s >= self._unjudged.ends_s:
-                self._unjudged = None
+            if idle is not None or now_s >= self._unchecked.ends_s:
+                self._unchecked = None
             # An opening is sent all the same.
             if self._idle >= GUARDS.idle_commands and command.target != self._limits.target(0.0):
                 raise DeviceError(
@@ -167,11 +167,11 @@ class _Hand:
                 )
         sent = self._gripper.command(command)
         if self._last is not None:
-            self._following = Following.of(
+            self._tracking = CommandTracking.start(
                 sent, state=self._last, now_s=now_s, limits=self._limits, safety=self._safety
             )
             # Commands that follow each other faster than a hand can move are judged together.
-            self._unjudged = self._unjudged or self._following
+            self._unchecked = self._unchecked or self._tracking
         # Grippers clamp commands, and round them to their own steps.
         return closure_of(sent.target, self._plan)
 
@@ -251,13 +251,16 @@ def run_grasp(
                 failed = pixels.check(seen, state)
                 command = None
                 # Nothing is decided on an uncertain frame; an opening needs no pixel.
-                if pixels.doubtful and state.phase is not Phase.RELEASE:
+                if pixels.is_frame_uncertain and state.phase is not Phase.RELEASE:
                     state.estimate.count(frame)
                 else:
                     command = controller.step(seen)
                 _notify(views, seen, state)
-                if pixels.beyond is not None and pixels.beyond not in state.result.faults:
-                    state.add_fault(pixels.beyond)
+                if (
+                    pixels.saturation_warning is not None
+                    and pixels.saturation_warning not in state.result.faults
+                ):
+                    state.add_fault(pixels.saturation_warning)
                 alarm = board.check(seen, state) or failed or rest.check(seen, state)
                 alarm = alarm or hand.check(seen.gripper, state.estimate, now_s=frame.time_s)
                 if alarm is not None:

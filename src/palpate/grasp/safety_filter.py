@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from palpate.estimate.closing_curve import FELT
+from palpate.estimate.closing_curve import CONTACT_SD
 from palpate.grasp.answers import floor_n, mm_per_unit, sheet_forces_n
 from palpate.grasp.config import READING, SQUEEZE
 from palpate.grasp.estimator import ContactEstimate, closure_of
@@ -62,9 +62,9 @@ def _largest_blind_step(estimate: ContactEstimate, plan: Plan) -> float:
     if plan.damage is None or not math.isinf(estimate.damage_low_n):
         return math.inf
     force_n = sheet_forces_n(estimate.steps, estimate, plan)
-    shared = np.array([step.touch.shared_percent for step in estimate.steps])
+    shared = np.array([step.touch.weaker_percent for step in estimate.steps])
     both = (shared <= READING.contact_percent) | (force_n > plan.no_push_n)
-    felt = both & (force_n > FELT * floor_n(plan))
+    felt = both & (force_n > CONTACT_SD * floor_n(plan))
     if not felt.any():
         return math.inf
     soft_n = SQUEEZE.soft_n_per_mm * mm_per_unit(plan)

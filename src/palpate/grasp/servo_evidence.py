@@ -27,7 +27,7 @@ _FAINTEST_N = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Pull:
+class CurrentSample:
     """Servo current at one moment of the closing movement that began at `moved_s`."""
 
     closure: float
@@ -35,29 +35,29 @@ class Pull:
     moved_s: float
 
 
-def force_by_gripper(estimate: ContactEstimate, plan: Plan) -> MeasuredForce | None:
+def gripper_force(estimate: ContactEstimate, plan: Plan) -> MeasuredForce | None:
     """Return the gripper's own measurement of force at the present closure, if it has one."""
     if plan.bend is not None:
-        return _force_by_pressure(estimate, plan, plan.bend)
-    if plan.current is None or not estimate.pulls or not estimate.steps:
+        return _force_from_pressure(estimate, plan, plan.bend)
+    if plan.current is None or not estimate.current_samples or not estimate.steps:
         return None
     closure = np.array([stair.closure for stair in estimate.steps])
     reading = np.array([stair.touch.reading for stair in estimate.steps])
-    force_n = _has_caught_up(plan.early_law.force_n(reading).value, plan)
-    at = np.array([estimate.closure, *(pull.closure for pull in estimate.pulls)])
+    force_n = _remove_lag(plan.early_law.force_n(reading).value, plan)
+    at = np.array([estimate.closure, *(pull.closure for pull in estimate.current_samples)])
     sheet_n = _interpolate_force(at, closure, force_n)
     if not sheet_n[0] > GUARDS.lost_fraction * sheet_n.max():
         return None
     return plan.current.measure(
-        [pull.current_ma for pull in estimate.pulls],
+        [pull.current_ma for pull in estimate.current_samples],
         share=sheet_n[1:] / sheet_n[0],
-        width_mm=[plan.gripper.target(pull.closure) for pull in estimate.pulls],
-        movement=[pull.moved_s for pull in estimate.pulls],
+        width_mm=[plan.gripper.target(pull.closure) for pull in estimate.current_samples],
+        movement=[pull.moved_s for pull in estimate.current_samples],
         tilt_sd=tilt_sd(plan.early_law.residual_sd),
     )
 
 
-def _force_by_pressure(
+def _force_from_pressure(
     estimate: ContactEstimate, plan: Plan, bend: SoftFingerCompliance
 ) -> MeasuredForce | None:
     """Return the force of pressure-driven fingers, from the closing that it prevented.
@@ -69,7 +69,7 @@ def _force_by_pressure(
     force_n = plan.early_law.force_n(
         np.array([stair.touch.reading for stair in estimate.steps])
     ).value
-    shared = np.array([stair.touch.shared_percent for stair in estimate.steps])
+    shared = np.array([stair.touch.weaker_percent for stair in estimate.steps])
     closure = np.array([stair.closure for stair in estimate.steps])
     touched = shared <= plan.hint_percent
     if np.count_nonzero(touched) < _FEWEST_TOUCHED or not force_n[-1] > 0:
@@ -99,7 +99,7 @@ def _force_by_pressure(
     )
 
 
-def _has_caught_up(force_n: FloatArray, plan: Plan) -> FloatArray:
+def _remove_lag(force_n: FloatArray, plan: Plan) -> FloatArray:
     """Return the sheet's forces of the steps of a closing with its lag taken out."""
     nothing = plan.early_law.force_n(0.0, level=plan.level)
     rising = compute_lag(force_n, faint_n=max(float(nothing.high), _FAINTEST_N))
@@ -119,7 +119,7 @@ def _interpolate_force(at: FloatArray, closure: FloatArray, force_n: FloatArray)
 def early_gain(estimate: ContactEstimate, plan: Plan) -> Gain:
     """Return the gain of this contact, soon after a step, against the sheet's early law."""
     gain = Gain.from_calibration(law_sd=plan.early_law.residual_sd, more_sd=SETTLE.step_lag_sd)
-    felt = force_by_gripper(estimate, plan) if estimate.steps else None
+    felt = gripper_force(estimate, plan) if estimate.steps else None
     if felt is None:
         return gain
     sheet_n = float(plan.early_law.force_n(estimate.steps[-1].touch.reading).value)

@@ -34,7 +34,7 @@ def await_forecast(state: GraspState, plan: Plan) -> GripperCommand | None:
         return None
     correction.next_forecast_s = estimate.still_s + SETTLE.forecast_interval_s
     settled = forecast(estimate, plan=plan)
-    force = state.take_answer(settled, plan=plan)
+    force = state.set_settled_force(settled, plan=plan)
     _note_on_target(state, force, plan)
     astray = plan.target_force_n is not None and correction.count < plan.most_adjustments
     astray = astray and (_is_force_missing(force, plan) or is_above_target(force, plan))
@@ -53,12 +53,12 @@ def adjust(state: GraspState, plan: Plan) -> GripperCommand | None:
     if correction.count < plan.most_adjustments:
         # Up to a damage limit one correction goes as far as it may; more would only wait there.
         if below and not (limited and correction.count):
-            command = press_on(state, force, plan, missing_n=missing_n(force, plan))
+            command = increase_force(state, force, plan, missing_n=missing_n(force, plan))
             if command is not None:
                 state.enter(Activity.FORECAST, note="adjusted")
                 return command
         elif is_above_target(force, plan):
-            command = ease_off(state, force, plan, goal_n=goal_n(plan))
+            command = reduce_force(state, force, plan, goal_n=goal_n(plan))
             state.enter(Activity.EASE, note="eased")
             return command
     if limited and below:
@@ -73,7 +73,7 @@ def ease(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Close again from below to the closure of the target force."""
     if state.estimate.still_s < plan.confirm_s:
         return None
-    wish = close_again(state, plan)
+    wish = return_from_below(state, plan)
     command = filter_command(wish, state.estimate, plan)
     if wish is None or command is None or command.target == wish.target:
         state.enter(Activity.FORECAST, note="adjusted")
@@ -174,7 +174,7 @@ def _note_on_target(state: GraspState, force: Measurement, plan: Plan) -> None:
 # -- corrections -----------------------------------------------------------------------------------
 
 
-def press_on(
+def increase_force(
     state: GraspState, force: Measurement, plan: Plan, *, missing_n: float
 ) -> GripperCommand | None:
     """Close by the step that adds the missing force; None if no step is safe."""
@@ -200,7 +200,9 @@ def press_on(
     return command
 
 
-def ease_off(state: GraspState, force: Measurement, plan: Plan, *, goal_n: float) -> GripperCommand:
+def reduce_force(
+    state: GraspState, force: Measurement, plan: Plan, *, goal_n: float
+) -> GripperCommand:
     """Open well below the target force, to close again from below.
 
     The sheet's answer to unloading was not calibrated, nor the backlash of the gears.
@@ -217,7 +219,7 @@ def ease_off(state: GraspState, force: Measurement, plan: Plan, *, goal_n: float
     return GripperCommand(target=quantize_target(opened, plan), rate=plan.squeeze_rate)
 
 
-def close_again(state: GraspState, plan: Plan) -> GripperCommand | None:
+def return_from_below(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Close again from below, as every force that the sheet was calibrated with was reached.
 
     In one movement where that is safe, else in several. On its way up the sheet keeps some of the

@@ -12,7 +12,7 @@ from palpate.grasp.estimator import ContactEstimate
 from palpate.grasp.phases import Activity, Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Moment, Outcome
-from palpate.grasp.servo_evidence import force_by_gripper
+from palpate.grasp.servo_evidence import gripper_force
 from palpate.gripper.interface import GripperCommand
 from palpate.signal.events import ContactState, EventKind, watch_contact
 
@@ -25,7 +25,7 @@ class Attempt:
     ----------
     activity : Activity
         What the approach does.
-    proving_from : float or None
+    rest_check_from : float or None
         Closure from which on it is being found out whether the rest values are a rest.
     sweep_end : float
         Closure where the last sweep ended; NaN before.
@@ -36,7 +36,7 @@ class Attempt:
     """
 
     activity: Activity = Activity.TOUCH
-    proving_from: float | None = None
+    rest_check_from: float | None = None
     sweep_end: float = math.nan
     sweep_contact_s: float | None = None
     fingers: tuple[ContactState, ...] = ()
@@ -107,7 +107,7 @@ class GraspState:
         return str(local.get(self.phase, self.phase))
 
     @property
-    def in_this_s(self) -> float:
+    def elapsed_s(self) -> float:
         """Duration of the present phase or activity, seconds."""
         return self.estimate.now_s - self.since_s
 
@@ -165,7 +165,7 @@ class GraspState:
         self.enter(Phase.RELEASE, note=outcome.value)
         return GripperCommand(target=plan.gripper.target(0.0), rate=plan.gripper.fastest)
 
-    def notice_fingers(self) -> None:
+    def record_finger_events(self) -> None:
         """Record contact events of single fingers while the hand is still."""
         if self.estimate.still_s < READING.quiet_s or not self.estimate.touches:
             return
@@ -181,9 +181,9 @@ class GraspState:
                 self.note("touch" if touch else f"finger_{kind}", finger=finger)
         self.attempt.fingers = tuple(found)
 
-    def take_answer(self, settled: Settled, *, plan: Plan) -> Measurement:
+    def set_settled_force(self, settled: Settled, *, plan: Plan) -> Measurement:
         """Set the settled force of the result, and return it."""
-        felt = force_by_gripper(self.estimate, plan)
+        felt = gripper_force(self.estimate, plan)
         force = measure_settled_force(settled, felt=felt, plan=plan)
         self.estimate.peak_force_n = max(self.estimate.peak_force_n, force.middle)
         self.result = replace(

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import ndtri
 
-from palpate.estimate.closing_curve import FELT
+from palpate.estimate.closing_curve import CONTACT_SD
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.answers import floor_n, measure_stiffness, mm_per_unit, sheet_forces_n
 from palpate.grasp.config import READING, SQUEEZE
@@ -19,7 +19,7 @@ from palpate.grasp.servo_evidence import early_gain
 from palpate.gripper.interface import GripperCommand
 
 #: A step in which the servo's current is read lasts for this many frames: a mean of a few.
-_LISTENED_FRAMES = 3.0
+_CURRENT_FRAMES = 3.0
 
 
 def approach_step(plan: Plan) -> float:
@@ -92,7 +92,7 @@ def close_by(
         return None
     rate = plan.rate if estimate.contact_s is None else plan.squeeze_rate
     if estimate.contact_s is not None and plan.current is not None:
-        frames_s = _LISTENED_FRAMES * estimate.period_s
+        frames_s = _CURRENT_FRAMES * estimate.period_s
         rate = min(rate, step / max(lasting_s, frames_s, SQUEEZE.min_current_s))
     wish = GripperCommand(target=quantize_target(estimate.closure + step, plan), rate=rate)
     return None if filter_command(wish, estimate, plan) is None else wish
@@ -190,7 +190,7 @@ def slope_n(estimate: ContactEstimate, plan: Plan) -> float:
 
 def _is_gripped(step: ClosingStep, force_n: float, plan: Plan) -> bool:
     """Return whether both fingers certainly pressed at a step."""
-    return step.touch.shared_percent <= plan.hint_percent or force_n > plan.force_step_n
+    return step.touch.weaker_percent <= plan.hint_percent or force_n > plan.force_step_n
 
 
 def _slope_bound_n(estimate: ContactEstimate, plan: Plan) -> float:
@@ -200,8 +200,8 @@ def _slope_bound_n(estimate: ContactEstimate, plan: Plan) -> float:
     finger still showed no force: until then the other one alone pushed the object to the middle.
     """
     steps = estimate.steps
-    felt = np.flatnonzero(sheet_forces_n(steps, estimate, plan) > FELT * floor_n(plan))
-    alone = [step.touch.shared_percent > READING.contact_percent for step in steps]
+    felt = np.flatnonzero(sheet_forces_n(steps, estimate, plan) > CONTACT_SD * floor_n(plan))
+    alone = [step.touch.weaker_percent > READING.contact_percent for step in steps]
     if not felt.size:
         return plan.steepest_n
     first = int(max([felt[0], *np.flatnonzero(alone)[-1:]]))

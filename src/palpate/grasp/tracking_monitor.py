@@ -40,7 +40,7 @@ def find_impossible_value(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Following:
+class CommandTracking:
     """One command in progress.
 
     `begin`, `target`: where the gripper was, and where it was sent, mm or kPa.
@@ -49,17 +49,18 @@ class Following:
     `rate`: speed of the way, mm/s or kPa/s.
 
     >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
+    >>> safety = SafetyLimits()
     >>> sent = GripperCommand(target=30.0, rate=20.0)
     >>> state = GripperState(time_s=0.0, width_mm=34.0)
-    >>> follow = Following.of(sent, state=state, now_s=0.0, limits=limits, safety=SafetyLimits())
-    >>> follow.complaint(state, now_s=0.5, limits=limits, safety=SafetyLimits())
-    >>> follow.complaint(state, now_s=0.7, limits=limits, safety=SafetyLimits())
+    >>> tracking = CommandTracking.start(sent, state=state, now_s=0.0, limits=limits, safety=safety)
+    >>> tracking.find_fault(state, now_s=0.5, limits=limits, safety=safety)
+    >>> tracking.find_fault(state, now_s=0.7, limits=limits, safety=safety)
     'the gripper was sent to 30.0 mm and reports 34.0 mm; is it blocked, locked or without supply?'
 
-    Passing the target is known at once:
+    Overshoot is detected at once:
 
     >>> past = GripperState(time_s=0.3, width_mm=29.7)
-    >>> follow.complaint(past, now_s=0.3, limits=limits, safety=SafetyLimits())
+    >>> tracking.find_fault(past, now_s=0.3, limits=limits, safety=safety)
     'the gripper was sent to 30.0 mm and runs on: it reports 29.7 mm; take its supply away'
     """
 
@@ -70,7 +71,7 @@ class Following:
     rate: float
 
     @classmethod
-    def of(
+    def start(
         cls,
         sent: GripperCommand,
         *,
@@ -78,7 +79,7 @@ class Following:
         now_s: float,
         limits: GripperLimits,
         safety: SafetyLimits,
-    ) -> Following:
+    ) -> CommandTracking:
         """Begin to follow a command sent at `now_s`, with the gripper at `state`."""
         begin = limits.reading_of(state)
         ends_s = now_s + abs(sent.target - begin) / sent.rate
@@ -90,7 +91,7 @@ class Following:
             rate=sent.rate,
         )
 
-    def glance_s(
+    def poll_interval_s(
         self, *, now_s: float, limits: GripperLimits, safety: SafetyLimits
     ) -> float | None:
         """Return the check interval of a closing movement; None once it has finished.
@@ -105,7 +106,7 @@ class Following:
         """Return whether the hand has not moved; None if it is too early to know.
 
         >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
-        >>> way = Following(begin=40.0, target=30.0, ends_s=0.5, due_s=0.9, rate=20.0)
+        >>> way = CommandTracking(begin=40.0, target=30.0, ends_s=0.5, due_s=0.9, rate=20.0)
         >>> stands = GripperState(time_s=0.0, width_mm=40.0)
         >>> [way.is_idle(stands, now_s=now_s, limits=limits) for now_s in (0.004, 0.1)]
         [None, True]
@@ -120,7 +121,7 @@ class Following:
         made = math.copysign(1.0, way) * (limits.reading_of(state) - self.begin)
         return made / expected < GUARDS.idle_fraction
 
-    def complaint(
+    def find_fault(
         self, state: GripperState, *, now_s: float, limits: GripperLimits, safety: SafetyLimits
     ) -> str | None:
         """Return the fault, if any: closed beyond the target, or late."""
@@ -143,22 +144,22 @@ class Following:
         )
 
 
-class SpeedWatch:
+class SpeedMonitor:
     """Compares the closing of a hand with that of its commands.
 
     A single short step may be over before it is seen, so what a hand closes too much adds up over
     the commands of a closing, and whatever time allows it is taken off.
 
     >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
-    >>> watch = SpeedWatch(limits, safety=SafetyLimits())
+    >>> watch = SpeedMonitor(limits, safety=SafetyLimits())
     >>> sent = GripperCommand(target=30.0, rate=20.0)
     >>> at = lambda time_s, mm: GripperState(time_s=time_s, width_mm=mm)
-    >>> way = Following.of(
+    >>> way = CommandTracking.start(
     ...     sent, state=at(0.0, 50.0), now_s=0.0, limits=limits, safety=SafetyLimits()
     ... )
-    >>> watch.complaint(at(0.0, 50.0), way=None)
-    >>> watch.complaint(at(0.1, 48.0), way=way)
-    >>> watch.complaint(at(0.2, 42.0), way=way)
+    >>> watch.find_fault(at(0.0, 50.0), way=None)
+    >>> watch.find_fault(at(0.1, 48.0), way=way)
+    >>> watch.find_fault(at(0.2, 42.0), way=way)
     'the gripper was sent at 20.0 mm/s and closes at 60 mm/s; check the unit of speed in its driver'
     """
 
@@ -171,7 +172,7 @@ class SpeedWatch:
         self._before: tuple[float, float] | None = None
         self._rate = self._ahead = 0.0
 
-    def complaint(self, state: GripperState, *, way: Following | None) -> str | None:
+    def find_fault(self, state: GripperState, *, way: CommandTracking | None) -> str | None:
         """Add the next report; return the fault of its speed, if any.
 
         `way`: the command in force since the last report, if there was one.

@@ -9,8 +9,8 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.calibrate.laws import placements_of
 from palpate.estimate.force_law import ForceLaw
-from palpate.estimate.pixel_law import read_left_out
-from palpate.estimate.weights_check import FEWEST_PLACEMENTS, read_left_out_loads
+from palpate.estimate.pixel_law import predict_held_out
+from palpate.estimate.weights_check import FEWEST_PLACEMENTS, predict_held_out_loads
 from palpate.plots.style import BLUE, INK, ORANGE, log_axis, new_figure
 from palpate.sensor.calibration import Calibration
 
@@ -65,10 +65,10 @@ def _residuals(calibration: Calibration) -> tuple[FloatArray, FloatArray, str]:
     """Return force and error (percent) of settled readings left out, and what was left out."""
     pairs = calibration.force
     if pairs.pixel_excess and len(set(pairs.run)) >= FEWEST_PLACEMENTS:
-        read_n, force_n, early = read_left_out(placements_of(pairs))
+        read_n, force_n, early = predict_held_out(placements_of(pairs))
         read_n, force_n, what = read_n[~early], force_n[~early], "placement"
     else:
         settled = np.isclose(pairs.since_move_s, max(pairs.since_move_s))
         force_n, what = np.array(pairs.force_n)[settled], "load"
-        read_n = read_left_out_loads(np.array(pairs.excess)[settled], force_n=force_n)
+        read_n = predict_held_out_loads(np.array(pairs.excess)[settled], force_n=force_n)
     return force_n, 100.0 * (read_n / np.maximum(force_n, 1e-3) - 1.0), what

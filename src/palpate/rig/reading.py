@@ -10,7 +10,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.calibrate.laws import force_now
 from palpate.errors import CalibrationError
-from palpate.estimate.force_follower import FollowsForce
+from palpate.estimate.force_follower import ForceSource
 from palpate.estimate.measurement import Measurement
 from palpate.sensor.array import Frame
 from palpate.sensor.calibration import Calibration
@@ -59,7 +59,7 @@ class Reader:
     def __init__(self, calibration: Calibration) -> None:
         self.rest_ohm = calibration.rest_ohm
         self._layout = calibration.layout
-        self._force: FollowsForce | None = None
+        self._force: ForceSource | None = None
         with suppress(CalibrationError):
             self._force = force_now(calibration.force)
 

@@ -39,7 +39,7 @@ TURNED_BACK = 0.3
 FURTHEST = 10.0
 
 #: A hold with samples below this fraction of its largest is nothing that only has a ratio.
-_LEAST_SHARE = 1e-12
+_MIN_FRACTION = 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,7 +164,7 @@ def _group(
 ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], bool]]:
     """Yield which holds, which of their samples are renewed, and whether those are logarithms."""
     least, most = values.min(axis=1), values.max(axis=1)
-    positive = (least > 0) & (least > _LEAST_SHARE * most)
+    positive = (least > 0) & (least > _MIN_FRACTION * most)
     changed = values[:, 1:] != values[:, :-1]
     # A reading that changes twice in a row is renewed at every sample.
     quick = (changed[:, 1:] & changed[:, :-1]).any(axis=1)

@@ -12,13 +12,13 @@ from scipy.special import ndtri
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.estimate.force_law import (
-    MEMORY_SHARE,
+    MEMORY_FRACTION,
     MOST_SAMPLES,
     Population,
     noise_inputs,
+    scale_memory,
     standardise,
     with_curve,
-    with_memory,
 )
 
 #: Prior standard deviation over sensors of the constant and of each other weight (ln N, guesses),
@@ -176,7 +176,7 @@ def _fit_mean(fit: _Fit) -> None:
         if given is None or given == len(log_n) - 1:
             continue
         after, at = design[given + 1 :], design[given]
-        reach = with_memory(population.spread, MEMORY_SHARE) @ at
+        reach = scale_memory(population.spread, MEMORY_FRACTION) @ at
         gain = (after @ reach) / (at @ reach + population.variance(at[None])[0])
         rows.append(after - gain[:, None] * at)
         targets.append(log_n[given + 1 :] - gain * log_n[given] - (1 - gain) * population.mean[0])

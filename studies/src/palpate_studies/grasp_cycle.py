@@ -16,7 +16,7 @@ import typer
 
 from palpate.estimate.servo_force import CurrentLaw
 from palpate.grasp.paper import Paper
-from palpate.grasp.paper_method import by_paper
+from palpate.grasp.paper_method import use_paper_method
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.state import GraspState
@@ -127,7 +127,7 @@ def by_controller(sample: Sample, *, paper: Paper | None = None) -> Cycle:
     calibration = calibration_of(sample.sheet, sample.level, sample.kind)
     plan = plan_grasp(calibration, gripper=gripper, hold_s=0.0)
     if paper is not None:
-        plan = by_paper(plan, paper, calibration=calibration)
+        plan = use_paper_method(plan, paper, calibration=calibration)
 
     def watch(grasp_state: GraspState) -> None:
         for moment in grasp_state.result.moments:

@@ -15,7 +15,7 @@ from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.estimate.force_law import INPUTS
-from palpate.estimate.force_states import log_reading, states_of
+from palpate.estimate.force_states import compute_states, log_reading
 from palpate_studies.baselines.full_input_learners import make_trees
 from palpate_studies.force_learning import KnownContact, interval_quantile, learn_population
 from palpate_studies.recordings import leave_out, read_runs
@@ -153,7 +153,7 @@ def _forces(contacts: Sequence[Contact]) -> FloatArray:
 
 def _states(one: Contact, *, gain: float) -> FloatArray:
     reading = log_reading(gain * one.change.sum(axis=1))
-    return states_of(one.time_s, reading)[one.is_in_contact]
+    return compute_states(one.time_s, reading)[one.is_in_contact]
 
 
 def _predict_by_law(

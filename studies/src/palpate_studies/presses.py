@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from palpate import ForceLaw
 from palpate.arrays import FloatArray
-from palpate.estimate.force_states import log_reading, states_of
+from palpate.estimate.force_states import compute_states, log_reading
 from palpate_studies.baselines.full_input_learners import make_trees
 from palpate_studies.force_learning import KnownContact, interval_quantile, learn_population
 from palpate_studies.press_data import Press, read_presses
@@ -90,7 +90,7 @@ command = as_command(report)
 @lru_cache(maxsize=2048)
 def _states(press: Press) -> FloatArray:
     reading = log_reading(press.trace.excess)
-    return states_of(press.trace.time_s, reading)
+    return compute_states(press.trace.time_s, reading)
 
 
 def _inputs(press: Press) -> FloatArray:

@@ -18,8 +18,8 @@ from palpate.errors import InputError
 from palpate.estimate.damage import FOLDS, NOMINAL_RATE, DamageModel
 from palpate.estimate.damage_learning import (
     FruitClosing,
-    at_half_load,
     learn_damage,
+    predict_at_half_load,
     read_closings,
     split,
 )
@@ -168,7 +168,7 @@ def _predict_stop(training: Closings, *, test: Closings) -> list[dict[str, Any]]
     model = learn_damage(training)
     rows = []
     for one in test:
-        half = at_half_load(one, model=model, kind=one.fruit)
+        half = predict_at_half_load(one, model=model, kind=one.fruit)
         scored = score_by_shipped_limit(one, model=model, kind_known=True)
         rupture_n = one.rupture_force_n
         stop_n = float(stop_forces(scored, rupture_n, at=np.array([NOMINAL_RATE]))[0])
@@ -210,7 +210,7 @@ def score_by_shipped_limit(
         value = float(np.exp(state.log_stiffness))
         low, high = value / (1 + _EXACT), value * (1 + _EXACT)
         measured = Measurement(value=value, low=low, high=high, unit="n_per_mm")
-        shares.append(model.rate_below(state.force_n, measured, kind=kind))
+        shares.append(model.damage_rate(state.force_n, measured, kind=kind))
     return ScoredClosing(closing.force_n, np.array(shares))
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.estimate.force_states import log_reading, states_of
+from palpate.estimate.force_states import compute_states, log_reading
 from palpate_studies.baselines.full_input_learners import make_ridge, make_trees
 from palpate_studies.force_learning import KnownContact, interval_quantile, learn_population
 from palpate_studies.recordings import leave_out, read_runs
@@ -54,7 +54,7 @@ class Stroke:
     def inputs(self, volt: float = 0.1) -> FloatArray:
         """Return the inputs of the force law, shape (n, INPUTS); `volt` reads as 10."""
         excess = _USUAL_EXCESS * (self.voltage_v - _REST_V) / volt
-        return states_of(_PERIOD_S * np.arange(len(excess)), log_reading(excess))
+        return compute_states(_PERIOD_S * np.arange(len(excess)), log_reading(excess))
 
     def past(self) -> FloatArray:
         """Return the inputs, the voltages of the last samples and those of the start."""

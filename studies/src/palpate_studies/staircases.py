@@ -19,7 +19,7 @@ from palpate.arrays import FloatArray
 from palpate.calibrate.guided import Bench, measure_rest
 from palpate.calibrate.laws import DWELL_S, HORIZON_S, force_now, laws_of, laws_with_memory
 from palpate.errors import CalibrationError
-from palpate.estimate.force_follower import FollowsForce, ForceFollower
+from palpate.estimate.force_follower import ForceFollower, ForceSource
 from palpate.estimate.force_now import ForceNow
 from palpate.gripper.interface import GripperCommand
 from palpate.rig.simulated import calibrate_twin, twin_bench
@@ -162,7 +162,7 @@ def follow_staircases(
         answers: dict[str, tuple[ArrayLike, ArrayLike, ArrayLike]] = {
             "settled": (static.value, static.low, static.high)
         }
-        followers: dict[str, FollowsForce] = {
+        followers: dict[str, ForceSource] = {
             "by_time": ForceNow(laws._replace(memory=None), early_s=DWELL_S, settled_s=HORIZON_S),
             "memory": ForceFollower(laws.memory),
             "now": force_now(pairs),

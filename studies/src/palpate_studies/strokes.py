@@ -22,7 +22,7 @@ from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.estimate.force_law import INPUTS, Population
-from palpate.estimate.force_states import log_reading, states_of
+from palpate.estimate.force_states import compute_states, log_reading
 from palpate_studies.baselines.full_input_learners import make_trees
 from palpate_studies.force_learning import KnownContact, interval_quantile, learn_population
 from palpate_studies.protocol.paired import compare
@@ -187,7 +187,7 @@ def _touch_inputs(time_s: FloatArray, reading: FloatArray) -> FloatArray:
     shown = np.flatnonzero(reading > _CONTACT)
     contact_s = time_s[shown[0]] if len(shown) else time_s[-1]
     lasting = np.log(np.maximum(time_s - contact_s, 0.0) + _SINCE_S)
-    states = states_of(time_s, reading)
+    states = compute_states(time_s, reading)
     return np.column_stack([states, np.maximum.accumulate(reading), lasting])
 
 

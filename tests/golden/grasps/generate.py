@@ -19,7 +19,7 @@ from palpate.estimate.damage import DamageModel
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.strength import Strength
 from palpate.grasp.paper import Paper
-from palpate.grasp.paper_method import by_paper
+from palpate.grasp.paper_method import use_paper_method
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.requests import Requests
 from palpate.grasp.runner import run_grasp
@@ -180,7 +180,7 @@ def run(case: Case) -> dict[str, Any]:
     if case.without == "bend":
         plan = replace(plan, bend=None)
     if case.paper is not None:
-        plan = by_paper(plan, case.paper, calibration=known)
+        plan = use_paper_method(plan, case.paper, calibration=known)
     strike = _Strike(case, world=world, array=array, gripper=gripper, requests=requests)
     strike(None)
     result = run_grasp(

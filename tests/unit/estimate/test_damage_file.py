@@ -16,13 +16,13 @@ from palpate.errors import CalibrationError, InputError
 from palpate.estimate.damage_file import DamageFile
 from palpate.estimate.damage_learning import (
     FruitClosing,
-    at_half_load,
     copies,
     find_unfit,
     follow_closing,
     learn_damage,
+    predict_at_half_load,
     read_closings,
-    score_left_out,
+    score_held_out,
     split,
 )
 from palpate.estimate.measurement import Measurement
@@ -60,7 +60,7 @@ def made_of(closings: list[FruitClosing]) -> DamageFile:
         learned_from={"curves.csv": "ab"},
         made_at="2026-05-04T08:00:00+00:00",
         left_out={"g99": "why"},
-        held_out=score_left_out(closings),
+        held_out=score_held_out(closings),
     )
 
 
@@ -171,7 +171,7 @@ def test_kinds_that_are_not_told_apart_are_named(made: DamageFile) -> None:
 
 
 def test_the_kind_is_worth_something_on_closings_left_out() -> None:
-    found = score_left_out(crate(plums=30, pears=25))
+    found = score_held_out(crate(plums=30, pears=25))
     assert found["plum"].error_percent < found[""].error_percent < 40
     assert found["plum"].error_percent < found["plum"].median_error_percent
     assert found[""].above_low > 0.85
@@ -184,9 +184,9 @@ def test_nothing_is_said_of_a_closing_by_a_model_that_knows_it() -> None:
     for training, test in split(closings):
         model = learn_damage(training)
         for closing in test:
-            limit = at_half_load(closing, model=model, kind="plum")
+            limit = predict_at_half_load(closing, model=model, kind="plum")
             missed.append(100 * abs(limit.predicted_n / closing.rupture_force_n - 1))
-    assert score_left_out(closings)["plum"].error_percent == pytest.approx(np.mean(missed))
+    assert score_held_out(closings)["plum"].error_percent == pytest.approx(np.mean(missed))
 
 
 def test_copies_of_one_recording_are_found_and_stay_together() -> None:

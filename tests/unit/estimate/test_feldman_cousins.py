@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 from scipy.stats import t as student_t
 
-from palpate.estimate.feldman_cousins import interval_above_zero, middle_above_zero
+from palpate.estimate.feldman_cousins import interval_above_zero, median_above_zero
 
 #: Feldman and Cousins (1998), Table X: measured, ends of the 90 % interval of a normal error.
 TABLE_X = [
@@ -42,9 +42,9 @@ def test_it_covers_as_often_as_it_says_at_every_true_value(true: float) -> None:
 @pytest.mark.parametrize("measured", np.linspace(-6.0, 6.0, 13))
 def test_the_middle_lies_inside(measured: float) -> None:
     low, high = interval_above_zero(measured, freedom=6, level=0.9)
-    assert low <= middle_above_zero(measured, freedom=6) < high
+    assert low <= median_above_zero(measured, freedom=6) < high
 
 
 def test_the_middle_halves_what_is_left() -> None:
-    middle = middle_above_zero(0.5, freedom=1e6)
+    middle = median_above_zero(0.5, freedom=1e6)
     assert norm.sf(middle - 0.5) == pytest.approx(0.5 * norm.cdf(0.5), rel=1e-4)

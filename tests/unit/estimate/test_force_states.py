@@ -7,23 +7,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.estimate.force_states import ForceStates, states_of
+from palpate.estimate.force_states import ForceStates, compute_states
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.floats(-3.0, 8.0), min_size=3, max_size=30), st.integers(1, 20))
 def test_states_are_causal(readings: list[float], cut: int) -> None:
     time_s = 0.01 * np.arange(len(readings))
-    whole = states_of(time_s, readings)
-    np.testing.assert_array_equal(states_of(time_s[:cut], readings[:cut]), whole[:cut])
+    whole = compute_states(time_s, readings)
+    np.testing.assert_array_equal(compute_states(time_s[:cut], readings[:cut]), whole[:cut])
     assert np.isfinite(whole).all()
 
 
 def test_states_gain_of_the_sheet_shifts_the_first_state_only() -> None:
     readings = np.sin(np.arange(50) / 5)
     one, other = (
-        states_of(np.arange(50) / 20, readings),
-        states_of(np.arange(50) / 20, readings + 1),
+        compute_states(np.arange(50) / 20, readings),
+        compute_states(np.arange(50) / 20, readings + 1),
     )
     np.testing.assert_allclose(other - one, np.eye(8)[0] * np.ones((50, 1)), atol=1e-9)
 

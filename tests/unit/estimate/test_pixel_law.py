@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.estimate.pixel_law import PixelForceLaw, PlacedReadings, fit_laws
+from palpate.estimate.pixel_law import PixelForceLaw, PlacementReadings, fit_laws
 
 
-def sheet(gain_sd: float, *, seed: int = 0) -> PlacedReadings:
+def sheet(gain_sd: float, *, seed: int = 0) -> PlacementReadings:
     """Seven placements on one to four pixels; x = 0.3 F**1.4, later a fifth more."""
     rng = np.random.default_rng(seed)
     rows = []
@@ -20,7 +20,7 @@ def sheet(gain_sd: float, *, seed: int = 0) -> PlacedReadings:
             rows.append((run, excess, force_n, True))
             rows.append((run, 1.2 * excess, force_n, False))
     run, excess, force_n, early = zip(*rows, strict=True)
-    return PlacedReadings(
+    return PlacementReadings(
         run=np.array(run, dtype=float),
         pixel_excess=np.array(excess),
         force_n=np.array(force_n),

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from palpate.estimate.measurement import Measurement
-from palpate.estimate.sheet_creep import OwnCreep
+from palpate.estimate.sheet_creep import SheetCreep
 
-CREEP = OwnCreep(log_mean=0.2, log_sd=0.02, early_s=0.4, settled_s=20.0)
+CREEP = SheetCreep(log_mean=0.2, log_sd=0.02, early_s=0.4, settled_s=20.0)
 
 
 def said(value: float, *, half: float = 0.2) -> Measurement:
@@ -20,16 +20,16 @@ def said(value: float, *, half: float = 0.2) -> Measurement:
 def test_the_odd_placement_does_not_count() -> None:
     early = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 0.1])
     settled = early * np.exp([0.2, 0.21, 0.19, 0.2, 0.22, 0.18, 1.5])
-    creep = OwnCreep.fit(early, settled=settled, early_s=0.4, settled_s=20.0)
+    creep = SheetCreep.fit(early, settled=settled, early_s=0.4, settled_s=20.0)
     assert creep.log_mean == pytest.approx(0.2)
     assert creep.log_sd < 0.03
 
 
 def test_few_holds_or_dead_ones_tell_nothing() -> None:
     four = np.arange(1.0, 5.0)
-    assert OwnCreep.fit(four, settled=four, early_s=0.4, settled_s=20.0) is None
+    assert SheetCreep.fit(four, settled=four, early_s=0.4, settled_s=20.0) is None
     dead = np.array([1.0, 2.0, 3.0, 4.0, 0.0, 0.0])
-    assert OwnCreep.fit(dead, settled=dead + 1.0, early_s=0.4, settled_s=20.0) is None
+    assert SheetCreep.fit(dead, settled=dead + 1.0, early_s=0.4, settled_s=20.0) is None
 
 
 def test_less_is_left_the_longer_it_was_watched() -> None:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.estimate.pixel_law import PlacedReadings
-from palpate.estimate.weights_check import score_left_out_placements
+from palpate.estimate.pixel_law import PlacementReadings
+from palpate.estimate.weights_check import score_held_out_placements
 
 
-def placed(rows: list[tuple[int, bool, float, FloatArray]]) -> PlacedReadings:
+def placed(rows: list[tuple[int, bool, float, FloatArray]]) -> PlacementReadings:
     run, early, force_n, pixel_excess = zip(*rows, strict=True)
-    return PlacedReadings(
+    return PlacementReadings(
         run=np.array(run, dtype=float),
         pixel_excess=np.array(pixel_excess),
         force_n=np.array(force_n),
@@ -19,7 +19,7 @@ def placed(rows: list[tuple[int, bool, float, FloatArray]]) -> PlacedReadings:
     )
 
 
-def placements(count: int, *, reach_n: float = 12.0) -> PlacedReadings:
+def placements(count: int, *, reach_n: float = 12.0) -> PlacementReadings:
     """Return placements whose gains scatter by 10 %, read early and settled."""
     rng = np.random.default_rng(4)
     force = np.linspace(0.5, reach_n, 8)
@@ -33,20 +33,20 @@ def placements(count: int, *, reach_n: float = 12.0) -> PlacedReadings:
 
 
 def test_errors_are_those_of_the_scatter_over_placements() -> None:
-    found = score_left_out_placements(placements(6))
+    found = score_held_out_placements(placements(6))
     for kind in ("early", "settled"):
         error = found[kind]["5_n"]
         assert 3 < error < 25
 
 
 def test_a_force_that_was_not_reached_has_no_error() -> None:
-    found = score_left_out_placements(placements(6, reach_n=4.0))
+    found = score_held_out_placements(placements(6, reach_n=4.0))
     assert found["settled"]["10_n"] is None
     assert found["settled"]["1_n"] is not None
 
 
 def test_two_placements_show_no_error() -> None:
-    assert set(score_left_out_placements(placements(2))["early"].values()) == {None}
+    assert set(score_held_out_placements(placements(2))["early"].values()) == {None}
 
 
 def test_the_few_placements_that_reach_a_force_do_not_stand_for_all() -> None:
@@ -57,7 +57,7 @@ def test_the_few_placements_that_reach_a_force_do_not_stand_for_all() -> None:
         for n in np.geomspace(0.5, 10.0 if gain in (1.0, 1.02) else 4.0, 8)
         for early in (True, False)
     ]
-    found = score_left_out_placements(placed(rows))
+    found = score_held_out_placements(placed(rows))
     for kind in ("early", "settled"):
         error = found[kind]["10_n"]
         assert 25 < error < 60

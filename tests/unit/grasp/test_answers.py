@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from tests.factories import closing_steps, touch
 
-from palpate.estimate.closing_curve import FELT
+from palpate.estimate.closing_curve import CONTACT_SD
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.answers import floor_n, measure_object
 from palpate.grasp.estimator import ClosingStep, ContactEstimate
@@ -38,7 +38,7 @@ def test_measure_object_touch_too_faint_for_a_curve_still_has_a_firmness(
     assert stiffness.value is None
     if len(readings) == 1:
         # Too few for a curve: bounded by the force and the travel.
-        assert stiffness.low == pytest.approx(2.0 - FELT * floor_n(plan))
+        assert stiffness.low == pytest.approx(2.0 - CONTACT_SD * floor_n(plan))
     assert firmness.low < firmness.value < firmness.high
     assert found["size_mm"].low < found["size_mm"].value < found["size_mm"].high
 

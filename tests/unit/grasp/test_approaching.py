@@ -63,7 +63,7 @@ def test_slowing_down_before_an_expected_size_is_no_touch(level: str) -> None:
                 to.append((grasp_state.activity, grasp_state.estimate.now_s))
 
         grasp_on_twin(world, calibration, views={"watchers": [watch]}, expect_size_mm=size_mm)
-        felt_s[expected] = [time_s for phase, time_s in phases if phase == Activity.LOOK]
+        felt_s[expected] = [time_s for phase, time_s in phases if phase == Activity.EVALUATE]
     assert len(felt_s[False]) == len(felt_s[True]) == 1
     assert felt_s[True][0] <= felt_s[False][0]
 
@@ -154,8 +154,8 @@ def test_second_finger_is_approached_at_speed(plan: Plan, bench: Any) -> None:
 
     bench.change_frames(pushing)
     phases, _ = entered_phases(plan, bench)
-    felt = phases.index(Activity.LOOK)
-    assert phases[felt : felt + 3] == [Activity.LOOK, Activity.SWEEP, Activity.LOOK]
+    felt = phases.index(Activity.EVALUATE)
+    assert phases[felt : felt + 3] == [Activity.EVALUATE, Activity.SWEEP, Activity.EVALUATE]
 
 
 def test_nearly_equal_fingers_are_a_touch_and_not_a_push(plan: Plan, bench: Any) -> None:
@@ -173,5 +173,5 @@ def test_nearly_equal_fingers_are_a_touch_and_not_a_push(plan: Plan, bench: Any)
     bench.change_frames(faint)
     bench.n_per_mm = 0.4
     phases, _ = entered_phases(plan, bench)
-    felt = [n for n, phase in enumerate(phases) if phase == Activity.LOOK]
+    felt = [n for n, phase in enumerate(phases) if phase == Activity.EVALUATE]
     assert phases[felt[0] + 1] == Activity.TOUCH

@@ -30,7 +30,7 @@ def test_the_strongest_reading_is_that_since_the_last_movement(plan: Plan, bench
         nonlocal fallen
         if grasp_state.estimate.touches:
             readings = [touch.reading for touch in grasp_state.estimate.touches]
-            assert grasp_state.estimate.strongest == max(readings)
+            assert grasp_state.estimate.strongest_reading == max(readings)
             fallen += readings[0] > readings[-1]
 
     assert bench.grasp(plan, watchers=[compare]).outcome is Outcome.HELD

@@ -7,7 +7,7 @@ import pytest
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan
-from palpate.grasp.settle import close_again, ease_off, press_on
+from palpate.grasp.settle import increase_force, reduce_force, return_from_below
 from palpate.grasp.state import GraspState
 
 #: The object of these tests raises the force by this much per millimetre.
@@ -46,7 +46,7 @@ def holding(force_n: float) -> GraspState:
 
 def test_correction_upwards_adds_the_missing_force(plan: Plan) -> None:
     state = holding(4.0)
-    wish = press_on(state, settled(4.0), plan, missing_n=1.0)
+    wish = increase_force(state, settled(4.0), plan, missing_n=1.0)
     assert plan.gripper.highest - wish.target == pytest.approx(21.0 + 1.0 / N_PER_MM, abs=0.05)
     assert state.correction.count == 1
     assert state.correction.before == (21.0, pytest.approx(4.0))
@@ -58,7 +58,7 @@ def test_short_correction_lowers_the_slope_to_a_quarter_at_most(
     """Half a millimetre gave 0.1 N instead of 1 N; the next step is quadrupled."""
     state = holding(4.0)
     state.correction.before = (20.5, 3.9)
-    wish = press_on(state, settled(4.0), plan, missing_n=0.2)
+    wish = increase_force(state, settled(4.0), plan, missing_n=0.2)
     assert plan.gripper.highest - wish.target == pytest.approx(
         21.0 + 0.2 / (N_PER_MM / 4.0), abs=0.05
     )
@@ -67,20 +67,20 @@ def test_short_correction_lowers_the_slope_to_a_quarter_at_most(
 def test_correction_without_effect_limits_the_next(plan: Plan) -> None:
     state = holding(4.0)
     state.correction.before = (20.9, 4.1)
-    wish = press_on(state, settled(4.0), plan, missing_n=3.0)
+    wish = increase_force(state, settled(4.0), plan, missing_n=3.0)
     assert plan.gripper.highest - wish.target == pytest.approx(21.1, abs=0.03)
 
 
 def test_correction_that_is_not_safe_changes_nothing(plan: Plan) -> None:
     state = holding(4.0)
     state.estimate.damage_low_n = 4.1
-    assert press_on(state, settled(4.0), plan, missing_n=3.0) is None
+    assert increase_force(state, settled(4.0), plan, missing_n=3.0) is None
     assert (state.correction.count, state.estimate.force_n) == (0, 4.0)
 
 
 def test_correction_downwards_opens_well_below_the_target(plan: Plan) -> None:
     state = holding(5.0)
-    command = ease_off(state, settled(5.0), plan, goal_n=4.0)
+    command = reduce_force(state, settled(5.0), plan, goal_n=4.0)
     over_n = 5.0 - 4.0
     closure = 21.0 - over_n / N_PER_MM
     assert state.correction.return_closure == pytest.approx(closure, abs=0.05)
@@ -100,7 +100,7 @@ def below(force_n: float, *, return_closure: float) -> GraspState:
 
 def test_return_to_the_target_takes_half_a_second(plan: Plan) -> None:
     state = below(3.0, return_closure=22.0)
-    wish = close_again(state, plan)
+    wish = return_from_below(state, plan)
     assert plan.gripper.highest - wish.target == pytest.approx(22.0, abs=0.05)
     assert wish.rate == pytest.approx(1.0 / 0.5)
     assert state.estimate.force_n == pytest.approx(3.0, rel=0.1)
@@ -113,5 +113,5 @@ def test_return_waits_for_a_reading_and_ends_at_its_closure(
     state = below(3.0, return_closure=return_closure)
     if return_closure > 21.0:
         state.estimate.touches = ()
-    assert close_again(state, plan) is None
+    assert return_from_below(state, plan) is None
     assert state.estimate.force_n == 0.1

@@ -37,7 +37,7 @@ def estimate_of(reading: float, *, closure: float, still: bool) -> ContactEstima
         still_since_s=9.0 if still else None,
         now_s=10.0,
         # The sheet of these tests reads twice the force.
-        frames_n=((0.0, 0.5 * reading), (0.1, 0.5 * reading)),
+        frame_forces=((0.0, 0.5 * reading), (0.1, 0.5 * reading)),
         sent=closure + 1.0,
     )
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.factories import draw, grasp_on_twin
 
-from palpate.estimate.sheet_creep import OwnCreep
+from palpate.estimate.sheet_creep import SheetCreep
 from palpate.grasp.answers import forecast
 from palpate.grasp.estimator import ContactEstimate, Touch
 from palpate.grasp.plan import Plan
@@ -18,7 +18,7 @@ from palpate.twin.world import World
 
 #: Frames of a reading that falls by a fifth each: drawn out, next to nothing would be left.
 FALLING = tuple(30.0 * 0.8**k for k in range(9))
-CREEP = OwnCreep(log_mean=0.2, log_sd=0.05, early_s=0.4, settled_s=20.0)
+CREEP = SheetCreep(log_mean=0.2, log_sd=0.05, early_s=0.4, settled_s=20.0)
 
 
 def held(plan: Plan) -> ContactEstimate:

@@ -14,7 +14,7 @@ from palpate.grasp.plan import Plan
 
 
 def test_watched_force_ignores_a_single_spike() -> None:
-    estimate = ContactEstimate(frames_n=((0.0, 1.0), (0.1, 1.0), (0.2, 9.0)))
+    estimate = ContactEstimate(frame_forces=((0.0, 1.0), (0.1, 1.0), (0.2, 9.0)))
     assert estimate.confirmed_force_n == 1.0
 
 
@@ -22,5 +22,5 @@ def test_frame_force_grows_with_the_gain_of_the_contact(plan: Plan) -> None:
     plain = ContactEstimate()
     gain = Gain(log_mean=math.log(1.5), log_sd=0.1, law_sd=0.1)
     stronger = replace(plain, gain=gain)
-    expected_n = 1.5 * plain._frame_n(touch(4.0), plan)
-    assert stronger._frame_n(touch(4.0), plan) == pytest.approx(expected_n)
+    expected_n = 1.5 * plain._frame_force_n(touch(4.0), plan)
+    assert stronger._frame_force_n(touch(4.0), plan) == pytest.approx(expected_n)

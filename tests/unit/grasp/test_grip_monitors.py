@@ -25,7 +25,7 @@ SEEN = Observation(
 def held(fraction: float, *, phase: Phase = Phase.HOLD) -> GraspState:
     """Return a grasp whose sheet read 1 and reads this fraction of it now."""
     touches = tuple(touch(fraction, time_s=0.1 * number) for number in range(12))
-    estimate = ContactEstimate(now_s=1.1, still_since_s=0.0, touches=touches, strongest=1.0)
+    estimate = ContactEstimate(now_s=1.1, still_since_s=0.0, touches=touches, strongest_reading=1.0)
     return GraspState(phase=phase, estimate=estimate)
 
 

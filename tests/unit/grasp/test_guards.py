@@ -16,7 +16,7 @@ from palpate.grasp.estimator import ContactEstimate, Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.requests import Requests
-from palpate.grasp.rest import explain_strange_rest
+from palpate.grasp.rest import explain_implausible_rest
 from palpate.grasp.result import Outcome
 from palpate.grasp.safety import FORCE_CEILING_N, Alarm, Danger, SafetyLimits
 from palpate.grasp.state import GraspState
@@ -160,7 +160,7 @@ def test_impossible_rest_values_end_the_grasp(plan: Plan, bench: Any, name: str)
     ("factor", "fine"), [(0.41, True), (2.4, True), (0.39, False), (2.6, False)]
 )
 def test_the_drift_of_the_rest_has_a_bound(plan: Plan, factor: float, fine: bool) -> None:
-    assert (explain_strange_rest(factor * np.asarray(plan.rest_ohm), plan=plan) is None) == fine
+    assert (explain_implausible_rest(factor * np.asarray(plan.rest_ohm), plan=plan) is None) == fine
 
 
 # -- the clock of the frames -----------------------------------------------------------------------
@@ -385,9 +385,9 @@ def test_a_hold_that_outlasts_the_longest_grasp_is_held(plan: Plan, bench: Any) 
 def test_a_closing_hand_that_presses_beyond_its_target_is_stopped_where_it_is(
     plan: Plan, forces_n: tuple[float, ...], sent: float, target_n: float | None, ends: bool
 ) -> None:
-    frames_n = tuple((0.1 * number, force_n) for number, force_n in enumerate(forces_n))
+    frame_forces = tuple((0.1 * number, force_n) for number, force_n in enumerate(forces_n))
     estimate = ContactEstimate(
-        closure=20.0, sent=sent, frames_n=frames_n, frames=3, began_s=0.0, now_s=0.2
+        closure=20.0, sent=sent, frame_forces=frame_forces, frames=3, began_s=0.0, now_s=0.2
     )
     state = GraspState(phase=Phase.SQUEEZE, estimate=estimate)
     assert is_closing_too_far(state, replace(plan, target_force_n=target_n)) is ends

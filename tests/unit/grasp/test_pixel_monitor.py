@@ -88,8 +88,8 @@ def test_one_pixel_that_a_load_brings_to_the_top_is_no_alarm(plan: Plan) -> None
         frame = Frame(time_s=number / 15, sequence=number, counts=counts)
         assert watch.check(Observation(frame=frame, gripper=state)) is None
         if number > 4:
-            assert not watch.doubtful
-    assert "pixel R0 C0 is pressed beyond what can be read" in str(watch.beyond)
+            assert not watch.is_frame_uncertain
+    assert "pixel R0 C0 is pressed beyond what can be read" in str(watch.saturation_warning)
 
 
 def test_most_loaded_pixels_saturated_raise_an_alarm(plan: Plan) -> None:
@@ -159,7 +159,7 @@ def test_a_frame_with_an_end_of_the_range_is_doubtful(plan: Plan) -> None:
         seen = Frame(time_s=number / 15, sequence=number, counts=frame)
         state = GripperState(time_s=number / 15, width_mm=74.0)
         assert watch.check(Observation(frame=seen, gripper=state)) is None
-        doubts.append(watch.doubtful)
+        doubts.append(watch.is_frame_uncertain)
     assert doubts == [False, True, False, True, False]
 
 

@@ -38,7 +38,7 @@ def test_hand_closes_finely_until_the_rest_is_proved(plan: Plan, bench: Any) -> 
 
     def watch(grasp_state: GraspState) -> None:
         if (
-            grasp_state.attempt.proving_from is not None
+            grasp_state.attempt.rest_check_from is not None
             and grasp_state.estimate.closure not in closures
         ):
             closures.append(grasp_state.estimate.closure)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from palpate.grasp.safety import SafetyLimits
-from palpate.grasp.tracking_monitor import Following, SpeedWatch, find_impossible_value
+from palpate.grasp.tracking_monitor import CommandTracking, SpeedMonitor, find_impossible_value
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 
 WIDTH = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
@@ -21,9 +21,11 @@ def at(limits: GripperLimits, value: float, *, time_s: float = 0.0) -> GripperSt
     return GripperState(time_s=time_s, pressure_kpa=value)
 
 
-def sent(limits: GripperLimits, begin: float, target: float, rate: float = 20.0) -> Following:
+def sent(limits: GripperLimits, begin: float, target: float, rate: float = 20.0) -> CommandTracking:
     command = GripperCommand(target=target, rate=rate)
-    return Following.of(command, state=at(limits, begin), now_s=1.0, limits=limits, safety=SAFETY)
+    return CommandTracking.start(
+        command, state=at(limits, begin), now_s=1.0, limits=limits, safety=SAFETY
+    )
 
 
 @pytest.mark.parametrize(
@@ -37,11 +39,11 @@ def test_following_is_late_after_its_due_time(
     assert way.due_s == pytest.approx(1.5 + SAFETY.arrival_s)
     stands = at(limits, begin)
     before, due = way.due_s - 1e-6, way.due_s
-    assert way.complaint(stands, now_s=before, limits=limits, safety=SAFETY) is None
-    complaint = way.complaint(stands, now_s=due, limits=limits, safety=SAFETY)
-    assert "is it blocked" in complaint
+    assert way.find_fault(stands, now_s=before, limits=limits, safety=SAFETY) is None
+    fault = way.find_fault(stands, now_s=due, limits=limits, safety=SAFETY)
+    assert "is it blocked" in fault
     there = at(limits, target)
-    assert way.complaint(there, now_s=due, limits=limits, safety=SAFETY) is None
+    assert way.find_fault(there, now_s=due, limits=limits, safety=SAFETY) is None
 
 
 @pytest.mark.parametrize(
@@ -58,21 +60,21 @@ def test_running_on_is_known_at_once(
 ) -> None:
     way, direction = sent(limits, begin, target), past / abs(past)
     within = at(limits, target + direction * (allowed - 0.01))
-    assert way.complaint(within, now_s=1.1, limits=limits, safety=SAFETY) is None
+    assert way.find_fault(within, now_s=1.1, limits=limits, safety=SAFETY) is None
     beyond = at(limits, target + direction * (allowed + 0.01))
-    complaint = way.complaint(beyond, now_s=1.1, limits=limits, safety=SAFETY)
-    assert "runs on" in complaint
+    fault = way.find_fault(beyond, now_s=1.1, limits=limits, safety=SAFETY)
+    assert "runs on" in fault
 
 
 def test_only_a_hand_that_closes_by_width_is_looked_at_between_frames() -> None:
     often_s = SAFETY.overshoot_mm / 20.0
-    look = sent(WIDTH, 40.0, 30.0).glance_s
+    look = sent(WIDTH, 40.0, 30.0).poll_interval_s
     assert look(now_s=1.2, limits=WIDTH, safety=SAFETY) == pytest.approx(often_s)
     assert look(now_s=1.5 + 1.9 * often_s, limits=WIDTH, safety=SAFETY) is not None
     assert look(now_s=1.5 + 2.1 * often_s, limits=WIDTH, safety=SAFETY) is None
     for way, limits in ((sent(WIDTH, 30.0, 40.0), WIDTH), (sent(PRESSURE, 10.0, 20.0), PRESSURE)):
-        assert way.glance_s(now_s=1.2, limits=limits, safety=SAFETY) is None
-    assert sent(WIDTH, 30.0, 30.0).glance_s(now_s=1.0, limits=WIDTH, safety=SAFETY) is None
+        assert way.poll_interval_s(now_s=1.2, limits=limits, safety=SAFETY) is None
+    assert sent(WIDTH, 30.0, 30.0).poll_interval_s(now_s=1.0, limits=WIDTH, safety=SAFETY) is None
 
 
 @pytest.mark.parametrize(
@@ -100,19 +102,19 @@ def speeds(
 
     Between two of them the hand stands for half a second.
     """
-    watch, now_s, closure = SpeedWatch(limits, safety=SAFETY), 0.0, 2.0
+    watch, now_s, closure = SpeedMonitor(limits, safety=SAFETY), 0.0, 2.0
     found = list[str]()
     for rate, real, length in moves:
         begin, began_s = closure, now_s
         command = GripperCommand(target=limits.target(begin + length), rate=rate)
         state = at(limits, limits.target(begin))
-        way = Following.of(command, state=state, now_s=now_s, limits=limits, safety=SAFETY)
-        watch.complaint(replace(state, time_s=now_s), way=None)
+        way = CommandTracking.start(command, state=state, now_s=now_s, limits=limits, safety=SAFETY)
+        watch.find_fault(replace(state, time_s=now_s), way=None)
         while now_s < began_s + length / rate + 0.5:
             now_s += every_s
             closure = begin + min(real * (now_s - began_s), length)
-            complaint = watch.complaint(at(limits, limits.target(closure), time_s=now_s), way=way)
-            found += [] if complaint is None else [complaint]
+            fault = watch.find_fault(at(limits, limits.target(closure), time_s=now_s), way=way)
+            found += [] if fault is None else [fault]
     return found
 
 
@@ -140,15 +142,15 @@ def test_a_hand_that_is_too_fast_is_known(
 
 def test_overspeed_accumulates_over_short_commands() -> None:
     """Each command reaches two frames ahead, and the hand arrives before the next one."""
-    watch, width_mm, found = SpeedWatch(WIDTH, safety=SAFETY), 74.0, list[str]()
+    watch, width_mm, found = SpeedMonitor(WIDTH, safety=SAFETY), 74.0, list[str]()
     for frame in range(12):
         state, now_s = at(WIDTH, width_mm), frame / 15
         sent = GripperCommand(target=width_mm - 1.3, rate=10.0)
-        way = Following.of(sent, state=state, now_s=now_s, limits=WIDTH, safety=SAFETY)
-        watch.complaint(replace(state, time_s=now_s + 1e-3), way=way)
+        way = CommandTracking.start(sent, state=state, now_s=now_s, limits=WIDTH, safety=SAFETY)
+        watch.find_fault(replace(state, time_s=now_s + 1e-3), way=way)
         width_mm -= 1.3
-        complaint = watch.complaint(at(WIDTH, width_mm, time_s=now_s + 1 / 15), way=way)
-        found += [] if complaint is None else [complaint]
+        fault = watch.find_fault(at(WIDTH, width_mm, time_s=now_s + 1 / 15), way=way)
+        found += [] if fault is None else [fault]
     assert found
 
 
@@ -157,9 +159,9 @@ def test_overspeed_of_a_short_step_is_detected() -> None:
 
 
 def test_a_slower_command_is_obeyed_within_the_latency() -> None:
-    watch, width_mm = SpeedWatch(WIDTH, safety=SAFETY), 60.0
+    watch, width_mm = SpeedMonitor(WIDTH, safety=SAFETY), 60.0
     fast, slow = (
-        Following.of(
+        CommandTracking.start(
             GripperCommand(target=20.0, rate=rate),
             state=at(WIDTH, 60.0),
             now_s=0.0,
@@ -172,21 +174,21 @@ def test_a_slower_command_is_obeyed_within_the_latency() -> None:
         now_s = 0.005 * step
         way = fast if now_s <= 0.1 else slow
         width_mm -= 0.005 * (60.0 if now_s <= 0.1 + SAFETY.latency_s else 6.0)
-        assert watch.complaint(at(WIDTH, width_mm, time_s=now_s), way=way) is None
+        assert watch.find_fault(at(WIDTH, width_mm, time_s=now_s), way=way) is None
 
 
 def test_opening_and_a_lag_that_is_made_up_are_not_overspeed() -> None:
-    watch = SpeedWatch(WIDTH, safety=SAFETY)
+    watch = SpeedMonitor(WIDTH, safety=SAFETY)
     way = sent(WIDTH, 40.0, 30.0, rate=4.0)
-    assert watch.complaint(at(WIDTH, 40.0, time_s=0.0), way=way) is None
-    assert watch.complaint(at(WIDTH, 39.5, time_s=0.001), way=way) is None
-    assert watch.complaint(at(WIDTH, 70.0, time_s=0.1), way=way) is None
+    assert watch.find_fault(at(WIDTH, 40.0, time_s=0.0), way=way) is None
+    assert watch.find_fault(at(WIDTH, 39.5, time_s=0.001), way=way) is None
+    assert watch.find_fault(at(WIDTH, 70.0, time_s=0.1), way=way) is None
 
 
 def test_reports_without_a_time_of_their_own_are_not_judged() -> None:
-    watch = SpeedWatch(WIDTH, safety=SAFETY)
+    watch = SpeedMonitor(WIDTH, safety=SAFETY)
     way = sent(WIDTH, 40.0, 30.0, rate=4.0)
-    assert [watch.complaint(at(WIDTH, mm), way=way) for mm in (40.0, 35.0, 30.0)] == [None] * 3
+    assert [watch.find_fault(at(WIDTH, mm), way=way) for mm in (40.0, 35.0, 30.0)] == [None] * 3
 
 
 def test_impossible_reports_are_described() -> None:

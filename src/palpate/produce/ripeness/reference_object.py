@@ -39,7 +39,7 @@ from palpate.produce.ripeness.firmness import (
 _WANDER, _WEATHER = 0.1, 0.05
 _SHARES = np.geomspace(1 / 16, 2.0, 11)
 #: Least fraction of the deformation read that is taken to be the fruit's.
-_LEAST_SHARE = 0.2
+_MIN_FRACTION = 0.2
 
 #: Beyond this, wear is more than a correction should carry.
 _ADVISED = 0.3
@@ -122,7 +122,7 @@ class Drift:
             return firmness - moved
         read = math.exp(-firmness)
         # At least this much of what was read is fruit, however far the sensor has drifted.
-        fruit = max(read + self.compliance_mm_per_n * moved, _LEAST_SHARE * read)
+        fruit = max(read + self.compliance_mm_per_n * moved, _MIN_FRACTION * read)
         return -math.log(fruit) - 2.0 / 3.0 * moved
 
     @property
