@@ -111,7 +111,7 @@ def test_ours_names_most_items_and_finds_the_stranger(crates: list[CrateItemGras
 
 
 def test_one_sensor_has_no_other_to_be_taught_on() -> None:
-    given = sorting.answers(made_up(levels=("lab",), sensors=1))
+    given = sorting.name_items(made_up(levels=("lab",), sensors=1))
     assert "ours, taught on other sensors" not in {one.method for one in given}
     assert {one.level for one in given} == {"lab"}
 
@@ -132,7 +132,7 @@ def test_what_was_not_measured_is_unknown_to_all(crates: list[CrateItemGrasps]) 
         )
         for item in crates
     ]
-    said = {one.said for one in sorting.answers(lost)}
+    said = {one.answer for one in sorting.name_items(lost)}
     assert said == {"unknown"}
     placed = sorting.sort_crates(lost)
     assert {one.bin for each in placed.values() for one in each} == {sorting.BOOK.default_bin}

@@ -38,7 +38,7 @@ CASES: tuple[tuple[str, dict[str, str], str], ...] = (
         "more closings",
     ),
     ("rupture", {}, "either --curves and --index or --second"),
-    ("rupture", {"curves": CURVES, "index": INDEX, "test-curves": CURVES}, "go together"),
+    ("rupture", {"curves": CURVES, "index": INDEX, "test-curves": CURVES}, "belong together"),
 )
 
 

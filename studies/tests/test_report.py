@@ -26,7 +26,7 @@ def test_a_file_is_no_folder_for_a_report(
     out = file / "report" if inside else file
     assert run(build_app(), ["study", "table2", "--out", str(out)], name="palpate") == 2
     said = capsys.readouterr().err
-    assert f"{file} is not a folder; name one to write into" in said
+    assert f"{file} is not a folder; give a folder" in said
     assert said.count("\n") == 1
     assert file.read_text() == "mine"
 

@@ -150,16 +150,18 @@ def test_learners_are_rivals_that_see_the_labels_of_every_station(station: Stati
     for learner in STAGE_LEARNERS:
         assert scores(alone)[learner]["exact"] > 0.5
         assert scores(taught)[learner]["exact"] > 0.75
-    assert [row.said["trees"] for row in alone] != [row.said["trees"] for row in taught]
-    assert [row.said["ours"] for row in alone] == [row.said["ours"] for row in taught]
+    assert [row.stages["trees"] for row in alone] != [row.stages["trees"] for row in taught]
+    assert [row.stages["ours"] for row in alone] == [row.stages["ours"] for row in taught]
 
 
 def test_differences_are_paired_by_fruit(station: StationRecords) -> None:
     rows = judge_days(made_up(station, worn=0.0), name="a")
     assert len({row.fruit for row in rows}) == 10
-    never = [replace(row, said=row.said | {"settled change": row.said["ours"]}) for row in rows]
+    never = [
+        replace(row, stages=row.stages | {"settled change": row.stages["ours"]}) for row in rows
+    ]
     always = [
-        replace(row, said=row.said | {"settled change": (row.truth + 1) % 4, "ours": row.truth})
+        replace(row, stages=row.stages | {"settled change": (row.truth + 1) % 4, "ours": row.truth})
         for row in rows
     ]
     for judgements, difference in ((never, 0.0), (always, -1.0)):
@@ -208,5 +210,5 @@ def test_a_condition_that_is_not_compared_is_refused_before_any_grasp(
 
 def test_a_study_without_fruit_to_judge_says_so(station: StationRecords) -> None:
     felt = made_up(station, worn=0.0, labelled_fruits=6)
-    with pytest.raises(InputError, match="judge more with --fruits"):
+    with pytest.raises(InputError, match="judge more fruits with --fruits"):
         judge({("lab", "rigid", True): [replace(felt, others=())]})

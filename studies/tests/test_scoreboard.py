@@ -127,9 +127,9 @@ def test_figures_are_looked_up_and_scaled(docs: Path) -> None:
     [
         ('verdict = "undecided"', 'verdict = "ours"', "its interval 'undecided'"),
         ('second_verdict = "rival"', 'second_verdict = "ours"', "its interval 'rival'"),
-        ("method=c]/error}", "method=d]/error}", "0 rows"),
-        ('difference = "pair"', 'difference = "pear"', "no 'pear'"),
-        ("ends/1", "ends/2", "no '2'"),
+        ("method=c]/error}", "method=d]/error}", "matches 0 rows"),
+        ('difference = "pair"', 'difference = "pear"', "has no 'pear'"),
+        ("ends/1", "ends/2", "has no '2'"),
     ],
 )
 def test_a_claim_that_its_result_does_not_support_is_refused(
@@ -151,7 +151,7 @@ def test_a_changed_result_changes_the_page(tmp_path: Path) -> None:
         row["firmness"] += 0.1
     path.write_text(json.dumps(document))
     assert insert_table(page, first_page_table(read_claims(tmp_path))) != page
-    with pytest.raises(InputError, match="needs one"):
+    with pytest.raises(InputError, match="needs exactly one"):
         insert_table("no marks", "")
 
 

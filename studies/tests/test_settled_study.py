@@ -87,8 +87,8 @@ def test_a_multiple_learns_from_the_others_alone() -> None:
 
 
 def test_files_of_the_same_holds_are_left_out_together() -> None:
-    assert settled._have_common_hold(holds("a", 2), holds("a", 3))
-    assert not settled._have_common_hold(holds("a", 2), holds("b", 2))
+    assert settled._share_holds(holds("a", 2), holds("a", 3))
+    assert not settled._share_holds(holds("a", 2), holds("b", 2))
 
 
 def test_a_ridge_recovers_what_others_share() -> None:

@@ -17,7 +17,7 @@ from palpate.signal.relative import mean_change
 from palpate.twin.objects import TwinObject
 from palpate_studies.report import StudyReport, Table
 from palpate_studies.rows import LEVELS
-from palpate_studies.twin_session import Session, grasps, stack
+from palpate_studies.twin_session import Session, grasps, stack_holds
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -72,7 +72,7 @@ def draw_curves(
             for rank, ((label, obj), colour) in enumerate(drawn):
                 session = Session(SHOWN_SENSOR, level=level)
                 session.place(obj, fixture=fixture)
-                curves = stack(
+                curves = stack_holds(
                     [
                         mean_change(session.hold(obj.size_mm, width_mm=width_mm))
                         for _ in range(SHOWN_GRASPS)
@@ -129,15 +129,15 @@ def measure_settled_readings(
 def format_cells(found: Settled, index: int) -> list[str]:
     """Return an object's table cells: mean and sd of the median sensor, range of means."""
     each = [found[level][index] for level in LEVELS]
-    return [mean_and_range(v.mean(axis=1), v.std(axis=1, ddof=1)) for v in each]
+    return [format_mean_and_range(v.mean(axis=1), v.std(axis=1, ddof=1)) for v in each]
 
 
-def mean_and_range(mean: FloatArray, sd: FloatArray) -> str:
+def format_mean_and_range(mean: FloatArray, sd: FloatArray) -> str:
     """Format mean and sd of the median sensor, and the range of the means."""
     return f"{np.median(mean):.1f} ± {np.median(sd):.2g} ({mean.min():.1f} to {mean.max():.1f})"
 
 
-def as_json(found: Settled, names: Sequence[str]) -> dict[str, Any]:
+def summarise_sensors(found: Settled, names: Sequence[str]) -> dict[str, Any]:
     """Return mean and sd of each object on each sensor, by level."""
     return {
         level: {
@@ -254,7 +254,7 @@ class LineStudy:
                 "origin": "twin",
                 **payload,
                 "published_r_squared": self.published_r_squared,
-                "levels": as_json(conditions[main], [*self.ratings]),
+                "levels": summarise_sensors(conditions[main], [*self.ratings]),
                 "r_squared": {
                     condition: {level: {self.reading: fit} for level, fit in by_level.items()}
                     for condition, by_level in fits.items()

@@ -77,7 +77,7 @@ def report(
     *,
     grasps: int = GRASPS,
 ) -> StudyReport:
-    """Grasp avocados ten times a day for four days with one rigid and two soft grippers.
+    """Grasp avocados on four days with one rigid and two soft grippers.
 
     Example: palpate study figure16 --out reports
     """
@@ -161,7 +161,7 @@ def measure_days(fruit: Avocado, hand: Hand, *, level: str, grasps: int) -> Floa
 def _measure_settled_percent(
     world: World, gripper: TwinGripper, *, spot: TwinObject, fruit: Avocado, hand: Hand
 ) -> float:
-    """Grasp one spot, hold and open; return the mean change at the end of the hold."""
+    """Grasp one spot; return the mean change at the end of the hold."""
     gripper.release()
     world.clock.sleep_s(STILL_S)
     world.place(spot, fixture=True)

@@ -1,4 +1,4 @@
-"""Learn the population of a force law from recordings of several sensors with a load cell."""
+"""Learn the population of a force law from recordings with a load cell."""
 
 from __future__ import annotations
 

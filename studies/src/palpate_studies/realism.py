@@ -1,7 +1,7 @@
-"""Whether the twin is kinder than real recordings: scatter, creep, shapes and noise.
+"""Compare the twin with real recordings in scatter, creep, curve shapes and noise.
 
-The quantities of a recording are computed alike for real ones and for ladders of loads, presses and
-holds measured on the twin.
+The same quantities are computed for real recordings and for ladders of loads, presses and holds on
+the twin. A twin with smaller values is called kinder.
 """
 
 from __future__ import annotations
@@ -31,26 +31,26 @@ from palpate_studies.twin_session import SPEED_MM_PER_S, STILL_S, Session, draw_
 CUTOFF_S, HORIZON_S = 2.5, 20.0
 #: Loads below this are not compared.
 SMALLEST_N = 0.5
-#: Creep is what happens between these times after the force is reached, the force's own share out.
+#: Creep is the change between these times after the force is reached, corrected for the force.
 CREEP_FROM_S, CREEP_TO_S = 0.2, 1.2
-#: Steps from sample to sample that a rise needs to show its slope: three, at 15 Hz, is 0.2 s.
+#: Fewest sampling steps in a rise for an estimate of its slope: three at 15 Hz are 0.2 s.
 FEWEST_RISING = 3
-#: This many places are pressed at once by a thing on the twin's sheet; draws of as many real ones.
+#: Places pressed at once by an object on the twin's sheet, and draws of as many real places.
 PLACES, _DRAWS = 8, 2000
 #: Load and excess conductance of one sensor, one pair per weight.
 Ladder = tuple[FloatArray, FloatArray]
-#: A converter fine enough not to add to the sheet's own scatter.
+#: A converter with negligible quantisation relative to the scatter of the sheet.
 FINE = ArrayLayout(
     name="fine", rows=4, cols=2, finger_of_row=(0, 0, 1, 1), divider=Divider(adc_bits=16)
 )
-#: Closures on springs that give about 0.5 to 12 N, and about 7 N; on a ball for holds.
+#: Closures on springs for about 0.5 to 12 N, on springs for about 7 N, and on a ball for holds.
 LADDER_MM = tuple(np.geomspace(0.3, 4.2, 18))
 PRESS_MM, WEIGHT_MM = 3.0, 2.5
 #: The real ladders were read 5-15 s after loading.
 LADDER_HOLD_S = 10.0
 PRESS_S, PRESS_MM_PER_S = 2.0, 10.0
 SENSORS, PRESSES, HOLDS = 12, 8, 3
-#: Quantity -> its meaning. A smaller value on the twin than on the recordings is the kinder one.
+#: Quantity -> its meaning. The twin is kinder if its value is smaller than the recordings'.
 MEANING = {
     "exponent": "of excess conductance in force, sensor by sensor (standard deviation compared)",
     "scatter of ln force": "about the sensor's own power law, every weight placed again",
@@ -72,8 +72,7 @@ Quantities = Mapping[str, FloatArray]
 def ladder_quantities(ladders: Sequence[Ladder]) -> dict[str, FloatArray]:
     """Return exponent, own scatter and error of the other ladders' law, per ladder.
 
-    Ladders are compared in threes (two to learn from, one to predict), as that is how many real
-    ones there are.
+    Each ladder is predicted from two others, because there are three real ladders.
     """
     logs = [(np.log(load), np.log(excess)) for load, excess in ladders]
     lines = [np.polyfit(load, excess, 1) for load, excess in logs]
@@ -99,7 +98,7 @@ def press_quantities(presses: Sequence[Press]) -> dict[str, FloatArray]:
     exponent = _within_press_exponent(presses)
     creeps = []
     for press in presses:
-        time_s, log_gain = _find_held_gain(press, exponent)
+        time_s, log_gain = _track_held_gain(press, exponent)
         if time_s[-1] >= CREEP_TO_S:
             early, late = np.interp([CREEP_FROM_S, CREEP_TO_S], time_s, log_gain)
             creeps.append(100 * np.expm1(late - early))
@@ -109,28 +108,28 @@ def press_quantities(presses: Sequence[Press]) -> dict[str, FloatArray]:
 
 
 def list_log_gains(presses: Sequence[Press]) -> dict[str, FloatArray]:
-    """Return each press's ln conductance at equal force at its force's time, by recording."""
+    """Return each press's ln conductance at equal force, by recording."""
     exponent = _within_press_exponent(presses)
     gains: dict[str, list[float]] = {}
     for press in presses:
         gains.setdefault(press.recording_id, []).append(
-            float(_find_held_gain(press, exponent)[1][0])
+            float(_track_held_gain(press, exponent)[1][0])
         )
     return {name: np.array(gain) for name, gain in gains.items()}
 
 
-def _find_held_gain(press: Press, exponent: float) -> tuple[FloatArray, FloatArray]:
-    """Return time since force application, and ln conductance less the force's part."""
+def _track_held_gain(press: Press, exponent: float) -> tuple[FloatArray, FloatArray]:
+    """Return time since the force was reached, and ln conductance corrected for the force."""
     trace = press.trace
     held = slice(trace.given, press.last_held + 1)
-    log_gain = _log(trace.excess[held]) - exponent * _log(trace.force_n[held])
+    log_gain = _clip_log(trace.excess[held]) - exponent * _clip_log(trace.force_n[held])
     return trace.time_s[held] - trace.time_s[trace.given], log_gain
 
 
 def scatter_of_drawn_means(gains: Mapping[str, FloatArray]) -> FloatArray:
     """Return the scatter of the mean conductance of eight places drawn from each recording.
 
-    That is what a sheet of eight pixels sums, if its pixels are places independent of each other.
+    It is the scatter of a sheet of eight pixels if the pixels are independent places.
     """
     rng = np.random.default_rng(0)
     drawn = [
@@ -144,7 +143,8 @@ def scatter_of_drawn_means(gains: Mapping[str, FloatArray]) -> FloatArray:
 def half_sheet_differences(gains: Mapping[str, FloatArray]) -> FloatArray:
     """Return |difference| / sqrt(2) of ln mean conductance of the first and last eight places.
 
-    Neighbours are pressed one after another and are alike, so that they average less.
+    Neighbouring places are pressed in sequence and are similar, so averaging reduces the scatter
+    less.
     """
     return np.array(
         [
@@ -156,7 +156,7 @@ def half_sheet_differences(gains: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def _within_press_exponent(presses: Sequence[Press]) -> float:
-    """Return the slope of ln excess over ln force during loading, without gains."""
+    """Return the slope of ln excess over ln force within loadings."""
     forces: list[FloatArray] = []
     excesses: list[FloatArray] = []
     for press in presses:
@@ -164,18 +164,18 @@ def _within_press_exponent(presses: Sequence[Press]) -> float:
         rising = slice(trace.first, trace.given + 1)
         if trace.given - trace.first >= FEWEST_RISING:
             for found, values in ((forces, trace.force_n), (excesses, trace.excess)):
-                log = _log(values[rising])
+                log = _clip_log(values[rising])
                 found.append(log - log.mean())
     force, excess = np.concatenate(forces), np.concatenate(excesses)
     return float(force @ excess / (force @ force))
 
 
-def _log(values: FloatArray) -> FloatArray:
+def _clip_log(values: FloatArray) -> FloatArray:
     return np.log(np.maximum(values, 1e-3))
 
 
 def hold_quantities(holds: Sequence[Hold]) -> dict[str, FloatArray]:
-    """Return each hold's distance from settled at 2.5 s, predictors' errors, and noise."""
+    """Return each hold's remaining change at 2.5 s, predictors' errors, and noise."""
     long, to_come, noise = list[Hold](), list[float](), list[float]()
     for hold in holds:
         settled = measure_settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
@@ -183,7 +183,7 @@ def hold_quantities(holds: Sequence[Hold]) -> dict[str, FloatArray]:
             continue
         long.append(hold)
         to_come.append(100 * (np.interp(CUTOFF_S, hold.time_s, hold.values) / settled - 1))
-        # Of one sample in the second half, from second differences.
+        # Noise of one sample, from second differences in the second half.
         half = (hold.time_s > HORIZON_S / 2) & (hold.time_s <= HORIZON_S)
         second = np.diff(hold.values[half], 2)
         noise.append(100 * np.sqrt(np.mean(second**2) / 6) / settled)
@@ -200,7 +200,7 @@ def hold_quantities(holds: Sequence[Hold]) -> dict[str, FloatArray]:
 
 
 def simulate_ladder(sensor: int, *, level: str) -> Ladder:
-    """Load one sensor in steps, each seated again, and read it 10 s after loading."""
+    """Load one sensor in steps, placing the springs again, and read it after 10 s."""
     session, springs = Session(sensor, level=level, layout=FINE), draw_named("springs-8")
     pairs = []
     for closure_mm in LADDER_MM:
@@ -209,15 +209,15 @@ def simulate_ladder(sensor: int, *, level: str) -> Ladder:
         reading = session.grasp(springs.size_mm, width_mm=width_mm, hold_s=LADDER_HOLD_S)
         pairs.append((reading.force_n, reading.excess))
     load, excess = np.array(pairs).T
-    kept = (load > SMALLEST_N) & (excess > 0)
-    return load[kept], excess[kept]
+    compared = (load > SMALLEST_N) & (excess > 0)
+    return load[compared], excess[compared]
 
 
 def simulate_presses(sensor: int, *, level: str, count: int) -> tuple[list[Press], list[Press]]:
-    """Press one sensor `count` times with a flat face, as one pixel and as all.
+    """Press one sensor `count` times; return presses of one pixel and of all.
 
-    A real indenter presses one place after another of a sheet that is a single pixel. Here the
-    pixels stand for the places, one in each press; the sum over all of them averages places.
+    A real indenter presses several places of a single-pixel sheet in turn. Here each press uses
+    another pixel as the place. The sum over all pixels averages the places.
     """
     session, face = Session(sensor, level=level, layout=FINE, trial=1), draw_named("springs-8")
     found: tuple[list[Press], list[Press]] = [], []
@@ -261,7 +261,8 @@ def _press(session: Session, size_mm: float) -> tuple[FloatArray, FloatArray, Fl
 def simulate_holds(sensor: int, *, level: str, count: int) -> list[Hold]:
     """Hold a ball for 20 s, `count` times; parallel pixels, ohm, time 0 at standstill.
 
-    The real recordings begin there too: their loggers missed the contact, or were strained already.
+    The real recordings start at standstill too: the contact is missing, or the sensor was already
+    strained.
     """
     session, ball = Session(sensor, level=level, layout=FINE, trial=2), draw_named("ball-44lbs")
     holds = []
@@ -306,12 +307,14 @@ def report(
         title="The twin compared with real recordings",
         provenance=[
             f"Simulated: {sensors} sensors of each level, {PRESSES} presses and {HOLDS} holds of "
-            "each, read with 16 bit so that the converter adds nothing. Real: the files named.",
-            "The ranges of `field` were set by this comparison, so agreement is no evidence for an "
-            "estimator. `lab` scatters as the paper's Tables 2 to 6 do.",
-            "Real places keep their gain from one press to the next. The twin draws its places "
-            "again for each grasp, so its half sheets are eight places placed again.",
-            "Kinder: the twin's median (or sd) is below the bootstrap 90 % interval of the real.",
+            "each sensor, read with 16 bit so that quantisation is negligible. Real: the given "
+            "files.",
+            "The ranges of `field` were set with this comparison, so agreement is no evidence for "
+            "an estimator. The scatter of `lab` is that of the paper's Tables 2 to 6.",
+            "Real places have the same gain in every press. The twin draws new gains for each "
+            "grasp, so its half sheets are two grasps with eight pixels each.",
+            "Kinder: the twin's median (or sd) is below the bootstrap 90 % interval of the real "
+            "recordings.",
         ],
         tables=[
             Table.of(
@@ -333,7 +336,7 @@ command = as_command(report)
 
 
 def compare(quantity: str, real: FloatArray, twin: Quantities) -> dict[str, Any]:
-    """Compare a quantity of recordings and twin; "kinder" is below the real interval."""
+    """Compare a quantity of recordings and twin, and mark values below the real interval."""
     of = np.nanstd if quantity == "exponent" else np.nanmedian
     drawn = np.random.default_rng(0).choice(real, size=(2000, real.size))
     lowest = float(np.quantile(of(drawn, axis=1), 0.05))

@@ -1,4 +1,4 @@
-"""Tables of real recordings: cut into runs of rows, and left out in turn."""
+"""Read tables of real recordings in runs of rows, and split them into held-out parts."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ Name = TypeVar("Name", bound=Hashable)
 def read_runs(
     path: Path, *, keys: Sequence[str], numbers: Sequence[str], text: Sequence[str] = ()
 ) -> list[dict[str, Any]]:
-    """Return each run of neighbouring rows that agree in the keys: column -> its values.
+    """Return each run of consecutive rows with equal keys, as column -> values.
 
-    `numbers` and `text` name the columns to read; every key is one of them.
+    `numbers` and `text` name the columns to read and include every key.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def read_runs(
 def leave_out(
     items: Sequence[Item], by: Callable[[Item], Name]
 ) -> list[tuple[Name, list[Item], list[Item]]]:
-    """Return each name with the items of the other names and its own.
+    """Return each name with the other names' items and its own items.
 
     Examples
     --------

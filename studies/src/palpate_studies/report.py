@@ -1,4 +1,4 @@
-"""The frame of a study: a report function, its command, tables, figures and JSON."""
+"""Reports of studies: command-line commands, tables, figures and JSON."""
 
 from __future__ import annotations
 
@@ -25,15 +25,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def _folder(out: Path | None) -> Path | None:
-    """Refuse an unwritable folder before the study's long work."""
+def _check_folder(out: Path | None) -> Path | None:
+    """Refuse an unwritable folder before the long computation of a study."""
     if out is not None:
         places = (out, *out.absolute().parents)
         existing = next(place for place in places if place.exists())
         if not existing.is_dir():
-            raise InputError(f"--out {out}: {existing} is not a folder; name one to write into")
+            raise InputError(f"--out {out}: {existing} is not a folder; give a folder")
         if not os.access(existing, os.W_OK):
-            raise InputError(f"--out {out}: no right to write to {existing}; choose another place")
+            raise InputError(
+                f"--out {out}: no permission to write to {existing}; choose another folder"
+            )
     return out
 
 
@@ -43,29 +45,26 @@ OutOption: TypeAlias = Annotated[
         "--out",
         help="Folder for the report: JSON, tables and figures.",
         metavar="DIR",
-        callback=_folder,
+        callback=_check_folder,
     ),
 ]
-#: Give it the default False.
+#: An option with the default False.
 SecondOption: TypeAlias = Annotated[
     bool,
-    typer.Option(
-        "--second", help="On the second generator: cases that no estimator was written for."
-    ),
+    typer.Option("--second", help="Use the second generator, for which no estimator was designed."),
 ]
-#: Endings of the files written of each figure, and dots per inch of the PNG file, as the command
-#: line asked for them. The options are the verb's, so that no study has to have them.
+#: Formats of figure files and resolution of PNG files, from the options of `palpate study`.
 FIGURE_FILES: ContextVar[tuple[tuple[str, ...], int | None]] = ContextVar(
     "FIGURE_FILES", default=(PLOT_ENDINGS, None)
 )
-#: A mapping of column heads to format strings or functions of a row; see `Table.of`.
+#: Column head -> format string, or function of a row; see `Table.of`.
 Columns: TypeAlias = Mapping[str, str | Callable[[Mapping[str, Any]], str]]
 
 
 def as_command(report: Callable[..., StudyReport]) -> Callable[..., None]:
-    """Return the command of a study: the options of its report, --json and --out.
+    """Return the command of a study, with the options of its report, --json and --out.
 
-    Parameters of the report without an annotated option are not offered on the command line.
+    Parameters without an `Annotated` option are not available on the command line.
 
     Examples
     --------
@@ -94,7 +93,7 @@ def as_command(report: Callable[..., StudyReport]) -> Callable[..., None]:
     return command
 
 
-def _plain_cell(row: Mapping[str, Any], *, key: str) -> str:
+def _format_value(row: Mapping[str, Any], *, key: str) -> str:
     value = row[key]
     if value is None:
         return "-"
@@ -102,11 +101,11 @@ def _plain_cell(row: Mapping[str, Any], *, key: str) -> str:
 
 
 class _UnknownError(Exception):
-    """A figure of a cell is None."""
+    """A value in a cell is None."""
 
 
 class _Cells(Formatter):
-    """Format strings whose figures may be None, and shares as percent: `{share:.0p}`."""
+    """Formatter with fractions as percent (`{ratio:.0p}`) that rejects None."""
 
     def get_field(self, field_name: str, args: Any, kwargs: Any) -> Any:
         found = super().get_field(field_name, args, kwargs)
@@ -120,7 +119,7 @@ class _Cells(Formatter):
         return str(super().format_field(value, format_spec))
 
 
-def _cell(form: str | Callable[[Mapping[str, Any]], str], row: Mapping[str, Any]) -> str:
+def _format_cell(form: str | Callable[[Mapping[str, Any]], str], row: Mapping[str, Any]) -> str:
     if not isinstance(form, str):
         return form(row)
     try:
@@ -131,7 +130,7 @@ def _cell(form: str | Callable[[Mapping[str, Any]], str], row: Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """A titled table; cells are printed as they are."""
+    """A titled table of formatted cells."""
 
     title: str
     columns: tuple[str, ...]
@@ -144,51 +143,53 @@ class Table:
         rows: Sequence[Mapping[str, Any]],
         columns: Columns | Sequence[str] | None = None,
     ) -> Table:
-        """Return a table of a study's JSON rows; an unknown value is a dash.
+        """Return a table of a study's JSON rows; None is shown as a dash.
 
         Parameters
         ----------
         title : str
-            What is above it.
+            Title above the table.
         rows : sequence of mapping
-            A line for each.
+            One mapping per line.
         columns : mapping, sequence of str, optional
-            Head -> form of its cells; or keys of the rows, which are their own heads and whose
-            numbers have three digits. By default every key of the first row but those of
-            sequences.
+            Column head -> format of the cells; or keys of the rows, which become the column heads,
+            with three digits for numbers. By default every key of the first row with a scalar
+            value.
 
         Examples
         --------
-        >>> rows = [{"way": "a", "share": 0.51234, "size_mm": None}]
+        >>> rows = [{"method": "a", "ratio": 0.51234, "size_mm": None}]
         >>> Table.of("T", rows).columns, Table.of("T", rows).rows
-        (('way', 'share', 'size mm'), [['a', '0.512', '-']])
-        >>> Table.of("T", rows, {"way": "{way}", "%": "{share:.0p}"}).rows
+        (('method', 'ratio', 'size mm'), [['a', '0.512', '-']])
+        >>> Table.of("T", rows, {"method": "{method}", "%": "{ratio:.0p}"}).rows
         [['a', '51']]
         """
         if columns is None:
             columns = [key for key, value in rows[0].items() if not isinstance(value, list | dict)]
         if not isinstance(columns, Mapping):
-            columns = {key.replace("_", " "): partial(_plain_cell, key=key) for key in columns}
-        cells = [[_cell(form, row) for form in columns.values()] for row in rows]
+            columns = {key.replace("_", " "): partial(_format_value, key=key) for key in columns}
+        cells = [[_format_cell(form, row) for form in columns.values()] for row in rows]
         return cls(title=title, columns=tuple(columns), rows=cells)
 
     @classmethod
     def wide(
         cls, title: str, rows: Sequence[Mapping[str, Any]], lead: Columns, *, over: str, form: str
     ) -> Table:
-        """Return a table with one column per value of a key; rows share a cell.
+        """Return a table with one column per value of a key.
+
+        Values of rows with the same lead and column are joined in one cell.
 
         Examples
         --------
-        >>> rows = [{"way": way, "level": at, "mm": 1} for at in ("lab", "field") for way in "ab"]
-        >>> table = Table.wide("T", rows, {"way": "{way}"}, over="level", form="{mm:.1f}")
+        >>> rows = [{"by": by, "level": at, "mm": 1} for at in ("lab", "field") for by in "ab"]
+        >>> table = Table.wide("T", rows, {"by": "{by}"}, over="level", form="{mm:.1f}")
         >>> table.columns, table.rows
-        (('way', 'lab', 'field'), [['a', '1.0', '1.0'], ['b', '1.0', '1.0']])
+        (('by', 'lab', 'field'), [['a', '1.0', '1.0'], ['b', '1.0', '1.0']])
         """
         found: dict[tuple[str, ...], dict[str, list[str]]] = {}
         for row in rows:
-            cells = found.setdefault(tuple(_cell(one, row) for one in lead.values()), {})
-            cells.setdefault(str(row[over]), []).append(_cell(form, row))
+            cells = found.setdefault(tuple(_format_cell(one, row) for one in lead.values()), {})
+            cells.setdefault(str(row[over]), []).append(_format_cell(form, row))
         heads = list(dict.fromkeys(str(row[over]) for row in rows))
         return cls(
             title=title,
@@ -200,7 +201,7 @@ class Table:
         )
 
     def as_markdown(self) -> str:
-        """Return the table as Markdown, its title above it."""
+        """Return the table and its title as Markdown."""
         lines = [f"**{self.title}**", "", "| " + " | ".join(self.columns) + " |"]
         lines.append("|" + "---|" * len(self.columns))
         lines += ["| " + " | ".join(row) + " |" for row in self.rows]
@@ -214,17 +215,18 @@ class StudyReport:
     Attributes
     ----------
     name, title : str
-        As on the command line, and in words.
+        Name on the command line, and title.
     provenance : sequence of str
-        What is real, simulated or published, and which published entries were calibration inputs.
+        Which data are real, simulated or published, and which published entries were calibration
+        inputs.
     tables : sequence of Table
-        For people.
+        Tables for display.
     payload : mapping
-        The JSON document, without the name of the study.
+        The JSON document without the name of the study.
     figures : mapping of str to callable
-        File stem -> function that draws it; called only where figures are wanted.
+        File stem -> function that draws the figure, called only with --out.
     files : mapping of str to callable
-        File name -> function that writes it to a path, with --out.
+        File name -> function that writes an additional file, called only with --out.
     """
 
     name: str
@@ -241,7 +243,7 @@ class StudyReport:
         return {"study": self.name, **self.payload}
 
     def emit(self, *, as_json: bool, out: Path | None) -> None:
-        """Print the report (JSON or tables) and, where asked, write it to a folder."""
+        """Print the report as JSON or tables; optionally write it to a folder."""
         if out is not None:
             self.write(out)
         if as_json:
@@ -252,7 +254,7 @@ class StudyReport:
 
         from palpate.terminal_table import print_table
 
-        # Piped into a file, names in tables must not be cut at 80 columns.
+        # A pipe reports 80 columns, which would truncate names in tables.
         console = Console(width=None if sys.stdout.isatty() else 120)
         console.print(f"[bold]{self.title}[/bold]")
         for line in self.provenance:
@@ -264,7 +266,7 @@ class StudyReport:
             console.print(f"Written to {out}")
 
     def write(self, out: Path) -> None:
-        """Write `<name>.json`, `<name>.md`, other files and those of each figure into a folder."""
+        """Write `<name>.json`, `<name>.md`, additional files and all figures to a folder."""
         out.mkdir(parents=True, exist_ok=True)
         with atomic_path(out / f"{self.name}.json") as path:
             path.write_text(json.dumps(self.document, allow_nan=False, indent=1) + "\n")

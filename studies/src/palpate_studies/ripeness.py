@@ -1,4 +1,4 @@
-"""Ripeness of many fruits of the twin: stages, days to ripe, drift separated."""
+"""Ripeness of simulated avocados: stages and days to ripe, with drift compensation."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from palpate_studies.ripeness_station import (
 )
 from palpate_studies.station_records import StationRecords
 
-#: Levels of the twin that the study has conditions at.
+#: Levels of the twin in the study.
 StudiedLevel: TypeAlias = Literal["lab", "field"]
-#: Level, gripper and whether the sensor ages: what is compared.
+#: Level, gripper, and whether the sensor ages.
 Condition: TypeAlias = tuple[Level, GripperKind, bool]
 CONDITIONS: tuple[Condition, ...] = (
     ("lab", "rigid", True),
@@ -37,8 +37,8 @@ CONDITIONS: tuple[Condition, ...] = (
     ("field", "rigid", True),
     ("field", "soft", True),
 )
-#: Seed of the first sensor that is reported, written down before anything was scored on it. Looked
-#: at before: 93_011 to 93_014.
+#: Seed of the first reported sensor, fixed before anything was scored on it, and number of labelled
+#: fruits. Sensors 93_011 to 93_014 were evaluated earlier.
 SEED, LABELLED = 93_021, 24
 
 
@@ -48,7 +48,7 @@ def report(
     fruits: Annotated[
         int,
         typer.Option(
-            help="Fruits that each sensor judges, besides two dozen labelled ones.", min=2
+            help="Fruits judged by each sensor, in addition to 24 labelled fruits.", min=2
         ),
     ] = 10,
     level: Annotated[
@@ -57,21 +57,23 @@ def report(
     gripper: Annotated[GripperKind | None, typer.Option(help="Only with this gripper.")] = None,
     aging: Annotated[
         bool | None,
-        typer.Option("--aging/--no-aging", help="Only on sensors that age, or that do not."),
+        typer.Option("--aging/--no-aging", help="Only sensors that age, or only those that don't."),
     ] = None,
     second: SecondOption = False,
 ) -> StudyReport:
-    """Follow avocados of the twin over four days with both grippers, on sensors that age.
+    """Track avocados of the twin over four days with both grippers, on sensors that age.
 
-    By default it takes a quarter of an hour; `--sensors 5 --fruits 40` takes some hours. The
-    conditions do not depend on each other: pick some with --level, --gripper and --aging, and give
-    each processor its own. --second judges fruit that softens in other ways, on virtual sensors.
+    The default takes a quarter of an hour; `--sensors 5 --fruits 40` takes some hours. The
+    conditions are independent: select some with --level, --gripper and --aging to run them in
+    parallel. --second judges fruit with other softening curves on virtual sensors.
 
     Example: palpate study ripeness --out reports
     """
     if second:
         if (level, gripper, aging) != (None, None, None):
-            raise InputError("--second runs on virtual sensors: leave out level, gripper and aging")
+            raise InputError(
+                "--second uses virtual sensors: leave out --level, --gripper and --aging"
+            )
         return ripeness_virtual.report(sensors=sensors, fruits=fruits)
     return judge(
         {
@@ -100,12 +102,12 @@ def choose_conditions(
     gripper: GripperKind | None = None,
     aging: bool | None = None,
 ) -> list[Condition]:
-    """Return the conditions that agree with all that was asked for.
+    """Return the conditions that match all given values.
 
     Raises
     ------
     InputError
-        If there are none: sensors that do not age are compared at level lab alone.
+        If no condition matches: sensors that do not age are studied at level lab only.
 
     Examples
     --------
@@ -120,13 +122,13 @@ def choose_conditions(
     ]
     if not found:
         raise InputError(
-            "at level field every sensor ages; leave --no-aging out, or take --level lab"
+            "at level field every sensor ages; leave --no-aging out, or use --level lab"
         )
     return found
 
 
 def judge(found: Mapping[Condition, Sequence[StationRecords]]) -> StudyReport:
-    """Judge what the stations felt, condition by condition."""
+    """Judge the records of all stations, and return the report."""
     rows = [_condition(condition, stations) for condition, stations in found.items()]
     lead: dict[str, Any] = {
         "level": "{level}",
@@ -138,21 +140,20 @@ def judge(found: Mapping[Condition, Sequence[StationRecords]]) -> StudyReport:
         name="ripeness",
         title="Ripeness over days (simulated)",
         provenance=[
-            "Simulated throughout. The avocados' ranges stand in `palpate_studies.fruit_ranges` "
-            "with their reasons.",
-            f"Each sensor: a calibration by a user's steps, then {LABELLED} labelled fruits for "
-            f"{DAYS} days (more where these did not show every stage), {LABELLED_GRASPS} grasps a "
-            f"day, and, {LATER_DAYS} days after their first, the others, which are judged: "
-            f"{GRASPS_AT_ONCE} grasps a day, and {GRASPS_AT_ONCE} more up to {MOST_GRASPS} while "
-            f"the stage is less than {100 * SURE:.0f} % sure. A nest centres the fruit. "
-            f"{REFERENCE_GRASPS} grasps of a rubber ball each morning, half before the fruit and "
-            "half after it; rest values taken again each morning with the hand empty. Judged on "
-            "each day by the days up to then.",
-            "Aging: break-in and wear by 100 to 400 other grasps a day, mornings at 14.8 to "
+            "Simulated throughout. `palpate_studies.fruit_ranges` contains the ranges of the "
+            "avocados and their reasons.",
+            f"Each sensor is calibrated with a user's steps. Then {LABELLED} labelled fruits (more "
+            f"if a stage is missing) are grasped {LABELLED_GRASPS} times a day for {DAYS} days. "
+            f"The fruits to judge follow {LATER_DAYS} days after the first labelled day, with "
+            f"{GRASPS_AT_ONCE} grasps a day, repeated up to {MOST_GRASPS} grasps while the stage "
+            f"has a probability below {100 * SURE:.0f} %. A nest centres the fruit. Each morning "
+            f"a rubber ball is grasped {REFERENCE_GRASPS} times, half before and half after the "
+            "fruit, and new rest values are taken with the hand empty. A judgement uses the days "
+            "up to its own.",
+            "Aging: break-in and wear from 100 to 400 other grasps a day, mornings at 14.8 to "
             "26.8 C.",
-            "Labels are true stages; people err, and then no one is right more often than they "
-            "are.",
-            f"Pressed beyond its yield: {damaged} of {grasps} grasps.",
+            "Labels are true stages. People make errors, and their labels then limit the accuracy.",
+            f"Pressed beyond the yield: {damaged} of {grasps} grasps.",
         ],
         tables=[
             Table.of(
@@ -163,17 +164,17 @@ def judge(found: Mapping[Condition, Sequence[StationRecords]]) -> StudyReport:
                 | {way: f"{{{way}[exact]:.1p}} / {{{way}[within_one]:.1p}}" for way in METHODS},
             ),
             Table.of(
-                "Wrong stages: ours less the other way, points (90 % over fruits)",
+                "Wrong stages: palpate minus the other method, points (90 % over fruits)",
                 [row | one for row in rows for one in row["compared"]],
                 lead
                 | {
-                    "other way": "{rival}",
+                    "other method": "{rival}",
                     "difference": "{difference:+.1p} ({low:+.1p} to {high:+.1p})",
-                    "who errs less": "{verdict}",
+                    "fewer errors": "{verdict}",
                 },
             ),
             Table.of(
-                "Days to ripe, of fruit not ripe yet; 90 % interval",
+                "Days to ripe, for unripe fruit; 90 % interval",
                 rows,
                 lead
                 | {
@@ -189,7 +190,7 @@ def judge(found: Mapping[Condition, Sequence[StationRecords]]) -> StudyReport:
 
 
 def _condition(condition: Condition, stations: Sequence[StationRecords]) -> dict[str, Any]:
-    """Judge the fruits of every station; learners see the labels of all of them."""
+    """Judge the fruits of every station; learners use the labels of all stations."""
     rows = [
         row
         for index, felt in enumerate(stations)
@@ -198,7 +199,9 @@ def _condition(condition: Condition, stations: Sequence[StationRecords]) -> dict
         )
     ]
     if not any(row.wait_days > 0 for row in rows):
-        raise InputError("all fruits were ripe from the first day on: judge more with --fruits")
+        raise InputError(
+            "all fruits were ripe from the first day on; judge more fruits with --fruits"
+        )
     level, gripper, aging = condition
     return {
         "level": level,

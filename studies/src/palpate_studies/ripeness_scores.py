@@ -1,4 +1,4 @@
-"""Judgements of fruits against the truth: ours, with and without reference, and naive ones."""
+"""Score the judgements of palpate and of baselines against the true stages."""
 
 from __future__ import annotations
 
@@ -24,43 +24,43 @@ from palpate_studies.station_records import (
     select_labelled,
 )
 
-#: Ways to judge -> what they are.
+#: Method -> description.
 METHODS = {
-    "ours": "discriminant of that day's firmness, drift taken out by the reference object",
+    "ours": "discriminant of the day's firmness, drift corrected with the reference object",
     "ours, no reference": "the same without the reference object",
-    "own first day": "no labels: softening since the item's first day, reference used",
-    "settled change": "the paper's way: change at one width or pressure, learned thresholds",
+    "own first day": "softening since the item's first day, with the reference, without labels",
+    "settled change": "the paper's method: change at one width or pressure, learned thresholds",
     **STAGE_LEARNERS,
 }
-#: Means of a day that learners see besides the firmness.
+#: Daily means that are inputs of the learners, besides the firmness.
 _MEASURED = ("stiffness_n_per_mm", "force_n", "settled_percent", "size_mm", "width_mm")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judged:
-    """One fruit on one day, judged in every way; stages as numbers, firmest 0.
+    """One fruit on one day, judged by every method; stages as numbers, firmest 0.
 
     Attributes
     ----------
     fruit : str
-        Its name, of the sensor too.
+        Name of the fruit, including its sensor.
     truth : int
         True stage.
-    said : dict of str to int
-        By way; -1 where that way does not exist.
+    stages : dict of str to int
+        Method -> judged stage; -1 if the method is not applicable.
     wait_days : float
-        True days until ripe, 0 and below where it is.
+        True days until ripe; 0 or less for a ripe fruit.
     value_days, low_days, high_days : float
-        Our answer, with the reference object.
+        palpate's estimate with the reference object.
     day : int
-        Which morning.
+        Number of the morning.
     grasps : int
-        How often it was grasped that day.
+        Grasps on that day.
     """
 
     fruit: str
     truth: int
-    said: dict[str, int]
+    stages: dict[str, int]
     wait_days: float
     value_days: float
     low_days: float
@@ -72,16 +72,16 @@ class Judged:
 def judge_days(
     felt: StationRecords, *, taught: Sequence[StationRecords] = (), name: str = ""
 ) -> list[Judged]:
-    """Judge every unlabelled fruit on every day, by its days up to then.
+    """Judge every unlabelled fruit on every day from its days so far.
 
     Parameters
     ----------
-    felt : Felt
-        What one station felt.
-    taught : sequence of Felt
-        Other stations, whose labelled fruits the learners see too.
+    felt : StationRecords
+        Records of one station.
+    taught : sequence of StationRecords
+        Other stations, whose labelled fruits are also training data of the learners.
     name : str
-        Of the station.
+        Name of the station.
     """
     drift = drift_of(felt)
     with_reference, without = (learn_rule(felt, one) for one in (drift, None))
@@ -95,7 +95,9 @@ def judge_days(
             ours = with_reference.judge(days[:count])
             wait = ours.days_to_ripe
             if wait is None:
-                raise InputError("a rule from labels always knows the course")
+                raise InputError(
+                    "the rule learned from labels has no course; label fruit of all stages"
+                )
             own = -1
             if felt.grasps[0].drive == "width":
                 own = STAGES.index(judge_by_first_day(days[:count]).stage)
@@ -105,7 +107,7 @@ def judge_days(
                 Judged(
                     fruit=f"{name}/{number}",
                     truth=STAGES.index(fruit.stage(day)),
-                    said={
+                    stages={
                         "ours": STAGES.index(ours.stage),
                         "ours, no reference": STAGES.index(without.judge(raw[:count]).stage),
                         "own first day": own,
@@ -127,7 +129,7 @@ def scores(rows: Sequence[Judged]) -> dict[str, Any]:
     """Return each method's exact and within-one fractions, and its error in days to ripe."""
     found: dict[str, Any] = {"fruit_days": len(rows)}
     for way in METHODS:
-        off = np.array([abs(row.truth - row.said[way]) for row in rows if row.said[way] >= 0])
+        off = np.array([abs(row.truth - row.stages[way]) for row in rows if row.stages[way] >= 0])
         found[way] = (
             {"exact": float(np.mean(off == 0)), "within_one": float(np.mean(off <= 1))}
             if off.size
@@ -147,11 +149,11 @@ def scores(rows: Sequence[Judged]) -> dict[str, Any]:
 
 
 def compare_methods(rows: Sequence[Judged]) -> list[dict[str, Any]]:
-    """Return our fraction of wrong stages less that of each other method, by fruit."""
+    """Compare palpate's fraction of wrong stages with each other method's, by fruit."""
     wrong = {
-        way: [float(row.said[way] != row.truth) for row in rows]
+        way: [float(row.stages[way] != row.truth) for row in rows]
         for way in METHODS
-        if all(row.said[way] >= 0 for row in rows)
+        if all(row.stages[way] >= 0 for row in rows)
     }
     return [
         {
@@ -166,7 +168,7 @@ def compare_methods(rows: Sequence[Judged]) -> list[dict[str, Any]]:
 
 
 def _learners(stations: Sequence[StationRecords]) -> dict[str, Callable[[Sequence[float]], int]]:
-    """Learn the stage of a day from every labelled fruit, shown up to that day."""
+    """Train the learners on every labelled fruit and day."""
     rows, stages = list[list[float]](), list[int]()
     for felt in stations:
         freed, raw = (select_labelled(felt, drift) for drift in (drift_of(felt), None))
@@ -181,9 +183,10 @@ def _learners(stations: Sequence[StationRecords]) -> dict[str, Callable[[Sequenc
 def _list_inputs(
     felt: StationRecords, item_id: str, days: Sequence[DayFelt], raw: Sequence[DayFelt]
 ) -> list[float]:
-    """Return a learner's inputs: firmness with and without drift, and the day's means.
+    """Return a learner's inputs for one day.
 
-    And the settled change at one width or pressure. A mean that no grasp gave is 0.
+    The inputs are the firmness with and without drift correction, the day's means, and the settled
+    change at one width or pressure. A missing mean is 0.
     """
     day = round(days[-1].day)
     first = min(grasp.taken_at for grasp in felt.grasps if grasp.item_id == item_id).date()
@@ -202,9 +205,9 @@ def _list_inputs(
 
 
 def _learn_published(felt: StationRecords) -> LabelLearner:
-    """Learn stages from the settled change, from the same labels as ours.
+    """Learn stages from the settled change, with the same labels as palpate.
 
-    Under one pressure a ripe fruit may read more than a hard one, for it lies against more pixels.
+    Under one pressure a ripe fruit may read more than a hard one, because it touches more pixels.
     """
     known = [
         (change, fruit.stage(day), str(number))

@@ -1,9 +1,9 @@
-"""A bench for simulated avocados on several mornings, with a sensor that also ages.
+"""A bench for simulated avocados on several mornings, with a sensor that may age.
 
-Each fruit lies in a nest that centres it, as does the reference object, a rubber ball that is felt
-first every morning. Between mornings the same hand grasps other objects all day. Everything goes
-through devices, controller and a calibration made by a user's steps; what is handed on is what a
-store would keep, together with the twin's truth.
+A nest centres each fruit and the reference object, a rubber ball that is grasped first every
+morning. Between mornings the same hand grasps other objects all day. All measurements use the
+devices, the controller and a calibration with a user's steps. The records contain the data of a
+store and the twin's truth.
 """
 
 from __future__ import annotations
@@ -50,42 +50,42 @@ from palpate_studies.station_records import (
 from palpate_studies.stoppable import require_uninterrupted
 from palpate_studies.twin_avocado import Avocado, draw_avocado
 
-#: Mornings; grasps of a labelled fruit on each, as many as the paper's; of the reference object.
+#: Mornings; grasps of a labelled fruit on each morning, as in the paper; grasps of the reference
+#: object on each morning.
 DAYS, LABELLED_GRASPS, REFERENCE_GRASPS = 4, 10, 30
-#: A fruit to be judged is grasped this often, and again while its stage is unsure, up to this many
-#: times on one day.
+#: Grasps of a fruit to judge, repeated while its stage is uncertain up to a maximum per day.
 GRASPS_AT_ONCE, MOST_GRASPS = 3, 30
 REFERENCE = "ball-44lbs"
-#: The labelled fruits are felt first; the others come a week later, when the sensor is older.
+#: Days from the labelled fruits to the fruits to judge.
 LATER_DAYS = 7
 _FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
-#: A fruit is laid into the nest, and the sheet forgets the last one: as long as it reads this many
-#: percent below its rest, the user waits once more, but not for ever.
+#: Pause in which a fruit is placed and the sheet recovers. The pause is repeated while the sheet
+#: reads this many percent below its rest, up to a longest time.
 _PAUSE_S, _RESIDUAL_PERCENT, _LONGEST_PAUSE_S = 5.0, -5.0, 30.0
-#: The fingers wait this far from it, by eye.
+#: Gap of the waiting fingers to the object, by eye.
 _GAP_MM = 3.0
-#: Steps of the squeeze, newtons: five to the grip force.
+#: Force step of the squeeze, newtons: five steps to the grip force.
 _FORCE_STEP_N = 1.2
-#: Slower than the paper's 15 Hz: thousands of grasps are worked out frame by frame.
+#: Lower than the paper's 15 Hz, because thousands of grasps are simulated frame by frame.
 _FRAME_RATE_HZ = 10.0
-#: The paper's way: closure beyond a caliper's size, or pressure, the same on all days; and the time
-#: over which readings are averaged.
+#: The paper's method: closure beyond the caliper size, or pressure, the same on all days; and the
+#: averaging time.
 _CLOSED_BY_MM, _PRESSURE_KPA, _MEAN_S = 3.0, 28.0, 0.5
 
 
 def run_station(
     sensor: int, *, level: str, gripper: GripperKind, aging: bool, labelled: int, others: int
 ) -> StationRecords:
-    """Feel some fruits on four mornings each; `aging` switches wear and weather on.
+    """Grasp fruits on four mornings each; `aging` enables wear and changes of climate.
 
-    More fruits than `labelled` are labelled where these do not show every stage.
+    More than `labelled` fruits are labelled if these do not include every stage.
     """
     rng = np.random.default_rng([sensor, 31])
     bench = _Bench(sensor, level=level, gripper=gripper)
     first = draw_labelled(rng, labelled)
     second = tuple(draw_avocado(rng) for _ in range(others))
     climate = np.random.default_rng([sensor, 32])
-    # A new sheet was pressed some sixty times for its calibration.
+    # The calibration of a new sheet takes about sixty contacts.
     cycles = 60.0
     rule = None
     for begins, fruits, name in ((0, first, "labelled"), (LATER_DAYS, second, "fruit")):
@@ -101,7 +101,7 @@ def run_station(
                 )
                 cycles += uniform(climate, STATION.cycles_per_day)
             bench.begin_day(begins + day, surroundings=surroundings)
-            # Half before the fruit and half after it: the servo warms up on the way.
+            # Half before and half after the fruit, because the servo warms up in between.
             bench.grasp_reference(REFERENCE_GRASPS // 2)
             bench.grasp_fruits(fruits, name=name, day=day, rule=rule)
             bench.grasp_reference(REFERENCE_GRASPS - REFERENCE_GRASPS // 2)
@@ -110,7 +110,7 @@ def run_station(
 
 
 def draw_labelled(rng: np.random.Generator, fewest: int) -> tuple[Avocado, ...]:
-    """Draw fruits until enough, and until every stage appears in time, if any."""
+    """Draw at least `fewest` fruits, and more until every stage appears."""
     drawn = [draw_avocado(rng) for _ in range(fewest)]
     while drawn and {one.stage(day) for one in drawn for day in range(DAYS)} != set(AVOCADO_STAGES):
         drawn.append(draw_avocado(rng))
@@ -118,7 +118,7 @@ def draw_labelled(rng: np.random.Generator, fewest: int) -> tuple[Avocado, ...]:
 
 
 class _Bench:
-    """One sensor on one gripper; a new world every morning."""
+    """One sensor on one gripper, in a new world every morning."""
 
     def __init__(self, sensor: int, *, level: str, gripper: GripperKind) -> None:
         self._sensor, self._level, self._gripper = sensor, level, gripper
@@ -132,10 +132,10 @@ class _Bench:
         self._reference = draw_object(np.random.default_rng([sensor, 34]), REFERENCE)
 
     def begin_day(self, day: int, *, surroundings: Environment) -> None:
-        """Begin a day: a new world around the same sensor, in these surroundings.
+        """Start a day: create a new world for the same sensor in these surroundings.
 
-        Weather and wear move the rest values, so these are taken again with the hand empty
-        (`palpate calibrate rest`): to a grasp, a sheet that reads a sixth lower looks pressed.
+        Climate and wear change the rest values, so they are measured again with the hand empty
+        (`palpate calibrate rest`). Otherwise a sheet that reads a sixth lower appears pressed.
         """
         self._day, self._surroundings = day, surroundings
         self._rng = np.random.default_rng([self._sensor, 35, day])
@@ -154,14 +154,14 @@ class _Bench:
         self._plan = replace(plan, force_step_n=_FORCE_STEP_N)
 
     def grasp_reference(self, times: int) -> None:
-        """Grasp the object that does not ripen."""
+        """Grasp the reference object."""
         for _ in range(times):
             self._grasp(self._reference, item_id=REFERENCE_ID)
 
     def grasp_fruits(
         self, fruits: Sequence[Avocado], *, name: str, day: int, rule: RipenessRule | None
     ) -> None:
-        """Grasp each fruit as a user would, and once more in the paper's way."""
+        """Grasp each fruit as a user would, and once more by the paper's method."""
         for number, fruit in enumerate(fruits):
             item_id, times = f"{name}-{number}", 0
             at_once = LABELLED_GRASPS if rule is None else GRASPS_AT_ONCE
@@ -175,7 +175,7 @@ class _Bench:
     def read_all(
         self, labelled: tuple[Avocado, ...], others: tuple[Avocado, ...] = ()
     ) -> StationRecords:
-        """Return all that was felt so far."""
+        """Return the records so far."""
         return StationRecords(
             calibration=self.calibration,
             labelled=labelled,
@@ -186,7 +186,7 @@ class _Bench:
         )
 
     def _is_uncertain(self, item_id: str, *, rule: RipenessRule | None) -> bool:
-        """Whether the fruit's stage is in doubt by what was felt up to now."""
+        """Return whether the fruit's stage is uncertain after the grasps so far."""
         if rule is None:
             return False
         felt = self.read_all(())
@@ -194,7 +194,7 @@ class _Bench:
         return not days or rule.judge(days).unsure
 
     def _approach_and_settle(self, size_mm: float) -> None:
-        """Bring the fingers near what lies in the nest, and let the sheet settle."""
+        """Move the fingers near the object in the nest, and wait until the sheet settles."""
         limits = self._plan.gripper
         gap_mm = math.ceil(size_mm) + _GAP_MM - OPEN_MM
         target = limits.highest + gap_mm if limits.drive == "width" else -gap_mm / SOFT_MM_PER_KPA
@@ -208,12 +208,12 @@ class _Bench:
             self._array.skip_until(self._world.clock.now_s() + _PAUSE_S)
 
     def _read_residual_percent(self) -> float:
-        """Return how far the open hand still reads below the morning's rest values."""
+        """Return the mean change of the open hand relative to the morning's rest values."""
         now_ohm = self._mean_ohm(after_s=0.0)
         return float(mean_change(relative_change_percent(now_ohm, rest_ohm=self._plan.rest_ohm)))
 
     def _read_settled_percent(self, spot: TwinObject, *, fruit: Avocado) -> float:
-        """Close on a fruit as the paper does, and return the 20 s value."""
+        """Close on a fruit by the paper's method; return the settled change at 20 s."""
         target = _PRESSURE_KPA
         if self._gripper == "rigid":
             target = round(fruit.size_mm) - _CLOSED_BY_MM
@@ -282,7 +282,7 @@ class _Bench:
 
 
 def _rest_of(world: World) -> RestValues:
-    """Return the rest values of an empty hand."""
+    """Measure the rest values of an empty hand."""
     bench = twin_bench(world, start=TwinGripper(world).limits.target(0.0))
     rest = measure_rest(bench)
     bench.array.close()

@@ -1,9 +1,9 @@
-"""Ripening judged on virtual sensors: fruit of either generator, errors as large as the twin's.
+"""Judge ripening on virtual sensors, with fruit of both generators.
 
-No grasp is simulated: a day's firmness is the truth with three errors on it, of each grasp, of the
-fruit and of the morning, as large as those measured on development sensors of the twin (see the
-ripeness page). So hundreds of fruits of several generators take seconds, and what is tested is the
-rule of course and stages alone.
+No grasp is simulated. A day's firmness is the truth with three errors: of each grasp, of the fruit
+and of the morning. Their sizes were measured on development sensors of the twin (see the ripeness
+page). Hundreds of fruits then take seconds, and the study tests the rule of course and stages
+alone.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from palpate_studies.report import StudyReport, Table
 from palpate_studies.second.fruit import WAYS, other_avocado
 from palpate_studies.twin_avocado import Avocado, draw_avocado
 
-#: Seed of the final look. Virtual sensors 0 to 2 were used while this was made; 94_001 to 94_004
-#: were used before learners were rivals.
+#: Seed of the final evaluation. Virtual sensors 0 to 2 were used in development; 94_001 to 94_004
+#: were evaluated before the learners became baselines.
 SEED = 94_101
-#: Mornings, labelled fruits and grasps of each on a day, and grasps of those that are judged.
+#: Mornings, labelled fruits, grasps per day of a labelled fruit and of a judged fruit.
 DAYS, LABELLED, LABELLED_GRASPS, GRASPS = 4, 24, 10, 6
-#: Errors in ln of the force at 1 mm: from grasp to grasp, of a fruit on all days, of a morning.
+#: Errors in ln of the force at 1 mm: of each grasp, of a fruit on all days, of a morning.
 _GRASP_SD, _FRUIT_SD, _MORNING_SD = 0.25, 0.07, 0.05
-#: Stiffness at one force goes with this power of the force at 1 mm (Hertz).
+#: Stiffness at one force is proportional to this power of the force at 1 mm (Hertz).
 _POWER = 2.0 / 3.0
 
 
@@ -44,11 +44,11 @@ class VirtualDay:
     fruit : str
         Sensor and number of the fruit.
     exact : bool
-        Whether ours named the true stage.
+        Whether palpate's stage is the true stage.
     exact_learned : dict of str to bool
-        The same of learners that are shown all days up to that one.
+        The same for learners with all days so far as input.
     covered : bool or None
-        Whether the interval of the days to ripe holds the truth; None where it is ripe already.
+        Whether the interval of the days to ripe covers the truth; None for a ripe fruit.
     """
 
     fruit: str
@@ -58,7 +58,7 @@ class VirtualDay:
 
 
 def report(*, sensors: int, fruits: int) -> StudyReport:
-    """Judge fruit that ripens unlike the training fruit, and fruit that ripens alike."""
+    """Judge fruit with the ripening courses of the first and the second generator."""
     rows = [
         {
             "generator": name,
@@ -74,13 +74,12 @@ def report(*, sensors: int, fruits: int) -> StudyReport:
     ]
     return StudyReport(
         name="ripeness",
-        title="Ripening of another shape (simulated)",
+        title="Ripening with other courses (simulated)",
         provenance=(
-            "Simulated. The second generators are described in `palpate_studies.second.fruit`, "
-            "fixed before anything was scored on them.",
-            "Virtual sensors, whose errors are as large as the twin's were on development sensors; "
-            "no grasp is simulated. Each rule is taught with labelled fruit of the generator that "
-            "it judges.",
+            "Simulated. The second generators are described in `palpate_studies.second.fruit` and "
+            "were fixed before anything was scored on them.",
+            "Virtual sensors with errors as measured on development sensors of the twin; no grasp "
+            "is simulated. Each rule is trained on labelled fruit of the generator that it judges.",
         ),
         tables=[
             Table.of(
@@ -93,7 +92,7 @@ def report(*, sensors: int, fruits: int) -> StudyReport:
                 }
                 | {name: f"{{exact_learned[{key}]:.1p}}" for key, name in STAGE_LEARNERS.items()}
                 | {
-                    "wrong: ours less boosted trees, points (90 %)": "{wrong_less_learned[trees]["
+                    "wrong: ours - boosted trees, points (90 %)": "{wrong_less_learned[trees]["
                     "difference]:+.1p} ({wrong_less_learned[trees][low]:+.1p} to "
                     "{wrong_less_learned[trees][high]:+.1p})",
                     "coverage, %": "{coverage:.0p}",
@@ -105,7 +104,7 @@ def report(*, sensors: int, fruits: int) -> StudyReport:
 
 
 def list_generators() -> dict[str, Callable[[Avocado, int], Avocado]]:
-    """Return how each generator makes its fruit out of the first generator's."""
+    """Return name -> function that makes a generator's fruit from the first generator's."""
     found: dict[str, Callable[[Avocado, int], Avocado]] = {"first": lambda fruit, number: fruit}
     for way in WAYS:
         found[way] = _always(way)
@@ -131,7 +130,7 @@ def _scores(days: Sequence[VirtualDay]) -> dict[str, Any]:
 
 
 def _wrong_less(days: Sequence[VirtualDay], rival_exact: Sequence[bool]) -> dict[str, Any]:
-    """Return the share of wrong stages of ours less that of a rival, by fruit."""
+    """Compare palpate's fraction of wrong stages with a baseline's, by fruit."""
     return difference_of_pairs(
         [float(not day.exact) for day in days],
         [float(not exact) for exact in rival_exact],
@@ -143,25 +142,27 @@ def _wrong_less(days: Sequence[VirtualDay], rival_exact: Sequence[bool]) -> dict
 def judge_days(
     make: Callable[[Avocado, int], Avocado], *, sensor: int, fruits: int
 ) -> list[VirtualDay]:
-    """Teach one virtual sensor with labelled fruit of a generator, and judge others of it.
+    """Train a rule on labelled fruit of a generator, and judge other fruit of it.
 
     Parameters
     ----------
     make : callable
-        Fruit of the first generator, and its number -> fruit of this one.
+        From a fruit of the first generator and its number to a fruit of this generator.
     sensor : int
         Seed.
     fruits : int
-        How many are judged, four days each.
+        Number of fruits to judge, on four days each.
     """
     rng = np.random.default_rng([sensor, 41])
     labelled = _draw_labelled(make, rng)
     others = [make(draw_avocado(rng), number) for number in range(fruits)]
     mornings = _MORNING_SD * rng.standard_normal(2 * DAYS)
-    taught = [_simulate_days(one, rng, mornings[:DAYS], grasps=LABELLED_GRASPS) for one in labelled]
+    training_days = [
+        _simulate_days(one, rng, mornings[:DAYS], grasps=LABELLED_GRASPS) for one in labelled
+    ]
     labels = [[one.stage(day) for day in range(DAYS)] for one in labelled]
-    rule = RipenessRule.learn(taught, labels=labels, stages=STAGES)
-    rows = [numbers_of(days[: count + 1]) for days in taught for count in range(DAYS)]
+    rule = RipenessRule.learn(training_days, labels=labels, stages=STAGES)
+    rows = [numbers_of(days[: count + 1]) for days in training_days for count in range(DAYS)]
     ranks = [STAGES.index(label) for each in labels for label in each]
     learners = {name: learn_stage(name, rows, ranks) for name in STAGE_LEARNERS}
     found = []
@@ -177,7 +178,7 @@ def judge_days(
 def _draw_labelled(
     make: Callable[[Avocado, int], Avocado], rng: np.random.Generator
 ) -> list[Avocado]:
-    """Draw fruit to label until every stage was shown."""
+    """Draw fruit to label until every stage appears."""
     drawn = [make(draw_avocado(rng), number) for number in range(LABELLED)]
     while {one.stage(day) for one in drawn for day in range(DAYS)} != set(STAGES):
         drawn.append(make(draw_avocado(rng), len(drawn)))
@@ -213,7 +214,7 @@ def _judge(
 ) -> VirtualDay:
     last, judged = days[-1], rule.judge(days)
     if judged.days_to_ripe is None:
-        raise InputError("a rule from labels always knows the course")
+        raise InputError("the learned rule has no course; label fruit of all stages")
     truth = fruit.stage(last.day)
     wait = fruit.day_of(RIPE) - last.day
     return VirtualDay(

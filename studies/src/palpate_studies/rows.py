@@ -1,4 +1,4 @@
-"""Rows of a study's JSON: cases grouped, figures that may be unknown; the running median."""
+"""Rows of a study's JSON document, statistics that ignore missing values, running median."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from numpy.typing import ArrayLike
 from palpate.arrays import FloatArray
 
 Item = TypeVar("Item")
-#: The two levels of the twin at which every simulated result is given.
+#: The levels of the twin in every simulated result.
 LEVELS = ("lab", "field")
 
 
 def group(items: Sequence[Item], *names: str) -> Iterator[tuple[dict[str, Any], list[Item]]]:
-    """Yield the items with equal attributes, with these attributes as start of a row.
+    """Yield groups of items with equal attributes, each with its attributes as a mapping.
 
-    A dotted name is known by its last part.
+    The key of a dotted name is its last part.
 
     Examples
     --------
@@ -37,13 +37,13 @@ def group(items: Sequence[Item], *names: str) -> Iterator[tuple[dict[str, Any], 
 
 
 def mean(values: ArrayLike) -> float | None:
-    """Return the mean of what is finite, None where nothing is."""
+    """Return the mean of the finite values, None without any."""
     known = _finite(values)
     return float(np.mean(known)) if known.size else None
 
 
-def median(values: ArrayLike, share: float = 0.5) -> float | None:
-    """Return the median, or another quantile, of what is finite; None where nothing is.
+def median(values: ArrayLike, quantile: float = 0.5) -> float | None:
+    """Return the median or another quantile of the finite values, None without any.
 
     Examples
     --------
@@ -51,7 +51,7 @@ def median(values: ArrayLike, share: float = 0.5) -> float | None:
     (2.0, None)
     """
     known = _finite(values)
-    return float(np.quantile(known, share)) if known.size else None
+    return float(np.quantile(known, quantile)) if known.size else None
 
 
 def _finite(values: ArrayLike) -> FloatArray:
@@ -60,7 +60,7 @@ def _finite(values: ArrayLike) -> FloatArray:
 
 
 def as_row(item: Any) -> dict[str, Any]:
-    """Return a dataclass as a mapping for JSON; what is not finite is None.
+    """Return a dataclass as a mapping for JSON; non-finite values become None.
 
     Examples
     --------
@@ -78,9 +78,9 @@ def as_row(item: Any) -> dict[str, Any]:
 
 
 def running_median(values: ArrayLike, *, length: int) -> FloatArray:
-    """Return the median of each sample and the `length` - 1 before it, without NaN.
+    """Return the running median over `length` samples, ignoring NaN.
 
-    It drops single outliers and delays a step by half its length.
+    The median removes single outliers and delays a step by half its length.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""The time to stop closing on a fruit: a grasp's limit and three baselines.
+"""Stopping before rupture: palpate's damage limit compared with three baselines.
 
-Settings of the methods are chosen on other fruit than those that are scored. The ridge sees all
-that a closing curve shows.
+The settings of the baselines are chosen on training fruit, which are not scored. The inputs of the
+ridge describe the whole closing curve so far.
 """
 
 from __future__ import annotations
@@ -30,48 +30,48 @@ from palpate_studies.protocol.parts import Learned
 from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.second.closings import other_closings
 
-#: Half of the interval of a stiffness by load cell and encoder, as a share of it.
+#: Half width of the interval of a stiffness from load cell and encoder, as a fraction of its value.
 _EXACT = 0.01
 #: Nominal rates of rupture at which methods are compared.
 RATES = (0.01, 0.02, 0.03, 0.05, 0.075, 0.10)
-#: Score of a fruit that ruptured before its first force level, below any other.
+#: Score of a fruit that ruptured before its first force level, below any other score.
 _LEAST_SCORE = -6.0
-#: The ridge learns from states from this fraction of the rupture force on: before, all curves are
-#: alike.
-_FROM = 0.2
-#: The latest stretch of a curve, mm, and the fraction of its force over which it is looked at
-#: closely.
+#: The ridge is trained on states above this fraction of the rupture force; below it all curves are
+#: similar.
+_LEAST_LOAD = 0.2
+#: Length of the latest part of a curve, mm, and fraction of the force where the latest stiffness
+#: starts.
 _LATEST_MM, _LATEST = 1.0, 0.7
-#: In place of a slope or a roughness of nothing.
+#: Smallest slope and roughness.
 _LEAST = 1e-3
-Learnt = TypeVar("Learnt")
+LearnedPart = TypeVar("LearnedPart")
 Closings: TypeAlias = Sequence[FruitClosing]
-#: Pairs of closings that are learned from and closings that are judged.
+#: Pairs of training closings and test closings.
 Splits: TypeAlias = Sequence[tuple[Closings, Closings]]
 
 
 class ScoredClosing(NamedTuple):
-    """A policy's estimated nearness to the limit, with the force at that moment."""
+    """A policy's score, which rises towards the limit, at each force of a closing."""
 
     force_n: FloatArray
     score: FloatArray
 
 
-#: Scores closings by what was learned from others.
+#: Trained function that scores a closing.
 Scorer: TypeAlias = Callable[[FruitClosing], ScoredClosing]
 
 
 class Policy(NamedTuple):
-    """A way of stopping: its name, and what learns its score from training fruit."""
+    """A stopping policy: its name, and a function that trains its scorer."""
 
     name: str
     learn: Callable[[Closings], Scorer]
 
 
 class Method(NamedTuple):
-    """An applied policy: its scores along each closing, and the scores of its stops.
+    """An applied policy: its scores along each closing, and the scores at which it stops.
 
-    `settings` has shape (closings, rates), chosen for each of `RATES` without that closing.
+    `settings` has shape (closings, rates). They are chosen for each of `RATES` without the closing.
     """
 
     name: str
@@ -86,7 +86,7 @@ def report(
     ] = None,
     index: Annotated[Path | None, typer.Option(help="Their rupture forces.", metavar="CSV")] = None,
     test_curves: Annotated[
-        Path | None, typer.Option(help="Closings to test on; without, 5 folds.", metavar="CSV")
+        Path | None, typer.Option(help="Test closings; by default 5 folds.", metavar="CSV")
     ] = None,
     test_index: Annotated[
         Path | None, typer.Option(help="Their rupture forces.", metavar="CSV")
@@ -98,7 +98,7 @@ def report(
     Example: palpate study rupture --curves fruit.csv.gz --index fruit_index.csv
     """
     if (test_curves is None) != (test_index is None):
-        raise InputError("--test-curves and --test-index go together; give both or neither")
+        raise InputError("--test-curves and --test-index belong together; give both or neither")
     if second and curves is None and index is None:
         closings = other_closings()
     elif second or curves is None or index is None:
@@ -119,20 +119,19 @@ def report(
         title="Stopping before rupture",
         provenance=(
             (
-                "Simulated (second generator): fruit with a skin, of foam and of dough, each kind "
-                "of two ripenesses that rupture at a deformation of their own whatever the "
-                "stiffness"
+                "Simulated (second generator): fruit with a skin, foam and dough. Each kind has "
+                "two ripenesses that rupture at a fixed deformation, independent of the stiffness"
                 if second
                 else "Real recordings of fruit closed on until rupture"
             )
             + f"; {how}.",
-            "`ours` is `DamageModel.bound_n`, the limit that a grasp obeys, at the nominal rate as "
-            "it is; every sample used precedes the decision. Each other method's setting is chosen "
-            "for the rate on the training fruit (a rank of scores by models fitted without each "
-            "fruit); the rate that it then has on the tested fruit is next to it.",
-            "Stiffness rule: a line per fruit fitted to the training fruit, with our stiffness. "
-            "Ridge: force over rupture force from ten features of the curve so far; one for each "
-            "fruit.",
+            "`ours` is `DamageModel.bound_n`, the force limit of a grasp, at the unadjusted "
+            "nominal rate; all samples used precede the decision. The setting of each other method "
+            "is chosen for the nominal rate on the training fruit, as a rank of scores of models "
+            "fitted without each fruit. The actual numbers of ruptured test fruit are given.",
+            "Stiffness rule: a line per kind of fruit from palpate's stiffness to the rupture "
+            "force. Ridge: ratio of force and rupture force from ten features of the curve so far, "
+            "one model per kind of fruit.",
         ),
         tables=[
             Table.wide(
@@ -143,7 +142,7 @@ def report(
                 form="{firmness:.2f} ({ruptured} of {grasps})",
             ),
             Table.of(
-                "Ours less each rival: grip lost, a rupture counted as all of it (90 % interval)",
+                "Lost grip, palpate minus each baseline; a rupture loses all (90 % interval)",
                 compared,
                 ("rival", "rate_limit", "difference", "low", "high", "verdict"),
             ),
@@ -164,7 +163,7 @@ command = as_command(report)
 
 
 def _predict_stop(training: Closings, *, test: Closings) -> list[dict[str, Any]]:
-    """Return what is predicted for each fruit at half load, and where its limit stops."""
+    """Return each test fruit's prediction at half load and stop force."""
     model = learn_damage(training)
     rows = []
     for one in test:
@@ -187,7 +186,7 @@ def _predict_stop(training: Closings, *, test: Closings) -> list[dict[str, Any]]
 
 
 def apply_shipped_limit(splits: Splits, *, known: bool) -> Method:
-    """Return the limit of a grasp at each nominal rate, without any fit."""
+    """Apply the limit of a grasp at each nominal rate, without choosing settings."""
     scores = list[ScoredClosing]()
     for training, test in splits:
         model = learn_damage(training, by_kind=known)
@@ -199,42 +198,44 @@ def apply_shipped_limit(splits: Splits, *, known: bool) -> Method:
 def score_by_shipped_limit(
     closing: FruitClosing, *, model: DamageModel, kind_known: bool
 ) -> ScoredClosing:
-    """Return the fraction of fruit damaged at each force, by the limit of a grasp.
+    """Return the predicted fraction of damaged fruit at each force.
 
-    A grasp stops below `DamageModel.bound_n`; the share reaches the nominal rate at that force.
+    A grasp stops below `DamageModel.bound_n`, where this fraction reaches the nominal rate.
     """
     kind = closing.fruit if kind_known else ""
-    shares = []
+    fractions = []
     for state in closing.states:
-        # The load cell shows the stiffness well.
+        # The load cell measures the stiffness accurately.
         value = float(np.exp(state.log_stiffness))
         low, high = value / (1 + _EXACT), value * (1 + _EXACT)
         measured = Measurement(value=value, low=low, high=high, unit="n_per_mm")
-        shares.append(model.damage_rate(state.force_n, measured, kind=kind))
-    return ScoredClosing(closing.force_n, np.array(shares))
+        fractions.append(model.damage_rate(state.force_n, measured, kind=kind))
+    return ScoredClosing(closing.force_n, np.array(fractions))
 
 
 def stop_forces(scored: ScoredClosing, rupture_force_n: float, *, at: FloatArray) -> FloatArray:
-    """Return where a closing stops when its score first reaches each of some settings.
+    """Return the force, N, at which the score first reaches each setting.
 
-    N, as many as settings; the rupture force where it didn't stop in time.
+    The value is the rupture force if the closing did not stop in time.
     """
     first = np.searchsorted(np.maximum.accumulate(scored.score), at)
     return np.asarray(np.append(scored.force_n, rupture_force_n)[first])
 
 
 def _by_kind(
-    training: Closings, learn: Callable[[Closings], Learnt]
-) -> Callable[[FruitClosing], Learnt]:
-    """Learn something of each kind of fruit; return what gives that of a closing's kind."""
+    training: Closings, learn: Callable[[Closings], LearnedPart]
+) -> Callable[[FruitClosing], LearnedPart]:
+    """Train one model per kind of fruit; return a lookup by closing."""
     learned = {
         fruit: learn([closing for closing in training if closing.fruit == fruit])
         for fruit in dict.fromkeys(closing.fruit for closing in training)
     }
 
-    def of(closing: FruitClosing) -> Learnt:
+    def of(closing: FruitClosing) -> LearnedPart:
         if closing.fruit not in learned:
-            raise InputError(f"no {closing.fruit} to learn from, but {closing.grasp_id} is one")
+            raise InputError(
+                f"{closing.grasp_id} is of the kind {closing.fruit}, which the training set lacks"
+            )
         return learned[closing.fruit]
 
     return of
@@ -245,7 +246,7 @@ def _forces_n(closing: FruitClosing) -> FloatArray:
 
 
 def learn_cap(training: Closings) -> Scorer:
-    """Learn the cap per fruit: force as a share of the fruit's median rupture force."""
+    """Learn a cap per kind of fruit: force relative to the median rupture force."""
     median_n = _by_kind(
         training, lambda mine: float(np.median([closing.rupture_force_n for closing in mine]))
     )
@@ -253,9 +254,9 @@ def learn_cap(training: Closings) -> Scorer:
 
 
 def learn_rule(training: Closings) -> Scorer:
-    """Learn the linear stiffness rule: force as a share of what the rule predicts.
+    """Learn a linear stiffness rule: force relative to the predicted rupture force.
 
-    Rupture force = intercept + slope x stiffness, the stiffness as it is at half load.
+    Rupture force = intercept + slope x stiffness, with the stiffness at half load.
     """
 
     def fit(mine: Closings) -> FloatArray:
@@ -278,7 +279,7 @@ def learn_rule(training: Closings) -> Scorer:
 
 
 def learn_ridge(training: Closings) -> Scorer:
-    """Learn force as a fraction of the rupture force, one ridge for each fruit.
+    """Learn the ratio of force and rupture force, with one ridge per kind of fruit.
 
     Raises
     ------
@@ -289,7 +290,7 @@ def learn_ridge(training: Closings) -> Scorer:
     def fit(mine: Closings) -> Any:
         rows = np.concatenate([features(closing) for closing in mine])
         load = np.concatenate([closing.force_n / closing.rupture_force_n for closing in mine])
-        used = load > _FROM
+        used = load > _LEAST_LOAD
         return make_ridge().fit(rows[used], np.log(load[used]))
 
     trained = _by_kind([closing for closing in training if len(closing.states)], fit)
@@ -305,21 +306,21 @@ def learn_ridge(training: Closings) -> Scorer:
 CAP = Policy("cap per fruit", learn_cap)
 RULE = Policy("stiffness rule", learn_rule)
 RIDGE = Policy("ridge", learn_ridge)
-#: Features by samples: each closing is learned from in several folds.
+#: Cache of features by samples, because each closing is used in several folds.
 _features = dict[bytes, FloatArray]()
 
 
 def features(closing: FruitClosing) -> FloatArray:
-    """Return what the curve up to each state shows, shape (n_states, 10).
+    """Return features of the curve up to each state, shape (n_states, 10).
 
-    ln stiffness over the upper half of the force, and how the stiffness over the last 0.7, over the
-    quarter below, and over the last millimetre differ from it; bend and roughness of that
-    millimetre; the fraction of force that was lost again on the way; how finely it was sampled; the
-    closure at which it began (the size of the fruit); ln force.
+    The features are ln stiffness over the upper half of the force; its differences to ln stiffness
+    above 0.7 of the force, between a quarter and a half, and over the last millimetre; bend and
+    roughness of that millimetre; the sum of all falls of the force relative to the force; the
+    sampling interval; the first closure (the size of the fruit); ln force.
     """
     key = closing.samples.tobytes()
     if key not in _features:
-        # The force rises, however noisy it is.
+        # The noisy force is replaced by its running maximum.
         risen = np.maximum.accumulate(closing.samples[:, 1])
         at = np.searchsorted(risen, closing.force_n) + 1
         rows = [
@@ -336,7 +337,7 @@ def _list_inputs(seen: FloatArray, *, log_stiffness: float, force_n: float) -> l
     closure_mm, rising_n = seen[:, 0], np.maximum.accumulate(seen[:, 1])
 
     def secant(low: float, high: float) -> float:
-        """Return ln stiffness between two fractions of the force, less that of the upper half."""
+        """Return ln stiffness between two fractions of the force, relative to the upper half."""
         forces_n = np.maximum(np.array([low, high]) * force_n, rising_n[0])
         ends_mm = np.interp(forces_n, rising_n, closure_mm)
         if forces_n[1] < 1.03 * forces_n[0]:
@@ -367,7 +368,7 @@ def _list_inputs(seen: FloatArray, *, log_stiffness: float, force_n: float) -> l
 
 
 def apply_policy(policy: Policy, splits: Splits) -> Method:
-    """Learn a policy and its settings on each training part; score the test part.
+    """Train a policy and choose its settings on each training part; score the test part.
 
     Raises
     ------
@@ -377,7 +378,7 @@ def apply_policy(policy: Policy, splits: Splits) -> Method:
     scores, settings = list[ScoredClosing](), list[FloatArray]()
     for training, test in splits:
         chosen = Learned(
-            found=settings_of(critical_scores(policy, training)),
+            found=choose_settings(list_critical_scores(policy, training)),
             seen=frozenset(map(specimen, training)),
         )
         scorer, at = policy.learn(training), chosen.on(map(specimen, test))
@@ -387,12 +388,12 @@ def apply_policy(policy: Policy, splits: Splits) -> Method:
 
 
 def specimen(closing: FruitClosing) -> str:
-    """Return a recording's specimen: two files may use one name for two fruits."""
+    """Return a unique name of a recording's fruit; names alone may repeat between files."""
     return f"{closing.grasp_id} ({closing.rupture_force_n:g} N, {len(closing.samples)} samples)"
 
 
-def critical_scores(policy: Policy, training: Closings) -> list[float]:
-    """Return the largest score that each training fruit bore, by policies fitted without it."""
+def list_critical_scores(policy: Policy, training: Closings) -> list[float]:
+    """Return each training fruit's largest score, from policies trained without this fruit."""
     return [
         max(scored.score.tolist(), default=_LEAST_SCORE)
         for inner, left_out in split(training)
@@ -400,15 +401,15 @@ def critical_scores(policy: Policy, training: Closings) -> list[float]:
     ]
 
 
-def settings_of(critical: Sequence[float]) -> FloatArray:
-    """Return the score at which to stop for each nominal rate, by conformal prediction.
+def choose_settings(critical: Sequence[float]) -> FloatArray:
+    """Return the stopping score for each nominal rate, by conformal prediction.
 
-    The k-th smallest critical score of n promises a rate of at most k / (n + 1) on fruit like
-    these; with too few of them the setting lies below the smallest.
+    The k-th smallest critical score of n bounds the rate on similar fruit by k / (n + 1). With too
+    few fruit the setting is below the smallest score.
 
     Examples
     --------
-    >>> settings_of(list(range(1, 100)))[[0, 3]].tolist()
+    >>> choose_settings(list(range(1, 100)))[[0, 3]].tolist()
     [1.0, 5.0]
     """
     ordered = np.sort(critical)
@@ -418,7 +419,7 @@ def settings_of(critical: Sequence[float]) -> FloatArray:
 
 
 def stop_fractions(method: Method, closings: Closings) -> FloatArray:
-    """Return the stop force over the rupture force, shape (closings, rates); 1 is a rupture."""
+    """Return stop force / rupture force, shape (closings, rates); 1 is a rupture."""
     rows = [
         stop_forces(scored, closing.rupture_force_n, at=at) / closing.rupture_force_n
         for scored, at, closing in zip(method.scores, method.settings, closings, strict=True)
@@ -427,10 +428,9 @@ def stop_fractions(method: Method, closings: Closings) -> FloatArray:
 
 
 def compare_grips(methods: Sequence[Method], closings: Closings) -> list[dict[str, Any]]:
-    """Return the first method against every other at each nominal rate, paired by fruit.
+    """Compare the first method with every other at each nominal rate, paired by fruit.
 
-    The loss of a fruit is what the grip falls short of its rupture force, as a share, and 1 where
-    it ruptured: a firm grip that ruptures gains nothing.
+    The loss of a fruit is 1 - stop force / rupture force, and 1 for a ruptured fruit.
     """
     lost = {
         method.name: np.where(found >= 1, 1.0, 1.0 - found)
@@ -458,21 +458,21 @@ def tradeoff(methods: Sequence[Method], *, closings: Closings) -> list[dict[str,
     ----------
     methods : sequence of Method
     closings : sequence of FruitClosing
-        Those that the scores belong to.
+        Closings of the scores.
 
     Returns
     -------
     list of dict
         ``fruit`` (or "all"), ``method``, ``rate_limit`` (nominal), ``setting`` (median over the
-        parts), ``ruptured``, ``grasps``, ``rupture_rate``, and ``firmness``: mean stop force as a
-        share of the rupture force, 1 for one that ruptured.
+        parts), ``ruptured``, ``grasps``, ``rupture_rate``, and ``firmness``: the mean of stop force
+        / rupture force, which is 1 for a ruptured fruit.
     """
-    shares = {method.name: stop_fractions(method, closings) for method in methods}
+    fractions = {method.name: stop_fractions(method, closings) for method in methods}
     entries = []
     for fruit in [*sorted({closing.fruit for closing in closings}), "all"]:
         chosen = [i for i, closing in enumerate(closings) if fruit in ("all", closing.fruit)]
         for method in methods:
-            of_chosen = shares[method.name][chosen]
+            of_chosen = fractions[method.name][chosen]
             for column, rate in enumerate(RATES):
                 ruptured = int(np.sum(of_chosen[:, column] >= 1))
                 entries.append(

@@ -1,8 +1,8 @@
-"""The claims of README.md and docs/results.md, with figures from stored results of studies.
+"""Generate the claims of README.md and docs/results.md from stored results of studies.
 
-`docs/claims.toml` states the claims, `docs/kept/results.md.in` the text of the results page, and
-`docs/kept/NAME.json` holds the figures of one run with its command, seeds, date and the hash of its
-code. Studies take minutes to hours, so the pages are filled from these files.
+`docs/claims.toml` contains the claims, `docs/kept/results.md.in` the template of the results page,
+and `docs/kept/NAME.json` the figures of one run with its command, seeds, date and code hash.
+Studies take minutes to hours, so the pages are generated from stored results.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from palpate.files import atomic_path
 
 _PART = re.compile(r"([^/\[\]]+)(?:\[([^\]]*)\])?")
 _VERDICTS = {"ours": "palpate", "rival": "baseline", "undecided": "undecided"}
-#: Figures of claims, by their key in claims.toml.
+#: Keys in claims.toml whose texts contain figures.
 _FILLED = ("count", "ours", "rival", "rival_name", "note")
 
 
-#: A row of the table of claims, its figures filled in: what `claims.toml` states of it, and
-#: `study`, `origin` ("real" or "simulated"), `difference` (palpate less the baseline with its
-#: interval; empty where nothing was paired) and `second` (the figure on a second generator, led by
-#: the better one there; may be empty).
+#: A row of the table of claims with its figures: the keys of `claims.toml`, and `study`, `origin`
+#: ("real" or "simulated"), `difference` (palpate minus the baseline with its interval; empty if the
+#: cases are not paired) and `second` (the better method and the figure on the second generator; may
+#: be empty).
 Claim: TypeAlias = Mapping[str, Any]
 
 
 def generate_pages(docs: Path) -> dict[Path, str]:
-    """Return README.md and the results page, filled from the stored results."""
+    """Return README.md and the results page with the stored figures."""
     claims, readme = read_claims(docs), docs.parent / "README.md"
     page = (docs / "kept" / "results.md.in").read_text(encoding="utf-8")
     for origin in ("real", "simulated"):
@@ -47,12 +47,12 @@ def generate_pages(docs: Path) -> dict[Path, str]:
 
 
 def fill_page(text: str, docs: Path) -> str:
-    """Put figures in place of `{{RESULT|path:format}}`; of a list, its median.
+    """Replace `{{RESULT|path:format}}` with figures; a list is replaced with its median.
 
     Raises
     ------
     InputError
-        If a result does not hold a figure.
+        If a result does not contain a figure.
     """
 
     def substitute(match: re.Match[str]) -> str:
@@ -63,7 +63,7 @@ def fill_page(text: str, docs: Path) -> str:
 
 
 def read_stored_results(docs: Path) -> dict[str, dict[str, Any]]:
-    """Read every stored result, by name, with the study that gave it."""
+    """Read every stored result, by name, with the name of its study."""
     results = {
         path.stem: _read_result(docs, path.stem) for path in sorted((docs / "kept").glob("*.json"))
     }
@@ -71,13 +71,12 @@ def read_stored_results(docs: Path) -> dict[str, dict[str, Any]]:
 
 
 def read_claims(docs: Path) -> list[Claim]:
-    """Read the claims, with every figure taken from its stored result.
+    """Read the claims, and fill in the figures of the stored results.
 
     Raises
     ------
     InputError
-        If a claim names a figure that its result does not hold, or a verdict that its interval does
-        not support.
+        If a result lacks a figure of its claim, or its interval does not support the verdict.
     """
     document = tomllib.loads((docs / "claims.toml").read_text(encoding="utf-8"))
     return [_read_claim(row, docs) for row in document["claim"]]
@@ -106,11 +105,12 @@ def _read_claim(row: Mapping[str, Any], docs: Path) -> Claim:
 
 
 def _compare(row: Mapping[str, Any], key: str, figures: Any, *, verdict: str) -> list[str]:
-    """Return a difference and the ends of its interval; refuse an unsupported verdict."""
+    """Return a difference and its interval; refuse an unsupported verdict."""
     found = _look_up(row[key], figures, claim=row["name"])
     if found["verdict"] != verdict:
         raise InputError(
-            f"claims.toml: {row['name']} says {verdict!r}, its interval {found['verdict']!r}"
+            f"claims.toml: {row['name']} states {verdict!r}, its interval {found['verdict']!r}; "
+            "correct the verdict"
         )
     scale, form = row.get("scale", 1.0), row.get("form", "+.3f")
     return [f"{scale * found[end]:{form}}" for end in ("difference", "low", "high")]
@@ -123,7 +123,7 @@ def _read_result(docs: Path, name: str) -> dict[str, Any]:
 
 
 def _fill(text: str, figures: Any, *, claim: str) -> str:
-    """Put figures in place of `{path}` or `{path:form}`, or `{100*path:form}`."""
+    """Replace `{path}`, `{path:format}` or `{100*path:format}` with figures."""
 
     def substitute(match: re.Match[str]) -> str:
         path, _, form = match.group(1).partition(":")
@@ -145,13 +145,15 @@ def _look_up(path: str, figures: Any, *, claim: str) -> Any:
             continue
         match = _PART.fullmatch(part)
         if match is None or not isinstance(found, dict) or match.group(1) not in found:
-            raise InputError(f"claims.toml: {claim}: no {part!r} of {path!r} in its result")
+            raise InputError(f"claims.toml: {claim}: the result has no {part!r} for {path!r}")
         found = found[match.group(1)]
         if match.group(2) is not None:
             wanted = dict(pair.split("=", 1) for pair in match.group(2).split(";"))
             chosen = [one for one in found if all(str(one.get(k)) == v for k, v in wanted.items())]
             if len(chosen) != 1:
-                raise InputError(f"claims.toml: {claim}: {len(chosen)} rows for {part!r}")
+                raise InputError(
+                    f"claims.toml: {claim}: {part!r} matches {len(chosen)} rows; it must match one"
+                )
             found = chosen[0]
     return found
 
@@ -176,7 +178,7 @@ def claims_table(claims: Sequence[Claim]) -> str:
 
 
 def first_page_table(claims: Sequence[Claim]) -> str:
-    """Return the Markdown table of the few claims that README.md shows."""
+    """Return the Markdown table of the claims in README.md."""
     rows = [
         (
             one["claim"],
@@ -203,7 +205,7 @@ def insert_table(page: str, table: str) -> str:
     Raises
     ------
     InputError
-        If the page has no such marks, or more than one pair.
+        If the page does not have exactly one pair of marks.
 
     Examples
     --------
@@ -213,13 +215,13 @@ def insert_table(page: str, table: str) -> str:
     """
     begin, end = MARKS
     if page.count(begin) != 1 or page.count(end) != 1:
-        raise InputError(f"a page needs one {begin} and one {end}")
+        raise InputError(f"a page needs exactly one {begin} and one {end}")
     before, rest = page.split(begin)
     after = rest.split(end)[1]
     return f"{before}{begin}\n\n{table}\n\n{end}{after}"
 
 
-#: The lines of README.md around the table of claims.
+#: Lines of README.md before and after the table of claims.
 MARKS = ("<!-- scoreboard: begin -->", "<!-- scoreboard: end -->")
 
 
@@ -238,19 +240,19 @@ def store_result(
     Parameters
     ----------
     name : str
-        Of the result.
+        Name of the result.
     docs : Path
-        The folder of the pages.
+        Folder of the pages.
     command : str
-        What regenerates it.
+        Command that regenerates the result.
     origin : {"real", "simulated"}
-        Of the data.
+        Origin of the data.
     figures : mapping
-        The part of the study's JSON that pages may quote.
+        Part of the study's JSON document that pages may quote.
     note : str
-        Seeds, evaluations on the test set, and what was cut short.
+        Seeds, number of evaluations on the test set, and reductions of the run.
     code_sha256 : str
-        `study_code.code_hash` of the study when it began.
+        `study_code.code_hash` at the start of the study.
     """
     document = {
         "command": command,

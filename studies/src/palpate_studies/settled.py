@@ -199,7 +199,7 @@ def judge(
     }
     rows = []
     for name, holds in {**materials, **held_out}.items():
-        others = [other for other in materials if not _have_common_hold(materials[other], holds)]
+        others = [other for other in materials if not _share_holds(materials[other], holds)]
         for cutoff_s in CUTOFFS_S:
             learned = {other: shown[other, cutoff_s] for other in others if other != name}
             found = _score_without_holds(holds, cutoff_s)
@@ -238,7 +238,7 @@ def judge(
     )
 
 
-def _have_common_hold(some: Sequence[Hold], others: Sequence[Hold]) -> bool:
+def _share_holds(some: Sequence[Hold], others: Sequence[Hold]) -> bool:
     """Return whether two files share a hold, and so their specimens."""
     return bool({hold.hold_id for hold in some} & {hold.hold_id for hold in others})
 

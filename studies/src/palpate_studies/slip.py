@@ -56,7 +56,7 @@ def report(
             ]
             summary.append({"level": level, "kind": kind, **_scores(happened)})
         quiet = [_watch_quiet_hold(level, sensor=FIRST_SENSOR + n) for n in range(holds)]
-        alarms.append({"level": level, **_alarms(quiet)})
+        alarms.append({"level": level, **_score_alarms(quiet)})
     return StudyReport(
         name="slip",
         title="Slip and removal on the twin (simulated)",
@@ -108,9 +108,11 @@ def _simulate_event(level: str, *, sensor: int, trial: int, kind: str) -> tuple[
         times.append(frame.time_s)
         frames.append(frame.counts)
     array.close()
-    fingers = _fingers(np.stack(frames), session=session, rest_ohm=rest_ohm)
+    fingers = _finger_changes(np.stack(frames), session=session, rest_ohm=rest_ohm)
     before = fingers[np.array(times) < event_s]
-    return _has_contact(before[-5:]), [at_s - event_s for at_s in _find_loss_s(times, fingers)]
+    return _has_contact(before[-5:]), [
+        at_s - event_s for at_s in _find_loss_times_s(times, fingers)
+    ]
 
 
 def _hold(session: Session, rng: np.random.Generator) -> tuple[TwinObject, FloatArray]:
@@ -125,7 +127,7 @@ def _hold(session: Session, rng: np.random.Generator) -> tuple[TwinObject, Float
     return obj, rest_ohm
 
 
-def _fingers(counts: np.ndarray, *, session: Session, rest_ohm: FloatArray) -> FloatArray:
+def _finger_changes(counts: np.ndarray, *, session: Session, rest_ohm: FloatArray) -> FloatArray:
     """Return each finger's mean relative change, shape (frames, fingers)."""
     layout = session.world.layout
     ohm = resistance_ohm(counts, divider=layout.divider)
@@ -138,7 +140,7 @@ def _has_contact(fingers: FloatArray) -> bool:
     return bool((np.median(fingers, axis=0) < _HELD_PERCENT).all())
 
 
-def _find_loss_s(time_s: Sequence[float] | FloatArray, fingers: FloatArray) -> list[float]:
+def _find_loss_times_s(time_s: Sequence[float] | FloatArray, fingers: FloatArray) -> list[float]:
     """Return when a finger calls slip or removal; the changes have shape (frames, fingers)."""
     found, states = list[float](), [ContactState()] * fingers.shape[1]
     for now_s, changes in zip(time_s, running_median(fingers, length=3), strict=True):
@@ -177,8 +179,8 @@ def _watch_quiet_hold(level: str, *, sensor: int) -> tuple[int, bool]:
             for now_ohm, at_s in zip(between, frames_s.tolist(), strict=True)
         ]
     )
-    fingers = _fingers(counts, session=session, rest_ohm=rest_ohm)
-    return len(_find_loss_s(frames_s, fingers)), _has_contact(fingers[:15])
+    fingers = _finger_changes(counts, session=session, rest_ohm=rest_ohm)
+    return len(_find_loss_times_s(frames_s, fingers)), _has_contact(fingers[:15])
 
 
 def _scores(found: Sequence[tuple[bool, list[float]]]) -> dict[str, Any]:
@@ -195,7 +197,7 @@ def _scores(found: Sequence[tuple[bool, list[float]]]) -> dict[str, Any]:
     }
 
 
-def _alarms(holds: Sequence[tuple[int, bool]]) -> dict[str, Any]:
+def _score_alarms(holds: Sequence[tuple[int, bool]]) -> dict[str, Any]:
     felt = [called for called, held in holds if held]
     called, hours = sum(felt), len(felt) * QUIET_S / 3600.0
     return {

@@ -137,7 +137,7 @@ class NamedItem:
     level: str
     method: str
     item: CrateItemGrasps
-    said: str
+    answer: str
     best: str
 
 
@@ -218,9 +218,9 @@ def name_items(crates: Sequence[CrateItemGrasps]) -> list[NamedItem]:
         (teaching, sorting), level = _split_training(mine), key["level"]
         guess = learn_nearest_mean(teaching)
         for item in sorting:
-            said = guess(item.grasps[0].grasp.measurements) or UNKNOWN
+            answer = guess(item.grasps[0].grasp.measurements) or UNKNOWN
             found.append(
-                NamedItem(level=level, method=NEAREST_MEAN, item=item, said=said, best=said)
+                NamedItem(level=level, method=NEAREST_MEAN, item=item, answer=answer, best=answer)
             )
         asked = [
             (name_method(name, count), known, count)
@@ -236,9 +236,11 @@ def name_items(crates: Sequence[CrateItemGrasps]) -> list[NamedItem]:
             for item in sorting:
                 touches = touches_of([one.grasp for one in item.grasps[:count]])
                 identity = known.identify(touches) if touches else None
-                said = UNKNOWN if identity is None else identity.kind
+                answer = UNKNOWN if identity is None else identity.kind
                 best = UNKNOWN if identity is None else identity.best_guess
-                found.append(NamedItem(level=level, method=method, item=item, said=said, best=best))
+                found.append(
+                    NamedItem(level=level, method=method, item=item, answer=answer, best=best)
+                )
     return found
 
 
@@ -250,7 +252,7 @@ def compare_learners(given: Sequence[NamedItem]) -> list[dict[str, Any]]:
     rows = []
     for key, mine in group(given, "level"):
         lost = {
-            name["method"]: [float(one.said != one.item.true_answer) for one in each]
+            name["method"]: [float(one.answer != one.item.true_answer) for one in each]
             for name, each in group(mine, "method")
         }
         for count in range(1, SORTED_GRASPS + 1):
@@ -280,9 +282,9 @@ def count_correct(name_items: Sequence[NamedItem]) -> dict[str, Any]:
     return {
         "items": len(known),
         "right": float(np.mean([one.best == one.item.kind for one in known])),
-        "falsely_unknown": float(np.mean([one.said == UNKNOWN for one in known])),
+        "falsely_unknown": float(np.mean([one.answer == UNKNOWN for one in known])),
         "strangers": len(strangers),
-        "strangers_found": float(np.mean([one.said == UNKNOWN for one in strangers])),
+        "strangers_found": float(np.mean([one.answer == UNKNOWN for one in strangers])),
     }
 
 

@@ -15,7 +15,7 @@ from palpate.settling.result import SettlingMethod, Status
 from palpate.signal.relative import mean_change
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
-from palpate_studies.twin_session import GAP_MM, HOLD_S, Session, draw_named, stack
+from palpate_studies.twin_session import GAP_MM, HOLD_S, Session, draw_named, stack_holds
 
 SPEEDS_MM_PER_S = (3.0, 6.0, 12.0, 25.0, 60.0)
 SENSORS, REPEATS, OBJECT, CLOSURE_MM, CUTOFF_S = 6, 2, "dragonskin-10", 3.0, 2.5
@@ -42,7 +42,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
                     for sensor in range(sensors)
                 ]
             )
-            closing_s = _closing_s(speed)
+            closing_s = _closing_time_s(speed)
             known = (0.0, 0.0), (closing_s, 0.0), (closing_s, CLOSURE_MM / speed)
             for clock, (offset_s, loading_s) in zip(CLOCKS, known, strict=True):
                 for name, method in METHODS.items():
@@ -89,8 +89,8 @@ def measure_holds(sensor: int, *, level: str, speed: float, repeats: int) -> Flo
     """Return mean changes from the start of actuation on, shape (repeats, times), at 15 Hz."""
     session, obj = Session(sensor, level=level), draw_named(OBJECT)
     session.place(obj)
-    width_mm, read_s = obj.size_mm - CLOSURE_MM, HOLD_S + _closing_s(speed) + 0.2
-    return stack(
+    width_mm, read_s = obj.size_mm - CLOSURE_MM, HOLD_S + _closing_time_s(speed) + 0.2
+    return stack_holds(
         [
             mean_change(
                 session.hold(obj.size_mm, width_mm=width_mm, read_s=read_s, speed_mm_per_s=speed)
@@ -100,7 +100,7 @@ def measure_holds(sensor: int, *, level: str, speed: float, repeats: int) -> Flo
     )
 
 
-def _closing_s(speed: float) -> float:
+def _closing_time_s(speed: float) -> float:
     return (GAP_MM + CLOSURE_MM) / speed
 
 

@@ -277,9 +277,9 @@ def report(
     """
     runs: Runs = {level: {name: [] for name in METHODS} for level in LEVELS}
     remade, first = (other_sheet, SECOND_SHEET) if second else (None, FIRST_SHEET)
-    taught = range(LEARNING_SHEET, LEARNING_SHEET + LEARNED_FROM)
+    training = range(LEARNING_SHEET, LEARNING_SHEET + LEARNED_FROM)
     for level in LEVELS:
-        trees = learn_from_staircases(taught, level=level, staircases=staircases, remade=remade)
+        trees = learn_from_staircases(training, level=level, staircases=staircases, remade=remade)
         for sensor in range(first, first + sheets):
             try:
                 each = follow_staircases(

@@ -1,4 +1,4 @@
-"""Records of a ripeness station, with their drift and a rule learned from labels."""
+"""Records of a ripeness station, their drift, and a rule learned from their labels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate.produce.ripeness.stages import STAGES
 from palpate.sensor.calibration import Calibration
 from palpate_studies.twin_avocado import Avocado
 
-#: Item of the reference object; those of fruits are `labelled-N` and `fruit-N`.
+#: Item name of the reference object; fruits are named `labelled-N` and `fruit-N`.
 REFERENCE_ID = "reference"
 
 
@@ -25,17 +25,17 @@ class StationRecords:
     Attributes
     ----------
     calibration : Calibration
-        Made before the first day.
+        Calibration before the first day.
     labelled, others : tuple of Avocado
-        The fruits; items `labelled-N` and `fruit-N`.
+        Fruits of the items `labelled-N` and `fruit-N`.
     grasps : tuple of Grasp
-        All of them, also of the reference object.
+        All grasps, including the reference object's.
     damaged : int
-        Grasps in which a fruit was pressed beyond its yield.
+        Grasps that pressed a fruit beyond its yield.
     as_published : dict of (str, int) to float
-        Item and its day -> settled change in percent as the paper takes it: fingers closed to one
-        width for this fruit (3 mm less than by caliper) or to one pressure for all, held for
-        20 s, mean of pixels.
+        Item and day -> settled change in percent by the paper's method: fingers closed to one width
+        per fruit (3 mm below the caliper size) or to one pressure for all fruits, held for 20 s,
+        mean of the pixels.
     """
 
     calibration: Calibration
@@ -47,7 +47,7 @@ class StationRecords:
 
 
 def drift_of(felt: StationRecords) -> Drift:
-    """Return the drift that a station's reference object shows."""
+    """Learn the drift of a station from its reference object."""
     drive, block = felt.grasps[0].drive, felt.calibration.block
     compliance = None
     if drive == "width":
@@ -57,7 +57,7 @@ def drift_of(felt: StationRecords) -> Drift:
 
 
 def days_of(felt: StationRecords, item_id: str, drift: Drift | None) -> tuple[DayFelt, ...]:
-    """Return the days of an item, freed of drift where that is given."""
+    """Return the days of an item, corrected for drift if it is given."""
     grasps = [grasp for grasp in felt.grasps if grasp.item_id == item_id]
     drive = felt.grasps[0].drive
     return history_of(grasps, item_id=item_id, drive=drive, drift=drift).days
@@ -74,7 +74,7 @@ def select_labelled(
 
 
 def learn_rule(felt: StationRecords, drift: Drift | None) -> RipenessRule:
-    """Learn from the labelled fruits, whose labels are true stages."""
+    """Learn a rule from the labelled fruits with their true stages."""
     known = select_labelled(felt, drift)
     return RipenessRule.learn(
         [days for _, days in known],

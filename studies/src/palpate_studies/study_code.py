@@ -19,7 +19,7 @@ _ROOTS = {
     for package in (palpate, palpate_studies)
 }
 #: What words, tables and figures are made of; no figure depends on it.
-_SHOWING = (
+_PRESENTATION = (
     "palpate.cli",
     "palpate.plots",
     "palpate_studies.report",
@@ -71,7 +71,7 @@ def study_files(study: str) -> list[Path]:
     modules, waiting = dict[str, Path](), [STUDIES[study][0]]
     while waiting:
         name = waiting.pop()
-        path = None if name in modules or name.startswith(_SHOWING) else _file_of(name)
+        path = None if name in modules or name.startswith(_PRESENTATION) else _file_of(name)
         if path is not None:
             modules[name] = path
             waiting += [*_list_imports(path), name.rpartition(".")[0]]

@@ -63,9 +63,9 @@ def report(
     names = tuple(CALIBRATION_INPUTS) if families else (FITTED_FAMILY,)
     sensors = {n: repeats if n == FITTED_FAMILY else OTHERS_TIMES * repeats for n in names}
     holds = {name: list(twin_holds(repeats=sensors[name], family=name)) for name in names}
-    results = {name: _errors(made) for name, made in holds.items()}
+    results = {name: _measure_errors(made) for name, made in holds.items()}
     each = ", ".join(f"{count} of the family {name}" for name, count in sensors.items())
-    misfit = {name: count_missed(_entries(name, results[name])) for name in names}
+    misfit = {name: count_missed(_list_entries(name, results[name])) for name in names}
     return StudyReport(
         name="table1",
         title="Table 1: errors of the predicted settled value, percent of it",
@@ -102,7 +102,7 @@ def report(
 command = as_command(report)
 
 
-def _errors(holds: Sequence[Hold]) -> dict[str, list[dict[str, float | None]]]:
+def _measure_errors(holds: Sequence[Hold]) -> dict[str, list[dict[str, float | None]]]:
     """Return for each method one row of scores per cut-off."""
     predictions: dict[tuple[str, float], list[Prediction]] = {}
     for found in predict_holds(
@@ -129,7 +129,7 @@ def _row(predictions: Sequence[Prediction], cutoff_s: float) -> dict[str, float 
     return {key: value if np.isfinite(value) else None for key, value in row.items()}
 
 
-def _entries(
+def _list_entries(
     family: str, errors: Mapping[str, Sequence[Mapping[str, float | None]]]
 ) -> list[Entry]:
     """Return the published entries with our intervals; the entry at 20 s is always 0."""

@@ -8,10 +8,10 @@ from palpate_studies.equal_width import (
     CALIBRATION_INPUT,
     CLOSURE_MM,
     SENSORS,
-    as_json,
     draw_curves,
     format_cells,
     measure_settled_readings,
+    summarise_sensors,
 )
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
@@ -78,7 +78,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             "origin": "twin",
             "width_mm": WIDTH_MM,
             "published": {name: list(values[:2]) for name, values in PUBLISHED.items()},
-            "levels": as_json(found, names),
+            "levels": summarise_sensors(found, names),
             "sensors_in_order": ordered,
         },
         figures={

@@ -37,7 +37,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
     found = {
         level: {
             name: [
-                _readings(name, index, sensor=sensor, level=level, repeats=repeats)
+                _measure_readings(name, index, sensor=sensor, level=level, repeats=repeats)
                 for sensor in range(sensors)
             ]
             for index, name in enumerate(PUBLISHED)
@@ -45,10 +45,13 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
         for level in LEVELS
     }
     lines = {
-        level: {name: np.array([_line(made) for made in each]) for name, each in sheets.items()}
+        level: {
+            name: np.array([_fit_line(readings) for readings in each])
+            for name, each in sheets.items()
+        }
         for level, sheets in found.items()
     }
-    misfit = {level: count_missed(_entries(lines[level])) for level in LEVELS}
+    misfit = {level: count_missed(_list_entries(lines[level])) for level in LEVELS}
     return StudyReport(
         name="table4",
         title="Table 4: force against settled relative change, per silicone sheet",
@@ -91,7 +94,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
                 for level in LEVELS
             },
             "misfit": misfit,
-            "intercepts": {level: _intercepts(lines[level]) for level in LEVELS},
+            "intercepts": {level: _count_intercepts(lines[level]) for level in LEVELS},
         },
         figures={"figure11c": lambda: draw({at: found[at] for at in LEVELS})},
     )
@@ -100,28 +103,30 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
 command = as_command(report)
 
 
-def _readings(name: str, index: int, *, sensor: int, level: str, repeats: int) -> list[Reading]:
+def _measure_readings(
+    name: str, index: int, *, sensor: int, level: str, repeats: int
+) -> list[Reading]:
     """Return the grasps of one sheet on one sensor, at each closure."""
     obj, session = draw_named(name), Session(sensor, level=level, trial=index)
     widths = [obj.size_mm - closure_mm for closure_mm in CLOSURES_MM]
-    made = grasps(session, obj, widths_mm=widths, repeats=repeats)
-    return [reading for at_width in made for reading in at_width]
+    readings = grasps(session, obj, widths_mm=widths, repeats=repeats)
+    return [reading for at_width in readings for reading in at_width]
 
 
-def _pairs(made: list[Reading]) -> tuple[FloatArray, FloatArray]:
+def _pairs(readings: list[Reading]) -> tuple[FloatArray, FloatArray]:
     """Return mean change (percent) and force (N) of each grasp."""
-    return np.array([r.mean_percent for r in made]), np.array([r.force_n for r in made])
+    return np.array([r.mean_percent for r in readings]), np.array([r.force_n for r in readings])
 
 
-def _line(made: list[Reading]) -> list[float]:
+def _fit_line(readings: list[Reading]) -> list[float]:
     """Return R^2, slope and intercept of one sensor, and the exponent of the power law."""
-    percent, force_n = _pairs(made)
+    percent, force_n = _pairs(readings)
     line = LineForceLaw.fit(percent, force_n=force_n)
-    power = PowerForceLaw.fit([reading.excess for reading in made], force_n=force_n)
+    power = PowerForceLaw.fit([reading.excess for reading in readings], force_n=force_n)
     return [r_squared(percent, force_n), *line.coefficients, power.coefficients[1]]
 
 
-def _entries(lines: Mapping[str, FloatArray]) -> list[Entry]:
+def _list_entries(lines: Mapping[str, FloatArray]) -> list[Entry]:
     """Return R^2, slope and intercept of each sheet with the range over sensors, unfitted.
 
     The range of forces was, and a sheet's slope and intercept with it in part.
@@ -133,7 +138,7 @@ def _entries(lines: Mapping[str, FloatArray]) -> list[Entry]:
     ]
 
 
-def _intercepts(lines: Mapping[str, FloatArray]) -> dict[str, int]:
+def _count_intercepts(lines: Mapping[str, FloatArray]) -> dict[str, int]:
     """Count the fits, and those whose intercept has the other sign than the printed one."""
     signs = [np.sign(found[:, 2]) != np.sign(PUBLISHED[name][2]) for name, found in lines.items()]
     return {"fits": sum(map(len, signs)), "other_sign": int(np.sum(signs))}

@@ -24,7 +24,13 @@ from palpate_studies.bootstrap import bootstrap_interval
 from palpate_studies.misfit import Entry, count_missed, format_missed
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
-from palpate_studies.twin_session import CLOSURES_MM, MATERIALS, SETTLED_MEAN_S, hold_each, stack
+from palpate_studies.twin_session import (
+    CLOSURES_MM,
+    MATERIALS,
+    SETTLED_MEAN_S,
+    record_holds,
+    stack_holds,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,9 +68,11 @@ def report(
 
     Example: palpate study table5 --out reports
     """
-    errors = {level: _errors(level, sensors=sensors, repeats=repeats) for level in LEVELS}
+    errors = {level: _measure_errors(level, sensors=sensors, repeats=repeats) for level in LEVELS}
     rows = [row for level in LEVELS for row in _rows(errors[level], level)]
-    misfit = {level: _misfit(errors[level], groups=len(MATERIALS) * sensors) for level in LEVELS}
+    misfit = {
+        level: _count_misfit(errors[level], groups=len(MATERIALS) * sensors) for level in LEVELS
+    }
     count = len(errors[LEVELS[0]][_REFERENCE][0])
     return StudyReport(
         name="table5",
@@ -89,19 +97,20 @@ def report(
             "repeats": repeats,
             "grasps": count,
         },
-        figures={"figure12": lambda: _figure(rows)},
+        figures={"figure12": lambda: _draw(rows)},
     )
 
 
 command = as_command(report)
 
 
-def _errors(level: str, *, sensors: int, repeats: int) -> dict[str, Errors]:
+def _measure_errors(level: str, *, sensors: int, repeats: int) -> dict[str, Errors]:
     """Return each row's errors against the settled reading's line and the load cell."""
     found: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
     for sensor in range(sensors):
         learned = [
-            _holds(sensor, level, index, repeats=1, session=0) for index in range(len(MATERIALS))
+            _measure_holds(sensor, level, index, repeats=1, session=0)
+            for index in range(len(MATERIALS))
         ]
         own = [
             Hold(hold_id="", channel=None, time_s=time_s, values=values, unit="percent")
@@ -111,7 +120,9 @@ def _errors(level: str, *, sensors: int, repeats: int) -> dict[str, Errors]:
         methods = {**ROWS, OWN: (Calibrated(holds=tuple(own)), 2.5)}
         for index, (time_s, holds, force_n) in enumerate(learned):
             law = LineForceLaw.fit(_measure_settled(time_s, holds), force_n=force_n)
-            time_s, tested, tested_n = _holds(sensor, level, index, repeats=repeats, session=1)
+            time_s, tested, tested_n = _measure_holds(
+                sensor, level, index, repeats=repeats, session=1
+            )
             reference_n = law.force_n(_measure_settled(time_s, tested)).value
             for name, (method, cutoff_s) in methods.items():
                 early = predict_settled(
@@ -137,7 +148,7 @@ def _measure_settled(time_s: FloatArray, holds: FloatArray) -> FloatArray:
     return np.asarray(holds[:, time_s > HORIZON_S - SETTLED_MEAN_S].mean(axis=1))
 
 
-def _holds(
+def _measure_holds(
     sensor: int, level: str, index: int, *, repeats: int, session: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return times, mean relative changes (holds, times) and the load cell at the end."""
@@ -146,10 +157,10 @@ def _holds(
     world = World(obj, seed=seed, sheet_seed=5_000 + sensor, level=level)
     cell = TwinLoadCell(world)
     rows, forces = [], []
-    for values in hold_each(world, CLOSURES_MM * repeats, touch_mm=obj.size_mm):
+    for values in record_holds(world, CLOSURES_MM * repeats, touch_mm=obj.size_mm):
         forces.append(cell.read_n())
         rows.append(values)
-    holds = stack(rows)
+    holds = stack_holds(rows)
     return np.arange(1, holds.shape[1] + 1) / world.frame_rate_hz, holds, np.array(forces)
 
 
@@ -171,7 +182,7 @@ def _rows(errors: dict[str, Errors], level: str) -> list[dict[str, Any]]:
     ]
 
 
-def _misfit(errors: dict[str, Errors], *, groups: int) -> dict[str, dict[str, int]]:
+def _count_misfit(errors: dict[str, Errors], *, groups: int) -> dict[str, dict[str, int]]:
     """Count the printed newtons outside our 90 % interval, holds grouped by sensor and sheet.
 
     Errors are of the settled reading, as the paper's can only be.
@@ -185,7 +196,7 @@ def _misfit(errors: dict[str, Errors], *, groups: int) -> dict[str, dict[str, in
     return count_missed(entries)
 
 
-def _figure(rows: Sequence[dict[str, Any]]) -> Figure:
+def _draw(rows: Sequence[dict[str, Any]]) -> Figure:
     from palpate.plots.style import BLUE, GREY, ORANGE, legend_below, log_axis, new_figure
 
     names = list(dict.fromkeys(row["technique"] for row in rows))

@@ -12,11 +12,11 @@ from palpate.arrays import FloatArray
 from palpate.settling.predict import predict_settled
 from palpate.signal.relative import mean_change
 from palpate.twin.objects import TwinObject
-from palpate_studies.equal_width import mean_and_range
+from palpate_studies.equal_width import format_mean_and_range
 from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS
-from palpate_studies.twin_apple import Apple, Bruise, Faces, draw_apple, first_touch
-from palpate_studies.twin_session import HOLD_S, SETTLED_MEAN_S, Session, stack
+from palpate_studies.twin_apple import Apple, Bruise, Faces, draw_apple, find_first_touch
+from palpate_studies.twin_session import HOLD_S, SETTLED_MEAN_S, Session, stack_holds
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -79,8 +79,8 @@ def drop_apple() -> Apple:
 def grasp_free(level: str, sensor: int, *, repeats: int = REPEATS) -> Traces:
     """Grasp the apple before and after its fall, at one width, bruise first."""
     session, apple = Session(sensor, level=level), drop_apple()
-    before = _holds(session, replace(apple, bruise=None).facing(0.0), repeats=repeats)
-    after = _holds(session, apple.facing(0.0), repeats=repeats)
+    before = _hold_repeatedly(session, replace(apple, bruise=None).facing(0.0), repeats=repeats)
+    after = _hold_repeatedly(session, apple.facing(0.0), repeats=repeats)
     return _traces(session, before, after)
 
 
@@ -93,11 +93,11 @@ def grasp_supported(level: str, sensor: int, *, repeats: int = REPEATS) -> Trace
     """
     session, apple = Session(sensor, level=level), drop_apple()
     sound = replace(apple, bruise=None).facing(0.0)
-    before = _holds(session, sound, repeats=repeats)
+    before = _hold_repeatedly(session, sound, repeats=repeats)
     sound_n = session.world.truth().force_n
-    bruised = _holds(session, _bruise_both_sides(apple), repeats=repeats)
+    bruised = _hold_repeatedly(session, _bruise_both_sides(apple), repeats=repeats)
     support_n = sound_n - session.world.truth().force_n
-    other = _holds(session, sound, repeats=repeats)
+    other = _hold_repeatedly(session, sound, repeats=repeats)
     times = min(bruised.shape[1], other.shape[1])
     first = session.world.layout.finger_mask(0)
     after = np.where(first, bruised[:, :times], other[:, :times])
@@ -128,19 +128,19 @@ def _bruise_both_sides(apple: Apple) -> TwinObject:
     alike = Faces(faces=(bruised, bruised), fruit_mm=faces.fruit_mm)
     return replace(
         apple.flesh,
-        size_mm=SIZE_MM - 2.0 * first_touch(bruised)[0],
+        size_mm=SIZE_MM - 2.0 * find_first_touch(bruised)[0],
         force_at_1mm_n=apple.flesh.force_at_1mm_n * alike.stiffness,
         faces=alike,
     )
 
 
-def _holds(session: Session, apple: TwinObject, *, repeats: int) -> FloatArray:
+def _hold_repeatedly(session: Session, apple: TwinObject, *, repeats: int) -> FloatArray:
     """Return relative changes of every pixel, shape (repeats, times, rows, cols)."""
     holds = []
     for _ in range(repeats):
         session.place(apple)
         holds.append(session.hold(SIZE_MM, width_mm=SIZE_MM - CLOSURE_MM))
-    return stack(holds)
+    return stack_holds(holds)
 
 
 def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
@@ -170,7 +170,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
         for column in COLUMNS
         for level, each in by_level.items()
     ]
-    met = _count_met(entries)
+    met = _compare_published(entries)
     support_n = {
         level: float(np.median([one.support_n for one in each]))
         for level, each in made["supported"].items()
@@ -194,7 +194,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             Table.wide(
                 "Mean relative change of an apple, percent",
                 [{**one, "apple": f"{one['variant']}, {one['level']}"} for one in entries],
-                {"row": "{row}", "column": "{column}", "published": _find_published},
+                {"row": "{row}", "column": "{column}", "published": _format_published},
                 over="apple",
                 form="{cell}",
             )
@@ -219,18 +219,18 @@ def summarise(made: list[Traces], row: str, column: str) -> dict[str, Any]:
     return {
         "mean": float(np.median(mean)),
         "sd": float(np.median(sd)),
-        "cell": mean_and_range(mean, sd),
+        "cell": format_mean_and_range(mean, sd),
     }
 
 
-def _find_published(entry: Any) -> str:
+def _format_published(entry: Any) -> str:
     row, column = entry["row"], entry["column"]
     if row not in PUBLISHED:
         return ""
     return "{:.3g} ± {:.2g}".format(*PUBLISHED[row][COLUMNS.index(column)])
 
 
-def _count_met(entries: list[dict[str, Any]]) -> dict[str, dict[str, dict[str, Any]]]:
+def _compare_published(entries: list[dict[str, Any]]) -> dict[str, dict[str, dict[str, Any]]]:
     """Return for every published entry the median sensor's mean, and whether it is met.
 
     It is met where the difference of the means is below twice the published sd.

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 #: Places in a line across a contact, and how far they go, in radii of a sound contact: a flat one
 #: with a dent of 0.8 of the flattening is 2.2 times as wide.
-_PLACES, _REACH = 21, 2.4
+_PLACES, _RANGE_RADII = 21, 2.4
 #: How far pad and sheet spread a load, mm: as `mechanics.pixel_shares` has it for the paper's
 #: pixels. Finer pixels see no sharper for being fine.
 _SPREAD_MM = 8.0
@@ -54,7 +54,7 @@ _USUAL_SIDE_MM = 0.5
 #: Contacts of one face closer than this are taken for one, mm.
 _STEP_MM = 0.005
 #: How far from a bruise the place of first touch is looked for, mm.
-_BESIDE_MM = 10.0
+_SEARCH_MARGIN_MM = 10.0
 #: Beyond this distance from a bruise no contact with a finger reaches it, mm.
 _CONTACT_MM = 20.0
 
@@ -95,10 +95,10 @@ class Face:
 
     def stiffness(self, fruit_mm: float) -> float:
         """Return the stiffness ratio of this side to a round, sound fruit of its size."""
-        sound = contact(replace(self, patch=None), _USUAL_SIDE_MM).pressure.sum()
+        sound = find_contact(replace(self, patch=None), _USUAL_SIDE_MM).pressure.sum()
         # Hertz: force goes as the root of the radius of curvature.
         curved = math.sqrt(self.curvature_mm / fruit_mm)
-        share = contact(self, _USUAL_SIDE_MM).pressure.sum() / sound
+        share = find_contact(self, _USUAL_SIDE_MM).pressure.sum() / sound
         return float(self.firmness * curved * share)
 
 
@@ -124,7 +124,7 @@ class Faces:
     @property
     def stiffness(self) -> float:
         """Stiffness of the whole over that of a round, sound fruit."""
-        return float((sum(_give(self)) / 2.0) ** -1.5)
+        return float((sum(_side_deflections(self)) / 2.0) ** -1.5)
 
     def pixel_shares(
         self, deformation_mm: float, *, grid: PixelGrid, off_centre_mm: tuple[float, float]
@@ -133,7 +133,7 @@ class Faces:
 
         Those of a sound face add up to 1, as for all objects; those of a bruised one may not.
         """
-        shares, give = np.zeros(grid.finger.size), _give(self)
+        shares, give = np.zeros(grid.finger.size), _side_deflections(self)
         for finger, face in enumerate(self.faces):
             mine = grid.finger == finger
             side_mm = max(deformation_mm, 0.0) * give[finger] / sum(give)
@@ -143,50 +143,56 @@ class Faces:
                 grid.along_mm[mine] - off_centre_mm[0] - face.contact_mm[0],
                 grid.across_mm[mine] - off_centre_mm[1] - face.contact_mm[1],
             )
-            caught = _share_caught(contact(face, side_mm), middle_mm, pitch_mm=grid.pitch_mm)
+            caught = _fraction_caught(
+                find_contact(face, side_mm), middle_mm, pitch_mm=grid.pitch_mm
+            )
             if_sound = caught
             if face.patch is not None:
-                sound = contact(replace(face, patch=None), side_mm)
-                if_sound = _share_caught(sound, middle_mm, pitch_mm=grid.pitch_mm)
+                sound = find_contact(replace(face, patch=None), side_mm)
+                if_sound = _fraction_caught(sound, middle_mm, pitch_mm=grid.pitch_mm)
             shares[mine] = caught / max(if_sound.sum(), 1e-12)
         return shares
 
 
 @lru_cache(maxsize=512)
-def contact(face: Face, side_mm: float) -> FaceContact:
+def find_contact(face: Face, side_mm: float) -> FaceContact:
     """Return the contact of a face that deflects by `side_mm`."""
     radius_mm = math.sqrt(0.5 * face.curvature_mm * (side_mm + _PAD_MM))
-    line = np.linspace(-_REACH * radius_mm, _REACH * radius_mm, _PLACES)
+    line = np.linspace(-_RANGE_RADII * radius_mm, _RANGE_RADII * radius_mm, _PLACES)
     if face.patch is None:
-        return FaceContact(line, line, np.maximum(1.0 - _round(line, line) / radius_mm**2, 0.0))
-    least_mm, *touched = first_touch(face)
+        return FaceContact(
+            line, line, np.maximum(1.0 - _distance_squared(line, line) / radius_mm**2, 0.0)
+        )
+    least_mm, *touched = find_first_touch(face)
     along, across = line + touched[0], line + touched[1]
     profile = face.patch.profile(along[:, None], across)
-    gap_mm2 = _round(along, across) + face.curvature_mm * (face.patch.dent_mm * profile - least_mm)
+    gap_mm2 = _distance_squared(along, across) + face.curvature_mm * (
+        face.patch.dent_mm * profile - least_mm
+    )
     deep = np.minimum(face.patch.depth_mm * profile / radius_mm, 1.0)
     give = 1.0 + deep * (1.0 / face.patch.softness - 1.0)
     return FaceContact(along, across, np.maximum(1.0 - gap_mm2 / radius_mm**2, 0.0) / give)
 
 
 @lru_cache(maxsize=256)
-def first_touch(face: Face) -> tuple[float, float, float]:
+def find_first_touch(face: Face) -> tuple[float, float, float]:
     """Return a finger's contact delay against a round fruit, and its position, mm."""
     if face.patch is None:
         return 0.0, 0.0, 0.0
-    reach_mm = face.patch.radius_mm + _BESIDE_MM
+    reach_mm = face.patch.radius_mm + _SEARCH_MARGIN_MM
     line = np.linspace(-reach_mm, reach_mm, 61)
-    gap_mm = _round(line, line) / face.curvature_mm
+    gap_mm = _distance_squared(line, line) / face.curvature_mm
     gap_mm = gap_mm + face.patch.dent_mm * face.patch.profile(line[:, None], line)
     along, across = np.unravel_index(np.argmin(gap_mm), gap_mm.shape)
     return float(gap_mm[along, across]), float(line[along]), float(line[across])
 
 
-def _round(along_mm: FloatArray, across_mm: FloatArray) -> FloatArray:
+def _distance_squared(along_mm: FloatArray, across_mm: FloatArray) -> FloatArray:
     """Return the squared distance of pairs of places from the contact point."""
     return np.asarray(along_mm[:, None] ** 2 + across_mm**2)
 
 
-def _share_caught(
+def _fraction_caught(
     found: FaceContact, middle_mm: tuple[FloatArray, FloatArray], *, pitch_mm: float
 ) -> FloatArray:
     """Return the share of a contact's force that each pixel catches, shape (pixels,).
@@ -195,13 +201,13 @@ def _share_caught(
     pitch wide.
     """
     along, across = (
-        _overlap(middle[:, None] - place, pitch_mm=pitch_mm)
+        _overlap_fraction(middle[:, None] - place, pitch_mm=pitch_mm)
         for middle, place in zip(middle_mm, (found.along_mm, found.across_mm), strict=True)
     )
     return np.asarray(np.sum(along @ found.pressure * across, axis=1) / found.pressure.sum())
 
 
-def _overlap(apart_mm: FloatArray, *, pitch_mm: float) -> FloatArray:
+def _overlap_fraction(apart_mm: FloatArray, *, pitch_mm: float) -> FloatArray:
     """Return the fraction of a spread load on a pixel at this distance."""
     edges = apart_mm[..., None] + np.array([0.5, -0.5]) * pitch_mm
     t = np.clip(edges / _SPREAD_MM, -1.0, 1.0)
@@ -210,7 +216,7 @@ def _overlap(apart_mm: FloatArray, *, pitch_mm: float) -> FloatArray:
 
 
 @lru_cache(maxsize=256)
-def _give(faces: Faces) -> tuple[float, float]:
+def _side_deflections(faces: Faces) -> tuple[float, float]:
     """Return the deformation of each side under one force, F = K d ** 1.5."""
     one, other = (face.stiffness(faces.fruit_mm) ** (-2 / 3) for face in faces.faces)
     return one, other
@@ -276,7 +282,7 @@ class Apple:
         apart_mm = self._support(angle_deg)[0] + self._support(angle_deg + 180.0)[0]
         return replace(
             self.flesh,
-            size_mm=apart_mm - sum(first_touch(side)[0] for side in sides),
+            size_mm=apart_mm - sum(find_first_touch(side)[0] for side in sides),
             force_at_1mm_n=self.flesh.force_at_1mm_n * faces.stiffness,
             faces=faces,
         )

@@ -18,7 +18,7 @@ from palpate.twin.ranges import log_uniform, uniform
 from palpate_studies.fruit_ranges import AVOCADO_BOUNDS_N, AVOCADO_STAGES, AVOCADOS, AvocadoRanges
 
 #: Damage begins at this share of the rupture force, as for other fruit of the twin.
-_YIELD_SHARE = (0.75, 0.95)
+_YIELD_FRACTION = (0.75, 0.95)
 #: Time constants of relaxation, as for other fruit of the twin.
 _RELAXING_S = ((0.2, 1.0), (1.0, 8.0), (8.0, 80.0))
 #: Days whose room is drawn; beyond them the pace is the usual one.
@@ -95,7 +95,7 @@ class Avocado:
             relaxing_share=self.relaxing_share,
             relaxing_time_s=self.relaxing_time_s,
             flat=False,
-            yield_n=rupture_n * uniform(rng, _YIELD_SHARE),
+            yield_n=rupture_n * uniform(rng, _YIELD_FRACTION),
             rupture_n=rupture_n,
             mass_g=self.mass_g,
         )

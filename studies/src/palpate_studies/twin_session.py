@@ -186,7 +186,7 @@ def read_ohm(world: World, *, until_s: float) -> FloatArray:
     return resistance_ohm(np.stack(counts), divider=world.layout.divider)
 
 
-def stack(holds: Sequence[FloatArray]) -> FloatArray:
+def stack_holds(holds: Sequence[FloatArray]) -> FloatArray:
     """Return holds as one array, each as long as the shortest."""
     shortest = min(map(len, holds))
     return np.array([hold[:shortest] for hold in holds])
@@ -247,7 +247,7 @@ def twin_holds(*, repeats: int, family: str | None = None) -> Iterator[Hold]:
         for index, material in enumerate(MATERIALS):
             obj = draw_object(np.random.default_rng([1, index]), material)
             world = World(obj, seed=sensor + 1_000_000 * index, sheet_seed=sensor, family=family)
-            each = hold_each(world, CLOSURES_MM, touch_mm=obj.size_mm)
+            each = record_holds(world, CLOSURES_MM, touch_mm=obj.size_mm)
             for closure_mm, values in zip(CLOSURES_MM, each, strict=True):
                 yield Hold(
                     hold_id=f"{repeat}/{material}/{closure_mm:g}",
@@ -259,7 +259,7 @@ def twin_holds(*, repeats: int, family: str | None = None) -> Iterator[Hold]:
                 )
 
 
-def hold_each(
+def record_holds(
     world: World, closures_mm: Sequence[float], *, touch_mm: float
 ) -> Iterator[FloatArray]:
     """Yield the mean relative change of a hold at each closure, percent, shape (n_times,).

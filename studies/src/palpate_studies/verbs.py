@@ -27,14 +27,14 @@ SETTINGS: dict[str, Any] = {
 }
 
 
-def catalogue(group: str) -> dict[str, LazyCommand]:
+def list_commands(group: str) -> dict[str, LazyCommand]:
     """Return what installed packages offer in a group of entry points, by name."""
     rows = [row for point in entry_points(group=group) for row in point.load().items()]
     return {name: LazyCommand(f"{place}:command", text) for name, (place, text) in sorted(rows)}
 
 
-def _names(group: str) -> Any:
-    return lambda incomplete: [name for name in catalogue(group) if name.startswith(incomplete)]
+def _complete_names(group: str) -> Any:
+    return lambda incomplete: [name for name in list_commands(group) if name.startswith(incomplete)]
 
 
 def study(
@@ -42,7 +42,8 @@ def study(
     name: Annotated[
         str | None,
         typer.Argument(
-            help="Which study; `--list` names them.", autocompletion=_names("palpate.studies")
+            help="Which study; `--list` names them.",
+            autocompletion=_complete_names("palpate.studies"),
         ),
     ] = None,
     listing: Annotated[bool, typer.Option("--list", help="List the studies.")] = False,
@@ -62,11 +63,11 @@ def study(
 
     Example: palpate study table1
     """
-    _check_figures(figure_format, dpi, arguments=context.args)
+    _check_figure_options(figure_format, dpi, arguments=context.args)
     endings = PLOT_ENDINGS if figure_format is None else (f".{figure_format}",)
     before = FIGURE_FILES.set((endings, dpi))
     try:
-        _run(name, group="palpate.studies", listing=listing, quiet=quiet, context=context)
+        _run_command(name, group="palpate.studies", listing=listing, quiet=quiet, context=context)
     finally:
         FIGURE_FILES.reset(before)
 
@@ -77,7 +78,7 @@ def bench(
         str | None,
         typer.Argument(
             help="Which; `--list` names them. Default: all.",
-            autocompletion=_names("palpate.benchmarks"),
+            autocompletion=_complete_names("palpate.benchmarks"),
         ),
     ] = None,
     listing: Annotated[bool, typer.Option("--list", help="List the benchmarks.")] = False,
@@ -91,14 +92,16 @@ def bench(
     if name is not None and name.startswith("-") and name != "--help":
         context.args.insert(0, name)
         name = None
-    _run(name or ALL, group="palpate.benchmarks", listing=listing, quiet=quiet, context=context)
+    _run_command(
+        name or ALL, group="palpate.benchmarks", listing=listing, quiet=quiet, context=context
+    )
 
 
-def _run(
+def _run_command(
     name: str | None, *, group: str, listing: bool, quiet: bool, context: typer.Context
 ) -> None:
     """List a package's offers, or run one with the rest of the command line."""
-    verb, known = str(context.info_name), catalogue(group)
+    verb, known = str(context.info_name), list_commands(group)
     if listing or name in (None, "--help"):
         text = f"palpate {verb} NAME [options]\n\nExample: palpate {verb} {next(iter(known))}"
         listed = LazyGroup(name=verb, help=text, no_args_is_help=True, rich_markup_mode=HELP)
@@ -116,7 +119,7 @@ def _run(
         raise typer.Exit(status)
 
 
-def _check_figures(
+def _check_figure_options(
     figure_format: FigureFormat | None, dpi: int | None, *, arguments: list[str]
 ) -> None:
     """Refuse, before the work, options of figures that no file would show."""
