@@ -80,7 +80,7 @@ async def shift_over_modbus(port: int, machine: Machine, *, items: int) -> None:
             before = await registers(client, modbus.RESULTS, 2)
             await client.write_register(modbus.TARGET, 200)
             item = f"modbus-{number}"
-            await client.write_registers(modbus.NEW_ITEM, modbus.text_registers(item))
+            await client.write_registers(modbus.NEW_ITEM, modbus.encode_text(item))
             await client.write_register(modbus.COMMAND, modbus.GRASP)
             await reach(client, LineState.HOLDING)
             await client.write_register(modbus.COMMAND, modbus.RELEASE)
@@ -88,7 +88,7 @@ async def shift_over_modbus(port: int, machine: Machine, *, items: int) -> None:
                 await asyncio.sleep(LOOK_S)
             seen = time.time()
             words = await registers(client, modbus.VALUES, 30)
-            named = modbus.text_of(await registers(client, modbus.ITEM, modbus.TEXT_REGISTERS))
+            named = modbus.decode_text(await registers(client, modbus.ITEM, modbus.TEXT_REGISTERS))
             document = machine.ask("GET", "/result")[1]
             late_ms.append(age_ms(document) - 1e3 * (time.time() - seen))
             wanted = np.array(list_measurements(document), dtype=np.float32)

@@ -408,7 +408,7 @@ def test_a_second_viewer_watches_stops_and_takes_over_explicitly(
     second.locator("#take-over").click()
     expect(second.locator("#who")).to_contain_text("you drive")
     expect(driver.locator("#who")).to_have_text("you watch")
-    expect(driver.get_by_text("Another person drives now")).to_be_visible()
+    expect(driver.get_by_text("Another user is now the driver")).to_be_visible()
     expect(driver.locator("#release")).to_be_disabled()
     release(second)
 
@@ -674,7 +674,7 @@ def test_beyond_the_loopback_it_wants_a_token_and_says_when_it_is_gone(
         assert answer.status == 401
         page.get_by_label("Token").fill("wrong-horse")
         page.get_by_role("button", name="Enter", exact=True).click()
-        expect(page.locator("body")).to_contain_text("That is not the token.")
+        expect(page.locator("body")).to_contain_text("Wrong token.")
         page.get_by_label("Token").fill("correct-horse")
         page.get_by_role("button", name="Enter", exact=True).click()
         expect(page.locator("#link")).to_be_visible()

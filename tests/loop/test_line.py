@@ -151,7 +151,7 @@ def test_modbus_grasp_gives_the_result_that_http_gives(station: Served) -> None:
             await reach(client, LineState.IDLE)
             before = await registers(client, modbus.RESULTS, 2)
             await client.write_register(modbus.TARGET, 200)
-            await client.write_registers(modbus.NEW_ITEM, modbus.text_registers("berry-8"))
+            await client.write_registers(modbus.NEW_ITEM, modbus.encode_text("berry-8"))
             answer = await client.write_register(modbus.COMMAND, modbus.GRASP)
             assert not answer.isError()
             await reach(client, LineState.HOLDING)
@@ -166,7 +166,7 @@ def test_modbus_grasp_gives_the_result_that_http_gives(station: Served) -> None:
     document = Machine(station.http).ask("GET", "/result")[1]
     size = struct.unpack(">3f", struct.pack(">6H", *values))
     assert size == pytest.approx([document["size_mm"][part] for part in ("value", "low", "high")])
-    assert modbus.text_of(item) == document["item_id"] == "berry-8"
+    assert modbus.decode_text(item) == document["item_id"] == "berry-8"
 
 
 def test_modbus_wrong_command_and_address_are_exceptions_with_a_reason(station: Served) -> None:
@@ -175,7 +175,7 @@ def test_modbus_wrong_command_and_address_are_exceptions_with_a_reason(station: 
             wrong = await client.write_register(modbus.COMMAND, 9)
             why = await registers(client, modbus.REFUSAL, modbus.TEXT_REGISTERS)
             beside = await client.write_register(modbus.STATE, 1)
-            return wrong.exception_code, beside.exception_code, modbus.text_of(why)
+            return wrong.exception_code, beside.exception_code, modbus.decode_text(why)
 
     assert asyncio.run(work()) == (3, 2, "command 9: use a number from 1 to 5")
 
@@ -213,7 +213,7 @@ def test_two_clients_only_the_driver_grasps_and_anyone_stops(station: Served) ->
             refused = await other.write_register(modbus.COMMAND, modbus.GRASP)
             assert refused.exception_code == 6
             why = await registers(other, modbus.REFUSAL, modbus.TEXT_REGISTERS)
-            assert modbus.text_of(why) == "another person drives; take over first"
+            assert modbus.decode_text(why) == "another person drives; take over first"
             await hand.grasp()
             await hand.reach("execute")
             stopped = await other.write_register(modbus.COMMAND, modbus.STOP)

@@ -1,1 +1,1 @@
-"""The runner in a browser: a device process, a session with rules, a thin page."""
+"""Operate a rig from a browser: device process, shared session, web page and HTTP API."""

@@ -1,4 +1,4 @@
-"""Access control: no requests of other web pages; a token beyond the loopback."""
+"""Access control: refuse cross-site requests, and require a token beyond the loopback."""
 
 from __future__ import annotations
 
@@ -22,32 +22,32 @@ from palpate.errors import InputError
 
 COOKIE = "palpate-token"
 MIN_TOKEN_LENGTH = 8
-#: Where a stop is asked for, by the page and by machines.
+#: Paths of the stop requests, for the page and for the API.
 STOP_PATHS = frozenset({"/stop", "/api/stop"})
-#: Wrong tokens that a visitor may send within a minute; from then on tokens of that visitor are
-#: checked one by one, in this time: guessing eight characters takes ages, seconds.
+#: A client address with this many wrong tokens within the window (seconds) is throttled: its tokens
+#: are then checked at this interval (seconds), too slowly to guess eight characters.
 MAX_WRONG_TOKENS, _WRONG_TOKEN_WINDOW_S, CHECK_INTERVAL_S = 10, 60.0, 1.0
-#: An order that waited longer than this for its turn would come as a surprise, seconds.
+#: A throttled request with a longer wait is refused, so no order runs unexpectedly late, seconds.
 _MAX_WAIT_S = 4.0
-#: Wrong visitors that are counted; more of them share one count.
+#: Maximum number of client addresses counted separately; further addresses share one count.
 _MAX_VISITORS = 1000
-#: A form with the longest token that makes sense; nothing longer is read.
+#: Maximum size of the token form, bytes; longer bodies are refused.
 _MAX_FORM_BYTES = 4096
 _LOOPBACK_NAMES = ("localhost",)
-#: Of every answer. A frame of another site could lead a click to a button here; the address may
-#: hold the token.
+#: Headers of every response. Framing is denied because another site could redirect clicks to the
+#: buttons. Referrers are restricted because the URL may contain the token.
 _HEADERS = (
     (b"x-frame-options", b"DENY"),
     (b"content-security-policy", b"frame-ancestors 'none'"),
     (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"same-origin"),
 )
-#: No page is read there.
+#: Requests below this path get JSON errors instead of the token page.
 _API_PREFIX = "/api/"
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether a host name or address is this machine's own loopback.
+    """Return whether a host name or address is the loopback of this machine.
 
     Examples
     --------
@@ -63,40 +63,40 @@ def is_loopback(host: str) -> bool:
 
 
 def check_token(host: str, token: str | None) -> None:
-    """Refuse to serve beyond the loopback without a token of sufficient length.
+    """Check that serving beyond the loopback uses a sufficiently long token.
 
     Raises
     ------
     InputError
-        If there is none, or it is too short.
+        If the token is missing or too short.
     """
     if token is not None and len(token) < MIN_TOKEN_LENGTH:
-        raise InputError(f"the token has {len(token)} characters; give at least {MIN_TOKEN_LENGTH}")
+        raise InputError(f"the token has {len(token)} characters; use at least {MIN_TOKEN_LENGTH}")
     if token is None and not is_loopback(host):
         raise InputError(
-            f"--host {host} lets other machines move the gripper: give a --token (or "
-            "PALPATE_TOKEN), or leave --host out"
+            f"--host {host} allows other machines to move the gripper: set --token (or "
+            "PALPATE_TOKEN), or omit --host"
         )
 
 
 class AccessControl:
-    """Passes requests on to the application, or answers them itself.
+    """ASGI middleware that forwards authorized requests and answers all others itself.
 
-    A page of another site, open in the same browser, could otherwise press the buttons here: so a
-    request that names an origin must name ours, and on the loopback the host must be the loopback's
-    name (else a foreign name could be made to point at it).
+    A page of another site in the same browser could otherwise press the buttons of this page. A
+    request with an origin header must therefore have this server's origin. On the loopback, the
+    host header must be a loopback name, which prevents DNS rebinding.
 
     Parameters
     ----------
     app : ASGI application
-        The application behind it; kept under the name by which servers look for it.
+        The wrapped application.
     token : str or None
-        What a visitor must send once: then a cookie is enough, until this server ends. A machine
-        sends it each time, in the header ``Authorization: Bearer TOKEN``.
+        A browser sends the token once and then uses a cookie, valid until the server ends. An API
+        client sends it with every request in the header ``Authorization: Bearer TOKEN``.
     loopback : bool
-        Whether it is served on the loopback alone.
+        Whether the server listens on the loopback only.
     now_s, wait : callable
-        A clock, and what waits for some seconds of it.
+        A clock, and a function that waits a number of seconds.
     """
 
     def __init__(
@@ -110,11 +110,11 @@ class AccessControl:
     ) -> None:
         self.app, self._token, self._loopback, self._wait = app, token, loopback, wait
         self._wrong_tokens = WrongTokens(now_s)
-        #: Drawn, so that no guess of the token shows in it.
+        #: Random and independent of the token, so the cookie can't be used to verify guesses.
         self._cookie = secrets.token_urlsafe(32)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one request, or hand it on."""
+        """Forward or answer one request."""
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
@@ -122,7 +122,7 @@ class AccessControl:
         headers = Headers(scope=scope)
         answer: Response | None = None
         if not self._is_same_origin(headers):
-            answer = _token_page(403, "This address is not for other sites.")
+            answer = _token_page(403, "Requests from other sites are refused.")
         elif self._token is not None and not self._has_cookie(headers):
             if scope["path"].startswith(_API_PREFIX):
                 answer = await self._check_machine(scope, headers, self._token)
@@ -145,116 +145,119 @@ class AccessControl:
         return not foreign and (not self._loopback or is_loopback(host))
 
     def _has_cookie(self, headers: Headers) -> bool:
-        # Every port of a host shares its cookies: those of others may be odd.
+        # All ports of a host share cookies, so cookies of other servers may be malformed.
         return _is_same_token(
             cookie_parser(headers.get("cookie", "")).get(COOKIE, ""), self._cookie
         )
 
     async def _check_machine(self, scope: Scope, headers: Headers, token: str) -> Response | None:
-        """Refuse a machine in one line, unless it sends the token."""
+        """Return a one-line refusal of an API request; None with a valid token."""
         scheme, _, sent = headers.get("authorization", "").partition(" ")
         if scheme.lower() != "bearer":
-            return _error_response(401, "send the token in a header: Authorization: Bearer TOKEN")
-        visitor = _client_address(scope)
-        if scope["path"] in STOP_PATHS and self._wrong_tokens.has_too_many(visitor):
-            # It may be the right one, and a stop waits for nothing. A check would answer guesses.
+            return _error_response(
+                401, "token missing: send the header Authorization: Bearer TOKEN"
+            )
+        client = _client_address(scope)
+        if scope["path"] in STOP_PATHS and self._wrong_tokens.has_too_many(client):
+            # A stop must not wait, so it is accepted without a check. Checking the token here
+            # would confirm or refute guesses.
             return None
-        found = await self._check_token(sent, token, visitor)
+        found = await self._check_token(sent, token, client)
         if found is None:
             return _error_response(429, "too many wrong tokens from this address: wait a minute")
-        return None if found else _error_response(403, "that is not the token")
+        return None if found else _error_response(403, "wrong token")
 
-    async def _check_token(self, sent: str, token: str, visitor: str) -> bool | None:
-        """Check the token at this visitor's turn; None if the turn is too far away."""
-        wait_s = self._wrong_tokens.reserve_slot(visitor)
+    async def _check_token(self, sent: str, token: str, client: str) -> bool | None:
+        """Check a token, delayed for a throttled client; None if the delay is too long."""
+        wait_s = self._wrong_tokens.reserve_slot(client)
         if wait_s > _MAX_WAIT_S:
             return None
         if wait_s > 0:
             await self._wait(wait_s)
         if _is_same_token(sent, token):
-            self._wrong_tokens.release_slot(visitor)
+            self._wrong_tokens.release_slot(client)
             return True
-        self._wrong_tokens.add(visitor)
+        self._wrong_tokens.add(client)
         return False
 
     async def _ask_for_token(self, scope: Scope, receive: Receive, token: str) -> Response:
-        """Take the token from the form or the address, or ask for it."""
+        """Check the token of the form or URL; without a token, return the token page."""
         sent = _token_field(scope.get("query_string", b""))
         if scope["type"] == "http" and scope["method"] == "POST":
             form = await _read_form(Request(scope, receive))
             if form is None:
-                return _token_page(413, "That is too long for a token.", form=True)
+                return _token_page(413, "The token is too long.", form=True)
             sent = _token_field(form)
         if not sent:
             return _token_page(
-                401, "The person who started this dashboard has its token.", form=True
+                401, "Enter the token that was set when this dashboard was started.", form=True
             )
         found = await self._check_token(sent, token, _client_address(scope))
         if found is None:
             return _token_page(429, "Too many wrong tokens: wait a minute.", form=True)
         if not found:
-            return _token_page(403, "That is not the token.", form=True)
-        welcome = RedirectResponse(_without_token(scope), status_code=303)
-        welcome.set_cookie(COOKIE, self._cookie, httponly=True, samesite="lax")
-        return welcome
+            return _token_page(403, "Wrong token.", form=True)
+        redirect = RedirectResponse(_without_token(scope), status_code=303)
+        redirect.set_cookie(COOKIE, self._cookie, httponly=True, samesite="lax")
+        return redirect
 
 
 class WrongTokens:
-    """Counts recent wrong tokens by visitor.
+    """Counts recent wrong tokens of each client address.
 
-    An address that sent too many is slowed down, not refused, as another visitor there may have
-    the right one.
+    An address with too many wrong tokens is throttled rather than refused, because another user at
+    this address may have the correct token.
     """
 
     def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
         self._now_s = now_s
         self._times_s: dict[str, deque[float]] = {}
-        #: When the next token of a visitor who sent too many is checked.
+        #: Time of the next token check of each throttled client address.
         self._next_checks_s: dict[str, float] = {}
 
-    def has_too_many(self, visitor: str) -> bool:
-        """Return whether this visitor sent too many."""
-        return len(self._times_s.get(self._count_key(visitor), ())) >= MAX_WRONG_TOKENS
+    def has_too_many(self, client: str) -> bool:
+        """Return whether a client address sent too many wrong tokens."""
+        return len(self._times_s.get(self._count_key(client), ())) >= MAX_WRONG_TOKENS
 
-    def reserve_slot(self, visitor: str) -> float:
-        """Return the delay before a token may be checked, and reserve that slot."""
-        if not self.has_too_many(visitor):
+    def reserve_slot(self, client: str) -> float:
+        """Reserve the next slot for a token check; return the delay until then, seconds."""
+        if not self.has_too_many(client):
             return 0.0
-        now_s, name = self._now_s(), self._count_key(visitor)
+        now_s, name = self._now_s(), self._count_key(client)
         turn_s = max(self._next_checks_s.get(name, now_s), now_s)
         if turn_s - now_s <= _MAX_WAIT_S:
             self._next_checks_s[name] = turn_s + CHECK_INTERVAL_S
         return turn_s - now_s
 
-    def release_slot(self, visitor: str) -> None:
-        """Release the turn of a correct token."""
-        name = self._count_key(visitor)
+    def release_slot(self, client: str) -> None:
+        """Release the slot of a correct token."""
+        name = self._count_key(client)
         if name in self._next_checks_s:
             self._next_checks_s[name] -= CHECK_INTERVAL_S
 
-    def add(self, visitor: str) -> None:
-        """Count a wrong token."""
-        times_s = self._times_s.setdefault(self._count_key(visitor), deque(maxlen=MAX_WRONG_TOKENS))
+    def add(self, client: str) -> None:
+        """Count a wrong token of a client address."""
+        times_s = self._times_s.setdefault(self._count_key(client), deque(maxlen=MAX_WRONG_TOKENS))
         times_s.append(self._now_s())
 
-    def _count_key(self, visitor: str) -> str:
-        """Remove expired entries; return the key of a visitor."""
+    def _count_key(self, client: str) -> str:
+        """Remove expired entries; return the key under which a client address is counted."""
         now_s = self._now_s()
-        for one, times_s in list(self._times_s.items()):
+        for address, times_s in list(self._times_s.items()):
             while times_s and now_s - times_s[0] > _WRONG_TOKEN_WINDOW_S:
                 times_s.popleft()
             if not times_s:
-                del self._times_s[one]
-                self._next_checks_s.pop(one, None)
+                del self._times_s[address]
+                self._next_checks_s.pop(address, None)
         full = len(self._times_s) >= _MAX_VISITORS
-        return "" if full and visitor not in self._times_s else visitor
+        return "" if full and client not in self._times_s else client
 
 
 def _without_token(scope: Scope) -> str:
-    """Return the requested address without the token, always one of this site."""
+    """Return the requested URL without the token, always on this site."""
     fields = _parse_form(scope.get("query_string", b""))
-    kept = {name: values for name, values in fields.items() if name != "token"}
-    query = urlencode(kept, doseq=True)
+    remaining = {name: values for name, values in fields.items() if name != "token"}
+    query = urlencode(remaining, doseq=True)
     return f"/{quote(scope['path'].lstrip('/'))}{'?' if query else ''}{query}"
 
 
@@ -267,7 +270,7 @@ def _error_response(status: int, text: str) -> Response:
 
 
 async def _read_form(request: Request) -> bytes | None:
-    """Return the body of a form; None for one that is too long."""
+    """Return the body of a form; None for a body above the size limit."""
     body = b""
     async for part in request.stream():
         body += part
@@ -288,7 +291,7 @@ def _parse_form(form: bytes) -> dict[str, list[str]]:
 
 
 def _with_headers(send: Send) -> Send:
-    """Return a `send` that forbids framing and a change of the content type."""
+    """Return a `send` function that adds the security headers to each response."""
 
     async def send_with_headers(message: ASGIMessage) -> None:
         if message["type"] == "http.response.start":

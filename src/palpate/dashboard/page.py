@@ -1,4 +1,4 @@
-"""The page: status on top, drawings on the stage, controls in the panel."""
+"""Build the pages: status header, plots on the stage, controls in the panel."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from palpate.dashboard.viewer import Viewer
 from palpate.plots.pixel_colors import DEEPEST_PERCENT, FALL, RISE, css_gradient
 
 _STATIC = Path(__file__).parent / "static"
-#: What tabs are called, and the address of each.
+#: Names of the tabs and their URL paths.
 TABS = {
     "Set up": "/",
     "Calibrate": "/calibrate",
@@ -28,14 +28,14 @@ TABS = {
     "Items": "/items",
     "Run": "/run",
 }
-#: The one map of every picture, for the page's script and its legend.
+#: Colour map of the pixels, for the page's scripts and the legend.
 _PIXEL_COLORS = (
     f"<style>:root {{ --change-map: {css_gradient()} }}</style>"
     '<script id="pixel-colors" type="application/json">'
     + json.dumps({"fall": FALL, "rise": RISE, "deepest_percent": DEEPEST_PERCENT})
     + "</script>"
 )
-#: Draws the plots: uPlot (MIT), with its licence next to it.
+#: The plotting library uPlot (MIT); its licence file is in the same folder.
 _UPLOT = (
     '<link rel="stylesheet" href="/static/uplot/uPlot.min.css">'
     '<script src="/static/uplot/uPlot.iife.min.js"></script>'
@@ -52,7 +52,7 @@ def build_page(
     item_id: str | None = None,
     recording: str | None = None,
 ) -> None:
-    """Fill the page of one viewer, at one of `TABS`, an item or a recording."""
+    """Build a viewer's page, opened at a tab of `TABS`, an item or a recording."""
     viewer = _start_page(app_state, client, script="live.js")
     _add_header(app_state, viewer, other=("/operate", "Operate"))
     ui.on("seek", lambda event: viewer.request(Seek(event.args)))
@@ -70,7 +70,7 @@ def build_operator_page(
     app_state: AppState,
     client: Client,
 ) -> None:
-    """Fill the operator's page: verdict, next step, force, three buttons."""
+    """Build the operator's page: verdict, next step, force and three buttons."""
     viewer = _start_page(app_state, client, script="operate.js")
     ui.query("body").classes("operate")
     _add_header(app_state, viewer, other=("/", "Full page"), sound=True)
@@ -84,15 +84,16 @@ def build_operator_page(
 
 
 def _start_page(app_state: AppState, client: Client, *, script: str) -> Viewer:
-    """Add the parts of every view, and join the session."""
+    """Add the parts common to all pages, and join the session."""
     ui.add_head_html('<link rel="stylesheet" href="/static/dashboard.css">')
     ui.add_head_html(_PIXEL_COLORS)
     if script == "live.js":
         ui.add_head_html(_UPLOT)
-    # Apart from all that the framework draws, moves and takes away.
+    # Outside of the framework's element tree, so the framework never moves or removes it.
     ui.add_body_html((_STATIC / "stop.html").read_text(encoding="utf-8"))
     ui.add_body_html(f'<script type="module" src="/static/{script}"></script>')
-    # Not before its browser is there: what only fetched the page must not drive.
+    # Joined only when the browser has connected: a client that merely fetches the page must not
+    # become the driver.
     client.on_connect(lambda: app_state.session.join(client.id, tab=client.tab_id))
     client.on_delete(lambda: app_state.session.leave(client.id))
     viewer = Viewer(app_state.session, viewer_id=client.id)
@@ -101,7 +102,7 @@ def _start_page(app_state: AppState, client: Client, *, script: str) -> Viewer:
 
 
 def _add_static_html(name: str, *, classes: str = "contents") -> None:
-    """Add a file of HTML that the page's scripts fill."""
+    """Add a static HTML file, whose elements the page's scripts fill."""
     html = (_STATIC / name).read_text(encoding="utf-8")
     ui.html(html, sanitize=False).classes(classes)
 
@@ -132,10 +133,10 @@ def _add_header(
     was_driver = [False]
 
     def show_driver() -> None:
-        """Show who drives, how many watch, and the button to take over."""
+        """Show the driver, the number of watchers and the button to take over."""
         is_driver = viewer.is_driver
         if was_driver[0] and not is_driver:
-            ui.notify("Another person drives now", type="warning")
+            ui.notify("Another user is now the driver", type="warning")
         was_driver[0] = is_driver
         others = len(app_state.session.viewers) - 1 if is_driver else 0
         watchers = f"{others} watch{'es' if others == 1 else ''}" if others else ""
@@ -172,12 +173,12 @@ def _add_panel(
             add_run_panel(app_state, viewer)
 
     def show_item(event: GenericEventArguments) -> None:
-        """Show an item without leaving the page, so that the driver stays the same."""
+        """Show an item on this page, so that the viewer remains the driver."""
         tabs.set_value("Items")
         open_item(str(event.args))
 
     def show_recording(event: GenericEventArguments) -> None:
-        """Turn to a recording likewise."""
+        """Show a recording on this page."""
         tabs.set_value("Recordings")
         open_recording(str(event.args))
 
@@ -185,14 +186,14 @@ def _add_panel(
     ui.on("recording", show_recording)
 
     def go_back(event: GenericEventArguments) -> None:
-        """Turn to the tab of an address that the browser went back or forward to."""
+        """Show the tab of the URL after the browser's back or forward button."""
         _, first, *rest = str(event.args).split("/", 2)
         tabs.set_value(next((name for name, path in TABS.items() if path == f"/{first}"), "Set up"))
         if rest and first == "items":
             open_item(unquote(rest[0]))
 
     ui.on("went", go_back)
-    # An address that is there already is one that the browser went back to.
+    # `visit` skips the push to the browser history if the URL already has this path.
     tabs.on_value_change(
         lambda event: ui.run_javascript(f"window.visit({json.dumps(TABS[event.value])})")
     )

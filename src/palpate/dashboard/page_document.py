@@ -1,4 +1,4 @@
-"""The state of a session as JSON, for machines and for the page."""
+"""The state of a session as JSON, for the page and for other clients."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.grasp.verdict import outcome_text
 from palpate.sensor.health import Health
 
-#: Moments and readings that a page which has just been opened is sent at most, guess.
+#: Maximum number of past times, and of pixel readings, sent to a newly opened page (guess).
 _MAX_PAST_MOMENTS, _MAX_PAST_VALUES = 200, 20000
 _MEASUREMENTS = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent", "firmness")
 
 
 def state_document(session: Session) -> dict[str, object]:
-    """Return the state of a session; it changes with every event."""
+    """Return the state document of a session."""
     live, source = session.devices.live, session.devices.live.source
-    # Until the devices have begun, what is known is of the grasp before.
+    # Until the devices start the grasp, the progress belongs to the previous grasp.
     is_grasping = (
         session.devices.activity is DeviceActivity.GRASPING and session.devices.grasped is None
     )
@@ -61,9 +61,10 @@ def document(
     Parameters
     ----------
     session : Session
-        As it is now.
+        The session.
     generation, after_s : int, float
-        What the page has of the curve: of another generation it needs all of it.
+        Generation and newest time of the page's curve. The document contains later points only, or
+        the whole curve if the generation differs.
     """
     live, link = session.devices.live, _link(session)
     headline = headline_of(session, stale=link["stale"])
@@ -111,12 +112,12 @@ def document(
 
 
 def _newtons(force: Measurement | None) -> list[float]:
-    """Return low, value and high, rounded to millinewtons; empty without a force."""
+    """Return low, value and high rounded to 1 mN; empty without a force."""
     return [] if force is None else [round(n, 3) for n in (force.low, force.middle, force.high)]
 
 
 def _replay(live: Live) -> dict[str, Any] | None:
-    """Return where a replay is, and the phases and events of the whole recording."""
+    """Return the replay position and the phases and events of the whole recording."""
     timeline, playing = live.timeline, live.playing
     if timeline is None or playing is None:
         return None
@@ -136,7 +137,7 @@ def _phase_texts(phases: Sequence[tuple[float, str]]) -> list[list[object]]:
 
 
 def _grasp(progress: GraspProgress | None, live: Live) -> dict[str, Any] | None:
-    """Return phase and events of the running or the last grasp."""
+    """Return phase and events of the running or last grasp."""
     if progress is None:
         return None
     return {
@@ -151,7 +152,7 @@ def _grasp(progress: GraspProgress | None, live: Live) -> dict[str, Any] | None:
 
 
 def _fingers_in_contact(moments: Sequence[Moment]) -> list[int]:
-    """Return the fingers that touch, by the controller's own events."""
+    """Return the fingers in contact according to the controller's events."""
     touching: set[int] = set()
     for moment in moments:
         if moment.finger is not None and moment.name == "finger_contact":
@@ -211,7 +212,7 @@ def _pads(
     ohm: FloatArray,
     force: Measurement | None,
 ) -> dict[str, Any]:
-    """Return the readings of all pixels at one time."""
+    """Return the readings of all pixels and fingers at one time."""
     return {
         "time_s": finite_or_none([time_s])[0],
         "percent": [finite_or_none(row) for row in percent],
@@ -222,7 +223,7 @@ def _pads(
 
 
 def _past_moments(live: Live) -> list[dict[str, Any]]:
-    """Return pads and hand at times of the curve, for a page opened later."""
+    """Return thinned past readings of pads and hand, for a newly opened page."""
     known = [point for point in live.points_after(-math.inf) if point.ohm.size]
     if not known:
         return []
@@ -245,7 +246,7 @@ def _past_moments(live: Live) -> list[dict[str, Any]]:
 
 
 def _pixel_findings(health: Health | None) -> list[dict[str, Any]]:
-    """Return the findings on pixels, rows and columns, pixel by pixel."""
+    """Return the health findings for each affected pixel."""
     if health is None:
         return []
     return [
@@ -257,7 +258,7 @@ def _pixel_findings(health: Health | None) -> list[dict[str, Any]]:
 
 
 def _list_measurements(session: Session) -> dict[str, Any]:
-    """Return the measurements with their intervals, and the twin's true values."""
+    """Return the measurements with intervals, and the twin's true values."""
     grasped, progress = session.devices.grasped, session.devices.live.progress
     result: GraspResult | None = None
     truth: Mapping[str, object] = {}
@@ -284,7 +285,7 @@ def _list_measurements(session: Session) -> dict[str, Any]:
 
 
 def _horizon_document(live: Live) -> dict[str, Any] | None:
-    """Return the measured value at the forecast's horizon; None before."""
+    """Return the values measured at the forecast horizon; None before the horizon."""
     if live.settled_measurement is None:
         return None
     percent, force = live.settled_measurement

@@ -1,4 +1,4 @@
-"""HTML of the panels: parts of `panels.html.j2`, and figures of matplotlib."""
+"""HTML of the panels: macros of `panels.html.j2`, and matplotlib figures as SVG."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def panel_html(part: str, **values: object) -> str:
-    """Return a part with these values; all that is not `Markup` is escaped."""
+    """Render a macro of `panels.html.j2`; values are escaped except `Markup`."""
     return str(getattr(_parts(), part)(**values))
 
 
@@ -47,14 +47,14 @@ def _parts() -> Any:
 
 
 def day_text(moment: datetime | str) -> str:
-    """Return a time as day and time of this machine's zone."""
+    """Return a time as day and time in the local time zone."""
     if isinstance(moment, str):
         moment = datetime.fromisoformat(moment)
     return moment.astimezone().strftime("%d %b %H:%M")
 
 
 def count_of(number: int, noun: str) -> str:
-    """Return a number with its noun, such as ``2 faults``."""
+    """Return a number with its noun in singular or plural, such as ``2 faults``."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
@@ -63,26 +63,26 @@ def _largest(values: FloatArray) -> float:
 
 
 def _number(value: float, spec: str) -> str:
-    """Return a number formatted by `format`, with a minus sign in place of a hyphen."""
+    """Format a number with a typographic minus sign; non-finite numbers become ``open``."""
     if not math.isfinite(value):
         return "open"
     return format(float(value), spec).replace("-", "\N{MINUS SIGN}")
 
 
-def _sentence(found: str) -> Markup:
-    """Return a finding's terminal text as HTML."""
-    signed = re.sub(r"(?<!\w)-(?=\d)", "\N{MINUS SIGN}", html.escape(found))
+def _sentence(text: str) -> Markup:
+    """Convert the terminal text of a finding to an HTML sentence."""
+    signed = re.sub(r"(?<!\w)-(?=\d)", "\N{MINUS SIGN}", html.escape(text))
     return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", signed) + ".")
 
 
-#: Width of the panel's body, inches, at which letters of 8 points are 12 pixels high.
+#: Figure width, inches; at the panel's width, 8-point letters are then 12 pixels high.
 _WIDTH_IN = 3.5
-#: matplotlib's settings belong to the process.
+#: matplotlib's settings are global, so only one figure is drawn at a time.
 _DRAWING = Lock()
 
 
 def panel_svg(draw: Callable[[], Figure], *, label: str, height_in: float = 2.3) -> str:
-    """Return a figure as SVG for the panel; `label`: its text for screen readers.
+    """Draw a figure and return it as SVG; `label` is the text for screen readers.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The server: the pages, the polled document, and the address of STOP."""
+"""The web server: pages, polled document, API and STOP route."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ if TYPE_CHECKING:
 
     from palpate.mqtt.publisher import Publisher
 
-#: Opens one protocol on this server.
+#: Starts a line protocol for this server.
 LineOpener: TypeAlias = Callable[[Machine], Awaitable[Line]]
 
 _STATIC = Path(__file__).parent / "static"
-#: Controllers of a line see a change after this time at most, seconds.
+#: Period at which line protocols are refreshed, seconds.
 _LINE_REFRESH_S = 0.05
-#: What changes faster than this is not published, seconds.
+#: Period at which the state is published, seconds.
 _PUBLISH_PERIOD_S = 0.1
-#: A driver whose connection breaks remains the driver for this time.
+#: A driver with a broken connection stays the driver for this time, seconds.
 _RECONNECT_TIMEOUT_S = 10.0
 
 
@@ -49,19 +49,19 @@ def serve(
 ) -> None:
     """Serve the dashboard until Ctrl-C; then stop the running job and the hand.
 
-    `announce` gets the address once it can be visited, without the token; `publisher` gets every
-    result and the state; `lines` serve controllers.
+    `announce` is called with the URL (without the token) when the server is ready. `publisher`
+    receives every result and the state. `lines` start the protocols for line controllers.
 
     Raises
     ------
     InputError
-        If others could reach it without a token, or the devices may not come first.
+        If the token is too short, or if other machines could connect without a token.
     DeviceError
-        If the port is taken.
+        If the port is in use.
     MissingExtraError
         If NiceGUI is not installed.
     """
-    # NiceGUI wants a folder for what this page does not store.
+    # NiceGUI requires a storage folder, although this page stores nothing in it.
     os.environ.setdefault("NICEGUI_STORAGE_PATH", str(Path(tempfile.gettempdir(), "palpate-page")))
     with require_extra("the dashboard", extra="dashboard"):
         import uvicorn
@@ -103,7 +103,7 @@ def serve(
     config = uvicorn.Config(
         gate,
         http=BoundedConnection,
-        # The visitor is the connected address, never one from a header.
+        # The client address is the connected peer, never an address from a header.
         proxy_headers=False,
         log_level="warning",
         access_log=False,
@@ -111,25 +111,25 @@ def serve(
     )
     address = external_url(host, listening.getsockname()[1])
     app.router.on_startup.append(lambda: announce(address))
-    # A full collection of all that was imported would hold up every thread for 0.1 s.
+    # A full collection of all imported objects would block every thread for 0.1 s.
     gc.freeze()
     with listening, threaded, line_thread or nullcontext():
         uvicorn.Server(config).run(sockets=[listening])
 
 
 def _add_stop_route(app: FastAPI, app_state: AppState) -> None:
-    """Add where the page stops; before the pages, whose framework has no part in it."""
+    """Add the STOP route to the outer application, independently of the page framework."""
     from fastapi.responses import JSONResponse
 
     @app.post("/stop")
     async def stop() -> JSONResponse:
-        """Answer once the stop reached the hand; the page raises an alarm without an answer."""
+        """Stop the hand; answer 200 after its confirmation, or 504 without one."""
         stopped = await app_state.stop()
         return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
 
 
 def _add_routes(app_state: AppState) -> None:
-    """Add the pages and the documents that they poll."""
+    """Add the pages, the polled document and the downloads."""
     from fastapi.responses import FileResponse, JSONResponse, Response, StreamingResponse
     from nicegui import Client, app, ui
 
@@ -137,7 +137,7 @@ def _add_routes(app_state: AppState) -> None:
     from palpate.dashboard.transport import FilesGzip
 
     app.add_middleware(FilesGzip)
-    # Requested each time: a page must not outlive an update.
+    # No caching: after an update, browsers must load the new scripts.
     app.add_static_files("/static", _STATIC, max_cache_age=0)
 
     for name, path in TABS.items():
@@ -146,7 +146,7 @@ def _add_routes(app_state: AppState) -> None:
     @ui.page("/items/{item_id:path}")
     def item(client: Client, item_id: str) -> Response | None:
         if not item_id.strip():
-            return Response("no item without a name", status_code=404, media_type="text/plain")
+            return Response("an item needs a name", status_code=404, media_type="text/plain")
         build_page(app_state, client, tab="Items", item_id=item_id)
         return None
 
@@ -160,20 +160,20 @@ def _add_routes(app_state: AppState) -> None:
 
     @app.get("/live")
     async def live(generation: int = -1, after_s: float = 0.0) -> JSONResponse:
-        found: dict[str, Any] = document(
+        content: dict[str, Any] = document(
             app_state.session,
             generation=generation,
             after_s=after_s,
         )
-        is_idle = found["verdict"]["kind"] == "idle"
-        found["idle"] = app_state.idle_texts() if is_idle else []
-        return JSONResponse(found | {"server_s": time.monotonic()})
+        is_idle = content["verdict"]["kind"] == "idle"
+        content["idle"] = app_state.idle_texts() if is_idle else []
+        return JSONResponse(content | {"server_s": time.monotonic()})
 
     @app.get("/grasps.csv")
     def grasps() -> Response:
-        named = {"Content-Disposition": 'attachment; filename="grasps.csv"'}
+        headers = {"Content-Disposition": 'attachment; filename="grasps.csv"'}
         parts = app_state.history.csv_parts()
-        return StreamingResponse(parts, media_type="text/csv", headers=named)
+        return StreamingResponse(parts, media_type="text/csv", headers=headers)
 
     @app.get("/recordings/file/{name}")
     def recording(name: str) -> Response:
@@ -185,7 +185,7 @@ def _add_routes(app_state: AppState) -> None:
 
 
 def _add_publisher(app: Any, app_state: AppState, publisher: Publisher) -> None:
-    """Publish every result and the state while the application runs."""
+    """Publish every result and the state over MQTT while the application runs."""
     app_state.on_result.append(publisher.publish_result)
     running: list[asyncio.Task[None]] = []
 
@@ -197,7 +197,7 @@ def _add_publisher(app: Any, app_state: AppState, publisher: Publisher) -> None:
     async def start() -> None:
         running.append(asyncio.create_task(publish()))
 
-    # After the hand was stopped.
+    # Runs after `AppState.close`, which has stopped the hand.
     async def end() -> None:
         for task in running:
             task.cancel()
@@ -210,10 +210,10 @@ def _add_publisher(app: Any, app_state: AppState, publisher: Publisher) -> None:
 def _serve_lines(
     app: Any, machine: Machine, lines: Sequence[LineOpener], *, thread: LoopThread
 ) -> None:
-    """Serve the machine's line protocols together with the application.
+    """Serve the line protocols while the application runs, on a separate thread.
 
-    In a thread of their own: a controller that is not answered for a second drops the connection,
-    and a page can take longer to build on a busy machine.
+    A controller drops its connection after one second without an answer. Building a page on a busy
+    machine can block the application's event loop for longer.
     """
     open_lines: list[Line] = []
     running: list[asyncio.Task[None]] = []
@@ -245,12 +245,12 @@ def _serve_lines(
 
 
 def _bind_port(host: str, port: int) -> socket.socket:
-    """Bind the port before a device is opened.
+    """Bind the port and listen, before any device is opened.
 
     Raises
     ------
     DeviceError
-        If it can't be had.
+        If the port can't be bound.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listening = socket.socket(family)
@@ -261,7 +261,7 @@ def _bind_port(host: str, port: int) -> socket.socket:
     except OSError as error:
         listening.close()
         raise DeviceError(
-            f"{host}:{port}: {error.strerror}; is palpate serve running already? "
-            "Give another --port"
+            f"{host}:{port}: {error.strerror}; is palpate serve already running? "
+            "Choose another --port"
         ) from error
     return listening

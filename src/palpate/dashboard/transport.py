@@ -1,4 +1,4 @@
-"""Connections with room for a STOP, the pages' own loop, and their address."""
+"""HTTP connection limits, event-loop threads, and the external URL of the server."""
 
 from __future__ import annotations
 
@@ -16,45 +16,45 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 _T = TypeVar("_T")
-#: A request is complete this long after its first byte, or after its connection was opened, in
-#: seconds (guess): a page on a slow network takes far less.
+#: Time limit for a complete request after its first byte or the start of its connection, seconds
+#: (guess). A page on a slow network requires far less.
 REQUEST_TIMEOUT_S = 5.0
-#: Connections at most, where a process may have that many files open; half of those if not.
+#: Maximum number of connections, if the process may open twice as many files.
 MAX_CONNECTIONS = 1000
 
 
 class BoundedConnection(HttpToolsProtocol):
-    """An HTTP connection that is closed when its request takes too long.
+    """An HTTP connection with a time limit for each request.
 
-    A server without this can be kept from its viewers by connections on which nothing is sent, or
-    a byte now and then: it runs out of files. Beyond the most connections, the one that has been
-    silent for longest makes room, so that a STOP always gets in. Web sockets are not counted: they
-    have been admitted.
+    Otherwise, connections that send nothing or very little could exhaust the file descriptors and
+    block all viewers. Above the connection limit, the connection with the longest silence is
+    closed, so a STOP always gets a connection. WebSockets are not counted, because their clients
+    are already authorized.
     """
 
-    #: All connections, the one that was silent for longest first.
+    #: All connections, ordered by their last activity, oldest first.
     _open: ClassVar[dict[BoundedConnection, None]] = {}
     _timeout: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Wait for the first request."""
+        """Add the connection; close the oldest ones above the limit."""
         super().connection_made(transport)
         self._start_timeout()
         while len(self._open) > connection_limit():
             next(iter(self._open)).drop()
 
     def data_received(self, data: bytes) -> None:
-        """Take a piece of a request."""
+        """Process received bytes of a request."""
         self._start_timeout()
         super().data_received(data)
 
     def on_message_complete(self) -> None:
-        """Stop the clock: the request is here."""
+        """Cancel the time limit of the complete request."""
         self._cancel_timeout()
         super().on_message_complete()
 
     def handle_websocket_upgrade(self) -> None:
-        """Hand the connection over."""
+        """Stop counting the connection, which is now a WebSocket."""
         self._remove()
         super().handle_websocket_upgrade()
 
@@ -64,12 +64,12 @@ class BoundedConnection(HttpToolsProtocol):
         super().connection_lost(exc)
 
     def drop(self) -> None:
-        """Close the connection without a word."""
+        """Close the connection without a response."""
         self._remove()
         self.transport.abort()
 
     def _start_timeout(self) -> None:
-        """Start the clock of a request, unless it runs."""
+        """Record activity, and start the time limit unless it is already running."""
         self._open.pop(self, None)
         self._open[self] = None
         if self._timeout is None:
@@ -86,23 +86,23 @@ class BoundedConnection(HttpToolsProtocol):
 
 
 def connection_limit() -> int:
-    """Return how many connections are left open: others of the process need files too."""
+    """Return the maximum number of connections: at most half of the file limit."""
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return MAX_CONNECTIONS if soft < 0 else min(MAX_CONNECTIONS, soft // 2)
 
 
-#: Python lets another thread run this often, seconds. While a page was being built, an answer of a
-#: direct path took 13.8 ms (p99 41) at the usual 5 ms, and 1.3 ms (p99 18) at this; the median of
-#: 150, two loaded cores.
+#: Python's thread switch interval, seconds. During the construction of a page, the median response
+#: time of a direct path was 13.8 ms (p99 41) at the default of 5 ms and 1.3 ms (p99 18) at this
+#: value (150 requests, two loaded cores).
 _THREAD_SWITCH_S = 0.0005
 
 
-#: Where files lie that stay as they are.
+#: Paths of static files.
 _STATIC_PATHS = ("/static/", "/_nicegui/")
 
 
 class FilesGzip(GZipMiddleware):
-    """Compresses files of the page, but neither polled documents nor downloads."""
+    """Compresses static files, but neither polled documents nor downloads."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request."""
@@ -111,7 +111,7 @@ class FilesGzip(GZipMiddleware):
 
 
 class LoopThread:
-    """An event loop on a thread of its own, from `__enter__` to `__exit__`."""
+    """A context manager that runs an event loop on a separate thread."""
 
     def __init__(self, name: str) -> None:
         self._runner = asyncio.Runner(loop_factory=asyncio.new_event_loop)
@@ -128,12 +128,12 @@ class LoopThread:
         self._runner.close()
 
     async def run(self, work: Awaitable[_T]) -> _T:
-        """Run a coroutine on the loop, and wait for it from another one."""
+        """Run an awaitable on this loop and return its result to the caller's loop."""
         return await run_on(self._loop, work)
 
 
 async def run_on(loop: asyncio.AbstractEventLoop, work: Awaitable[_T]) -> _T:
-    """Wait for a coroutine on the loop of another thread."""
+    """Run an awaitable on the event loop of another thread and return its result."""
 
     async def finish() -> _T:
         return await work
@@ -142,17 +142,17 @@ async def run_on(loop: asyncio.AbstractEventLoop, work: Awaitable[_T]) -> _T:
 
 
 class AppThread:
-    """Runs an ASGI application on the event loop of a thread, except for some paths.
+    """Runs an ASGI application on the event loop of a separate thread, except for direct paths.
 
-    The server's own loop then has nothing to do but to read requests, check who sent them, and
-    answer the direct paths: a page that is built or a slow disk holds up the other loop alone.
+    The server's loop then only reads requests, checks access and answers the direct paths. A slow
+    page or disk blocks only the loop of the thread.
 
     Parameters
     ----------
     app : ASGI application
-        The application; its handlers of `direct` run on the server's loop.
+        The application.
     direct : frozenset of str
-        Paths that are answered at once.
+        Paths whose handlers run on the server's loop.
     """
 
     def __init__(self, app: ASGIApp, *, direct: frozenset[str]) -> None:
@@ -170,7 +170,7 @@ class AppThread:
         self._thread.__exit__(*error)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a direct path here, and everything else in the thread."""
+        """Answer direct paths on this loop and all other requests on the thread."""
         if scope.get("path") in self._direct:
             await self._app(scope, receive, send)
             return
@@ -185,15 +185,15 @@ class AppThread:
         await self._thread.run(self._app(scope, receive_on_server, send_on_server))
 
 
-#: Addresses for documentation (RFC 5737, RFC 3849): the route to them leaves this machine.
+#: Addresses reserved for documentation (RFC 5737, RFC 3849), reached through the default route.
 _DOCUMENTATION_ADDRESSES = {socket.AF_INET: "198.51.100.1", socket.AF_INET6: "2001:db8::1"}
 
 
 def external_url(host: str, port: int) -> str:
-    """Return the address that others can open, of a server that listens at a host.
+    """Return a URL that reaches the server from other machines.
 
-    One that listens everywhere (``0.0.0.0``, ``::``) is found at the address of the network that
-    this machine would send by; without any network, on this machine.
+    For a wildcard host (``0.0.0.0``, ``::``) it uses the address of the interface with the default
+    route, or the loopback address without a network.
 
     Examples
     --------
@@ -213,7 +213,7 @@ def external_url(host: str, port: int) -> str:
 
 
 def _outgoing_address(family: socket.AddressFamily) -> str:
-    # Connecting a datagram socket sends nothing: it looks up the route.
+    # Connecting a UDP socket sends nothing, but selects the route and thus the local address.
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((_DOCUMENTATION_ADDRESSES[family], 9))

@@ -17,9 +17,9 @@ from tests.commands import Command
         (["--rig", "nowhere.toml"], 2, "no rig 'nowhere.toml'; there are: sim-rigid"),
         (["--object", "moon"], 2, "no simulated object 'moon'; there are: ecoflex-10"),
         (["--host", "0.0.0.0"], 2, "give a --token"),
-        (["--host", "[::]"], 2, "--host :: lets other machines move the gripper"),
+        (["--host", "[::]"], 2, "--host :: allows other machines to move the gripper"),
         (["--damage", "no.json"], 2, "damage file no.json: No such file or directory"),
-        (["--token", "short"], 2, "the token has 5 characters; give at least 8"),
+        (["--token", "short"], 2, "the token has 5 characters; use at least 8"),
     ],
 )
 def test_invalid_serve_options_are_refused_in_one_line(

@@ -1,4 +1,4 @@
-"""Who may come in."""
+"""Access control: tokens, cookies, origins and throttling."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ class Answer:
 
 
 async def application(scope: Any, receive: Any, send: Any) -> None:
-    """Say yes to everything."""
+    """Accept every request."""
     if scope["type"] == "websocket":
         await send({"type": "websocket.accept"})
     else:
         await PlainTextResponse("in")(scope, receive, send)
 
 
-class Waits:
-    """A clock that stands still and records the length of each wait."""
+class RecordedWaits:
+    """A stopped clock that records the length of each wait."""
 
     def __init__(self) -> None:
         self.waited_s: list[float] = []
@@ -54,8 +54,8 @@ class Waits:
         self.waited_s.append(seconds)
 
 
-def gate_with(token: str = TOKEN, *, waits: Waits | None = None) -> AccessControl:
-    clock = waits or Waits()
+def gate_with(token: str = TOKEN, *, waits: RecordedWaits | None = None) -> AccessControl:
+    clock = waits or RecordedWaits()
     return AccessControl(
         application, token=token, loopback=False, now_s=clock.now_s, wait=clock.wait
     )
@@ -74,7 +74,7 @@ def ask(
     client: str = "10.0.0.1",
     **headers: str,
 ) -> Answer:
-    """Send one request through a gate to an application that says yes to everything."""
+    """Send one request through access control to an application that accepts everything."""
     headers = {"host": "127.0.0.1:8080", **headers}
     scope = {
         "type": kind,
@@ -98,49 +98,52 @@ def ask(
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.7", "::", "robot.local"])
-def test_address_beyond_the_loopback_needs_a_token(host: str) -> None:
+def test_check_token_beyond_the_loopback_requires_a_token(host: str) -> None:
     assert not is_loopback(host)
-    with pytest.raises(InputError, match="give a --token"):
+    with pytest.raises(InputError, match="set --token"):
         check_token(host, None)
     check_token(host, TOKEN)
 
 
-def test_token_on_the_loopback_is_optional_and_never_short() -> None:
+def test_check_token_on_the_loopback_allows_no_token_and_refuses_a_short_one() -> None:
     check_token("127.0.0.1", None)
     check_token("::1", None)
-    with pytest.raises(InputError, match="has 3 characters; give at least 8"):
+    with pytest.raises(InputError, match="has 3 characters; use at least 8"):
         check_token("127.0.0.1", "abc")
     check_token("127.0.0.1", "8letters")
     with pytest.raises(InputError, match="has 7 characters"):
         check_token("127.0.0.1", "7letter")
 
 
-def test_a_visitor_without_the_token_is_asked_for_it() -> None:
+def test_request_without_a_token_returns_the_token_form() -> None:
     answer = ask(token=TOKEN, loopback=False, host="robot:8080")
     assert answer.status == 401
     assert '<input name="token"' in answer.body
 
 
 @pytest.mark.parametrize("path", ["/live", "/stop", "/_nicegui/anything", "/static/live.js"])
-def test_every_address_needs_the_token(path: str) -> None:
+def test_request_to_any_path_without_a_token_is_refused(path: str) -> None:
     assert ask(token=TOKEN, loopback=False, host="robot:8080", path=path).status == 401
 
 
-def test_a_wrong_token_is_refused() -> None:
-    for told in ({"query": "token=wrong-horse"}, {"method": "POST", "body": "token=wrong-horse"}):
-        answer = ask(token=TOKEN, loopback=False, host="robot:8080", **told)
+def test_request_with_a_wrong_token_is_refused() -> None:
+    for fields in (
+        {"query": "token=wrong-horse"},
+        {"method": "POST", "body": "token=wrong-horse"},
+    ):
+        answer = ask(token=TOKEN, loopback=False, host="robot:8080", **fields)
         assert answer.status == 403
-        assert "not the token" in answer.body
+        assert "Wrong token." in answer.body
 
 
 @pytest.mark.parametrize(
-    "told", [{"query": f"token={TOKEN}"}, {"method": "POST", "body": f"token={TOKEN}"}]
+    "fields", [{"query": f"token={TOKEN}"}, {"method": "POST", "body": f"token={TOKEN}"}]
 )
-def test_the_right_token_is_remembered_by_a_cookie_that_scripts_cannot_read(
-    told: dict[str, Any],
+def test_correct_token_sets_an_http_only_cookie_that_grants_access(
+    fields: dict[str, Any],
 ) -> None:
     gate = gate_with()
-    answer = ask(gate=gate, host="robot:8080", **told)
+    answer = ask(gate=gate, host="robot:8080", **fields)
     assert answer.status == 303
     assert answer.headers["location"] == "/"
     cookie = answer.headers["set-cookie"]
@@ -157,7 +160,7 @@ def test_the_right_token_is_remembered_by_a_cookie_that_scripts_cannot_read(
 
 
 def test_cookie_cannot_be_computed_from_the_token() -> None:
-    """A cookie that followed from the token would answer guesses without their limit."""
+    """A cookie derived from the token could be used to verify guesses without throttling."""
     cookies = set()
     for _ in range(2):
         gate = gate_with()
@@ -168,12 +171,12 @@ def test_cookie_cannot_be_computed_from_the_token() -> None:
     assert len(cookies) == 2
 
 
-@pytest.mark.parametrize("told", [TOKEN[:n] for n in range(1, len(TOKEN))] + [TOKEN + "x"])
-def test_a_part_of_the_token_is_not_the_token(told: str) -> None:
-    assert ask(token=TOKEN, loopback=False, host="robot:8080", query=f"token={told}").status == 403
+@pytest.mark.parametrize("sent", [TOKEN[:n] for n in range(1, len(TOKEN))] + [TOKEN + "x"])
+def test_token_with_missing_or_additional_characters_is_refused(sent: str) -> None:
+    assert ask(token=TOKEN, loopback=False, host="robot:8080", query=f"token={sent}").status == 403
 
 
-def test_token_of_any_letters_is_accepted() -> None:
+def test_token_with_non_ascii_characters_is_accepted() -> None:
     token = "пароль-яблоко-🍏"
     gate = gate_with(token)
     answer = ask(gate=gate, host="robot:8080", method="POST", body=f"token={quote(token)}")
@@ -182,13 +185,13 @@ def test_token_of_any_letters_is_accepted() -> None:
     assert ask(gate=gate, host="robot:8080", cookie=cookie).status == 200
 
 
-def test_endless_body_is_not_read() -> None:
+def test_token_form_with_an_endless_body_is_refused_after_the_size_limit() -> None:
     read = 0
 
     async def endless() -> dict[str, Any]:
         nonlocal read
         read += 1
-        assert read < 100, "it goes on reading"
+        assert read < 100, "reads beyond the size limit"
         return {"type": "http.request", "body": b"x" * 1000, "more_body": True}
 
     sent: list[Any] = []
@@ -197,7 +200,7 @@ def test_endless_body_is_not_read() -> None:
         sent.append(message)
 
     async def application(scope: Any, receive: Any, send: Any) -> None:
-        raise AssertionError("nobody comes in")
+        raise AssertionError("the request was forwarded")
 
     scope = {
         "type": "http",
@@ -211,27 +214,27 @@ def test_endless_body_is_not_read() -> None:
     assert read <= 6
 
 
-def test_wrong_tokens_delay_their_visitor_alone() -> None:
+def test_wrong_tokens_throttle_only_their_client_address_until_the_window_ends() -> None:
     clock = [0.0]
-    times_s = WrongTokens(now_s=lambda: clock[0])
+    wrong_tokens = WrongTokens(now_s=lambda: clock[0])
     for _ in range(MAX_WRONG_TOKENS):
-        assert not times_s.has_too_many("a")
-        times_s.add("a")
-    assert times_s.has_too_many("a")
-    assert not times_s.has_too_many("b")
+        assert not wrong_tokens.has_too_many("a")
+        wrong_tokens.add("a")
+    assert wrong_tokens.has_too_many("a")
+    assert not wrong_tokens.has_too_many("b")
     clock[0] = 60.1
-    assert not times_s.has_too_many("a")
+    assert not wrong_tokens.has_too_many("a")
     for number in range(5000):
-        times_s.add(str(number))
-    assert len(times_s._times_s) <= 1001
+        wrong_tokens.add(str(number))
+    assert len(wrong_tokens._times_s) <= 1001
 
 
 def bearer(token: str) -> dict[str, Any]:
     return {"host": "robot:8080", "path": "/api/state", "authorization": f"Bearer {token}"}
 
 
-def test_right_token_after_wrong_ones_from_its_address_waits_a_turn_and_is_let_in() -> None:
-    waits = Waits()
+def test_correct_token_from_a_throttled_address_is_accepted_after_a_delay() -> None:
+    waits = RecordedWaits()
     gate = gate_with(waits=waits)
     for number in range(MAX_WRONG_TOKENS):
         wrong = bearer("wrong-horse") if number % 2 else {"query": "token=wrong-horse"}
@@ -239,42 +242,42 @@ def test_right_token_after_wrong_ones_from_its_address_waits_a_turn_and_is_let_i
     for _ in range(20):
         assert ask(gate=gate, **bearer(TOKEN)).status == 200
     assert ask(gate=gate, host="robot:8080", query=f"token={TOKEN}").status == 303
-    assert waits.waited_s == [], "a right one takes no turn"
+    assert waits.waited_s == [], "a correct token must not use a slot"
     assert ask(gate=gate, **bearer("wrong-horse")).status == 403
     for _ in range(3):
         assert ask(gate=gate, **bearer(TOKEN)).status == 200
     assert waits.waited_s == [CHECK_INTERVAL_S] * 3
     assert ask(gate=gate, **bearer(TOKEN), client="10.0.0.2").status == 200
-    assert len(waits.waited_s) == 3, "nobody else waits"
+    assert len(waits.waited_s) == 3, "another address must not wait"
 
 
 @pytest.mark.slow
 def test_rapid_token_guesses_are_mostly_refused() -> None:
-    waits = Waits()
+    waits = RecordedWaits()
     gate = gate_with(waits=waits)
     statuses = [ask(gate=gate, **bearer(f"guess-{n:08d}")).status for n in range(3000)]
     assert set(statuses) == {403, 429}
-    # Ten, and then one a second: those that come while several wait are not compared.
+    # Ten unthrottled checks, then one per second; requests with a longer delay are not checked.
     assert statuses.count(403) == MAX_WRONG_TOKENS + 5
     assert waits.waited_s == [1.0, 2.0, 3.0, 4.0]
     assert ask(gate=gate, **bearer(TOKEN)).status == 429
 
 
 @pytest.mark.parametrize("token", [TOKEN, "wrong-horse"])
-def test_stop_after_too_many_wrong_tokens_is_carried_out_without_a_wait(token: str) -> None:
-    waits = Waits()
+def test_stop_from_a_throttled_address_is_executed_without_delay(token: str) -> None:
+    waits = RecordedWaits()
     gate = gate_with(waits=waits)
     stop = {**bearer(token), "path": "/api/stop", "method": "POST"}
     for _ in range(MAX_WRONG_TOKENS):
         assert ask(gate=gate, **(stop | bearer("wrong-horse"))).status == 403
-    # The same answer for both: it says nothing about the token.
+    # The response is the same for both tokens, so it does not verify a guess.
     assert [ask(gate=gate, **stop).status for _ in range(100)] == [200] * 100
     assert waits.waited_s == []
     without = {name: value for name, value in stop.items() if name != "authorization"}
     assert ask(gate=gate, **without).status == 401
 
 
-def test_no_answer_can_be_framed_or_taken_for_another_type() -> None:
+def test_every_response_has_the_security_headers() -> None:
     for answer in (ask(), ask(token=TOKEN, loopback=False), ask(origin="https://evil.example")):
         assert answer.headers["x-frame-options"] == "DENY"
         assert answer.headers["content-security-policy"] == "frame-ancestors 'none'"
@@ -285,26 +288,28 @@ def test_no_answer_can_be_framed_or_taken_for_another_type() -> None:
 @pytest.mark.parametrize("header", ["host", "origin"])
 @pytest.mark.parametrize("value", ["[::1", "[", "//[::1"])
 @pytest.mark.parametrize("loopback", [True, False])
-def test_a_malformed_address_is_refused(header: str, value: str, loopback: bool) -> None:
+def test_request_with_a_malformed_host_or_origin_is_refused(
+    header: str, value: str, loopback: bool
+) -> None:
     status = ask(token=None, loopback=loopback, **{header: value}).status
-    # Beyond the loopback any name of the host is as good as another.
+    # Beyond the loopback, any host name is accepted.
     assert status == 403 or (value, header, loopback) == ("//[::1", "host", False)
 
 
-def test_a_page_of_another_site_gets_nothing() -> None:
+def test_request_with_a_foreign_origin_is_refused() -> None:
     assert ask(origin="http://127.0.0.1:8080").status == 200
     assert ask(origin="https://evil.example", method="POST", path="/stop").status == 403
     assert ask(origin="null", method="POST", path="/stop").status == 403
 
 
-def test_a_socket_from_another_site_is_closed() -> None:
+def test_websocket_with_a_foreign_origin_or_without_a_token_is_closed() -> None:
     assert ask(kind="websocket", origin="https://evil.example").status == 1008
     refused = ask(kind="websocket", token=TOKEN, loopback=False)
     assert (refused.kind, refused.status) == ("websocket.close", 1008)
     assert ask(kind="websocket", origin="http://127.0.0.1:8080").status is None
 
 
-def test_a_foreign_name_that_points_at_the_loopback_gets_nothing() -> None:
+def test_loopback_request_with_a_foreign_host_name_is_refused() -> None:
     assert ask(host="evil.example:8080").status == 403
     assert ask(host="localhost:8080").status == 200
     assert ask(host="[::1]:8080").status == 200
@@ -322,30 +327,30 @@ def test_foreign_cookies_neither_grant_nor_block_access(other: str) -> None:
 
 
 @pytest.mark.parametrize(("length", "status"), [(4096, 403), (4097, 413)])
-def test_form_is_read_up_to_the_length_limit(length: int, status: int) -> None:
+def test_token_form_above_the_size_limit_is_refused(length: int, status: int) -> None:
     body = "token=".ljust(length, "x")
     assert ask(token=TOKEN, loopback=False, method="POST", body=body).status == status
 
 
-def test_visitors_beyond_the_table_share_one_count() -> None:
+def test_client_addresses_beyond_the_maximum_share_one_count() -> None:
     clock = [0.0]
-    times_s = WrongTokens(now_s=lambda: clock[0])
+    wrong_tokens = WrongTokens(now_s=lambda: clock[0])
     for number in range(999):
-        times_s.add(str(number))
+        wrong_tokens.add(str(number))
     for _ in range(MAX_WRONG_TOKENS):
-        times_s.add("the last with a count of its own")
-    assert times_s.has_too_many("the last with a count of its own")
-    assert not times_s.has_too_many("one more")
+        wrong_tokens.add("last address counted separately")
+    assert wrong_tokens.has_too_many("last address counted separately")
+    assert not wrong_tokens.has_too_many("one more")
     for number in range(MAX_WRONG_TOKENS):
-        assert not times_s.has_too_many("one more")
-        times_s.add(f"one more {number}")
-    assert times_s.has_too_many("one more")
-    assert not times_s.has_too_many("0")
+        assert not wrong_tokens.has_too_many("one more")
+        wrong_tokens.add(f"one more {number}")
+    assert wrong_tokens.has_too_many("one more")
+    assert not wrong_tokens.has_too_many("0")
     for _ in range(MAX_WRONG_TOKENS):
-        times_s.add("0")
-    assert times_s.has_too_many("0")
+        wrong_tokens.add("0")
+    assert wrong_tokens.has_too_many("0")
     clock[0] = 60.0
-    assert times_s.has_too_many("0")
+    assert wrong_tokens.has_too_many("0")
     clock[0] = 60.1
-    assert not times_s.has_too_many("one more")
-    assert not times_s.has_too_many("0")
+    assert not wrong_tokens.has_too_many("one more")
+    assert not wrong_tokens.has_too_many("0")

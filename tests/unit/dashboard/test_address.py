@@ -1,4 +1,4 @@
-"""The address at which others open the pages."""
+"""The external URL of the server."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from palpate.dashboard.transport import external_url
 
 
 @pytest.mark.parametrize(("host", "family"), [("0.0.0.0", socket.AF_INET), ("::", socket.AF_INET6)])
-def test_network_address_is_reachable_from_other_machines(
+def test_external_url_of_a_wildcard_host_accepts_connections(
     host: str, family: socket.AddressFamily
 ) -> None:
     with socket.socket(family) as listening:

@@ -1,4 +1,4 @@
-"""Pages run on their own event loop; the server's loop answers a stop."""
+"""Pages run on the event loop of a separate thread; the server's loop answers a stop."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from palpate.dashboard.transport import AppThread
 async def ask(
     app: AppThread, path: str, *, body: bytes = b"", kind: str = "http"
 ) -> list[dict[str, Any]]:
-    """Send a request; return what is sent back."""
+    """Send a request; return the messages of the response."""
     scope: dict[str, Any] = {"type": kind, "path": path, "headers": [], "query_string": b""}
     if kind == "http":
         scope["method"] = "POST"
@@ -39,7 +39,7 @@ async def ask(
     return sent
 
 
-def test_stop_is_answered_while_a_page_blocks_its_event_loop() -> None:
+def test_app_thread_answers_a_direct_path_while_a_page_blocks_its_event_loop() -> None:
     blocked, over = threading.Event(), threading.Event()
 
     async def page(request: Request) -> PlainTextResponse:
@@ -63,7 +63,7 @@ def test_stop_is_answered_while_a_page_blocks_its_event_loop() -> None:
         assert asyncio.run(visit(app)) == (b"stopped", b"page")
 
 
-def test_bodies_and_web_sockets_reach_the_pages_in_their_thread() -> None:
+def test_app_thread_forwards_request_bodies_and_websockets_to_the_page_thread() -> None:
     threads: list[str] = []
 
     async def echo(request: Request) -> PlainTextResponse:
@@ -79,15 +79,15 @@ def test_bodies_and_web_sockets_reach_the_pages_in_their_thread() -> None:
     routes = [Route("/echo", echo, methods=["POST"]), WebSocketRoute("/talk", talk)]
     with AppThread(Starlette(routes=routes), direct=frozenset()) as app:
         answer = asyncio.run(ask(app, "/echo", body=b"a body"))
-        said = asyncio.run(ask(app, "/talk", kind="websocket"))
+        messages = asyncio.run(ask(app, "/talk", kind="websocket"))
     assert answer[1]["body"] == b"a body"
-    assert [one.get("text") for one in said] == [None, "here", None]
+    assert [one.get("text") for one in messages] == [None, "here", None]
     assert threads == ["pages", "pages"]
-    # What is sent goes out on the server's own loop.
-    assert {one["thread"] for one in [*answer, *said]} == {"MainThread"}
+    # Responses are sent on the server's own loop.
+    assert {one["thread"] for one in [*answer, *messages]} == {"MainThread"}
 
 
-def test_an_error_of_the_application_reaches_the_server() -> None:
+def test_app_thread_raises_errors_of_the_application_on_the_server_loop() -> None:
     async def broken(scope: Any, receive: Any, send: Any) -> None:
         raise RuntimeError("broken page")
 

@@ -1,4 +1,4 @@
-"""Connections on which no request comes keep nobody out."""
+"""HTTP connections: time limit of requests, and the maximum number of connections."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from palpate.dashboard import transport as connections
 from palpate.dashboard.transport import BoundedConnection
 
 STOP = b"POST /stop HTTP/1.1\r\nHost: robot\r\nContent-Length: 2\r\n\r\n{}"
-#: A test that hangs fails; nothing here takes long.
+#: Time limit of each operation, seconds.
 PATIENCE_S = 60.0
 
 
@@ -36,7 +36,7 @@ async def talk(web_socket: WebSocket) -> None:
 
 @asynccontextmanager
 async def serving() -> AsyncIterator[int]:
-    """Serve on a free port; yield it."""
+    """Run a server on a free port, and yield the port."""
     app = Starlette(routes=[Route("/stop", stop, methods=["POST"]), WebSocketRoute("/ws", talk)])
     config = uvicorn.Config(app, http=BoundedConnection, log_level="critical", lifespan="off")
     server = uvicorn.Server(config)
@@ -61,7 +61,7 @@ class Client:
         return client
 
     async def ask(self, sent: bytes) -> bytes:
-        """Send a request; return the status line, or nothing where the server closed."""
+        """Send a request; return the status line, empty if the server closed the connection."""
         self._writer.write(sent)
         async with asyncio.timeout(PATIENCE_S):
             status = await self._reader.readline()
@@ -84,7 +84,7 @@ class Client:
             await self._writer.wait_closed()
 
 
-def test_half_open_connections_beyond_the_most_leave_room_for_stop(
+def test_bounded_connection_above_the_maximum_closes_the_oldest_and_accepts_stop(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(connections, "MAX_CONNECTIONS", 8)
@@ -109,7 +109,7 @@ def test_half_open_connections_beyond_the_most_leave_room_for_stop(
 @pytest.mark.slow
 @pytest.mark.parametrize("part", [b"", b"\r\n", b"POST", STOP[:20], STOP[:-30], STOP[:-1]])
 @pytest.mark.parametrize("before", [b"", STOP])
-def test_server_request_timeout_closes_the_connection(
+def test_bounded_connection_with_an_incomplete_request_is_closed_after_the_time_limit(
     monkeypatch: pytest.MonkeyPatch, part: bytes, before: bytes
 ) -> None:
     monkeypatch.setattr(connections, "REQUEST_TIMEOUT_S", 0.1)
@@ -126,11 +126,13 @@ def test_server_request_timeout_closes_the_connection(
             await client.close()
             return found and closed.result()
 
-    # Idle after a request is another matter: that is a page between two of them.
+    # A connection that is idle after a complete request stays open.
     assert asyncio.run(hold()) is not (before != b"" and part == b"")
 
 
-def test_a_web_socket_stays_open_without_a_request(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_websocket_stays_open_beyond_time_limit_and_maximum_number_of_connections(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(connections, "REQUEST_TIMEOUT_S", 0.05)
     monkeypatch.setattr(connections, "MAX_CONNECTIONS", 2)
 
@@ -146,7 +148,7 @@ def test_a_web_socket_stays_open_without_a_request(monkeypatch: pytest.MonkeyPat
     assert asyncio.run(talk_late()) == "here"
 
 
-def test_most_connections_is_half_of_the_file_limit_up_to_1000(
+def test_connection_limit_is_half_of_the_file_limit_and_at_most_1000(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     for soft, most in ((1024, 512), (65_536, 1000), (-1, 1000)):
