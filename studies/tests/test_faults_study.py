@@ -53,7 +53,7 @@ def test_a_sheet_turned_round_crushes_no_berry(speed: float, seed: int) -> None:
         seed=seed,
     )
     assert found.outcome == "sensor_lost"
-    assert "less and less while the hand closes on" in found.reason
+    assert "the reading falls while the hand closes" in found.reason
     assert not found.damaged
     assert found.peak_n < 5.0
 

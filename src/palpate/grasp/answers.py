@@ -1,4 +1,4 @@
-"""The answers of a grasp: settled value, force, size and stiffness, with intervals."""
+"""Results of a grasp: settled reading, force, size and stiffness, with intervals."""
 
 from __future__ import annotations
 
@@ -29,29 +29,29 @@ from palpate.grasp.plan import Plan
 from palpate.settling.percent import as_percent, of_rest
 from palpate.settling.result import SettledEstimate, Status
 
-#: Why a stiffness is only bounded.
+#: Reasons for a stiffness with only a bound.
 _SOFT_FINGERS = "the soft fingers deflect far more than the object"
 _RIGID_FINGERS = (
-    "the object gave way too little compared with the hand's own give; a firmer squeeze "
-    "(--target-force-n) would show more"
+    "the object deformed too little relative to the gripper's compliance; a firmer squeeze "
+    "(--target-force-n) narrows the interval"
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settled:
-    """The sheet's predicted reading at the horizon."""
+    """Predicted reading of the sheet at the settling horizon."""
 
     relative_percent: Measurement
     reading: Measurement
 
 
 def forecast(estimate: ContactEstimate, *, plan: Plan) -> Settled:
-    """Predict the settled readings from the touches since the last movement.
+    """Predict the settled readings from the readings since the last movement.
 
-    The predictor models sheets, not objects; one that relaxes in the hand (fruit loses a tenth to a
-    third of its force) works against the sheet's creep. So the interval is widened by as far as the
-    forecast goes beyond what was seen. What the sheet's own calibration showed of its creep is
-    weighed in.
+    The predictor models the sheet, not the object. An object that relaxes (fruit loses a tenth to a
+    third of its force) counteracts the sheet's creep. The interval is therefore widened by the
+    difference between the forecast and the present reading. The creep measured in the sheet's
+    calibration is combined with the forecast.
     """
     time_s = np.array([t.time_s for t in estimate.touches]) - estimate.moved_s
     relative_percent = np.array([t.relative_percent for t in estimate.touches])
@@ -72,11 +72,11 @@ def forecast(estimate: ContactEstimate, *, plan: Plan) -> Settled:
 
 
 def _relative_forecast(reading: Measurement, relative: Measurement, *, now: Touch) -> Measurement:
-    """Return the forecast of the relative change that the forecast of the reading makes.
+    """Convert the forecast of the reading to a forecast of the relative change.
 
-    The sheet's own creep is known for the reading; conductance grows by the same share in both. Not
-    exactly, as pixels share a load unevenly: the interval is as wide as the forecast goes beyond
-    what was seen, at least.
+    The calibrated creep is that of the reading. Conductance is assumed to grow by the same factor
+    in both. Pixels share a load unevenly, so the interval is widened by the difference between the
+    forecast and the present change.
     """
     if not (now.reading > 0 and now.relative_percent < 0):
         return relative
@@ -96,7 +96,7 @@ def _relative_forecast(reading: Measurement, relative: Measurement, *, now: Touc
 
 def _widen(one: SettledEstimate, *, by: float, unit: str) -> Measurement:
     value = float(one.value)
-    # A predictor without an interval of its own leaves only what it added to what was seen.
+    # Without an interval from the predictor, only `by` remains.
     down, up = np.nan_to_num([value - one.low, one.high - value])
     return Measurement(
         value=value,
@@ -117,24 +117,25 @@ def _keep_plausible(reading: Measurement, *, now: float) -> Measurement:
 
 
 def is_certain(settled: Settled, *, plan: Plan) -> bool:
-    """Whether the interval of the settled reading is narrow enough to act on.
+    """Return whether the interval of the settled reading is narrow enough for a decision.
 
-    Waiting helps only while the forecast's uncertainty exceeds half of the force law's.
+    Waiting helps only while the forecast's uncertainty exceeds half of the force law's uncertainty.
     """
     reading = settled.reading
     half = max(reading.high - reading.middle, reading.middle - reading.low)
     of_law = 0.5 * float(ndtri(0.5 + plan.level / 2)) * plan.settled_law.residual_sd
     enough = max(plan.decide_half_width, of_law)
-    # The interval is widened by all that the forecast adds, so an unproven shape does no harm.
+    # An unproven curve shape is acceptable: the interval includes the whole predicted change.
     known = reading.status in (Status.OK, Status.UNPROVEN)
     return known and half <= enough * abs(reading.middle)
 
 
 def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan) -> dict[str, Any]:
-    """Return size, stiffness and firmness at the settled force, by field of the result.
+    """Return size, stiffness and firmness at the settled force, keyed by field of the result.
 
-    What the hand can't measure is left out; what was touched has a firmness. Fingers driven by
-    pressure give no size: how far they have closed at the touch is not known in millimetres.
+    Quantities that the gripper can't measure are omitted; firmness is available after every
+    contact. Pressure-driven fingers measure no size, because their closure at contact is unknown
+    in millimetres.
     """
     size_mm, stiffness = _measure(estimate, force, plan)
     if stiffness is None:
@@ -144,7 +145,7 @@ def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan)
         found["size_mm"] = size_mm
     if stiffness is not None:
         found["firmness"] = firmness_index(stiffness)
-        # A bound where it may be anything.
+        # A wide interval becomes a bound.
         reason = _RIGID_FINGERS if plan.bend is None else _SOFT_FINGERS
         bounded = stiffness.or_bound(reason, least=SOFTEST_N_PER_MM, most=STIFFEST_N_PER_MM)
         found["stiffness_n_per_mm"] = bounded
@@ -154,17 +155,17 @@ def measure_object(estimate: ContactEstimate, force: Measurement, *, plan: Plan)
 def _bound_by_travel(
     estimate: ContactEstimate, force: Measurement, plan: Plan
 ) -> tuple[Measurement | None, Measurement | None]:
-    """Return the size and stiffness possible with the travel since contact and the force.
+    """Bound size and stiffness with the travel since contact and the force.
 
-    For a touch so faint that too few steps show a curve. The object was touched between the last
-    step without force and the first at which both fingers certainly pressed. It deflected by no
-    more than the hand closed since the one, and by no less than since the other, less what the hand
-    itself gives.
+    For contacts so light that too few steps form a curve. Contact began between the last step
+    without force and the first step at which both fingers certainly pressed. The deformation is at
+    most the closing since the former, and at least the closing since the latter minus the gripper's
+    deflection.
     """
     compliance = plan.gripper_compliance
     if compliance is None or not estimate.steps:
         return None, None
-    unfelt = [
+    without_contact = [
         step.closure
         for step in estimate.steps
         if step.touch.strongest_percent > READING.contact_percent
@@ -172,25 +173,26 @@ def _bound_by_travel(
     pressed = [
         step.closure for step in estimate.steps if step.touch.weaker_percent <= plan.hint_percent
     ]
-    begin = unfelt[-1] if unfelt else estimate.steps[0].closure - APPROACH.overrun_steps * plan.step
+    begin = estimate.steps[0].closure - APPROACH.overrun_steps * plan.step
+    begin = without_contact[-1] if without_contact else begin
     longest_mm = mm_per_unit(plan) * (estimate.closure - begin)
-    surely_mm = mm_per_unit(plan) * (estimate.closure - pressed[0]) if pressed else 0.0
+    least_mm = mm_per_unit(plan) * (estimate.closure - pressed[0]) if pressed else 0.0
     held_mm = mm_per_unit(plan) * _opening(plan, estimate.closure) - compliance.zero_mm
     size_mm = Measurement(
-        value=held_mm + 0.5 * (longest_mm + surely_mm),
-        low=held_mm + surely_mm,
+        value=held_mm + 0.5 * (longest_mm + least_mm),
+        low=held_mm + least_mm,
         high=held_mm + longest_mm,
         unit="mm",
         level=force.level,
     )
-    shortest_mm = surely_mm - float(compliance.deflection_mm(force.high))
-    # The first reading may include as much force as the scatter of faint readings.
-    begun_n = CONTACT_SD * floor_n(plan)
+    shortest_mm = least_mm - float(compliance.deflection_mm(force.high))
+    # The first reading may include a force as large as the scatter of faint readings.
+    initial_n = CONTACT_SD * floor_n(plan)
     own_mm = longest_mm - float(compliance.deflection_mm(force.middle))
     low, high, value = (
-        min(max(force_n / max(way_mm, 1e-3), SOFTEST_N_PER_MM), STIFFEST_N_PER_MM)
-        for force_n, way_mm in (
-            (force.low - begun_n, longest_mm),
+        min(max(force_n / max(travel_mm, 1e-3), SOFTEST_N_PER_MM), STIFFEST_N_PER_MM)
+        for force_n, travel_mm in (
+            (force.low - initial_n, longest_mm),
             (force.high, shortest_mm),
             (force.middle, own_mm),
         )
@@ -203,12 +205,12 @@ def _bound_by_travel(
 
 
 def measure_settled_force(
-    settled: Settled, *, felt: MeasuredForce | None, plan: Plan
+    settled: Settled, *, measured: MeasuredForce | None, plan: Plan
 ) -> Measurement:
-    """Convert the settled reading to newtons, combined with the gripper's own measurement.
+    """Convert the settled reading to newtons, and combine it with the gripper's measurement.
 
-    Uncertainties add in ln force: the law's own scatter, use of the sheet since, and the forecast's
-    interval, carried through the law.
+    The uncertainty of ln force has three parts: the scatter of the law, drift since calibration,
+    and the forecast's interval propagated through the law.
     """
     reading = settled.reading
     more_sd = float(np.hypot(SETTLE.drift_sd, SETTLE.relaxation_sd))
@@ -223,17 +225,17 @@ def measure_settled_force(
         return Measurement(value=0.0, low=low, high=high, unit="n", level=plan.level, status=status)
     down = float(np.hypot(_log_ratio(value, law.low[0]), _log_ratio(value, law.value[1])))
     up = float(np.hypot(_log_ratio(law.high[0], value), _log_ratio(law.value[2], value)))
-    if felt is not None:
-        reach = float(ndtri(0.5 + plan.level / 2))
+    if measured is not None:
+        quantile = float(ndtri(0.5 + plan.level / 2))
         relaxed = replace(
-            felt,
-            force_n=SETTLE.relaxation_ratio * felt.force_n,
-            log_sd=float(np.hypot(felt.log_sd, SETTLE.relaxation_sd)),
+            measured,
+            force_n=SETTLE.relaxation_ratio * measured.force_n,
+            log_sd=float(np.hypot(measured.log_sd, SETTLE.relaxation_sd)),
         )
-        gain = Gain.from_calibration(law_sd=0.5 * (down + up) / reach).update(
+        gain = Gain.from_calibration(law_sd=0.5 * (down + up) / quantile).update(
             relaxed, sheet_n=value
         )
-        value, down, up = value * float(np.exp(gain.log_mean)), *(reach * gain.log_sd,) * 2
+        value, down, up = value * float(np.exp(gain.log_mean)), *(quantile * gain.log_sd,) * 2
     return Measurement(
         value=value,
         low=value * float(np.exp(-down)),
@@ -245,21 +247,21 @@ def measure_settled_force(
 
 
 def _log_ratio(large: float, small: float) -> float:
-    # A bound at 0 N counts as a thousandth: its logarithm would dominate everything else.
+    # A bound of 0 N counts as a thousandth of the force, to keep its logarithm finite.
     return float(np.log(large / max(small, 1e-3 * large)))
 
 
 def measure_stiffness(
     estimate: ContactEstimate, force: Measurement, *, plan: Plan
 ) -> Measurement | None:
-    """Return the object's secant stiffness at a force, if the gripper can measure it."""
+    """Return the object's secant stiffness at a force; None if the gripper can't measure it."""
     return _measure(estimate, force, plan)[1]
 
 
 def _measure(
     estimate: ContactEstimate, force: Measurement, plan: Plan
 ) -> tuple[Measurement | None, Measurement | None]:
-    """Return size and stiffness from the closing curve; None if the force is too low."""
+    """Estimate size and stiffness from the closing curve; None if the force is too low."""
     found = _closing_curve(estimate, plan)
     if found is None:
         return None, None
@@ -274,28 +276,28 @@ def _measure(
 
 
 def count_contact_steps(estimate: ContactEstimate, plan: Plan) -> int:
-    """Return how many steps of the closing a stiffness can be estimated from."""
+    """Return the number of closing steps from which stiffness can be estimated."""
     found = _closing_curve(estimate, plan)
     return 0 if found is None else int(np.count_nonzero(found[0].is_certain))
 
 
 def _closing_curve(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingSteps, Compliance] | None:
-    """Return the steps read in early forces, from just before the first touch on.
+    """Return the closing curve from just before contact, and the gripper's compliance.
 
-    Fingers driven by pressure close by their compliance per pressure; with them the compliance that
-    is taken out. None where neither is known, or nothing was touched.
+    Forces are from the early law. For pressure-driven fingers, closing is computed from their
+    travel per pressure. None without a known compliance or a contact.
     """
     compliance = plan.gripper_compliance
     steps = _steps_from_touch(estimate, plan)
     if compliance is None or not steps:
         return None
-    width, felt, read = _read_steps(steps, estimate, plan)
+    width, contact, read = _read_steps(steps, estimate, plan)
     firmest = int(np.argmax(read.value))
-    reach = float(ndtri(0.5 + plan.level / 2))
+    quantile = float(ndtri(0.5 + plan.level / 2))
     curve = ClosingSteps(
         width_mm=mm_per_unit(plan) * width - compliance.zero_mm,
-        force_n=np.where(felt, read.value, 0.0),
-        gain_sd=float(np.log(read.high[firmest] / read.value[firmest])) / reach,
+        force_n=np.where(contact, read.value, 0.0),
+        gain_sd=float(np.log(read.high[firmest] / read.value[firmest])) / quantile,
         law_sd=estimate.gain.law_sd,
         floor_n=floor_n(plan),
     )
@@ -305,20 +307,20 @@ def _closing_curve(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingSteps,
 def _read_steps(
     steps: Sequence[ClosingStep], estimate: ContactEstimate, plan: Plan
 ) -> tuple[FloatArray, NDArray[np.bool_], ForceEstimate]:
-    """Return each step's opening (mm or -kPa), whether a contact was detected, and early force."""
+    """Return each step's opening (mm or -kPa), its contact flag, and its early force."""
     reading = [step.touch.reading for step in steps]
     weaker_percent = np.array([step.touch.weaker_percent for step in steps])
     read = estimate.gain.apply_to(plan.early_law.force_n(reading, level=plan.level))
     return (
         np.array([_opening(plan, step.closure) for step in steps]),
-        # Pixels that rise may cancel the fall of others.
+        # Rising pixels may cancel the fall of others.
         (weaker_percent < READING.contact_percent) & (read.value > 0.0),
         read,
     )
 
 
 def _opening(plan: Plan, closure: float) -> float:
-    """Return the opening at a closure: the width, mm, or the pressure taken negative, kPa."""
+    """Return the opening at a closure: the width, mm, or the negative pressure, kPa."""
     target = plan.gripper.target(closure)
     return target if plan.bend is None else -target
 
@@ -337,9 +339,9 @@ def sheet_forces_n(
 
 
 def _steps_from_touch(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingStep, ...]:
-    """Return the steps from the one before the first certain touch; none without one.
+    """Return the steps from two before the first hint of contact; none without a hint.
 
-    Drift can resemble a faint contact long before the real one: no more than two steps of it.
+    More steps before the hint are excluded, because drift can resemble a faint contact.
     """
     hinted = [c.touch.weaker_percent < plan.hint_percent for c in estimate.steps]
     if not any(hinted):
@@ -348,6 +350,6 @@ def _steps_from_touch(estimate: ContactEstimate, plan: Plan) -> tuple[ClosingSte
 
 
 def floor_n(plan: Plan) -> float:
-    """Return the scatter of faint forces, below the sheet's threshold."""
+    """Return the scatter of forces below the sheet's threshold, N."""
     nothing = plan.early_law.force_n(0.0, level=plan.level)
     return float(nothing.high) / float(ndtri(0.5 + plan.level / 2))

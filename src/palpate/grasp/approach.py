@@ -1,4 +1,4 @@
-"""The approach: closing at speed until a contact, then again in fine steps."""
+"""Approach phase: closing at speed until contact, then in fine steps."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def approach_in_steps(state: GraspState, plan: Plan) -> GripperCommand | None:
         return command
     if estimate.force_high_n >= plan.safety.force_ceiling_n:
         return abort_insensitive(state, plan)
-    # A touch too weak to be contact, and no room to press harder: measure what there is.
+    # The touch is too weak for a contact and no larger force is safe: measure at this force.
     state.enter(Phase.SETTLE, note="contact")
     return None
 
@@ -69,35 +69,32 @@ def approach_in_steps(state: GraspState, plan: Plan) -> GripperCommand | None:
 def _continue(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Continue closing: in fine steps near a possible contact, otherwise at speed."""
     estimate, attempt = state.estimate, state.attempt
-    felt = bool(estimate.touches) and estimate.now.strongest_percent <= READING.contact_percent
-    # A weak object may not withstand a full step more; its limit is not known yet.
-    if attempt.rest_check_from is not None or (plan.damage is not None and felt):
+    touching = bool(estimate.touches) and estimate.now.strongest_percent <= READING.contact_percent
+    # A weak object may not withstand another full step; its damage limit is not known yet.
+    if attempt.rest_check_from is not None or (plan.damage is not None and touching):
         return close_by(estimate, plan.fine_step, plan)
     if not estimate.closure <= attempt.sweep_end + approach_step(plan):
         start_sweep(state, plan)
         return None
-    # One finger alone pushes the object to the middle: the next touch is still to come.
-    fraction = 1.0 if felt and estimate.released_s is None else 0.5
+    # One finger alone pushes the object to the middle; contact of the other finger follows.
+    fraction = 1.0 if touching and estimate.released_s is None else 0.5
     step = max(fraction * approach_step(plan), plan.fine_step)
-    if plan.damage is None and not felt and estimate.fast_contact is not None:
-        # Up to close to what the hand met at speed the object has borne more already.
+    if plan.damage is None and not touching and estimate.fast_contact is not None:
+        # A large step is safe: the object withstood the contact at speed.
         closure, force_n = estimate.fast_contact
-        of_force = APPROACH.return_gap_fraction * force_n / plan.steepest_n
-        short = max(of_force, APPROACH.return_gap_steps * approach_step(plan))
-        step = max(step, closure - short - estimate.closure)
+        gap = APPROACH.return_gap_fraction * force_n / plan.steepest_n
+        gap = max(gap, APPROACH.return_gap_steps * approach_step(plan))
+        step = max(step, closure - gap - estimate.closure)
     return close_by(estimate, step, plan)
 
 
 def _has_grip_force(estimate: ContactEstimate, plan: Plan) -> bool:
-    """Whether the force is enough for a grip, although one finger shows little.
-
-    One finger alone may only push the object to the middle; with that much force it does not.
-    """
+    """Return whether the force exceeds that of one finger pushing the object to the middle."""
     return estimate.force_n > plan.no_push_n
 
 
 def confirm(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Confirm the touch on fresh frames, to exclude noise."""
+    """Confirm the contact with new frames, to exclude noise."""
     estimate = state.estimate
     if state.elapsed_s < plan.confirm_s:
         return None
@@ -105,15 +102,15 @@ def confirm(state: GraspState, plan: Plan) -> GripperCommand | None:
     if faint and not _has_grip_force(estimate, plan):
         state.enter(Activity.TOUCH)
         return None
-    # It may have been noted already where the sweep ended.
-    felt_s, moments = state.attempt.sweep_contact_s, state.result.moments
-    known = felt_s is not None and any(m.name == "contact" and m.time_s > felt_s for m in moments)
+    # The end of the sweep may have recorded this contact already.
+    since_s, moments = state.attempt.sweep_contact_s, state.result.moments
+    known = since_s is not None and any(m.name == "contact" and m.time_s > since_s for m in moments)
     state.enter(Phase.SQUEEZE, note=None if known else "contact")
     return None
 
 
 def end_attempt(state: GraspState, plan: Plan) -> GripperCommand:
-    """Open after an attempt without an object, finally or for another try."""
+    """Open the hand after an attempt without contact; end the grasp after the last attempt."""
     command = state.release(plan, Outcome.NOTHING_THERE)
     state.attempts += 1
     if state.attempts < plan.tries:
@@ -122,7 +119,7 @@ def end_attempt(state: GraspState, plan: Plan) -> GripperCommand:
 
 
 def wait_for_retry(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Wait with the hand open until the next try, or until a finger is touched."""
+    """Wait with the hand open until the next attempt, or until a finger is touched."""
     opened = state.estimate.closure <= plan.step / 2
     if not opened or state.elapsed_s < plan.dwell_s:
         return None
@@ -134,10 +131,10 @@ def wait_for_retry(state: GraspState, plan: Plan) -> GripperCommand | None:
 
 
 def abort_insensitive(state: GraspState, plan: Plan) -> GripperCommand:
-    """Open: by the calibration even the least detectable force may be too much."""
+    """Open: according to the calibration, even a barely detectable force may be too high."""
     state.add_fault(
-        f"by this calibration a faint touch could be {state.estimate.force_high_n:.1f} N, and "
-        f"{plan.safety.force_ceiling_n:g} N is the most allowed; calibrate the force again"
+        f"according to the calibration, a faint touch could be {state.estimate.force_high_n:.1f} N,"
+        f" and {plan.safety.force_ceiling_n:g} N is the limit; calibrate the force again"
     )
     return state.release(plan, Outcome.FORCE_LIMIT)
 
@@ -146,21 +143,20 @@ def abort_insensitive(state: GraspState, plan: Plan) -> GripperCommand:
 
 
 def start_sweep(state: GraspState, plan: Plan, *, rows: tuple[int, ...] | None = None) -> None:
-    """Begin to close at speed: up to near an expected size, or to the end.
+    """Start to close at speed, up to near the expected size or to the end of the range.
 
-    `rows`: of the pixels that are watched; all by default.
+    `rows`: pixel rows to check for contact; all by default.
     """
     estimate = state.estimate
-    # From a touch until it stops the hand goes through the frame in which the touch falls, the lag
-    # of the sheet, and the latency of the gripper.
+    # The stopping delay is one frame period, the lag of the sheet, and the gripper's latency.
     late_s = estimate.period_s + READING.lag_s + plan.safety.latency_s
     overrun = APPROACH.overrun_steps * approach_step(plan)
     end, rate = plan.gripper.span, min(overrun / late_s, plan.gripper.fastest)
-    # Once the hand has slowed down, and before the object can be there, contact is checked again.
+    # A fast sweep ends far enough before the object for contact detection to recover.
     near = _free_closure(plan) - rate * blind_s(estimate.period_s)
     slowed = estimate.sweep is not None
     if not slowed and near - estimate.closure > approach_step(plan):
-        # An expectation may be wrong: no command goes further than is safe, whatever is there.
+        # The expected size may be wrong: no command exceeds the safe step for any object.
         safe = safe_step(estimate, plan)
         hasty_s = (
             _lookahead_s(estimate, frames=APPROACH.fast_lookahead_frames) + plan.safety.latency_s
@@ -168,7 +164,7 @@ def start_sweep(state: GraspState, plan: Plan, *, rows: tuple[int, ...] | None =
         end, rate = near, max(rate, min(safe / hasty_s, plan.gripper.fastest))
     most_n = math.inf
     if rows is not None:
-        # The law of both fingers reads a half of it, once one finger certainly shows force.
+        # With contact at one finger, the law for two fingers reads half of the force.
         faint = estimate.now.strongest_percent > plan.hint_percent
         most_n = plan.no_push_n if faint else 0.5 * plan.no_push_n
     estimate.sweep = Sweep(
@@ -184,7 +180,7 @@ def start_sweep(state: GraspState, plan: Plan, *, rows: tuple[int, ...] | None =
 
 
 def _free_closure(plan: Plan) -> float:
-    """Return the closure up to which an expected object can't be there yet."""
+    """Return the closure up to which no contact with the expected object is possible."""
     if plan.expect_size_mm is None:
         return 0.0
     width_mm = plan.expect_size_mm + APPROACH.size_error_mm
@@ -200,9 +196,9 @@ def continue_sweep(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Continue closing, with the target slightly ahead of the hand; stop at a contact."""
     estimate, sweep = state.estimate, state.estimate.sweep
     assert sweep is not None
-    # A hand that stands still shakes nothing: its position shows that it did not arrive.
+    # Pixels do not change while the hand is at rest; tracking checks detect that case.
     frozen = sweep.is_frozen and estimate.still_since_s is None
-    # With more than a push takes the object is gripped, and the other finger may not show it.
+    # A force above that of a push is a grip, even if the other finger does not show contact.
     gripped = estimate.confirmed_force_n > sweep.most_n
     if sweep.time_s and (frozen or gripped or sweep.is_touching(plan.current)):
         return _finish_sweep(state, stop_here(estimate, plan))
@@ -210,14 +206,14 @@ def continue_sweep(state: GraspState, plan: Plan) -> GripperCommand | None:
     frames = APPROACH.fast_lookahead_frames if near else APPROACH.lookahead_frames
     ahead = sweep.rate * _lookahead_s(estimate, frames=frames)
     if near and estimate.closure >= sweep.end - ahead:
-        # Before it stops there: that would read like a touch.
+        # Continue before the hand stops, because a stop resembles a contact.
         start_sweep(state, plan)
         return None
     if estimate.closure >= sweep.end - plan.smallest_step:
         return _finish_sweep(state, None)
     target = quantize_target(min(estimate.closure + ahead, sweep.end), plan)
     further = closure_of(target, plan) > estimate.sent + plan.resolution / 2
-    # A hand that does not move is sent on now and then, so that it is noticed.
+    # Repeat commands to a stationary hand, so that the tracking check detects it.
     if not further and estimate.now_s - estimate.moved_s < APPROACH.resend_s:
         return None
     return GripperCommand(target=target, rate=sweep.rate)
@@ -230,10 +226,7 @@ def _finish_sweep(state: GraspState, command: GripperCommand | None) -> GripperC
 
 
 def _lookahead_s(estimate: ContactEstimate, *, frames: float) -> float:
-    """Return the time that a sweep's command reaches ahead, s.
-
-    If no more comes, the hand stops of its own.
-    """
+    """Return the lookahead of a sweep's command, s; without further commands the hand stops."""
     return frames * estimate.period_s + APPROACH.lookahead_s
 
 
@@ -252,7 +245,7 @@ def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
         if alone and float(force.value) <= plan.no_push_n and travel > approach_step(plan):
             start_sweep(state, plan, rows=_rows_without_contact(now, plan))
             return None
-        # Nothing, or one finger alone and no way gained: on in small steps.
+        # No contact, or one finger pushing without progress: continue in small steps.
         pushed = APPROACH.max_return_steps * plan.step if pushes else 0.0
         attempt.sweep_end = estimate.closure + pushed
         state.enter(Activity.TOUCH)
@@ -263,7 +256,7 @@ def evaluate_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
         state.note("contact")
     state.enter(Activity.TOUCH)
     if plan.damage is None and estimate.force_n < plan.no_push_n:
-        # A touch this gentle is the first step of the squeeze.
+        # A touch this light is the first step of the squeeze.
         return None
     estimate.fast_contact = (estimate.closure, estimate.force_n)
     estimate.released_s, estimate.residual = estimate.now_s, None
@@ -278,17 +271,17 @@ def _open_by(estimate: ContactEstimate, travel: float, plan: Plan) -> GripperCom
 def _rows_without_contact(now: Touch, plan: Plan) -> tuple[int, ...]:
     """Return the rows of pixels on fingers without contact.
 
-    One finger alone pushes the object to the middle, and its own pixels change on the way.
+    The pixels of a finger that pushes the object to the middle change during the movement.
     """
-    felt = np.array(now.finger_percent) <= READING.contact_percent
-    return tuple(np.flatnonzero(~felt[list(plan.layout.finger_of_row)]).tolist())
+    touching = np.array(now.finger_percent) <= READING.contact_percent
+    return tuple(np.flatnonzero(~touching[list(plan.layout.finger_of_row)]).tolist())
 
 
 def _record_residual(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Record the residual of the sheet after retracting without an object.
+    """Record the sheet's residual reading after the fingers have retracted from a contact.
 
-    Where both fingers read more than a hint, it has not come back far enough; and where it has come
-    back as far as it may and reads most of the touch, that has nothing to do with the fingers.
+    If both fingers still show a hint of contact, the hand retracts further. If the sheet still
+    reads most of the contact force at the retraction limit, the grasp ends with a sensor fault.
     """
     estimate, now = state.estimate, state.estimate.now
     if now.weaker_percent <= plan.hint_percent:
@@ -298,11 +291,11 @@ def _record_residual(state: GraspState, plan: Plan) -> GripperCommand | None:
         left_n = float(plan.early_law.force_n(now.reading).value)
         if left_n > GUARDS.residual_fraction * estimate.force_n:
             state.add_fault(
-                "the sheet reads the same after the fingers withdrew as in contact; see "
-                "what `palpate doctor` reports"
+                "the sheet reads the same after the fingers withdrew as in contact; run `palpate "
+                "doctor`"
             )
             return state.release(plan, Outcome.SENSOR_LOST)
-    # What of it is a fall: a rise is the movement's, and fades.
+    # Only falls in resistance are residual; rises are due to the movement, and fade.
     estimate.residual = Touch(
         time_s=now.time_s,
         finger_percent=tuple(min(percent, 0.0) for percent in now.finger_percent),

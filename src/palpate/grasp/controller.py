@@ -1,4 +1,4 @@
-"""The controller of a grasp: after each observation, one step of its present state."""
+"""Controller of a grasp: runs one step of the present phase after each observation."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from palpate.grasp.state import GraspState
 from palpate.grasp.step_size import close_by, read_step, squeeze_step
 from palpate.gripper.interface import GripperCommand
 
-#: What a state does after a frame: it changes the state, and may wish for a command.
+#: Handler of a phase: updates the state after a frame, and may request a command.
 Handler: TypeAlias = Callable[[GraspState, Plan], GripperCommand | None]
 
 
 class GraspController:
-    """Decides, frame by frame; it has no clock, no devices and no chance.
+    """Deterministic controller of a grasp, without clock or devices.
 
-    `plan`: what is to be done, and within which bounds.
-    `state`: where to begin.
+    `plan`: task and limits.
+    `state`: initial state; a new one by default.
     """
 
     def __init__(self, plan: Plan, state: GraspState | None = None) -> None:
@@ -39,21 +39,21 @@ class GraspController:
         self._grip: list[Monitor] = [kind(plan) for kind in GRIP_MONITORS]
 
     def step(self, observation: Observation) -> GripperCommand | None:
-        """Take in one observation and decide; return the command to send, if any.
+        """Process one observation; return the command to send, if any.
 
-        It never closes further than `safety.largest_step` allows: what a state wishes is cut to
-        that by the safety filter, and only there.
+        The safety filter limits every command to `safety.largest_step`, and is the only place that
+        does.
         """
         self.state.estimate.update(observation, plan=self.plan)
         self.state.record_finger_events()
-        wish = self._select_command(observation)
-        command = filter_command(wish, self.state.estimate, self.plan)
+        requested = self._select_command(observation)
+        command = filter_command(requested, self.state.estimate, self.plan)
         if command is not None:
             self.state.estimate.record_command(command, plan=self.plan)
         return command
 
     def _select_command(self, observation: Observation) -> GripperCommand | None:
-        """Return the wish of the monitors first, then that of the state."""
+        """Return the command that a monitor requires, or else that of the phase's handler."""
         state, plan = self.state, self.plan
         if state.phase not in (Phase.RELEASE, Phase.DONE):
             estimate, watched_n = state.estimate, state.estimate.confirmed_force_n
@@ -70,10 +70,10 @@ class GraspController:
         return handlers[state.phase](state, plan)
 
     def stop(self, alarm: Alarm) -> GripperCommand | None:
-        """End the grasp because of an alarm, as `safety.reaction` decides for its state."""
+        """End the grasp because of an alarm; `safety.reaction` selects the movement."""
         state, outcome = self.state, Outcome(alarm.danger.outcome)
-        if alarm.words:
-            state.add_fault(alarm.words)
+        if alarm.message:
+            state.add_fault(alarm.message)
         drive = self.plan.gripper.drive
         if reaction(alarm.danger, phase=state.phase, drive=drive) is Reaction.OPEN:
             return state.release(self.plan, outcome)
@@ -82,13 +82,13 @@ class GraspController:
         return None
 
     def release(self) -> GripperCommand:
-        """End the grasp on request: `held` if there is an answer."""
+        """End the grasp on request: `held` if the force has been measured."""
         answered = self.state.result.force_n is not None
         return self.state.release(self.plan, Outcome.HELD if answered else Outcome.STOPPED)
 
 
 def is_closing_too_far(state: GraspState, plan: Plan) -> bool:
-    """Return whether a closing hand exceeds the force intended for its last command."""
+    """Return whether the force will exceed its limit before the closing hand can stop."""
     estimate = state.estimate
     moving = estimate.still_since_s is None and estimate.closure < estimate.sent
     closing = state.phase is Phase.SQUEEZE or state.activity == Phase.SETTLE
@@ -100,38 +100,38 @@ def is_closing_too_far(state: GraspState, plan: Plan) -> bool:
 
 
 def squeeze(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Close further until the force is near the target, or enough to measure."""
+    """Close further until the force is near the target, or sufficient for the measurement."""
     estimate = state.estimate
     if estimate.still_s < plan.dwell_s:
         return None
     read_step(estimate, plan)
     # A gentle squeeze is not corrected afterwards, and may exceed its force to measure the
     # stiffness.
-    aimed, why = plan.target_force_n is not None, None
-    if aimed:
+    has_target, reason = plan.target_force_n is not None, None
+    if has_target:
         goal = SQUEEZE.near_fraction * goal_n(plan)
     else:
-        goal, why = gentle_goal(estimate, plan)
-    met = estimate.fast_contact
-    borne = met is not None and estimate.closure < met[0]
-    measures = not aimed and (why != "gave_way" or borne)
+        goal, reason = gentle_goal(estimate, plan)
+    fast = estimate.fast_contact
+    withstood = fast is not None and estimate.closure < fast[0]
+    measures = not has_target and (reason != "gave_way" or withstood)
     few = measures and count_contact_steps(estimate, plan) < plan.fewest_steps
     if estimate.force_n < goal or few:
-        wish = close_by(estimate, squeeze_step(estimate, plan, goal_n=goal), plan)
-        if wish is not None:
-            return wish
-    state.enter(Phase.SETTLE, note=why)
+        command = close_by(estimate, squeeze_step(estimate, plan, goal_n=goal), plan)
+        if command is not None:
+            return command
+    state.enter(Phase.SETTLE, note=reason)
     return None
 
 
 def hold(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Keep holding for the plan's `hold_s`."""
+    """Hold for the plan's `hold_s`, then release."""
     return None if state.elapsed_s < plan.hold_s else state.release(plan, Outcome.HELD)
 
 
 def finish_release(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Wait until the hand is open."""
-    # Half a step: closer than that some grippers never report themselves.
+    # Some grippers never report a position closer to open than half a step.
     opened = state.estimate.closure <= plan.step / 2
     if opened or state.elapsed_s > GUARDS.max_opening_s:
         state.enter(Phase.DONE)
@@ -146,7 +146,7 @@ HANDLERS: dict[Phase, Handler] = {
     Phase.RELEASE: finish_release,
     Phase.DONE: lambda state, plan: None,
 }
-#: The states of the paper's method (`plan.paper`): the other ones are as above.
+#: Handlers for the paper's method (`plan.paper`); the other phases are as above.
 PAPER_HANDLERS: dict[Phase, Handler] = {
     **HANDLERS,
     Phase.APPROACH: close_until_contact,

@@ -1,8 +1,9 @@
-"""A second check of the force at all times: the servo's current.
+"""Force check from the servo current, independent of the sheet.
 
-The current of a closing servo covers the friction of its gears and the grip. At rest, friction may
-carry part of the grip either way, but never makes the servo draw more than while closing. So a
-current above the most that the gears take proves a force, whatever the sheet reads.
+The current of a closing servo overcomes gear friction and the grip force. At rest, friction may
+carry part of the grip force in either direction, but the servo never draws more current than while
+closing. A current above the largest friction current therefore proves a force, whatever the sheet
+reads.
 """
 
 from __future__ import annotations
@@ -21,11 +22,11 @@ from palpate.gripper.interface import GripperState
 
 
 class CurrentMonitor:
-    """Bounds the grip force by the servo's current, where the gripper reports it.
+    """Bounds the grip force with the servo current, if the gripper reports it.
 
-    `plan`: its current law, force law and ceiling. Without a current law nothing is known of
-    newtons; then a pull that the approach of this grasp did not show and the sheet does not explain
-    is an alarm.
+    `plan`: supplies the current law, force law and ceiling. Without a current law the force is
+    unknown; an alarm is then a current above that of this grasp's approach that the sheet does not
+    explain.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -42,15 +43,15 @@ class CurrentMonitor:
         self._absent = 0
 
     def check(self, state: GripperState, *, estimate: ContactEstimate) -> Alarm | None:
-        """Take the gripper's next report; return an unexplained rise of the current."""
+        """Process the gripper's next report; return an alarm for an unexplained current."""
         if math.isnan(state.current_ma):
             return self._check_presence(state)
         reading = (state.current_ma, self._plan.gripper.reading_of(state))
         closure, before = self._plan.gripper.closure(state), self._closure
         self._closure = closure
         if self._still and (state.moving or estimate.moved_s != self._moved_s):
-            # What was read before the last command shows nothing of what came after, even if that
-            # was too short to be seen.
+            # Readings from before the last command do not apply, even if its movement was too
+            # short to be reported.
             self._still.clear()
             self._moving.clear()
             self._is_checked = True
@@ -58,12 +59,12 @@ class CurrentMonitor:
         if not state.moving:
             self._still.append(reading)
             return self._check_ceiling(self._still) or self._check_sheet(estimate)
-        # A hand that is sent back and closes all the same is watched too.
+        # Also check a hand that closes although it was commanded to open.
         if not (closure <= estimate.sent or closure > before + self._plan.resolution):
             self._is_checked = True
             return None
         self._moving.append(reading)
-        # A recording that is decided again gives one report several times.
+        # A replayed recording repeats reports.
         if state.time_s != self._read_s:
             self._moving_ma.append(state.current_ma)
         self._read_s = state.time_s
@@ -76,29 +77,28 @@ class CurrentMonitor:
         )
 
     def _check_presence(self, state: GripperState) -> Alarm | None:
-        """Refuse to close without the current that the calibration relies on."""
+        """Return an alarm if the gripper moves without reporting the calibrated current."""
         if self._plan.current is None or not state.moving or state.time_s == self._read_s:
             return None
         self._read_s = state.time_s
         self._absent += 1
         if self._absent < CURRENT.equal_readings:
             return None
-        words = (
+        message = (
             "the gripper reports no current while it moves, although its calibration has one: the "
             "current shows no force; check the driver, or calibrate without a current"
         )
-        return Alarm(danger=Danger.GRIPPER_FAULT, words=words)
+        return Alarm(danger=Danger.GRIPPER_FAULT, message=message)
 
     def _least_n(self, readings: deque[tuple[float, float]], *, deviations: float) -> float:
-        """Return the lower bound of the force."""
+        """Return the lower bound of the force, N."""
         law = self._plan.current
         if law is None or not readings:
             return 0.0
         current_ma, width_mm = np.array(readings).T
         gears = law.gears
         most_ma = float(np.mean(gears.at(width_mm)))
-        # Friction scatters in proportion; of a mean that is no friction, or less than its scatter,
-        # no proportion is taken.
+        # The scatter of friction is proportional to friction, unless the mean is below the scatter.
         scatter_ma = deviations * gears.movement_ma
         if gears.mean_ma > gears.movement_ma:
             scatter_ma = most_ma * math.expm1(scatter_ma / gears.mean_ma)
@@ -111,23 +111,23 @@ class CurrentMonitor:
         ceiling_n = self._plan.safety.force_ceiling_n
         if least_n <= ceiling_n:
             return None
-        words = (
+        message = (
             f"the servo's current shows a grip of at least {least_n:.1f} N, and {ceiling_n:g} N is "
             "the most allowed"
         )
-        return Alarm(danger=Danger.FORCE_LIMIT, words=words)
+        return Alarm(danger=Danger.FORCE_LIMIT, message=message)
 
     def _check_stuck(self) -> Alarm | None:
         if len(self._moving_ma) < CURRENT.equal_readings or len(set(self._moving_ma)) > 1:
             return None
-        words = (
+        message = (
             f"the servo's current has read {self._moving_ma[0]:.0f} mA {CURRENT.equal_readings} "
             "times while the hand closed: it is stuck, and shows no force"
         )
-        return Alarm(danger=Danger.GRIPPER_FAULT, words=words)
+        return Alarm(danger=Danger.GRIPPER_FAULT, message=message)
 
     def _check_sign(self) -> Alarm | None:
-        """Refuse a current with the other sign: it bounds no force."""
+        """Return an alarm for a negative closing current, which can't bound the force."""
         law = self._plan.current
         usual = law is None or law.gears.mean_ma > 0
         mean_ma = float(np.mean(self._moving_ma))
@@ -137,45 +137,45 @@ class CurrentMonitor:
             or not usual
         ):
             return None
-        words = (
+        message = (
             f"the servo's current is {mean_ma:.0f} mA while the hand closes: its driver must "
             "report it positive then"
         )
-        return Alarm(danger=Danger.GRIPPER_FAULT, words=words)
+        return Alarm(danger=Danger.GRIPPER_FAULT, message=message)
 
     def _check_rise(self, estimate: ContactEstimate, *, time_s: float) -> Alarm | None:
-        """Compare the uncalibrated current within a long movement."""
+        """Return an alarm if an uncalibrated current rises within a long movement."""
         if self._plan.current is not None or len(self._moving) < CURRENT.readings:
             return None
-        pull_ma = float(np.mean([current_ma for current_ma, _ in self._moving]))
+        mean_ma = float(np.mean([current_ma for current_ma, _ in self._moving]))
         if len(self._empty_ma) < CURRENT.readings:
             self._unaveraged = (self._unaveraged + 1) % CURRENT.readings
             if self._unaveraged == 0:
-                self._empty_ma.append(pull_ma)
+                self._empty_ma.append(mean_ma)
             return None
-        if pull_ma <= self._most_empty_ma:
+        if mean_ma <= self._most_empty_ma:
             self._rise_s = math.nan
             return None
         if math.isnan(self._rise_s):
             self._rise_s = time_s
-        answered = estimate.now_s > self._rise_s + READING.lag_s
-        if not answered or estimate.confirmed_force_n > self._plan.no_push_n:
+        has_responded = estimate.now_s > self._rise_s + READING.lag_s
+        if not has_responded or estimate.confirmed_force_n > self._plan.no_push_n:
             return None
-        return self._report_unexplained_rise(pull_ma)
+        return self._report_unexplained_rise(mean_ma)
 
     @property
     def _most_empty_ma(self) -> float:
         return CURRENT.sheet_ratio * max(*self._empty_ma, 0.0) + CURRENT.margin_ma
 
-    def _report_unexplained_rise(self, pull_ma: float) -> Alarm:
-        words = (
-            f"the servo's current rose to {pull_ma:.0f} mA, {max(self._empty_ma):.0f} mA moved the "
-            "empty hand, and the sheet shows nothing; run `palpate doctor`"
+    def _report_unexplained_rise(self, mean_ma: float) -> Alarm:
+        message = (
+            f"the servo's current rose to {mean_ma:.0f} mA, from {max(self._empty_ma):.0f} mA with "
+            "an empty hand, and the sheet shows no force; run `palpate doctor`"
         )
-        return Alarm(danger=Danger.UNSEEN_FORCE, words=words)
+        return Alarm(danger=Danger.UNSEEN_FORCE, message=message)
 
     def _check_sheet(self, estimate: ContactEstimate) -> Alarm | None:
-        """Compare the servo current, moving and at rest, with the sheet reading."""
+        """Return an alarm if the current shows a larger force than the sheet."""
         if estimate.still_s < READING.quiet_s or not estimate.touches:
             return None
         if self._plan.current is None:
@@ -193,19 +193,19 @@ class CurrentMonitor:
                 least_n = max(least_n, repeated_n)
         if least_n <= bound_n:
             return None
-        words = (
+        message = (
             f"the servo's current shows a grip of at least {least_n:.1f} N, and the sheet at most "
             f"{shown_n:.1f} N: does the object lie next to the sheet? Run `palpate doctor`"
         )
-        return Alarm(danger=Danger.UNSEEN_FORCE, words=words)
+        return Alarm(danger=Danger.UNSEEN_FORCE, message=message)
 
     def _check_uncalibrated(self, estimate: ContactEstimate) -> Alarm | None:
-        felt = estimate.now.strongest_percent <= self._plan.hint_percent
-        if self._is_checked or felt or not self._moving:
+        touching = estimate.now.strongest_percent <= self._plan.hint_percent
+        if self._is_checked or touching or not self._moving:
             return None
         self._is_checked = True
-        pull_ma = float(np.mean([current_ma for current_ma, _ in self._moving]))
+        mean_ma = float(np.mean([current_ma for current_ma, _ in self._moving]))
         if len(self._empty_ma) < CURRENT.readings:
-            self._empty_ma.append(pull_ma)
+            self._empty_ma.append(mean_ma)
             return None
-        return None if pull_ma <= self._most_empty_ma else self._report_unexplained_rise(pull_ma)
+        return None if mean_ma <= self._most_empty_ma else self._report_unexplained_rise(mean_ma)

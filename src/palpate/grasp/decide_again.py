@@ -1,4 +1,4 @@
-"""Replay of a recorded grasp through the controller, with the live run's decisions."""
+"""Replay of a recorded grasp through the controller, which repeats the live run's decisions."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ def decide_again(
     subscribers: Sequence[Subscriber] = (),
     watchers: Sequence[Watcher] = (),
 ) -> GraspResult:
-    """Run a recorded grasp again.
+    """Run the controller on a recorded grasp.
 
-    `gripper`: takes the commands; by default the recorded one, which they don't change.
-    `subscribers`, `watchers`: see every observation and every state, as in `run_grasp`.
-    Raises `RecordingError` if it is not of a grasp: it has no calibration or no gripper;
+    `gripper`: receives the commands; the recorded gripper by default, which ignores them.
+    `subscribers`, `watchers`: receive every observation and every state, as in `run_grasp`.
+    Raises `RecordingError` if the recording has no calibration or no gripper, and
     `CalibrationError` if its calibration can't be read.
     """
     gripper = gripper or ReplayGripper(source)
     end, requests = source.end, Requests()
 
-    def ask(state: GraspState) -> None:
+    def repeat_request(state: GraspState) -> None:
         if end is not None and state.estimate.now_s >= end.time_s:
             (requests.stop if end.name == "stop" else requests.release).set()
 
@@ -54,7 +54,7 @@ def decide_again(
         gripper=gripper,
         clock=clock,
         subscribers=subscribers,
-        watchers=[*watchers, ask],
+        watchers=[*watchers, repeat_request],
         requests=requests,
     )
 
@@ -62,7 +62,8 @@ def decide_again(
 def plan_of_recording(info: RecordingInfo, *, gripper: Gripper, hold_s: float = HOLD_S) -> Plan:
     """Return the plan of a recorded grasp.
 
-    Raises `RecordingError` if it names no calibration, `CalibrationError` if that can't be read.
+    Raises `RecordingError` if the recording has no calibration, and `CalibrationError` if that
+    calibration can't be read.
     """
     if info.calibration is None:
         raise RecordingError("the recording names no calibration, so its grasps can't be replayed")
@@ -82,10 +83,10 @@ def plan_of_recording(info: RecordingInfo, *, gripper: Gripper, hold_s: float = 
 
 
 def evaluate_with_paper_method(source: Replay, paper: Paper) -> GraspResult:
-    """Evaluate a recorded grasp by the paper's method, with the recorded movements.
+    """Evaluate a recorded grasp with the paper's method and the recorded movements.
 
-    Contact is the first stillness whose mean change passes the threshold; the prediction comes
-    at the cutoff after the last movement. The extra closing is the recorded one.
+    Contact is the first standstill at which the mean change passes the threshold. The prediction
+    uses the readings up to the cutoff after the last movement. The recorded extra closing is used.
 
     Raises `RecordingError` or `CalibrationError` as `decide_again`.
     """
@@ -95,7 +96,7 @@ def evaluate_with_paper_method(source: Replay, paper: Paper) -> GraspResult:
     while not source.has_ended and state.phase not in (Phase.HOLD, Phase.RELEASE):
         frame = source.read(timeout_s=math.inf)
         report = gripper.state()
-        # A small step begins and ends between two frames, neither of which shows movement.
+        # A small step may begin and end between two frames, without a report of movement.
         before, closure = closure, gripper.limits.closure(report)
         stepped = abs(closure - before) > plan.smallest_step / 2
         report = replace(report, moving=report.moving or stepped)
@@ -107,7 +108,7 @@ def evaluate_with_paper_method(source: Replay, paper: Paper) -> GraspResult:
         seeking = state.phase is Phase.APPROACH
         PAPER_HANDLERS[state.phase](state, plan)
         if seeking and state.phase is Phase.SQUEEZE:
-            # The hand may have stood too shortly before to be read there.
+            # The hand may have stopped too briefly for a reading there.
             before = max((stop for stop in stops if stop < closure), default=closure)
             record_size(state, plan, before=before)
         stops.append(closure)

@@ -1,4 +1,4 @@
-"""A grasp as the JSON that commands print and the bridges send (`docs/schemas/grasp.json`)."""
+"""JSON document of a grasp, for commands and bridges (`docs/schemas/grasp.json`)."""
 
 from __future__ import annotations
 
@@ -20,11 +20,12 @@ def grasp_document(
     truth: Mapping[str, object] | None,
     subject: str | None,
 ) -> dict[str, object]:
-    """Return the document of a grasp that has ended.
+    """Return the JSON document of a finished grasp.
 
-    `damage_limit`: as `limit_document` gives it; None where there was no limit.
-    `names`: what it is called elsewhere: ``item_id``, ``grasp_id``, ``recording``, ``ended_at``.
-    `subject`: what the simulated world put between the fingers.
+    `damage_limit`: output of `limit_document`; None without a limit.
+    `names`: values of ``item_id``, ``grasp_id``, ``recording`` and ``ended_at``.
+    `truth`: true values of a simulated grasp; None on hardware.
+    `subject`: name of the simulated object.
     """
     document: dict[str, object] = {
         **result.to_dict(),
@@ -40,9 +41,9 @@ def grasp_document(
 def limit_document(
     file: DamageFile, *, path: Path, kind: str, low_n: float, result: GraspResult
 ) -> dict[str, object]:
-    """Return a learned limit and its effect.
+    """Return the JSON form of a learned damage limit and its effect on a grasp.
 
-    `low_n` is the limit of this object, newtons; infinite where its closing did not show it.
+    `low_n`: limit of this object, newtons; infinite if the closing did not determine it.
     """
     shown = math.isfinite(low_n)
     return {

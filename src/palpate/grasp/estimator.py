@@ -1,4 +1,4 @@
-"""The estimate of the contact, updated by each frame and report of the gripper."""
+"""Estimate of the contact, updated with each frame and gripper report."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from palpate.signal.relative import (
 )
 
 _TIME_S = attrgetter("time_s")
-#: A slope of the force over time takes this many frames: of fewer, one may be a spike.
+#: Fewest frames for a slope of the force over time; with fewer, a spike would dominate.
 _RISE_FRAMES = 3
 
 
@@ -41,7 +41,7 @@ class Observation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Touch:
-    """One frame, made readable.
+    """Readings of one frame, or of the mean of several.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Touch:
     relative_percent : float
         Mean relative change of all pixels.
     reading : float
-        What the plan's force laws read: by default the excess conductance summed over pixels.
+        Input of the plan's force laws: by default the excess conductance summed over pixels.
     """
 
     time_s: float
@@ -62,18 +62,18 @@ class Touch:
 
     @property
     def weaker_percent(self) -> float:
-        """The fall of the less loaded finger: one alone may only push the object."""
+        """Relative change of the less loaded finger; a single loaded finger may only push."""
         return max(self.finger_percent)
 
     @property
     def strongest_percent(self) -> float:
-        """The strongest fall: of any finger, or of all pixels."""
+        """Largest fall: that of any finger, or the mean of all pixels."""
         return min(*self.finger_percent, self.relative_percent)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClosingStep:
-    """One step of the closing, read after its dwell; mm or kPa by the drive."""
+    """One closing step, read after its dwell; `closure` is in mm or kPa, depending on the drive."""
 
     closure: float
     touch: Touch
@@ -81,22 +81,22 @@ class ClosingStep:
 
 @dataclass(slots=True, kw_only=True)
 class HandMotion:
-    """Frames and movements of the whole grasp, shared by its attempts.
+    """Frames and movements of the whole grasp, carried over between attempts.
 
     Attributes
     ----------
     began_s : float or None
         Time of the first observation.
     now_s, closure : float
-        Time of the last observation, and how far the hand was closed, mm or kPa.
+        Time and closure (mm or kPa) of the last observation.
     frames, lost, last_sequence : int
-        Frames received, gaps, and the last number.
+        Frames received, frames lost, and the last sequence number.
     tracking_lag : float
-        How far its report lags behind the closure, within the report's own errors.
+        Closure minus reported closure, within the error of reports.
     sent : float
-        Closure last commanded, as the gripper reports that it was sent.
+        Closure of the last command, as returned by the gripper.
     moved_s : float
-        When the last movement began.
+        Start of the last movement.
     still_since_s : float or None
         End of the last movement; None while the gripper moves.
     peak_force_n : float
@@ -117,12 +117,12 @@ class HandMotion:
 
     @property
     def duration_s(self) -> float:
-        """Duration of the grasp until now, seconds."""
+        """Duration of the grasp so far, seconds."""
         return 0.0 if self.began_s is None else self.now_s - self.began_s
 
     @property
     def period_s(self) -> float:
-        """Time from frame to frame, seconds."""
+        """Mean time between frames, seconds."""
         return self.duration_s / max(self.frames - 1, 1)
 
     @property
@@ -133,39 +133,38 @@ class HandMotion:
 
 @dataclass(slots=True, kw_only=True)
 class ContactEstimate(HandMotion):
-    """The estimate of the contact after a frame; each attempt starts a new one.
+    """Estimate of the contact after a frame; each attempt starts with a new estimate.
 
     Attributes
     ----------
     rest_ohm : ndarray or None, shape (rows, cols)
-        Rest values in use; None until they have been taken.
+        Rest values in use; None until they have been measured.
     rest_frames : tuple of ndarray
-        Resistances seen before the first movement.
+        Resistances of the frames before the first movement.
     touches : tuple of Touch
-        Since the last movement ended.
+        Readings since the end of the last movement.
     strongest_reading : float
-        Largest reading among them. A long hold has tens of thousands, and this is asked at every
-        frame.
+        Largest of these readings, stored because a long hold has tens of thousands of them.
     frame_forces : tuple of pairs of float
-        Time and grip force by each of the last frames alone, the hand moving or not.
+        Time and grip force of the last frames, each from one frame, also during movements.
     steps : tuple of ClosingStep
         Every step of the closing read so far.
     sweep : Sweep or None
-        The constant-speed closing under way.
+        Present closing at constant speed, if any.
     contact_s : float or None
-        Contact: when the movement that led to it began.
+        Start of the movement that led to contact.
     fast_contact : tuple of float or None
-        Closure and force where such a closing ended, if the hand went back from there.
+        Closure and force at the end of a sweep, if the hand retracted from there.
     released_s, residual : float and Touch, or None
-        When the hand went back from there, and what the sheet still read where nothing touched.
+        Start of that retraction, and the sheet's residual reading after it.
     force_n, force_high_n : float
-        Grip force now and its upper bound, from the last step read.
+        Present grip force and its upper bound, from the last closing step.
     damage_low_n : float
-        Lower bound of the force that damages the object, from the closing so far.
+        Lower bound of the damage force, from the closing so far.
     current_samples : tuple of CurrentSample
-        Servo current at moments of the closing.
+        Servo current during the closing.
     gain : Gain
-        How this contact reads against the laws of the sheet.
+        Gain of this contact relative to the sheet's laws.
     """
 
     rest_ohm: NDArray[np.float64] | None = None
@@ -186,24 +185,18 @@ class ContactEstimate(HandMotion):
     gain: Gain = field(default_factory=lambda: Gain.from_calibration(law_sd=0.0))
 
     def start_attempt(self) -> ContactEstimate:
-        """Return the estimate of the next attempt, which begins now with the hand open."""
-        kept = {one.name: getattr(self, one.name) for one in fields(HandMotion)}
-        return ContactEstimate(**kept | {"still_since_s": self.now_s})
+        """Return the estimate for an attempt that starts now, with the hand open."""
+        motion = {one.name: getattr(self, one.name) for one in fields(HandMotion)}
+        return ContactEstimate(**motion | {"still_since_s": self.now_s})
 
     @property
     def confirmed_force_n(self) -> float:
-        """Grip force that both of the last two frames show, newtons.
-
-        A single frame may be a spike.
-        """
+        """Smaller grip force of the last two frames, N; a single frame may be a spike."""
         return min((n for _, n in self.frame_forces[-2:]), default=0.0)
 
     @property
     def rise_n_per_s(self) -> float:
-        """Rate of rise of the force in the last frames, N/s.
-
-        A single frame may be a spike.
-        """
+        """Rate of rise of the confirmed force over the last frames, N/s."""
         if len(self.frame_forces) < _RISE_FRAMES:
             return 0.0
         (then_s, then_n), (now_s, _) = self.frame_forces[0], self.frame_forces[-1]
@@ -213,7 +206,7 @@ class ContactEstimate(HandMotion):
     def now(self) -> Touch:
         """Mean of the last few frames since the last movement."""
         since_s = self.touches[-1].time_s - READING.now_s
-        # Times rise; a long hold has thousands, and this is asked at every frame.
+        # Binary search, because a long hold has thousands of readings.
         recent = len(self.touches) - bisect_right(self.touches, since_s, key=_TIME_S)
         last = self.touches[-max(READING.now_frames, recent) :]
         return Touch(
@@ -224,11 +217,11 @@ class ContactEstimate(HandMotion):
         )
 
     def set_force(self, force_n: float, high_n: float) -> None:
-        """Take another force as that of now, newtons, with its upper bound."""
+        """Set the present force and its upper bound, newtons."""
         self.force_n, self.force_high_n = force_n, high_n
         self.peak_force_n = max(self.peak_force_n, force_n)
 
-    def count(self, frame: Frame) -> None:
+    def count_frame(self, frame: Frame) -> None:
         """Count a frame and record its time, without using its readings."""
         gap = 0 if self.last_sequence is None else frame.sequence - self.last_sequence - 1
         self.began_s = frame.time_s if self.began_s is None else self.began_s
@@ -236,15 +229,15 @@ class ContactEstimate(HandMotion):
         self.frames, self.lost = self.frames + 1, self.lost + max(gap, 0)
 
     def update(self, observation: Observation, *, plan: Plan) -> None:
-        """Take in an observation: count the frame, follow the movement, read the touch."""
+        """Update the estimate with an observation: frame count, movement and readings."""
         frame, gripper = observation.frame, observation.gripper
-        self.count(frame)
+        self.count_frame(frame)
         if gripper.moving:
             self.still_since_s = None
         elif self.still_since_s is None:
             self.still_since_s = frame.time_s
         reported = plan.gripper.closure(gripper)
-        # As sent where the report agrees, because reports are rounded.
+        # Use the command where the report agrees, because reports are rounded.
         error = READING.report_error_steps * plan.resolution
         agrees = not gripper.moving and abs(reported - self.sent) <= error
         self.closure = self.sent if agrees else reported
@@ -274,23 +267,23 @@ class ContactEstimate(HandMotion):
         self.strongest_reading, self.touches = max(before, touch.reading), (*self.touches, touch)
 
     def record_command(self, command: GripperCommand, *, plan: Plan) -> None:
-        """Record a command that was sent."""
+        """Record a command that has been sent."""
         self.still_since_s, self.touches, self.moved_s = None, (), self.now_s
         self.sent = closure_of(command.target, plan)
 
     def _read_touch(
         self, time_s: float, rest_ohm: FloatArray, ohm: NDArray[np.float64], plan: Plan
     ) -> Touch:
-        """Read a frame, less the sheet's residual of an earlier contact."""
+        """Return the readings of a frame, minus the sheet's residual of an earlier contact."""
         change = relative_change_percent(ohm, rest_ohm=rest_ohm)
         fingers = _finite(finger_means(change, finger_of_row=plan.layout.finger_of_row))
         relative_percent = float(_finite(mean_change(change)))
-        # A pixel beyond the converter's range has at least the conductance of its last step.
+        # A saturated pixel has at least the conductance of the converter's last step.
         readable_ohm = np.maximum(ohm, plan.layout.divider.least_ohm)
         excess = excess_conductance(readable_ohm, rest_ohm=rest_ohm)
         reading = float(plan.reading.reading(excess))
         if self.residual is not None and self.released_s is not None:
-            # Creep fades about as the inverse of the time since.
+            # Creep decays approximately as the inverse of the time since release.
             left = (self.residual.time_s - self.released_s) / max(time_s - self.released_s, 1e-3)
             fingers = fingers - left * np.array(self.residual.finger_percent)
             relative_percent -= left * self.residual.relative_percent
@@ -303,10 +296,10 @@ class ContactEstimate(HandMotion):
         )
 
     def _frame_force_n(self, touch: Touch, plan: Plan) -> float:
-        """Return the grip force of one frame: the smaller of the sheet's two laws.
+        """Return the grip force of one frame: the smaller result of the sheet's two laws.
 
-        Whether the load is new or has settled is not known of a frame, and too small an answer
-        stops the hand a moment later, not a healthy grasp.
+        A single frame does not show whether the load is new or settled. Too small a force delays a
+        stop slightly; too large a force would abort a good grasp.
         """
         laws_n = [law.force_n(touch.reading).value for law in (plan.early_law, plan.settled_law)]
         return math.exp(self.gain.log_mean) * float(min(laws_n))
@@ -319,7 +312,7 @@ class ContactEstimate(HandMotion):
         gripper: GripperState,
         plan: Plan,
     ) -> Sweep:
-        """Return the sweep with this frame; a pixel that reads nothing has not changed."""
+        """Return the sweep with this frame added; pixels without a reading count as unchanged."""
         gears_ma = math.nan
         if plan.current is not None and gripper.moving:
             gears_ma = gripper.current_ma - float(plan.current.gears.at(np.array(gripper.width_mm)))

@@ -28,61 +28,59 @@ class Monitor(Protocol):
     """A check for one danger."""
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
-        """Return the alarm after a frame, if any.
-
-        `state`: the grasp with that frame taken in.
-        """
+        """Return the alarm after a frame, if any; `state` includes that frame."""
         ...
 
 
 class BoardMonitor:
-    """Ends the grasp if the sensor board tripped on one pixel's reading."""
+    """Ends the grasp if the sensor board's pixel limit has tripped."""
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
-        """Return the trip of the board's own ceiling."""
+        """Return an alarm if the board's own force ceiling has tripped."""
         if not observation.frame.ceiling_tripped:
             return None
-        words = (
+        message = (
             "the board's own ceiling has tripped: a pixel reads more than "
-            f"{FORCE_CEILING_N:g} N allow; take the cause away, then open the "
-            "rig again"
+            f"{FORCE_CEILING_N:g} N allow; remove the cause, then open the rig again"
         )
-        return Alarm(danger=Danger.FORCE_LIMIT, words=words)
+        return Alarm(danger=Danger.FORCE_LIMIT, message=message)
 
 
 class RestMonitor:
-    """Refuses rest values, as soon as they are taken, that can't be this sheet's."""
+    """Rejects new rest values that are implausible for this sheet."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan, self._known = plan, False
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
-        """Return why the rest values of this attempt are none."""
+        """Return an alarm if the rest values of this attempt are implausible."""
         rest_ohm = state.estimate.rest_ohm
         known, self._known = self._known, rest_ohm is not None
         if rest_ohm is None or known:
             return None
-        why = explain_implausible_rest(rest_ohm, plan=self._plan)
-        return None if why is None else Alarm(danger=Danger.SENSOR_LOST, words=why)
+        message = explain_implausible_rest(rest_ohm, plan=self._plan)
+        return None if message is None else Alarm(danger=Danger.SENSOR_LOST, message=message)
 
 
 class CeilingMonitor:
-    """Opens the hand where the sheet shows more than the force ceiling."""
+    """Opens the hand if the sheet shows more than the force ceiling."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
-        """Return an alarm for force above the ceiling, in two frames or one step."""
+        """Return an alarm if the force exceeds the ceiling in two frames or one closing step."""
         estimate, ceiling_n = state.estimate, self._plan.safety.force_ceiling_n
         if estimate.force_n <= ceiling_n:
             return None
-        words = f"the sheet shows {estimate.force_n:.1f} N, and {ceiling_n:g} N is the most allowed"
-        return Alarm(danger=Danger.FORCE_LIMIT, words=words)
+        message = (
+            f"the sheet shows {estimate.force_n:.1f} N, and {ceiling_n:g} N is the most allowed"
+        )
+        return Alarm(danger=Danger.FORCE_LIMIT, message=message)
 
 
 class SlipMonitor:
-    """Opens the hand when the sheet no longer shows the object."""
+    """Opens the hand if the sheet no longer shows the object."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
@@ -99,11 +97,11 @@ class SlipMonitor:
             strongest_reading = max(strongest_reading, estimate.steps[-1].touch.reading)
         if estimate.now.reading >= GUARDS.lost_fraction * strongest_reading:
             return None
-        return Alarm(danger=Danger.SLIPPED, words="")
+        return Alarm(danger=Danger.SLIPPED, message="")
 
 
 class FingersMonitor:
-    """Holds still when only one finger shows a grip, as a grip presses both."""
+    """Stops the hand if only one finger shows a grip, because a grip loads both."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
@@ -117,18 +115,18 @@ class FingersMonitor:
         if len(estimate.touches) < READING.now_frames:
             return None
         now = estimate.now
-        # Changes fall with load: the least is that of the finger that presses.
+        # Changes are negative under load: the smallest is that of the loaded finger.
         pressed_percent = min(now.finger_percent)
         if now.weaker_percent <= plan.hint_percent:
             return None
         if pressed_percent > GUARDS.one_finger_hints * plan.hint_percent:
             return None
-        words = (
+        message = (
             f"finger {int(np.argmin(now.finger_percent))} shows a grip and the other shows "
             "nothing: one sheet does not read, or the object lies off it; see what `palpate "
             "doctor` reports"
         )
-        return Alarm(danger=Danger.SENSOR_LOST, words=words)
+        return Alarm(danger=Danger.SENSOR_LOST, message=message)
 
 
 class ResponseMonitor:
@@ -138,20 +136,19 @@ class ResponseMonitor:
         self._plan = plan
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
-        """Return that the reading does not follow the hand."""
+        """Return an alarm if the reading does not follow the movement."""
         if state.phase not in _HOLDING or not (self._is_falling(state) or self._is_rising(state)):
             return None
-        words = (
-            "the sheet shows less and less while the hand closes on, or more where it opens: the "
-            "object yields, or the sheet does not show the force; see what `palpate doctor` "
-            "reports"
+        message = (
+            "the reading falls while the hand closes, or rises while it opens: the object yields, "
+            "or the sheet does not show the force; run `palpate doctor`"
         )
-        return Alarm(danger=Danger.UNSEEN_FORCE, words=words)
+        return Alarm(danger=Danger.UNSEEN_FORCE, message=message)
 
     def _is_falling(self, state: GraspState) -> bool:
-        """Whether the sheet has shown less and less while the hand closed on.
+        """Return whether the reading fell in the last closing steps.
 
-        Counted from the contact of both fingers: a single one pushes the object.
+        Only steps since the contact of both fingers count, because one finger pushes the object.
         """
         steps, contact_s = state.estimate.steps, state.estimate.contact_s
         gripped = [
@@ -168,7 +165,7 @@ class ResponseMonitor:
         return falls and rises.size == GUARDS.fall_steps
 
     def _is_rising(self, state: GraspState) -> bool:
-        """Whether the sheet shows more after the hand has opened than at its furthest step."""
+        """Return whether the reading after opening exceeds that of the furthest closing step."""
         estimate = state.estimate
         easing = state.activity == Activity.EASE and estimate.still_s >= self._plan.confirm_s
         if not easing or not estimate.touches:
@@ -180,20 +177,20 @@ class ResponseMonitor:
 
 
 class TimeMonitor:
-    """Opens the hand where the grasp takes longer than its plan allows."""
+    """Opens the hand if the grasp takes longer than planned."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
-        """Return an alarm if the grasp takes too long."""
+        """Return an alarm if the grasp exceeds the plan's longest duration."""
         if state.phase is Phase.HOLD or state.estimate.duration_s <= self._plan.longest_s:
             return None
-        words = f"not done within {self._plan.longest_s:g} s"
-        return Alarm(danger=Danger.TIMED_OUT, words=words)
+        message = f"not done within {self._plan.longest_s:g} s"
+        return Alarm(danger=Danger.TIMED_OUT, message=message)
 
 
-#: What the controller checks before it decides, in this order.
+#: Monitors that the controller runs before the phase's handler, in this order.
 GRIP_MONITORS: tuple[Callable[[Plan], Monitor], ...] = (
     SlipMonitor,
     FingersMonitor,

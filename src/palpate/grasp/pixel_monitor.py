@@ -1,4 +1,4 @@
-"""Pixels that fail during a grasp: open, shorted, stuck, or beyond the range."""
+"""Detection of pixels that fail during a grasp: open, short, stuck, or saturated."""
 
 from __future__ import annotations
 
@@ -17,18 +17,23 @@ _SEE_DOCTOR = "run `palpate doctor`"
 
 
 class PixelMonitor:
-    """Watches the pixels that worked in the calibration.
+    """Detects failures of the pixels that worked in the calibration.
 
-    A pixel that jumps to an end of its range makes a frame uncertain, and is an alarm at its second
-    frame. A short is never taken for no load: it differs from a sheet pressed beyond the
-    converter's range by how it came, alone or while the fingers stood still, which no load does.
-    Where a load brings a pixel to the end step by step, it reads the least that it can be, and the
-    others change; once it has brought most of those that it presses there, nothing is known of it
-    any more, and that is an alarm too. A pixel that sticks in the middle of its range is known
-    after eight movements of the fingers (two in three seconds or more, where the others are
-    lively), all of them together after four, and in a hand that stands too where the sensor
-    flickers. Pixels that all read the same are known at the second frame. A single one that sticks
-    in the hold is not known here.
+    Open or short: a pixel that jumps to an end of its range makes the frame uncertain, and raises
+    an alarm at the second such frame. A short appears in one pixel alone or while the fingers are
+    at rest; a load never does either.
+
+    Saturated: a load moves a pixel to the end of its range gradually, and changes other pixels too.
+    The reading is then a lower bound. An alarm follows once most of the loaded pixels are
+    saturated, because the force is then unknown.
+
+    Stuck: a pixel unchanged in eight movements of the fingers, or in two over at least three
+    seconds, while all others change. All pixels together are stuck after four movements. If the
+    sensor flickers, stuck pixels are also detected while the hand is at rest.
+
+    Equal: all pixels with the same reading raise an alarm at the second frame.
+
+    A single pixel that sticks during the hold is not detected.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -37,11 +42,11 @@ class PixelMonitor:
         #: All arrays hold the pixels with a rest value, in this order.
         self._watched = np.isfinite(rest_ohm) & (rest_ohm > 0)
         self._names = [pixel_name(row, col) for row, col in np.argwhere(self._watched).tolist()]
-        # Resistance over reference: follows from the counts without knowing the reference.
+        # The ratio to the reference resistor follows from the counts alone.
         self._rest = rest_ohm[self._watched] / plan.layout.divider.reference_ohm
         resting = plan.layout.divider.full_scale / (1.0 + self._rest)
         self._unlike = resting.size > 0 and float(np.ptp(resting)) >= PIXELS.min_spread_counts
-        #: Reports of a hand that stands differ by less.
+        #: Largest difference between position reports of a hand at rest.
         self._rounding = READING.report_error_steps * plan.resolution
         self._equal = 0
         self._counts: NDArray[np.float64] | None = None
@@ -61,13 +66,13 @@ class PixelMonitor:
 
     @property
     def is_frame_uncertain(self) -> bool:
-        """Whether a pixel has just jumped to a range end; such frames are skipped."""
+        """Whether a pixel has just jumped to an end of its range; such frames are skipped."""
         sudden = (self._ended > 0) & ~self._pressed
         return bool(((self._opened > 0) | sudden).any())
 
     @property
     def saturation_warning(self) -> str | None:
-        """The warning about pixels saturated by the load, if any."""
+        """Warning about pixels saturated by the load; None without any."""
         if not self._pressed.any():
             return None
         return (
@@ -76,7 +81,7 @@ class PixelMonitor:
         )
 
     def check(self, observation: Observation, state: GraspState | None = None) -> Alarm | None:
-        """Take the next observation; return which pixel failed and how, None if none did."""
+        """Process the next observation; return an alarm for a failed pixel, if any."""
         frame = observation.frame
         counts = np.asarray(frame.counts)[self._watched] / frame.oversampling
         before = counts if self._counts is None else self._counts
@@ -94,7 +99,7 @@ class PixelMonitor:
         if self._counts is not None and (moving or abs(closure - self._closure) > self._rounding):
             self._moved_s = frame.time_s
         self._closure = closure
-        # A long way at one speed shakes the sheet at its ends only: it is one movement.
+        # A long movement at constant speed disturbs the sheet only at its ends: count it once.
         if not moving:
             self._count_moves(closure)
         opened, ended = find_end_readings(counts, layout=self._layout)
@@ -104,13 +109,13 @@ class PixelMonitor:
         if self._counts is None:
             jumped = ended
         standing = frame.time_s - self._moved_s > READING.quiet_s
-        came = jumped & (~_has_others(jumped) | standing)
+        unloaded_jump = jumped & (~_has_others(jumped) | standing)
         self._loaded = self._under_load(counts)
-        short = ~_has_others(self._loaded) | came
+        short = ~_has_others(self._loaded) | unloaded_jump
         begins = self._ended == 1
         self._shorted = ended & (self._shorted | (begins & short))
         self._pressed = ended & (self._pressed | (begins & ~short & ~jumped))
-        # A reading at the range's end under load is not stuck.
+        # A saturated reading is not stuck.
         self._shaken |= self._pressed
         self._counts = counts
         return self._describe_fault()
@@ -121,10 +126,8 @@ class PixelMonitor:
             since = f"{self._alike} frames"
             if not self._repeating:
                 since = f"{PIXELS.all_moves} movements of the fingers"
-            return Alarm(
-                danger=Danger.SENSOR_LOST,
-                words=f"no pixel has changed in {since}: frames arrive, but repeat; {_SEE_DOCTOR}",
-            )
+            message = f"no pixel has changed in {since}: frames arrive, but repeat; {_SEE_DOCTOR}"
+            return Alarm(danger=Danger.SENSOR_LOST, message=message)
         ended = self._ended >= PIXELS.fault_frames
         failed = {
             "open": self._opened >= PIXELS.fault_frames,
@@ -133,24 +136,24 @@ class PixelMonitor:
         }
         for how, mask in failed.items():
             if mask.any():
-                words = f"{self._name_first(mask)} reads {how}; {_SEE_DOCTOR}"
-                return Alarm(danger=Danger.SENSOR_LOST, words=words)
+                message = f"{self._name_first(mask)} reads {how}; {_SEE_DOCTOR}"
+                return Alarm(danger=Danger.SENSOR_LOST, message=message)
         lost = ended & ~self._pressed
         if 2 * int(self._pressed.sum()) > int(self._loaded.sum()):
             lost = ended
         if lost.any():
-            words = f"{self._name_first(ended)} is pressed beyond what can be read: force unknown"
-            return Alarm(danger=Danger.FORCE_LIMIT, words=words)
+            message = f"{self._name_first(ended)} is pressed beyond what can be read: force unknown"
+            return Alarm(danger=Danger.FORCE_LIMIT, message=message)
         if self._equal >= PIXELS.fault_frames:
-            words = f"all pixels read the same, which no sheet does; {_SEE_DOCTOR}"
-            return Alarm(danger=Danger.SENSOR_LOST, words=words)
+            message = f"all pixels read the same, which no sheet does; {_SEE_DOCTOR}"
+            return Alarm(danger=Danger.SENSOR_LOST, message=message)
         return None
 
     def _name_first(self, mask: NDArray[np.bool_]) -> str:
         return f"pixel {self._names[int(np.argmax(mask))]}"
 
     def _count_alike(self, *, alike: bool) -> None:
-        """Count consecutive repeated frames, and learn the usual run length."""
+        """Count consecutive equal frames, and record the longest run."""
         self._frames += 1
         if alike:
             self._alike += 1
@@ -178,14 +181,17 @@ class PixelMonitor:
         )
 
     def _find_unchanged(self, moves: int, *, others: int) -> NDArray[np.bool_]:
-        """Return which pixels did not change in `moves` movements, while the others did."""
+        """Return the pixels unchanged in `moves` movements, if all others changed.
+
+        `others`: most movements without a change of any other pixel.
+        """
         unchanged = self._unchanged >= moves
         rest = self._unchanged[~unchanged]
         lively = rest.size > 0 and int(rest.max()) <= others
         return np.asarray(unchanged & lively)
 
     def _under_load(self, counts: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which pixels are under load."""
+        """Return the pixels under load."""
         full = self._layout.divider.full_scale
         upper = self._layout.divider.taxel_leg == "upper"
         seen = np.clip(counts if upper else full - counts, 1.0, full - 1.0)
@@ -193,5 +199,5 @@ class PixelMonitor:
 
 
 def _has_others(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return, for each pixel, whether the mask holds for another one."""
+    """Return, for each pixel, whether the mask contains another pixel."""
     return np.asarray(mask.sum() - mask > 0)

@@ -132,7 +132,7 @@ class _Hand:
             )
         fault = fault or self._speed.find_fault(state, way=self._tracking)
         if fault is not None:
-            return Alarm(danger=Danger.GRIPPER_FAULT, words=fault)
+            return Alarm(danger=Danger.GRIPPER_FAULT, message=fault)
         return self._current.check(state, estimate=estimate)
 
     def poll_interval_s(self, now_s: float) -> float | None:
@@ -146,7 +146,7 @@ class _Hand:
         try:
             return self.check(self.state(), estimate, now_s=now_s)
         except DeviceError as error:
-            return Alarm(danger=Danger.GRIPPER_FAULT, words=str(error))
+            return Alarm(danger=Danger.GRIPPER_FAULT, message=str(error))
 
     def send(self, command: GripperCommand, *, now_s: float) -> float:
         """Send a command, and follow it; return the closure that was really sent.
@@ -238,7 +238,7 @@ def run_grasp(
                 try:
                     frame = feed.next(hand, state.estimate)
                 except DeviceError as error:
-                    lost = Alarm(danger=Danger.SENSOR_LOST, words=str(error))
+                    lost = Alarm(danger=Danger.SENSOR_LOST, message=str(error))
                     send(controller.stop(lost), clock.now_s())
                     if state.phase is Phase.RELEASE:
                         hand.finish_opening(state, clock=clock)
@@ -252,7 +252,7 @@ def run_grasp(
                 command = None
                 # Nothing is decided on an uncertain frame; an opening needs no pixel.
                 if pixels.is_frame_uncertain and state.phase is not Phase.RELEASE:
-                    state.estimate.count(frame)
+                    state.estimate.count_frame(frame)
                 else:
                     command = controller.step(seen)
                 _notify(views, seen, state)
@@ -268,14 +268,14 @@ def run_grasp(
                 send(command, frame.time_s)
                 _notify(watching, state.snapshot(), state)
     except DeviceError as error:
-        controller.stop(Alarm(danger=Danger.GRIPPER_FAULT, words=str(error)))
+        controller.stop(Alarm(danger=Danger.GRIPPER_FAULT, message=str(error)))
     except KeyboardInterrupt:
         controller.stop(Alarm(danger=Danger.STOPPED))
     finally:
         unstopped = hand.stop()
     if unstopped is not None:
-        words = f"the stop command failed: {unstopped}"
-        controller.stop(Alarm(danger=Danger.GRIPPER_FAULT, words=words))
+        message = f"the stop command failed: {unstopped}"
+        controller.stop(Alarm(danger=Danger.GRIPPER_FAULT, message=message))
     return state.final_result
 
 
@@ -287,7 +287,7 @@ def _apply_alarm(
     Raises `DeviceError` if it is the gripper that failed: nothing more is sent to it than a stop.
     """
     if alarm.danger is Danger.GRIPPER_FAULT:
-        raise DeviceError(alarm.words)
+        raise DeviceError(alarm.message)
     if controller.state.phase in (Phase.RELEASE, Phase.DONE):
         return command
     return controller.stop(alarm)

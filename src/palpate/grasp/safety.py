@@ -35,7 +35,7 @@ class Alarm:
     """A detected danger, with a line that explains it (may be empty)."""
 
     danger: Danger
-    words: str = ""
+    message: str = ""
 
 
 class Reaction(StrEnum):

@@ -154,9 +154,9 @@ class GraspState:
         moment = Moment(time_s=self.estimate.now_s, name=name, finger=finger)
         self.result = replace(self.result, moments=(*self.result.moments, moment))
 
-    def add_fault(self, words: str) -> None:
+    def add_fault(self, message: str) -> None:
         """Add a line to the faults."""
-        self.result = replace(self.result, faults=(*self.result.faults, words))
+        self.result = replace(self.result, faults=(*self.result.faults, message))
 
     def release(self, plan: Plan, outcome: Outcome) -> GripperCommand:
         """Open the hand: the grasp is over."""
@@ -183,8 +183,8 @@ class GraspState:
 
     def set_settled_force(self, settled: Settled, *, plan: Plan) -> Measurement:
         """Set the settled force of the result, and return it."""
-        felt = gripper_force(self.estimate, plan)
-        force = measure_settled_force(settled, felt=felt, plan=plan)
+        measured = gripper_force(self.estimate, plan)
+        force = measure_settled_force(settled, measured=measured, plan=plan)
         self.estimate.peak_force_n = max(self.estimate.peak_force_n, force.middle)
         self.result = replace(
             self.result,

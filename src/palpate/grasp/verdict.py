@@ -1,12 +1,12 @@
-"""The numbers of a grasp in words."""
+"""Text of a grasp's outcome and firmness."""
 
 from __future__ import annotations
 
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
 
-#: Upper end of each word, N/mm of the object's own secant stiffness at the grip force. Words for
-#: people, not a standard: a ripe avocado is soft, an apple firm, wood hard.
+#: Upper limit of each word: the object's secant stiffness at the grip force, N/mm. The words are
+#: informal, not a standard: a ripe avocado is soft, an apple firm, wood hard.
 _FIRMNESS = (
     (1.0, "very soft"),
     (3.0, "soft"),
@@ -15,7 +15,7 @@ _FIRMNESS = (
     (float("inf"), "hard"),
 )
 
-#: What is reported of a stiffness that may be anything.
+#: Text for an unknown stiffness.
 UNKNOWN_FIRMNESS = "firmness not measured"
 
 _OUTCOMES = {
@@ -37,16 +37,16 @@ def outcome_text(outcome: Outcome) -> str:
 
 
 def firmness(stiffness: Measurement) -> str:
-    """Return the firmness in words: one, two for a wide interval, or a bound.
+    """Return the firmness in words: one word, a range, or a bound.
 
-    A bound that every object meets is none.
+    A range from the softest to the hardest word is reported as not measured.
 
     >>> firmness(Measurement(value=2.0, low=1.2, high=2.9, unit="n_per_mm"))
     'soft'
     >>> firmness(Measurement(value=2.0, low=1.2, high=9.0, unit="n_per_mm"))
     'soft to firm'
     >>> wide = Measurement(value=9.0, low=4.0, high=90.0, unit="n_per_mm")
-    >>> firmness(wide.or_bound("it gave way too little", least=0.02, most=500.0))
+    >>> firmness(wide.or_bound("it deformed too little", least=0.02, most=500.0))
     'at least medium'
     >>> firmness(Measurement(value=9.0, low=0.4, high=90.0, unit="n_per_mm"))
     'firmness not measured'
@@ -67,9 +67,9 @@ def firmness(stiffness: Measurement) -> str:
 
 
 def verdict(result: GraspResult, *, target_force_n: float | None) -> dict[str, object]:
-    """Return the JSON form of the verdict: words, and whether the target was met.
+    """Return the JSON form of the verdict: its text, and whether the target was reached.
 
-    Where the stiffness may be anything, the firmness is its index.
+    For an unknown stiffness, the firmness is given as its index.
     """
     stiffness, force, index = result.stiffness_n_per_mm, result.force_n, result.firmness
     on_target = None

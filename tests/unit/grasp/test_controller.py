@@ -233,7 +233,7 @@ def test_object_that_yields_while_closing_is_released(plan: Plan, bench: Any) ->
         watchers=[lambda grasp_state: closures.append(grasp_state.estimate.closure)],
     )
     assert result.outcome is Outcome.SENSOR_LOST
-    assert "less and less while the hand closes on" in result.faults[0]
+    assert "the reading falls while the hand closes" in result.faults[0]
     assert bench.width_mm == 74.0
     assert widest - (74.0 - max(closures)) < 6.0, "it doesn't close on for long"
 

@@ -81,7 +81,7 @@ def test_the_empty_hand_raises_no_alarm(calibrated: Plan) -> None:
 def test_a_force_above_the_ceiling_is_known_while_moving(calibrated: Plan) -> None:
     alarm = moved(CurrentMonitor(calibrated), of_force(22.0), closure=20.0, reading=100.0)[3]
     assert alarm.danger is Danger.FORCE_LIMIT
-    assert "15 N is the most allowed" in alarm.words
+    assert "15 N is the most allowed" in alarm.message
 
 
 def test_force_below_the_ceiling_raises_no_alarm(calibrated: Plan) -> None:
@@ -118,7 +118,7 @@ def test_force_without_a_reading_of_the_sheet_raises_an_alarm(
     """An object beside the sheet is noticed at once, or by two movements."""
     alarm = moved(CurrentMonitor(calibrated), of_force(6.0), closure=20.0, reading=reading)[-1]
     assert alarm.danger is Danger.UNSEEN_FORCE
-    assert "and the sheet at most" in alarm.words
+    assert "and the sheet at most" in alarm.message
 
 
 def test_weaker_force_is_detected_by_two_movements(calibrated: Plan) -> None:
@@ -161,7 +161,7 @@ def test_without_a_calibration_the_approach_shows_what_the_gears_take(plan: Plan
     assert felt == [None] * 5
     alarm = moved(watch, of_force(6.0), closure=7.0)[-1]
     assert alarm.danger is Danger.UNSEEN_FORCE
-    assert "moved the empty hand" in alarm.words
+    assert "with an empty hand" in alarm.message
 
 
 def swept(
@@ -204,7 +204,7 @@ def test_current_monitor_uncalibrated_long_movement_raises_an_alarm(plan: Plan) 
         CurrentMonitor(plan), lambda at: GEARS_MA + MA_PER_N * 4.0 * max(at - touch_mm, 0.0)
     )
     assert alarm.danger is Danger.UNSEEN_FORCE
-    assert "moved the empty hand, and the sheet shows nothing" in alarm.words
+    assert "with an empty hand, and the sheet shows no force" in alarm.message
     # 60 mA more than the gears take are 3.75 N; four readings and the lag of the sheet on top.
     assert closure - touch_mm < 3.75 / 4.0 + 15.0 * (0.04 + 0.06 + 0.07)
 
@@ -242,7 +242,7 @@ def test_a_current_of_the_other_sign_ends_the_approach(
 ) -> None:
     closure, alarm = swept(CurrentMonitor(calibrated if known else plan), lambda at: -GEARS_MA)
     assert alarm.danger is Danger.GRIPPER_FAULT
-    assert "-40 mA while the hand closes: its driver must report it positive" in alarm.words
+    assert "-40 mA while the hand closes: its driver must report it positive" in alarm.message
     assert closure < 3.0
 
 
@@ -261,7 +261,7 @@ def test_a_calibrated_current_that_is_never_reported_is_a_fault(calibrated: Plan
     found = [alarm for closure in range(4) for alarm in moved(watch, np.nan, closure=closure)]
     (alarm,) = set(found) - {None}
     assert alarm.danger is Danger.GRIPPER_FAULT
-    assert "reports no current" in alarm.words
+    assert "reports no current" in alarm.message
 
 
 def test_an_uncalibrated_current_that_is_never_reported_is_no_fault(plan: Plan) -> None:
@@ -280,7 +280,7 @@ def test_a_current_that_never_changes_is_stuck(calibrated: Plan) -> None:
     found = [alarm for closure in range(4) for alarm in moved(watch, 0.0, closure=closure)]
     assert found[:18] == [None] * 18
     assert found[18].danger is Danger.GRIPPER_FAULT
-    assert "it is stuck" in found[18].words
+    assert "it is stuck" in found[18].message
 
 
 def test_a_step_back_that_falls_between_two_frames_is_no_grip(calibrated: Plan) -> None:

@@ -219,11 +219,11 @@ IMPOSSIBLE = {
 
 @pytest.mark.parametrize("name", IMPOSSIBLE)
 def test_impossible_reports_are_described(plan: Plan, bench: Any, name: str) -> None:
-    values, words = IMPOSSIBLE[name]
+    values, message = IMPOSSIBLE[name]
     spoil_state(bench, **values)
     result = bench.grasp(plan)
     assert result.outcome is Outcome.GRIPPER_FAULT
-    assert words in result.faults[0]
+    assert message in result.faults[0]
     assert bench.stops == 1
 
 

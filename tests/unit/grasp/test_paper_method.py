@@ -16,8 +16,8 @@ pytestmark = pytest.mark.slow
 
 
 def grasped(palpate: Command, *options: object) -> dict[str, Any]:
-    words = ("grasp", "--method", "paper", "--seed", "3", *options, "--json")
-    document: dict[str, Any] = palpate(*words).document
+    message = ("grasp", "--method", "paper", "--seed", "3", *options, "--json")
+    document: dict[str, Any] = palpate(*message).document
     return document
 
 
@@ -83,7 +83,7 @@ def test_any_recorded_grasp_is_read_by_the_papers_method(tmp_path: Path, palpate
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         (["--step-mm", "2"], "--step-mm: only with --method paper"),
         (["--method", "paper", "--step-mm", "0"], "step_mm must be above 0"),
@@ -93,8 +93,8 @@ def test_any_recorded_grasp_is_read_by_the_papers_method(tmp_path: Path, palpate
         (["--method", "paper", "--rig", "sim-soft", "--extra-mm", "1"], "driven by pressure"),
     ],
 )
-def test_impossible_option_is_refused(options: list[str], words: str, palpate: Command) -> None:
-    assert words in palpate.refused("grasp", *options)
+def test_impossible_option_is_refused(options: list[str], message: str, palpate: Command) -> None:
+    assert message in palpate.refused("grasp", *options)
 
 
 def test_line_law_is_kept_in_the_calibration(tmp_path: Path, palpate: Command) -> None:

@@ -34,7 +34,7 @@ def alarms(
 
 def watched(plan: Plan, frames: list[Any], *, step_mm: float = 0.0) -> list[str | None]:
     """Return what the watch says of each frame."""
-    return [alarm and alarm.words for alarm in alarms(plan, frames, step_mm=step_mm)]
+    return [alarm and alarm.message for alarm in alarms(plan, frames, step_mm=step_mm)]
 
 
 def at_rest(count: int) -> list[Any]:
@@ -109,7 +109,7 @@ def test_pixel_without_change_through_movements_is_stuck(plan: Plan) -> None:
     for frame in frames:
         frame[1, 0] = REST
     said = watched(plan, frames, step_mm=0.5)
-    first = next(number for number, words in enumerate(said) if words)
+    first = next(number for number, message in enumerate(said) if message)
     assert said[first] == "pixel R1 C0 reads stuck; run `palpate doctor`"
     assert 7 <= first <= 9
 
@@ -133,7 +133,7 @@ def test_shorts_together_are_known_in_a_standing_hand(plan: Plan, where: str, lo
         frame[SHORTS[where]] = 1023
     alarm = alarms(plan, frames)[4]
     assert alarm.danger is Danger.SENSOR_LOST
-    assert "reads short" in alarm.words
+    assert "reads short" in alarm.message
 
 
 def test_shorts_while_closing_make_the_force_unknown(plan: Plan) -> None:
@@ -142,7 +142,7 @@ def test_shorts_while_closing_make_the_force_unknown(plan: Plan) -> None:
         frame[:2] = 1023
     alarm = alarms(plan, frames, moving=True)[4]
     assert alarm.danger is Danger.FORCE_LIMIT
-    assert "pressed beyond what can be read" in alarm.words
+    assert "pressed beyond what can be read" in alarm.message
 
 
 def test_shorts_from_the_first_frame_on_are_an_alarm(plan: Plan) -> None:
@@ -206,9 +206,9 @@ def test_two_pixels_without_noise_are_not_stuck(plan: Plan, slept: int, stuck: b
     for number, frame in enumerate(frames):
         frame[1, 0] = REST
         frame[2, 1] = REST + (number >= 8 - slept)
-    words = watched(plan, frames, step_mm=0.5)[-1]
-    assert (words is not None) == stuck
-    assert not stuck or "R1 C0 reads stuck" in str(words)
+    message = watched(plan, frames, step_mm=0.5)[-1]
+    assert (message is not None) == stuck
+    assert not stuck or "R1 C0 reads stuck" in str(message)
 
 
 @pytest.mark.parametrize(
@@ -221,5 +221,5 @@ def test_unusual_repeats_of_frames_raise_an_alarm(
     frames = [np.full((4, 2), REST + number % 2) for number in range(lively - alike + 1)]
     frames += [frames[-1]] * (alike - 1)
     frames += [np.full((4, 2), REST + 9)] * 12
-    words = watched(plan, frames)[-1]
-    assert ("no pixel has changed in 11 frames" in str(words)) == known
+    message = watched(plan, frames)[-1]
+    assert ("no pixel has changed in 11 frames" in str(message)) == known

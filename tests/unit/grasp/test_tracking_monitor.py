@@ -195,8 +195,8 @@ def test_impossible_reports_are_described() -> None:
     assert find_impossible_value(at(WIDTH, 5.0 - 4.9), limits=WIDTH) is None
     assert find_impossible_value(at(WIDTH, 74.0 + 7.0), limits=WIDTH) is not None
     assert find_impossible_value(at(PRESSURE, -4.9), limits=PRESSURE) is None
-    words = find_impossible_value(at(PRESSURE, 55.1), limits=PRESSURE)
-    assert "55.1 kPa" in words
+    message = find_impossible_value(at(PRESSURE, 55.1), limits=PRESSURE)
+    assert "55.1 kPa" in message
 
     def drawing(current_ma: float) -> GripperState:
         return GripperState(time_s=0.0, width_mm=30.0, current_ma=current_ma)
