@@ -196,7 +196,7 @@ def test_all_that_it_can_say_fits(browser: Browser, address: str, size: str) -> 
     words += [*(word for word, _ in OUTCOMES.values()), *DeviceActivity]
     words += [*firmness_words(), "Damaged", "Hand closed", "Off target"]
     nexts = [next_step for _, next_step in OUTCOMES.values()]
-    nexts += ["check its cable and power; it continues as soon as the sensor answers"]
+    nexts += ["check its cable and power; reading resumes when the sensor answers"]
     whys = [outcome_text(outcome) for outcome in Outcome]
     pixels = {**SIZES, **LARGE, **LOW}[size]
     bins = ["by hand", "large", "look at it by hand", "supermarket-class-2", "Rückläufer Tor 12"]
@@ -205,7 +205,7 @@ def test_all_that_it_can_say_fits(browser: Browser, address: str, size: str) -> 
         "13 (large) comes nearest: 55 %, 80 % needed; 3 grasps · below the target of 12.5 N · "
         "answer 12.7 s after contact"
     )
-    again = "Turn the item, then press Grasp again: the bin is only for now"
+    again = "Turn the item, then press Grasp again: the bin is provisional"
     with at(browser, f"{address}operate", pixels) as page:
         capital = [word[:1].upper() + word[1:] for word in words]
         fits(page)

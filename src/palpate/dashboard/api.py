@@ -1,4 +1,4 @@
-"""HTTP and JSON for machines, described by OpenAPI, with the access rights of the page."""
+"""HTTP and JSON API, described by OpenAPI, with the same access rules as the page."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.line.machine import CommandRefusedError
 from palpate.produce.records import Item
 
-#: All machines drive as one: every client with access is trusted, as on the page.
+#: Driver name shared by all API clients; every client with access is trusted, as on the page.
 DRIVER = "machine"
 _SCHEMAS = Path(palpate.__file__).parent / "schemas"
 _KNOWN = ("measurement", "grasp", "state", "items", "item")
@@ -35,28 +35,33 @@ class GraspRequest(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
     target_force_n: float | None = Field(
-        None, gt=0, le=FORCE_CEILING_N, description="Grip force; a gentle squeeze without it."
+        None,
+        gt=0,
+        le=FORCE_CEILING_N,
+        description="Grip force, newtons; a gentle squeeze if omitted.",
     )
-    item_id: str = Field("", max_length=80, description="What it is, to keep it in the store.")
+    item_id: str = Field(
+        "", max_length=80, description="Name of the item; the grasp is not stored if omitted."
+    )
     kind: str = Field("", max_length=80, description="Kind of produce, for its damage limit.")
     stops: int | None = Field(
         None,
         ge=0,
-        description="`stops` of the state as the sender knew it: refused if a stop came since.",
+        description="Last known `stops` of the state; the grasp is refused after a newer stop.",
     )
 
 
 class GraspBegun(BaseModel):
     """A grasp has been ordered."""
 
-    recording: str = Field(description="By this name its result is known.")
+    recording: str = Field(description="Name of the recording; the result has the same name.")
 
 
 class Stopped(BaseModel):
-    """The answer to a stop."""
+    """The response to a stop."""
 
     stopped: bool = Field(
-        description="Whether the devices confirmed that the stop reached the hand."
+        description="Whether the devices confirmed that the hand received the stop."
     )
 
 
@@ -69,11 +74,11 @@ class Released(BaseModel):
 class Refusal(BaseModel):
     """The reason of a refusal."""
 
-    detail: str = Field(description="One line: what, and what to do.")
+    detail: str = Field(description="One line with the problem and the remedy.")
 
 
 def build_api(app_state: AppState, *, token: bool) -> FastAPI:
-    """Return the application to mount; `token`: whether visitors must send one."""
+    """Return the API application; `token`: whether clients must send a token."""
     api = FastAPI(
         title="palpate",
         version="1",
@@ -89,25 +94,25 @@ def build_api(app_state: AppState, *, token: bool) -> FastAPI:
 
 
 def _add_queries(api: FastAPI, app_state: AppState) -> None:
-    """Add the queries."""
+    """Add the read-only routes."""
 
     @api.get("/state", responses=_documents("state"))
     async def state() -> JSONResponse:
-        """What runs, and whether a grasp can begin."""
+        """Current activity, and whether a grasp can start."""
         return JSONResponse(app_state.state())
 
     @api.get("/result", responses=_documents("grasp") | _refusals(404))
     async def result() -> JSONResponse:
-        """The last grasp of this run, as `palpate grasp --json` prints it."""
+        """The last grasp of this run, in the format of `palpate grasp --json`."""
         _, last = app_state.result()
         if last is None:
             raise HTTPException(404, "no grasp has ended since palpate serve was started")
         return JSONResponse(last)
 
-    # In threads of their own: a store may not answer.
+    # Plain functions run in worker threads, because a store may be slow or not answer.
     @api.get("/items", responses=_documents("items") | _refusals(503))
     def items(limit: Annotated[int, Query(ge=1, le=1000)] = 50) -> JSONResponse:
-        """Items of the store, the last met first, as `palpate items --json` prints them."""
+        """Items of the store, last grasped first, in the format of `palpate items --json`."""
         from palpate.produce.store.item_history import items_document
 
         with _translate_errors():
@@ -115,7 +120,7 @@ def _add_queries(api: FastAPI, app_state: AppState) -> None:
 
     @api.get("/items/{item_id:path}", responses=_documents("item") | _refusals(404, 503))
     def item(item_id: str) -> JSONResponse:
-        """One item with its grasps, as `palpate items ITEM --json` prints it."""
+        """One item with its grasps, in the format of `palpate items ITEM --json`."""
         from palpate.produce.store.item_history import item_document
 
         with _translate_errors():
@@ -124,7 +129,7 @@ def _add_queries(api: FastAPI, app_state: AppState) -> None:
 
     @api.get("/epcis/{item_id:path}", responses=_refusals(404, 503))
     def epcis(item_id: str) -> JSONResponse:
-        """One item's grasps as events of EPCIS 2.0, in GS1's JSON."""
+        """The grasps of one item as EPCIS 2.0 events in JSON-LD."""
         from palpate.line.epcis import epcis_document
 
         with _translate_errors():
@@ -134,24 +139,24 @@ def _add_queries(api: FastAPI, app_state: AppState) -> None:
 
 
 def _add_orders(api: FastAPI, app_state: AppState) -> None:
-    """Add the orders: those of the page, with the same rules."""
+    """Add the command routes, with the same rules as on the page."""
 
     @api.post("/grasp", status_code=202, responses=_refusals(400, 409))
     async def grasp(wanted: GraspRequest) -> GraspBegun:
-        """Begin a grasp; the object is held until its release, for a minute at most."""
+        """Start a grasp; the object is held until its release, at most for one minute."""
         with _translate_errors(bad_value=422):
             return GraspBegun(recording=await app_state.grasp(DRIVER, **wanted.model_dump()))
 
     @api.post("/release", status_code=202, responses=_refusals(409))
     async def release() -> Released:
-        """Give the object back, or open the hand; later states show when it is open."""
+        """Release the object, or open the hand; `hand_open` of the state reports the end."""
         with _translate_errors():
             await app_state.release(DRIVER)
         return Released(accepted=True)
 
     @api.put("/driver", status_code=204)
     async def take_over() -> None:
-        """Take control, also from another driver."""
+        """Take control, even from another driver."""
         await app_state.take_over(DRIVER)
 
     @api.delete("/driver", status_code=204)
@@ -161,7 +166,7 @@ def _add_orders(api: FastAPI, app_state: AppState) -> None:
 
     @api.post("/stop", responses={504: {"model": Stopped}})
     async def stop() -> JSONResponse:
-        """Stop any movement without control; answers once the gripper has it, else 504."""
+        """Stop all movement, also without control; 504 without a confirmation."""
         stopped = await app_state.stop()
         return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
 
@@ -179,7 +184,7 @@ def _translate_errors(*, bad_value: int = 404) -> Iterator[None]:
 
 
 def _refuse_in_one_line(api: FastAPI) -> None:
-    """Answer an invalid request like every other refusal: with one line that names the field."""
+    """Answer invalid requests with one line that names the invalid field."""
 
     @api.exception_handler(RequestValidationError)
     async def refuse(request: Request, error: RequestValidationError) -> JSONResponse:
@@ -188,7 +193,7 @@ def _refuse_in_one_line(api: FastAPI) -> None:
         return JSONResponse({"detail": f"{where}: {first['msg']}"}, status_code=422)
 
 
-# -- the description ----------------------------------------------------------------------------
+# -- OpenAPI description ------------------------------------------------------------------------
 
 
 def _documents(name: str) -> dict[int | str, dict[str, Any]]:
@@ -201,8 +206,11 @@ def _refusals(*statuses: int) -> dict[int | str, dict[str, Any]]:
 
 
 def _describe(api: FastAPI, *, token: bool) -> dict[str, Any]:
-    """Return the OpenAPI document, with the published schemas as they are."""
-    about = "Start a grasp, stop it, and read what it found. STOP is for everyone; one drives."
+    """Return the OpenAPI document, which includes the published schemas unchanged."""
+    about = (
+        "Start and stop grasps, and read their results. Any client may stop the hand; all other "
+        "commands require control."
+    )
     found = get_openapi(
         title=api.title,
         version=api.version,
@@ -225,7 +233,7 @@ def _describe(api: FastAPI, *, token: bool) -> dict[str, Any]:
 
 
 def _publish(name: str) -> dict[str, Any]:
-    """Return a published schema, for its place among the components."""
+    """Return a published schema with its references adapted to the OpenAPI components."""
     text = (_SCHEMAS / f"{name}.json").read_text(encoding="utf-8")
     for known in _KNOWN:
         text = text.replace(f'"$ref": "{known}.json"', f'"$ref": "#/components/schemas/{known}"')

@@ -1,7 +1,7 @@
-"""The process that owns the devices: it watches, runs orders, and stops at once.
+"""The process that owns the devices: it reads the sensor, executes orders and handles stops.
 
-It shares nothing with the page but a pipe. If the page's process is gone, whatever runs is stopped
-as by the stop button, and this process ends.
+Its only connection to the page is a pipe. If the page's process ends, the running job is stopped
+like with the STOP button, and this process ends.
 """
 
 from __future__ import annotations
@@ -68,24 +68,26 @@ _JOBS: dict[type[Order], Callable[..., Grasped | CalibrationRenewed | Health | N
     CalibrateForce: calibrate_force,
     Examine: examine_sensor,
 }
-#: A silent sensor must not make an order wait; a lost one is asked again after a while.
+#: Read timeout between orders, so that a silent sensor delays no order, and the time before a
+#: failed read is repeated, seconds.
 _WATCH_TIMEOUT_S, _RETRY_S = 0.2, 0.5
 
 
 def run_devices(connection: Connection) -> None:
-    """Serve the page over a pipe until it closes (the main function of the process)."""
-    # Ctrl-C in the terminal reaches this process too; while a grasp runs, the runner handles it.
+    """Serve the page over a pipe until the pipe closes (main function of the process)."""
+    # Ctrl-C in the terminal also reaches this process. It is ignored, except during a grasp, when
+    # the runner handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     DeviceProcess(connection).run()
 
 
 class DeviceProcess:
-    """Carries out one order after the other, and watches the sensor in between.
+    """Executes orders one at a time, and reads the sensor between orders.
 
     Parameters
     ----------
     connection : Connection
-        Orders and requests come in, updates go out.
+        Receives orders and requests, and sends updates.
     """
 
     def __init__(self, connection: Connection) -> None:
@@ -108,7 +110,7 @@ class DeviceProcess:
         )
 
     def run(self) -> None:
-        """Serve until the page is gone; leave the hand standing still."""
+        """Serve until the page closes the connection; then stop the hand."""
         threading.Thread(target=self._listen, name="listen", daemon=True).start()
         self._telemetry.start()
         try:
@@ -125,7 +127,7 @@ class DeviceProcess:
             self._close_rig()
             self._telemetry.close()
 
-    # -- what comes in --------------------------------------------------------------------------
+    # -- incoming messages ----------------------------------------------------------------------
 
     def _listen(self) -> None:
         with suppress(EOFError, OSError):
@@ -145,7 +147,7 @@ class DeviceProcess:
             case ReleaseNow() if self._grasping and not self._requests.stop.is_set():
                 self._requests.release.set()
             case ReleaseNow():
-                # The grasp that it is meant for is stopped, or has ended: the hand opens next.
+                # The grasp was stopped or has already ended, so the hand opens next.
                 self._queue_order(OpenHand())
             case Confirm():
                 self._confirmed.set()
@@ -159,7 +161,7 @@ class DeviceProcess:
                 if context is not None and isinstance(context.array, PacedArray):
                     context.array.speed = message.speed
             case Seek() | Pause():
-                pass  # the replay has just ended
+                pass  # the replay has already ended
             case _:
                 self._queue_order(message)
         if context is not None and isinstance(context.array, PacedArray):
@@ -171,7 +173,7 @@ class DeviceProcess:
         self._arrived.set()
 
     def _stop(self, context: JobContext | None) -> None:
-        """Stop the running job and drop queued orders: no order may outlive a stop."""
+        """Stop the running job and drop all queued orders."""
         with self._lock:
             dropped = list(self._orders)
             self._orders.clear()
@@ -186,7 +188,7 @@ class DeviceProcess:
             self._telemetry.note(OrderEnded(order=order, trouble=reason, stopped=True))
 
     def _next_order(self) -> Order | None:
-        """Take the next order, with new requests: a later stop applies to it."""
+        """Return the next order, with cleared requests so that only later stops apply to it."""
         with self._lock:
             self._arrived.clear()
             if not self._orders:
@@ -205,17 +207,17 @@ class DeviceProcess:
         with self._lock:
             if context is None or not self._requests.stop.is_set():
                 return
-            # First: a stop that comes meanwhile is heeded next.
+            # Renewed before the stop is applied, so that a new stop during this call is not lost.
             self._renew_requests()
         self._report_errors(context.stop_hand)
 
     def _confirm_stop(self) -> None:
-        """Confirm that the hand received the stop, once for each stop."""
+        """Confirm once that the hand received the newest stop."""
         if self._stop_confirmed < self._stop_number:
             self._stop_confirmed = self._stop_number
             self._telemetry.note(StopConfirmed(self._stop_number), at_once=True)
 
-    # -- what is done ---------------------------------------------------------------------------
+    # -- execution of orders --------------------------------------------------------------------
 
     def _execute(self, order: Order) -> None:
         if isinstance(order, Record):
@@ -230,13 +232,13 @@ class DeviceProcess:
         try:
             found = self._run_order(order)
         except (PalpateError, OSError) as error:
-            # What fails while a stop is on its way has still failed, and is reported as that.
+            # A failure during a stop is reported as a failure, not as a stop.
             trouble, stopped = str(error), isinstance(error, StoppedByUserError)
         finally:
             self._grasping, self._playback = False, None
         context = self._context
         if isinstance(order, Play | CalibrateRest | CalibrateForce) and context is not None:
-            # Before the end is reported: the next order must not find a link without a frame.
+            # Restarted before the end is reported, so that the next order finds a fresh link.
             self._start_telemetry(context)
         self._telemetry.note(
             OrderEnded(
@@ -292,14 +294,14 @@ class DeviceProcess:
         self._start_telemetry(context)
 
     def _start_telemetry(self, context: JobContext) -> None:
-        """Show the rig's frames from now on."""
+        """Send the rig's frames to the page from now on."""
         twin = isinstance(context.array, PacedArray) and not isinstance(
             context.rig.array, SerialArray
         )
         self._telemetry.begin(context.source(), events=context.link_events, linked=not twin)
 
     def _watch(self, context: JobContext) -> None:
-        """Read and show one frame, and record it during a recording."""
+        """Read and send one frame, and record it during a recording."""
         try:
             frame = context.array.read(timeout_s=_WATCH_TIMEOUT_S)
         except DeviceTimeoutError:
@@ -321,7 +323,7 @@ class DeviceProcess:
                 self._record(Record(None))
 
     def _record(self, order: Record) -> None:
-        """Begin or end a recording of the watched frames."""
+        """Start or end a recording of the frames between orders."""
         try:
             if self._writer is not None:
                 self._writer.close()
@@ -351,7 +353,7 @@ class DeviceProcess:
             self._report_error(str(error))
 
     def _report_error(self, text: str) -> None:
-        """Report it once, not at every frame."""
+        """Report an error if it differs from the last reported error."""
         if text != self._last_error:
             self._last_error = text
             self._telemetry.note(Trouble(text))

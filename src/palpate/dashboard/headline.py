@@ -1,4 +1,4 @@
-"""The headline of a session, its colour, and the operator's view."""
+"""The headline of a session, its colour, and the texts of the operator's page."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from palpate.dashboard.session import DeviceState, Session
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import outcome_text, verdict
 
-#: Headline after a stop, once the hand has opened: there is nothing to be done about it.
+#: Headline after a stop once the hand is open; the user need not act.
 STOPPED_OPEN = "stopped, hand open"
 _HEADLINE_ACTIVITIES = (
     DeviceActivity.CALIBRATING_REST,
@@ -20,7 +20,7 @@ _HEADLINE_ACTIVITIES = (
     DeviceActivity.EXAMINING,
     DeviceActivity.RELEASING,
 )
-#: Each phase in words, and in one word that is read from afar.
+#: Description of each phase, and a single word for the operator's page.
 PHASES = {
     "wait": ("waiting until the sheet has recovered", "Measuring"),
     "sweep": ("closing in", "Closing"),
@@ -34,7 +34,7 @@ PHASES = {
     "hold": ("holding", "Holding"),
     "release": ("releasing", "Opening"),
 }
-#: How a grasp ended in a word, and what to do then.
+#: Each outcome of a grasp in few words, and the operator's next step.
 OUTCOMES = {
     Outcome.HELD: ("Held", "Put the next item in, then press Grasp"),
     Outcome.NOTHING_THERE: ("Nothing there", "Put an item between the fingers, then press Grasp"),
@@ -49,7 +49,7 @@ OUTCOMES = {
 
 
 def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
-    """Return the headline: of the last grasp, the running one, or the present activity."""
+    """Return the headline of the running or last grasp, or of the current activity."""
     devices, activity = session.devices, session.devices.activity
     grasped, progress = devices.grasped, devices.live.progress
     if activity is DeviceActivity.GONE:
@@ -58,7 +58,7 @@ def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
     if found is not None:
         return found
     if activity in _HEADLINE_ACTIVITIES:
-        # Not the verdict of the grasp before.
+        # Hides the verdict of the previous grasp.
         return _headline(activity.value, "busy")
     if grasped is not None:
         return _end_headline(session, grasped)
@@ -67,7 +67,7 @@ def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
         if activity is DeviceActivity.WATCHING and not devices.is_sensor_only:
             text = "ready"
         return _headline(text, "busy" if activity is DeviceActivity.GRASPING else "idle")
-    # In its last phase, for a moment, the grasp has ended.
+    # The last phase has no text: the grasp has ended, but its result is still to come.
     text = phase_text(progress.phase) or outcome_text(progress.answer.outcome)
     if not progress.decided:
         return _headline(text, "busy")
@@ -77,14 +77,14 @@ def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
 
 
 def phase_text(phase: str) -> str:
-    """Return a phase in words; empty for the last one, after the grasp has ended."""
+    """Return the description of a phase; empty for the last phase."""
     return PHASES.get(phase, ("", ""))[0]
 
 
 def outcome_kind(
     grasped: Grasped, *, target_force_n: float | None, damage_low_n: float | None
 ) -> str:
-    """Return the colour of a grasp's outcome: green only without a fault."""
+    """Return ``"good"``, ``"warn"`` or ``"bad"``; a grasp with a fault is never good."""
     result = grasped.result
     on_target = verdict(result, target_force_n=target_force_n)["on_target"]
     if result.outcome is not Outcome.HELD or _is_damaged(grasped):
@@ -105,7 +105,7 @@ def _headline(text: str, kind: str, *, why: str = "") -> dict[str, Any]:
 
 
 def _verdict(result: GraspResult, session: Session) -> dict[str, Any]:
-    """Return the headline of a measured object."""
+    """Return a headline with the verdict on a measured object."""
     words = verdict(result, target_force_n=session.shown_target_n)
     return _headline("", "") | words | {"firmness": words["firmness"] or ""}
 
@@ -115,17 +115,19 @@ def _is_firmness_word(firmness: str) -> bool:
 
 
 def _fault_headline(devices: DeviceState, *, stale: bool) -> dict[str, Any] | None:
-    """Return the headline of a fault, a calibration or a stop; None without these."""
+    """Return the headline of a fault, a failed calibration or a stop; else None."""
     live, failure = devices.live, devices.calibration_failure
     if stale and live.link.frames:
-        why = "check its cable and power; it continues as soon as the sensor answers"
+        why = "check its cable and power; reading resumes when the sensor answers"
         return _headline("the sensor is silent", "bad", why=why)
     if live.percent is not None and np.isnan(live.percent).all():
-        why = "check the cable between sensor and board; the page Doctor gives details"
-        return _headline("no pixel reads", "bad", why=why)
+        why = "check the cable between sensor and board; the tab Doctor shows details"
+        return _headline("no pixel readings", "bad", why=why)
     if failure is not None:
-        kept = live.source is not None and live.source.rest_ohm is not None
-        why = "the previous calibration stays in use" if kept else "no calibration is in use"
+        is_calibrated = live.source is not None and live.source.rest_ohm is not None
+        why = (
+            "the previous calibration stays in use" if is_calibrated else "no calibration is in use"
+        )
         if failure.stopped:
             return _headline("calibration stopped", "warn", why=why)
         return _headline("calibration failed", "bad", why=why)
@@ -145,7 +147,7 @@ def _end_headline(session: Session, grasped: Grasped) -> dict[str, Any]:
     if _is_damaged(grasped):
         words |= {"text": "the object was damaged", "why": words["text"], "firmness": ""}
     elif _has_passed_limit(grasped.result, low_n):
-        words["why"] = "the force passed the damage limit before it was known"
+        words["why"] = "the force exceeded the damage limit before the limit was known"
     words["kind"] = outcome_kind(grasped, target_force_n=session.shown_target_n, damage_low_n=low_n)
     return _with_bin(words, grasped.result, session.devices)
 
@@ -153,7 +155,7 @@ def _end_headline(session: Session, grasped: Grasped) -> dict[str, Any]:
 def _with_bin(
     headline: dict[str, Any], result: GraspResult, devices: DeviceState
 ) -> dict[str, Any]:
-    """Make the bin the headline, above the measurements; amber for the default one."""
+    """Return the headline with the bin as its text; amber for the default bin."""
     placement = devices.placement
     if headline["kind"] == "bad" or "bin" not in placement:
         return headline
@@ -175,7 +177,7 @@ def _with_bin(
 
 
 def _size_texts(result: GraspResult) -> list[str]:
-    """Return size and stiffness in words, where they are known."""
+    """Return the known size and stiffness as text."""
     rows = ((result.size_mm, "mm", 0), (result.stiffness_n_per_mm, "N/mm", 1))
     return [
         f"{one.text(digits=digits if one.number else 2)} {unit}"
@@ -185,7 +187,7 @@ def _size_texts(result: GraspResult) -> list[str]:
 
 
 def _has_passed_limit(result: GraspResult, damage_low_n: float | None) -> bool:
-    """Whether the object bore more than its learned limit: the sheet showed that too late."""
+    """Whether the peak force exceeded the object's learned damage limit."""
     peak_n = result.peak_force_n
     return damage_low_n is not None and peak_n is not None and peak_n > damage_low_n
 
@@ -195,19 +197,19 @@ def _is_damaged(grasped: Grasped) -> bool:
 
 
 def _is_stop_headline(headline: Mapping[str, object]) -> bool:
-    """Whether a grasp was stopped, even before it began."""
+    """Whether the headline reports a stopped grasp."""
     return headline["text"] == outcome_text(Outcome.STOPPED)
 
 
 def operator_view(session: Session, *, headline: Mapping[str, Any]) -> dict[str, str]:
-    """Return the words of the operator's view.
+    """Return the texts of the operator's page.
 
     Parameters
     ----------
     session : Session
-        As it is now.
+        The session.
     headline : mapping
-        The verdict as the whole page shows it.
+        The headline of the full page.
     """
     target_force_n = session.form.target_force_n
     if session.devices.activity in (DeviceActivity.GRASPING, DeviceActivity.REPLAYING):
@@ -270,7 +272,7 @@ def _next_step(devices: DeviceState, headline: Mapping[str, Any]) -> str:
     if activity is not DeviceActivity.WATCHING:
         return "Wait"
     if devices.calibration_failure is not None:
-        return "Repeat it on the page Calibrate, or continue without"
+        return "Repeat the calibration on the full page, or continue without it"
     if headline["kind"] == "bad" and grasped is None and not _is_stop_headline(headline):
         return str(headline["why"])
     if devices.is_sensor_only:
@@ -284,7 +286,7 @@ def _next_step(devices: DeviceState, headline: Mapping[str, Any]) -> str:
     if _is_damaged(grasped):
         return "Set this item aside"
     if headline.get("again"):
-        return "Turn the item, then press Grasp again: the bin is only for now"
+        return "Turn the item, then press Grasp again: the bin is provisional"
     return OUTCOMES[grasped.result.outcome][1]
 
 

@@ -1,4 +1,4 @@
-"""Messages between page and devices' process: orders, requests, frames, notes."""
+"""Messages between page and device process: orders, requests, frames and notes."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from palpate.recording.contents import Origin
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.health import Health
 
-#: Seconds of simulated time, or of a replay, in a second; as `palpate serve --speed` takes it.
+#: Limits of the speed: seconds of simulated time, or of a recording, per real second.
 MIN_SPEED, MAX_SPEED = 0.1, 20.0
-#: Simulated rigs are drawn by a seed of 32 bits.
+#: Seeds of simulated rigs have 32 bits.
 _MAX_SEED = 2**32 - 1
-#: Every finite time of a recording, seconds.
+#: Accepts every finite time of a recording, seconds.
 _MAX_TIME_S = sys.float_info.max
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenRig:
-    """Close the rig and open this one; `speed` is simulated seconds per real second."""
+    """Close the open rig and open this one; `speed` is simulated seconds per real second."""
 
     name: str
     object_name: str | None = None
@@ -42,10 +42,10 @@ class OpenRig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GraspOrder:
-    """Close on the object and hold it; every frame is recorded.
+    """Grasp and hold the object, and record every frame.
 
-    `item_id` names the object, if its grasps are to be stored. `damage` is the text of a damage
-    file whose limit the grasp respects, and `kind` the kind of produce, where known.
+    `item_id` identifies an object whose grasps are stored; empty otherwise. `damage` is the text of
+    a damage file, whose force limit applies to the grasp. `kind` is the kind of produce, if known.
     """
 
     target_force_n: float | None
@@ -62,14 +62,14 @@ class OpenHand:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrateRest:
-    """Take the rest values with open gripper and unloaded sensor, and update the file."""
+    """Measure rest values with open gripper and unloaded sensor, and update the file."""
 
     file: Path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrateForce:
-    """Newtons: by the simulated load cell, or by these dead weights, one after the other."""
+    """Calibrate the force with the simulated load cell, or with these dead weights in order."""
 
     file: Path
     loads_n: tuple[float, ...] = ()
@@ -77,14 +77,14 @@ class CalibrateForce:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Examine:
-    """Judge the sensor by its readings at rest."""
+    """Examine the health of the unloaded sensor."""
 
     duration_s: float = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Play:
-    """Decide a recorded grasp again, or show the frames of another recording."""
+    """Replay a recording; the controller's decisions are recomputed for a recorded grasp."""
 
     file: Path
     speed: float = 1.0
@@ -92,7 +92,7 @@ class Play:
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """Record the watched frames to a new file; None ends the recording."""
+    """Record the frames between orders to a new file; None ends the recording."""
 
     file: Path | None
 
@@ -104,9 +104,9 @@ Order: TypeAlias = (
 
 @dataclass(frozen=True, slots=True)
 class StopNow:
-    """End the running job, with the reaction of the safety rules for its phase.
+    """Stop the running job; the safety rules define the reaction in each phase.
 
-    `number` counts the stops, so that each can be confirmed.
+    `number` is the running number of the stop, which its confirmation repeats.
     """
 
     number: int = 0
@@ -124,14 +124,14 @@ class Confirm:
 
 @dataclass(frozen=True, slots=True)
 class SetSpeed:
-    """Set the seconds of simulated time, or of the replay, in a second."""
+    """Set the speed of the simulation or replay, seconds per real second."""
 
     speed: float
 
 
 @dataclass(frozen=True, slots=True)
 class Seek:
-    """Show the replay from this time of the recording on."""
+    """Continue the replay at this time of the recording."""
 
     time_s: float
 
@@ -145,14 +145,14 @@ class Pause:
 
 @dataclass(frozen=True, slots=True)
 class Shutdown:
-    """The page ends: stop the running job, and end too."""
+    """Stop the running job and end the device process."""
 
 
 Request: TypeAlias = StopNow | ReleaseNow | Confirm | SetSpeed | Seek | Pause | Shutdown
 
 
 def check_ranges(message: Order | Request) -> None:
-    """Refuse numbers of a browser that would end the devices' process.
+    """Check the numbers of a message from a browser before they reach the device process.
 
     Raises
     ------
@@ -161,10 +161,10 @@ def check_ranges(message: Order | Request) -> None:
     """
     match message:
         case OpenRig(seed=seed) if not (_is_within(seed, 0, _MAX_SEED) and seed % 1 == 0):
-            raise InputError(f"seed: a whole number from 0 to {_MAX_SEED}")
+            raise InputError(f"the seed must be an integer from 0 to {_MAX_SEED}")
         case OpenRig(speed=speed) | Play(speed=speed) | SetSpeed(speed=speed):
             if not _is_within(speed, MIN_SPEED, MAX_SPEED):
-                raise InputError(f"speed: from {MIN_SPEED:g} to {MAX_SPEED:g}")
+                raise InputError(f"the speed must be from {MIN_SPEED:g} to {MAX_SPEED:g}")
         case Seek(time_s=time_s) if not _is_within(time_s, -_MAX_TIME_S, _MAX_TIME_S):
             raise InputError("this time is not in the recording")
 
@@ -238,56 +238,54 @@ class FrameSource:
     name: str
     #: Layout of the frames.
     layout: ArrayLayout
-    #: Rest values to read them by, shape (rows, cols).
+    #: Rest values of the pixels, shape (rows, cols); None without a calibration.
     rest_ohm: NDArray[np.float64] | None
-    #: Drive and range of the gripper; None for a sensor alone.
+    #: Drive and range of the gripper; None without a gripper.
     gripper: GripperLimits | None
-    #: Anything but hardware is called simulated wherever it is shown.
+    #: Origin of the data; every origin except hardware is labelled as simulated.
     origin: Origin
-    #: Object between the fingers, where that is known.
+    #: Object between the fingers, if known.
     subject: str | None = None
-    #: Whether it is a recording.
+    #: Whether the source is a recording.
     replayed: bool = False
-    #: Whether a force calibration can be made without weights.
+    #: Whether the force can be calibrated without weights.
     has_load_cell: bool = False
-    #: Text of the calibration and its date; empty without one.
+    #: Text of the calibration and its date; empty without a calibration.
     calibration: str = ""
     calibrated_at: str = ""
-    #: Force laws; None where the force was not calibrated.
+    #: Force laws; None without a force calibration.
     laws: ForceLaws | None = None
 
     @property
     def is_simulated(self) -> bool:
-        """Whether any of it is simulated."""
+        """Whether any of the data is simulated."""
         return self.origin != "hardware"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkStatus:
-    """The state of the sensor's link, as seen by the process that owns it."""
+    """State of the sensor's link in the device process."""
 
-    #: Frames received since the source was opened, and missing in the numbering.
+    #: Frames received since the source was opened, and frames missing in the sequence numbers.
     frames: int = 0
     lost: int = 0
-    #: Packets that the serial link counted as corrupt, and as late.
+    #: Corrupt and late packets of the serial link.
     corrupt: int = 0
     late: int = 0
-    #: Frames scanned per second of the sensor's time, lost ones included; NaN before two
-    #: came.
+    #: Frames per second of the sensor's clock, including lost frames; NaN before two frames.
     rate_hz: float = float("nan")
     #: Time since the last frame; NaN before the first.
     age_s: float = float("nan")
-    #: Whether `age_s` is more than five periods, and more than 100 ms.
+    #: Whether `age_s` exceeds both five periods and 100 ms.
     stale: bool = True
-    #: Time between two frames in this process, over the last thousand: 99th percentile,
-    #: longest.
+    #: Time between arrivals of the last 1000 frames: 99th percentile and maximum.
     period_p99_s: float = float("nan")
     period_worst_s: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frames:
-    """Frames since the last message, as columns; the gripper's are NaN without a report."""
+    """New frames as columns; the gripper's `reported` value is NaN without a report."""
 
     time_s: NDArray[np.float64]
     counts: NDArray[np.int32]
@@ -298,7 +296,7 @@ class Frames:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OrderStarted:
-    """An order is being carried out."""
+    """The device process has started an order."""
 
     order: Order
 
@@ -316,27 +314,28 @@ class Guide:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationRenewed:
-    """A calibration was renewed."""
+    """A calibration was updated."""
 
     file: Path
-    #: Rest values, and how far they are from those before, shape (rows, cols).
+    #: Rest values and their change from the previous calibration, shape (rows, cols).
     rest_ohm: NDArray[np.float64]
     change_percent: NDArray[np.float64]
-    #: Expected errors of the force, percent, by force; empty after a rest calibration.
+    #: Expected errors of the force on held-out loads, percent, by force; empty after a rest
+    #: calibration.
     held_out: Mapping[str, float | None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grasped:
-    """A grasp has ended; on simulated rigs with the twin's own values."""
+    """A finished grasp; on simulated rigs with the twin's true values."""
 
-    #: The controller's answer.
+    #: The controller's result.
     result: GraspResult
-    #: The twin's own values; None on real rigs.
+    #: The twin's true values; None on real rigs.
     truth: Mapping[str, object] | None = None
-    #: File with every frame of it.
+    #: Recording with every frame of the grasp.
     recording: Path | None = None
-    #: Measurements of the whole closing, by their names in the store.
+    #: Measurements of the closing motion, by their names in the store.
     closing: Mapping[str, Measurement] = field(default_factory=dict)
 
 
@@ -345,20 +344,20 @@ class OrderEnded:
     """An order has ended."""
 
     order: Order
-    #: Its result.
+    #: Result of the order.
     found: Grasped | CalibrationRenewed | Health | None = None
-    #: Empty, or one line with the problem and the remedy.
+    #: One line with the problem and the remedy; empty after a success.
     trouble: str = ""
-    #: Whether it was stopped before it had a result, or before it began.
+    #: Whether the order was stopped before its start or before it had a result.
     stopped: bool = False
-    #: If it was stopped: time from the request until the hand received it, on the rig's
-    #: clock.
+    #: Time from the stop request until the hand received it, on the rig's clock; None without a
+    #: stop.
     stopped_after_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedSegment:
-    """A part of a recording, for its curve, and the grasp's progress at its end."""
+    """Frames of a segment of a recording, and the progress of the grasp at its end."""
 
     frames: Frames
     progress: GraspProgress | None
@@ -366,51 +365,51 @@ class RecordedSegment:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timeline:
-    """A recording as a whole: every stretch of it was sent."""
+    """Time range and phases of a recording, sent after its segments."""
 
     start_s: float
     end_s: float
-    #: When each phase of its grasp began; empty where it holds none.
+    #: Start of each phase of the grasp; empty without a grasp.
     phases: tuple[tuple[float, str], ...]
-    #: Progress of the grasp at its end.
+    #: Progress at the end of the recording; None without a grasp.
     ended: GraspProgress | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayPosition:
-    """The position of a replay."""
+    """The current position of a replay."""
 
     time_s: float
     paused: bool
     speed: float
-    #: How the grasp ended, once the replay is there.
+    #: Result of the grasp; None before the end of the recording.
     grasped: Grasped | None
 
 
 @dataclass(frozen=True, slots=True)
 class StopConfirmed:
-    """Stops up to this number have reached the hand, if there is one."""
+    """The hand, if any, has received all stops up to this number."""
 
     number: int
 
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """A fault of the devices outside of an order."""
+    """A fault of the devices outside of an order; empty after its end."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingChanged:
-    """The file of the present recording; None after its end."""
+    """A recording has started, or has ended if `file` is None."""
 
     file: Path | None
 
 
 @dataclass(frozen=True, slots=True)
 class DevicesLost:
-    """The devices' process is gone."""
+    """The device process has ended."""
 
     text: str
 
@@ -431,7 +430,7 @@ Note: TypeAlias = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Update:
-    """One message: notes in their order, then the newest of everything else."""
+    """One message to the page: notes in order, new frames and the newest state."""
 
     notes: tuple[Note, ...]
     link: LinkStatus

@@ -1,6 +1,6 @@
-"""Frames and progress from the loop to the page, at the rate of a screen.
+"""Send frames and progress from the device loop to the page at screen rate.
 
-The loop only appends to a bounded queue: a page that hangs, or three of them, can't hold it up.
+The loop only appends to a bounded queue, so slow or blocked pages can't delay it.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from palpate.gripper.interface import GripperState
 from palpate.sensor.array import Frame, LinkCounters
 
 SEND_PERIOD_S = 0.05
-#: Two seconds at 500 frames/s: what comes faster than it is sent is not drawn.
+#: Maximum number of unsent frames, two seconds at 500 frames/s; older frames are dropped.
 _MAX_FRAMES = 1000
-#: The rate is that of the frames of the last seconds.
+#: The frame rate is computed over this time, seconds.
 _RATE_WINDOW_S = 2.0
 _FORECAST_PERIOD_S = 0.2
-#: A last update that is not taken within this is lost.
+#: Maximum time to send the last update, seconds.
 _CLOSE_TIMEOUT_S = 2.0
 _STALE = SafetyLimits()
-#: The loop's own period is computed from this many frames.
+#: Number of frames for the percentiles of the loop's period.
 _PERIODS = 1000
 
 
@@ -49,14 +49,14 @@ class _FrameCounts:
 
 
 class Telemetry:
-    """Takes observations and beliefs from the loop; sends updates from a thread of its own.
+    """Collects frames and grasp states from the device loop; a thread sends the updates.
 
     Parameters
     ----------
     send : callable
-        Takes an update; may block, and raises `OSError` when the other end is closed.
+        Sends an update. It may block, and raises `OSError` if the other end is closed.
     on_lost : callable
-        Called once if so.
+        Called once after this `OSError`.
     """
 
     def __init__(self, send: Callable[[Update], None], *, on_lost: Callable[[], None]) -> None:
@@ -75,20 +75,20 @@ class Telemetry:
         self._progress: GraspProgress | None = None
         self._forecast_s = -math.inf
         self._closed, self._send_now = threading.Event(), threading.Event()
-        self._thread = threading.Thread(target=self._run, name="outlet", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="telemetry", daemon=True)
 
     def start(self) -> None:
-        """Begin to send."""
+        """Start sending."""
         self._thread.start()
 
     def close(self) -> None:
-        """Send the rest and end, without waiting for a page that no longer reads."""
+        """Send the last update and end, with a time limit if the page no longer reads."""
         self._closed.set()
         self._send_now.set()
         self._thread.join(_CLOSE_TIMEOUT_S)
 
     def note(self, note: Note, *, at_once: bool = False) -> None:
-        """Send a notice; it is never dropped and precedes later frames."""
+        """Send a note; notes are never dropped and precede later frames."""
         with self._lock:
             self._notes.append(note)
         if at_once:
@@ -101,9 +101,10 @@ class Telemetry:
         events: Callable[[], LinkCounters] = LinkCounters,
         linked: bool = True,
     ) -> None:
-        """Start with another source; `events` returns the counters of its link.
+        """Switch to another source of frames; `events` returns the counters of its link.
 
-        Without a link a gap in the numbers is no loss: a twin's frames pass between reads.
+        Gaps in the sequence numbers count as losses only if `linked`. The twin scans frames between
+        reads, so its gaps are no losses.
         """
         with self._lock:
             self._frames.clear()
@@ -114,28 +115,28 @@ class Telemetry:
             self._notes.append(source)
 
     def set_plan(self, plan: Plan | None) -> None:
-        """GraspStates belong to this plan from now on; None: no grasp runs."""
+        """Set the plan of the running grasp; None without a grasp."""
         with self._lock:
             self._plan, self._grasp_state, self._progress = plan, None, None
 
     def set_grasp_state(self, grasp_state: GraspState) -> None:
-        """Take the controller's grasp_state after the last frame."""
+        """Store the controller's state after the newest frame."""
         self._grasp_state = grasp_state
 
     def show_recorded(
         self, frame: Frame, gripper: GripperState | None, progress: GraspProgress | None
     ) -> None:
-        """Show one time of a recording with its progress, without counting frames."""
+        """Send a recorded frame with its progress, without updating the frame counts."""
         with self._lock:
             self._frames.append((frame, gripper))
             self._progress = progress
 
     def observe(self, observation: Observation) -> None:
-        """Take a frame and the gripper's state."""
+        """Add the frame and gripper state of an observation."""
         self.add_frame(observation.frame, observation.gripper)
 
     def add_frame(self, frame: Frame, gripper: GripperState | None) -> None:
-        """Add a frame, with the gripper's state, if any."""
+        """Add a frame with the gripper's state, if any, and update the frame counts."""
         now_s = time.monotonic()
         with self._lock:
             counts = self._frame_counts
@@ -176,7 +177,7 @@ class Telemetry:
         if periods_s:
             p99_s, worst_s = np.quantile(periods_s, [0.99, 1.0])
             link = replace(link, period_p99_s=float(p99_s), period_worst_s=float(worst_s))
-        with suppress(OSError):  # a port that was just pulled out
+        with suppress(OSError):  # the port was just unplugged
             events = self._events()
             link = replace(link, corrupt=events.corrupt, late=events.late)
         progress = self._progress if plan is None else None
@@ -190,7 +191,7 @@ class Telemetry:
         )
 
     def _update_progress(self, grasp_state: GraspState, plan: Plan) -> GraspProgress:
-        """Return the progress, with new forecasts a few times a second."""
+        """Return the progress of the grasp; the forecast is renewed every `_FORECAST_PERIOD_S`."""
         now_s = time.monotonic()
         fresh = now_s - self._forecast_s >= _FORECAST_PERIOD_S
         if fresh:
@@ -212,7 +213,7 @@ class Telemetry:
 
 
 def frame_columns(frames: list[tuple[Frame, GripperState | None]], source: FrameSource) -> Frames:
-    """Return frames as columns, with the gripper's width, mm, or pressure, kPa."""
+    """Return frames as columns, with the gripper's width (mm) or pressure (kPa)."""
     states = [state for _, state in frames]
     limits = source.gripper
     reported = [

@@ -253,7 +253,7 @@ def test_broken_sensor_is_not_ready() -> None:
     assert (silent["text"], silent["kind"]) == ("the sensor is silent", "bad")
     assert "check its cable and power" in silent["why"]
     unread = watched(counts=0)
-    assert (unread["text"], unread["kind"]) == ("no pixel reads", "bad")
+    assert (unread["text"], unread["kind"]) == ("no pixel readings", "bad")
 
 
 def test_a_process_that_hangs_turns_the_link_red() -> None:

@@ -156,7 +156,7 @@ def test_session_refuses_a_speed_out_of_range(rehearsal: Rehearsal, speed: Any) 
         lambda: session.order("a", Play(file=Path("old.mcap"), speed=speed)),
         lambda: session.order("a", OpenRig(name="sim-rigid", speed=speed)),
     ):
-        with pytest.raises(InputError, match=r"^speed: from 0.1 to 20$"):
+        with pytest.raises(InputError, match=r"^the speed must be from 0.1 to 20$"):
             press()
     assert rehearsal.sent == []
     assert session.devices.activity is DeviceActivity.WATCHING
