@@ -1,6 +1,6 @@
-"""Tables of the reference pages, generated from the code and so always current.
+"""Tables of the reference pages, generated from the code.
 
-A page has one below the line `<!-- table: NAME -->`; `docs/generate_tables.py` writes it there.
+`docs/generate_tables.py` writes each table below the line `<!-- table: NAME -->` of its page.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def _outcomes() -> str:
-    """Return every outcome of a grasp with what it means and the command's exit status."""
+    """Return every outcome of a grasp with its meaning and the command's exit status."""
     return _table(
         ("outcome", "meaning", "exit status of `palpate grasp`"),
         ((f"`{one}`", outcome_text(one), EXIT_STATUS[one]) for one in Outcome),
@@ -37,25 +37,16 @@ def _outcomes() -> str:
 
 
 def _schema(path: Path) -> str:
-    """Return the fields of a JSON schema, nested ones by their path.
-
-    Fields of one parent that agree in type and meaning share a row.
-    """
-    shared: dict[tuple[str, str, str], list[str]] = {}
-    for name, kind, meaning in _fields(json.loads(path.read_text(encoding="utf-8")), where=""):
-        parent = name.rpartition(".")[0]
-        shared.setdefault((parent, kind, meaning), []).append(name)
+    """Return the fields of a JSON schema, without the fields of objects and arrays in it."""
+    fields = _fields(json.loads(path.read_text(encoding="utf-8")))
     return _table(
         ("field and type", "meaning"),
-        (
-            (f"{', '.join(f'`{one}`' for one in names)} {kind}", meaning)
-            for (_, kind, meaning), names in shared.items()
-        ),
+        ((f"`{name}` {kind}", meaning) for name, kind, meaning in fields),
     )
 
 
 def _schemas() -> str:
-    """Return every published schema with its document."""
+    """Return the document and the link of every published schema."""
     documents = {path: json.loads(path.read_text()) for path in sorted(_SCHEMAS.glob("*.json"))}
     return _table(
         ("document", "schema"),
@@ -63,17 +54,15 @@ def _schemas() -> str:
     )
 
 
-def _fields(schema: dict[str, Any], *, where: str) -> Iterator[tuple[str, str, str]]:
-    for name, field in schema.get("properties", {}).items():
-        full, optional = where + name, name not in schema["required"]
-        kind = _type(field) + (", optional" if optional else "")
-        yield full, kind, field.get("description", "")
-        yield from _fields(field, where=f"{full}.")
-        yield from _fields(field.get("items", {}), where=f"{full}[].")
+def _fields(schema: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Yield name, type and meaning of the fields of a JSON schema."""
+    for name, field in schema["properties"].items():
+        kind = _type(field) + ("" if name in schema["required"] else ", optional")
+        yield name, kind, field.get("description", "")
 
 
 def _type(field: dict[str, Any]) -> str:
-    """Return the type of a field; a question mark stands for "or null"."""
+    """Return the type of a field; a question mark means "or null"."""
     if "$ref" in field:
         return "[measurement](#measurement)"
     if field.get("type") == "null":
@@ -98,16 +87,16 @@ def _topics() -> str:
         (
             (f"`{topic}`", f"`{name}`", kind, meaning)
             for topic, schema in SCHEMAS.items()
-            for name, kind, meaning in _fields(schema, where="")
+            for name, kind, meaning in _fields(schema)
         ),
     )
 
 
 def _keys(opener: Callable[..., object], *described: Callable[..., object], **other: str) -> str:
-    """Return what a table of a rig file takes: an opener's parameters, by their docstrings.
+    """Return the keys of a rig file's table: an opener's parameters with their docstrings.
 
-    Where the opener's docstring refers to another ("as in"), that one's is used; `other` names
-    parameters that it calls otherwise.
+    If the opener's docstring refers to another function ("As in"), the text of that function in
+    `described` is used. `other` maps a parameter to its name in that function.
     """
     meanings: dict[str, str] = {}
     for source in (*described, opener):
@@ -128,7 +117,7 @@ def _keys(opener: Callable[..., object], *described: Callable[..., object], **ot
                 meanings[name],
             )
             for name, one in parameters.items()
-            # Not from the file: the open array is handed over.
+            # Not a key of the file: `open_rig` passes the open array.
             if name != "array"
         ),
     )

@@ -2,7 +2,7 @@
 
 Usage: python docs/generate_scoreboard.py [--check]
 
-With --check nothing is written, and the exit status is 1 where a page differs from the results.
+With --check nothing is written; the exit status is 1 if a page differs from the results.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Write the tables of the reference pages, made from code and schemas by `mkdocs_tables.py`.
+"""Write the tables of the reference pages, which `mkdocs_tables.py` generates from the code.
 
 Usage: python docs/generate_tables.py [--check]
 
-With --check nothing is written, and the exit status is 1 where a page differs from the code.
+With --check nothing is written; the exit status is 1 if a page differs from the code.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ DOCS = Path(__file__).resolve().parent
 sys.path.insert(0, str(DOCS.parent))
 from mkdocs_tables import TABLES  # noqa: E402
 
-#: A table of a page, between its name and its end.
+#: A table on a page, with its begin and end marks.
 _TABLE = re.compile(r"<!-- table: ([\w-]+) -->\n.*?<!-- end of table -->", re.DOTALL)
 
 
 def fill_tables(page: str) -> str:
-    """Return the text of a page with its tables as the code has them now."""
+    """Return the text of a page with current tables."""
     return _TABLE.sub(
         lambda found: (
             f"<!-- table: {found[1]} -->\n\n{TABLES[found[1]]()}\n\n<!-- end of table -->"

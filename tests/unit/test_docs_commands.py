@@ -96,9 +96,9 @@ def commands_in_text(page: str) -> list[tuple[str, str]]:
 
 def study_options(name: str) -> set[str]:
     from palpate.cli.lazy_group import load_command
-    from palpate_studies.verbs import catalogue
+    from palpate_studies.verbs import list_commands
 
-    command = load_command(name, catalogue("palpate.studies")[name])
+    command = load_command(name, list_commands("palpate.studies")[name])
     return {option for parameter in command.params for option in parameter.opts}
 
 
