@@ -159,7 +159,7 @@ class ServoBus:
             self._reply(x.PacketError.INSTRUCTION)
 
     def _reply(self, error: int, data: bytes = b"") -> None:
-        alert = PROTOCOL_2.alert if self._get(x.HARDWARE_ERROR) else 0
+        alert = PROTOCOL_2.alert_mask if self._get(x.HARDWARE_ERROR) else 0
         body = (bytes([_STATUS, error | alert]) + data).replace(
             b"\xff\xff\xfd", b"\xff\xff\xfd\xfd"
         )

@@ -49,13 +49,13 @@ def pass_time(world: World, duration_s: float) -> None:
 
 def test_packets_are_those_of_the_manual() -> None:
     # Ping of servo 1; read two bytes of the position of servo 1; header and checksum are the SDK's.
-    assert PROTOCOL_1.request(1, 1, b"") == [0, 0, 1, 2, 1, 0]
-    place = PROTOCOL_1.place
-    asked = place(sts.PRESENT_POSITION.address) + place(sts.PRESENT_POSITION.size)
-    assert PROTOCOL_1.request(1, 2, asked) == [0, 0, 1, 4, 2, 0x38, 2, 0]
-    assert PROTOCOL_1.answers([0xFF, 0xFF, 1, 4, 0, 0x18, 0x05, 0xDD], number=1, size=2)
-    assert not PROTOCOL_1.answers([0xFF, 0xFF, 1, 4, 0, 0x18, 0x05, 0xDD], number=2, size=2)
-    assert not PROTOCOL_1.answers([0xFF, 0xFF, 1, 2, 0, 0xFC], number=1, size=2)
+    assert PROTOCOL_1.build_request(1, 1, b"") == [0, 0, 1, 2, 1, 0]
+    encode = PROTOCOL_1.encode_word
+    asked = encode(sts.PRESENT_POSITION.address) + encode(sts.PRESENT_POSITION.size)
+    assert PROTOCOL_1.build_request(1, 2, asked) == [0, 0, 1, 4, 2, 0x38, 2, 0]
+    assert PROTOCOL_1.is_reply_from([0xFF, 0xFF, 1, 4, 0, 0x18, 0x05, 0xDD], servo_id=1, size=2)
+    assert not PROTOCOL_1.is_reply_from([0xFF, 0xFF, 1, 4, 0, 0x18, 0x05, 0xDD], servo_id=2, size=2)
+    assert not PROTOCOL_1.is_reply_from([0xFF, 0xFF, 1, 2, 0, 0xFC], servo_id=1, size=2)
 
 
 def test_a_silent_host_stops_it_on_its_leash(gripper: FeetechGripper, world: World) -> None:
@@ -157,7 +157,7 @@ def test_a_lost_port_is_one_line(gripper: FeetechGripper, bus: StsBus) -> None:
 
 def test_other_servos_and_modes_are_refused(world: World) -> None:
     other = StsBus(world, jaw=JAW, closed_tick=CLOSED_TICK, model_number=9)
-    with pytest.raises(DeviceError, match="model number 9; known are STS3215"):
+    with pytest.raises(DeviceError, match="model number 9, which is not supported; use STS3215"):
         on_jaw(world, other)
     other.close()
 
@@ -166,8 +166,8 @@ def test_other_servos_and_modes_are_refused(world: World) -> None:
     ("options", "error", "words"),
     [
         ({"port": "/dev/no-such-servo"}, DeviceNotFoundError, "port /dev/no-such-servo can't be"),
-        ({"highest_mm": 300.0}, InputError, "the jaw goes from 0 to 140 mm"),
-        ({"closed_tick": 4000}, InputError, "move its horn"),
+        ({"highest_mm": 300.0}, InputError, "the jaw opens from 0 to 140 mm"),
+        ({"closed_tick": 4000}, InputError, "remount its horn"),
         ({"torque_limit_percent": 0.0}, InputError, "must be 1 to 100"),
         ({"opens": 2}, InputError, "opens 2"),
     ],

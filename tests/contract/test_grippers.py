@@ -23,7 +23,7 @@ def hand(request: pytest.FixtureRequest) -> Iterator[Hand]:
 
 
 def reported(hand: Hand) -> float:
-    return hand.gripper.limits.reading_of(hand.gripper.state())
+    return hand.gripper.limits.drive_reading(hand.gripper.state())
 
 
 def go(hand: Hand, target: float, rate: float) -> GripperCommand:

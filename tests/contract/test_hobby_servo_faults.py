@@ -116,7 +116,7 @@ def test_driver_made_again_leaves_the_fingers_where_they_are(bench: Bench) -> No
     [
         ({"open_us": 499}, "open_us 499: must be 500 to 2500"),
         ({"closed_us": 2501}, "closed_us 2501: must be 500 to 2500"),
-        ({"closed_us": 690}, "are the same"),
+        ({"closed_us": 690}, "are equal"),
         ({"closed_mm": 74.0}, "closed_mm 74: must be at least 0 and below open_mm 74"),
         ({"closed_mm": -1.0}, "closed_mm -1"),
         ({"open_mm": float("nan")}, "below open_mm nan"),

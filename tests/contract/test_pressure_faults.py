@@ -58,7 +58,7 @@ def test_silent_host_vents(board: RegulatorBoard) -> None:
     world.clock.sleep_s(0.6)
     board.run()
     assert board.pressure_kpa < 1.0
-    with pytest.raises(DeviceError, match=r"vented the fingers: it heard nothing for 0\.5 s"):
+    with pytest.raises(DeviceError, match=r"vented the fingers: it received nothing for 0\.5 s"):
         follow(array, gripper, 1.0)
     gripper.command(GripperCommand(target=10.0, rate=60.0))
     follow(array, gripper, 1.0)

@@ -164,7 +164,7 @@ def test_a_position_that_it_can_not_have_reached_is_refused(
         (1020, {"current_limit_ma": math.nan}, "current_limit_ma nan"),
         (1060, {"pwm_limit_percent": 0.0}, "pwm_limit_percent 0: must be above 0 and at most 100"),
         (1060, {"pwm_limit_percent": 101.0}, "at most 100"),
-        (1020, {"watchdog_s": 0.0}, "watchdog_s 0: the servo's watchdog takes 0.02 to 2.54 s"),
+        (1020, {"watchdog_s": 0.0}, "watchdog_s 0: the servo's watchdog requires 0.02 to 2.54 s"),
         (1020, {"watchdog_s": 2.6}, "watchdog_s 2.6"),
         (1020, {"watchdog_s": math.nan}, "watchdog_s nan"),
     ],
@@ -386,7 +386,7 @@ def test_killed_process_stops_the_hand(world: World, bus: ServoBus) -> None:
         ({"port": "/dev/no-such-servo"}, DeviceNotFoundError, "port /dev/no-such-servo can't be"),
         ({"baud": 12345}, DeviceError, "12345 baud"),
         ({"servo_id": 3}, DeviceTimeoutError, "servo 3"),
-        ({"lowest_mm": 3.0}, InputError, "carriages go from 20 to 76 mm"),
+        ({"lowest_mm": 3.0}, InputError, "carriages move from 20 to 76 mm"),
     ],
 )
 def test_what_can_not_be_opened_is_one_line(
@@ -419,7 +419,7 @@ def test_opened_by_a_rig_file(
 
 def test_unknown_model(world: World, bus: ServoBus) -> None:
     other = ServoBus(world, model_number=0x1234)
-    with pytest.raises(DeviceError, match="model number 4660; known are XL430-W250"):
+    with pytest.raises(DeviceError, match="model number 4660, which is not supported"):
         on_servo(world, other)
     other.close()
 

@@ -98,10 +98,10 @@ def test_rest_values_are_taken_while_nothing_moves(page: Page) -> None:
     tab(page, "Calibrate")
     page.locator("#calibrate-rest").click()
     # The simulated board's readings wander: that is no rest.
-    expect(page.locator("#trouble-text")).to_contain_text("during the rest stretch")
+    expect(page.locator("#trouble-text")).to_contain_text("% at rest (at most")
     verdict(page, "calibration failed")
     expect(page.locator("#calibrated .result")).to_have_text("Calibration failed")
-    expect(page.locator("#calibrated .finding")).to_contain_text("during the rest stretch")
+    expect(page.locator("#calibrated .finding")).to_contain_text("% at rest (at most")
     expect(page.locator("#calibrated")).to_contain_text("At this step: Leave the sensor alone")
 
 

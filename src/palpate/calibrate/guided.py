@@ -173,7 +173,7 @@ def measure_block(
                 _wait(bench, bench.clock.now_s() + dwell_s)
                 force = bench.cell.read_n()
                 if force > _TOUCH_N:
-                    reported.append(limits.reading_of(bench.gripper.state()))
+                    reported.append(limits.drive_reading(bench.gripper.state()))
                     force_n.append(force)
     by_width = limits.drive == "width"
     return BlockPairs(

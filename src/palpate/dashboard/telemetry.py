@@ -217,7 +217,7 @@ def frame_columns(frames: list[tuple[Frame, GripperState | None]], source: Frame
     states = [state for _, state in frames]
     limits = source.gripper
     reported = [
-        math.nan if state is None or limits is None else limits.reading_of(state)
+        math.nan if state is None or limits is None else limits.drive_reading(state)
         for state in states
     ]
     return Frames(

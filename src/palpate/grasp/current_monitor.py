@@ -46,7 +46,7 @@ class CurrentMonitor:
         """Process the gripper's next report; return an alarm for an unexplained current."""
         if math.isnan(state.current_ma):
             return self._check_presence(state)
-        reading = (state.current_ma, self._plan.gripper.reading_of(state))
+        reading = (state.current_ma, self._plan.gripper.drive_reading(state))
         closure, before = self._plan.gripper.closure(state), self._closure
         self._closure = closure
         if self._still and (state.moving or estimate.moved_s != self._moved_s):

@@ -22,7 +22,7 @@ def find_impossible_value(
     >>> find_impossible_value(GripperState(time_s=0.0, width_mm=float("nan")), limits=limits)
     'the gripper reports nan mm, and its range is 5 to 74 mm; check its cable and its driver'
     """
-    reported, unit = limits.reading_of(state), _UNITS[limits.drive]
+    reported, unit = limits.drive_reading(state), _UNITS[limits.drive]
     far = GUARDS.range_fraction * limits.span
     if not limits.lowest - far <= reported <= limits.highest + far:
         return (
@@ -81,7 +81,7 @@ class CommandTracking:
         safety: SafetyLimits,
     ) -> CommandTracking:
         """Begin to follow a command sent at `now_s`, with the gripper at `state`."""
-        begin = limits.reading_of(state)
+        begin = limits.drive_reading(state)
         ends_s = now_s + abs(sent.target - begin) / sent.rate
         return cls(
             begin=begin,
@@ -118,14 +118,14 @@ class CommandTracking:
         expected = abs(way) - min(left, abs(way))
         if expected < GUARDS.min_travel_fraction * limits.span:
             return None
-        made = math.copysign(1.0, way) * (limits.reading_of(state) - self.begin)
+        made = math.copysign(1.0, way) * (limits.drive_reading(state) - self.begin)
         return made / expected < GUARDS.idle_fraction
 
     def find_fault(
         self, state: GripperState, *, now_s: float, limits: GripperLimits, safety: SafetyLimits
     ) -> str | None:
         """Return the fault, if any: closed beyond the target, or late."""
-        reported, unit = limits.reading_of(state), _UNITS[limits.drive]
+        reported, unit = limits.drive_reading(state), _UNITS[limits.drive]
         overshoot, tolerance = safety.overshoot_mm, safety.tracking_tolerance_mm
         if limits.drive == "pressure":
             overshoot, tolerance = safety.overshoot_kpa, safety.tracking_tolerance_kpa

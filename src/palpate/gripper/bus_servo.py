@@ -1,4 +1,4 @@
-"""A gripper on one bus servo: the part common to servos of all makes."""
+"""A gripper on one bus servo: the common base of the drivers for each make."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from palpate.gripper.interface import GripperCommand, GripperLimits
 from palpate.gripper.packets import Register, RegisterRun
 from palpate.gripper.servo_line import ServoLine
 
-#: A stop is confirmed by readings that report standing still, within this time.
-_STOPPED_S, _STOPPED_POLL_S = 0.3, 0.01
+#: Time limit for the readings that confirm a stop, and their interval.
+_STOP_TIMEOUT_S, _STOP_POLL_S = 0.3, 0.01
 
 
 class BusServoGripper(ABC):
-    """A `Gripper` behind a servo line.
+    """A `Gripper` on a servo line.
 
-    `fingers`: angle to width.
-    `zero_tick`: position of their angle 0.
-    `opens` (1 or -1): whether positions rise or fall as they open.
+    `fingers`: converts the servo angle to the width.
+    `zero_tick`: servo position at angle 0.
+    `opens`: 1 if positions increase as the fingers open, -1 if they decrease.
     """
 
-    #: Of one unit of the servo's position, and of its velocity.
+    #: Angle of one position unit, and angular speed of one velocity unit.
     RAD_PER_TICK: ClassVar[float]
     RAD_PER_S: ClassVar[float]
-    #: Addresses between which position, motion and current lie: they are read in one packet.
+    #: Address range with position, motion and current, read in one packet.
     STATE: ClassVar[tuple[int, int]]
     POSITION: ClassVar[Register]
-    #: Bits that show a movement that a stop has to end.
+    #: Register and bits that report a movement.
     MOVEMENT: ClassVar[tuple[Register, int]]
 
     def __init__(
@@ -48,55 +48,56 @@ class BusServoGripper(ABC):
         self._zero_tick, self._opens = zero_tick, opens
 
     @abstractmethod
-    def _refuse_errors(self) -> None:
-        """Raise if the servo's last reply reported an error."""
+    def _raise_reported_error(self) -> None:
+        """Raise `DeviceError` if the servo's last reply reported an error."""
 
     @abstractmethod
-    def _start(self, tick: int, *, velocity: int, now: int) -> None:
-        """Send the servo from `now` to a position."""
+    def _start_movement(self, tick: int, *, velocity: int, now: int) -> None:
+        """Start a movement from position `now` to position `tick`."""
 
     @abstractmethod
-    def _hold(self, tick: int) -> None:
-        """Make a position that it is passing its goal."""
+    def _set_goal(self, tick: int) -> None:
+        """Set the goal to the current position of a moving servo."""
 
     def command(self, wanted: GripperCommand) -> GripperCommand:
-        """Send the fingers to a width; return the width sent, in whole servo steps.
+        """Move the fingers to a width; return the command sent, rounded to servo steps.
 
-        The rate returned is the mean over the travel: the servo turns evenly, the fingers don't.
+        The returned rate is the mean over the movement: the servo speed is constant, the finger
+        speed is not.
 
-        Raises `DeviceError` if it does not answer, or reports an error.
+        Raises `DeviceError` if the servo does not answer or reports an error.
         """
         wanted = self.limits.clamp(wanted)
         now = self._read().value(self.POSITION)
-        self._refuse_errors()
-        low_mm, high_mm = self._fingers.reach_mm
+        self._raise_reported_error()
+        low_mm, high_mm = self._fingers.range_mm
         now_mm = min(max(self._width_mm(now), low_mm), high_mm)
         tick = self._tick(wanted.target)
         sent_mm = self._width_mm(tick)
-        steepest = self._fingers.steepest_mm_per_rad(now_mm, sent_mm)
-        # 0 would mean as fast as it can.
-        velocity = max(int(wanted.rate / steepest / self.RAD_PER_S), 1)
-        self._start(tick, velocity=velocity, now=now)
-        takes_s = abs(tick - now) * self.RAD_PER_TICK / (velocity * self.RAD_PER_S)
-        mean = abs(sent_mm - now_mm) / takes_s if takes_s > 0 else wanted.rate
-        return GripperCommand(target=sent_mm, rate=mean)
+        max_mm_per_rad = self._fingers.max_mm_per_rad(now_mm, sent_mm)
+        # The servo interprets velocity 0 as its maximum speed.
+        velocity = max(int(wanted.rate / max_mm_per_rad / self.RAD_PER_S), 1)
+        self._start_movement(tick, velocity=velocity, now=now)
+        duration_s = abs(tick - now) * self.RAD_PER_TICK / (velocity * self.RAD_PER_S)
+        mean_rate = abs(sent_mm - now_mm) / duration_s if duration_s > 0 else wanted.rate
+        return GripperCommand(target=sent_mm, rate=mean_rate)
 
     def stop(self) -> None:
-        """Stop a moving servo where it is.
+        """Stop a moving servo at its current position.
 
-        A new goal at rest would only loosen a grip.
+        A servo at rest gets no new goal, because that would loosen the grip.
 
-        Raises `DeviceError` if no reading confirms that it stands still.
+        Raises `DeviceError` if no reading confirms the stop.
         """
-        until_s = self._clock.now_s() + _STOPPED_S
-        while self._is_on_its_way(run := self._read()):
-            self._hold(run.value(self.POSITION))
-            if self._clock.now_s() >= until_s:
+        deadline_s = self._clock.now_s() + _STOP_TIMEOUT_S
+        while self._is_moving(run := self._read()):
+            self._set_goal(run.value(self.POSITION))
+            if self._clock.now_s() >= deadline_s:
                 raise DeviceError(
-                    f"{self._line.name} got a stop but still moves after {_STOPPED_S:g} s; "
-                    "take its supply away"
+                    f"{self._line.name} got a stop but still moves after {_STOP_TIMEOUT_S:g} s; "
+                    "disconnect its supply"
                 )
-            self._clock.sleep_s(_STOPPED_POLL_S)
+            self._clock.sleep_s(_STOP_POLL_S)
 
     def release(self) -> None:
         """Open fully."""
@@ -107,10 +108,10 @@ class BusServoGripper(ABC):
         self._line.close()
 
     def _read(self) -> RegisterRun:
-        begin, end = self.STATE
-        return self._line.read_run(begin, end - begin)
+        start, end = self.STATE
+        return self._line.read_run(start, end - start)
 
-    def _is_on_its_way(self, run: RegisterRun) -> bool:
+    def _is_moving(self, run: RegisterRun) -> bool:
         register, bits = self.MOVEMENT
         return bool(run.value(register) & bits)
 

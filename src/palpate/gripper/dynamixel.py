@@ -1,7 +1,7 @@
-"""A width-driven gripper on one DYNAMIXEL X-series servo (WidowX 250s and its like).
+"""A width-controlled gripper on one DYNAMIXEL X-series servo (WidowX 250s and similar).
 
-The servo follows a position and yields at a current (or PWM) limit. Its bus watchdog is set: a
-host that falls silent stops the hand. `open_gripper` is what a rig file names for its `[gripper]`.
+The servo controls its position and yields at a current (or PWM) limit. Its bus watchdog stops the
+gripper if the host falls silent. A rig file refers to `open_gripper` in its `[gripper]` section.
 """
 
 from __future__ import annotations
@@ -18,42 +18,42 @@ from palpate.gripper.interface import GripperLimits, GripperState
 from palpate.gripper.packets import Register, RegisterRun
 from palpate.gripper.servo_line import REPLY_S, RefusedError, ServoLine
 
-#: Fingers of the WidowX 250s: 15 to 37 mm from the middle, each (its robot description).
+#: WidowX 250s: each finger is 15 to 37 mm from the middle (its robot description).
 WIDOWX_LIMITS = GripperLimits(drive="width", lowest=30.0, highest=74.0, fastest=60.0)
-#: After a reboot the servo needs this long before it answers (e-Manual: below 0.5 s).
+#: Time limit for the first answer after a reboot (e-Manual: below 0.5 s), and poll interval.
 _REBOOT_S, _REBOOT_POLL_S = 2.0, 0.1
-#: No servo of these turns faster (rad/s), and readings may have this error (rad): a position that
-#: it can't have reached since the last one is another's answer, or a fault of its encoder.
-_FASTEST_RAD_PER_S, _SLACK_RAD = 12.0, 0.2
+#: Maximum speed of these servos (rad/s) and error of a reading (rad). A position that the servo
+#: cannot have reached is the answer of another servo, or an encoder fault.
+_MAX_RAD_PER_S, _READING_ERROR_RAD = 12.0, 0.2
 
 
 class DynamixelGripper(BusServoGripper):
-    """A `Gripper` behind a servo line.
+    """A `Gripper` on a servo line.
 
     Parameters
     ----------
     line : ServoLine
         An open line.
     clock : Clock
-        For the times of states.
+        Clock for the times of states.
     fingers : CrankFingers
-        Angle to width.
+        Converts the servo angle to the width.
     limits : GripperLimits
         Range of the opening and its largest speed.
     current_limit_ma : float
-        Current limit at which the servo yields; its force follows from it roughly (friction).
+        Current at which the servo yields. Because of friction it determines the force only roughly.
     pwm_limit_percent : float
-        The same for servos that measure no current: fraction of the supply.
+        The corresponding limit for servos without current measurement, percent of the supply.
     watchdog_s : float
         Silence of the host after which the servo stops, 0.02 to 2.54 s.
 
     Raises
     ------
     InputError
-        If a limit is beyond what the servo can do: none is set to another value unasked.
+        If a limit is out of the servo's range. No limit is changed silently.
     DeviceError
-        If the servo does not answer, is of an unknown kind, turns in reverse, or does not keep
-        what it is set to.
+        If the servo does not answer, is an unknown model, turns in reverse, or does not store its
+        settings.
     """
 
     RAD_PER_TICK, RAD_PER_S = x.RAD_PER_TICK, x.RAD_PER_S_PER_VELOCITY
@@ -75,80 +75,83 @@ class DynamixelGripper(BusServoGripper):
         self._watchdog = _watchdog_steps(watchdog_s)
         self._last: tuple[float, int] | None = None
         number = line.ping()
-        locked = bool(line.alerted)
+        is_locked = bool(line.alert_bits)
         if number not in x.MODELS:
             known = ", ".join(model.name for model in x.MODELS.values())
-            raise DeviceError(f"{line.name} is of model number {number}; known are {known}")
+            raise DeviceError(
+                f"{line.name} has model number {number}, which is not supported; use {known}"
+            )
         self.model = x.MODELS[number]
-        if not locked:
+        if not is_locked:
             self._set_up()
 
     def state(self) -> GripperState:
-        """Read width, motion and current; current is NaN where the servo measures none.
+        """Read width, motion and current; the current is NaN if the servo can't measure it.
 
-        Raises `DeviceError` if it does not answer, or a hardware error has switched its torque off.
+        Raises `DeviceError` if the servo does not answer, or if a hardware error has switched off
+        its torque.
         """
         run = self._read()
-        self._refuse_errors()
+        self._raise_reported_error()
         unit = self.model.ma_per_unit
         return GripperState(
             time_s=self._clock.now_s(),
             width_mm=self._width_mm(self._check_reading(run)),
-            # A positive current turns towards larger positions (e-Manual, "Present Current"), and
-            # those open the fingers: closing reads negative.
+            # Positive current turns towards larger positions (e-Manual, "Present Current"), which
+            # open the fingers. The sign is inverted, so that a closing current is positive.
             current_ma=math.nan if unit is None else -run.value(x.PRESENT_CURRENT) * unit,
-            moving=self._is_on_its_way(run) or bool(run.value(x.MOVING)),
+            moving=self._is_moving(run) or bool(run.value(x.MOVING)),
         )
 
     def stop(self) -> None:
-        """Stop a moving servo where it is.
+        """Stop a moving servo at its current position.
 
-        A new goal at rest would only loosen a grip.
+        A servo at rest gets no new goal, because that would loosen the grip.
 
-        Raises `DeviceError` if no reading confirms that it stands still; then it is left to its
-        watchdog, which is set to its shortest.
+        Raises `DeviceError` if no reading confirms the stop. The watchdog is then set to its
+        shortest time, to stop the servo.
         """
         try:
             super().stop()
         except DeviceError:
             with suppress(DeviceError):
-                self._line.write_blindly(x.BUS_WATCHDOG, 1)
+                self._line.write_without_reply(x.BUS_WATCHDOG, 1)
             raise
 
-    def _start(self, tick: int, *, velocity: int, now: int) -> None:
+    def _start_movement(self, tick: int, *, velocity: int, now: int) -> None:
         self._write_goal(x.PROFILE_VELOCITY, velocity)
         self._write_goal(x.GOAL_POSITION, tick)
 
-    def _hold(self, tick: int) -> None:
+    def _set_goal(self, tick: int) -> None:
         try:
             self._line.write(x.GOAL_POSITION, tick)
         except RefusedError as refused:
-            # The watchdog has stopped it already.
+            # After a stop by the watchdog the servo refuses new goals with this code.
             if refused.code != x.PacketError.DATA_RANGE:
                 raise
 
     def clear_errors(self) -> None:
         """Reboot the servo and set it up again.
 
-        The user asks for it after removing the cause.
+        Remove the cause of the error first.
 
-        Raises `DeviceError` if the error comes back at once, or the servo does not.
+        Raises `DeviceError` if the error returns at once or the servo does not answer.
         """
         self._line.reboot()
-        until_s = self._clock.now_s() + _REBOOT_S
+        deadline_s = self._clock.now_s() + _REBOOT_S
         while True:
             self._clock.sleep_s(_REBOOT_POLL_S)
             try:
                 self._line.ping()
                 break
             except DeviceError:
-                if self._clock.now_s() > until_s:
+                if self._clock.now_s() > deadline_s:
                     raise
-        self._refuse_errors()
+        self._raise_reported_error()
         self._set_up()
 
     def _set_up(self) -> None:
-        """Set mode, limits and watchdog, and read them back before the first command."""
+        """Set mode, limits and watchdog, and read them back."""
         line, unit = self._line, self.model.ma_per_unit
         line.write(x.BUS_WATCHDOG, 0)
         drive_mode = line.read(x.DRIVE_MODE)
@@ -157,37 +160,37 @@ class DynamixelGripper(BusServoGripper):
                 f"{line.name} turns in reverse (DRIVE_MODE {drive_mode}): closing would open. "
                 "Clear bit 0 of DRIVE_MODE with DYNAMIXEL Wizard"
             )
-        kept = {
+        persistent = {
             x.DRIVE_MODE: drive_mode & ~x.TIME_BASED,
             x.OPERATING_MODE: x.Mode.POSITION if unit is None else x.Mode.CURRENT_BASED_POSITION,
         }
-        if any(line.read(register) != value for register, value in kept.items()):
-            # Only where needed: it takes the torque off, and wears the servo's memory.
+        if any(line.read(register) != value for register, value in persistent.items()):
+            # Written only if different, because this requires torque off and wears the EEPROM.
             line.write(x.TORQUE_ENABLE, 0)
-            for register, value in kept.items():
+            for register, value in persistent.items():
                 line.write(register, value)
         volatile = {x.PROFILE_ACCELERATION: 0}
         if unit is None:
-            volatile[x.GOAL_PWM] = _within_own(
+            volatile[x.GOAL_PWM] = _limit_in_units(
                 "pwm_limit_percent",
                 self._pwm_limit_percent,
                 x.FULL_PWM / 100.0,
                 line.read(x.PWM_LIMIT),
             )
         else:
-            volatile[x.GOAL_CURRENT] = _within_own(
+            volatile[x.GOAL_CURRENT] = _limit_in_units(
                 "current_limit_ma", self._current_limit_ma, 1.0 / unit, line.read(x.CURRENT_LIMIT)
             )
         for register, value in volatile.items():
             line.write(register, value)
-        line.confirm({**kept, **volatile})
-        started = {x.TORQUE_ENABLE: 1, x.BUS_WATCHDOG: self._watchdog}
-        for register, value in started.items():
+        line.confirm({**persistent, **volatile})
+        enabled = {x.TORQUE_ENABLE: 1, x.BUS_WATCHDOG: self._watchdog}
+        for register, value in enabled.items():
             line.write(register, value)
-        line.confirm(started)
+        line.confirm(enabled)
 
     def _write_goal(self, register: Register, value: int) -> None:
-        """Write a goal; where the watchdog has stopped the servo meanwhile, arm it again."""
+        """Write a goal; rearm the watchdog first if it has stopped the servo."""
         try:
             self._line.write(register, value)
         except RefusedError as refused:
@@ -198,50 +201,50 @@ class DynamixelGripper(BusServoGripper):
             self._line.write(register, value)
 
     def _check_reading(self, run: RegisterRun) -> int:
-        """Return the position of a reading that the servo can have reached since the last."""
+        """Return the position; raise `DeviceError` if the servo can't have reached it in time."""
         now_s, tick = self._clock.now_s(), run.value(self.POSITION)
         last, self._last = self._last, (now_s, tick)
         if last is None:
             return tick
-        before_s, before = last
-        farthest = (_FASTEST_RAD_PER_S * (now_s - before_s) + _SLACK_RAD) / x.RAD_PER_TICK
-        if abs(tick - before) > farthest:
+        last_s, last_tick = last
+        max_rad = _MAX_RAD_PER_S * (now_s - last_s) + _READING_ERROR_RAD
+        if abs(tick - last_tick) > max_rad / x.RAD_PER_TICK:
             raise DeviceError(
-                f"{self._line.name} reports position {tick}, {now_s - before_s:.2f} s after "
-                f"{before}: no servo turns so fast. Check its cable, and reply_s in the rig file"
+                f"{self._line.name} reports position {tick}, {now_s - last_s:.2f} s after "
+                f"{last_tick}: no servo turns so fast. Check its cable, and reply_s in the rig file"
             )
         return tick
 
-    def _refuse_errors(self) -> None:
-        """Raise if the servo's last reply reported a hardware error."""
-        if self._line.alerted:
-            errors = self._line.errors()
+    def _raise_reported_error(self) -> None:
+        """Raise `DeviceError` if the servo's last reply reported a hardware error."""
+        if self._line.alert_bits:
+            errors = self._line.read_errors()
             names = ", ".join((error.name or "").lower().replace("_", " ") for error in errors)
             raise DeviceError(
-                f"{self._line.name}: {names}; its torque is off until it is rebooted. Take the "
-                "cause away, then open it with clear_errors = true in the rig file"
+                f"{self._line.name}: {names}; its torque is off until it is rebooted. Remove the "
+                "cause, then open the gripper with clear_errors = true in the rig file"
             )
 
 
 def _watchdog_steps(watchdog_s: float) -> int:
-    longest_s = x.LONGEST_WATCHDOG * x.WATCHDOG_STEP_S
-    if not x.WATCHDOG_STEP_S <= watchdog_s <= longest_s:
+    max_s = x.MAX_WATCHDOG_STEPS * x.WATCHDOG_STEP_S
+    if not x.WATCHDOG_STEP_S <= watchdog_s <= max_s:
         raise InputError(
-            f"watchdog_s {watchdog_s:g}: the servo's watchdog takes {x.WATCHDOG_STEP_S:g} to "
-            f"{longest_s:g} s"
+            f"watchdog_s {watchdog_s:g}: the servo's watchdog requires {x.WATCHDOG_STEP_S:g} to "
+            f"{max_s:g} s"
         )
     return round(watchdog_s / x.WATCHDOG_STEP_S)
 
 
-def _within_own(name: str, value: float, units: float, own: int) -> int:
-    """Return a limit in the servo's units; refuse one that the servo would not keep."""
-    wanted = round(value * units) if math.isfinite(value) else 0
-    if not 1 <= wanted <= own:
+def _limit_in_units(name: str, value: float, units: float, max_units: int) -> int:
+    """Return a limit in servo units; raise `InputError` above the servo's stored limit."""
+    limit = round(value * units) if math.isfinite(value) else 0
+    if not 1 <= limit <= max_units:
         raise InputError(
-            f"{name} {value:g}: must be above 0 and at most {own / units:g}, the limit in the "
-            "servo's own memory"
+            f"{name} {value:g}: must be above 0 and at most {max_units / units:g}, the limit "
+            "stored in the servo"
         )
-    return wanted
+    return limit
 
 
 def open_gripper(
@@ -258,36 +261,36 @@ def open_gripper(
     reply_s: float = REPLY_S,
     clear_errors: bool = False,
 ) -> DynamixelGripper:
-    """Open the gripper of a WidowX 250s, or one with the same mechanism.
+    """Open the gripper of a WidowX 250s, or a gripper with the same mechanism.
 
     Parameters
     ----------
     port, servo_id, baud
-        Where the servo is.
+        Serial port, number and baud rate of the servo.
     offset_mm : float
-        Opening between the pads minus that between the carriages (negative with pads on).
+        Opening between the pads minus the opening between the carriages; negative with pads.
     lowest_mm, highest_mm : float
         Range of the opening between the carriages.
     current_limit_ma, pwm_limit_percent, watchdog_s
         As in `DynamixelGripper`.
     reply_s : float
-        How long each reply may take, three times over before the servo counts as lost.
+        Time limit for each reply. The servo counts as lost after three attempts.
     clear_errors : bool
-        Reboot a servo that a hardware error has switched off.
+        Whether to reboot a servo that a hardware error has switched off.
 
     Raises
     ------
     InputError
-        If the mechanism can't reach the range, or a limit is beyond what the servo can do.
+        If the range is outside the mechanism's range, or a limit is outside the servo's range.
     DeviceError
-        If there is no such port or servo, or it can't be set up.
+        If there is no such port or servo, or the servo can't be set up.
     """
     fingers = CrankFingers(offset_mm=offset_mm)
-    low, high = fingers.reach_mm
+    low, high = fingers.range_mm
     lowest, highest = lowest_mm + offset_mm, highest_mm + offset_mm
     if not low <= lowest < highest <= high:
         raise InputError(
-            f"lowest_mm {lowest_mm:g} and highest_mm {highest_mm:g}: the carriages go from "
+            f"lowest_mm {lowest_mm:g} and highest_mm {highest_mm:g}: the carriages move from "
             f"{low - offset_mm:g} to {high - offset_mm:g} mm"
         )
     line = ServoLine(port, servo_id=servo_id, baud=baud, reply_s=reply_s)
@@ -303,7 +306,7 @@ def open_gripper(
             pwm_limit_percent=pwm_limit_percent,
             watchdog_s=watchdog_s,
         )
-        if clear_errors and line.errors():
+        if clear_errors and line.read_errors():
             gripper.clear_errors()
     except (DeviceError, InputError):
         line.close()

@@ -1,21 +1,21 @@
-"""Finger opening from servo angle and back: a crank with sliders, or a hinge."""
+"""Conversion between servo angle and finger opening, for a slider-crank and a hinge."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-#: Grid of points for the slope of a travel, which has one flat maximum.
-_LOOKS = 9
+#: Number of sample points for the largest slope; the slope has one flat maximum.
+_SLOPE_POINTS = 9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CrankFingers:
-    """A horn on the servo moves each finger along a rail through an arm.
+    """Fingers on rails, each moved by a servo horn through an arm.
 
-    With theta the horn's angle from the middle of its travel, a finger is at
-    horn sin(theta) + sqrt(arm**2 - horn**2 cos(theta)**2) from the servo's axis, and the opening is
-    twice that plus the offset. The default is the WidowX 250s.
+    Let theta be the horn's angle from the middle of its travel. The distance of a finger from the
+    servo's axis is horn sin(theta) + sqrt(arm**2 - horn**2 cos(theta)**2). The opening is twice
+    this distance plus the offset. The default is the WidowX 250s.
 
     Source: Interbotix X-series arms, gripper settings of wx250s: horn 14 mm, arm 24 mm.
 
@@ -27,8 +27,8 @@ class CrankFingers:
     #: Radius of the horn, and length of the arms.
     horn_mm: float = 14.0
     arm_mm: float = 24.0
-    #: Opening between the pads minus that between the carriages: negative with pads on. Measure it
-    #: once; an error of it is taken out again by the compliance calibration.
+    #: Opening between the pads minus the opening between the carriages; negative with pads. Measure
+    #: this offset once. The compliance calibration corrects an error.
     offset_mm: float = 0.0
 
     def __post_init__(self) -> None:
@@ -38,8 +38,8 @@ class CrankFingers:
             )
 
     @property
-    def reach_mm(self) -> tuple[float, float]:
-        """Smallest and largest opening that the mechanism has."""
+    def range_mm(self) -> tuple[float, float]:
+        """Smallest and largest opening of the mechanism."""
         middle = 2 * self.arm_mm + self.offset_mm
         return middle - 2 * self.horn_mm, middle + 2 * self.horn_mm
 
@@ -52,22 +52,24 @@ class CrankFingers:
     def angle_rad(self, width_mm: float) -> float:
         """Return the angle of the horn at an opening.
 
-        Raises `ValueError` if the mechanism can't reach it.
+        Raises `ValueError` if the opening is out of range.
         """
         half = (width_mm - self.offset_mm) / 2
         sine = math.inf
         if half > 0:
             sine = (self.horn_mm**2 + half**2 - self.arm_mm**2) / (2 * self.horn_mm * half)
         if abs(sine) > 1:
-            low, high = self.reach_mm
-            raise ValueError(f"{width_mm:g} mm is outside the fingers' {low:g} to {high:g} mm")
+            low, high = self.range_mm
+            raise ValueError(
+                f"{width_mm:g} mm is outside the fingers' range of {low:g} to {high:g} mm"
+            )
         return math.asin(sine)
 
-    def steepest_mm_per_rad(self, from_mm: float, to_mm: float) -> float:
-        """Return the largest change of opening per radian on a way."""
+    def max_mm_per_rad(self, from_mm: float, to_mm: float) -> float:
+        """Return the largest change of opening per radian between two openings."""
         first, last = self.angle_rad(from_mm), self.angle_rad(to_mm)
-        looks = (first + (last - first) * i / (_LOOKS - 1) for i in range(_LOOKS))
-        return max(map(self._mm_per_rad, looks))
+        step = (last - first) / (_SLOPE_POINTS - 1)
+        return max(self._mm_per_rad(first + step * i) for i in range(_SLOPE_POINTS))
 
     def _mm_per_rad(self, angle_rad: float) -> float:
         along, across = self.horn_mm * math.sin(angle_rad), self.horn_mm * math.cos(angle_rad)
@@ -76,7 +78,7 @@ class CrankFingers:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HingedJaw:
-    """A jaw on the servo's horn.
+    """A jaw on the servo's horn, opposite a fixed jaw.
 
     The opening is the chord between the middles of the two pads.
 
@@ -85,28 +87,30 @@ class HingedJaw:
     (67.12, 1.0)
     """
 
-    #: From the servo's axis to the middle of the pad, mm.
+    #: Distance from the servo's axis to the middle of the pad.
     jaw_mm: float
 
     @property
-    def reach_mm(self) -> tuple[float, float]:
+    def range_mm(self) -> tuple[float, float]:
         """Smallest and largest opening: closed, and half a turn open."""
         return 0.0, 2 * self.jaw_mm
 
     def width_mm(self, angle_rad: float) -> float:
-        """Return the opening at an angle from closed."""
+        """Return the opening at an angle from the closed position."""
         return 2 * self.jaw_mm * math.sin(angle_rad / 2)
 
     def angle_rad(self, width_mm: float) -> float:
-        """Return the angle from closed at an opening.
+        """Return the angle from the closed position at an opening.
 
-        Raises `ValueError` if the jaw can't reach it.
+        Raises `ValueError` if the opening is out of range.
         """
-        low, high = self.reach_mm
+        low, high = self.range_mm
         if not low <= width_mm <= high:
-            raise ValueError(f"{width_mm:g} mm is outside the jaw's {low:g} to {high:g} mm")
+            raise ValueError(
+                f"{width_mm:g} mm is outside the jaw's range of {low:g} to {high:g} mm"
+            )
         return 2 * math.asin(width_mm / (2 * self.jaw_mm))
 
-    def steepest_mm_per_rad(self, from_mm: float, to_mm: float) -> float:
-        """Return the largest change of opening per radian on a way: at its narrower end."""
+    def max_mm_per_rad(self, from_mm: float, to_mm: float) -> float:
+        """Return the largest change of opening per radian, which is at the narrower opening."""
         return self.jaw_mm * math.cos(self.angle_rad(min(from_mm, to_mm)) / 2)

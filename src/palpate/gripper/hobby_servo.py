@@ -1,7 +1,7 @@
 """Rack fingers on a hobby servo, driven by pulses from a board with palpate's firmware.
 
-The board keeps travel and ramp, and holds the fingers in place after half
-a second without a message; `state` is the heartbeat. The width is that of the pulses.
+The board enforces travel and ramp, and holds the fingers in place after half a second without a
+message. `state` sends the heartbeat. The reported width is computed from the pulses.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from palpate.sensor.wire_messages import (
     SetServoTravel,
 )
 
-#: A servo is behind its pulses by one period of 20 ms and its own lag (guess).
+#: Delay of a servo relative to its pulses: one period of 20 ms and the servo's own lag (guess).
 _LAG_S = 0.1
-#: A frame shows a command that was sent this long before it: one ping and one frame at 15 Hz.
-_SHOWN_S = 0.2
+#: A frame is sure to include a command sent this long before: one ping and one frame at 15 Hz.
+_COMMAND_DELAY_S = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoTravel:
-    """Pulses and openings of open and closed fingers; linear in between.
+    """Pulse widths and openings at both ends of the travel; linear in between.
 
     Examples
     --------
@@ -51,7 +51,7 @@ class ServoTravel:
             if not low <= getattr(self, name) <= high:
                 raise InputError(f"{name} {getattr(self, name)}: must be {low} to {high}")
         if self.open_us == self.closed_us:
-            raise InputError("open_us and closed_us are the same: measure both ends of the travel")
+            raise InputError("open_us and closed_us are equal: measure both ends of the travel")
         if not 0 <= self.closed_mm < self.open_mm:
             raise InputError(
                 f"closed_mm {self.closed_mm:g}: must be at least 0 and below open_mm "
@@ -60,26 +60,27 @@ class ServoTravel:
 
     @property
     def mm_per_us(self) -> float:
-        """Movement of the fingers per microsecond, without its sign."""
+        """Absolute change of the opening per microsecond of pulse width."""
         return (self.open_mm - self.closed_mm) / abs(self.open_us - self.closed_us)
 
     def width_mm(self, pulse_us: float) -> float:
-        """Return the opening at a pulse."""
+        """Return the opening at a pulse width."""
         return self.open_mm - self.mm_per_us * abs(pulse_us - self.open_us)
 
     def pulse_us(self, width_mm: float) -> int:
-        """Return the pulse of an opening within the travel."""
-        towards = math.copysign(1.0, self.closed_us - self.open_us)
-        return self.open_us + round(towards * (self.open_mm - width_mm) / self.mm_per_us)
+        """Return the pulse width at an opening within the travel."""
+        direction = math.copysign(1.0, self.closed_us - self.open_us)
+        return self.open_us + round(direction * (self.open_mm - width_mm) / self.mm_per_us)
 
 
 class HobbyServoGripper:
-    """A `Gripper` on a board's servo output. Made, it opens the fingers.
+    """A `Gripper` on a board's servo output.
 
-    Only if the board already sends pulses, it leaves them where they are.
+    The constructor opens the fingers, unless the board already sends pulses.
 
-    `board`: an open array whose frames carry the pulses (`Contents.SERVO`); it stays its owner's.
-    `travel`: both ends of the travel; no pulse beyond them is sent.
+    `board`: an open array whose frames contain the pulses (`Contents.SERVO`). The gripper does not
+        close the array.
+    `travel`: both ends of the travel, which limit the pulses.
     `fastest_mm_per_s`: largest rate.
     """
 
@@ -107,10 +108,10 @@ class HobbyServoGripper:
             self.release()
 
     def state(self) -> GripperState:
-        """Return the opening of the present pulses, and send the board a heartbeat.
+        """Return the opening at the present pulse width, and send the board a heartbeat.
 
-        Raises `DeviceError` if the board is gone, sends no pulses, or held the fingers because it
-        heard nothing.
+        Raises `DeviceError` if the board is lost, sends no pulses, or has stopped the fingers after
+        a missing heartbeat.
         """
         now_s = self._clock.now_s()
         if now_s - self._sent_s >= HEARTBEAT_S:
@@ -119,19 +120,19 @@ class HobbyServoGripper:
         if newest is not None:
             if newest.servo_us is None:
                 raise DeviceError(
-                    "the board's frames carry no servo pulses; open the array with servo = true"
+                    "the board's frames contain no servo pulses; open the array with servo = true"
                 )
             age_s = now_s - self._board.newest_s
             if age_s > STALE_S:
                 raise DeviceTimeoutError(
-                    f"the last servo pulse is {age_s:.2f} s old; check the board's cable. It holds "
-                    "the fingers where they are 0.5 s after the last command"
+                    f"the last servo pulse is {age_s:.2f} s old; check the board's cable. The "
+                    "board holds the fingers in place 0.5 s after the last command"
                 )
             if newest.status & BoardStatus.CEILING_TRIPPED:
                 self._target_us = self._travel.open_us
-            if self._board.newest_s > self._commanded_s + _SHOWN_S:
-                self._check(newest.status, newest.servo_us)
-            self._pulse_us = self._pulse_now(newest.servo_us or self._travel.open_us, now_s)
+            if self._board.newest_s > self._commanded_s + _COMMAND_DELAY_S:
+                self._check_status(newest.status, newest.servo_us)
+            self._pulse_us = self._extrapolate_pulse(newest.servo_us or self._travel.open_us, now_s)
         late_s = now_s - self._arrives_s
         is_lagging = self._pulse_us != self._target_us and late_s < STALE_S
         return GripperState(
@@ -141,17 +142,17 @@ class HobbyServoGripper:
         )
 
     def command(self, wanted: GripperCommand) -> GripperCommand:
-        """Send a width and a rate; return what was sent, in whole microseconds.
+        """Send a width and a rate; return the command sent, rounded to whole microseconds.
 
-        Raises `DeviceError` if the board is gone, or its ceiling has tripped.
+        Raises `DeviceError` if the board is lost or its ceiling has tripped.
         """
         wanted = self.limits.clamp(wanted)
         newest = self._board.newest()
-        tripped = newest is not None and newest.status & BoardStatus.CEILING_TRIPPED
-        if tripped and wanted.target < self.limits.highest:
+        is_tripped = newest is not None and newest.status & BoardStatus.CEILING_TRIPPED
+        if is_tripped and wanted.target < self.limits.highest:
             raise DeviceError(
-                "the board has opened the fingers: a pixel reached its ceiling. Take the cause "
-                "away, then open the rig again"
+                "the board has opened the fingers: a pixel reached its ceiling. Remove the cause, "
+                "then open the rig again"
             )
         target_us = self._travel.pulse_us(wanted.target)
         rate = max(math.floor(wanted.rate / self._travel.mm_per_us), 1)
@@ -165,9 +166,9 @@ class HobbyServoGripper:
         )
 
     def stop(self) -> None:
-        """Stop where the fingers are; the position stays held.
+        """Stop the fingers and hold their position.
 
-        Raises `DeviceError` if the board is gone; then it stops the fingers 0.5 s later.
+        Raises `DeviceError` if the board is lost; the board then stops the fingers 0.5 s later.
         """
         self._send(SetServo(target_us=0, rate_us_per_s=1))
         self._commanded_s = self._arrives_s = self._sent_s
@@ -178,17 +179,18 @@ class HobbyServoGripper:
         self.command(GripperCommand(target=self.limits.highest, rate=self.limits.fastest))
 
     def close(self) -> None:
-        """Do nothing, as the board holds the fingers in place."""
+        """Do nothing: the board holds the fingers in place."""
 
-    def _pulse_now(self, frame_us: int, now_s: float) -> float:
-        """Continue the ramp from the newest frame to now; frames may be 70 ms apart."""
-        since_s = now_s - max(self._board.newest_s, self._commanded_s)
-        way_us = self._target_us - frame_us
-        return frame_us + math.copysign(min(abs(way_us), self._rate * max(since_s, 0.0)), way_us)
+    def _extrapolate_pulse(self, frame_us: int, now_s: float) -> float:
+        """Return the pulse width now, from the newest frame, which can be 70 ms old."""
+        elapsed_s = max(now_s - max(self._board.newest_s, self._commanded_s), 0.0)
+        remaining_us = self._target_us - frame_us
+        step_us = min(abs(remaining_us), self._rate * elapsed_s)
+        return frame_us + math.copysign(step_us, remaining_us)
 
-    def _check(self, status: int, servo_us: int) -> None:
+    def _check_status(self, status: int, servo_us: int) -> None:
         if status & BoardStatus.CEILING_TRIPPED:
-            return  # each frame reports it
+            return  # every frame reports the trip
         if servo_us == 0:
             raise DeviceError(
                 "the board sends no servo pulses: it was reset, and the servo has no supply. Open "
@@ -196,8 +198,8 @@ class HobbyServoGripper:
             )
         if status & BoardStatus.HEARTBEAT_LOST:
             raise DeviceError(
-                "the board has held the fingers where they were: it heard nothing for 0.5 s. Check "
-                "its cable, and that nothing else loads this machine"
+                "the board has held the fingers where they were: it received nothing for 0.5 s. "
+                "Check its cable, and the load on this machine"
             )
 
     def _send(self, command: Command) -> None:
@@ -214,25 +216,25 @@ def open_gripper(
     closed_mm: float,
     fastest_mm_per_s: float = 60.0,
 ) -> HobbyServoGripper:
-    """Open the gripper of a hobby servo on the sensor's board; its fingers open first.
+    """Open a gripper with a hobby servo on the sensor's board, and open its fingers.
 
     Parameters
     ----------
     array : PressureArray
         The rig's array: a board opened with ``servo = true``.
     open_us, closed_us : int
-        Pulses of the open and the closed fingers, 500 to 2500 µs.
+        Pulse widths of the open and the closed fingers, 500 to 2500 µs.
     open_mm, closed_mm : float
-        Opening between the pads at those pulses. Measure both.
+        Opening between the pads at these pulse widths. Measure both openings.
     fastest_mm_per_s : float
         Largest rate.
 
     Raises
     ------
     InputError
-        If the array is not such a board, or a number is out of its range.
+        If the array is not a board with palpate's firmware, or a number is out of range.
     DeviceError
-        If the board is gone.
+        If the board is lost.
     """
     if not isinstance(array, SerialArray):
         raise InputError(

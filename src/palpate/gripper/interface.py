@@ -1,4 +1,4 @@
-"""The interface of a gripper, whether it is driven by width or by pressure."""
+"""The interface of a gripper, controlled by width or by pressure."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import Literal, Protocol
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GripperLimits:
-    """The range of a gripper's one degree of freedom.
+    """Range and largest rate of a gripper's one degree of freedom.
 
     Attributes
     ----------
     drive : {"width", "pressure"}
-        What a command sets: the opening in mm, or the pressure in kPa.
+        The controlled quantity: opening in mm, or pressure in kPa.
     lowest, highest : float
-        Range of the command, mm or kPa according to `drive`.
+        Range of the target, mm or kPa according to `drive`.
     fastest : float
-        Largest rate of the command, mm/s or kPa/s.
+        Largest rate, mm/s or kPa/s.
     """
 
     drive: Literal["width", "pressure"]
@@ -28,15 +28,15 @@ class GripperLimits:
 
     @property
     def span(self) -> float:
-        """Closure of the closed hand: how far it can close, mm or kPa."""
+        """Full closing travel, mm or kPa."""
         return self.highest - self.lowest
 
-    def reading_of(self, state: GripperState) -> float:
-        """Return what the gripper reports of the quantity that commands set, mm or kPa."""
+    def drive_reading(self, state: GripperState) -> float:
+        """Return the reported value of the controlled quantity, mm or kPa."""
         return state.width_mm if self.drive == "width" else state.pressure_kpa
 
     def closure(self, state: GripperState) -> float:
-        """Return how far the hand is closed: 0 is open, whichever way its drive counts.
+        """Return the closing travel, mm or kPa: 0 if fully open, for either drive.
 
         Examples
         --------
@@ -47,15 +47,15 @@ class GripperLimits:
         >>> rigid.closure(GripperState(time_s=0.0, width_mm=70.0)), rigid.target(4.0)
         (4.0, 70.0)
         """
-        reported = self.reading_of(state)
+        reported = self.drive_reading(state)
         return self.highest - reported if self.drive == "width" else reported - self.lowest
 
     def target(self, closure: float) -> float:
-        """Return the command's target for a closure."""
+        """Return the target of a command for a closure."""
         return self.highest - closure if self.drive == "width" else self.lowest + closure
 
     def clamp(self, wanted: GripperCommand) -> GripperCommand:
-        """Return a command with its target within the range and its rate within the limit.
+        """Return the command with its target limited to the range and its rate limited.
 
         Examples
         --------
@@ -71,7 +71,7 @@ class GripperLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GripperState:
-    """The gripper's reported state; NaN for what it can't sense."""
+    """The gripper's reported state; quantities without a sensor are NaN."""
 
     time_s: float
     width_mm: float = math.nan
@@ -82,7 +82,7 @@ class GripperState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GripperCommand:
-    """Target and rate of a movement: mm and mm/s, or kPa and kPa/s, by `drive`."""
+    """Target and rate of a movement, in mm and mm/s or kPa and kPa/s."""
 
     target: float
     rate: float
@@ -101,11 +101,11 @@ class Gripper(Protocol):
         ...
 
     def command(self, wanted: GripperCommand) -> GripperCommand:
-        """Send a command, clamped to the limits; return what was really sent."""
+        """Send a command, clamped to the limits; return the command sent."""
         ...
 
     def stop(self) -> None:
-        """Stop where it is. Always callable; a failure raises `DeviceError`."""
+        """Stop at the current position, in any state; a failure raises `DeviceError`."""
         ...
 
     def release(self) -> None:

@@ -1,4 +1,4 @@
-"""Layout of servo packets: DYNAMIXEL Protocol 2.0, and 1.0, which Feetech servos use too.
+"""Layout of servo packets: DYNAMIXEL Protocol 2.0, and 1.0, also used by Feetech servos.
 
 Sources: ROBOTIS e-Manual, "DYNAMIXEL Protocol 1.0" and "2.0"; Feetech, "SCS/STS protocol manual".
 """
@@ -14,13 +14,13 @@ class Register(NamedTuple):
 
     address: int
     size: int
-    #: Whether it is a two's complement.
+    #: Whether the value is a two's complement.
     signed: bool = False
-    #: Bit that is the sign of a magnitude; None for none.
+    #: Sign bit of a sign-magnitude value; None for other encodings.
     sign_bit: int | None = None
 
     def decode(self, data: bytes) -> int:
-        """Return the value of the register's bytes.
+        """Convert the bytes of the register to its value.
 
         >>> Register(56, 2, sign_bit=15).decode(bytes([0x05, 0x80]))
         -5
@@ -32,57 +32,69 @@ class Register(NamedTuple):
 
 
 class RegisterRun(NamedTuple):
-    """Neighbouring registers of the control table, read in one packet."""
+    """Adjacent registers of the control table, read in one packet."""
 
-    begin: int
+    start: int
     data: bytes
 
     def value(self, register: Register) -> int:
-        """Return the value of one of them."""
-        at = register.address - self.begin
-        return register.decode(self.data[at : at + register.size])
+        """Return the value of a register in this range."""
+        offset = register.address - self.start
+        return register.decode(self.data[offset : offset + register.size])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Packets:
-    """Where a packet keeps what: header, number, length, instruction or error, data, checksum."""
+class PacketLayout:
+    """Layout of a packet: header, id, length, instruction or error, data, checksum."""
 
-    #: As the SDK calls it.
+    #: Protocol version in the SDK.
     version: float
-    #: Size of the header, bytes.
-    number_at: int
+    #: Offset of the servo id, equal to the size of the header, bytes.
+    id_offset: int
     #: Size of the length, of an address or size in a request, and of the checksum, bytes.
     word: int
     #: Offsets in a reply, bytes.
-    error_at: int
-    data_at: int
-    #: What a ping is answered with: the model number in the first two, or nothing.
+    error_offset: int
+    data_offset: int
+    #: Data bytes in the answer to a ping. The first two are the model number; 0 without one.
     model_bytes: int
-    #: Bits of a reply's error that report the servo's state; the others refuse the request.
-    alert: int
+    #: Bits of a reply's error that report the servo's state. The other bits refuse the request.
+    alert_mask: int
 
-    def request(self, number: int, instruction: int, given: bytes) -> list[int]:
-        """Return a packet with room for the header and checksum that the SDK fills in."""
-        length = self.place(1 + len(given) + self.word)
-        return [*bytes(self.number_at), number, *length, instruction, *given, *bytes(self.word)]
+    def build_request(self, servo_id: int, instruction: int, data: bytes) -> list[int]:
+        """Return a packet with zeros for the header and checksum, which the SDK fills in."""
+        length = self.encode_word(1 + len(data) + self.word)
+        return [*bytes(self.id_offset), servo_id, *length, instruction, *data, *bytes(self.word)]
 
-    def answers(self, reply: list[int], *, number: int, size: int) -> bool:
-        """Whether a reply is that servo's, with `size` bytes of data; a refusal carries none."""
-        counted_from = self.number_at + 1 + self.word
-        length = int.from_bytes(bytes(reply[self.number_at + 1 : counted_from]), "little")
-        refused = bool(reply[self.error_at] & ~self.alert)
-        wanted = self.data_at - counted_from + self.word + (0 if refused else size)
-        return reply[self.number_at] == number and length == wanted
+    def is_reply_from(self, reply: list[int], *, servo_id: int, size: int) -> bool:
+        """Return whether the servo sent this reply, with `size` data bytes or as refusal."""
+        length_end = self.id_offset + 1 + self.word
+        length = int.from_bytes(bytes(reply[self.id_offset + 1 : length_end]), "little")
+        is_refused = bool(reply[self.error_offset] & ~self.alert_mask)
+        expected = self.data_offset - length_end + self.word + (0 if is_refused else size)
+        return reply[self.id_offset] == servo_id and length == expected
 
-    def place(self, value: int) -> bytes:
-        """Return an address, or a size, as a request has it."""
+    def encode_word(self, value: int) -> bytes:
+        """Encode an address or a size for a request."""
         return value.to_bytes(self.word, "little")
 
 
-PROTOCOL_2 = Packets(
-    version=2.0, number_at=4, word=2, error_at=8, data_at=9, model_bytes=3, alert=0x80
+PROTOCOL_2 = PacketLayout(
+    version=2.0,
+    id_offset=4,
+    word=2,
+    error_offset=8,
+    data_offset=9,
+    model_bytes=3,
+    alert_mask=0x80,
 )
-#: Every bit of the error is the servo's state: too hot, overloaded, out of voltage.
-PROTOCOL_1 = Packets(
-    version=1.0, number_at=2, word=1, error_at=4, data_at=5, model_bytes=0, alert=0x7F
+#: All error bits report the servo's state: overheating, overload, voltage.
+PROTOCOL_1 = PacketLayout(
+    version=1.0,
+    id_offset=2,
+    word=1,
+    error_offset=4,
+    data_offset=5,
+    model_bytes=0,
+    alert_mask=0x7F,
 )

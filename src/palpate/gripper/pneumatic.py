@@ -1,7 +1,7 @@
-"""Soft fingers driven by pressure, through the regulator output of a board with palpate's firmware.
+"""Pneumatic soft fingers on the regulator output of a board with palpate's firmware.
 
-The fingers close with pressure and open by being vented. The board vents them by itself when it
-hears nothing for half a second, so pressure can't outlive the host; `state` sends its heartbeat.
+Pressure closes the fingers and venting opens them. The board vents the fingers after half a second
+without a message, so that no pressure remains if the host fails. `state` sends the heartbeat.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from palpate.sensor.wire_messages import (
     SetPressure,
 )
 
-#: Range of the paper's fingers (section 4.2), and a slew that they follow.
+#: Pressure range of the paper's fingers (section 4.2), and a slew rate that they can follow.
 SOFT_LIMITS = GripperLimits(drive="pressure", lowest=0.0, highest=MAX_PRESSURE_KPA, fastest=60.0)
-#: Venting is as fast as the board can; the valve and the fingers are slower.
+#: Slew rate for venting: the board's maximum. The valve and the fingers are slower.
 _VENT_KPA_PER_S = 500.0
-#: The read-back lags behind the output, and has steps of 0.05 kPa and noise.
-_NEAR_KPA, _LAG_S = 0.5, 0.5
+#: Tolerance of the measured pressure (0.05 kPa resolution, plus noise), and its maximum lag.
+_TOLERANCE_KPA, _LAG_S = 0.5, 0.5
 
 
 class PneumaticGripper:
     """A `Gripper` on a board's regulator output.
 
-    `board`: an open array whose frames carry the pressure (`Contents.PRESSURE`); it stays its
-        owner's.
-    `limits`: range of the pressure and its largest slew.
+    `board`: an open array whose frames contain the pressure (`Contents.PRESSURE`). The gripper does
+        not close the array.
+    `limits`: range of the pressure and its largest slew rate.
     """
 
     def __init__(
@@ -49,79 +49,81 @@ class PneumaticGripper:
     def state(self) -> GripperState:
         """Read the pressure, and send the board a heartbeat.
 
-        Raises `DeviceError` if the board is gone, its frames carry no pressure, or it has vented by
-        itself because it heard nothing.
+        Raises `DeviceError` if the board is lost, its frames contain no pressure, or the board has
+        vented the fingers after a missing heartbeat.
         """
         now_s = self._clock.now_s()
         if now_s - self._sent_s >= HEARTBEAT_S:
             self._send(Ping())
         newest = self._board.newest()
         if newest is None:
-            # The board has just been opened: its fingers are vented.
+            # The array was just opened: the fingers are vented.
             return GripperState(time_s=now_s, pressure_kpa=0.0, moving=now_s < self._arrives_s)
         set_kpa, pressure_kpa = newest.pressure_set_kpa, newest.pressure_kpa
         if set_kpa is None or pressure_kpa is None:
             raise DeviceError(
-                "the board's frames carry no pressure; open the array with pressure = true"
+                "the board's frames contain no pressure; open the array with pressure = true"
             )
         age_s = now_s - self._board.newest_s
         if age_s > STALE_S:
             raise DeviceTimeoutError(
-                f"the last pressure is {age_s:.2f} s old; check the board's cable. It vents the "
-                "fingers by itself 0.5 s after the last command"
+                f"the last pressure is {age_s:.2f} s old; check the board's cable. The board vents "
+                "the fingers 0.5 s after the last command"
             )
-        # Frames from before the last pressure command may still report an earlier silence.
-        pressed = self._target_kpa > self.limits.lowest and self._board.newest_s > self._commanded_s
-        if newest.status & BoardStatus.HEARTBEAT_LOST and pressed:
+        # Frames from before the last pressure command can still report an earlier silence.
+        is_pressed = (
+            self._target_kpa > self.limits.lowest and self._board.newest_s > self._commanded_s
+        )
+        if newest.status & BoardStatus.HEARTBEAT_LOST and is_pressed:
             raise DeviceError(
-                "the board has vented the fingers: it heard nothing for 0.5 s. Check its cable, "
-                "and that nothing else loads this machine"
+                "the board has vented the fingers: it received nothing for 0.5 s. Check its cable, "
+                "and the load on this machine"
             )
-        lagging = abs(pressure_kpa - self._target_kpa) > _NEAR_KPA
+        is_lagging = abs(pressure_kpa - self._target_kpa) > _TOLERANCE_KPA
         late_s = now_s - self._arrives_s
-        moving = late_s < 0 or (lagging and late_s < _LAG_S)
+        moving = late_s < 0 or (is_lagging and late_s < _LAG_S)
         self._set_kpa = set_kpa
         return GripperState(time_s=now_s, pressure_kpa=pressure_kpa, moving=moving)
 
     def command(self, wanted: GripperCommand) -> GripperCommand:
-        """Send a pressure and a slew; return what was sent, in whole pascals.
+        """Send a pressure and a slew rate; return the command sent, rounded to whole pascals.
 
-        Raises `DeviceError` if the board is gone, or its ceiling has tripped: then it takes no
+        Raises `DeviceError` if the board is lost, or if its ceiling has tripped and it accepts no
         pressure.
         """
         wanted = self.limits.clamp(wanted)
         target_kpa, slew = round(wanted.target, 3), round(max(wanted.rate, 0.001), 3)
         newest = self._board.newest()
-        tripped = newest is not None and newest.status & BoardStatus.CEILING_TRIPPED
-        if tripped and target_kpa > self.limits.lowest:
+        is_tripped = newest is not None and newest.status & BoardStatus.CEILING_TRIPPED
+        if is_tripped and target_kpa > self.limits.lowest:
             raise DeviceError(
-                "the board has vented the fingers: a pixel reached its ceiling. Take the cause "
-                "away, then open the rig again"
+                "the board has vented the fingers: a pixel reached its ceiling. Remove the cause, "
+                "then open the rig again"
             )
-        return self._go(GripperCommand(target=target_kpa, rate=slew))
+        return self._send_pressure(GripperCommand(target=target_kpa, rate=slew))
 
     def stop(self) -> None:
-        """Vent: the fingers can't be held without a host.
+        """Vent the fingers, which cannot be held without a host.
 
-        Raises `DeviceError` if the board is gone; then it vents by itself.
+        Raises `DeviceError` if the board is lost; the board then vents the fingers on its own.
         """
-        self._go(GripperCommand(target=self.limits.lowest, rate=_VENT_KPA_PER_S))
+        self._send_pressure(GripperCommand(target=self.limits.lowest, rate=_VENT_KPA_PER_S))
 
     def release(self) -> None:
         """Vent."""
         self.stop()
 
     def close(self) -> None:
-        """Vent if the board is still there; calling it again does nothing more."""
-        # Gone, it vents by itself.
+        """Vent the fingers; calling it again has no further effect."""
+        # A lost board vents on its own.
         with suppress(DeviceError):
             self.stop()
 
-    def _go(self, sent: GripperCommand) -> GripperCommand:
+    def _send_pressure(self, sent: GripperCommand) -> GripperCommand:
         self._send(SetPressure(target_kpa=sent.target, slew_kpa_per_s=sent.rate))
-        way_kpa = max(abs(sent.target - self._set_kpa), abs(sent.target - self._target_kpa))
+        change_kpa = max(abs(sent.target - self._set_kpa), abs(sent.target - self._target_kpa))
         self._commanded_s = self._sent_s
-        self._arrives_s = self._commanded_s + way_kpa / sent.rate
+        self._arrives_s = self._commanded_s + change_kpa / sent.rate
         self._target_kpa = sent.target
         return sent
 
@@ -133,7 +135,7 @@ class PneumaticGripper:
 def open_gripper(
     *, array: PressureArray, highest_kpa: float = MAX_PRESSURE_KPA
 ) -> PneumaticGripper:
-    """Open soft fingers on the board that reads their sensor.
+    """Open a gripper with soft fingers on the sensor's board.
 
     Parameters
     ----------
@@ -145,7 +147,7 @@ def open_gripper(
     Raises
     ------
     InputError
-        If the array is not such a board, or the pressure is out of its range.
+        If the array is not a board with palpate's firmware, or the pressure is out of range.
     """
     if not isinstance(array, SerialArray):
         raise InputError(

@@ -1,4 +1,4 @@
-"""One servo on a line: registers read and written, retried, every failure one line."""
+"""Access to the registers of one servo on a serial line, with retries."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from itertools import cycle
 from typing import Any
 
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, require_extra
-from palpate.gripper.packets import PROTOCOL_2, Packets, Register, RegisterRun
+from palpate.gripper.packets import PROTOCOL_2, PacketLayout, Register, RegisterRun
 from palpate.gripper.x_series import HARDWARE_ERROR, HardwareError, PacketError
 
-#: A packet that is lost or damaged once is asked for again; a servo that is gone stays silent.
+#: Attempts per request, to tolerate single lost or damaged packets.
 _TRIES = 3
-#: How long a reply may take by default: the adapter holds bytes back for up to 16 ms.
+#: Default time limit for a reply. The adapter can delay bytes by up to 16 ms.
 REPLY_S = 0.05
-#: Sizes of the reads that separate late replies from the next one, in turn, bytes. No other
-#: request has one of them.
-_MARKS = tuple(range(32, 48))
+#: Sizes of the reads that separate late replies from the next reply, bytes. They are used in turn,
+#: and no other request uses them.
+_SYNC_SIZES = tuple(range(32, 48))
 #: Instructions, of both protocols.
 _PING, _READ, _WRITE, _REBOOT = 0x01, 0x02, 0x03, 0x08
 
 
 class RefusedError(DeviceError):
-    """The servo answered, and would not do it."""
+    """The servo answered and refused the request."""
 
     def __init__(self, message: str, *, code: int) -> None:
         super().__init__(message)
@@ -33,12 +33,12 @@ class RefusedError(DeviceError):
 
 
 class ServoLine:
-    """Speaks with one servo through the official SDK; the port is locked against other programs.
+    """Communicates with one servo through the official SDK, with the port locked.
 
     `port`: device, e.g. ``"/dev/ttyUSB0"``.
-    `reply_s`: how long each reply may take; more on a machine that is busy with other work.
+    `reply_s`: time limit for each reply; a busy machine needs more.
     Raises `MissingExtraError` if dynamixel-sdk is not installed; `DeviceNotFoundError` if there is
-    no such port; `DeviceError` if another program has locked it.
+    no such port; `DeviceError` if another program has locked the port.
     """
 
     def __init__(
@@ -48,91 +48,92 @@ class ServoLine:
         servo_id: int,
         baud: int,
         reply_s: float = REPLY_S,
-        packets: Packets = PROTOCOL_2,
+        packets: PacketLayout = PROTOCOL_2,
     ) -> None:
         with require_extra("a gripper on a servo line", extra="gripper"):
             import dynamixel_sdk as sdk
         self._sdk = sdk
         self.name = f"servo {servo_id} on {port}"
-        #: The servo's state in its last reply: not 0 means a hardware error.
-        self.alerted = 0
+        #: State bits of the servo's last reply; nonzero after a hardware error.
+        self.alert_bits = 0
         self._id, self._layout = servo_id, packets
-        #: Whether replies to earlier questions may still come.
-        self._behind, self._marks = False, cycle(_MARKS)
+        #: Whether replies to earlier requests can still arrive.
+        self._has_late_replies, self._sync_sizes = False, cycle(_SYNC_SIZES)
         self._reply_ms = 1e3 * reply_s
         self._port: Any = sdk.PortHandler(port)
-        # The SDK's own 34 ms are too few on a busy machine.
-        self._port.setPacketTimeout = self._allow_reply
+        # The SDK's own timeout of 34 ms is too short on a busy machine.
+        self._port.setPacketTimeout = self._set_reply_timeout
         self._packets: Any = sdk.PacketHandler(packets.version)
         fast = (False,) if packets is PROTOCOL_2 else ()
         self._receive: Any = lambda: self._packets.rxPacket(self._port, *fast)
         try:
             opened = self._port.setBaudRate(baud)
             if opened:
-                # The SDK shares the port: two programs would take each other's replies.
+                # By default the SDK shares the port, and two programs would mix their replies.
                 self._port.ser.exclusive = True
         except OSError as error:
             self.close()
             if error.errno in (errno.EAGAIN, errno.EBUSY):
                 raise DeviceError(
-                    f"{port} is in use by another program; `fuser -v {port}` names it. Close it "
+                    f"{port} is in use by another program; `fuser -v {port}` shows which. Close it "
                     "first."
                 ) from error
             raise DeviceNotFoundError(
                 f"port {port} can't be opened: {error.strerror or error}. `palpate ports` lists "
-                "those there are; check cable and permissions."
+                "the available ports; check cable and permissions."
             ) from error
         if not opened:
             raise DeviceError(f"{port}: the servo line can't run at {baud} baud")
 
     def ping(self) -> int:
-        """Return the servo's model number; 0 where the protocol does not give it."""
-        reply = self._ask(_PING, b"", answer=self._layout.model_bytes)
+        """Return the servo's model number; 0 if the protocol does not transmit it."""
+        reply = self._exchange(_PING, b"", answer_size=self._layout.model_bytes)
         return int.from_bytes(reply[:2], "little")
 
     def read(self, register: Register) -> int:
         """Return the value of a register."""
         return self.read_run(register.address, register.size).value(register)
 
-    def read_run(self, begin: int, size: int) -> RegisterRun:
-        """Return `size` bytes of the control table from address `begin` on."""
-        place = self._layout.place
-        return RegisterRun(begin, self._ask(_READ, place(begin) + place(size), answer=size))
+    def read_run(self, start: int, size: int) -> RegisterRun:
+        """Return `size` bytes of the control table, from address `start`."""
+        encode = self._layout.encode_word
+        data = self._exchange(_READ, encode(start) + encode(size), answer_size=size)
+        return RegisterRun(start, data)
 
     def write(self, register: Register, value: int) -> None:
         """Write a register.
 
-        Raises `RefusedError` if the servo would not take it.
+        Raises `RefusedError` if the servo refuses the value.
         """
         data = value.to_bytes(register.size, "little", signed=value < 0)
-        self._ask(_WRITE, self._layout.place(register.address) + data, answer=0)
+        self._exchange(_WRITE, self._layout.encode_word(register.address) + data, answer_size=0)
 
-    def confirm(self, wanted: Mapping[Register, int]) -> None:
+    def confirm(self, expected: Mapping[Register, int]) -> None:
         """Read registers back.
 
-        Raises `DeviceError` if one has another value than `wanted`.
+        Raises `DeviceError` if a register does not have its expected value.
         """
-        for register, value in wanted.items():
+        for register, value in expected.items():
             found = self.read(register)
             if found != value:
                 raise DeviceError(
-                    f"{self.name} keeps {found} at address {register.address}, and was set to "
-                    f"{value}; check that no other program uses it, and its firmware"
+                    f"{self.name} has {found} at address {register.address}, and was set to "
+                    f"{value}; check that no other program uses the servo, and its firmware"
                 )
 
-    def write_blindly(self, register: Register, value: int) -> None:
-        """Write a register without waiting for an answer: for a servo that does not answer."""
+    def write_without_reply(self, register: Register, value: int) -> None:
+        """Write a register of a servo that does not answer, without waiting for a reply."""
         data = value.to_bytes(register.size, "little", signed=value < 0)
-        given = self._layout.place(register.address) + data
-        with self._port_there():
-            self._send(self._layout.request(self._id, _WRITE, given))
+        address = self._layout.encode_word(register.address)
+        with self._convert_port_errors():
+            self._send(self._layout.build_request(self._id, _WRITE, address + data))
 
     def reboot(self) -> None:
-        """Restart the servo, the only way to clear a hardware error; torque goes off."""
-        self._ask(_REBOOT, b"", answer=0)
+        """Restart the servo without torque; only this clears a hardware error."""
+        self._exchange(_REBOOT, b"", answer_size=0)
 
-    def errors(self) -> HardwareError:
-        """Return the hardware errors; none is 0."""
+    def read_errors(self) -> HardwareError:
+        """Return the hardware errors; 0 without errors."""
         return HardwareError(self.read(HARDWARE_ERROR))
 
     def close(self) -> None:
@@ -140,37 +141,40 @@ class ServoLine:
         if self._port.is_open:
             self._port.closePort()
 
-    def _ask(self, instruction: int, given: bytes, *, answer: int) -> bytes:
-        """Make one exchange, with a retry after line errors; return its `answer` bytes."""
+    def _exchange(self, instruction: int, data: bytes, *, answer_size: int) -> bytes:
+        """Send a request and return its answer; retry after line errors."""
         layout, is_silent, is_damaged = self._layout, True, False
         for _ in range(_TRIES):
-            packet = layout.request(self._id, instruction, given)
-            with self._port_there():
-                if self._behind and (result := self._catch_up()) != self._sdk.COMM_SUCCESS:
+            packet = layout.build_request(self._id, instruction, data)
+            with self._convert_port_errors():
+                if (
+                    self._has_late_replies
+                    and (result := self._drop_late_replies()) != self._sdk.COMM_SUCCESS
+                ):
                     is_silent = is_silent and result == self._sdk.COMM_RX_TIMEOUT
                     is_damaged = is_damaged or self._is_damaged(result)
                     if instruction != _READ:
-                        self._send(packet)  # no order waits for a line that is late
+                        self._send(packet)  # commands are not delayed by late replies
                     continue
                 reply, result, error = self._packets.txRxPacket(self._port, packet)
             is_silent = is_silent and result == self._sdk.COMM_RX_TIMEOUT
             is_damaged = is_damaged or self._is_damaged(result)
-            whole = result == self._sdk.COMM_SUCCESS
-            if whole and layout.answers(reply, number=self._id, size=answer):
-                self.alerted, code = error & layout.alert, error & ~layout.alert
+            is_complete = result == self._sdk.COMM_SUCCESS
+            if is_complete and layout.is_reply_from(reply, servo_id=self._id, size=answer_size):
+                self.alert_bits, code = error & layout.alert_mask, error & ~layout.alert_mask
                 if code:
-                    raise RefusedError(f"{self.name} refused: {_reason(code)}", code=code)
-                return bytes(reply[layout.data_at : layout.data_at + answer])
-            self._behind = True
+                    raise RefusedError(f"{self.name} refused: {_describe_error(code)}", code=code)
+                return bytes(reply[layout.data_offset : layout.data_offset + answer_size])
+            self._has_late_replies = True
         if is_damaged:
             raise DeviceError(
                 f"{self.name}: replies are damaged ({_TRIES} tries): check the cable, and that no "
-                "two servos share a number"
+                "two servos have the same number"
             )
         if is_silent:
             raise DeviceTimeoutError(
                 f"{self.name} does not reply ({_TRIES} tries): check its power, cable, number and "
-                "baud"
+                "baud rate"
             )
         raise DeviceTimeoutError(
             f"{self.name}: replies are late or incomplete ({_TRIES} tries): check the cable, and "
@@ -178,56 +182,58 @@ class ServoLine:
         )
 
     def _is_damaged(self, result: int) -> bool:
-        """Return whether an exchange failed for another reason than time.
+        """Return whether an exchange failed for a reason other than time.
 
-        The SDK reports a reply that its deadline cut as corrupt, and sets its time-out to 0 then.
+        The SDK reports a reply truncated by a timeout as corrupt, and sets its timeout to 0.
         """
         if result in (self._sdk.COMM_SUCCESS, self._sdk.COMM_RX_TIMEOUT):
             return False
-        is_cut = result == self._sdk.COMM_RX_CORRUPT and not self._port.packet_timeout
-        return not is_cut
+        is_truncated = result == self._sdk.COMM_RX_CORRUPT and not self._port.packet_timeout
+        return not is_truncated
 
-    def _catch_up(self) -> int:
-        """Ask what only this question's reply can be, and drop all that comes before it.
+    def _drop_late_replies(self) -> int:
+        """Send a read with a unique size, and drop all replies before its reply.
 
-        Replies carry no number of their question, but come in its order: once the one of this size
-        is here, none of an earlier question can come any more, however late they are.
+        Replies do not identify their request, but arrive in the order of the requests. After the
+        reply with the unique size, no reply to an earlier request can arrive, however late.
         Returns the SDK's result.
         """
-        layout, size = self._layout, next(self._marks)
-        self._send(layout.request(self._id, _READ, layout.place(0) + layout.place(size)))
-        self._allow_reply(size)
+        layout, size = self._layout, next(self._sync_sizes)
+        addressed = layout.encode_word(0) + layout.encode_word(size)
+        self._send(layout.build_request(self._id, _READ, addressed))
+        self._set_reply_timeout(size)
         result: int = self._sdk.COMM_SUCCESS
-        while self._behind and result == self._sdk.COMM_SUCCESS:
+        while self._has_late_replies and result == self._sdk.COMM_SUCCESS:
             reply, result = self._receive()
             if result == self._sdk.COMM_SUCCESS:
-                self._behind = not (
-                    layout.answers(reply, number=self._id, size=size)
-                    and not reply[layout.error_at] & ~layout.alert
+                self._has_late_replies = not (
+                    layout.is_reply_from(reply, servo_id=self._id, size=size)
+                    and not reply[layout.error_offset] & ~layout.alert_mask
                 )
         return result
 
     def _send(self, packet: list[int]) -> None:
-        """Send a packet whose reply is not waited for here."""
-        self._behind = True
+        """Send a packet without waiting for its reply."""
+        self._has_late_replies = True
         self._packets.txPacket(self._port, packet)
         self._port.is_using = False
 
-    def _allow_reply(self, size: int) -> None:
+    def _set_reply_timeout(self, size: int) -> None:
         self._port.setPacketTimeoutMillis(self._reply_ms + size * self._port.tx_time_per_byte)
 
     @contextmanager
-    def _port_there(self) -> Iterator[None]:
+    def _convert_port_errors(self) -> Iterator[None]:
         try:
             yield
         except (OSError, termios.error) as error:
             self._port.is_using = False
             raise DeviceError(
-                f"{self.name}: the port is gone; plug it in again and check the servo's power"
+                f"{self.name}: the port is gone; plug the adapter in again and check the servo's "
+                "power"
             ) from error
 
 
-def _reason(code: int) -> str:
+def _describe_error(code: int) -> str:
     try:
         return PacketError(code).name.lower().replace("_", " ")
     except ValueError:

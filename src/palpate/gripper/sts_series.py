@@ -1,7 +1,7 @@
-"""The memory table of Feetech STS servos as data, limited to a gripper's needs.
+"""Memory table of Feetech STS servos: the registers used by a gripper.
 
-Source: Feetech, "SMS/STS series memory table" (STS3215). Little-endian; signed values are a
-magnitude with a sign bit.
+Source: Feetech, "SMS/STS series memory table" (STS3215). Values are little-endian; signed values
+use sign-magnitude encoding.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ PRESENT_POSITION = Register(56, 2, sign_bit=15)
 MOVING = Register(66, 1)
 PRESENT_CURRENT = Register(69, 2, sign_bit=15)
 
-#: What a state needs lies in one run, so it is read in one packet.
+#: Address range of all registers of a state, read in one packet.
 STATE = 56, 71
 
 TICKS = 4096
 RAD_PER_TICK = 2 * pi / TICKS
-#: One unit of velocity is one tick a second, of current 6.5 mA, of the torque limit 0.1 %.
+#: The units are one tick per second (velocity), 6.5 mA (current) and 0.1 % (torque limit).
 MA_PER_UNIT, FULL_TORQUE = 6.5, 1000
-#: Operating mode that follows a position.
+#: Operating mode with position control.
 POSITION_MODE = 0
-#: Model number -> as printed on it.
+#: Printed model name of each model number.
 MODELS = {777: "STS3215"}
 
 
 class State(IntFlag):
-    """Bits of every reply: what the servo protects itself against."""
+    """Protection states of the servo, as bits in every reply."""
 
     VOLTAGE = 0x01
     ENCODER = 0x02

@@ -1,4 +1,4 @@
-"""The control table of DYNAMIXEL X-series servos as data, limited to a gripper's needs.
+"""Control table of DYNAMIXEL X-series servos: the registers used by a gripper.
 
 Source: ROBOTIS e-Manual, control tables of XL430-W250, XM430-W350 and XL330-M288 (Protocol 2.0).
 """
@@ -29,32 +29,32 @@ MOVING_STATUS = Register(123, 1)
 PRESENT_CURRENT = Register(126, 2, signed=True)
 PRESENT_POSITION = Register(132, 4, signed=True)
 
-#: What a state needs lies in one run, so it is read in one packet.
+#: Address range of all registers of a state, read in one packet.
 STATE = 122, 147
 
 RAD_PER_TICK = 2 * pi / 4096
-#: Middle of the travel: the horn's angle 0.
+#: Middle of the travel, where the horn's angle is 0.
 CENTRE_TICK = 2048
 RAD_PER_S_PER_VELOCITY = 0.229 * 2 * pi / 60
-WATCHDOG_STEP_S, LONGEST_WATCHDOG = 0.02, 127
-#: Bits of `DRIVE_MODE`: positions rise clockwise; `PROFILE_VELOCITY` is the milliseconds of a
-#: movement, not its speed.
+WATCHDOG_STEP_S, MAX_WATCHDOG_STEPS = 0.02, 127
+#: Bits of `DRIVE_MODE`: positions increase clockwise; `PROFILE_VELOCITY` is the duration of a
+#: movement in milliseconds instead of its speed.
 REVERSE, TIME_BASED = 0x01, 0x04
-#: Goal PWM 885 is all of the supply.
+#: Goal PWM for the full supply voltage.
 FULL_PWM = 885
-#: Bit of `MOVING_STATUS`: the profile of the last goal is still running.
+#: Bit of `MOVING_STATUS`: the motion profile of the last goal is in progress.
 PROFILE_ONGOING = 0x02
 
 
 class Mode(IntEnum):
-    """Values of `OPERATING_MODE` that follow a position."""
+    """Values of `OPERATING_MODE` with position control."""
 
     POSITION = 3
     CURRENT_BASED_POSITION = 5
 
 
 class HardwareError(IntFlag):
-    """Bits of `HARDWARE_ERROR`: the torque is off until the servo is rebooted."""
+    """Bits of `HARDWARE_ERROR`; any error switches the torque off until a reboot."""
 
     INPUT_VOLTAGE = 0x01
     OVERHEATING = 0x04
@@ -77,16 +77,16 @@ class PacketError(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Model:
-    """One kind of servo."""
+    """A servo model."""
 
-    #: As printed on it.
+    #: Printed model name.
     name: str
-    #: Unit of current registers; None where the servo measures no current, and only its PWM can be
+    #: Unit of the current registers; None without current measurement, where only the PWM can be
     #: limited.
     ma_per_unit: float | None
 
 
-#: Model number -> model.
+#: Model of each model number.
 MODELS = {
     1060: Model(name="XL430-W250", ma_per_unit=None),
     1090: Model(name="2XL430-W250", ma_per_unit=None),

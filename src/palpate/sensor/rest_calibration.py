@@ -13,7 +13,7 @@ from palpate.sensor.array import ArrayLayout
 from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
 from palpate.sensor.findings import pixel_name
 from palpate.sensor.health import FrameColumns
-from palpate.signal.relative import refuse_load, rest_baseline
+from palpate.signal.relative import check_unloaded, rest_baseline
 
 
 def compute_rest(
@@ -29,7 +29,7 @@ def compute_rest(
     rest = rest_baseline(ohm)
     if known_ohm is not None:
         try:
-            refuse_load(rest.rest_ohm, known_ohm=known_ohm)
+            check_unloaded(rest.rest_ohm, known_ohm=known_ohm)
         except CalibrationError as loaded:
             raise CalibrationError(f"{loaded} (--new); if nothing does, give --empty") from loaded
     is_dead = np.isnan(rest.rest_ohm) | np.isinf(median_ohm) | (median_ohm == 0)

@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.settling.result import SettledEstimate, Status
-from palpate.signal.transient import WAIT_S, hold_window
+from palpate.signal.transient import WAIT_S, find_hold_window
 
 #: A line and one sample to spare.
 _MIN_SAMPLES = 3
@@ -80,7 +80,7 @@ class LogLaw:
         self, time_s: FloatArray, values: FloatArray, *, horizon_s: float, level: float
     ) -> SettledEstimate:
         """Return the line's value at the horizon; see `SettlingMethod.predict`."""
-        window = hold_window(time_s, values, wait_s=self.wait_s)
+        window = find_hold_window(time_s, values, wait_s=self.wait_s)
         settled = values[:, -1].copy()
         window_s = np.zeros(len(values))
         status = np.array([Status.TOO_SHORT] * len(values), dtype=object)

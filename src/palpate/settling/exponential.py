@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.settling.result import SettledEstimate, Status
-from palpate.signal.transient import WAIT_S, hold_window
+from palpate.signal.transient import WAIT_S, find_hold_window
 
 #: Three parameters need a fourth sample to be a fit at all.
 MIN_SAMPLES = 4
@@ -71,13 +71,13 @@ def fit_exponential(
     >>> [round(float(x[0]), 6) for x in (fit.amplitude, fit.rate_per_s, fit.settled)]
     [40.0, 1.2, -60.0]
     """
-    window = hold_window(time_s, values, wait_s=wait_s)
+    window = find_hold_window(time_s, values, wait_s=wait_s)
     last, n_holds = values[:, -1], len(values)
     settled, window_s = last.copy(), np.zeros(n_holds)
     amplitude, rate_per_s = np.full((2, n_holds), np.nan)
     status = np.array([Status.TOO_SHORT] * n_holds, dtype=object)
     come = np.abs(values[np.arange(n_holds), window.peak] - last)
-    for first, rows in window.grids():
+    for first, rows in window.group_by_first():
         if time_s.size - first < MIN_SAMPLES:
             continue
         since_first = time_s[first:] - time_s[first]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate.signal.transient import peak_index
+from palpate.signal.transient import find_peak
 
 #: A baseline stays within this share of the whole change for at least this long (s) and this many
 #: samples; the change then reaches the larger share within three quarters of that time or one
@@ -54,7 +54,7 @@ def windows(time_s: FloatArray, values: FloatArray, *, positive: bool) -> Iterat
     (0.95, 1.3)
     """
     rested = _baseline_end(time_s, values)
-    origin = np.maximum(peak_index(values), rested)
+    origin = np.maximum(find_peak(values), rested)
     rows, begin_s = np.arange(len(values)), time_s[origin]
     start = values[rows, origin]
     soon = time_s.searchsorted(begin_s + _CONTACT_S, side="right") - 1

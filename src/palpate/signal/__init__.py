@@ -1,1 +1,1 @@
-"""Arrays in, arrays out: counts to ohm, relative change, events and hold windows."""
+"""Array functions: counts to ohm, relative change, events and hold windows."""

@@ -1,8 +1,8 @@
-"""From ADC counts to ohm and back: the voltage divider that reads a pixel.
+"""Conversion between ADC counts and ohm: the voltage divider of a pixel.
 
-Counts may be the sum of several conversions (oversampling). A converter code represents the middle
-of its step: the ATmega2560's ideal first transition is half a step above zero (datasheet, "ADC
-Accuracy Definitions").
+Counts can be the sum of several conversions (oversampling). A converter code represents the middle
+of its step, because the ATmega2560's ideal first transition is half a step above zero (datasheet,
+"ADC Accuracy Definitions").
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from palpate.arrays import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Divider:
-    """The divider and converter of the readout (paper, Figure 2a; defaults are the paper's).
+    """The divider and converter of the readout, with the paper's defaults (Figure 2a).
 
     Attributes
     ----------
     reference_ohm : float
         The fixed resistor.
     supply_v : float
-        Supply, which is also the ADC's reference.
+        Supply voltage, which is also the ADC's reference voltage.
     adc_bits : int
-        Width of the converter.
+        Resolution of the converter.
     taxel_leg : {"upper", "lower"}
-        Whether the pixel lies between supply and ADC (upper) or between ADC and ground (lower).
+        Position of the pixel: between supply and ADC (upper), or between ADC and ground (lower).
     """
 
     reference_ohm: float = 4700.0
@@ -44,23 +44,23 @@ class Divider:
 
     @property
     def least_ohm(self) -> float:
-        """Least resistance that differs from a short: half a step from the range's end."""
+        """Smallest resistance distinct from a short: half a step from the end of the range."""
         return self.reference_ohm * 1.5 / (self.full_scale - 1.5)
 
 
 def resistance_ohm(counts: ArrayLike, *, divider: Divider, oversampling: int = 1) -> FloatArray:
     """Convert counts to the pixel's resistance.
 
-    With the pixel in the upper leg R = R_ref (N / c - 1), in the lower R = R_ref c / (N - c), where
-    c is the mean count of one conversion. Where every conversion hit an end of the range nothing is
-    guessed: an open pixel is inf, a short one 0.
+    R = R_ref (N / c - 1) for a pixel in the upper leg and R = R_ref c / (N - c) in the lower leg,
+    where c is the mean count of one conversion. If all conversions are at an end of the range, the
+    result is inf for an open pixel and 0 for a short pixel.
 
     Source: ATmega2560 datasheet, "ADC Conversion Result".
 
     `counts`, shape (..., rows, cols): readings, summed over `oversampling` conversions.
-    Raises `ValueError` if a reading lies outside what the converter can give.
+    Raises `ValueError` if a reading is outside the converter's range.
 
-    Mid-scale means that both legs are equal:
+    At mid-scale both legs have equal resistance:
 
     >>> resistance_ohm([[512, 256, 0]], divider=Divider(reference_ohm=10e3)).tolist()
     [[10000.0, 30000.0, inf]]
@@ -96,7 +96,7 @@ def ohm_to_volts(taxel_ohm: ArrayLike, *, divider: Divider) -> FloatArray:
 def volts_to_counts(
     volts: ArrayLike, *, divider: Divider, noise_counts: ArrayLike = 0.0
 ) -> NDArray[np.int32]:
-    """Return what one conversion of a voltage gives, with noise added before rounding.
+    """Return the counts of one conversion, with noise added before rounding.
 
     >>> volts_to_counts([2.5, 5.0], divider=Divider()).tolist()
     [512, 1023]
@@ -107,9 +107,10 @@ def volts_to_counts(
 
 
 def resolution_ohm(taxel_ohm: ArrayLike, *, divider: Divider) -> FloatArray:
-    """Return by how many ohms one count moves the reading, at a resistance.
+    """Return the change of resistance for one count.
 
-    It is (R + R_ref)^2 / (R_ref N), in either leg, and smallest relative to R where R = R_ref.
+    The change is (R + R_ref)^2 / (R_ref N) in either leg. Relative to R it is smallest at
+    R = R_ref.
 
     `taxel_ohm`: resistance of the pixel.
 

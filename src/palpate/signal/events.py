@@ -1,4 +1,4 @@
-"""Contact, removal and slip in a stream of relative changes, sample by sample."""
+"""Detection of contact, removal and slip in a stream of relative changes."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 
 from palpate.signal.relative import CONTACT_PERCENT
 
-#: Fraction by which the change held follows a signal that rises, per sample.
-_FORGET = 0.02
+#: Fraction per sample by which the held change follows a rising signal.
+_FOLLOW_FRACTION = 0.02
 
 
 class EventKind(StrEnum):
-    """The kind of an event of one finger."""
+    """Kind of event on one finger."""
 
     CONTACT = "contact"
     REMOVAL = "removal"
@@ -23,7 +23,7 @@ class EventKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ContactState:
-    """State of one finger in `watch_contact`: touched or not, and the deepest change held."""
+    """State of one finger in `watch_contact`: contact, and the deepest held change."""
 
     touching: bool = False
     held_percent: float = 0.0
@@ -33,17 +33,16 @@ class ContactState:
 def watch_contact(
     state: ContactState, change_percent: float, *, threshold_percent: float = CONTACT_PERCENT
 ) -> tuple[ContactState, EventKind | None]:
-    """Take one sample of a finger's relative change; return whether something happened.
+    """Update a finger's state with one sample; return the new state and event.
 
-    Contact is a change below the threshold; removal one above half of it (so that noise at the
-    threshold gives no chatter). Slip is the loss of more than a quarter of the change held, while
-    still touching. The change held follows the signal down at once and, by 2 % of the difference
-    per sample, up: slow relaxation of a soft object is not slip.
+    Contact is a change below the threshold. Removal is a change above half of the threshold; the
+    hysteresis suppresses chatter from noise. Slip is the loss of more than a quarter of the held
+    change during contact. The held change follows a falling signal at once, and a rising signal by
+    2 % of the difference per sample. Slow relaxation of a soft object is therefore not slip.
 
-    `state`: memory of the finger.
-    `change_percent`: the finger's mean relative change; NaN (no pixel reads) changes nothing.
+    `state`: previous state of the finger.
+    `change_percent`: the finger's mean relative change; NaN (no valid pixel) has no effect.
     `threshold_percent`: negative; the paper's is -10 % (section 4.1).
-    Returns the new memory, and what happened at this sample.
 
     >>> state, event = watch_contact(ContactState(), -12.0)
     >>> state.touching, event.value
@@ -58,7 +57,7 @@ def watch_contact(
     if change_percent > 0.5 * threshold_percent:
         return ContactState(), EventKind.REMOVAL
     above = change_percent - state.held_percent
-    held = state.held_percent + (above if above < 0 else _FORGET * above)
+    held = state.held_percent + (above if above < 0 else _FOLLOW_FRACTION * above)
     slipping = change_percent > 0.75 * held and held < 2.0 * threshold_percent
     event = EventKind.SLIP if slipping and not state.slipping else None
     return ContactState(True, held, slipping), event

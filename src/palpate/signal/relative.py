@@ -1,9 +1,9 @@
-"""From ohm to what pixels show about load: rest baseline, relative change, sums over pixels.
+"""Load signals from resistances: rest baseline, relative change, sums over pixels.
 
-Arrays have shape (..., rows, cols). A pixel that reads open (infinite) or has no rest value gives
-NaN, and the sums over pixels leave NaN out. A pixel that reads short has at least the conductance
-of the converter's last step: its excess is infinite, never left out, because a load that can't be
-read must not count as none.
+Arrays have shape (..., rows, cols). A pixel that is open (infinite) or has no rest value gives NaN,
+and the sums over pixels ignore NaN. A short pixel has at least the conductance of the converter's
+last step. Its excess is infinite and is never ignored, because an unreadable load must not count as
+no load.
 """
 
 from __future__ import annotations
@@ -20,63 +20,62 @@ from palpate.errors import CalibrationError
 
 #: Contact threshold of the paper (section 4.1), percent of relative change.
 CONTACT_PERCENT = -10.0
-#: A stretch counts as rest if the pixels' mean moves by no more than this over it, and no pixel
-#: spreads more, in percent. Actuation spikes and loads are far above, drift and noise below.
+#: Largest trend and range of the pixels' mean at rest, percent. Actuation spikes and loads are far
+#: above these limits, drift and noise below.
 _REST_TREND_PERCENT, _REST_SPREAD_PERCENT = 1.0, 3.0
-#: A rest value this far below the one known before means that something presses on the sensor.
+#: A rest value this far below the earlier rest value indicates a load on the sensor.
 _REST_FALL_PERCENT = -15.0
-_FEWEST_FRAMES = 5
+_MIN_FRAMES = 5
 #: Scales the median absolute deviation to a standard deviation of normal noise.
 _MAD_TO_SD = 1.4826
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RestBaseline:
-    """Rest values: each pixel's reading with nothing on it."""
+    """Rest values: readings of the pixels without load."""
 
-    #: Shape (rows, cols). Robust mean; NaN for pixels that read open or short.
+    #: Shape (rows, cols). Robust mean; NaN for open or short pixels.
     rest_ohm: FloatArray
     #: Shape (rows, cols). Robust standard deviation of one frame, percent of `rest_ohm`.
     spread_percent: FloatArray
-    #: How many frames it rests on.
+    #: Number of frames used.
     frames: int
 
 
 def rest_baseline(resistance_ohm: ArrayLike, *, known_ohm: ArrayLike | None = None) -> RestBaseline:
-    """Take the rest values from a stretch of frames, or refuse.
+    """Compute the rest values from frames without load.
 
-    The mean over frames leaves out what lies more than three robust standard deviations from the
-    median. A stretch in which the sensor was moving, settling or touched shows as a trend or a
-    jump, and is refused. A load that has long settled can't be distinguished from rest by the
-    stretch alone: give the rest values known before.
+    The mean over frames excludes readings more than three robust standard deviations from the
+    median. Movement, settling or a touch causes a trend or a jump, and the frames are refused. The
+    frames alone do not show a load that has settled; this requires earlier rest values.
 
     `resistance_ohm`, shape (frames, rows, cols): readings; at least five frames.
     `known_ohm`, shape (rows, cols): rest values of an earlier calibration.
-    Raises `CalibrationError` if the stretch is too short, no pixel reads, or the sensor was loaded
-    or moving.
+    Raises `CalibrationError` if there are too few frames or no valid pixels, or if the sensor was
+    loaded or moving.
 
     >>> rest = rest_baseline([[[1000.0, 2000.0]]] * 20)
     >>> rest.rest_ohm.tolist(), rest.spread_percent.tolist()
     ([[1000.0, 2000.0]], [[0.0, 0.0]])
     """
     ohm = np.asarray(resistance_ohm, dtype=np.float64)
-    if ohm.ndim != 3 or ohm.shape[0] < _FEWEST_FRAMES:
+    if ohm.ndim != 3 or ohm.shape[0] < _MIN_FRAMES:
         frames = ohm.shape[0] if ohm.ndim == 3 else 0
         raise CalibrationError(
-            f"a rest baseline needs at least {_FEWEST_FRAMES} frames, got {frames}; record longer"
+            f"a rest baseline needs at least {_MIN_FRAMES} frames, got {frames}; record longer"
         )
     ohm = np.where(np.isfinite(ohm) & (ohm > 0), ohm, np.nan)
     ohm[:, np.isnan(ohm).any(axis=0)] = np.nan
     if np.isnan(ohm).all():
-        raise CalibrationError("no pixel reads in the rest stretch; check wiring and power")
-    middle = np.median(ohm, axis=0)
-    sd = _MAD_TO_SD * np.median(np.abs(ohm - middle), axis=0)
-    kept = np.abs(ohm - middle) <= np.maximum(3.0 * sd, 1e-9 * middle)
-    rest_ohm = np.where(kept, ohm, 0.0).sum(axis=0) / np.maximum(kept.sum(axis=0), 1)
-    rest_ohm = np.where(np.isnan(middle), np.nan, rest_ohm)
-    _refuse_unrest(relative_change_percent(ohm, rest_ohm=rest_ohm))
+        raise CalibrationError("no valid pixel in the rest readings; check wiring and power")
+    median = np.median(ohm, axis=0)
+    sd = _MAD_TO_SD * np.median(np.abs(ohm - median), axis=0)
+    is_inlier = np.abs(ohm - median) <= np.maximum(3.0 * sd, 1e-9 * median)
+    rest_ohm = np.where(is_inlier, ohm, 0.0).sum(axis=0) / np.maximum(is_inlier.sum(axis=0), 1)
+    rest_ohm = np.where(np.isnan(median), np.nan, rest_ohm)
+    _check_at_rest(relative_change_percent(ohm, rest_ohm=rest_ohm))
     if known_ohm is not None:
-        refuse_load(rest_ohm, known_ohm=known_ohm)
+        check_unloaded(rest_ohm, known_ohm=known_ohm)
     return RestBaseline(
         rest_ohm=rest_ohm, spread_percent=100.0 * sd / rest_ohm, frames=int(ohm.shape[0])
     )
@@ -100,7 +99,7 @@ def relative_change_percent(resistance_ohm: ArrayLike, *, rest_ohm: ArrayLike) -
 def excess_conductance(resistance_ohm: ArrayLike, *, rest_ohm: ArrayLike) -> FloatArray:
     """Return G / G_rest - 1 = R_rest / R - 1, a ratio.
 
-    Where the relative change runs into -100 %, the excess conductance keeps rising with load.
+    The excess conductance still rises with load where the relative change approaches -100 %.
 
     `resistance_ohm`, shape (..., rows, cols): readings; infinite (open) gives NaN, zero (short)
         infinity.
@@ -117,7 +116,7 @@ def excess_conductance(resistance_ohm: ArrayLike, *, rest_ohm: ArrayLike) -> Flo
 
 
 def mean_change(change_percent: ArrayLike) -> FloatArray:
-    """Return the mean over all pixels: the paper's aggregate. Shape (..., rows, cols) to (...).
+    """Return the mean over all pixels (the paper's aggregate): (..., rows, cols) to (...).
 
     >>> mean_change([[-50.0, 0.0], [float("nan"), -10.0]]).item()
     -20.0
@@ -126,22 +125,22 @@ def mean_change(change_percent: ArrayLike) -> FloatArray:
 
 
 def finger_means(change_percent: ArrayLike, *, finger_of_row: Sequence[int]) -> FloatArray:
-    """Return the mean of each finger's pixels: shape (..., rows, cols) to (..., fingers).
+    """Return the mean over each finger's pixels: (..., rows, cols) to (..., fingers).
 
     >>> finger_means([[-50.0, -30.0], [0.0, -2.0]], finger_of_row=(0, 1)).tolist()
     [-40.0, -1.0]
     """
     change = np.asarray(change_percent, float)
-    each = [
+    means = [
         _mean_over(change[..., rows, :], axis=(-2, -1))
         for rows in _rows_by_finger(tuple(finger_of_row))
     ]
-    return np.stack(each, axis=-1)
+    return np.stack(means, axis=-1)
 
 
 @cache
 def _rows_by_finger(finger_of_row: tuple[int, ...]) -> list[list[int]]:
-    """Return the rows of each finger, in the order of the fingers' numbers."""
+    """Return the rows of each finger, in the order of the finger numbers."""
     return [
         [row for row, other in enumerate(finger_of_row) if other == finger]
         for finger in sorted(set(finger_of_row))
@@ -149,7 +148,7 @@ def _rows_by_finger(finger_of_row: tuple[int, ...]) -> list[list[int]]:
 
 
 def largest_change(change_percent: ArrayLike) -> FloatArray:
-    """Return the change of the pixel that fell most: shape (..., rows, cols) to (...).
+    """Return the largest fall of any pixel: shape (..., rows, cols) to (...).
 
     >>> largest_change([[-50.0, 3.0]]).item()
     -50.0
@@ -162,7 +161,7 @@ def largest_change(change_percent: ArrayLike) -> FloatArray:
 def total_excess(excess: ArrayLike) -> FloatArray:
     """Return the sum of excess conductances: (..., rows, cols) to (...); NaN without a reading.
 
-    It hardly depends on how a force spreads over the pixels, as long as the law is near linear.
+    For a nearly linear law the sum hardly depends on the distribution of the force over the pixels.
 
     >>> total_excess([[1.0, 0.0], [float("nan"), 2.5]]).item()
     3.5
@@ -175,45 +174,45 @@ def total_excess(excess: ArrayLike) -> FloatArray:
 
 
 def _mean_over(values: FloatArray, *, axis: tuple[int, int]) -> FloatArray:
-    """Return the mean that leaves NaN out, NaN where nothing is left."""
+    """Return the mean of all values except NaN; NaN if there are none."""
     known = ~np.isnan(values)
     count = known.sum(axis=axis)
     total = np.where(known, values, 0.0).sum(axis=axis)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def _refuse_unrest(change_percent: FloatArray) -> None:
-    """Raise if a stretch of relative changes, shape (frames, rows, cols), is not rest."""
+def _check_at_rest(change_percent: FloatArray) -> None:
+    """Raise `CalibrationError` if relative changes, shape (frames, rows, cols), show no rest."""
     overall = mean_change(change_percent)
     third = max(overall.size // 3, 1)
     trend = float(np.median(overall[-third:]) - np.median(overall[:third]))
     if abs(trend) > _REST_TREND_PERCENT:
         raise CalibrationError(
-            f"the sensor moved by {trend:+.1f} % during the rest stretch (at most "
-            f"{_REST_TREND_PERCENT:g} %): it was loaded or still settling; leave it and repeat"
+            f"the readings drifted by {trend:+.1f} % at rest (at most "
+            f"{_REST_TREND_PERCENT:g} %): the sensor was loaded or still settling; wait and repeat"
         )
     smooth = overall
     if overall.size >= 3:
         smooth = np.median(np.lib.stride_tricks.sliding_window_view(overall, 3), axis=-1)
-    reach = float(np.ptp(smooth))
-    if reach > _REST_SPREAD_PERCENT:
+    span = float(np.ptp(smooth))
+    if span > _REST_SPREAD_PERCENT:
         raise CalibrationError(
-            f"the sensor jumped by {reach:.1f} % during the rest stretch (at most "
-            f"{_REST_SPREAD_PERCENT:g} %): the fingers moved or it was touched; repeat at rest"
+            f"the readings jumped by {span:.1f} % at rest (at most {_REST_SPREAD_PERCENT:g} %): "
+            "the fingers moved or the sensor was touched; repeat at rest"
         )
 
 
-def refuse_load(rest_ohm: ArrayLike, *, known_ohm: ArrayLike) -> None:
-    """Refuse rest values so far below those known before that something must be pressing.
+def check_unloaded(rest_ohm: ArrayLike, *, known_ohm: ArrayLike) -> None:
+    """Raise `CalibrationError` if the rest values show a load on the sensor.
 
-    `rest_ohm`, `known_ohm`, shape (rows, cols): those of now, and of an earlier calibration.
-    Raises `CalibrationError` if they lie 15 % below.
+    `rest_ohm`, `known_ohm`, shape (rows, cols): present rest values, and those of an earlier
+        calibration. The limit is a mean of 15 % below the earlier values.
 
-    >>> refuse_load([[950.0, 1980.0]], known_ohm=[[1000.0, 2000.0]])
+    >>> check_unloaded([[950.0, 1980.0]], known_ohm=[[1000.0, 2000.0]])
     """
     fall = float(mean_change(relative_change_percent(rest_ohm, rest_ohm=known_ohm)))
     if fall < _REST_FALL_PERCENT:
         raise CalibrationError(
-            f"the rest values are {-fall:.0f} % below the known ones: something presses on the "
-            "sensor; take it away, or calibrate again if the sensor was changed"
+            f"the rest values are {-fall:.0f} % below the earlier values: there is a load on the "
+            "sensor; remove it, or calibrate again if the sensor was changed"
         )

@@ -29,21 +29,21 @@ def test_slope_is_the_derivative(fingers: CrankFingers, angle: float) -> None:
     step = 1e-6
     numeric = (fingers.width_mm(angle + step) - fingers.width_mm(angle - step)) / (2 * step)
     width = fingers.width_mm(angle)
-    assert fingers.steepest_mm_per_rad(width, width) == pytest.approx(numeric, rel=1e-3, abs=1e-3)
+    assert fingers.max_mm_per_rad(width, width) == pytest.approx(numeric, rel=1e-3, abs=1e-3)
 
 
 @given(fingers=mechanisms, one=angles, other=angles)
 def test_no_way_is_steeper_than_said(fingers: CrankFingers, one: float, other: float) -> None:
     first, last = fingers.width_mm(one), fingers.width_mm(other)
-    steepest = fingers.steepest_mm_per_rad(first, last)
+    steepest = fingers.max_mm_per_rad(first, last)
     assert abs(first - last) <= steepest * abs(one - other) * 1.05 + 1e-6
 
 
 def test_widowx_opens_as_its_description_says() -> None:
     fingers = CrankFingers()
-    assert fingers.reach_mm == (20.0, 76.0)
+    assert fingers.range_mm == (20.0, 76.0)
     assert fingers.width_mm(0.0) == pytest.approx(2 * math.sqrt(24**2 - 14**2))
-    with pytest.raises(ValueError, match="outside the fingers' 20 to 76 mm"):
+    with pytest.raises(ValueError, match="outside the fingers' range of 20 to 76 mm"):
         fingers.angle_rad(80.0)
     with pytest.raises(ValueError, match="horn"):
         CrankFingers(horn_mm=30.0)

@@ -4,44 +4,44 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.signal.transient import hold_window, peak_index
+from palpate.signal.transient import find_hold_window, find_peak
 
 
 def test_the_peak_is_a_maximum_that_lies_inside_a_falling_hold() -> None:
-    assert peak_index([0.0, 4.0, 9.0, -3.0, -20.0]) == 2
+    assert find_peak([0.0, 4.0, 9.0, -3.0, -20.0]) == 2
 
 
 def test_the_peak_of_a_rising_hold_is_its_minimum() -> None:
-    assert peak_index([5.0, 1.0, 3.0, 20.0]) == 1
+    assert find_peak([5.0, 1.0, 3.0, 20.0]) == 1
 
 
 def test_noise_at_the_end_of_a_fall_is_no_peak() -> None:
-    assert peak_index([9.0, 5.0, 3.0, 2.9, 3.05]) == 0
+    assert find_peak([9.0, 5.0, 3.0, 2.9, 3.05]) == 0
 
 
 def test_of_equal_extremes_the_earlier_counts() -> None:
-    assert peak_index([7.0, 7.0, 1.0]) == 0
-    assert peak_index([2.0, 2.0, 2.0]) == 0
+    assert find_peak([7.0, 7.0, 1.0]) == 0
+    assert find_peak([2.0, 2.0, 2.0]) == 0
 
 
 def test_the_window_starts_the_wait_after_each_holds_own_peak() -> None:
     time_s = np.arange(10) / 10
     values = np.stack([-time_s, np.where(time_s < 0.2, 0, 1 - time_s)])
-    window = hold_window(time_s, values, wait_s=0.5)
+    window = find_hold_window(time_s, values, wait_s=0.5)
     assert window.peak_s.tolist() == [0.0, 0.2]
     assert window.first.tolist() == [5, 7]
 
 
 def test_a_sample_at_the_end_of_the_wait_counts_whatever_the_rounding() -> None:
     assert 0.1 + 0.2 > 0.3
-    window = hold_window([0.0, 0.1, 0.2, 0.3, 0.4], [[0.0, 9.0, 1.0, -3.0, -9.0]], wait_s=0.2)
+    window = find_hold_window([0.0, 0.1, 0.2, 0.3, 0.4], [[0.0, 9.0, 1.0, -3.0, -9.0]], wait_s=0.2)
     assert window.first.tolist() == [3]
 
 
 def test_grids_name_every_hold_once() -> None:
     time_s = np.arange(20) / 10
     values = np.random.default_rng(0).normal(size=(30, 20))
-    window = hold_window(time_s, values)
-    seen = np.concatenate([rows for _, rows in window.grids()])
+    window = find_hold_window(time_s, values)
+    seen = np.concatenate([rows for _, rows in window.group_by_first()])
     assert sorted(seen.tolist()) == list(range(30))
-    assert all((window.first[rows] == first).all() for first, rows in window.grids())
+    assert all((window.first[rows] == first).all() for first, rows in window.group_by_first())

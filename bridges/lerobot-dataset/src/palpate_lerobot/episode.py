@@ -180,7 +180,7 @@ def _track(path: Path, info: RecordingInfo, result: GraspResult, scribe: _Scribe
         excess = excess_conductance(ohm, rest_ohm=scribe.rest_ohm)
         force = following.step(frame.time_s, excess)
         change = relative_change_percent(ohm, rest_ohm=scribe.rest_ohm)
-        position = info.gripper.reading_of(seen.gripper)
+        position = info.gripper.drive_reading(seen.gripper)
         state.append([position, force.value, force.low, force.high, *change.ravel()])
     return GraspTrack(
         path=path,
@@ -215,7 +215,7 @@ class _Scribe:
 
     def see(self, observation: Observation) -> None:
         """Take an observation: what is sent from here on was decided on it."""
-        here = GripperCommand(target=self.limits.reading_of(observation.gripper), rate=0.0)
+        here = GripperCommand(target=self.limits.drive_reading(observation.gripper), rate=0.0)
         self.steps.append((observation, self._sent or here))
 
     def believe(self, grasp_state: GraspState) -> None:

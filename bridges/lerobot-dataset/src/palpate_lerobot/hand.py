@@ -128,7 +128,7 @@ class PolicyHand:
         ohm = self._ohm(frame)
         force = self._force.step(frame.time_s, excess_conductance(ohm, rest_ohm=self._rest_ohm))
         change = relative_change_percent(ohm, rest_ohm=self._rest_ohm)
-        position = self._gripper.limits.reading_of(state)
+        position = self._gripper.limits.drive_reading(state)
         touched = bool(np.nanmin(change) <= self._plan.hint_percent)
         self._note(frame.time_s, state, force, touched=touched)
         values = [position, force.middle, force.low, force.high, *change.ravel().tolist()]
