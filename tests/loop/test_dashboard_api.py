@@ -108,7 +108,7 @@ def test_an_order_that_a_stop_overtook_does_not_begin_after_it(machine: Machine)
     known = machine.ask("GET", "/state")[1]["stops"]
     assert machine.ask("POST", "/stop") == (200, {"stopped": True})
     status, refused = machine.ask("POST", "/grasp", {"stops": known})
-    assert (status, refused["detail"].partition(":")[0]) == (409, "stopped before it began")
+    assert (status, refused["detail"].partition(":")[0]) == (409, "refused because of a newer stop")
     state = machine.ask("GET", "/state")[1]
     assert (state["activity"], state["stops"]) == ("watching", known + 1)
     assert machine.ask("POST", "/grasp", {"stops": state["stops"]})[0] == 202
@@ -153,7 +153,7 @@ def test_a_person_who_drives_is_not_pushed_aside(
     page.locator("#take-over").click()
     expect(page.locator("#who")).to_contain_text("you drive")
     status, refused = machine.ask("POST", "/grasp", {})
-    assert (status, refused["detail"]) == (409, "another person drives; take over first")
+    assert (status, refused["detail"]) == (409, "another user is the driver; take over first")
     assert machine.ask("PUT", "/driver")[0] == 204
     expect(page.locator("#who")).to_contain_text("you watch")
     page.close()
@@ -167,7 +167,7 @@ def test_a_person_who_drives_is_not_pushed_aside(
         (b'{"target_force_n": NaN}', "body.target_force_n: Input should be "),
         ({"force": 2}, "body.force: Extra inputs are not permitted"),
         ({"item_id": "\n"}, "item"),
-        ({"kind": "kiwi"}, "kind kiwi: no damage model, so no kind is known"),
+        ({"kind": "kiwi"}, "kind kiwi: unknown without a damage model"),
         (b"{", "body.1: JSON decode error"),
     ],
 )

@@ -213,7 +213,7 @@ def test_two_clients_only_the_driver_grasps_and_anyone_stops(station: Served) ->
             refused = await other.write_register(modbus.COMMAND, modbus.GRASP)
             assert refused.exception_code == 6
             why = await registers(other, modbus.REFUSAL, modbus.TEXT_REGISTERS)
-            assert modbus.decode_text(why) == "another person drives; take over first"
+            assert modbus.decode_text(why) == "another user is the driver; take over first"
             await hand.grasp()
             await hand.reach("execute")
             stopped = await other.write_register(modbus.COMMAND, modbus.STOP)

@@ -235,7 +235,7 @@ LOSS_LAID_OUT = """async (words) => {
 @pytest.mark.parametrize("size", [*SIZES, *LOW])
 def test_the_words_of_a_loss_fit(browser: Browser, address: str, size: str) -> None:
     with at(browser, f"{address}operate", {**SIZES, **LOW}[size]) as page:
-        words = ["No connection", "The devices are silent"]
+        words = ["No connection", "The devices do not respond"]
         assert page.evaluate(LOSS_LAID_OUT, words) == []
 
 

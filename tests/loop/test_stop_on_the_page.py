@@ -152,7 +152,7 @@ def test_a_toast_leaves_it(one: Viewer) -> None:
     wish.fill("99")
     page.locator("#grasp").click()
     toast = page.locator(".q-notification").first
-    expect(toast).to_contain_text("target force: above 0")
+    expect(toast).to_contain_text("the target force must be above 0")
     wish.fill("")
     one.on_top()
     # A toast slides to its place: where it ends counts.
@@ -338,7 +338,7 @@ def test_what_a_stop_overtakes_does_not_begin_after_it(browser: Browser, address
         with page.expect_event("requestfailed", lambda request: "/live?" in request.url):
             page.route("**/live?*", lambda route: route.abort())
         page.evaluate(OVERTAKEN)
-        expect(page.locator(".q-notification")).to_contain_text("stopped before it began")
+        expect(page.locator(".q-notification")).to_contain_text("stopped before it started")
         page.unroute("**/live?*")
         fresh(page)
         expect(page.locator("#verdict-text")).to_have_text("ready")
@@ -396,7 +396,7 @@ def test_frozen_devices_are_told_too(browser: Browser, tmp_path: Path) -> None:
         children = children_of(process.pid)
         signalled(children, signal.SIGSTOP)
         try:
-            greyed(one, "The devices are silent")
+            greyed(one, "The devices do not respond")
             expect(one.page.locator("#grasp")).to_be_disabled()
             one.page.mouse.click(*one.middle)
             alarmed(one)

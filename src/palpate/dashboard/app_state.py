@@ -1,4 +1,4 @@
-"""State and commands that all pages and machines share: session, devices, recordings, items."""
+"""Application state shared by all pages and clients: session, devices, recordings, items."""
 
 from __future__ import annotations
 
@@ -57,10 +57,10 @@ if TYPE_CHECKING:
 
 _Answer = TypeVar("_Answer")
 _POLL_S = 0.01
-#: A stop that is not confirmed by then is answered so, seconds.
+#: Maximum time that a stop waits for its confirmation, seconds.
 STOP_TIMEOUT_S = 2.0
-#: A result waits for the store and its bin this long, seconds: longer than a shared store that is
-#: away is waited for (5 s), so that the local one decides.
+#: Maximum time that a result waits for the store and its bin, seconds. It is longer than the 5 s
+#: timeout of an unreachable shared store, after which the local store is used.
 _STORE_TIMEOUT_S = 8.0
 
 
@@ -68,40 +68,40 @@ _STORE_TIMEOUT_S = 8.0
 class Settings:
     """The options of `palpate serve`."""
 
-    #: Rigs that can be chosen; the first is opened at the start.
+    #: Available rigs; the first is opened at the start.
     rigs: tuple[str, ...]
-    #: What can lie between the fingers of simulated rigs.
+    #: Available objects of simulated rigs.
     objects: tuple[str, ...]
-    #: Where recordings go, and calibrations of simulated rigs.
+    #: Folder of the recordings and of the calibrations of simulated rigs.
     folder: Path
-    #: Path or URL of the store of items; None for the default one.
+    #: Path or URL of the item store; None for the default store.
     store: str | None
-    #: Object, seed and speed of the rig opened at the start, if it is simulated.
+    #: Object, seed and speed of the first rig, if it is simulated.
     object_name: str | None
     seed: int
     speed: float
-    #: The learned limit that grasps respect, and its file.
+    #: Learned damage limits of the grasps, and their file.
     damage: DamageFile | None = None
     damage_path: Path | None = None
-    #: Sorting rules, which give each item its bin.
+    #: Sorting rules that assign each item to a bin.
     rules: RuleBook | None = None
 
 
-#: A grasp that is stopped, a hand that opens: more than this means that the process hangs.
+#: Maximum time for the device process to stop a grasp, open the hand and exit, seconds.
 _EXIT_TIMEOUT_S = 15.0
 
 
 class DeviceClient:
-    """Starts the devices' process, sends to it, and passes on its updates.
+    """Starts the device process, sends messages to it, and forwards its updates.
 
     Parameters
     ----------
     on_update : callable
-        Called from a thread of its own with every update, and with `DevicesLost` at the end.
+        Called from a background thread with every update, and with `DevicesLost` at the end.
     """
 
     def __init__(self, on_update: Callable[[Update | DevicesLost], None]) -> None:
-        # Spawned: a fork of a process with threads may hang.
+        # Spawned, because a fork of a multithreaded process may deadlock.
         context = multiprocessing.get_context("spawn")
         self._on_update = on_update
         self._connection, child_end = context.Pipe()
@@ -115,7 +115,7 @@ class DeviceClient:
         self._thread.start()
 
     def send(self, message: Order | Request) -> None:
-        """Send an order or a request; does nothing if the process is gone."""
+        """Send an order or a request; ignored if the process has ended."""
         with self._sending, suppress(OSError):
             self._connection.send(message)
 
@@ -133,15 +133,14 @@ class DeviceClient:
         with suppress(EOFError, OSError):
             while True:
                 self._on_update(self._connection.recv())
-        self._on_update(
-            DevicesLost("the process with the devices has ended; start palpate serve again")
-        )
+        self._on_update(DevicesLost("the device process has ended; restart palpate serve"))
 
 
 class AppState:
-    """Connects the session to the devices' process, and is the `palpate.line.machine.Machine`.
+    """Connects the session to the device process; implements `palpate.line.machine.Machine`.
 
-    Commands may come from any event loop; all but `stop` are carried out on one.
+    Commands may be called from any event loop. All commands except `stop` run on the session's
+    loop.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -149,30 +148,31 @@ class AppState:
         self.item_store = ItemStore(settings.store, rules=settings.rules)
         self.history = History(settings.folder)
         self.recordings = RecordingList(settings.folder)
-        #: How many grasps have ended, and the last as `palpate grasp --json` prints it.
+        #: Number of finished grasps, and the last document, in the format of
+        #: `palpate grasp --json`.
         self._results = 0
         self._last_document: dict[str, object] | None = None
-        #: Called with each such document.
+        #: Called with each grasp document.
         self.on_result: list[Callable[[dict[str, object]], None]] = []
         self.session = Session(
             send=self._send, on_grasped=self._store_grasp, silent_s=lambda: self.silent_s
         )
-        #: The loop that all but `stop` belongs to; None until it is open.
+        #: The session's event loop; None before `open`.
         self.loop: asyncio.AbstractEventLoop | None = None
         self._process: DeviceClient | None = None
         self._last_message_s: float | None = None
-        #: Number of the newest stop that the devices' process confirmed.
+        #: Number of the newest confirmed stop.
         self._stop_confirmed = 0
-        #: Each wakes a stop that waits for its confirmation.
+        #: Callbacks that wake the stops waiting for a confirmation.
         self._stop_waiters = set[Callable[[], object]]()
         self._is_process_lost = False
-        #: Generation and measurements for which a bin was last computed.
+        #: Generation and measurements of the last predicted bin.
         self._predicted_for: object = None
-        #: Held, so that it is not collected while it runs.
+        #: Reference that keeps the running task from garbage collection.
         self._task: asyncio.Future[None] | None = None
 
     async def open(self) -> None:
-        """Start the devices' process, wait until it accepts a stop, and open the first rig."""
+        """Start the device process, wait until it accepts stops, and open the first rig."""
         self.loop = asyncio.get_running_loop()
         settings = self.settings
         self._process = DeviceClient(self.take)
@@ -182,7 +182,7 @@ class AppState:
             seed=settings.seed,
             speed=settings.speed,
         )
-        while self._last_message_s is None:  # it reports first, or its end is noticed
+        while self._last_message_s is None:  # set by the first update, or by the process's end
             await asyncio.sleep(_POLL_S)
         self.session.send_order(first)
 
@@ -196,7 +196,7 @@ class AppState:
         return state_document(self.session)
 
     def result(self) -> tuple[int, Mapping[str, Any] | None]:
-        """Return how many grasps have ended, and the document of the last."""
+        """Return the number of finished grasps and the document of the last grasp."""
         return self._results, self._last_document
 
     async def grasp(
@@ -208,18 +208,18 @@ class AppState:
         kind: str,
         stops: int | None,
     ) -> str:
-        """Begin a grasp; return the name of its recording.
+        """Start a grasp; return the name of its recording.
 
-        Raises `CommandRefusedError` where it can't begin now, `InputError` for a bad value.
+        Raises `CommandRefusedError` if it can't start now, `InputError` for an invalid value.
         """
 
         def order_grasp() -> str:
-            """Order it, unless a stop came that its sender did not know of."""
+            """Order the grasp, unless a stop unknown to the client has occurred."""
             order = self.grasp_order(target_force_n=target_force_n, item_id=item_id, kind=kind)
             with self.session.stop_lock:
                 if stops is not None and stops < self.session.stops:
                     raise CommandRefusedError(
-                        "stopped before it began: ask for the state, then order again"
+                        "refused because of a newer stop: read the state, then order again"
                     )
                 self._run_for_driver(driver, partial(self.session.order, driver, order))
             return order.recording.name
@@ -229,13 +229,13 @@ class AppState:
     async def release(self, driver: str) -> None:
         """Release the object, or open the hand.
 
-        Raises `CommandRefusedError` where it can't be done now.
+        Raises `CommandRefusedError` if the release is refused now.
         """
         command = partial(self.session.release, driver)
         await self._on_session_loop(partial(self._run_for_driver, driver, command))
 
     async def take_over(self, driver: str) -> None:
-        """Drive from now on."""
+        """Make this client the driver."""
         await self._on_session_loop(partial(self.session.take_over, driver))
 
     async def leave(self, driver: str) -> None:
@@ -243,7 +243,7 @@ class AppState:
         await self._on_session_loop(partial(self.session.leave, driver))
 
     def _run_for_driver(self, driver: str, command: Callable[[], None]) -> None:
-        """Let a machine in, and press something for it."""
+        """Join the session as this driver, and run a command."""
         self.session.join(driver)
         try:
             command()
@@ -251,19 +251,19 @@ class AppState:
             raise CommandRefusedError(str(error)) from error
 
     async def _on_session_loop(self, command: Callable[[], _Answer]) -> _Answer:
-        """Run a command on the session's loop, when called from any loop."""
+        """Run a command on the session's loop; may be called from any loop."""
 
         async def work() -> _Answer:
             return command()
 
         if self.loop is None:
-            raise CommandRefusedError("the devices have not been opened yet")
+            raise CommandRefusedError("the devices are not open yet: try again in a moment")
         return await run_on(self.loop, work())
 
     async def stop(self, *, timeout_s: float = STOP_TIMEOUT_S) -> bool:
-        """Stop the running job; return whether the devices' process confirmed it in time.
+        """Stop the running job; return whether the device process confirmed it in time.
 
-        On any event loop: it waits for nothing but the devices.
+        May be called from any event loop; it waits only for the device process.
         """
         updated = asyncio.Event()
         wake = partial(asyncio.get_running_loop().call_soon_threadsafe, updated.set)
@@ -283,20 +283,22 @@ class AppState:
     def grasp_order(
         self, *, target_force_n: float | None, item_id: str = "", kind: str = ""
     ) -> GraspOrder:
-        """Return the order of a grasp with a recording of its own.
+        """Return a grasp order with a new recording name.
 
         Raises
         ------
         InputError
-            If the force is out of range, the item can't be named so, or the kind is not known.
+            If the force is out of range, the item name is invalid, or the kind is unknown.
         """
         if target_force_n is not None and not 0 < target_force_n <= FORCE_CEILING_N:
-            raise InputError(f"target force: above 0 and at most {FORCE_CEILING_N:g} N")
+            raise InputError(
+                f"the target force must be above 0 N and at most {FORCE_CEILING_N:g} N"
+            )
         if item_id:
             item_id = Item(item_id=read_label(item_id)).item_id
         damage = self.settings.damage
         if kind and damage is None:
-            raise InputError(f"kind {kind}: no damage model, so no kind is known; leave it out")
+            raise InputError(f"kind {kind}: unknown without a damage model; omit the kind")
         if kind and damage is not None:
             damage.check_kind(kind, where="the damage file")
         return GraspOrder(
@@ -313,14 +315,16 @@ class AppState:
         Raises
         ------
         InputError
-            As `rename_recording`, or if it is in use.
+            If the recording is in use, or in the cases of `rename_recording`.
         """
         self._check_idle(name)
         renamed = rename_recording(self.settings.folder, name, stem)
         try:
             self.history.rename(name, renamed.name)
         except OSError as error:
-            self.session.devices.trouble = f"the history still has the old name: {error}"
+            self.session.devices.trouble = (
+                f"the recording was renamed, but the history still has the old name: {error}"
+            )
 
     def delete(self, name: str) -> None:
         """Delete a recording.
@@ -328,7 +332,7 @@ class AppState:
         Raises
         ------
         InputError
-            As `delete_recording`, or if it is in use.
+            If the recording is in use, or in the cases of `delete_recording`.
         """
         self._check_idle(name)
         delete_recording(self.settings.folder, name)
@@ -338,7 +342,7 @@ class AppState:
             raise InputError(f"{name} is in use: wait until its grasp, recording or replay ends")
 
     def calibration_file(self) -> Path:
-        """Return the calibration file of the rig: from the rig file, or in the folder."""
+        """Return the rig's calibration file: named in the rig file, or in the folder."""
         rig = self.session.rig
         if rig is not None and rig.name.endswith(".toml"):
             named = find_calibration_file(Path(rig.name))
@@ -349,11 +353,11 @@ class AppState:
 
     @property
     def silent_s(self) -> float:
-        """Time since the last message of the devices' process, seconds; 0 while it starts."""
+        """Time since the last message of the device process, seconds; 0 before the first."""
         return 0.0 if self._last_message_s is None else time.monotonic() - self._last_message_s
 
     def idle_texts(self) -> list[str]:
-        """Return the content of an idle page: last grasp, today's counts, calibration age."""
+        """Return the texts of an idle page: last grasp, today's counts, calibration age."""
         source = self.session.devices.live.source
         words = self.history.idle_texts()
         if source is not None and source.calibrated_at:
@@ -361,7 +365,7 @@ class AppState:
         return words
 
     def _store_grasp(self, grasped: Grasped, order: GraspOrder) -> None:
-        """Store a finished grasp, and publish its result."""
+        """Store a finished grasp and publish its result."""
         live = self.session.devices.live
         entry = make_entry(
             grasped,
@@ -386,15 +390,15 @@ class AppState:
             recording=grasped.recording if order.item_id else None,
             closing=grasped.closing,
         )
-        # The grasp has not ended before its result is out: a viewer asks for the result at the end,
-        # and for the item.
+        # The activity stays "grasping" until the result is published, because clients read the
+        # result and the item at the end of the activity.
         self.session.devices.activity, self.session.devices.order = DeviceActivity.GRASPING, order
         self._task = asyncio.ensure_future(self._place_and_publish(place, entry, document))
 
     async def _place_and_publish(
         self, place: Callable[[], Mapping[str, Any]], entry: Entry, document: dict[str, object]
     ) -> None:
-        """Store a grasp and find its bin before its result is published."""
+        """Store a grasp, find its bin, and then publish its result."""
         devices, grasped = self.session.devices, self.session.devices.grasped
         try:
             async with asyncio.timeout(_STORE_TIMEOUT_S):
@@ -411,7 +415,7 @@ class AppState:
     def _publish(
         self, entry: Entry, document: dict[str, object], placement: Mapping[str, Any]
     ) -> None:
-        """Note a grasp in the history, and pass its document on."""
+        """Add a grasp to the history, and publish its document."""
         devices, found = self.session.devices, placement.get("bin") or {}
         item = placement.get("item") or {}
         entry = replace(
@@ -423,11 +427,11 @@ class AppState:
             bruised=item.get("bruised"),
         )
         if self.item_store.trouble and entry.item_id:
-            devices.trouble = f"the grasp is not in the store: {self.item_store.trouble}"
+            devices.trouble = f"the grasp was not stored: {self.item_store.trouble}"
         try:
             self.history.add(entry)
         except OSError as error:
-            devices.trouble = f"the grasp is not in the history: {error}"
+            devices.trouble = f"the grasp was not added to the history: {error}"
         self._results += 1
         self._last_document = document | {
             name: placement[name] for name in ("bin", "item") if name in placement
@@ -436,7 +440,7 @@ class AppState:
             listener(self._last_document)
 
     def _predict_bin(self) -> None:
-        """Find the bin of the held object as soon as it is measured."""
+        """Find and show the bin of the held object after its measurement."""
         devices, rules = self.session.devices, self.settings.rules
         order, progress, source = devices.order, devices.live.progress, devices.live.source
         if rules is None or progress is None or source is None or devices.grasped is not None:
@@ -450,7 +454,7 @@ class AppState:
         self._predicted_for = asked
 
         def show(placement: asyncio.Future[dict[str, Any]]) -> None:
-            """Show the bin, unless the grasp has ended meanwhile."""
+            """Show the bin, unless the grasp has ended in the meantime."""
             if devices.live.generation == asked[0] and devices.grasped is None:
                 devices.placement = placement.result()
 
@@ -480,7 +484,7 @@ class AppState:
 
     @property
     def _damage_low_n(self) -> float | None:
-        """The learned limit of the object that was grasped last, newtons, if it showed one."""
+        """The damage limit of the last grasp, newtons; None if unknown."""
         progress = self.session.devices.live.progress
         return None if progress is None else progress.bounds.damage_low_n
 
@@ -489,7 +493,7 @@ class AppState:
             self._process.send(message)
 
     def take(self, update: Update | DevicesLost) -> None:
-        """Take an update of the devices' process, on the receiving thread."""
+        """Process an update of the device process, on the receiving thread."""
         self._last_message_s = time.monotonic()
         if isinstance(update, Update):
             stops = [note.number for note in update.notes if isinstance(note, StopConfirmed)]
@@ -507,6 +511,6 @@ class AppState:
 
 
 def age_text(made_at: str) -> str:
-    """Return the age in whole days since a time in ISO 8601."""
+    """Return the age of an ISO 8601 time in days, such as ``3 days ago``."""
     days = (datetime.now(UTC) - datetime.fromisoformat(made_at).astimezone(UTC)).days
     return "today" if days < 1 else f"{days} day{'' if days == 1 else 's'} ago"

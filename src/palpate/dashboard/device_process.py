@@ -184,7 +184,7 @@ class DeviceProcess:
         if context is None:
             self._confirm_stop()
         for order in dropped:
-            reason = "stopped before it began"
+            reason = "stopped before it started"
             self._telemetry.note(OrderEnded(order=order, trouble=reason, stopped=True))
 
     def _next_order(self) -> Order | None:

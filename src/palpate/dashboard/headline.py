@@ -53,7 +53,7 @@ def headline_of(session: Session, *, stale: bool) -> dict[str, Any]:
     devices, activity = session.devices, session.devices.activity
     grasped, progress = devices.grasped, devices.live.progress
     if activity is DeviceActivity.GONE:
-        return _headline("the devices are gone", "bad")
+        return _headline("the device process has ended", "bad")
     found = _fault_headline(devices, stale=stale) if activity is DeviceActivity.WATCHING else None
     if found is not None:
         return found

@@ -1,4 +1,4 @@
-"""Jobs of the devices' process: grasp, open, calibrate, examine."""
+"""Jobs of the device process: grasp, open the hand, calibrate, examine."""
 
 from __future__ import annotations
 
@@ -51,11 +51,11 @@ from palpate.sensor.health import FrameColumns, Health, check_health
 from palpate.sensor.rest_calibration import compute_rest, format_now, replace_rest
 from palpate.sensor.serial_array import SerialArray
 
-NO_GRIPPER = "this rig has no gripper: name one in its file (`palpate init --gripper`)"
-#: A stop takes effect within this time while the sensor is silent.
+NO_GRIPPER = "this rig has no gripper: add one to its file (`palpate init --gripper`)"
+#: Read timeout, and thus the maximum delay of a stop while the sensor is silent, seconds.
 _READ_TIMEOUT_S = 0.1
-#: A frame older than this waited in a buffer; after reading for this long, it is the link that is
-#: late, and no more is waited for.
+#: Buffered frames older than this are discarded for at most the timeout, seconds. Frames that are
+#: still old then indicate a slow link, not a buffer.
 _MAX_FRAME_AGE_S, _CATCH_UP_TIMEOUT_S = 0.05, 1.0
 
 
@@ -67,31 +67,31 @@ class StoppedByUserError(PalpateError):
 class JobContext:
     """The rig and the channels of a job."""
 
-    #: Devices; `calibration` is replaced when it is renewed.
+    #: The devices; a new calibration replaces `rig.calibration`.
     rig: Rig | SensorRig
-    #: The rig's, held back to the pace of the wall's clock where it is simulated.
+    #: The rig's array; a simulated array is paced to real time.
     array: PressureArray
     #: Seed of a simulated rig.
     seed: int
     #: Sends frames and messages to the page.
     telemetry: Telemetry
-    #: Set when the user confirmed a step.
+    #: Set when the user has confirmed a step.
     confirmed: threading.Event
-    #: Called when the hand has received the user's stop.
+    #: Called when the hand has received a stop.
     on_stopped: Callable[[], None]
-    #: Requests of the user to the running job.
+    #: The user's requests to the running job.
     requests: Requests = field(default_factory=Requests)
-    #: When the hand received the stop, on the rig's clock.
+    #: Time at which the hand received the stop, on the rig's clock.
     reacted_s: float | None = None
 
     @property
     def has_load_cell(self) -> bool:
-        """Whether the force can be calibrated without weights."""
+        """Whether a load cell allows a force calibration without weights."""
         return self.rig.name == "sim-rigid"
 
     @property
     def rig_with_gripper(self) -> Rig:
-        """The rig with its gripper; raises `DeviceError` without one."""
+        """The rig, which must have a gripper; otherwise raises `DeviceError`."""
         if isinstance(self.rig, SensorRig):
             raise DeviceError(NO_GRIPPER)
         return self.rig
@@ -113,28 +113,28 @@ class JobContext:
         )
 
     def link_events(self) -> LinkCounters:
-        """Return the counters of the link, if there is one."""
+        """Return the counters of the link; zeros without a link."""
         return get_link_counters(self.rig.array) or LinkCounters()
 
     def watch_array(self, array: PressureArray | None = None) -> WatchedArray:
-        """Return the array with every frame shown; a stop request ends its reading."""
+        """Return an array that sends every frame to the page and raises after a stop."""
         return WatchedArray(array or self.array, self)
 
     def show_guide(
         self, text: str, *, fraction: float | None = None, needs_confirmation: bool = False
     ) -> None:
-        """Show the user the present step, or the next action."""
+        """Show an instruction or the progress to the user."""
         self.telemetry.note(
             Guide(text=text, fraction=fraction, needs_confirmation=needs_confirmation)
         )
 
     def stop_hand(self) -> None:
-        """Stop the hand, and confirm it; a sensor alone has none that could move.
+        """Stop the hand, if any, and confirm the stop.
 
         Raises
         ------
         DeviceError
-            If the hand can't be reached; nothing is confirmed then.
+            If the hand can't be reached; the stop is then not confirmed.
         """
         if self.rig.gripper is not None:
             self.rig.gripper.stop()
@@ -147,7 +147,7 @@ class JobContext:
         self.on_stopped()
 
     def catch_up(self) -> None:
-        """Discard frames that waited: nothing is decided on old ones."""
+        """Discard old frames from the buffer, so that no decision is based on them."""
         array, clock = self.watch_array(), self.rig.clock
         until_s = clock.now_s() + _CATCH_UP_TIMEOUT_S
         while clock.now_s() - array.read(timeout_s=FRAME_TIMEOUT_S).time_s > _MAX_FRAME_AGE_S:
@@ -156,7 +156,7 @@ class JobContext:
 
 
 class WatchedArray:
-    """An array whose frames are shown, until the user stops the job."""
+    """An array that sends every frame to the page until the user stops the job."""
 
     def __init__(self, array: PressureArray, context: JobContext) -> None:
         self._array, self._context = array, context
@@ -172,7 +172,7 @@ class WatchedArray:
         Raises
         ------
         StoppedByUserError
-            If the user asked for a stop.
+            If the user requested a stop.
         DeviceTimeoutError
             If the sensor is silent.
         """
@@ -191,26 +191,26 @@ class WatchedArray:
             return frame
 
     def close(self) -> None:
-        """Leave the array open: it is the rig's."""
+        """Do nothing: the rig owns the array."""
 
 
 def read_state(gripper: Gripper | None) -> GripperState | None:
-    """Return the gripper's state; None without a gripper or an answer."""
+    """Return the gripper's state; None without a gripper or a response."""
     try:
         return None if gripper is None else gripper.state()
     except DeviceError:
         return None
 
 
-#: The object is held until its release is asked for, but not for longer than this: sheet, object
-#: and servo suffer.
+#: Maximum hold time before the object is released, seconds; it limits the load on sheet, object and
+#: servo.
 HOLD_S = 60.0
-#: An opening hand is watched for at most this time.
+#: Maximum time to wait for the hand to open, seconds.
 _OPENING_TIMEOUT_S = 10.0
 
 
 def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
-    """Run one grasp; every frame of it is recorded."""
+    """Run one grasp and record every frame."""
     rig, telemetry = context.rig_with_gripper, context.telemetry
     plan = plan_grasp(
         rig.calibration,
@@ -225,7 +225,7 @@ def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
     with record_grasp(order.recording, rig=rig, plan=plan, damage=order.damage) as recorder:
 
         def confirm_when_opening(grasp_state: GraspState) -> None:
-            # A hand that vents, or was opening already, is stopped only when it is open.
+            # A hand that vents or is already opening is stopped only when it is open.
             """Confirm a stop as soon as the hand opens."""
             if grasp_state.phase is Phase.RELEASE and context.requests.stop.is_set():
                 context.confirm_stop()
@@ -241,7 +241,7 @@ def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
             watchers=[telemetry.set_grasp_state, confirm_when_opening, closing.add_state],
             requests=context.requests,
         )
-        # Before the recording is closed: a slow disk must not delay the confirmation.
+        # Stopped before the recording is closed: a slow disk must not delay the confirmation.
         if context.requests.stop.is_set():
             with suppress(DeviceError):
                 context.stop_hand()
@@ -253,7 +253,7 @@ def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
 
 
 def open_hand(order: OpenHand, *, context: JobContext) -> None:
-    """Open the hand and watch it arrive; a stop request stops it where it is."""
+    """Open the hand and wait for its standstill; a stop request halts it."""
     gripper, clock, array = (
         context.rig_with_gripper.gripper,
         context.rig.clock,
@@ -270,12 +270,12 @@ def open_hand(order: OpenHand, *, context: JobContext) -> None:
             context.stop_hand()
 
 
-#: The rest values are the mean over this time.
+#: Averaging time of the rest values, seconds.
 _REST_S = 3.0
 
 
 class _MissingLoadCell:
-    """The load cell of a bench that needs none."""
+    """Placeholder for the load cell of a bench without one."""
 
     def read_n(self) -> float:
         """Raise `DeviceError`: there is no load cell."""
@@ -283,12 +283,12 @@ class _MissingLoadCell:
 
 
 def calibrate_rest(order: CalibrateRest, *, context: JobContext) -> CalibrationRenewed:
-    """Open the hand and take the rest values; refused when something presses or moves.
+    """Open the hand and measure the rest values.
 
     Raises
     ------
     DeviceError
-        If the sensor does not come to rest, or a pixel gives no signal.
+        If the readings do not settle (contact or movement), or a pixel has no signal.
     """
     rig = context.rig
     rest = (
@@ -296,7 +296,7 @@ def calibrate_rest(order: CalibrateRest, *, context: JobContext) -> CalibrationR
         if isinstance(rig, SensorRig)
         else _measure_rest_with_gripper(rig, context)
     )
-    # A rig without a calibration is a board: the twin's have one.
+    # A rig without a calibration is hardware, because simulated rigs always have one.
     made = replace_rest(rig.calibration, rest, layout=rig.array.layout, simulated=False)
     return _store_calibration(made, file=order.file, context=context)
 
@@ -323,32 +323,34 @@ def _measure_rest_without_gripper(context: JobContext) -> RestValues:
 
 
 def calibrate_force(order: CalibrateForce, *, context: JobContext) -> CalibrationRenewed:
-    """Pair readings with newtons and fit the law; the result includes the expected errors.
+    """Measure readings at known forces and fit the force law.
+
+    The result includes the expected errors on held-out loads.
 
     Raises
     ------
     InputError
-        If the loads can't carry a calibration.
+        If the loads are unsuitable for a calibration.
     CalibrationError
-        If the readings can't.
+        If the readings are unsuitable for a calibration.
     DeviceError
         If the rig has no load cell and no loads were given.
     """
     before = context.rig.calibration
     if before is None:
-        raise DeviceError("no rest values yet: take them first")
+        raise DeviceError("no rest values: calibrate the rest first")
     if order.loads_n:
         pairs = _calibrate_with_weights(check_loads(order.loads_n, where="the loads"), context)
     elif context.has_load_cell:
         pairs = _calibrate_with_load_cell(open_twin_bench(context.rig.name, context.seed), context)
     else:
-        raise DeviceError("this rig has no load cell that palpate can read: give dead weights")
+        raise DeviceError("this rig has no load cell that palpate can read: use dead weights")
     made = replace(with_force_law(replace(before, force=pairs)), made_at=format_now())
     return _store_calibration(made, file=order.file, context=context)
 
 
 def _calibrate_with_load_cell(guided: GuidedBench, context: JobContext) -> ForcePairs:
-    """Close on a load cell at each placement, at full speed in simulation."""
+    """Close on a simulated load cell at each placement, as fast as the computer allows."""
     bench = replace(guided.bench, array=context.watch_array(guided.bench.array))
 
     def reseat(run: int) -> None:
@@ -364,11 +366,11 @@ def _calibrate_with_load_cell(guided: GuidedBench, context: JobContext) -> Force
 
 
 def _calibrate_with_weights(loads_n: list[float], context: JobContext) -> ForcePairs:
-    """Ask for one weight after the other; each is read once the user confirms it."""
+    """Guide the user through the weights, and read each weight after its confirmation."""
     array, placements = context.watch_array(), iter(range(len(loads_n)))
 
     def place(load_n: float) -> None:
-        """Ask for a weight, and wait until the user confirms its placement."""
+        """Ask for a weight and wait until the user confirms its placement."""
         fraction = next(placements) / len(loads_n)
         instruction = "Take every weight away"
         if load_n:
@@ -385,7 +387,7 @@ def _calibrate_with_weights(loads_n: list[float], context: JobContext) -> ForceP
 
 
 def _store_calibration(made: Calibration, *, file: Path, context: JobContext) -> CalibrationRenewed:
-    """Store the calibration in its file, and use it from now on."""
+    """Save the calibration to its file and use it from now on."""
     before = context.rig.calibration
     before_ohm = made.rest_ohm if before is None else before.rest_ohm
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -421,7 +423,7 @@ def examine_sensor(order: Examine, *, context: JobContext) -> Health:
 
 
 def _read_at_rest(duration_s: float, context: JobContext) -> FrameColumns:
-    """Read frames for a while, or until the sensor falls silent."""
+    """Read frames for a duration, or until the sensor stops sending."""
     array = context.watch_array()
     frames = [array.read(timeout_s=FRAME_TIMEOUT_S)]
     while (lasted_s := frames[-1].time_s - frames[0].time_s) < duration_s:

@@ -357,7 +357,7 @@ class OrderEnded:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedSegment:
-    """Frames of a segment of a recording, and the progress of the grasp at its end."""
+    """Frames of a recording segment, and the grasp progress at its end."""
 
     frames: Frames
     progress: GraspProgress | None

@@ -1,7 +1,7 @@
-"""The reported state of the devices, and the rules of the page.
+"""The reported state of the devices, and the rules for the users of the page.
 
-No browser, no I/O. Anyone may watch, and anyone may press stop. Everything else is for the one who
-drives; another becomes the driver only by taking over.
+This module has no I/O. Any viewer may watch and press STOP; all other actions are reserved for the
+driver. Another viewer becomes the driver by taking over.
 """
 
 from __future__ import annotations
@@ -54,54 +54,54 @@ from palpate.sensor.health import Health
 class CalibrationFailure:
     """A failed calibration; the previous one stays in use."""
 
-    #: Whether a user stopped it.
+    #: Whether a user stopped the calibration.
     stopped: bool
-    #: Why it failed, and what to do.
+    #: The problem and the remedy.
     reason: str
-    #: What it last asked for or did; empty if it did not come to that.
+    #: The last step of the calibration; empty before the first step.
     step: str
 
 
 class DeviceState:
-    """Follows the devices' process by its updates.
+    """The state of the device process according to its updates.
 
     Parameters
     ----------
     on_grasped : callable
-        Called with each finished grasp (not with replays), and its order.
+        Called with each finished grasp (not with replays) and its order.
     """
 
     def __init__(self, *, on_grasped: Callable[[Grasped, GraspOrder], None]) -> None:
         self._on_grasped = on_grasped
         self.activity = DeviceActivity.IDLE
         self.live = Live()
-        #: What the user is to do now.
+        #: Current instruction for the user.
         self.guide: Guide | None = None
-        #: The last problem; empty once something went well.
+        #: The last problem; empty after its end or after the start of an order.
         self.trouble = ""
         #: Results of the last grasp or replay, calibration and examination.
         self.grasped: Grasped | None = None
-        #: `bin` and `item` of the grasp on the page; empty without rules and item.
+        #: `bin` and `item` of the shown grasp; empty without rules and item.
         self.placement: Mapping[str, Any] = {}
-        #: Its item; empty without one.
+        #: Item of the shown grasp; empty without a name.
         self.item_id = ""
         self.calibrated: CalibrationRenewed | None = None
         self.health: Health | None = None
-        #: Of the last order, if it was a calibration that was stopped or failed.
+        #: Failure of the last order, if it was a calibration.
         self.calibration_failure: CalibrationFailure | None = None
-        #: Whether the last order was a grasp that was stopped before it began to move the hand.
+        #: Whether the last order was a grasp that was stopped before the hand moved.
         self.stopped_early = False
-        #: Duration of the last stop, on the rig's clock.
+        #: Time until the hand received the last stop, on the rig's clock.
         self.stopped_after_s: float | None = None
-        #: File to which the watched frames go.
+        #: File of the current recording of frames between orders.
         self.recording: Path | None = None
         self.rig_open = False
-        #: What is being carried out; None while the rig is only watched.
+        #: The running order; None between orders.
         self.order: Order | None = None
 
     @property
     def files_in_use(self) -> set[str]:
-        """Names of the recordings that are being written or shown."""
+        """Names of the recordings that are being written or replayed."""
         match self.order:
             case GraspOrder(recording=file) | Play(file=file):
                 return {file.name}
@@ -109,18 +109,18 @@ class DeviceState:
 
     @property
     def is_sensor_only(self) -> bool:
-        """Whether the rig that is watched has no gripper."""
+        """Whether the open rig has no gripper."""
         source = self.live.source
         return source is not None and source.gripper is None and not source.replayed
 
     def mark_pending(self, order: Order) -> None:
-        """Count an order as begun before the devices answer, so that it is not repeated."""
+        """Treat an order as started before the devices report it, so it is not repeated."""
         if isinstance(order, Record):
             return
         self.activity, self.guide, self.order = ACTIVITIES[type(order)], None, order
 
     def take(self, update: Update | DevicesLost) -> None:
-        """Take an update of the devices."""
+        """Apply an update of the device process."""
         if isinstance(update, DevicesLost):
             self.activity, self.trouble = DeviceActivity.GONE, update.text
             self.live.link = replace(self.live.link, stale=True)
@@ -172,7 +172,7 @@ class DeviceState:
             self.live.clear_curve()
 
     def mark_idle(self) -> None:
-        """End the order, so that the next may begin."""
+        """Reset the activity after an order, so that the next order may start."""
         self.activity = DeviceActivity.WATCHING if self.rig_open else DeviceActivity.IDLE
         self.order = None
 
@@ -180,13 +180,13 @@ class DeviceState:
         self.mark_idle()
         failure = self.calibration_failure = self._failure(note)
         self.stopped_early = note.stopped and isinstance(note.order, GraspOrder)
-        # A stop is a wish, and no trouble.
+        # A stop requested by the user is not a problem.
         is_requested = self.stopped_early or (failure is not None and failure.stopped)
         self.trouble = "" if is_requested else note.trouble
         self.guide = None
-        # A calibration may run on the clock of a bench of its own.
+        # A calibration may run on a bench with a different clock.
         self.stopped_after_s = None if failure is not None else note.stopped_after_s
-        # Of the grasp before, if this one never began.
+        # Clears the previous grasp, even if this one never started.
         if isinstance(note.order, Play | GraspOrder):
             self.grasped = None
         match note.found:
@@ -211,9 +211,10 @@ class DeviceState:
         )
 
 
-#: The devices' process reports twenty times a second; silent for longer than this, it hangs.
+#: The device process reports 20 times per second; after this silence it counts as hung, seconds.
 _MAX_SILENCE_S = 1.0
-#: A link that is late for less than this refuses nothing: every order checks its own frames.
+#: Orders are refused if the last frame is older than this, seconds. A briefly stale link is
+#: accepted, because each order checks its own frames.
 _MAX_FRAME_AGE_S = 1.0
 _NEEDS_FRAMES = (Action.GRASP, Action.CALIBRATE, Action.EXAMINE)
 _NEEDS_OPEN_HAND = (Action.GRASP, Action.EXAMINE)
@@ -223,14 +224,14 @@ _NEEDS_OPEN_HAND = (Action.GRASP, Action.EXAMINE)
 class GraspForm:
     """Settings of the next grasp, shared by all pages."""
 
-    #: Grip force to reach; None is a gentle squeeze.
+    #: Target grip force; None for a gentle squeeze.
     target_force_n: float | None = None
-    #: Name of the item; empty if its grasp is not to be stored. A grasp uses it up: the next object
-    #: must not be stored under the name of this one.
+    #: Name of the item; empty if the grasp is not stored. Each grasp clears the name, so that the
+    #: next object is not stored under the same name.
     item_id: str = ""
-    #: Name of the item that was grasped last.
+    #: Name of the last grasped item.
     last_item_id: str = ""
-    #: Kind of produce, for its damage limit; empty if not known.
+    #: Kind of produce, for its damage limit; empty if unknown.
     kind: str = ""
 
 
@@ -240,11 +241,11 @@ class Session:
     Parameters
     ----------
     send : callable
-        Takes an order or a request.
+        Sends an order or a request to the device process.
     on_grasped : callable, optional
-        Called with each finished grasp (not with replays), and its order.
+        Called with each finished grasp (not with replays) and its order.
     silent_s : callable, optional
-        Returns the time since the devices' process last sent anything, seconds.
+        Returns the time since the last message of the device process, seconds.
 
     Examples
     --------
@@ -253,7 +254,7 @@ class Session:
     (True, False, 'a')
     >>> session.order("b", OpenRig(name="sim-rigid"))
     Traceback (most recent call last):
-    palpate.errors.InputError: another person drives; take over first
+    palpate.errors.InputError: another user is the driver; take over first
     """
 
     def __init__(
@@ -268,32 +269,32 @@ class Session:
         self.viewers: set[str] = set()
         self.driver: str | None = None
         self._viewer_of_tab = dict[str, str]()
-        #: Of the next grasp.
+        #: Settings of the next grasp.
         self.form = GraspForm()
-        #: Of the last grasp that was ordered.
+        #: Target force of the last ordered grasp.
         self.target_force_n: float | None = None
-        #: The rig asked for last.
+        #: The last requested rig.
         self.rig: OpenRig | None = None
-        #: How often anyone pressed stop.
+        #: Number of stops by all users.
         self.stops = 0
-        #: Stops come from another thread: held while one is sent, and while an order that must not
-        #: begin after a stop is checked and sent.
+        #: Guards against stops from another thread. It is held while a stop is sent, and while an
+        #: order that must not follow a stop is checked and sent.
         self.stop_lock = RLock()
 
     @property
     def shown_target_n(self) -> float | None:
-        """Target force of the shown grasp: the recorded one, else the last ordered."""
+        """Target force of the shown grasp: recorded for a replay, else last ordered."""
         progress = self.devices.live.progress
         if self.devices.activity is DeviceActivity.REPLAYING and progress is not None:
             return progress.bounds.target_n
         return self.target_force_n
 
-    # -- who drives -----------------------------------------------------------------------------
+    # -- control --------------------------------------------------------------------------------
 
     def join(self, viewer: str, *, tab: str | None = None) -> bool:
-        """Add a viewer; return whether they drive, as the first does.
+        """Add a viewer; return whether this viewer is the driver, like the first viewer.
 
-        A page that is loaded again in the same tab of a browser keeps control.
+        A page reloaded in the same browser tab retains control.
 
         >>> session = Session(send=print)
         >>> session.join("a", tab="1"), session.join("b", tab="2"), session.join("c", tab="1")
@@ -302,7 +303,7 @@ class Session:
         before = None if tab is None else self._viewer_of_tab.get(tab)
         if tab is not None:
             self._viewer_of_tab[tab] = viewer
-            # Its connection is given up only after a while.
+            # The server detects the closed connection of the old page only later.
             self.viewers -= {before}
         self.viewers.add(viewer)
         if self.driver is None or self.driver == before:
@@ -315,7 +316,7 @@ class Session:
         self.driver = viewer
 
     def leave(self, viewer: str) -> None:
-        """Remove a viewer; a driver's place stays free until another takes over or joins."""
+        """Remove a viewer; after the driver leaves, the next to join or take over drives."""
         self.viewers.discard(viewer)
         self._viewer_of_tab = {
             tab: last for tab, last in self._viewer_of_tab.items() if last != viewer
@@ -323,31 +324,31 @@ class Session:
         if self.driver == viewer:
             self.driver = None
 
-    # -- what may be pressed --------------------------------------------------------------------
+    # -- permitted actions ----------------------------------------------------------------------
 
     @property
     def silence_s(self) -> float | None:
-        """Silence of the devices' process, seconds; None while it reports."""
+        """Time without a message of a hung device process, seconds; None while it reports."""
         silent_s = self._silent_s()
         return silent_s if silent_s > _MAX_SILENCE_S else None
 
     def refusal(self, action: Action, *, viewer: str) -> str:
-        """Return why this can't be pressed now; empty if it can."""
+        """Return why an action is refused now; empty if it is allowed."""
         activity, guide = self.devices.activity, self.devices.guide
         if activity is DeviceActivity.GONE:
-            return "the devices are gone: start palpate serve again"
+            return "the device process has ended: restart palpate serve"
         if self.silence_s is not None:
-            return "the devices are silent: if the hand may move, use the emergency stop"
+            return "the devices do not respond: if the hand may move, use the emergency stop"
         if viewer != self.driver:
             if self.driver is None:
-                return "no one drives; take over first"
-            return "another person drives; take over first"
+                return "there is no driver; take over first"
+            return "another user is the driver; take over first"
         if action is Action.CONFIRM:
-            return "" if guide is not None and guide.needs_confirmation else "nothing is asked"
+            return "" if guide is not None and guide.needs_confirmation else "no step to confirm"
         if action in (Action.SPEED, Action.FILES):
             return ""
         if action is Action.SEEK:
-            return "" if activity is DeviceActivity.REPLAYING else "nothing is replayed"
+            return "" if activity is DeviceActivity.REPLAYING else "no replay is running"
         if action is Action.RELEASE and activity is DeviceActivity.GRASPING:
             return ""
         if activity not in (DeviceActivity.WATCHING, DeviceActivity.IDLE):
@@ -369,17 +370,17 @@ class Session:
             return "the hand is not open: release first"
         return ""
 
-    # -- what is pressed ------------------------------------------------------------------------
-    # Each raises `InputError` with the reason if it can't be done now.
+    # -- actions --------------------------------------------------------------------------------
+    # Refused actions raise `InputError` with the reason.
 
     def order(self, viewer: str, order: Order) -> None:
-        """Carry out an order of a viewer."""
+        """Send an order of a viewer if it is allowed."""
         self._check(ACTIONS[type(order)], viewer)
         check_ranges(order)
         self.send_order(order)
 
     def send_order(self, order: Order) -> None:
-        """Send an order without a check of the driver."""
+        """Send an order without checking permissions."""
         if isinstance(order, GraspOrder):
             self.target_force_n = order.target_force_n
         if isinstance(order, OpenRig):
@@ -395,14 +396,14 @@ class Session:
             self.order(viewer, OpenHand())
 
     def stop(self) -> int:
-        """Stop the running job at once, for any viewer; return the number to confirm."""
+        """Stop the running job, for any viewer; return the number of the stop."""
         with self.stop_lock:
             self.stops += 1
             self._send(StopNow(self.stops))
             return self.stops
 
     def request(self, viewer: str, request: Request) -> None:
-        """Change the running job: confirm a step, set the speed, move or pause the replay."""
+        """Send a request to the running job: confirm, speed, seek, pause or release."""
         self._check(ACTIONS[type(request)], viewer)
         check_ranges(request)
         self._send(request)

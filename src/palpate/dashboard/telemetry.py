@@ -82,7 +82,7 @@ class Telemetry:
         self._thread.start()
 
     def close(self) -> None:
-        """Send the last update and end, with a time limit if the page no longer reads."""
+        """Send the last update and end, even if the page no longer reads."""
         self._closed.set()
         self._send_now.set()
         self._thread.join(_CLOSE_TIMEOUT_S)

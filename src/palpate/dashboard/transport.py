@@ -142,7 +142,7 @@ async def run_on(loop: asyncio.AbstractEventLoop, work: Awaitable[_T]) -> _T:
 
 
 class AppThread:
-    """Runs an ASGI application on the event loop of a separate thread, except for direct paths.
+    """Runs an ASGI application, except for direct paths, on a separate thread.
 
     The server's loop then only reads requests, checks access and answers the direct paths. A slow
     page or disk blocks only the loop of the thread.

@@ -178,7 +178,7 @@ class Viewer:
     def _check_fresh(self) -> None:
         """Refuse a press from before a stop, or one that is too old."""
         if self._known_stops < self._session.stops:
-            raise InputError("stopped before it began")
+            raise InputError("stopped before it started")
         age_s = self._now_s() - self._pressed_s
         if age_s > _MAX_PRESS_AGE_S:
             raise InputError(f"the press came {age_s:.0f} s late: press again")

@@ -1,1 +1,1 @@
-"""OPC UA and Modbus TCP interfaces of `palpate serve` for the controllers of a packing line."""
+"""OPC UA and Modbus TCP interfaces of `palpate serve` for line controllers."""

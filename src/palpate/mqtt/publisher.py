@@ -1,4 +1,4 @@
-"""Publish documents to a broker from a thread, so that a slow broker blocks no caller."""
+"""Publish documents to a broker from a background thread."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pages run on the event loop of a separate thread; the server's loop answers a stop."""
+"""Pages run on a separate event loop; the server's loop answers a stop."""
 
 from __future__ import annotations
 

@@ -217,7 +217,7 @@ def test_stop_cancels_every_order(opened: Page, tmp_path: Path) -> None:
     opened.send(second)
     opened.send(StopNow())
     dropped = opened.ended(second)
-    assert (dropped.trouble, dropped.stopped) == ("stopped before it began", True)
+    assert (dropped.trouble, dropped.stopped) == ("stopped before it started", True)
     assert not opened.done(OpenHand()).trouble
     # Not later either: what came after the stop has ended, and the dropped one never began.
     assert OrderStarted(order=second) not in [note for one in opened.updates for note in one.notes]

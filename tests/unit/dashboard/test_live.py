@@ -271,9 +271,9 @@ def test_a_process_that_hangs_turns_the_link_red() -> None:
 def test_devices_that_are_gone_are_not_called_holding() -> None:
     session = Session(send=lambda message: None)
     session.devices.grasped = Grasped(result=GraspResult(outcome=Outcome.HELD))
-    session.devices.take(DevicesLost("the process with the devices has ended"))
+    session.devices.take(DevicesLost("the device process has ended"))
     card = document(session, generation=-1, after_s=0.0)["verdict"]
-    assert (card["text"], card["kind"]) == ("the devices are gone", "bad")
+    assert (card["text"], card["kind"]) == ("the device process has ended", "bad")
 
 
 FORCE = Measurement(value=2.0, low=1.8, high=2.2, unit="n")
@@ -346,7 +346,7 @@ def test_a_force_beyond_the_learned_limit_is_not_green(low_n: float | None, kind
     session.devices.grasped = Grasped(result=result)
     card = document(session, generation=-1, after_s=0.0)["verdict"]
     assert card["kind"] == kind
-    assert ("passed the damage limit" in (card["why"] or "")) == (kind == "warn")
+    assert ("exceeded the damage limit" in (card["why"] or "")) == (kind == "warn")
 
 
 def test_operator_sees_the_target_of_the_running_then_of_the_next_grasp() -> None:

@@ -112,13 +112,13 @@ function drawLoss(onLost) {
   box.classList.toggle("hidden", !lost);
   if (!lost) return;
   const ago = agoS < 60 ? t("last seen {time} s ago", { time: Math.floor(agoS) }) : t("last seen {time} min ago", { time: Math.floor(agoS / 60) });
-  headline(box, $("lost-title"), server || unsent ? "No connection" : "The devices are silent");
+  headline(box, $("lost-title"), server || unsent ? "No connection" : "The devices do not respond");
   const why = server ? "palpate serve does not answer." : unsent ? "Only STOP can be sent; the page connects again by itself." : "";
   const old = server || devices ? "The values shown are old; the hand may still move or hold." : "";
   $("lost-why").textContent = [`${ago}.`, why, old].filter(Boolean).join(" ");
   pill.dataset.state = "stale";
   $("link-age").textContent = "";
-  $("link-text").textContent = `${server || unsent ? "NO CONNECTION" : "DEVICES SILENT"} · ${ago}`;
+  $("link-text").textContent = `${server || unsent ? "NO CONNECTION" : "NO DEVICE DATA"} · ${ago}`;
 }
 
 function take(doc, began) {
