@@ -18,7 +18,7 @@ from palpate.cli.settle_source import HoldSource
 from palpate.errors import InputError
 from palpate.files import atomic_path, check_place, csv_cell, keep_inputs
 from palpate.holds.cutting import CutColumn
-from palpate.holds.table_files import pyarrow_for
+from palpate.holds.table_files import import_pyarrow
 from palpate.plots.settle import MOST_OVERVIEWS, Panel, settle_figure
 from palpate.plots.style import save_figure
 from palpate.scoring.predictions import Prediction
@@ -46,7 +46,7 @@ def check_out(out: Path | None, *, inputs: Sequence[Path]) -> None:
     check_place(out)
     keep_inputs(out, inputs=inputs)
     if out.suffix.lower() == ".parquet":
-        pyarrow_for("--out FILE.parquet")
+        import_pyarrow("--out FILE.parquet")
 
 
 def write(document: ScoreTable, out: Path) -> None:
@@ -64,7 +64,7 @@ def write(document: ScoreTable, out: Path) -> None:
                     {name: csv_cell(cell) for name, cell in row.items()} for row in rows
                 )
         else:
-            arrow = pyarrow_for("--out FILE.parquet")
+            arrow = import_pyarrow("--out FILE.parquet")
             arrow.parquet.write_table(arrow.Table.from_pylist(list(document.rows())), partial)
 
 

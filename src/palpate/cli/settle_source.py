@@ -15,8 +15,8 @@ from palpate.holds import Hold, iterate_holds
 from palpate.holds.columns import TimeUnit, Unit
 from palpate.holds.cutting import CutAt, CutColumn, cut_columns, explain_no_hold
 from palpate.holds.recordings import read_recordings, relative_readings
-from palpate.holds.table_files import MCAP_MAGIC, form_of, open_parquet, open_table
-from palpate.holds.text import lines_of, open_text
+from palpate.holds.table_files import MCAP_MAGIC, detect_format, open_parquet, open_table
+from palpate.holds.text import open_text, read_lines
 from palpate.recording import load_recording
 from palpate.recording.exporting import cut_recorded_holds
 from palpate.signal.circuit import Divider
@@ -185,10 +185,10 @@ def is_holds_file(file: Path) -> bool:
     name = str(file)
     try:
         with open_table(file) as stream:
-            form = form_of(stream, name=name)
+            form = detect_format(stream, name=name)
             if form == "text":
                 with open_text(stream, name=name) as text:
-                    return "hold_id" in next(lines_of(text), "")
+                    return "hold_id" in next(read_lines(text), "")
             if form == "parquet":
                 with open_parquet(stream, name=name) as parquet:
                     return "hold_id" in parquet.schema_arrow.names

@@ -1,8 +1,8 @@
-"""Tables from any logger or of known columns, their contacts, and the holds after contact.
+"""Reads tables of sensor readings, finds contacts and cuts the holds after each contact.
 
-`holds_file` and `strict` want columns of known names and refuse a damaged file with its line.
-`table_files` and `recordings` recognise columns, units and clocks of any table and report what is
-left out; `contacts` and `cutting` find the holds.
+`holds_file` and `strict` require columns of known names; the error for a damaged file names the
+line. `table_files` and `recordings` recognise columns, units and clocks in any table and report
+every omission. `contacts` and `cutting` find the holds.
 """
 
 from palpate.holds.hold import SETTLED_WINDOW_S, Hold, find_recorded_value, measure_settled_value

@@ -1,9 +1,9 @@
-"""Holds in a recording: the contact, and when only settling remains.
+"""Contacts and holds in a recording of any sensor.
 
-Nothing here depends on the sensor. A movement is a change of at least a tenth of the recording's
-range within 0.3 s: a finger that closes or a weight that is laid down does that, a slow stretch
-doesn't. All thresholds are shares of the range or multiples of the noise, so scale, sign and shift
-of the reading don't matter.
+A movement is a change of at least a tenth of the recording's range within 0.3 s, such as a closing
+finger or a weight put down; a slow drift is not a movement. All thresholds are fractions of the
+range or multiples of the noise, so the result does not depend on the reading's scale, sign or
+offset.
 """
 
 from __future__ import annotations
@@ -18,67 +18,67 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 
 #: A movement is a change of this fraction of the range ...
-MOVED_SHARE = 0.1
-#: ... within this time, which is what the paper's fast processes take (0.09 s) three times over.
+MOVED_FRACTION = 0.1
+#: ... within this time: three times the duration of the paper's fast processes (0.09 s).
 MOVED_WITHIN_S = 0.3
-#: ... and of this many standard deviations of the noise: chance gives that in no recording.
+#: ... and of this many standard deviations of the noise, to exclude chance.
 MOVED_SIGMAS = 8.0
-#: Movements nearer to each other than this belong together: a finger that bounces.
+#: Movements separated by less than this time are merged, such as those of a bouncing finger.
 BOUNCE_S = 0.4
-#: Cells are this long where the readings come faster: contacts are found in medians of cells.
+#: Shortest cell: contacts are found in the medians of the readings of each cell.
 CELL_S = 0.02
-#: Cells in the running median: drops single outliers, keeps an edge where it is.
+#: Cells in the running median, which removes single outliers and preserves edges.
 MEDIAN_CELLS = 5
-#: Positive readings that span more than this ratio are compared by ratio (in their logarithm).
+#: Positive readings that span more than this ratio are compared on a logarithmic scale.
 RATIO = 2.0
-#: From contact to opening; a shorter touch is more often a step on the way than a hold. At
-#: least half of it is left after loading.
+#: Shortest hold, from contact to opening: a shorter touch is usually an intermediate step of a
+#: movement. At least half of this time must remain after loading.
 SHORTEST_HOLD_S = 1.0
-FEWEST_READINGS = 5
-#: Loading takes no longer than this after contact; what still moves then is settling.
+MIN_READINGS = 5
+#: Longest loading time after contact; later change counts as settling.
 LOADING_S = 2.0
-#: Ratio of the loading time to the time of the reading's knee: the reading is a power of the force,
-#: and bends where the force is at two thirds. Median of 222 robot presses with a load cell; 1.5 on
-#: 221 others.
+#: Ratio of the loading time to the time of the reading's knee. The reading is a power of the force,
+#: with its knee at two thirds of the force. Median of 222 robot presses with a load cell; also 1.5
+#: on 221 others.
 LOADING_PER_KNEE = 1.5
-#: A stretch whose last third moves by more than this fraction of its contact hasn't been held ...
-STILL_SHARE = 0.1
-#: ... unless that is less than this fraction of what its first third moved: it still settles.
-SLOWING_SHARE = 0.5
-#: Parts into which a hold is divided to see whether it settles.
-JUDGED_PARTS = 12
-#: In the last second before a contact the reading moves by at most this fraction of it.
-STILL_BEFORE_SHARE = 0.25
-#: The opening begins a little before it is fast; this much of the end isn't judged.
+#: A stretch is no hold if its last third changes by more than this fraction of the contact step ...
+STILL_FRACTION = 0.1
+#: ... and by more than this fraction of the change in its first third (else it is settling).
+SLOWING_FRACTION = 0.5
+#: Number of parts into which a hold is divided to check that the reading settles.
+SETTLING_PARTS = 12
+#: Largest change in the last second before a contact, as a fraction of the contact step.
+STILL_BEFORE_FRACTION = 0.25
+#: The opening begins slowly; the check ignores this much of the end of a hold.
 OPENING_S = 0.1
 #: Stretches shorter than this are part of a movement, not a level.
-BRIEFEST_S = 0.3
-#: How much more the low levels scatter than the high ones where the recording begins loaded.
+MIN_LEVEL_S = 0.3
+#: Minimum ratio of the scatter of low to high levels in a recording that begins under load.
 SCATTER_RATIO = 2.0
 
-_TOO_BRIEF = f"none stays for {SHORTEST_HOLD_S:g} s"
-_TOO_FEW = f"fewer than {FEWEST_READINGS} readings while it is held"
+_TOO_SHORT = f"none lasts {SHORTEST_HOLD_S:g} s"
+_TOO_FEW = f"fewer than {MIN_READINGS} readings during the hold"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stretch:
     """A stretch between two movements."""
 
-    #: Where the movement before it begins, where it ends, and where the next one begins. For the
-    #: first stretch `onset_s` is `begin_s`: how the recording came there is not known.
+    #: Start and end of the preceding movement, and start of the next movement. In the first
+    #: stretch `onset_s` equals `begin_s`, because the preceding movement was not recorded.
     onset_s: float
     begin_s: float
     end_s: float
-    #: Height (see `heights`) before that movement, and of the stretch's later half.
+    #: Height (see `log_if_wide`) before the preceding movement, and of the stretch's second half.
     before: float
     level: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactOutline:
-    """A recording reduced to what decides where contacts are."""
+    """A smoothed recording, divided into stretches between movements."""
 
-    #: Shape (n_cells,). Middle of each cell, and the smoothed height there.
+    #: Shape (n_cells,). Middle of each cell, and the smoothed height in the cell.
     time_s: FloatArray
     height: FloatArray
     #: Standard deviation of the heights' noise, and the change that counts as movement.
@@ -88,52 +88,54 @@ class ContactOutline:
     stretches: list[Stretch]
 
 
-def heights(values: FloatArray) -> FloatArray:
-    """Return the logarithm of positive readings that span a large ratio, others as they are.
+def log_if_wide(values: FloatArray) -> FloatArray:
+    """Return the logarithm of positive readings with a large ratio; else the readings.
 
-    Resistance goes as a power of force: from 1000 to 100 ohm equals that from 100 to 10.
+    Resistance is a power of force, so 1000 to 100 ohm is the same step as 100 to 10 ohm.
 
-    >>> heights(np.array([1.0, 100.0])).round(2).tolist(), heights(np.array([9.0, 10.0])).tolist()
-    ([0.0, 4.61], [9.0, 10.0])
+    >>> log_if_wide(np.array([1.0, 100.0])).round(2).tolist()
+    [0.0, 4.61]
+    >>> log_if_wide(np.array([9.0, 10.0])).tolist()
+    [9.0, 10.0]
     """
     positive = values.size > 0 and values.min() > 0 and values.max() > RATIO * values.min()
     return np.log(values) if positive else values
 
 
-def outline(time_s: FloatArray, values: FloatArray) -> ContactOutline:
-    """Find the movements of a recording and what lies between them.
+def find_stretches(time_s: FloatArray, values: FloatArray) -> ContactOutline:
+    """Find the movements of a recording and the stretches between them.
 
     `time_s`, shape (n_times,): strictly increasing, seconds; sampling may be uneven.
     `values`, shape (n_times,): finite readings, in any unit.
 
     >>> time_s = np.arange(0, 9, 0.05)
-    >>> found = outline(time_s, np.where((time_s > 3) & (time_s < 6), 10.0, 50.0))
+    >>> found = find_stretches(time_s, np.where((time_s > 3) & (time_s < 6), 10.0, 50.0))
     >>> [round(stretch.begin_s) for stretch in found.stretches]
     [0, 3, 6]
     """
-    at_s, height, cell_s = _cells(time_s, heights(values))
+    at_s, height, cell_s = _median_cells(time_s, log_if_wide(values))
     padded = np.pad(height, MEDIAN_CELLS // 2, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_CELLS)
     smooth = np.asarray(np.median(windows, axis=-1))
     noise = 0.0
     if smooth.size > 2 * MEDIAN_CELLS:
-        # Second differences are deaf to drift and edges.
+        # Second differences are insensitive to drift and edges.
         before, here, after = (smooth[at : smooth.size - 10 + at] for at in (0, 5, 10))
         noise = float(np.median(np.abs(after - 2 * here + before)) / 0.6745 / np.sqrt(6.0))
-    step = max(MOVED_SHARE * float(np.ptp(smooth)), MOVED_SIGMAS * noise)
+    step = max(MOVED_FRACTION * float(np.ptp(smooth)), MOVED_SIGMAS * noise)
     moving = _find_moving(smooth, step=step, cells=max(1, round(MOVED_WITHIN_S / cell_s)))
-    stretches = _stretches(at_s, smooth, moving, step=step)
+    stretches = _split_stretches(at_s, smooth, moving, step=step)
     return ContactOutline(time_s=at_s, height=smooth, noise=noise, step=step, stretches=stretches)
 
 
-def _cells(time_s: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Return the middle of equal cells, the median reading in each, and their length.
+def _median_cells(time_s: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Return the middle of equal cells, the median reading in each cell, and the cell length.
 
-    A cell without a reading keeps the one before: across a gap the step is placed at its end.
+    An empty cell repeats the previous median, so a step across a gap is at the end of the gap.
     """
-    usual_s = float(np.median(np.diff(time_s))) if time_s.size > 1 else CELL_S
-    cell_s = max(CELL_S, usual_s)
-    # Half a cell of slack: readings of an even clock lie in the middle of their cells.
+    interval_s = float(np.median(np.diff(time_s))) if time_s.size > 1 else CELL_S
+    cell_s = max(CELL_S, interval_s)
+    # The offset of half a cell puts evenly sampled readings in the middle of their cells.
     number = np.floor((time_s - time_s[0]) / cell_s + 0.5).astype(np.intp)
     starts = np.flatnonzero(np.diff(number, prepend=-1))
     counts = np.diff(starts, append=number.size)
@@ -145,27 +147,28 @@ def _cells(time_s: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def _find_moving(smooth: FloatArray, *, step: float, cells: int) -> NDArray[np.bool_]:
-    """Return which cells lie within a window whose ends differ by a step.
+    """Return the cells inside any window whose ends differ by at least `step`.
 
-    Shape (n_cells - 1,): cell i represents the step from i to i + 1.
+    `cells`: longest window. Returns shape (n_cells - 1,); element i is the change from cell i to
+    i + 1.
     """
     moving = np.zeros(max(0, smooth.size - 1), dtype=np.bool_)
     if step <= 0:
         return moving
-    for reach in range(1, min(cells, smooth.size - 1) + 1):
-        fast = np.flatnonzero(np.abs(smooth[reach:] - smooth[:-reach]) >= step)
-        # The shortest window that holds the step shows best where it is.
+    for width in range(1, min(cells, smooth.size - 1) + 1):
+        fast = np.flatnonzero(np.abs(smooth[width:] - smooth[:-width]) >= step)
+        # The shortest window that contains the step locates it best.
         total = np.concatenate(([0], np.cumsum(moving)))
-        fresh = fast[total[fast + reach] == total[fast]]
-        for place in range(reach):
-            moving[fresh + place] = True
+        new = fast[total[fast + width] == total[fast]]
+        for offset in range(width):
+            moving[new + offset] = True
     return moving
 
 
-def _stretches(
+def _split_stretches(
     at_s: FloatArray, smooth: FloatArray, moving: NDArray[np.bool_], *, step: float
 ) -> list[Stretch]:
-    """Return the stretches between movements; a bounce is part of the movement before it."""
+    """Return the stretches between movements; a bounce is part of the preceding movement."""
     edges = np.diff(np.concatenate(([0], moving.astype(np.int8), [0])))
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     apart = at_s[begins[1:]] - at_s[ends[:-1]] > BOUNCE_S
@@ -192,10 +195,10 @@ class Contact:
 
     #: When the reading begins to move.
     onset_s: float
-    #: When loading ends and when the next movement begins: the hold, where there is one.
+    #: End of loading and start of the next movement: the limits of the hold.
     start_s: float
     end_s: float
-    #: Why it is no hold; empty where it is one.
+    #: The reason why no hold follows; empty for a hold.
     refused: str = ""
 
 
@@ -205,67 +208,65 @@ class Cut:
 
     #: In order of time.
     contacts: list[Contact]
-    #: Whether there is any fast movement.
+    #: Whether the recording contains a fast movement.
     moves: bool
     #: Whether contact raises the reading.
     rises: bool
-    #: Whether the recording begins in the middle of a hold, whose contact is not in it.
+    #: Whether the recording begins during a hold, after its contact.
     began_loaded: bool
 
     @property
     def holds(self) -> list[Contact]:
-        """The contacts that a hold follows; none where as many contacts as these don't settle."""
+        """Contacts followed by a hold; empty unless they outnumber the unsettled contacts."""
         held = [contact for contact in self.contacts if not contact.refused]
-        brief = {_TOO_BRIEF, _TOO_FEW, ""}
-        unsteady = sum(contact.refused not in brief for contact in self.contacts)
-        return held if len(held) > unsteady else []
+        not_unsettled = {_TOO_SHORT, _TOO_FEW, ""}
+        unsettled = sum(contact.refused not in not_unsettled for contact in self.contacts)
+        return held if len(held) > unsettled else []
 
     def reason(self) -> str:
-        """Return in words why there is no hold."""
+        """Return the reason why no hold was found."""
         if not self.contacts and self.moves:
-            return (
-                "it moves fast, but comes back within a moment or never to load: no contact stays"
-            )
+            return "fast movements, but no contact lasts"
         if not self.contacts:
             return (
-                "no contact found: nothing in it moves by a tenth of its range, and out of its "
-                f"noise, within {MOVED_WITHIN_S:g} s"
+                "no contact found: the reading never changes by a tenth of its range, and by more "
+                f"than its noise, within {MOVED_WITHIN_S:g} s"
             )
-        whys = Counter(contact.refused for contact in self.contacts if contact.refused)
-        why = max(whys, key=lambda each: whys[each], default="")
-        return f"{len(self.contacts)} contacts, but no hold: {why}"
+        reasons = Counter(contact.refused for contact in self.contacts if contact.refused)
+        reason = max(reasons, key=lambda each: reasons[each], default="")
+        return f"{len(self.contacts)} contacts, but no hold: {reason}"
 
 
 def find_contacts(time_s: FloatArray, values: FloatArray, *, unit: str | None = None) -> Cut:
-    """Find the contacts of a recording, and the hold after each.
+    """Find the contacts of a recording, and the hold after each contact.
 
-    A recording begins at rest, unless levels show otherwise: a relative change is near 0 at rest,
-    and resistance comes back to one level at rest while under load it differs from touch to touch.
-    A hold begins where loading ends: half as long again after contact as the curve takes to bend
-    most away from a straight line (its knee). After a fast contact that is at once.
+    A recording is assumed to begin at rest unless its levels contradict this. A relative change is
+    near 0 at rest. Resistance returns to the same level at rest but differs between touches under
+    load. A hold begins at the end of loading, at 1.5 times the time from contact to the knee of the
+    curve (its largest distance from a straight line). After a fast contact it begins at once.
 
     `time_s`, shape (n_times,): strictly increasing, seconds; sampling may be uneven.
     `values`, shape (n_times,): finite readings.
-    `unit` ("ohm" or "percent"): helps to distinguish rest from load; any other unit, or None,
-        doesn't.
+    `unit` ("ohm" or "percent"): helps to distinguish rest from load; any other unit, or None, has
+        no effect.
 
     >>> time_s = np.arange(0, 9, 0.05)
     >>> found = find_contacts(time_s, np.where((time_s > 3) & (time_s < 6), 10.0, 50.0))
     >>> [(round(hold.start_s), round(hold.end_s)) for hold in found.holds]
     [(3, 6)]
     """
-    shape = outline(time_s, values)
+    shape = find_stretches(time_s, values)
     if len(shape.stretches) < 2:
         return Cut(contacts=[], moves=False, rises=False, began_loaded=False)
-    rises, began_loaded = _side_of_load(shape, unit)
+    rises, began_loaded = _find_load_side(shape, unit)
     toward = 1.0 if rises else -1.0
-    height = heights(values)
+    height = log_if_wide(values)
     loaded = [toward * (s.level - s.before) >= shape.step for s in shape.stretches]
     loaded[0] = False
     for place, stretch in enumerate(shape.stretches):
         rest = next((k for k in range(place, len(loaded)) if not loaded[k]), None)
         if loaded[place] and rest is not None:
-            # What is no more than the next rest was no load, but a start that wore off.
+            # A level no higher than the next rest is a decaying start-up offset, not a load.
             loaded[place] = toward * (stretch.level - shape.stretches[rest].level) >= shape.step
     contacts: list[Contact] = []
     for (last, stretch), held in zip(pairwise(shape.stretches), loaded[1:], strict=True):
@@ -282,21 +283,21 @@ def find_contacts(time_s: FloatArray, values: FloatArray, *, unit: str | None = 
     return Cut(contacts=contacts, moves=True, rises=rises, began_loaded=began_loaded)
 
 
-def _side_of_load(shape: ContactOutline, unit: str | None) -> tuple[bool, bool]:
-    """Return whether load is the upper side, and whether the recording begins loaded."""
+def _find_load_side(shape: ContactOutline, unit: str | None) -> tuple[bool, bool]:
+    """Return whether load raises the reading, and whether the recording begins loaded."""
     first, bottom, top = shape.stretches[0].level, shape.height.min(), shape.height.max()
-    # What the recording departs to is load: it begins at rest.
+    # The recording begins at rest, so the extreme farther from its first level is load.
     begins_low = bool(top - first > first - bottom)
     middle = 0.5 * (bottom + top)
-    levels = np.array([s.level for s in shape.stretches if s.end_s - s.begin_s >= BRIEFEST_S])
+    levels = np.array([s.level for s in shape.stretches if s.end_s - s.begin_s >= MIN_LEVEL_S])
     low, high = levels[levels < middle], levels[levels >= middle]
     if unit == "percent":
         # A relative change is 0 at rest.
         low_rests = bool(abs(bottom) < abs(top))
         return low_rests, begins_low != low_rests
     if unit == "ohm" and begins_low and min(low.size, high.size) >= 2:
-        # Load lowers the resistance of every sheet that we know; that the recording begins with
-        # load is believed where the low levels differ as touches do.
+        # Load lowers the resistance of every known sheet. The recording begins under load if its
+        # low levels scatter as touches do.
         began_loaded = bool(np.ptp(low) > SCATTER_RATIO * np.ptp(high))
         return not began_loaded, began_loaded
     return begins_low, False
@@ -305,12 +306,12 @@ def _side_of_load(shape: ContactOutline, unit: str | None) -> tuple[bool, bool]:
 def _find_loading_end_s(
     stretch: Stretch, toward: float, *, time_s: FloatArray, height: FloatArray
 ) -> float:
-    """Return when loading ends: where the curve is farthest from its initial chord."""
+    """Return the end of loading, estimated from the knee of the loading curve."""
     until_s = min(stretch.end_s, stretch.onset_s + LOADING_S)
     first = max(0, int(np.searchsorted(time_s, stretch.onset_s)) - 1)
     stop = int(np.searchsorted(time_s, until_s, side="right"))
     at_s, risen = time_s[first:stop], toward * height[first:stop]
-    # An actuation spike goes the other way first; loading begins at its top.
+    # An actuation spike first moves the reading away from load; loading begins at its peak.
     peak = int(np.argmin(risen[: max(1, int(np.searchsorted(at_s, stretch.begin_s)))]))
     at_s, risen = at_s[peak:], risen[peak:]
     if at_s.size < 3:
@@ -323,42 +324,42 @@ def _find_loading_end_s(
 def _explain_refusal(
     stretch: Stretch, last: Stretch, shape: ContactOutline, start_s: float, *, time_s: FloatArray
 ) -> str:
-    """Return why a stretch after contact is no hold, or nothing."""
+    """Return the reason why a stretch after contact is no hold; empty for a hold."""
     held_s = stretch.end_s - start_s
     readings = int(np.searchsorted(time_s, stretch.end_s, side="right")) - int(
         np.searchsorted(time_s, start_s)
     )
     if stretch.end_s - stretch.onset_s < SHORTEST_HOLD_S or held_s < SHORTEST_HOLD_S / 2:
-        return _TOO_BRIEF
-    if readings < FEWEST_READINGS:
+        return _TOO_SHORT
+    if readings < MIN_READINGS:
         return _TOO_FEW
     if not _is_still_before(stretch, last, shape):
-        return "the reading moves before the contact too"
+        return "the reading already moves before the contact"
     return _explain_unsettled(stretch, shape, start_s)
 
 
 def _is_still_before(stretch: Stretch, last: Stretch, shape: ContactOutline) -> bool:
-    """Return whether the reading stands still for a moment before the contact.
+    """Return whether the reading is steady before the contact.
 
-    At the very beginning of a recording there need not be such a moment.
+    At the beginning of a recording, a steady stretch is not required.
     """
-    if last.onset_s < last.begin_s and last.end_s - last.begin_s < BRIEFEST_S:
+    if last.onset_s < last.begin_s and last.end_s - last.begin_s < MIN_LEVEL_S:
         return False
     at_s = shape.time_s
     before = (at_s >= max(last.begin_s, last.end_s - 1.0)) & (at_s < stretch.onset_s)
     moved = float(np.ptp(shape.height[before])) if before.any() else 0.0
-    return moved <= STILL_BEFORE_SHARE * abs(stretch.level - stretch.before) + 4.0 * shape.noise
+    return moved <= STILL_BEFORE_FRACTION * abs(stretch.level - stretch.before) + 4.0 * shape.noise
 
 
 def _explain_unsettled(stretch: Stretch, shape: ContactOutline, start_s: float) -> str:
-    """Return why what is held doesn't settle, or nothing."""
+    """Return the reason why a hold doesn't settle; empty if it settles."""
     inside = (shape.time_s >= start_s) & (shape.time_s <= stretch.end_s - OPENING_S)
-    parts = np.array_split(shape.height[inside], JUDGED_PARTS)
+    parts = np.array_split(shape.height[inside], SETTLING_PARTS)
     path = np.diff([np.median(part) for part in parts if part.size])
-    still = STILL_SHARE * abs(stretch.level - stretch.before) + 4.0 * shape.noise
+    still = STILL_FRACTION * abs(stretch.level - stretch.before) + 4.0 * shape.noise
     third = path.size // 3
     early, late = abs(float(path[:third].sum())), abs(float(path[-third:].sum()))
-    if late > max(still, SLOWING_SHARE * early):
+    if late > max(still, SLOWING_FRACTION * early):
         return "the reading keeps moving instead of settling"
     if min(path[path > 0].sum(), -path[path < 0].sum()) > 2.0 * still:
         return "the reading wanders up and down instead of settling"

@@ -1,4 +1,4 @@
-"""From a recording to its holds."""
+"""Cutting of holds out of a recording."""
 
 from __future__ import annotations
 
@@ -17,57 +17,58 @@ from palpate.signal.circuit import Divider, resistance_ohm
 
 #: How holds are found: after contacts, at a time in seconds, or the whole recording as one.
 CutAt: TypeAlias = Literal["auto", "none"] | float
-#: More readings than this share at the end of the converter's range, and it isn't a hold of these.
-_SATURATED_SHARE = 0.05
-_FEWEST = 2
-#: A wire that comes loose reads 0 now and then; with more than this it isn't a resistance.
-MOST_BELOW_SHARE = 0.02
-#: The largest counts of converters of 8 to 16 bits, and the smallest.
+#: A hold is rejected if more than this fraction of its readings is saturated.
+_MAX_SATURATED_FRACTION = 0.05
+_MIN_READINGS = 2
+#: A loose wire occasionally reads 0. With more such readings, the column isn't a resistance.
+MAX_NEGATIVE_FRACTION = 0.02
+#: Smallest and largest counts of converters with 8 to 16 bits.
 _CONVERTER_ENDS = {0.0, *(2.0**bits - 1 for bits in range(8, 17))}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CutColumn:
-    """One sensor of a recording, and where its holds are."""
+    """One column of a recording and its holds."""
 
-    #: Its name.
+    #: Name of the column.
     column: str
-    #: Shape (n_times,). Its readings, missing ones left out.
+    #: Shape (n_times,). Readings without missing values.
     time_s: NDArray[np.float64]
     values: NDArray[np.float64]
-    #: Unit of these readings, where it is known; holds are in ohm where a divider made them so.
+    #: Unit of `values`, if known. With a divider, the holds are in ohm instead.
     unit: str | None
-    #: Beginning and end of each hold, seconds of the recording; as many as `holds`.
+    #: Start and end of each of `holds`, seconds of the recording.
     spans: list[tuple[float, float]]
-    #: Time 0 is where the hold begins.
+    #: Time 0 is the start of the hold.
     holds: list[Hold]
-    #: Why there is no hold; empty if there is one.
+    #: The reason if no hold was found; else empty.
     reason: str = ""
-    #: What should be known about them.
+    #: Assumptions and omissions, one sentence each.
     remarks: list[str] = field(default_factory=list)
 
 
 def cut_holds(recording: Any, values: Any = None, *, cut: CutAt = "auto") -> list[Hold]:
-    """Cut the holds out of a recording: what follows each contact, until it is opened.
+    """Cut the holds out of a recording: the readings from each contact to its opening.
 
     Parameters
     ----------
-    recording : Readings, whatever `read_recording` takes, or times
+    recording : Readings, any source of `read_recording`, or times
         With `values`: times in seconds, shape (n_times,).
     values : array_like, shape (n_times,), optional
         Readings at these times.
     cut : {"auto", "none"} or float
-        After each contact; the whole recording as one hold; or from this moment on, seconds.
+        Cut after each contact; use the whole recording as one hold; or start one hold at this time,
+        seconds.
 
     Returns
     -------
     list of Hold
-        Named ``NAME:COLUMN:N``, with time 0 where loading ended.
+        Named ``NAME:COLUMN:N``; time 0 is the end of loading.
 
     Raises
     ------
     InputError
-        If no column has a hold; the message explains why.
+        If no column has a hold; the message contains the reason.
 
     Examples
     --------
@@ -87,17 +88,17 @@ def cut_holds(recording: Any, values: Any = None, *, cut: CutAt = "auto") -> lis
 
 
 def explain_no_hold(name: str, columns: list[CutColumn]) -> str:
-    """Return the one line that explains why a recording has no hold."""
+    """Return a one-line explanation for a recording without holds."""
     first, *others = columns
     more = f" (likewise the other {len(others)} columns)" if others else ""
     return (
-        f"{name}: {first.column}: {first.reason}{more}. `--cut SECONDS` sets where a hold begins, "
-        "`--cut none` takes the whole recording as one"
+        f"{name}: {first.column}: {first.reason}{more}. `--cut SECONDS` sets the start of a hold, "
+        "`--cut none` uses the whole recording as one hold"
     )
 
 
 def cut_columns(readings: Readings, *, cut: CutAt = "auto") -> list[CutColumn]:
-    """Cut each column; the parameters are those of `cut_holds`."""
+    """Cut each column of a recording; parameters as in `cut_holds`."""
     if readings.is_hold and cut == "auto":
         cut = "none"
     return [_cut_column(readings, name, cut) for name in readings.columns]
@@ -108,40 +109,41 @@ def _cut_column(readings: Readings, name: str, cut: CutAt) -> CutColumn:
     unit, usable = _select_usable(values, readings.units[name], remarks=remarks)
     if unit == "counts" and readings.divider is None:
         remarks.append(
-            "taken as counts; --adc-bits, --reference-ohm and --sensor-leg make ohm of them"
+            "interpreted as counts; --adc-bits, --reference-ohm and --sensor-leg convert counts "
+            "to ohm"
         )
     time_s, values = readings.time_s[usable], values[usable]
-    spans, reason = _spans(time_s, values, unit=unit, cut=cut, remarks=remarks)
-    divider, ends = _converter(readings, name, values)
+    spans, reason = _find_spans(time_s, values, unit=unit, cut=cut, remarks=remarks)
+    divider, ends = _find_divider(readings, name, values)
     holds: list[Hold] = []
-    held: list[tuple[float, float]] = []
+    hold_spans: list[tuple[float, float]] = []
     for begin_s, end_s in spans:
         rows = (time_s >= begin_s) & (time_s <= end_s)
-        sound = ~np.isin(values[rows], ends)
-        if np.mean(~sound) > _SATURATED_SHARE or sound.sum() < _FEWEST:
+        in_range = ~np.isin(values[rows], ends)
+        if np.mean(~in_range) > _MAX_SATURATED_FRACTION or in_range.sum() < _MIN_READINGS:
             reason = (
-                f"at {begin_s:.4g} s {np.mean(~sound):.0%} of the readings are at the end of the "
-                "converter's range; another reference resistor is needed"
+                f"at {begin_s:.4g} s {np.mean(~in_range):.0%} of the readings are at the end of "
+                "the converter's range; use another reference resistor"
             )
-            remarks.append(f"a hold is left out: {reason}")
+            remarks.append(f"one hold was omitted: {reason}")
             continue
-        kept = values[rows][sound]
+        hold_values = values[rows][in_range]
         holds.append(
             Hold(
                 hold_id=f"{readings.name}:{name}:{len(holds) + 1}",
                 channel=None,
-                time_s=time_s[rows][sound] - begin_s,
-                values=resistance_ohm(kept, divider=divider) if divider else kept,
+                time_s=time_s[rows][in_range] - begin_s,
+                values=resistance_ohm(hold_values, divider=divider) if divider else hold_values,
                 unit="ohm" if divider else unit,
             )
         )
-        held.append((begin_s, end_s))
+        hold_spans.append((begin_s, end_s))
     return CutColumn(
         column=name,
         time_s=time_s,
         values=values,
         unit=unit,
-        spans=held,
+        spans=hold_spans,
         holds=holds,
         reason="" if holds else reason,
         remarks=remarks,
@@ -151,19 +153,19 @@ def _cut_column(readings: Readings, name: str, cut: CutAt) -> CutColumn:
 def _select_usable(
     values: NDArray[np.float64], unit: Unit | None, *, remarks: list[str]
 ) -> tuple[Unit | None, NDArray[np.bool_]]:
-    """Return the unit, None where the readings can't have it, and the usable readings."""
+    """Return the unit (None if the values contradict it) and a mask of usable readings."""
     finite = np.isfinite(values)
     below = int(np.sum(values[finite] <= 0))
     if unit != "ohm" or below == 0:
         return unit, finite
-    if below > MOST_BELOW_SHARE * finite.sum():
-        remarks.append(f"{below} readings are at or below 0, so they are not taken as ohm")
+    if below > MAX_NEGATIVE_FRACTION * finite.sum():
+        remarks.append(f"{below} readings are at or below 0, so the column is not in ohm")
         return None, finite
-    remarks.append(f"{below} readings at or below 0 ohm are no resistances; left out")
+    remarks.append(f"{below} readings at or below 0 ohm are not resistances and were omitted")
     return unit, finite & (values > 0)
 
 
-def _spans(
+def _find_spans(
     time_s: NDArray[np.float64],
     values: NDArray[np.float64],
     *,
@@ -171,32 +173,32 @@ def _spans(
     cut: CutAt,
     remarks: list[str],
 ) -> tuple[list[tuple[float, float]], str]:
-    """Return beginning and end of each hold, and the reason if there is none."""
-    if time_s.size < _FEWEST:
+    """Return start and end of each hold, and the reason if there is none."""
+    if time_s.size < _MIN_READINGS:
         return [], "fewer than two readings"
     if cut != "auto":
         begin_s = float(time_s[0]) if cut == "none" else float(cut)
-        left = int(np.sum(time_s >= begin_s))
-        spans = [(begin_s, float(time_s[-1]))] if left >= _FEWEST else []
-        return spans, f"no reading after {begin_s:g} s; it ends at {time_s[-1]:g} s"
+        remaining = int(np.sum(time_s >= begin_s))
+        spans = [(begin_s, float(time_s[-1]))] if remaining >= _MIN_READINGS else []
+        return spans, (
+            f"fewer than {_MIN_READINGS} readings after {begin_s:g} s; the recording ends at "
+            f"{time_s[-1]:g} s"
+        )
     found = find_contacts(time_s, values, unit=unit)
     if found.began_loaded:
-        remarks.append("it begins in the middle of a hold, whose contact isn't in it; left out")
+        remarks.append("the recording begins during a hold; that hold was omitted")
     if found.rises and found.holds and unit == "ohm":
         remarks.append(
-            "resistance rises at contact: is it the other sensor leg, or does the recording begin "
-            "under load?"
+            "resistance rises at contact: check --sensor-leg, and whether the recording begins "
+            "under load"
         )
     return [(contact.start_s, contact.end_s) for contact in found.holds], found.reason()
 
 
-def _converter(
+def _find_divider(
     readings: Readings, name: str, values: NDArray[np.float64]
 ) -> tuple[Divider | None, list[float]]:
-    """Return the conversion of counts to ohm, and the saturated ends of its range.
-
-    Without a divider, counts stay as they are.
-    """
+    """Return the divider (None: no conversion) and the counts at the ends of its range."""
     unit, divider = readings.units[name], readings.divider
     if divider is None or unit not in ("counts", None):
         ends = {0.0, float(values.max(initial=0.0))} & _CONVERTER_ENDS
@@ -204,7 +206,7 @@ def _converter(
     top = divider.full_scale - 1
     if values.size and not (values.min() >= 0 and values.max() <= top):
         raise InputError(
-            f"{readings.name}: {name} goes from {values.min():g} to {values.max():g}, and "
-            f"{divider.adc_bits} bits count from 0 to {top}; give other --adc-bits, or --unit"
+            f"{readings.name}: {name} ranges from {values.min():g} to {values.max():g}, but "
+            f"{divider.adc_bits} bits count from 0 to {top}; correct --adc-bits or --unit"
         )
     return divider, [0.0, top]

@@ -23,15 +23,15 @@ class Hold:
     hold_id : str
         Name in the file.
     channel : str or None
-        Pixel or signal, where a hold has several.
+        Pixel or signal, if a hold has several.
     time_s : ndarray, shape (n_times,)
         Strictly increasing; 0 is the actuation or the peak. Sampling may be uneven.
     values : ndarray, shape (n_times,)
         In any unit.
     unit : str or None
-        Unit of the values where it is known; ``"percent"`` is a change relative to rest.
+        Unit of the values, if known; ``"percent"`` is a change relative to rest.
     loading_s : float
-        How long the load grew before time 0, seconds; 0 where it is not known or was sudden.
+        Duration of the loading before time 0, seconds; 0 if unknown or sudden.
     """
 
     hold_id: str
@@ -60,11 +60,11 @@ class Hold:
         """
         with require_extra("a plot", extra="plots"):
             import matplotlib.pyplot as plt
-        drawn = plt.gca() if axes is None else axes
-        drawn.plot(self.time_s, self.values, label=self.hold_id)
-        drawn.set_xlabel("time (s)")
-        drawn.set_ylabel("value" if self.unit is None else f"value ({self.unit})")
-        return drawn
+        axes = plt.gca() if axes is None else axes
+        axes.plot(self.time_s, self.values, label=self.hold_id)
+        axes.set_xlabel("time (s)")
+        axes.set_ylabel("value" if self.unit is None else f"value ({self.unit})")
+        return axes
 
 
 def measure_settled_value(
@@ -72,8 +72,8 @@ def measure_settled_value(
 ) -> float:
     """Return the mean of the last 0.5 s before the horizon; NaN where unrecorded.
 
-    A sample covers the time up to the next one, so a hold reaches the horizon when its last
-    sample is no more than one usual interval before it.
+    A sample covers the time up to the next sample. A hold therefore reaches the horizon if its last
+    sample is at most one median interval before the horizon.
 
     `horizon_s`: time of the settled value, seconds.
 
@@ -83,10 +83,10 @@ def measure_settled_value(
     >>> measure_settled_value(time_s, time_s, horizon_s=30.0)
     nan
     """
-    usual_interval_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    median_interval_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     window = (time_s >= horizon_s - SETTLED_WINDOW_S) & (time_s <= horizon_s)
-    # The slack is for times such as 19.95 + 0.05, which fall short of 20 by rounding.
-    reached = time_s[-1] + usual_interval_s >= horizon_s * (1 - 1e-9)
+    # Tolerance for rounding: 19.95 + 0.05 is slightly less than 20.
+    reached = time_s[-1] + median_interval_s >= horizon_s * (1 - 1e-9)
     return float(values[window].mean()) if reached and window.any() else float("nan")
 
 

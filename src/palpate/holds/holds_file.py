@@ -1,4 +1,4 @@
-"""Holds files: CSV or Parquet of known columns, read hold by hold in bounded memory."""
+"""Reader of holds files (CSV or Parquet), hold by hold in bounded memory."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from palpate.errors import InputError
 from palpate.holds.hold import Hold
 from palpate.holds.strict import Kind, read_pieces
-from palpate.holds.table import Table, runs_of
+from palpate.holds.table import Table, find_runs
 
 _COLUMNS: dict[str, Kind] = {"hold_id": "text", "time_s": "number", "value": "number"}
 _OPTIONAL: dict[str, Kind] = {"channel": "text", "unit": "text", "loading_s": "number"}
@@ -57,30 +57,30 @@ def iterate_holds(
     """Read holds one by one from CSV, gzipped CSV or Parquet.
 
     Columns are `hold_id,time_s,value` and optionally `channel`, `unit` and `loading_s`. The rows of
-    a hold are together; channels may be interleaved within it. The unit ``percent`` (change
-    relative to rest) and a slow loading help to predict; others need not be given. A CSV file may
-    have semicolons or tabs instead of commas, and decimal commas then. Memory is bounded by the
-    longest hold, or by `until_s`.
+    a hold must be contiguous; its channels may be interleaved. Predictors use the unit ``percent``
+    (change relative to rest) and the loading time of a slow loading; other values are optional. A
+    CSV file may use semicolons or tabs instead of commas, and then also decimal commas. Memory is
+    bounded by the longest hold, or by `until_s`.
 
     Parameters
     ----------
     path : path
-        The format is recognised by content, then by ending.
+        The format is recognised from the content, then from the file extension.
     until_s : float
-        Samples after the first one at or beyond this time are checked and not kept.
+        Samples after the first one at or beyond this time are checked but not returned.
     progress : callable, optional
-        Called now and then with the fraction of the file read so far, 0 to 1.
+        Called periodically with the fraction of the file read so far, 0 to 1.
 
     Yields
     ------
     Hold
-        In the order of the file; channels in the order of their first sample. One-sample and
-        constant holds are legitimate.
+        In the order of the file; channels in the order of their first sample. Holds with one sample
+        or constant values are valid.
 
     Raises
     ------
     InputError
-        At the first line (or Parquet row) that can't be used; the message names it.
+        At the first invalid line (or Parquet row); the message contains its number.
     MissingExtraError
         If the file is Parquet and pyarrow is not installed.
 
@@ -96,21 +96,21 @@ def iterate_holds(
     name, current, channels = os.fspath(path), "", dict[str, _Channel]()
     ended: set[str] = set()
     for table in read_pieces(path, columns=_COLUMNS, optional=_OPTIONAL, progress=progress):
-        for rows in runs_of(table.columns["hold_id"]):
+        for rows in find_runs(table.columns["hold_id"]):
             hold_id = table.columns["hold_id"][rows.start]
             if hold_id != current or not channels:
-                yield from _finish(current, channels)
+                yield from _build_holds(current, channels)
                 ended.add(current)
                 _check_name(hold_id, ended, where=f"{name} {table.place(rows.start)}")
                 current, channels = hold_id, {}
-            for at in _channels_of(table, rows):
-                _gather(table, at, channels, name=name, until_s=until_s)
-    yield from _finish(current, channels)
+            for channel_rows in _split_channels(table, rows):
+                _add_rows(table, channel_rows, channels, name=name, until_s=until_s)
+    yield from _build_holds(current, channels)
 
 
 @dataclass(slots=True, kw_only=True)
 class _Channel:
-    """Samples of one channel gathered so far."""
+    """Samples of one channel read so far."""
 
     last_time_s: float = -np.inf
     time_s: list[NDArray[np.float64]] = field(default_factory=list)
@@ -121,47 +121,47 @@ class _Channel:
     def add(
         self, time_s: NDArray[np.float64], values: NDArray[np.float64], *, until_s: float
     ) -> None:
-        """Keep what is needed: everything before `until_s`, and the first sample from there on."""
+        """Store the samples before `until_s` and the first sample at or after it."""
         if self.last_time_s < until_s:
-            kept = int(np.searchsorted(time_s, until_s)) + 1
-            # Copies: a view would keep the whole stretch of the file in memory.
-            self.time_s.append(time_s[:kept].copy())
-            self.values.append(values[:kept].copy())
+            count = int(np.searchsorted(time_s, until_s)) + 1
+            # A view would keep the whole piece of the file in memory.
+            self.time_s.append(time_s[:count].copy())
+            self.values.append(values[:count].copy())
         self.last_time_s = float(time_s[-1])
 
 
 def _check_name(hold_id: str, ended: set[str], *, where: str) -> None:
     if not hold_id.strip():
-        raise InputError(f"{where}: hold_id is empty; give every hold a name")
+        raise InputError(f"{where}: hold_id is empty; name every hold")
     _check_text("hold_id", hold_id, where=where)
     if hold_id in ended:
         raise InputError(
-            f"{where}: hold {hold_id} comes back after it ended; keep its rows together, "
-            "or give the second one another hold_id"
+            f"{where}: the rows of hold {hold_id} are not contiguous; put them together, "
+            "or give the second part another hold_id"
         )
 
 
 def _check_text(column: str, text: str, *, where: str) -> None:
-    # Bytes that could not be decoded have become this sign.
+    # U+FFFD replaces bytes that could not be decoded.
     if not text.isprintable() or "\ufffd" in text:
         raise InputError(
-            f"{where}: {column} {text[:40]!a} has signs that can't be printed; "
+            f"{where}: {column} {text[:40]!a} contains unprintable characters; "
             "rename it, or save the file as UTF-8"
         )
 
 
-def _channels_of(table: Table, rows: slice) -> Iterator[NDArray[np.intp]]:
+def _split_channels(table: Table, rows: slice) -> Iterator[NDArray[np.intp]]:
     """Yield the rows of each channel of one hold; channels may be interleaved."""
-    every = np.arange(rows.start, rows.stop)
+    indices = np.arange(rows.start, rows.stop)
     if "channel" not in table.columns:
-        yield every
+        yield indices
         return
     labels = table.columns["channel"][rows]
     for label in dict.fromkeys(labels.tolist()):
-        yield every[labels == label]
+        yield indices[labels == label]
 
 
-def _gather(
+def _add_rows(
     table: Table,
     rows: NDArray[np.intp],
     channels: dict[str, _Channel],
@@ -169,36 +169,36 @@ def _gather(
     name: str,
     until_s: float,
 ) -> None:
-    """Add rows of one channel of a hold."""
+    """Add rows of one channel of a hold to `channels`."""
     first = int(rows[0])
-    stated = {n: table.columns[n][first] for n in (*_COLUMNS, *_OPTIONAL) if n in table.columns}
-    label = stated.get("channel", "")
+    cells = {n: table.columns[n][first] for n in (*_COLUMNS, *_OPTIONAL) if n in table.columns}
+    label = cells.get("channel", "")
     if label not in channels:
-        where, loading_s = f"{name} {table.place(first)}", float(stated.get("loading_s", 0.0))
+        where, loading_s = f"{name} {table.place(first)}", float(cells.get("loading_s", 0.0))
         for column in ("channel", "unit"):
-            _check_text(column, stated.get(column, ""), where=where)
+            _check_text(column, cells.get(column, ""), where=where)
         if loading_s < 0:
             raise InputError(
-                f"{where}: loading_s {loading_s:g} is negative; give seconds, or 0 where it is not "
-                "known"
+                f"{where}: loading_s {loading_s:g} is negative; use seconds, or 0 if unknown"
             )
-        channels[label] = _Channel(unit=stated.get("unit") or None, loading_s=loading_s)
+        channels[label] = _Channel(unit=cells.get("unit") or None, loading_s=loading_s)
     channel = channels[label]
     time_s, values = table.columns["time_s"][rows], table.columns["value"][rows]
     previous_s = np.concatenate(([channel.last_time_s], time_s[:-1]))
     later = time_s > previous_s
     if not later.all():
         bad = int(np.argmin(later))
-        how = "stands still" if time_s[bad] == previous_s[bad] else "goes backwards"
-        hold = f"hold {stated['hold_id']}" + (f" channel {label}" if label else "")
+        how = "is repeated" if time_s[bad] == previous_s[bad] else "goes backwards"
+        hold = f"hold {cells['hold_id']}" + (f" channel {label}" if label else "")
         raise InputError(
             f"{name} {table.place(int(rows[bad]))}: time {how} in {hold} ({previous_s[bad]:g} s, "
-            f"then {time_s[bad]:g} s); sort it by time_s, or give each recording its own hold_id"
+            f"then {time_s[bad]:g} s); sort the rows by time_s, or give each recording its own "
+            "hold_id"
         )
     channel.add(time_s, values, until_s=until_s)
 
 
-def _finish(hold_id: str, channels: dict[str, _Channel]) -> Iterator[Hold]:
+def _build_holds(hold_id: str, channels: dict[str, _Channel]) -> Iterator[Hold]:
     for label, channel in channels.items():
         time_s, values = np.concatenate(channel.time_s), np.concatenate(channel.values)
         time_s.flags.writeable = values.flags.writeable = False

@@ -1,4 +1,4 @@
-"""A recording of anybody's: its clock in seconds, and the readings of its sensors."""
+"""Recordings from any logger: a clock in seconds and the readings of one or more sensors."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from palpate.errors import InputError
 from palpate.holds.columns import (
     TimeUnit,
     Unit,
+    convert_to_seconds,
     find_clock,
     find_part,
     find_readings,
     is_moment,
     scale_of,
-    seconds,
     time_unit_of,
     unit_of,
 )
-from palpate.holds.table import Table, refuse_or_report, runs_of
+from palpate.holds.table import Table, find_runs, report_bad_rows
 from palpate.holds.table_files import read_table_file, table_of_arrays
 from palpate.signal.circuit import Divider, resistance_ohm
 from palpate.signal.relative import mean_change
 
-#: Name of the column of the mean of relative changes.
-MEAN = "mean change"
-#: Fewest readings at rest of each column.
-_FEWEST_AT_REST = 3
-#: Longest ending first: of ``log.csv.gz`` the stem is ``log``.
+#: Name of the column with the mean of the relative changes.
+MEAN_COLUMN = "mean change"
+#: Minimum readings at rest in each column.
+_MIN_REST_READINGS = 3
+#: Extensions are removed repeatedly: the stem of ``log.csv.gz`` is ``log``.
 _ENDINGS = (".gz", ".csv", ".tsv", ".txt", ".dat", ".log", ".xlsx", ".xlsm", ".parquet", ".pq")
 
 
@@ -44,18 +44,18 @@ class Readings:
     Attributes
     ----------
     name : str
-        What its holds' names begin with: the file's name without its ending.
+        Prefix of the holds' names: the file name without extensions.
     time_s : ndarray, shape (n_times,)
         Strictly increasing, seconds.
     columns : mapping of str to ndarray, shape (n_times,)
         Readings by column; NaN where missing.
     units : mapping of str to str or None
-        ``ohm``, ``percent``, ``counts``, ``volt``, ``newton``, ``pascal``, or None where it isn't
-        known. Prefixes are converted: readings in ``kOhm`` are here in ohm.
+        ``ohm``, ``percent``, ``counts``, ``volt``, ``newton``, ``pascal``, or None if unknown. SI
+        prefixes are converted: readings in ``kOhm`` are stored in ohm.
     divider : Divider or None
-        What turns counts into ohm.
+        Circuit for the conversion of counts to ohm.
     is_hold : bool
-        Whether it is one hold already: the table had a column ``hold_id``.
+        Whether the recording is already one hold (the table has a column ``hold_id``).
     remarks : list of str
         Omissions and assumptions, one sentence each.
     """
@@ -78,29 +78,29 @@ def read_recording(
     unit: Unit | None = None,
     divider: Divider | None = None,
 ) -> Readings:
-    """Read one recording from a file, from arrays by name or from a pandas DataFrame.
+    """Read one recording from a file, a mapping of arrays or a pandas DataFrame.
 
     Parameters
     ----------
     source : path, mapping of str to array_like, or DataFrame
         CSV, TSV and other text tables, gzipped or not, .xlsx, or Parquet.
     time_column : str, optional
-        The clock; recognised by usual names (``time``, ``t``, ``timestamp``, ``ms``, ...).
+        The clock; by default recognised by name (``time``, ``t``, ``timestamp``, ``ms``, ...).
     time_unit : {"s", "ms", "us", "unix"}, optional
-        Of numbers in it; found from the column's name, or from what a recording's times can be.
+        Unit of a numeric clock; by default inferred from the column's name or its values.
     value_columns : sequence of str, optional
-        The sensors; recognised by usual names (``resistance``, ``A0``, ``value``, ...).
+        The sensors; by default recognised by name (``resistance``, ``A0``, ``value``, ...).
     unit : {"ohm", "percent", "counts", "volt"}, optional
-        Of all value columns; found from their names.
+        Unit of all value columns; by default inferred from their names.
     divider : Divider, optional
-        Circuit that counts were read through. `cut_holds` gives ohm then.
+        Circuit with which counts were read; `cut_holds` then returns ohm.
 
     Raises
     ------
     InputError
-        If there is no such file or table, a column isn't found, or time goes backwards.
+        If the file, a table or a column isn't found, or time goes backwards.
     MissingExtraError
-        If the file's form needs an extra that isn't installed.
+        If the file format needs an extra that isn't installed.
 
     Examples
     --------
@@ -118,8 +118,8 @@ def read_recording(
     )
     if len(parts) > 1:
         raise InputError(
-            f"{parts[0].name}: one of {len(parts)} recordings in a table; `cut_holds` takes such a "
-            "table whole"
+            f"{parts[0].name}: the table contains {len(parts)} recordings; `cut_holds` accepts "
+            "such a table"
         )
     return parts[0]
 
@@ -133,26 +133,33 @@ def read_recordings(
     unit: Unit | None = None,
     divider: Divider | None = None,
 ) -> list[Readings]:
-    """Read all recordings of a table: several where a column ``recording_id`` separates them."""
-    table, stem = _table(source)
+    """Read all recordings of a table; a column such as ``recording_id`` separates them."""
+    table, stem = _load_table(source)
     if time_unit not in (None, *get_args(TimeUnit)) or unit not in (None, *get_args(Unit)):
-        raise InputError(f"{table.name}: time_unit {time_unit}, unit {unit}: no such unit")
-    clock = _clock(table, time_column)
-    values = _values(table, clock, value_columns)
+        raise InputError(
+            f"{table.name}: time_unit {time_unit} or unit {unit} is unknown; time_unit is one of "
+            f"{', '.join(get_args(TimeUnit))}, unit one of {', '.join(get_args(Unit))}"
+        )
+    clock = _find_clock_column(table, time_column)
+    values = _find_value_columns(table, clock, value_columns)
     found: list[Readings] = []
-    for label, rows in _parts(table):
-        remarks = list(table.left_out) if not found else []
+    for label, rows in _split_parts(table):
+        remarks = list(table.omissions) if not found else []
         where = f"{table.name} {label}".strip()
-        raw_s, taken = seconds(table.columns[clock][rows], name=clock, unit=time_unit, file=where)
-        if taken != "s" and time_unit is None and time_unit_of(clock) == "":
-            remarks.append(f"times in {clock} are taken as {taken}; --time-unit changes that")
+        raw_s, source_unit = convert_to_seconds(
+            table.columns[clock][rows], name=clock, unit=time_unit, file=where
+        )
+        if source_unit != "s" and time_unit is None and time_unit_of(clock) == "":
+            remarks.append(
+                f"times in {clock} are interpreted as {source_unit}; --time-unit overrides this"
+            )
         time_s, order = _order_times(raw_s, rows, table, clock, where=where, remarks=remarks)
         columns = {name: _average_repeats(table.columns[name][rows], order) for name in values}
         units: dict[str, Unit | None] = {name: unit or unit_of(name) for name in values}
         for name in values:
             if unit is None and scale_of(name) != 1.0:
                 columns[name] = scale_of(name) * columns[name]
-                remarks.append(f"{name} is converted to {units[name]}; --unit changes that")
+                remarks.append(f"{name} was converted to {units[name]}; --unit overrides this")
         found.append(
             Readings(
                 name=f"{stem}:{label}" if label else stem,
@@ -167,8 +174,8 @@ def read_recordings(
     return found
 
 
-def _table(source: Any) -> tuple[Table, str]:
-    """Return the table of a source and the stem of its name."""
+def _load_table(source: Any) -> tuple[Table, str]:
+    """Return the table of a source, and its name without extensions."""
     if isinstance(source, str | os.PathLike):
         path = Path(source)
         stem = path.name
@@ -177,17 +184,17 @@ def _table(source: Any) -> tuple[Table, str]:
         return read_table_file(path), stem
     if not isinstance(source, Mapping) and not hasattr(source, "columns"):
         raise InputError(
-            f"a recording can't be a {type(source).__name__}; give a file, arrays by name or a "
-            "data frame"
+            f"a recording can't be a {type(source).__name__}; pass a file, a mapping of arrays or "
+            "a DataFrame"
         )
     return table_of_arrays(source, name="recording"), "recording"
 
 
-def _clock(table: Table, wanted: str | None) -> str:
-    has = ", ".join(table.columns)[:120]
+def _find_clock_column(table: Table, wanted: str | None) -> str:
+    available = ", ".join(table.columns)[:120]
     if wanted is not None:
         if wanted not in table.columns:
-            raise InputError(f"{table.name}: no column {wanted} (it has: {has})")
+            raise InputError(f"{table.name}: no column {wanted} (available: {available})")
         return wanted
     named = find_clock(list(table.columns))
     if named is not None:
@@ -201,40 +208,43 @@ def _clock(table: Table, wanted: str | None) -> str:
         return moments[0]
     first = next(iter(table.columns))
     numbers = table.columns[first]
-    # Without a header the clock is the first column, if it could be one.
+    # Without a header, a first column that never decreases is the clock.
     if first == "1" and numbers.dtype == np.float64 and not (np.diff(numbers) < 0).any():
         return first
     raise InputError(
-        f"{table.name}: which column is the time? Name it with --time-column (it has: {has})"
+        f"{table.name}: no time column recognised; specify it with --time-column "
+        f"(available: {available})"
     )
 
 
-def _values(table: Table, clock: str, wanted: Sequence[str]) -> list[str]:
-    has = ", ".join(name for name in table.columns if name != clock)[:120]
+def _find_value_columns(table: Table, clock: str, wanted: Sequence[str]) -> list[str]:
+    available = ", ".join(name for name in table.columns if name != clock)[:120]
     for name in wanted:
         if name not in table.columns:
-            raise InputError(f"{table.name}: no column {name} (it has: {has})")
+            raise InputError(f"{table.name}: no column {name} (available: {available})")
         if name not in table.numeric():
-            raise InputError(f"{table.name}: column {name} has no numbers in it; name another")
+            raise InputError(f"{table.name}: column {name} contains no numbers; choose another")
     numeric = [name for name in table.numeric() if name not in (clock, find_part([name]))]
     found = list(dict.fromkeys(wanted)) or find_readings(numeric)
     if not found:
-        raise InputError(f"{table.name}: no column of readings next to {clock} (it has: {has})")
+        raise InputError(
+            f"{table.name}: no column of readings besides {clock} (available: {available})"
+        )
     return found
 
 
-def _parts(table: Table) -> list[tuple[str, slice]]:
-    """Return label and rows of each recording of a table."""
+def _split_parts(table: Table) -> list[tuple[str, slice]]:
+    """Return the label and rows of each recording in a table."""
     part = find_part(list(table.columns))
     if part is None:
         return [("", slice(0, table.rows))]
-    labels = np.array([_label(cell) for cell in table.columns[part].tolist()], dtype=object)
-    runs = runs_of(labels)
+    labels = np.array([_format_label(cell) for cell in table.columns[part].tolist()], dtype=object)
+    runs = find_runs(labels)
     return [(labels[rows.start] if len(runs) > 1 else "", rows) for rows in runs]
 
 
-def _label(cell: object) -> str:
-    """Return a label as text; a table of numbers has whole ones as 1.0 too."""
+def _format_label(cell: object) -> str:
+    """Return a label as text; numeric columns store an integer label such as 1 as 1.0."""
     return f"{cell:.0f}" if isinstance(cell, float) and cell.is_integer() else str(cell)
 
 
@@ -247,10 +257,10 @@ def _order_times(
     where: str,
     remarks: list[str],
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return distinct times, and for each row which of them it has (-1: none)."""
+    """Return the distinct times, and for each row the index of its time (-1: no time)."""
     known = np.flatnonzero(np.isfinite(raw_s))
     bad = np.flatnonzero(~np.isfinite(raw_s))
-    remarks += refuse_or_report(
+    remarks += report_bad_rows(
         [(table.place(rows.start + int(row)), f"no time in column {clock}") for row in bad],
         total=raw_s.size,
         name=where,
@@ -263,16 +273,18 @@ def _order_times(
             f"{where} {table.place(row)}: time goes backwards ({time_s[back[0]]:g} s, then "
             f"{time_s[back[0] + 1]:g} s); sort the rows, or save each recording as its own file"
         )
-    fresh = np.diff(time_s, prepend=-np.inf) > 0
-    if not fresh.all():
-        remarks.append(f"{int((~fresh).sum())} rows repeat the time before; they were averaged")
+    is_new = np.diff(time_s, prepend=-np.inf) > 0
+    if not is_new.all():
+        remarks.append(
+            f"{int((~is_new).sum())} rows repeat the previous time; their readings were averaged"
+        )
     order = np.full(raw_s.size, -1, dtype=np.intp)
-    order[known] = np.cumsum(fresh) - 1
-    return time_s[fresh], order
+    order[known] = np.cumsum(is_new) - 1
+    return time_s[is_new], order
 
 
 def _average_repeats(column: NDArray[np.float64], order: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Return the mean of the readings of each time; NaN where it has none."""
+    """Return the mean of the readings at each time; NaN without a reading."""
     use = (order >= 0) & np.isfinite(column)
     size = int(order.max(initial=-1)) + 1
     counts = np.bincount(order[use], minlength=size)
@@ -283,22 +295,21 @@ def _average_repeats(column: NDArray[np.float64], order: NDArray[np.intp]) -> ND
 
 
 def relative_readings(readings: Readings, *, rest_s: tuple[float, float], mean: bool) -> Readings:
-    """Return a recording as relative changes, percent: of each column, or their mean.
+    """Return a recording as relative changes in percent, by column or as their mean.
 
     Parameters
     ----------
     readings : Readings
-        In ohm, or in counts with their divider; a unit that isn't known is taken as ohm.
+        In ohm, or in counts with a divider; an unknown unit is interpreted as ohm.
     rest_s : tuple of float
-        Beginning and end of a stretch without load, seconds of the recording.
+        Start and end of a stretch without load, seconds of the recording.
     mean : bool
-        Whether to take the mean over all columns (section 2.1). A reading that is missing or open
-        is left out of it.
+        Whether to average over all columns (section 2.1), without missing or open readings.
 
     Raises
     ------
     InputError
-        If a column is in another unit, or does not read at rest.
+        If a column is in another unit, or has too few readings at rest.
 
     Examples
     --------
@@ -311,31 +322,31 @@ def relative_readings(readings: Readings, *, rest_s: tuple[float, float], mean: 
     at_rest = (readings.time_s >= begin_s) & (readings.time_s <= end_s)
     changes = dict[str, NDArray[np.float64]]()
     for name in readings.columns:
-        ohm = _ohm(readings, name)
+        ohm = _column_ohm(readings, name)
         rest = ohm[at_rest & np.isfinite(ohm) & (ohm > 0)]
-        if rest.size < _FEWEST_AT_REST:
+        if rest.size < _MIN_REST_READINGS:
             raise InputError(
                 f"{readings.name}: {name}: {rest.size} readings at rest from {begin_s:g} to "
-                f"{end_s:g} s, and {_FEWEST_AT_REST} are needed; give another --rest or leave the "
-                "column out (--value-column)"
+                f"{end_s:g} s, but {_MIN_REST_READINGS} are needed; change --rest, or exclude the "
+                "column with --value-column"
             )
         change = 100.0 * (ohm / np.mean(rest) - 1.0)
         changes[name] = np.where(np.isfinite(change), change, np.nan)
     columns: Mapping[str, NDArray[np.float64]] = changes
     if mean:
         together = np.stack(list(changes.values()), axis=-1)
-        columns = {MEAN: np.asarray(mean_change(together[:, None, :]))}
+        columns = {MEAN_COLUMN: np.asarray(mean_change(together[:, None, :]))}
     return replace(readings, columns=columns, units=dict.fromkeys(columns, "percent"), divider=None)
 
 
-def _ohm(readings: Readings, name: str) -> NDArray[np.float64]:
+def _column_ohm(readings: Readings, name: str) -> NDArray[np.float64]:
     unit, values = readings.units[name], readings.columns[name]
     if unit == "counts" and readings.divider is not None:
         return np.asarray(resistance_ohm(values, divider=readings.divider))
     if unit not in (None, "ohm"):
         remedy = "; add --adc-bits, --reference-ohm and --sensor-leg" if unit == "counts" else ""
         raise InputError(
-            f"{readings.name}: {name}: --rest converts ohm to relative changes, and this is {unit}"
-            + remedy
+            f"{readings.name}: {name}: --rest converts ohm to relative changes, but the unit is "
+            f"{unit}" + remedy
         )
     return values

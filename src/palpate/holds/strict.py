@@ -1,4 +1,4 @@
-"""Tables of known columns in any format; an invalid one is refused with the line."""
+"""Strict reader of tables with known columns; errors name the invalid line."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.holds.table import LARGEST, Table, is_usable
-from palpate.holds.table_files import form_of, open_parquet, open_table, parquet_pieces
+from palpate.holds.table import LARGEST_NUMBER, Table, is_usable
+from palpate.holds.table_files import detect_format, open_parquet, open_table, read_parquet_pieces
 from palpate.holds.text import (
     SEPARATORS,
-    lines_of,
-    numbers_of,
     open_text,
+    parse_numbers,
+    read_lines,
     split_line,
     split_rows,
 )
 
-#: What a column holds: a finite number, one that may be left empty (NaN), or text.
+#: Type of a column: finite numbers, numbers or empty cells (NaN), or text.
 Kind: TypeAlias = Literal["number", "number or empty", "text"]
 _NO_COLUMNS: Mapping[str, Kind] = {}
 
@@ -37,11 +37,11 @@ def read_table(
 ) -> dict[str, NDArray[Any]]:
     """Read the named columns of a table with a header line; other columns are skipped.
 
-    `path`: CSV, with semicolons or tabs as well and then with decimal commas too, gzipped or not,
-        or Parquet.
-    Returns float64 for numbers (finite, or NaN where left empty), objects for text, each of shape
-    (n_rows,). Raises `InputError` if the file can't be read, a column is missing, or a field is not
-    what it should be; `MissingExtraError` if the file is Parquet and pyarrow is not installed.
+    `path`: Parquet or CSV, gzipped or not. CSV may use semicolons or tabs, and then also decimal
+        commas.
+    Returns float64 for numbers (finite, or NaN if empty) and objects for text, each of shape
+    (n_rows,). Raises `InputError` if the file can't be read, a column is missing, or a cell is
+    invalid; `MissingExtraError` if the file is Parquet and pyarrow is not installed.
 
     >>> import tempfile
     >>> path = Path(tempfile.mkdtemp()) / "loads.csv"
@@ -65,50 +65,52 @@ def read_pieces(
     optional: Mapping[str, Kind] = _NO_COLUMNS,
     progress: Callable[[float], None] | None = None,
 ) -> Iterator[Table]:
-    """Read a table as `read_table` does, some thousand rows at a time.
+    """Read a table as `read_table` does, a few thousand rows at a time.
 
-    `path`: read once and in order (unless it is Parquet), so that it may be a pipe.
-    `optional`: columns that need not be there.
-    `progress`: called now and then with the fraction of the file read so far, 0 to 1.
-    Yields at least one table, of at least one row each.
+    `path`: read once and in order (except Parquet), so it may be a pipe.
+    `optional`: columns that may be missing.
+    `progress`: called periodically with the fraction of the file read so far, 0 to 1.
+    Yields at least one table; each has at least one row.
     """
     path = Path(path)
     name, wanted, found = str(path), _Wanted(columns=columns, optional=optional), False
     with open_table(path) as file:
-        form = form_of(file, name=name)
+        form = detect_format(file, name=name)
         if form == "spreadsheet":
             raise InputError(f"{name}: an Excel workbook; save it as CSV")
-        # The ending decides only where the first bytes are no format's.
+        # The file extension decides only if the first bytes match no format.
         packed = form == "parquet" or path.suffix.lower() in (".parquet", ".pq")
         status = os.fstat(file.fileno())
-        for piece in (_parquet_pieces if packed else _text_pieces)(file, wanted, name=name):
+        for piece in (_read_parquet_pieces if packed else _read_text_pieces)(
+            file, wanted, name=name
+        ):
             if piece.rows:
                 found = True
                 yield piece
-            # A pipe has no length.
+            # The length of a pipe is unknown.
             if progress is not None and stat.S_ISREG(status.st_mode):
                 progress(min(1.0, file.tell() / status.st_size))
     if not found:
-        raise InputError(f"{name}: no rows below the header; add them")
+        raise InputError(f"{name}: no rows below the header; add rows of data")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Wanted:
-    """The columns that are read."""
+    """The columns to read."""
 
     columns: Mapping[str, Kind]
     optional: Mapping[str, Kind]
 
-    def of(self, names: Sequence[str], *, where: str) -> dict[str, Kind]:
-        """Return the columns to read of those that there are: any order, any others."""
-        need = f"it needs {','.join(self.columns)}"
+    def select(self, names: Sequence[str], *, where: str) -> dict[str, Kind]:
+        """Return the wanted columns among the available `names`, in any order."""
+        need = f"required: {','.join(self.columns)}"
         if self.optional:
-            need += f" and may have {','.join(self.optional)}"
+            need += f"; optional: {','.join(self.optional)}"
         found = ", ".join(names)[:80]
         if not all(name.isprintable() for name in names):
-            raise InputError(f"{where}: not a line of text; {need}; save it as UTF-8 CSV")
+            raise InputError(f"{where}: not a line of text ({need}); save the file as UTF-8 CSV")
         if missing := [name for name in self.columns if name not in names]:
-            raise InputError(f"{where}: no column {', '.join(missing)} (it has: {found}); {need}")
+            raise InputError(f"{where}: no column {', '.join(missing)} (found: {found}); {need}")
         kinds = {n: k for n, k in {**self.columns, **self.optional}.items() if n in names}
         for name in kinds:
             if list(names).count(name) > 1:
@@ -116,17 +118,17 @@ class _Wanted:
         return kinds
 
 
-def _text_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterator[Table]:
+def _read_text_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterator[Table]:
     with open_text(file, name=name) as text:
-        text_lines = lines_of(text)
+        text_lines = read_lines(text)
         header = next(text_lines, "")
-        # A comma where no separator finds the columns.
+        # The default is a comma if no separator yields the columns.
         fields = {mark: [f.strip() for f in split_line(header, mark)] for mark in SEPARATORS}
         separator = next((m for m, names in fields.items() if {*wanted.columns} <= {*names}), ",")
         names = fields[separator]
-        kinds = wanted.of(names, where=f"{name} line 1")
-        # None until a number has one. A later number with the other one is refused: 1,234 next to
-        # 0.5 would be read a thousand times too small.
+        kinds = wanted.select(names, where=f"{name} line 1")
+        # Decimal mark, None until a number contains one. A later number with the other mark is
+        # refused: next to 0.5, a number such as 1,234 would be misread by a factor of 1000.
         mark = "." if separator == "," else None
         for rows, places in split_rows(
             text_lines, separator=separator, first_number=2, name=name, strict=True
@@ -134,10 +136,10 @@ def _text_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterato
             full, lines, odd = rows, places, None
             if set(map(len, rows)) != {len(names)}:
                 # Blank lines have no fields.
-                filled = [at for at, row in enumerate(rows) if any(f.strip() for f in row)]
-                odd = next((at for at in filled if len(rows[at]) != len(names)), None)
-                whole = [at for at, row in enumerate(rows[:odd]) if len(row) == len(names)]
-                full, lines = [rows[at] for at in whole], [places[at] for at in whole]
+                filled = [i for i, row in enumerate(rows) if any(f.strip() for f in row)]
+                odd = next((i for i in filled if len(rows[i]) != len(names)), None)
+                complete = [i for i, row in enumerate(rows[:odd]) if len(row) == len(names)]
+                full, lines = [rows[i] for i in complete], [places[i] for i in complete]
             parts = zip(*full, strict=True)
             cells = {n: part for n, part in zip(names, parts, strict=False) if n in kinds}
             if mark is None:
@@ -158,18 +160,18 @@ def _text_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterato
 
 
 def _strict_numbers(fields: Sequence[str], *, mark: str | None) -> FloatArray:
-    numbers = numbers_of(fields, comma=mark == ",")
+    numbers = parse_numbers(fields, comma=mark == ",")
     if mark == ",":
         numbers[["." in field for field in fields]] = np.nan
     return numbers
 
 
-def _parquet_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterator[Table]:
+def _read_parquet_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterator[Table]:
     with open_parquet(file, name=name) as parquet:
         import pyarrow.types as types
 
         schema = parquet.schema_arrow
-        kinds = wanted.of(schema.names, where=name)
+        kinds = wanted.select(schema.names, where=name)
         for column, kind in kinds.items():
             found = schema.field(column).type
             plain = found.value_type if types.is_dictionary(found) else found
@@ -178,7 +180,7 @@ def _parquet_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iter
             if not fits and not types.is_integer(plain):
                 must = "text" if kind == "text" else "numbers"
                 raise InputError(f"{name}: column {column} is {plain}; it must be {must}")
-        for piece in parquet_pieces(parquet, list(kinds)):
+        for piece in read_parquet_pieces(parquet, list(kinds)):
             cells, numbers = dict[str, Sequence[Any]](), dict[str, FloatArray]()
             for column, kind in kinds.items():
                 cells[column] = piece.columns[column].tolist()
@@ -199,22 +201,22 @@ def _check_cells(
     word: str,
     places: Sequence[int],
 ) -> Table:
-    """Return cells as a table; refuse the first row with a non-numeric cell."""
+    """Return cells as a table; refuse the first row with an invalid number."""
     faults: list[tuple[int, str]] = []
     for column, values in numbers.items():
         wrong = np.flatnonzero(np.isnan(values)).tolist()
         if kinds[column] == "number or empty":
-            wrong = [at for at in wrong if str(cells[column][at] or "").strip()]
-        faults += [(at, column) for at in wrong[:1]]
+            wrong = [row for row in wrong if str(cells[column][row] or "").strip()]
+        faults += [(row, column) for row in wrong[:1]]
     if faults:
-        at, column = min(faults, key=lambda fault: fault[0])
-        cell, remedy = cells[column][at], "fill it in or remove the row"
+        row, column = min(faults, key=lambda fault: fault[0])
+        cell, remedy = cells[column][row], "fill it in or remove the row"
         found = "missing" if cell is None else f"{cell}"
         if isinstance(cell, str):
             found, remedy = f"{cell[:40]!a}", "fix or remove the line"
         raise InputError(
-            f"{name} {word} {places[at]}: {column} is {found}, not a finite number up to "
-            f"{LARGEST:g}; {remedy}"
+            f"{name} {word} {places[row]}: {column} is {found}, not a finite number up to "
+            f"{LARGEST_NUMBER:g}; {remedy}"
         )
     texts = {n: np.array(cells[n], dtype=object) for n in kinds if n not in numbers}
     return Table(name=name, columns={**texts, **numbers}, numbers=places, word=word)

@@ -18,7 +18,7 @@ from palpate.files import atomic_path, csv_cell
 from palpate.gripper.interface import GripperState
 from palpate.holds import Hold
 from palpate.holds.contacts import SHORTEST_HOLD_S, find_contacts
-from palpate.holds.table_files import pyarrow_for
+from palpate.holds.table_files import import_pyarrow
 from palpate.recording.contents import Event, GripperTrack, Recording
 from palpate.recording.reader import RecordingReader
 from palpate.sensor.array import ArrayLayout, Frame
@@ -156,7 +156,7 @@ def _write_csv(path: Path, tables: Iterable[Columns]) -> int:
 
 
 def _write_parquet(path: Path, tables: Iterable[Columns]) -> int:
-    pyarrow = pyarrow_for("Parquet (unlike --to csv)")
+    pyarrow = import_pyarrow("Parquet (unlike --to csv)")
     rows = 0
     writer = None
     try:

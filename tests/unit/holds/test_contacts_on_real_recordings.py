@@ -1,4 +1,4 @@
-"""Cuts of holds in real recordings, against the load cell hidden from the cutter."""
+"""Holds found in real recordings, compared with a load cell that is not an input."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import pytest
 from palpate.holds.contacts import find_contacts
 from palpate.holds.strict import read_table
 
-#: A press, by its force: as `palpate study presses` defines it.
-PRESS_N, PRESS_SHARE, PRESS_S = 0.5, 0.3, 0.8
+#: Definition of a press by its force, as in `palpate study presses`.
+PRESS_N, PRESS_FRACTION, PRESS_S = 0.5, 0.3, 0.8
 
 
-def recordings(path: Path, *columns: str) -> dict[str, dict[str, np.ndarray]]:
+def read_recordings(path: Path, *columns: str) -> dict[str, dict[str, np.ndarray]]:
     kinds: dict[str, Any] = {"recording_id": "text", "time_s": "number"}
     table = read_table(path, columns=kinds | dict.fromkeys(columns, "number or empty"))
     labels = table["recording_id"]
@@ -25,9 +25,9 @@ def recordings(path: Path, *columns: str) -> dict[str, dict[str, np.ndarray]]:
     }
 
 
-def presses(time_s: np.ndarray, force_n: np.ndarray) -> list[tuple[float, float, float]]:
-    """Return when each press reaches 90 % of its plateau, begins and ends."""
-    on = force_n > max(PRESS_N, PRESS_SHARE * np.quantile(force_n, 0.9))
+def find_presses(time_s: np.ndarray, force_n: np.ndarray) -> list[tuple[float, float, float]]:
+    """Return the time at 90 % of its plateau, the start and the end of each press."""
+    on = force_n > max(PRESS_N, PRESS_FRACTION * np.quantile(force_n, 0.9))
     edges = np.diff(np.concatenate(([0], on.astype(int), [0])))
     spans = zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True)
     found = []
@@ -42,30 +42,30 @@ def presses(time_s: np.ndarray, force_n: np.ndarray) -> list[tuple[float, float,
 
 @pytest.fixture(scope="module")
 def cut_presses(real_data: Path) -> tuple[int, int, np.ndarray]:
-    """Return presses, holds beside them, and [start - loaded, end - opened] of those matched."""
-    total, beside, errors = 0, 0, []
-    source = recordings(real_data / "velostat_presses.csv.gz", "resistance_ohm", "force_n")
+    """Return counts of presses and unmatched holds, and start and end errors of the others."""
+    total, unmatched, errors = 0, 0, []
+    source = read_recordings(real_data / "velostat_presses.csv.gz", "resistance_ohm", "force_n")
     for one in source.values():
-        known = presses(one["time_s"], one["force_n"])
+        known = find_presses(one["time_s"], one["force_n"])
         total += len(known)
         for hold in find_contacts(one["time_s"], one["resistance_ohm"], unit="ohm").holds:
             near = [press for press in known if press[1] - 1 < hold.onset_s < press[2]]
-            beside += not near
+            unmatched += not near
             errors += [(hold.start_s - near[0][0], hold.end_s - near[0][2])] if near else []
-    return total, beside, np.array(errors)
+    return total, unmatched, np.array(errors)
 
 
 @pytest.mark.slow
-def test_real_presses_are_found_and_nothing_else(
+def test_find_contacts_real_presses_without_false_holds(
     cut_presses: tuple[int, int, np.ndarray],
 ) -> None:
-    total, beside, errors = cut_presses
+    total, unmatched, errors = cut_presses
     assert total > 400
     assert len(errors) >= 0.95 * total
-    assert beside == 0
+    assert unmatched == 0
 
 
-def test_real_holds_begin_with_the_plateau_of_force_and_end_with_it(
+def test_find_contacts_real_holds_match_force_plateau(
     cut_presses: tuple[int, int, np.ndarray],
 ) -> None:
     _, _, errors = cut_presses
@@ -84,8 +84,10 @@ def test_real_holds_begin_with_the_plateau_of_force_and_end_with_it(
         ("silicone_histories.csv.gz", "resistance_4wire_ohm"),
     ],
 )
-def test_taps_and_slow_motion_are_no_holds(real_data: Path, name: str, column: str) -> None:
-    for one in recordings(real_data / name, column).values():
+def test_find_contacts_taps_and_slow_motion_give_no_holds(
+    real_data: Path, name: str, column: str
+) -> None:
+    for one in read_recordings(real_data / name, column).values():
         known = np.isfinite(one[column])
         found = find_contacts(one["time_s"][known], one[column][known], unit="ohm")
         assert found.holds == []

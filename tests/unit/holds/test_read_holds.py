@@ -1,4 +1,4 @@
-"""Users' holds files: accepted ones, and one-line refusals with their place."""
+"""Holds files of users: accepted variants, and one-line errors that name the place."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RANDOM_BYTES = np.random.default_rng(7).bytes(5000)
 NOISE = "".join(f"a,{i},{i * 7919 % 1000}\n" for i in range(20000))
 
 
-def written(folder: Path, name: str, content: str | bytes) -> Path:
+def write_file(folder: Path, name: str, content: str | bytes) -> Path:
     path = folder / name
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     return path
@@ -47,22 +47,22 @@ def as_lists(holds: list[Hold]) -> list[tuple[str, str | None, list[float], list
         *("semicolons", "decimal commas from Excel", "tabs"),
     ],
 )
-def test_the_same_holds_from_every_accepted_form(tmp_path: Path, text: str) -> None:
+def test_read_holds_accepted_csv_variants_give_same_holds(tmp_path: Path, text: str) -> None:
     wanted = [("a", None, [0.0, 0.5], [5.0, 4.0]), ("b", None, [-1.0], [7.0])]
-    assert as_lists(list(read_holds(written(tmp_path, "holds.csv", text)))) == wanted
-    packed = written(tmp_path, "holds.csv.gz", gzip.compress(text.encode()))
+    assert as_lists(list(read_holds(write_file(tmp_path, "holds.csv", text)))) == wanted
+    packed = write_file(tmp_path, "holds.csv.gz", gzip.compress(text.encode()))
     assert as_lists(list(read_holds(packed))) == wanted
 
 
 @pytest.mark.parametrize("encoding", ["cp1252", "utf-16"])
-def test_names_in_the_encodings_of_windows(tmp_path: Path, encoding: str) -> None:
-    [hold] = read_holds(written(tmp_path, "holds.csv", (HEADER + "café,0,1\n").encode(encoding)))
+def test_read_holds_decodes_windows_encodings(tmp_path: Path, encoding: str) -> None:
+    [hold] = read_holds(write_file(tmp_path, "holds.csv", (HEADER + "café,0,1\n").encode(encoding)))
     assert hold.hold_id == "café"
 
 
-def test_channels_may_be_interleaved_or_one_after_the_other(tmp_path: Path) -> None:
+def test_read_holds_interleaved_and_sequential_channels(tmp_path: Path) -> None:
     text = "hold_id,channel,time_s,value\na,l,0,1\na,r,0,2\na,l,1,3\na,r,2,4\nb,r,0,5\nb,,0,6\n"
-    assert as_lists(list(read_holds(written(tmp_path, "holds.csv", text)))) == [
+    assert as_lists(list(read_holds(write_file(tmp_path, "holds.csv", text)))) == [
         ("a", "l", [0.0, 1.0], [1.0, 3.0]),
         ("a", "r", [0.0, 2.0], [2.0, 4.0]),
         ("b", "r", [0.0], [5.0]),
@@ -76,7 +76,7 @@ BAD_TEXT = {
     "missing column": ("hold_id,value\na,1\n", "line 1: no column time_s"),
     "one hold without its name": (
         "time_s,value\n0,1\n",
-        "line 1: no column hold_id (it has: time_s, value)",
+        "line 1: no column hold_id (found: time_s, value)",
     ),
     "decimal commas between commas": (HEADER + 'a,"0,5",1\n', "line 2: time_s is '0,5'"),
     "thousands": ("hold_id;time_s;value\na;0.5;1\na;1;1,234\n", "line 3: value is '1,234'"),
@@ -97,10 +97,13 @@ BAD_TEXT = {
     "nothing": (HEADER + "a,0,\n", "line 2: value is ''"),
     "underscore": (HEADER + "a,0,1_000\n", "line 2: value is '1_000'"),
     "backwards": (HEADER + "a,0,1\na,1,2\na,0.5,2\n", "line 4: time goes backwards in hold a"),
-    "repeated": (HEADER + "a,0,1\na,0,2\n", "line 3: time stands still in hold a"),
+    "repeated": (HEADER + "a,0,1\na,0,2\n", "line 3: time is repeated in hold a"),
     "too many fields": (HEADER + "a,0,1\n\na,1,2,3\n", "line 4: 4 fields where the header has 3"),
     "too few fields": (HEADER + "a,0,1\na,1\n", "line 3: 2 fields where the header has 3"),
-    "comes back": (HEADER + "a,0,1\nb,0,1\na,1,1\n", "line 4: hold a comes back"),
+    "comes back": (
+        HEADER + "a,0,1\nb,0,1\na,1,1\n",
+        "line 4: the rows of hold a are not contiguous",
+    ),
     "no name": (HEADER + " ,0,1\n", "line 2: hold_id is empty"),
     "line end in a name": (HEADER + '"a\nb",0,1\n', "line 2: hold_id 'a\\nb'"),
     "unclosed quote": (HEADER + 'a,0,1\n"b,0,1\nb,1,1\n', "line 3: not CSV"),
@@ -108,22 +111,25 @@ BAD_TEXT = {
 }
 
 
-@pytest.mark.parametrize(("text", "said"), BAD_TEXT.values(), ids=BAD_TEXT.keys())
-def test_bad_text_is_refused_with_its_line(tmp_path: Path, text: str, said: str) -> None:
-    path = written(tmp_path, "holds.csv", text)
+@pytest.mark.parametrize(("text", "message"), BAD_TEXT.values(), ids=BAD_TEXT.keys())
+def test_read_holds_invalid_text_error_names_line(tmp_path: Path, text: str, message: str) -> None:
+    path = write_file(tmp_path, "holds.csv", text)
     with pytest.raises(InputError) as caught:
         list(read_holds(path))
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 BAD_BYTES = {
     "random.csv": (RANDOM_BYTES, "not a text file"),
-    "damaged.csv.gz": (b"\x1f\x8b" + RANDOM_BYTES, "line 1: the gzip data are cut or damaged"),
-    "random.parquet": (RANDOM_BYTES, "not a whole Parquet file"),
-    "cut.parquet": (b"PAR1" + RANDOM_BYTES, "not a whole Parquet file"),
-    "cut.csv.gz": (gzip.compress((HEADER + NOISE).encode())[:-5000], "the gzip data are cut"),
+    "damaged.csv.gz": (
+        b"\x1f\x8b" + RANDOM_BYTES,
+        "line 1: the gzip data are truncated or damaged",
+    ),
+    "random.parquet": (RANDOM_BYTES, "not a complete Parquet file"),
+    "cut.parquet": (b"PAR1" + RANDOM_BYTES, "not a complete Parquet file"),
+    "cut.csv.gz": (gzip.compress((HEADER + NOISE).encode())[:-5000], "the gzip data are truncated"),
     "zeros.csv": (bytes(300_000), "not a text file"),
     "signs.csv": (b"\x07\n", "line 1: not a line of text"),
     "late.csv": (
@@ -138,23 +144,25 @@ BAD_BYTES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "content", "said"), [(n, *b) for n, b in BAD_BYTES.items()], ids=BAD_BYTES.keys()
+    ("name", "content", "message"), [(n, *b) for n, b in BAD_BYTES.items()], ids=BAD_BYTES.keys()
 )
-def test_bad_bytes_are_refused(tmp_path: Path, name: str, content: bytes, said: str) -> None:
+def test_read_holds_invalid_bytes_are_refused(
+    tmp_path: Path, name: str, content: bytes, message: str
+) -> None:
     with pytest.raises(InputError) as caught:
-        list(read_holds(written(tmp_path, name, content)))
-    assert said in str(caught.value)
+        list(read_holds(write_file(tmp_path, name, content)))
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
     assert str(caught.value).isprintable()
 
 
-def test_a_cut_gzip_names_the_line_after_the_last_whole_row(tmp_path: Path) -> None:
-    path = written(tmp_path, "cut.csv.gz", BAD_BYTES["cut.csv.gz"][0])
-    with pytest.raises(InputError, match=r"line 1\d{4}: the gzip data are cut"):
+def test_read_holds_truncated_gzip_error_names_line_after_last_row(tmp_path: Path) -> None:
+    path = write_file(tmp_path, "cut.csv.gz", BAD_BYTES["cut.csv.gz"][0])
+    with pytest.raises(InputError, match=r"line 1\d{4}: the gzip data are truncated"):
         list(read_holds(path))
 
 
-def test_a_folder_and_a_missing_file_are_refused(tmp_path: Path) -> None:
+def test_read_holds_folder_or_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="a folder"):
         list(read_holds(tmp_path))
     with pytest.raises(InputError, match="no such file"):
@@ -162,12 +170,14 @@ def test_a_folder_and_a_missing_file_are_refused(tmp_path: Path) -> None:
 
 
 def table(**columns: object) -> pa.Table:
-    whole = {"hold_id": ["a", "a"], "time_s": [0.0, 1.0], "value": [3.0, 2.0]}
-    return pa.table({name: cells for name, cells in (whole | columns).items() if cells is not None})
+    columns_of_holds = {"hold_id": ["a", "a"], "time_s": [0.0, 1.0], "value": [3.0, 2.0]}
+    return pa.table(
+        {name: cells for name, cells in (columns_of_holds | columns).items() if cells is not None}
+    )
 
 
 @pytest.mark.parametrize(
-    ("columns", "said"),
+    ("columns", "message"),
     [
         ({"value": None}, "no column value"),
         ({"time_s": ["0", "1"]}, "column time_s is string; it must be numbers"),
@@ -177,16 +187,18 @@ def table(**columns: object) -> pa.Table:
         ({"time_s": [1.0, 0.0]}, "row 2: time goes backwards"),
     ],
 )
-def test_bad_parquet_is_refused_with_its_row(tmp_path: Path, columns: dict, said: str) -> None:
+def test_read_holds_invalid_parquet_error_names_row(
+    tmp_path: Path, columns: dict, message: str
+) -> None:
     path = tmp_path / "holds.parquet"
     pq.write_table(table(**columns), path)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         list(read_holds(path))
 
 
 @pytest.mark.parametrize("rows", [20, 100])
-def test_parquet_of_few_bytes_with_endless_texts_is_refused(tmp_path: Path, rows: int) -> None:
-    """A text of megabytes takes few bytes in the file, however often it is repeated."""
+def test_small_parquet_file_with_huge_repeated_text_is_refused(tmp_path: Path, rows: int) -> None:
+    """Compression stores a repeated text of megabytes in a few bytes."""
     path = tmp_path / "holds.parquet"
     names = pa.DictionaryArray.from_arrays(pa.array([0] * rows), pa.array(["a" * 3_000_000]))
     times = [float(row) for row in range(rows)]
@@ -201,7 +213,7 @@ def test_parquet_of_few_bytes_with_endless_texts_is_refused(tmp_path: Path, rows
     assert read_table_file(path).rows == len(read_holds(path)) == 1
 
 
-def test_parquet_may_hold_dictionaries_integers_and_small_floats(tmp_path: Path) -> None:
+def test_read_holds_parquet_dictionaries_integers_and_float32(tmp_path: Path) -> None:
     path = tmp_path / "holds.parquet"
     columns = {
         "hold_id": pa.array(["a", "a"]).dictionary_encode(),
@@ -213,24 +225,24 @@ def test_parquet_may_hold_dictionaries_integers_and_small_floats(tmp_path: Path)
     assert as_lists(list(read_holds(path))) == [("a", "7", [0.0, 1.0], [3.5, 2.5])]
 
 
-def test_samples_beyond_the_horizon_are_checked_but_not_kept(tmp_path: Path) -> None:
+def test_read_holds_samples_after_until_s_are_checked_but_dropped(tmp_path: Path) -> None:
     rows = "".join(f"a,{i},{i}\n" for i in range(10))
-    path = written(tmp_path, "holds.csv", HEADER + rows)
+    path = write_file(tmp_path, "holds.csv", HEADER + rows)
     [hold] = read_holds(path, until_s=3.5)
     assert hold.time_s.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
-    [long] = read_holds(written(tmp_path, "long.csv", HEADER + NOISE), until_s=3.5)
+    [long] = read_holds(write_file(tmp_path, "long.csv", HEADER + NOISE), until_s=3.5)
     assert long.time_s.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
-    bad = written(tmp_path, "bad.csv", HEADER + rows + "a,9,1\n")
-    with pytest.raises(InputError, match="line 12: time stands still"):
+    bad = write_file(tmp_path, "bad.csv", HEADER + rows + "a,9,1\n")
+    with pytest.raises(InputError, match="line 12: time is repeated"):
         list(read_holds(bad, until_s=3.5))
 
 
-def test_progress_ends_at_one(tmp_path: Path) -> None:
-    shares: list[float] = []
-    path = written(tmp_path, "holds.csv", HEADER + NOISE)
-    assert len(list(iterate_holds(path, progress=shares.append))) == 1
-    assert shares == sorted(shares)
-    assert shares[-1] == 1.0
+def test_iterate_holds_progress_ends_at_one(tmp_path: Path) -> None:
+    fractions: list[float] = []
+    path = write_file(tmp_path, "holds.csv", HEADER + NOISE)
+    assert len(list(iterate_holds(path, progress=fractions.append))) == 1
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == 1.0
 
 
 def peak_memory(path: Path) -> int:
@@ -245,7 +257,7 @@ def peak_memory(path: Path) -> int:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("one_hold", [False, True], ids=["many holds", "one endless hold"])
-def test_memory_does_not_grow_with_the_file(tmp_path: Path, one_hold: bool) -> None:
+def test_read_holds_memory_is_independent_of_file_size(tmp_path: Path, one_hold: bool) -> None:
     peaks = []
     for count in (20, 80):
         path = tmp_path / f"{count}.csv.gz"
@@ -258,7 +270,7 @@ def test_memory_does_not_grow_with_the_file(tmp_path: Path, one_hold: bool) -> N
     assert peaks[1] < 1.2 * peaks[0]
 
 
-def test_other_columns_are_ignored_as_index_columns_of_exports(tmp_path: Path) -> None:
+def test_read_holds_ignores_other_columns(tmp_path: Path) -> None:
     text = tmp_path / "holds.csv"
     text.write_text(",hold_id,time_s,value,note,note\n0,a,0,3,x_1,\n1,a,1,2,,y\n")
     packed = tmp_path / "holds.parquet"
@@ -269,7 +281,7 @@ def test_other_columns_are_ignored_as_index_columns_of_exports(tmp_path: Path) -
         assert (hold.time_s.tolist(), hold.values.tolist()) == ([0.0, 1.0], [3.0, 2.0])
 
 
-def test_a_loading_time_is_read_and_may_not_be_negative(tmp_path: Path) -> None:
+def test_read_holds_negative_loading_time_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "slow.csv"
     file.write_text("hold_id,time_s,value,loading_s\na,0,5,60\na,1,4,60\nb,0,5,0\nb,1,4,0\n")
     assert [hold.loading_s for hold in read_holds(file)] == [60.0, 0.0]

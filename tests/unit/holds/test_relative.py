@@ -1,4 +1,4 @@
-"""Relative changes of a table's columns, and the paper's quantity: their mean."""
+"""Relative changes of a table's columns, and their mean (the quantity of the paper)."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ TIME_S = np.arange(0, 25, 0.1)
 
 
 def pixels(*rests_ohm: float) -> dict[str, np.ndarray]:
-    """Rest for two seconds, then a hold: the first pixel falls, others hardly."""
+    """Return two seconds of rest and a hold in which the first pixel falls most."""
     held = TIME_S > 2.0
     fall = np.where(held, 0.5 - 0.05 * np.exp(-(TIME_S - 2.0) / 3.0), 0.0)
-    shares = np.linspace(1.0, 0.2, len(rests_ohm))
+    fractions = np.linspace(1.0, 0.2, len(rests_ohm))
     return {
-        f"p{number}_ohm": rest_ohm * (1.0 - share * fall)
-        for number, (rest_ohm, share) in enumerate(zip(rests_ohm, shares, strict=True))
+        f"p{number}_ohm": rest_ohm * (1.0 - fraction * fall)
+        for number, (rest_ohm, fraction) in enumerate(zip(rests_ohm, fractions, strict=True))
     }
 
 
-def test_mean_is_of_relative_changes_whatever_the_rest_values() -> None:
+def test_mean_change_is_independent_of_rest_values() -> None:
     found = [
         relative_readings(
             read_recording({"time_s": TIME_S, **pixels(*rests)}), rest_s=(0, 1.9), mean=True
@@ -34,7 +34,7 @@ def test_mean_is_of_relative_changes_whatever_the_rest_values() -> None:
     assert found[0][-1] == pytest.approx(-30.0, abs=0.1)
 
 
-def test_open_pixel_is_left_out_of_the_mean() -> None:
+def test_mean_change_excludes_open_pixel() -> None:
     table = pixels(1e3, 2e3)
     table["p1_ohm"][TIME_S > 10] = np.inf
     made = read_recording({"time_s": TIME_S, **table})
@@ -42,7 +42,7 @@ def test_open_pixel_is_left_out_of_the_mean() -> None:
     assert mean[-1] == pytest.approx(-50.0, abs=0.1)
 
 
-def test_counts_become_ohm_by_their_divider() -> None:
+def test_relative_readings_convert_counts_with_divider() -> None:
     counts = np.where(TIME_S > 2.0, 768.0, 512.0)
     divider = Divider(adc_bits=10, reference_ohm=4700.0, taxel_leg="upper")
     made = read_recording({"time_s": TIME_S, "a": counts}, unit="counts", divider=divider)
@@ -51,13 +51,13 @@ def test_counts_become_ohm_by_their_divider() -> None:
 
 
 @pytest.mark.parametrize(("rest_s", "unit", "words"), [((90, 99), "ohm", "0 readings at rest")])
-def test_table_without_rest_is_refused(rest_s: tuple, unit: str, words: str) -> None:
+def test_relative_readings_without_rest_are_refused(rest_s: tuple, unit: str, words: str) -> None:
     made = read_recording({"time_s": TIME_S, **pixels(1e3)}, unit=unit)
     with pytest.raises(InputError, match=words):
         relative_readings(made, rest_s=rest_s, mean=True)
 
 
-def test_counts_without_divider_are_refused() -> None:
+def test_relative_readings_of_counts_without_divider_are_refused() -> None:
     made = read_recording({"time_s": TIME_S, "a": np.full(TIME_S.size, 512.0)}, unit="counts")
-    with pytest.raises(InputError, match="this is counts; add --adc-bits"):
+    with pytest.raises(InputError, match="the unit is counts; add --adc-bits"):
         relative_readings(made, rest_s=(0, 1.9), mean=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.files import atomic_path
-from palpate.holds.table_files import pyarrow_for
+from palpate.holds.table_files import import_pyarrow
 from palpate.produce.records import MEASURED, Grasp, Item, Verdict
 from palpate.produce.store.engine import sa
 from palpate.produce.store.schema import GRASPS, ITEMS, VERDICTS, UtcTime
@@ -56,7 +56,7 @@ def require_parquet() -> Any:
 
     Raises `MissingExtraError` if it is not installed.
     """
-    return pyarrow_for("Parquet (unlike --json)")
+    return import_pyarrow("Parquet (unlike --json)")
 
 
 def grasp_schema() -> Any:

@@ -1,4 +1,4 @@
-"""Users' recording formats: each gives the same holds, or one clear line."""
+"""Recording formats of users: every format gives the same holds or a one-line error."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from palpate.errors import InputError
 
 TIME_S = np.arange(0, 88, 0.04)
 OHM = resistance_ohm(TIME_S)
-#: What the three holds have come to 20 s after they begin.
+#: Values of the three holds 20 s after their start.
 SETTLED = [355.9, 322.0, 291.3]
 
 
@@ -30,47 +30,47 @@ def table(
     values: np.ndarray,
     *,
     header: str = "time_s,resistance_ohm",
-    form: str = "{:.3f},{:.4f}",
+    row_format: str = "{:.3f},{:.4f}",
     comma: bool = False,
 ) -> str:
-    rows = [form.format(t, v) for t, v in zip(time, values, strict=True)]
+    rows = [row_format.format(t, v) for t, v in zip(time, values, strict=True)]
     if comma:
         rows = [row.replace(".", ",") for row in rows]
     return "\n".join([header, *rows]) + "\n"
 
 
-def iso(time_s: float) -> str:
+def format_iso(time_s: float) -> str:
     moment = np.datetime64("2024-05-31T12:30:00") + np.timedelta64(round(time_s * 1000), "ms")
     return str(moment).replace("T", " ")
 
 
-def of_day(time_s: float) -> str:
+def format_time_of_day(time_s: float) -> str:
     since = (86400 - 30 + time_s) % 86400
     return f"{int(since // 3600):02d}:{int(since % 3600 // 60):02d}:{since % 60:06.3f}"
 
 
-def text_forms() -> dict[str, str | bytes]:
+def text_formats() -> dict[str, str | bytes]:
     german = table(
-        TIME_S, OHM, header="Zeit [s];Widerstand [Ohm]", form="{:.3f};{:.3f}", comma=True
+        TIME_S, OHM, header="Zeit [s];Widerstand [Ohm]", row_format="{:.3f};{:.3f}", comma=True
     )
     plain = table(TIME_S, OHM)
     lines = plain.splitlines()
     return {
         "plain.csv": plain,
         "windows.csv": plain.replace("\n", "\r\n"),
-        "millis.csv": table(TIME_S * 1e3, OHM, header="millis,R", form="{:.0f},{:.3f}"),
-        "ms.csv": table(TIME_S * 1e3, OHM, header="time,R", form="{:.0f},{:.3f}"),
+        "millis.csv": table(TIME_S * 1e3, OHM, header="millis,R", row_format="{:.0f},{:.3f}"),
+        "ms.csv": table(TIME_S * 1e3, OHM, header="time,R", row_format="{:.0f},{:.3f}"),
         "wraps.tsv": table(
-            (TIME_S * 1e6 + 4.25e9) % 2**32, OHM, header="micros\tR", form="{:.0f}\t{:.3f}"
+            (TIME_S * 1e6 + 4.25e9) % 2**32, OHM, header="micros\tR", row_format="{:.0f}\t{:.3f}"
         ),
         "unix.csv": table(TIME_S + 1717149000, OHM, header="timestamp,R"),
         "unix-ms.csv": table(
-            TIME_S * 1e3 + 1717149000e3, OHM, header="timestamp,R", form="{:.0f},{:.3f}"
+            TIME_S * 1e3 + 1717149000e3, OHM, header="timestamp,R", row_format="{:.0f},{:.3f}"
         ),
         "iso.csv": "when date,R\n"
-        + "".join(f"{iso(t)},{v:.3f}\n" for t, v in zip(TIME_S, OHM, strict=True)),
+        + "".join(f"{format_iso(t)},{v:.3f}\n" for t, v in zip(TIME_S, OHM, strict=True)),
         "midnight.csv": "clock,R\n"
-        + "".join(f"{of_day(t)},{v:.3f}\n" for t, v in zip(TIME_S, OHM, strict=True)),
+        + "".join(f"{format_time_of_day(t)},{v:.3f}\n" for t, v in zip(TIME_S, OHM, strict=True)),
         "comments.csv": "# by hand\n% more\nSensor: strip 3\n\n"
         + "\n".join([*lines[:700], "# a pause", "// and on", *lines[700:]]),
         "units-row.csv": "\n".join(["time,resistance", "s,ohm", *lines[1:]]),
@@ -89,10 +89,10 @@ def text_forms() -> dict[str, str | bytes]:
     }
 
 
-FORMS = text_forms()
+FORMATS = text_formats()
 
 
-def settled(
+def run_settle(
     path: Path, palpate: Command, *options: object
 ) -> tuple[list[float | None], list[str], str]:
     printed = palpate("settle", path, "--json", "--method", "recorded", *options)
@@ -100,17 +100,19 @@ def settled(
     return [row["settled"] for row in rows], [row["hold_id"] for row in rows], printed.err
 
 
-def refused(path: Path, palpate: Command, *options: object) -> str:
+def run_refused(path: Path, palpate: Command, *options: object) -> str:
     error = palpate.refused("settle", path, "--json", *options)
     assert str(path) in error or path.stem in error
     return error
 
 
-@pytest.mark.parametrize("name", FORMS)
-def test_the_same_holds_whatever_the_form(name: str, tmp_path: Path, palpate: Command) -> None:
-    path, content = tmp_path / name, FORMS[name]
+@pytest.mark.parametrize("name", FORMATS)
+def test_settle_every_text_format_gives_same_holds(
+    name: str, tmp_path: Path, palpate: Command
+) -> None:
+    path, content = tmp_path / name, FORMATS[name]
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    found, holds, _ = settled(path, palpate)
+    found, holds, _ = run_settle(path, palpate)
     assert found == pytest.approx(SETTLED, rel=1e-3)
     stem = name.split(".")[0]
     assert [hold.split(":")[0] for hold in holds] == [stem] * 3
@@ -129,26 +131,28 @@ def test_the_same_holds_whatever_the_form(name: str, tmp_path: Path, palpate: Co
         ("grip [mN]", 1e3, "newton"),
     ],
 )
-def test_prefixed_unit_is_converted_and_said(
+def test_settle_prefixed_unit_is_converted_and_reported(
     name: str, per_ohm: float, unit: str, tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "prefixed.csv"
-    path.write_text(table(TIME_S, per_ohm * OHM, header=f"time_s,{name}", form="{:.3f},{:.9g}"))
-    found, holds, said = settled(path, palpate)
+    path.write_text(
+        table(TIME_S, per_ohm * OHM, header=f"time_s,{name}", row_format="{:.3f},{:.9g}")
+    )
+    found, holds, message = run_settle(path, palpate)
     assert found == pytest.approx(SETTLED, rel=1e-3)
     assert holds[0] == f"prefixed:{name}:1"
-    assert f"{name} is converted to {unit}" in said
+    assert f"{name} was converted to {unit}" in message
 
 
-def test_unit_given_by_the_user_is_not_converted(tmp_path: Path, palpate: Command) -> None:
+def test_settle_unit_option_disables_prefix_conversion(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "given.csv"
     path.write_text(table(TIME_S, OHM, header="time_s,R_kOhm"))
-    found, _, said = settled(path, palpate, "--unit", "ohm")
+    found, _, message = run_settle(path, palpate, "--unit", "ohm")
     assert found == pytest.approx(SETTLED, rel=1e-3)
-    assert "converted" not in said
+    assert "converted" not in message
 
 
-def test_names_with_brackets_are_printed_whole(tmp_path: Path, palpate: Command) -> None:
+def test_settle_prints_column_names_with_brackets(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "two.csv"
     frame = pd.DataFrame({"time_s": TIME_S, "S1 [kOhm]": OHM / 1e3, "S2 [kOhm]": OHM / 1e3})
     frame.to_csv(path, index=False)
@@ -156,7 +160,7 @@ def test_names_with_brackets_are_printed_whole(tmp_path: Path, palpate: Command)
 
 
 @pytest.mark.parametrize("ending", ["xlsx", "parquet", "csv"])
-def test_files_that_pandas_writes_with_a_time_index(
+def test_settle_reads_pandas_files_with_time_index(
     ending: str, tmp_path: Path, palpate: Command
 ) -> None:
     index = pd.to_datetime(TIME_S, unit="s", origin="2024-01-01")
@@ -168,112 +172,116 @@ def test_files_that_pandas_writes_with_a_time_index(
         "csv": frame.to_csv,
     }
     write[ending](path)
-    found, holds, _ = settled(path, palpate)
+    found, holds, _ = run_settle(path, palpate)
     assert found == pytest.approx([*SETTLED, *(2 * value for value in SETTLED)], rel=1e-3)
     assert holds[::3] == ["both:sensor A:1", "both:sensor B:1"]
 
 
 @pytest.mark.parametrize("leg", ["upper", "lower"])
-def test_counts_become_ohm_by_the_divider(leg: str, tmp_path: Path, palpate: Command) -> None:
+def test_settle_divider_options_convert_counts_to_ohm(
+    leg: str, tmp_path: Path, palpate: Command
+) -> None:
     path = tmp_path / "board.csv"
     read = counts(OHM, leg=leg, reference_ohm=1000.0)
-    path.write_text(table(TIME_S * 1e3, read, header="ms,A0", form="{:.0f},{:.0f}"))
+    path.write_text(table(TIME_S * 1e3, read, header="ms,A0", row_format="{:.0f},{:.0f}"))
     circuit = ("--adc-bits", "10", "--reference-ohm", "1000", "--sensor-leg", leg)
-    found, _, said = settled(path, palpate, *circuit)
+    found, _, message = run_settle(path, palpate, *circuit)
     assert found == pytest.approx(SETTLED, rel=0.01)
-    assert said == ""
-    found, _, said = settled(path, palpate)
+    assert message == ""
+    found, _, message = run_settle(path, palpate)
     assert all(value == pytest.approx(round(value), abs=1) for value in found)
-    assert "taken as counts" in said
-    assert "0 to 255" in refused(path, palpate, "--adc-bits", "8", *circuit[2:])
+    assert "interpreted as counts" in message
+    assert "0 to 255" in run_refused(path, palpate, "--adc-bits", "8", *circuit[2:])
     assert "give all three" in palpate("settle", path, *circuit[:2], status=2).err
 
 
-def test_a_converter_at_the_end_of_its_range_is_said(tmp_path: Path, palpate: Command) -> None:
+def test_settle_saturated_converter_is_refused(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "low.csv"
     read = np.clip(counts(OHM, leg="upper", reference_ohm=1000.0) * 1.6, 0, 1023)
-    path.write_text(table(TIME_S * 1e3, read, header="ms,A0", form="{:.0f},{:.0f}"))
-    assert "at the end of the converter's range" in refused(path, palpate)
+    path.write_text(table(TIME_S * 1e3, read, header="ms,A0", row_format="{:.0f},{:.0f}"))
+    assert "at the end of the converter's range" in run_refused(path, palpate)
 
 
 @pytest.mark.parametrize(
     "values", [-OHM, 100 * (OHM / 2000 - 1), 100 * (1 - OHM / 2000), 4e6 / OHM]
 )
 @pytest.mark.parametrize("header", ["time_s,value", "time_s,resistance_ohm"])
-def test_any_sign_and_direction(
+def test_settle_finds_holds_for_any_sign_and_direction(
     values: np.ndarray, header: str, tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "sign.csv"
     path.write_text(table(TIME_S, values, header=header))
-    found, _, _ = settled(path, palpate)
+    found, _, _ = run_settle(path, palpate)
     ends = [values[np.argmin(np.abs(TIME_S - close_s - 20))] for close_s, _ in TOUCHES]
     assert found == pytest.approx(ends, rel=0.02)
 
 
-def test_a_dropout_a_loose_wire_and_broken_lines_are_said_and_survived(
+def test_settle_reports_dropouts_loose_wire_and_broken_lines(
     tmp_path: Path, palpate: Command
 ) -> None:
     ohm = OHM.copy()
     ohm[1300:1303] = 0
-    kept = (TIME_S < 40) | (TIME_S > 41.5)
-    lines = table(TIME_S[kept], ohm[kept]).splitlines()
+    recorded = (TIME_S < 40) | (TIME_S > 41.5)
+    lines = table(TIME_S[recorded], ohm[recorded]).splitlines()
     lines[300] = lines[300].split(",")[0] + ","
     lines[301] = lines[301].split(",")[0] + ",NaN"
     lines[400] = lines[400].split(",")[0] + ",ERR"
     lines[-1] = "87.9"
     path = tmp_path / "lost.csv"
     path.write_text("\n".join(lines))
-    found, _, said = settled(path, palpate)
+    found, _, message = run_settle(path, palpate)
     assert found == pytest.approx(SETTLED, rel=1e-3)
-    assert "1 row was left out" in said
-    assert "line 401" in said
-    assert "3 readings at or below 0 ohm" in said
+    assert "1 row was omitted" in message
+    assert "line 401" in message
+    assert "3 readings at or below 0 ohm" in message
 
 
-def test_noise_drift_one_touch_and_no_rest_at_the_end(tmp_path: Path, palpate: Command) -> None:
+def test_settle_finds_holds_despite_noise_drift_or_truncation(
+    tmp_path: Path, palpate: Command
+) -> None:
     path = tmp_path / "r.csv"
     path.write_text(table(TIME_S, resistance_ohm(TIME_S, noise=0.08)))
-    assert settled(path, palpate)[0] == pytest.approx(SETTLED, rel=0.05)
+    assert run_settle(path, palpate)[0] == pytest.approx(SETTLED, rel=0.05)
     path.write_text(table(TIME_S, resistance_ohm(TIME_S, drift=0.3)))
-    assert len(settled(path, palpate)[0]) == 3
+    assert len(run_settle(path, palpate)[0]) == 3
     one = TIME_S < 24
     path.write_text(table(TIME_S[one], OHM[one]))
-    assert settled(path, palpate)[0] == pytest.approx(SETTLED[:1], rel=1e-3)
+    assert run_settle(path, palpate)[0] == pytest.approx(SETTLED[:1], rel=1e-3)
 
 
-def test_a_recording_that_begins_under_load_loses_that_hold_and_says_so(
+def test_settle_recording_beginning_under_load_omits_first_hold(
     tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "middle.csv"
     later = TIME_S > 5
     path.write_text(table(TIME_S[later], OHM[later]))
-    found, _, said = settled(path, palpate)
+    found, _, message = run_settle(path, palpate)
     assert found == pytest.approx(SETTLED[1:], rel=1e-3)
-    assert "begins in the middle of a hold" in said
+    assert "begins during a hold" in message
 
 
-def test_where_no_contact_is_found_the_user_can_say_where(tmp_path: Path, palpate: Command) -> None:
+def test_settle_cut_option_replaces_contact_search(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "held.csv"
     held = (TIME_S > 2.2) & (TIME_S < 25)
     path.write_text(table(TIME_S[held], OHM[held]))
-    assert settled(path, palpate)[0] == pytest.approx(SETTLED[:1], rel=0.01)
+    assert run_settle(path, palpate)[0] == pytest.approx(SETTLED[:1], rel=0.01)
     late = (TIME_S > 4) & (TIME_S < 25)
     path.write_text(table(TIME_S[late], OHM[late]))
-    said = refused(path, palpate)
-    assert "no contact found" in said
-    assert "--cut none" in said
-    assert settled(path, palpate, "--cut", "none")[0] == pytest.approx(SETTLED[:1], rel=0.01)
-    assert settled(path, palpate, "--cut", "4.5")[0] == pytest.approx(SETTLED[:1], rel=0.01)
-    assert "it ends at" in refused(path, palpate, "--cut", "99")
+    message = run_refused(path, palpate)
+    assert "no contact found" in message
+    assert "--cut none" in message
+    assert run_settle(path, palpate, "--cut", "none")[0] == pytest.approx(SETTLED[:1], rel=0.01)
+    assert run_settle(path, palpate, "--cut", "4.5")[0] == pytest.approx(SETTLED[:1], rel=0.01)
+    assert "the recording ends at" in run_refused(path, palpate, "--cut", "99")
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         ("hello\nno table here\n", "no table found"),
-        ("value\n1\n2\n3\n", "one column alone"),
+        ("value\n1\n2\n3\n", "only one column"),
         ("time,value\n" + "".join(f"{k},{k % 7}\n" for k in range(50)), "--time-unit"),
-        ("a,b\n" + "".join(f"{k % 9},{k}\n" for k in range(50)), "which column is the time"),
+        ("a,b\n" + "".join(f"{k % 9},{k}\n" for k in range(50)), "no time column recognised"),
         (table(TIME_S, 2000 + 500 * np.sin(TIME_S / 3)), "no contact found"),
         (table(TIME_S, np.full(TIME_S.size, 7.0)), "no contact found"),
         (table(TIME_S[::-1], OHM), "time goes backwards"),
@@ -281,38 +289,42 @@ def test_where_no_contact_is_found_the_user_can_say_where(tmp_path: Path, palpat
         (table(TIME_S[:99], OHM[:99]) + "1,2,3\n" * 9, "line 101: 3 fields instead of 2"),
     ],
 )
-def test_what_cannot_be_used_is_one_line(
-    content: str, said: str, tmp_path: Path, palpate: Command
+def test_settle_unusable_table_gives_one_line_error(
+    content: str, message: str, tmp_path: Path, palpate: Command
 ) -> None:
     path = tmp_path / "bad.csv"
     path.write_text(content)
-    assert said in refused(path, palpate)
+    assert message in run_refused(path, palpate)
 
 
-def test_columns_that_are_not_there_are_named(tmp_path: Path, palpate: Command) -> None:
+def test_settle_missing_column_error_lists_available_columns(
+    tmp_path: Path, palpate: Command
+) -> None:
     path = tmp_path / "r.csv"
     path.write_text(table(TIME_S, OHM, header="when,what"))
-    assert "it has: when, what" in refused(path, palpate, "--time-column", "x")
-    assert "it has: what" in refused(path, palpate, "--time-column", "when", "--value-column", "y")
+    assert "available: when, what" in run_refused(path, palpate, "--time-column", "x")
+    assert "available: what" in run_refused(
+        path, palpate, "--time-column", "when", "--value-column", "y"
+    )
     options = ("--time-column", "when", "--time-unit", "s", "--value-column", "what")
-    assert settled(path, palpate, *options)[0] == pytest.approx(SETTLED, rel=1e-3)
+    assert run_settle(path, palpate, *options)[0] == pytest.approx(SETTLED, rel=1e-3)
 
 
-def test_a_folder_is_all_its_recordings(tmp_path: Path, palpate: Command) -> None:
-    (tmp_path / "b.csv").write_text(FORMS["plain.csv"])
-    (tmp_path / "a.tsv").write_text(FORMS["wraps.tsv"])
+def test_settle_folder_reads_all_recordings(tmp_path: Path, palpate: Command) -> None:
+    (tmp_path / "b.csv").write_text(FORMATS["plain.csv"])
+    (tmp_path / "a.tsv").write_text(FORMATS["wraps.tsv"])
     (tmp_path / "notes.txt").write_text("all well\n")
-    (tmp_path / "picture.png").write_bytes(b"not looked at")
-    found, holds, said = settled(tmp_path, palpate)
+    (tmp_path / "picture.png").write_bytes(b"ignored")
+    found, holds, message = run_settle(tmp_path, palpate)
     assert found == pytest.approx(2 * SETTLED, rel=1e-3)
     assert holds[::3] == ["a:R:1", "b:resistance_ohm:1"]
-    assert said.count("\n") == 1
-    assert "notes.txt: no table found" in said
+    assert message.count("\n") == 1
+    assert "notes.txt: no table found" in message
 
 
-def test_arrays_and_data_frames_give_the_same_holds_as_files(tmp_path: Path) -> None:
+def test_cut_holds_arrays_and_data_frames_match_files(tmp_path: Path) -> None:
     path = tmp_path / "r.csv"
-    path.write_text(FORMS["plain.csv"])
+    path.write_text(FORMATS["plain.csv"])
     from_file = cut_holds(read_recording(path))
     frame = pd.read_csv(path)
     series = frame["resistance_ohm"]
@@ -326,11 +338,11 @@ def test_arrays_and_data_frames_give_the_same_holds_as_files(tmp_path: Path) -> 
         for one, other in zip(from_file, holds, strict=True):
             np.testing.assert_array_equal(one.time_s, other.time_s)
             np.testing.assert_array_equal(one.values, other.values)
-    with pytest.raises(InputError, match="which column is the time"):
+    with pytest.raises(InputError, match="no time column recognised"):
         read_recording({"a": [1.0, 0.0, 2.0], "b": [1.0, 2.0, 3.0]})
 
 
-def test_holds_begin_where_loading_ends_and_end_where_the_fingers_open() -> None:
+def test_cut_holds_start_after_loading_and_end_at_opening() -> None:
     [first, *_] = cut_holds(TIME_S, OHM)
     begin_s = TIME_S[np.flatnonzero(first.values[0] == OHM)[0]]
     end_s = TIME_S[np.flatnonzero(first.values[-1] == OHM)[0]]
@@ -340,20 +352,20 @@ def test_holds_begin_where_loading_ends_and_end_where_the_fingers_open() -> None
 
 
 @pytest.mark.slow
-def test_a_plot_shows_where_it_cut(tmp_path: Path, palpate: Command) -> None:
+def test_settle_plot_titles_state_number_of_holds(tmp_path: Path, palpate: Command) -> None:
     path, plot = tmp_path / "r.csv", tmp_path / "cut.svg"
-    path.write_text(FORMS["plain.csv"])
-    settled(path, palpate, "--plot", plot)
+    path.write_text(FORMATS["plain.csv"])
+    run_settle(path, palpate, "--plot", plot)
     assert "r.csv, resistance_ohm: 3 holds" in plot.read_text()
 
 
 @pytest.mark.slow
-def test_every_touch_of_the_demo_recordings_is_found(tmp_path: Path) -> None:
+def test_cut_holds_finds_every_touch_of_demo_recordings(tmp_path: Path) -> None:
     for path, columns in zip(write_recordings(tmp_path), (1, 1, 2), strict=True):
         assert len(cut_holds(read_recording(path))) == 4 * columns
 
 
-def test_a_table_of_several_recordings_or_holds_is_taken_apart(
+def test_table_with_id_column_is_split_by_recording_or_hold(
     tmp_path: Path, palpate: Command
 ) -> None:
     one = pd.DataFrame({"recording_id": "a", "time_s": TIME_S, "R": OHM})
@@ -364,13 +376,13 @@ def test_a_table_of_several_recordings_or_holds_is_taken_apart(
     held = (TIME_S > 2.2) & (TIME_S < 25)
     path = tmp_path / "holds.xlsx"
     pd.DataFrame({"hold_id": "h", "time_s": TIME_S[held], "value": OHM[held]}).to_excel(path)
-    found, holds, _ = settled(path, palpate)
+    found, holds, _ = run_settle(path, palpate)
     assert found == pytest.approx(SETTLED[:1], rel=0.01)
     assert holds == ["holds:value:1"]
 
 
 @pytest.mark.parametrize("stated", ["A1", "A1:B300", "A1:XFD1048576"])
-def test_workbook_that_states_a_wrong_size_is_read_whole(tmp_path: Path, stated: str) -> None:
+def test_workbook_with_wrong_stated_size_is_read_completely(tmp_path: Path, stated: str) -> None:
     """Programs that add rows leave the size of an earlier save in place."""
     path, changed = tmp_path / "r.xlsx", tmp_path / "changed.xlsx"
     pd.DataFrame({"time_s": TIME_S, "R": OHM}).to_excel(path, index=False)
@@ -388,23 +400,23 @@ def test_workbook_that_states_a_wrong_size_is_read_whole(tmp_path: Path, stated:
 
 
 @pytest.mark.slow
-def test_what_excel_needs_is_named_where_it_is_missing(
+def test_settle_excel_without_extra_names_the_extra(
     tmp_path: Path, palpate: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "r.xlsx"
     pd.DataFrame({"time_s": TIME_S, "R": OHM}).to_excel(path)
     monkeypatch.setitem(sys.modules, "python_calamine", None)
-    assert "pip install 'palpate[data]'" in refused(path, palpate)
+    assert "pip install 'palpate[data]'" in run_refused(path, palpate)
 
 
-def test_past_holds_may_be_recordings_too(tmp_path: Path, palpate: Command) -> None:
+def test_settle_fit_on_accepts_recordings(tmp_path: Path, palpate: Command) -> None:
     path = tmp_path / "r.csv"
-    path.write_text(FORMS["plain.csv"])
-    assert "3 holds reach 20 s" in settled(path, palpate, "--fit-on", path)[2]
+    path.write_text(FORMATS["plain.csv"])
+    assert "3 holds reach 20 s" in run_settle(path, palpate, "--fit-on", path)[2]
 
 
 @pytest.mark.parametrize("ending", ["xlsx", "csv", "parquet"])
-def test_numbers_of_recordings_are_whole_in_the_names_of_holds(ending: str, tmp_path: Path) -> None:
+def test_hold_names_contain_recording_numbers_as_integers(ending: str, tmp_path: Path) -> None:
     one = pd.DataFrame({"run": 1, "time_s": TIME_S, "R": OHM})
     path = tmp_path / f"runs.{ending}"
     frame = pd.concat([one, one.assign(run=2)])
