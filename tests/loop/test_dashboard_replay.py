@@ -193,7 +193,7 @@ def test_a_recording_has_an_address(page: Page, folder: Path) -> None:
     fresh(page)
     page.goto(page.url + "/elsewhere.mcap")
     said = page.locator(".q-notification").first
-    expect(said).to_contain_text("no such recording in this folder")
+    expect(said).to_contain_text("no such recording in the folder")
     expect(page.locator(".care")).to_have_count(0)
     expect(page).to_have_url(re.compile("/recordings$"))
     expect(page.locator(".q-notification")).to_have_count(0)

@@ -175,7 +175,7 @@ class AppState:
         """Start the device process, wait until it accepts stops, and open the first rig."""
         self.loop = asyncio.get_running_loop()
         settings = self.settings
-        self._process = DeviceClient(self.take)
+        self._process = DeviceClient(self.receive_update)
         first = OpenRig(
             name=settings.rigs[0],
             object_name=settings.object_name,
@@ -492,7 +492,7 @@ class AppState:
         if self._process is not None:
             self._process.send(message)
 
-    def take(self, update: Update | DevicesLost) -> None:
+    def receive_update(self, update: Update | DevicesLost) -> None:
         """Process an update of the device process, on the receiving thread."""
         self._last_message_s = time.monotonic()
         if isinstance(update, Update):
@@ -506,7 +506,7 @@ class AppState:
             loop.call_soon_threadsafe(self._apply_update, update)
 
     def _apply_update(self, update: Update | DevicesLost) -> None:
-        self.session.devices.take(update)
+        self.session.devices.apply_update(update)
         self._predict_bin()
 
 

@@ -1,4 +1,4 @@
-"""The folder of recordings: its files, and its grasps in one line each."""
+"""The folder of recordings: its files, and the history of its grasps."""
 
 from __future__ import annotations
 
@@ -33,45 +33,45 @@ from palpate.recording import RecordingReader
 
 #: Number of grasps that the page lists.
 LISTED_GRASPS = 50
-#: Number of points of a small curve.
+#: Number of points of a stored force curve.
 _CURVE_POINTS = 48
 _FILE = "grasps.jsonl"
-#: Grasps of a table that are made at a time.
+#: Number of table rows written per chunk.
 _CSV_CHUNK_ROWS = 200
 _MEASUREMENTS = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry:
-    """One grasp."""
+    """One grasp of the history."""
 
-    #: When it ended, in UTC.
+    #: End time in UTC.
     ended_at: str
     #: Name of the recording.
     recording: str
-    #: Whether any of it was simulated.
+    #: Whether any of the data is simulated.
     simulated: bool
-    #: What it was; empty where it had no name.
+    #: Name of the item; empty without a name.
     item_id: str
-    #: How it ended.
+    #: Outcome of the grasp.
     outcome: str
-    #: The same in words, and how firm the object was.
+    #: Text of the outcome, and firmness of the object.
     verdict: str
     firmness: str | None
-    #: ``"good"``, ``"warn"`` or ``"bad"``, as the page colours it.
+    #: Colour on the page: ``"good"``, ``"warn"`` or ``"bad"``.
     kind: str
-    #: Whether the object was damaged, as simulated rigs know; None on real ones.
+    #: Whether the object was damaged, on simulated rigs; None on real rigs.
     damaged: bool | None = None
-    #: Where the rules put it, whether only until another grasp, and why; None without rules.
+    #: Bin, whether it is provisional until another grasp, and the reason; None without rules.
     bin: str | None = None
     again: bool | None = None
     why: str | None = None
-    #: Stage of ripeness and bruise by the item's last verdicts; None where there are none.
+    #: Ripeness stage and bruise according to the item's last verdicts; None without verdicts.
     stage: str | None = None
     bruised: bool | None = None
-    #: Values and ends of their intervals, by name with its unit; None for what is not known.
+    #: Values and interval limits by name with unit; None if unknown.
     measured: dict[str, float | None]
-    #: The course of the force (newtons), or of the reading (percent) where it is not calibrated.
+    #: Force over time (newtons), or relative change (percent) without a force calibration.
     curve: tuple[float, ...] = ()
 
 
@@ -79,7 +79,7 @@ _FIELDS = frozenset(field.name for field in fields(Entry))
 
 
 class GraspSummary(NamedTuple):
-    """A grasp as the list of recordings shows it."""
+    """The data of a grasp in the list of recordings."""
 
     outcome: str
     item_id: str
@@ -87,46 +87,46 @@ class GraspSummary(NamedTuple):
 
 
 class History:
-    """The grasps of the folder in a file, and the latest of them in memory.
+    """The history of grasps: all in a file, the newest in memory.
 
-    The file is only ever appended to: a grasp is a line, and so is the new name of a recording.
+    The file is append-only. Each grasp and each renaming of a recording is one line.
 
     Parameters
     ----------
     folder : Path
-        Where recordings go.
+        Folder of the recordings.
     """
 
     def __init__(self, folder: Path) -> None:
         self._file = folder / _FILE
-        #: Name of each renamed recording now, by the name that its grasp is kept under.
+        #: Current name of each renamed recording, by the name in its grasp's line.
         self._current_names = dict[str, str]()
         self._of_recording = dict[str, GraspSummary]()
         self._recent = deque[Entry](maxlen=LISTED_GRASPS)
-        #: How the grasps of the last day with any ended.
+        #: The last day with grasps, and the number of its grasps by outcome.
         self._day, self._of_day = date.min, Counter[str]()
         for values in self._read_lines():
             if "renamed" in values:
                 self._apply_rename(str(values["recording"]), str(values["renamed"]))
             elif (entry := _parse_entry(values)) is not None:
                 self._count_entry(entry)
-        #: How the grasps of this run ended, how many went to each bin, and since when it counts.
+        #: Number of this run's grasps by outcome and by bin, and the start of the run.
         self.outcomes, self.bins = Counter[str](), Counter[str]()
         self.since = datetime.now(UTC)
-        #: Grows with every change.
+        #: Incremented with every change.
         self.version = 0
 
     @property
     def recent(self) -> list[Entry]:
-        """The last grasps, the newest first."""
+        """The last grasps, newest first."""
         return list(reversed(self._recent))
 
     def find_grasp(self, recording: str) -> GraspSummary | None:
-        """Return the stored grasp of a recording, or None."""
+        """Return the grasp of a recording, or None."""
         return self._of_recording.get(recording)
 
     def idle_texts(self) -> list[str]:
-        """Return text on the last grasp and today's counts; empty before the first."""
+        """Return texts on the last grasp and today's counts; empty without grasps."""
         if not self._recent:
             return []
         last = self._recent[-1]
@@ -141,12 +141,12 @@ class History:
         return words
 
     def add(self, entry: Entry) -> None:
-        """Store a grasp.
+        """Add a grasp to the history.
 
         Raises
         ------
         OSError
-            If the file can't be written; the page lists the grasp nevertheless.
+            If the file can't be written; the grasp is then in memory only.
         """
         self._count_entry(entry)
         self.outcomes[entry.outcome] += 1
@@ -161,7 +161,7 @@ class History:
         Raises
         ------
         OSError
-            If the file can't be written; it is then as it was.
+            If the file can't be written; the history is then unchanged.
         """
         if before in self._of_recording:
             self._append({"recording": before, "renamed": after})
@@ -169,7 +169,7 @@ class History:
             self.version += 1
 
     def csv_parts(self) -> Iterator[str]:
-        """Yield a table of every grasp of the folder; column names end in their units."""
+        """Yield the CSV table of all grasps in chunks; column names end in units."""
         columns = ["ended_at", "item_id", "outcome", "verdict", "firmness", "damaged", "bin", "why"]
         columns += ["stage", "bruised"]
         columns += [name + end for name in _MEASUREMENTS for end in ("", "_low", "_high")]
@@ -197,7 +197,7 @@ class History:
             self._of_recording[entry.recording] = summary
 
     def _apply_rename(self, before: str, after: str) -> None:
-        """Replace a recording's name by the new one."""
+        """Replace the name of a recording."""
         for first, name in list(self._current_names.items()):
             if name == before:
                 self._current_names[first] = after
@@ -217,7 +217,10 @@ class History:
         return {name: csv_cell(value) for name, value in cells.items()}
 
     def _append(self, values: dict[str, Any]) -> None:
-        """Append a line; a truncated last line (full disk, power cut) damages no other."""
+        """Append a line, after a newline if the last line is truncated.
+
+        A full disk or a power failure may truncate the last line.
+        """
         self._file.parent.mkdir(parents=True, exist_ok=True)
         with self._file.open("ab+", buffering=0) as lines:
             end = lines.seek(0, os.SEEK_END)
@@ -228,7 +231,7 @@ class History:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._file))
 
     def _read_lines(self) -> Iterator[dict[str, Any]]:
-        """Yield the entry of each line, oldest first, without truncated ones."""
+        """Yield the values of each valid line, oldest first."""
         with suppress(OSError), self._file.open(encoding="utf-8", errors="replace") as lines:
             for line in lines:
                 with suppress(ValueError):
@@ -256,7 +259,7 @@ def make_entry(
     simulated: bool,
     curve: Sequence[Point],
 ) -> Entry:
-    """Return the entry of a finished grasp; `curve`: as drawn."""
+    """Return the history entry of a finished grasp; `curve` is the curve on the page."""
     result, words = grasped.result, verdict(grasped.result, target_force_n=target_force_n)
     measured: dict[str, float | None] = {"decision_time_s": result.decision_time_s}
     for name in _MEASUREMENTS:
@@ -285,7 +288,7 @@ def _with_interval(name: str, one: Measurement | None) -> dict[str, float | None
 
 
 def _thin_out(curve: Sequence[Point]) -> tuple[float, ...]:
-    """Return some points of a curve, evenly in time."""
+    """Return the curve resampled to few points, evenly spaced in time."""
     if len(curve) < 2:
         return ()
     forces = [(one.time_s, one.force.value) for one in curve if one.force is not None]
@@ -295,12 +298,12 @@ def _thin_out(curve: Sequence[Point]) -> tuple[float, ...]:
 
 
 def check_name(stem: str) -> str:
-    """Return the name of a recording as a file may have it.
+    """Return the file name of a recording with this stem.
 
     Raises
     ------
     InputError
-        If it could lead out of the folder, or hide the file.
+        If the name could refer to another folder or to a hidden file.
 
     Examples
     --------
@@ -320,29 +323,29 @@ def check_name(stem: str) -> str:
 _SUFFIX = ".mcap"
 #: Number of recordings that the page lists.
 LISTED_RECORDINGS = 100
-#: No file system's clock is coarser (FAT: 2 s).
+#: Coarsest resolution of modification times (FAT: 2 s), nanoseconds.
 _MTIME_STEP_NS = 2_000_000_000
 
 
 class RecordingList:
-    """The newest recordings of a folder, which may hold hundreds of thousands.
+    """The newest recordings of a folder that may contain hundreds of thousands of files.
 
-    Its names are read again only when some came, changed or went, and only new files are asked when
-    they were written. Used by several threads.
+    The folder is scanned only after it has changed, and only new files are queried for their
+    modification time. The class is thread-safe.
 
     Parameters
     ----------
     folder : Path
-        The folder; it need not be there yet.
+        The folder; it may not exist yet.
     now_ns : callable
-        The wall's time, nanoseconds.
+        Returns the current time, nanoseconds.
     """
 
     def __init__(self, folder: Path, *, now_ns: Callable[[], int] = time.time_ns) -> None:
         self._folder, self._now_ns, self._lock = folder, now_ns, Lock()
-        #: When the folder had changed last when it was read, and when it is to be read once more.
+        #: Modification time of the folder at the last scan, and time of the next repeated scan.
         self._scanned_mtime_ns, self._rescan_ns = -1, math.inf
-        #: When each recording was last written, as it was when its name was new.
+        #: Modification time of each recording at its first scan.
         self._mtime_s = dict[str, float]()
         self._newest: list[str] = []
 
@@ -355,7 +358,7 @@ class RecordingList:
                 if changed_ns != self._scanned_mtime_ns or now_ns > self._rescan_ns:
                     self._rescan()
                     self._scanned_mtime_ns = changed_ns
-                    # Within one tick of the file system's clock more may have followed.
+                    # More files may follow without a change of the modification time.
                     unsettled = now_ns - changed_ns < _MTIME_STEP_NS
                     self._rescan_ns = now_ns + _MTIME_STEP_NS if unsettled else math.inf
             except OSError:
@@ -363,12 +366,12 @@ class RecordingList:
             names = self._newest
         listed = []
         for name in names:
-            with suppress(OSError):  # it has gone meanwhile
+            with suppress(OSError):  # the file was deleted in the meantime
                 listed.append((self._folder / name, (self._folder / name).stat()))
         return sorted(listed, key=lambda one: (one[1].st_mtime, one[0].name), reverse=True)
 
     def _rescan(self) -> None:
-        # Loops, and no sets: those would hold up every other thread for as long as they take.
+        # Plain loops: set operations on many names would block all other threads.
         names = os.listdir(self._folder)
         found, new = 0, []
         for name in names:
@@ -381,9 +384,9 @@ class RecordingList:
             there = set(names)
             self._mtime_s = {n: s for n, s in self._mtime_s.items() if n in there}
         for name in new:
-            with suppress(OSError):  # a dangling link, or it has gone meanwhile
+            with suppress(OSError):  # a dangling link, or deleted in the meantime
                 self._mtime_s[name] = (self._folder / name).stat().st_mtime
-        # Without a loss only a new one can take the place of one of the newest.
+        # If no file was deleted, only new files can replace the newest ones.
         candidates = self._mtime_s if is_any_gone else {*self._newest, *new}
         self._newest = heapq.nlargest(
             LISTED_RECORDINGS,
@@ -393,7 +396,7 @@ class RecordingList:
 
 
 def new_recording(folder: Path, what: str) -> Path:
-    """Return the name of a recording that does not exist yet."""
+    """Return the path of a new recording with prefix, time stamp and a unique number."""
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     file = folder / f"{what}-{stamp}{_SUFFIX}"
     number = 1
@@ -404,17 +407,17 @@ def new_recording(folder: Path, what: str) -> Path:
 
 
 def find_recording(folder: Path, name: str) -> Path:
-    """Return a recording of the folder by its name.
+    """Return the path of a recording of the folder.
 
     Raises
     ------
     InputError
-        If the name is no plain one, there is no such file, or it is a link to somewhere else.
+        If the name is not a plain file name, or the file does not exist or is a symbolic link.
     """
     file = folder / name
     is_plain = name == Path(name).name and name.endswith(_SUFFIX) and "\0" not in name
     if not is_plain or file.is_symlink() or not file.is_file():
-        raise InputError(f"{name!r}: no such recording in this folder")
+        raise InputError(f"{name!r}: no such recording in the folder")
     return file
 
 
@@ -424,15 +427,15 @@ def rename_recording(folder: Path, name: str, stem: str) -> Path:
     Raises
     ------
     InputError
-        If there is no such recording, the new name is no plain one, or it is taken.
+        If the recording does not exist, or the new name is invalid or already used.
     """
     file, renamed = find_recording(folder, name), folder / check_name(stem)
     try:
-        # Unlike a renaming it never takes the place of another file.
+        # Unlike a rename, a hard link never replaces an existing file.
         os.link(file, renamed)
         file.unlink()
     except FileExistsError as error:
-        raise InputError(f"{renamed.stem}: a recording of this name exists") from error
+        raise InputError(f"{renamed.stem}: a recording with this name already exists") from error
     except OSError as error:
         raise InputError(f"{name} can't be renamed: {error.strerror}") from error
     return renamed
@@ -444,7 +447,7 @@ def delete_recording(folder: Path, name: str) -> None:
     Raises
     ------
     InputError
-        If there is none of this name, or it can't be deleted.
+        If the recording does not exist or can't be deleted.
     """
     try:
         find_recording(folder, name).unlink()
@@ -453,13 +456,13 @@ def delete_recording(folder: Path, name: str) -> None:
 
 
 def is_simulated(file: Path, status: os.stat_result) -> bool:
-    """Return whether a recording is simulated; false for an unreadable one."""
+    """Return whether a recording is simulated; false if it is unreadable."""
     return _origin(file, status.st_mtime_ns) not in ("hardware", "")
 
 
 @lru_cache(maxsize=1000)
 def _origin(file: Path, changed_ns: int) -> str:
-    del changed_ns  # a file that grew may have become readable
+    del changed_ns  # only part of the cache key: a file that has grown may have become readable
     try:
         with RecordingReader(file) as reader:
             return reader.info.origin

@@ -1,4 +1,4 @@
-"""Grasp data for the page: phase, forecast, current answer, and force at every frame."""
+"""Progress of a grasp for the page: phase, forecast, current answer and force gains."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ def force_laws(calibration: Calibration | None) -> ForceLaws | None:
 
 
 def compute_settled_gain(force: Measurement, *, law_n: float, law: StaticLaw) -> Gain | None:
-    """Return the gain from the settled law's reading to a settled force.
+    """Return the gain of a settled force relative to the settled law's reading.
 
     Parameters
     ----------
     force : Measurement
-        The settled force, with all that is known of it weighed in.
+        The settled force, which combines all available evidence.
     law_n : float
-        What the law alone reads.
+        Force according to the law alone, newtons.
     law : StaticLaw
         The settled law.
 
@@ -66,15 +66,15 @@ def compute_settled_gain(force: Measurement, *, law_n: float, law: StaticLaw) ->
 
 
 _FORECAST_PHASES = (Phase.SETTLE, Phase.HOLD)
-#: Before these, a first answer may be corrected by another movement.
+#: Phases in which the answer is final; before them, a correction may follow.
 _DECIDED_PHASES = (Phase.HOLD, Phase.RELEASE, Phase.DONE)
-#: A forecast from fewer touches than this is noise; with more than that, every other will do.
+#: Minimum and maximum number of touches for a forecast; more touches are thinned.
 _MIN_TOUCHES, _MAX_TOUCHES = 4, 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
-    """Target force and force limit of a grasp, newtons; None without one."""
+    """Target force and force limits of a grasp, newtons; None if not set."""
 
     target_n: float | None = None
     damage_low_n: float | None = None
@@ -83,34 +83,34 @@ class Bounds:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GraspProgress:
-    """The controller's view of a grasp after a frame."""
+    """The controller's estimates in a grasp after a frame."""
 
-    #: Time of its last frame.
+    #: Time of the newest frame.
     time_s: float
     #: Phase of the controller.
     phase: str
-    #: Rest values taken for this grasp, shape (rows, cols).
+    #: Rest values of this grasp, shape (rows, cols).
     rest_ohm: NDArray[np.float64] | None
-    #: When the grasp began.
+    #: Start of the grasp.
     began_s: float
-    #: Grip force as the last step read it.
+    #: Grip force at the last step.
     force_n: float
-    #: Forecast of the mean relative change at the horizon, from the frames up to now.
+    #: Forecast of the mean relative change at the horizon, from the frames so far.
     settled: Measurement | None
-    #: The controller's own once it has decided; before that, what it would answer now.
+    #: The controller's answer; before its decision, the answer that the data would give now.
     answer: GraspResult
     #: Whether the controller has decided.
     decided: bool
     #: Forecast of the grip force at the horizon, newtons; continues after the decision.
     settled_n: Measurement | None = None
-    #: Gain of this contact relative to the laws.
+    #: Gains of this contact relative to the force laws.
     gains: ContactGains = field(default_factory=ContactGains)
-    #: When the fingers first touched the object; None until that is certain.
+    #: Time of first contact; None until the contact is confirmed.
     touched_s: float | None = None
-    #: When the answer's forecast is of, and the data that it rests on, seconds; None before.
+    #: Time to which the forecast refers, and duration of its data, seconds; None before a forecast.
     settles_s: float | None = None
     data_s: float | None = None
-    #: Events that the controller has noted.
+    #: Events reported by the controller.
     moments: tuple[Moment, ...] = ()
     #: Target and limits of the force.
     bounds: Bounds = field(default_factory=Bounds)
@@ -119,26 +119,27 @@ class GraspProgress:
 def grasp_progress_of(
     grasp_state: GraspState, *, plan: Plan, before: GraspProgress | None, forecasts: bool
 ) -> GraspProgress:
-    """Return the progress of a grasp from the controller's grasp_state.
+    """Return the progress of a grasp from the controller's state.
 
-    The forecast is the controller's own function on the controller's own touches, so the band on
-    the page is the one that it decides by. It continues after the decision, while the hand holds.
+    The forecast uses the controller's own function and touches, so the band on the page is the
+    basis of the controller's decision. The forecast continues after the decision while the hand
+    holds.
 
     Parameters
     ----------
     grasp_state : GraspState
-        After the newest frame.
+        The state after the newest frame.
     plan : Plan
-        The grasp's.
+        The plan of the grasp.
     before : GraspProgress or None
-        The previous one: its forecast is kept until there is a newer one.
+        The previous progress, whose forecast is retained until the next forecast.
     forecasts : bool
-        Whether to make a new one now; it costs milliseconds.
+        Whether to compute a new forecast now, which requires milliseconds.
     """
     decided = grasp_state.result.force_n is not None and grasp_state.phase in _DECIDED_PHASES
     settled = settled_n = settled_gain = settles_s = data_s = None
     answer, touches = grasp_state.result, grasp_state.estimate.touches
-    # A hand that eases off is about to close again.
+    # A hand that reduces its force will close again, so no forecast is made.
     eases = grasp_state.activity == Activity.EASE
     foreseeable = grasp_state.phase in _FORECAST_PHASES and not eases
     if before is not None and (foreseeable or grasp_state.phase in (Phase.RELEASE, Phase.DONE)):
@@ -148,7 +149,7 @@ def grasp_progress_of(
         settles_s, data_s = before.settles_s, before.data_s
     if forecasts and foreseeable and len(touches) >= _MIN_TOUCHES:
         every = len(touches) // _MAX_TOUCHES + 1
-        # From the end: the newest touch is always among them.
+        # Thinned from the end, so that the newest touch is included.
         thinned = grasp_state.snapshot()
         thinned.estimate.touches = touches[::-every][::-1]
         foreseen = forecast(thinned.estimate, plan=plan)
@@ -174,7 +175,7 @@ def grasp_progress_of(
         answer=answer,
         decided=decided,
         settled_n=settled_n,
-        # Before its first step the closing has given none.
+        # The early gain is unknown before the first closing step.
         gains=ContactGains(early=gain if gain.log_sd > 0 else None, settled=settled_gain),
         touched_s=_touch_time_s(grasp_state),
         settles_s=settles_s,
@@ -189,7 +190,7 @@ def grasp_progress_of(
 
 
 def _touch_time_s(grasp_state: GraspState) -> float | None:
-    """Return the time of first contact, where the answer time starts."""
+    """Return the time of first contact, from which the decision time counts."""
     if not any(moment.name == "contact" for moment in grasp_state.result.moments):
         return None
     felt_s = grasp_state.attempt.sweep_contact_s

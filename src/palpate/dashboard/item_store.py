@@ -1,6 +1,7 @@
-"""Items and their history on the page, by the store.
+"""Read and write the items of the store for the page.
 
-The store is opened for each query and each grasp: it may be away, and others use it too.
+The store is opened for each query and each grasp, because it may be unreachable and is shared with
+other programs.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from palpate.produce.store.sender import Sender
 
 _Read = TypeVar("_Read")
-#: Caption and label of the axis of each measurement that the page of an item shows over time.
+#: Caption and axis label of the measurements over time on an item's page.
 _FIGURES = {
     "stiffness_n_per_mm": ("Stiffness over time", "stiffness (N/mm)"),
     "settled_percent": ("Settled change over time", "settled change (%)"),
@@ -46,15 +47,15 @@ class ItemStore:
     Parameters
     ----------
     where : str or None
-        As `palpate.produce.store.Store.open` takes it.
+        Path or URL for `palpate.produce.store.Store.open`.
     rules : RuleBook or None
-        Sorting rules, which give each item its bin.
+        Sorting rules that assign each item to a bin.
     """
 
     def __init__(self, where: str | None, *, rules: RuleBook | None = None) -> None:
         self._where, self._rules = where, rules
         self._sender: Sender | None = None
-        #: Why the last record did not reach the store; empty if it did.
+        #: Reason why the last record was not stored; empty after a success.
         self.trouble = "" if find_spec("sqlalchemy") else MISSING
 
     def sort_grasp(
@@ -66,10 +67,11 @@ class ItemStore:
         recording: Path | None = None,
         closing: Mapping[str, Measurement] = MappingProxyType({}),
     ) -> dict[str, Any]:
-        """Return `bin` and `item` of a grasp's document, by all grasps of the item.
+        """Return `bin` and `item` of the grasp document, based on all grasps of the item.
 
-        With its recording the grasp is written to the local store first, which a shared one is sent
-        from; `closing` holds the measurements of its whole closing, by their names in the store.
+        A grasp with a recording is first written to the local store, which is then sent to a shared
+        store. `closing` contains the measurements of the closing motion by their names in the
+        store.
         """
         if self._rules is None and not item_id:
             return {}
@@ -82,7 +84,7 @@ class ItemStore:
         try:
             grasp = make_grasp_record(
                 result,
-                # A record has a name; one without is not stored.
+                # A record requires a name, but a grasp without a name is never stored.
                 item_id=item_id or "-",
                 seen=() if recording is None else _read_observations(recording),
                 layout=source.layout,
@@ -108,7 +110,7 @@ class ItemStore:
         return placement
 
     def _choose_bin(self, grasp: Grasp, *, item_id: str, is_stored: bool) -> dict[str, Any]:
-        """Apply the rules to the item and describe it; store the decision with its grasp."""
+        """Apply the rules to the item; store the decision if the grasp is stored."""
         from palpate.produce.sorting.rules import decide
         from palpate.produce.sorting.run import Sorted, bin_verdict, evidence_of
         from palpate.produce.store import Store
@@ -153,18 +155,18 @@ class ItemStore:
         }
 
     def placement_without_store(self, item_id: str, *, why: str) -> dict[str, Any]:
-        """Return `bin` and `item` where the store can't be used, and why."""
+        """Return `bin`, `item` and the reason `why` if the store can't be used."""
         item = {"id": item_id, "kind": None, "stage": None, "bruised": None}
         placement: dict[str, Any] = {} if self._rules is None else {"bin": None}
         return placement | ({"item": item} if item_id else {}) | {"why": why}
 
     def pages(self, *, limit: int) -> tuple[ItemHistory, ...]:
-        """Return the pages of items, newest first; none without a store.
+        """Return the histories of the newest items, newest first; empty without a store.
 
         Raises
         ------
         PalpateError
-            If the store can't be used, or does not answer.
+            If the store can't be used or does not answer.
         """
         from palpate.produce.store.item_history import item_pages
 
@@ -176,7 +178,7 @@ class ItemStore:
         Raises
         ------
         PalpateError
-            If there is no such item, or the store can't be used.
+            If the item does not exist or the store can't be used.
         """
         from palpate.produce.store.item_history import item_page
 
@@ -186,7 +188,7 @@ class ItemStore:
         return found
 
     def figures_html(self, page: ItemHistory) -> str:
-        """Return figures of an item as HTML: measurements over time, ripening.
+        """Return the figures of an item as HTML: measurements over time, and ripening.
 
         Raises
         ------
@@ -207,7 +209,7 @@ class ItemStore:
         return "".join(f"<h3>{caption}</h3>{svg}" for caption, svg in drawn.items() if svg)
 
     def _read(self, read: Callable[[Store], _Read]) -> _Read | None:
-        """Read from the store; None without one."""
+        """Read from the store; None without a store."""
         if self.trouble == MISSING:
             return None
         from palpate.produce.store import Store
@@ -229,14 +231,14 @@ class _StoredItem:
     kind: str | None = None
     grasps: tuple[Grasp, ...] = ()
     verdicts: tuple[Verdict, ...] = ()
-    #: The trained kinds, where the rules need a guess.
+    #: Classifier of kinds, if the rules require an unknown kind.
     identifier: Identifier | None = None
-    #: Why grasps of other stations may be missing; empty if the shared store answered.
+    #: Reason why grasps of other stations may be missing; empty if the shared store answered.
     away: str = ""
 
     @classmethod
     def read(cls, store: Store, item_id: str, *, rules: RuleBook | None) -> _StoredItem:
-        """Read an item."""
+        """Read an item from the store."""
         from palpate.produce.identify.kinds import learn_kinds
 
         items = store.find_items([item_id]) if item_id else ()
@@ -251,7 +253,7 @@ class _StoredItem:
         )
 
     def facts(self, item_id: str) -> dict[str, object]:
-        """Return `item` of the grasp's document."""
+        """Return `item` of the grasp document."""
         from palpate.produce.store.item_history import item_facts
 
         return item_facts(item_id, kind=self.kind, verdicts=self.verdicts)
@@ -267,7 +269,7 @@ def _read_observations(recording: Path) -> list[Observation]:
 
 
 def _ripening(store: Store, page: ItemHistory) -> str:
-    """Draw the days of an item with the courses of its kind's labelled items."""
+    """Draw an item's ripening with the curves of labelled items of the same kind."""
     from palpate.produce.ripeness.history import (
         drive_of,
         history_of,
@@ -284,11 +286,11 @@ def _ripening(store: Store, page: ItemHistory) -> str:
         rule = learn_rule(store, kind=kind, drive=drive, stages=STAGES)
         history = history_of(grasps, item_id=item_id, drive=drive)
         ripeness = judge_ripeness(history, rule=rule, ripe=RIPE)
-    except InputError:  # none of its kind was labelled, or none of its grasps measured a firmness
+    except InputError:  # no labelled item of this kind, or no firmness measurement of this item
         return ""
     from palpate.plots.ripeness import item_figure
 
     return panel_svg(
         partial(item_figure, history, ripeness, rule=rule),
-        label=f"Days of {item_id} and how it may ripen",
+        label=f"Ripening of {item_id} with its forecast",
     )

@@ -1,4 +1,4 @@
-"""Data of the page's drawings: newest pixels, and bounded curve, movements and band."""
+"""Data of the page's plots: newest pixels, curve, movements and forecast band."""
 
 from __future__ import annotations
 
@@ -33,25 +33,26 @@ from palpate.signal.relative import (
     relative_change_percent,
 )
 
-#: A screen shows no more points than this in a second, and no longer a stretch of what is watched.
+#: Maximum density of the curve, points per second, and length of the curve without a grasp,
+#: seconds.
 POINTS_PER_S, CURVE_S = 50, 90.0
-#: A grasp that ended is kept up to this long after its end was heard of, seconds. The page shows
-#: 3 s after the release, of which a slow machine hears late.
+#: The curve of a grasp ends this long after its end was reported, seconds. The page shows 3 s after
+#: the release, and a slow machine reports the end late.
 _TAIL_S = 10.0
 _MAX_MOVES, _MAX_BANDS = 200, 900
-#: Reported widths (mm) and pressures (kPa) scatter by less than this.
+#: Changes above this are movements; the noise of widths (mm) and pressures (kPa) is smaller.
 _MIN_MOVE = {"width": 0.1, "pressure": 0.4}
-#: What was measured at the horizon is a mean over this time, seconds (as `palpate settle` has it).
+#: Averaging time of the measurement at the horizon, seconds (as in `palpate settle`).
 _HORIZON_MEAN_S = 0.5
-#: Without rest values, those of the first frames are taken.
+#: Number of first frames that provide the rest values without a calibration.
 _REST_FRAMES = 15
 
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """The aggregate at one time, with the force of a calibrated, loaded sensor.
+    """Mean change at one time, with the force of a calibrated, loaded sensor.
 
-    `ohm`, `reported`, `moving` and `touching_fingers` are as in `Live` at that time.
+    `ohm`, `reported`, `moving` and `touching` are the values in `Live` at this time.
     """
 
     time_s: float
@@ -65,7 +66,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """The forecast of settled value and settled force at one time."""
+    """Forecast of settled change and settled force at one time."""
 
     time_s: float
     low: float
@@ -75,12 +76,12 @@ class Band:
 
 
 class Live:
-    """Collects the devices' messages into the data that a page draws."""
+    """Collects the messages of the devices as plot data for the page."""
 
     def __init__(self) -> None:
-        #: Grows when the curve restarts: another source, another grasp.
+        #: Incremented when the curve restarts with another source or grasp.
         self.generation = 0
-        #: Of a recording: with it the curve stays as it is, and the moment of it that is shown.
+        #: Timeline and position of a replay; with a timeline the curve is complete.
         self.timeline: Timeline | None = None
         self.playing: ReplayPosition | None = None
         self.link = LinkStatus()
@@ -88,20 +89,20 @@ class Live:
         self.open_source(None)
 
     def open_source(self, source: FrameSource | None) -> None:
-        """Start with the frames of another source."""
+        """Reset the data for another source of frames."""
         self.source = source
         #: The newest frame, shape (rows, cols).
         self.percent: FloatArray | None = None
         self.ohm: FloatArray | None = None
         self.time_s = math.nan
-        #: The gripper's last report: width in mm or pressure in kPa, and whether it moves.
+        #: The gripper's last reported width (mm) or pressure (kPa), and whether it moves.
         self.reported, self.moving = math.nan, False
         self.link = LinkStatus()
         fingers = 0 if source is None else source.layout.fingers
         self._contacts = [ContactState()] * fingers
         self._rest_ohm = None if source is None else source.rest_ohm
         self._laws = None if source is None else source.laws
-        #: Whether the hand was asked to release; until the next grasp.
+        #: Whether a release was requested since the start of the last grasp.
         self.released = False
         self.clear_curve()
 
@@ -110,14 +111,14 @@ class Live:
         self.timeline = self.playing = None
         self.generation += 1
         self.curve: deque[Point] = deque(maxlen=int(POINTS_PER_S * CURVE_S))
-        #: The curve of the grasp that ended, which stays until the next one.
+        #: The curve of the last grasp, retained until the next grasp.
         self.frozen: list[Point] = []
         self._freeze_s = math.inf
-        #: Beginnings and ends of the fingers' movements; the end is None while they move.
+        #: Start and end of the fingers' movements; the end is None during a movement.
         self.moves: deque[list[float | None]] = deque(maxlen=_MAX_MOVES)
         self.band: deque[Band] = deque(maxlen=_MAX_BANDS)
         self.progress: GraspProgress | None = None
-        #: When each phase of the grasp began.
+        #: Start of each phase of the grasp.
         self.phases: list[tuple[float, str]] = []
         self.released = False
         self._force = (
@@ -129,11 +130,11 @@ class Live:
         self._previous_time_s = 0.0
 
     def freeze_curve(self) -> None:
-        """Freeze the curve shortly after now."""
+        """Freeze the curve after a short tail."""
         self._freeze_s = self.time_s + _TAIL_S
 
     def set_progress(self, progress: GraspProgress) -> None:
-        """Take the controller's view of the grasp."""
+        """Update the progress of the grasp."""
         if progress.rest_ohm is not None:
             self._rest_ohm = progress.rest_ohm
         before, settled = self.progress, progress.settled
@@ -155,7 +156,7 @@ class Live:
         self.progress = progress
 
     def add_frames(self, frames: Frames) -> None:
-        """Take frames: all count for the curve's movements, a fraction of them for its points."""
+        """Add frames; movements use all frames, the curve uses a fraction of them."""
         source = self.source
         if source is None:
             return
@@ -180,7 +181,7 @@ class Live:
             self._record_movement(float(time_s), reported=float(reported), moving=bool(moving))
 
     def percent_at(self, ohm: FloatArray) -> FloatArray | None:
-        """Return the relative change of pixels of these resistances; None without a rest."""
+        """Return the relative changes for these resistances; None without rest values."""
         if self._rest_ohm is None:
             return None
         return relative_change_percent(ohm, rest_ohm=self._rest_ohm)
@@ -195,7 +196,8 @@ class Live:
     def finger_forces_n(self, force: Measurement | None, ohm: FloatArray | None) -> list[float]:
         """Return each finger's force, newtons; empty without a grip force.
 
-        The grip force is the fingers' mean; it is shared as the law reads the pixels of each.
+        The grip force is the mean of the fingers' forces, which are proportional to the force law's
+        readings of the fingers.
         """
         source, rest_ohm = self.source, self._rest_ohm
         if source is None or force is None or ohm is None or rest_ohm is None or not self._laws:
@@ -209,21 +211,21 @@ class Live:
 
     @property
     def touching_fingers(self) -> list[int]:
-        """Fingers in contact, by the watch that the controller uses; for when no grasp runs."""
+        """Fingers in contact, detected as in the controller, for use without a grasp."""
         return [finger for finger, state in enumerate(self._contacts) if state.touching]
 
     @property
     def is_hand_open(self) -> bool | None:
-        """Whether the hand is open and still; None if its opening is unknown."""
+        """Whether the hand is open and not moving; None if its opening is unknown."""
         return self.is_open(self.reported, moving=self.moving)
 
     @property
     def is_force_calibrated(self) -> bool:
-        """Whether the source is calibrated for newtons."""
+        """Whether the source has a force calibration."""
         return self._laws is not None
 
     def is_open(self, reported: float, *, moving: bool) -> bool | None:
-        """Return whether the reported hand is open and still; None if unknown."""
+        """Return whether the hand with this report is open and not moving; None if unknown."""
         limits = None if self.source is None else self.source.gripper
         if limits is None or math.isnan(reported):
             return None
@@ -237,7 +239,7 @@ class Live:
 
     @property
     def force(self) -> Measurement | None:
-        """The force now; None without a calibration or a frame."""
+        """The current force; None without a calibration or a frame."""
         if self.playing is None:
             return self.curve[-1].force if self.curve else None
         at = bisect_right(self.curve, self.playing.time_s, key=lambda point: point.time_s)
@@ -245,9 +247,9 @@ class Live:
 
     @property
     def settled_measurement(self) -> tuple[float, Measurement | None] | None:
-        """Mean change (percent) and force, as measured at the horizon of the forecast.
+        """Mean change (percent) and force, measured at the horizon of the forecast.
 
-        None before, and where the hand did not hold still until then.
+        None before the horizon, and if the hand moved before the horizon.
         """
         progress = self.progress
         if progress is None or progress.settles_s is None or not self.curve:
@@ -262,7 +264,7 @@ class Live:
         return sum(one.percent for one in held) / len(held), held[-1].force
 
     def _extend(self, frames: Frames, percent: FloatArray, ohm: FloatArray) -> None:
-        """Add points to the curve; a hand that is open, or opens, presses nothing."""
+        """Add points to the curve, without a force while the hand is open or opens."""
         mean_percent = np.nan_to_num(mean_change(percent)).tolist()
         hand = zip(frames.reported.tolist(), frames.moving.tolist(), strict=True)
         for at, (time_s, (reported, moving)) in enumerate(
@@ -296,7 +298,7 @@ class Live:
         return self._force.step(time_s, _excess(source, ohm, rest_ohm))
 
     def _record_movement(self, time_s: float, *, reported: float, moving: bool) -> None:
-        """Record when the fingers moved, by the reports of two frames."""
+        """Record movements of the fingers from the reports of successive frames."""
         limits = None if self.source is None else self.source.gripper
         smallest = math.inf if limits is None else _MIN_MOVE[limits.drive]
         since_s, self._previous_time_s = self._previous_time_s, time_s
@@ -312,11 +314,11 @@ class Live:
 
 
 def _excess(source: FrameSource, ohm: FloatArray, rest_ohm: FloatArray) -> FloatArray:
-    """Return excess conductance as in a grasp, saturated at the converter's last step."""
+    """Return the excess conductance as in a grasp, limited at the converter's last step."""
     read = np.maximum(ohm, source.layout.divider.least_ohm)
     return excess_conductance(read, rest_ohm=rest_ohm)
 
 
 def finite_or_none(values: Sequence[float] | FloatArray) -> list[float | None]:
-    """Return numbers for JSON: None instead of non-finite ones."""
+    """Return numbers for JSON with None in place of non-finite values."""
     return [float(value) if math.isfinite(value) else None for value in values]

@@ -1,4 +1,4 @@
-"""A recording on the page: its grasp is decided again, then shown at any time."""
+"""Replay a recording on the page, with recomputed decisions for a recorded grasp."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ from palpate.sensor.calibration import Calibration
 
 
 class PlaybackClock:
-    """A thread-safe clock that can be paused, moved and sped up.
+    """A thread-safe playback clock with pause, seek and speed.
 
     Parameters
     ----------
     speed : float
-        Seconds of the recording in a second on the wall.
+        Seconds of the recording per real second.
     now_s : callable
-        The wall's time.
+        Returns the real time, seconds.
 
     Examples
     --------
@@ -64,19 +64,19 @@ class PlaybackClock:
 
     def __init__(self, *, speed: float, now_s: Callable[[], float] = time.monotonic) -> None:
         self._now_s, self._lock = now_s, threading.Lock()
-        #: Seconds of the recording in a second, and whether it is paused; set by the methods.
+        #: Seconds of the recording per real second, and whether the clock is paused. Read-only.
         self.speed, self.paused = speed, False
         self.begin(start_s=0.0, end_s=0.0)
 
     def begin(self, *, start_s: float, end_s: float) -> None:
-        """Begin a recording that lasts from one time to another; the clock stays between them."""
+        """Start at the beginning of a recording; the clock stays within its time range."""
         with self._lock:
             self._start_s, self._end_s = start_s, end_s
             self._anchor_s, self._wall_s = start_s, self._now_s()
 
     @property
     def at_s(self) -> float:
-        """The recording's time now."""
+        """The current time of the recording, seconds."""
         with self._lock:
             return self._at_s()
 
@@ -86,7 +86,7 @@ class PlaybackClock:
             self._anchor_s, self._wall_s = self._clip(time_s), self._now_s()
 
     def pause(self, paused: bool) -> None:
-        """Pause or continue; at the end, restart."""
+        """Pause or continue; continuing at the end restarts the recording."""
         with self._lock:
             at_s = self._at_s()
             restarts = self.paused and not paused and at_s >= self._end_s
@@ -94,7 +94,7 @@ class PlaybackClock:
             self.paused = paused
 
     def set_speed(self, speed: float) -> None:
-        """Set the speed from now on."""
+        """Change the speed from now on."""
         with self._lock:
             self._anchor_s, self._wall_s = self._at_s(), self._now_s()
             self.speed = speed
@@ -109,9 +109,10 @@ class PlaybackClock:
 
 FrameWithState = tuple[Frame, GripperState | None]
 
-#: Period of the picture; a stop, or leaving the replay, takes effect within this time.
+#: Update period of the replay, and thus the maximum delay of a stop or of its end, seconds.
 _TICK_S = 0.04
-#: A forecast is made for each stretch of this length, as live; of a long recording, for fewer.
+#: Length of a segment, seconds, each with a forecast as during a live grasp, and the maximum number
+#: of segments; a long recording has longer segments.
 _SEGMENT_S, _MAX_SEGMENTS = 0.2, 450
 _MAX_POINTS = int(CURVE_S * POINTS_PER_S)
 
@@ -124,20 +125,20 @@ def play(
     confirmed: Event,
     playback: PlaybackClock,
 ) -> None:
-    """Play a recording, with the controller's decisions if it holds a grasp.
+    """Replay a recording, with the controller's decisions if it contains a grasp.
 
-    It stays on the screen until the user wants to see the rig again, or stops it. `playback` pauses
-    and moves it.
+    The replay continues until the user confirms its end or stops it. `playback` controls pause,
+    position and speed.
 
     Raises
     ------
     RecordingError
-        If it can't be read or holds no frames.
+        If the recording can't be read or contains no frames.
     """
     with RecordingReader(file) as reader:
         frames = list(observations(reader))
     if not frames:
-        raise RecordingError(f"{file}: no frames to show")
+        raise RecordingError(f"{file}: the recording contains no frames")
     confirmed.clear()
     with closing(Replay(file, clock=ManualClock())) as replay:
         controller, source = _open_replay(replay, name=file.name)
@@ -163,11 +164,11 @@ def play(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _DecidedRecording:
-    """A recording with its decisions."""
+    """A recording with the recomputed decisions."""
 
     frames: list[FrameWithState]
     time_s: list[float]
-    #: At the end of each stretch.
+    #: Progress at the end of each segment.
     progresses: list[GraspProgress]
     timeline: Timeline
 
@@ -175,7 +176,7 @@ class _DecidedRecording:
 def _send_position(
     decided: _DecidedRecording, now: tuple[float, bool, float], *, telemetry: Telemetry, file: Path
 ) -> None:
-    """Send the frame and the progress of the grasp at one time."""
+    """Send the frame and the grasp progress at a position of the replay."""
     at_s, paused, speed = now
     frame, state = decided.frames[max(bisect_right(decided.time_s, at_s) - 1, 0)]
     at_end, progress, grasped = at_s >= decided.timeline.end_s, None, None
@@ -197,7 +198,7 @@ def _recompute_decisions(
     telemetry: Telemetry,
     requests: Requests,
 ) -> _DecidedRecording | None:
-    """Decide the recording again at full speed, and send its curve; None if stopped."""
+    """Recompute the decisions at full speed, and send the curve; None if stopped."""
     time_s = [frame.time_s for frame, _ in frames]
     length_s = time_s[-1] - time_s[0]
     every = math.ceil(len(frames) / min(_MAX_POINTS, max(length_s * POINTS_PER_S, 1.0)))
@@ -220,7 +221,7 @@ def _recompute_decisions(
         )
         telemetry.note(past)
         fraction = (segment[-1][0].time_s - time_s[0]) / (length_s or 1.0)
-        telemetry.note(Guide(text="Deciding the recorded grasp again", fraction=fraction))
+        telemetry.note(Guide(text="Recomputing the decisions of the grasp", fraction=fraction))
     timeline = Timeline(
         start_s=time_s[0],
         end_s=time_s[-1],
@@ -233,7 +234,7 @@ def _recompute_decisions(
 def _split_frames(
     frames: list[FrameWithState], *, lasting_s: float
 ) -> Iterator[list[FrameWithState]]:
-    """Yield the frames in chunks of roughly equal length."""
+    """Yield the frames in segments of roughly equal duration."""
     first = 0
     for index, (frame, _) in enumerate(frames):
         if frame.time_s - frames[first][0].time_s >= lasting_s:
@@ -243,7 +244,7 @@ def _split_frames(
 
 
 class _ReplayController:
-    """The controller on recorded frames, without a gripper."""
+    """The grasp controller, applied to recorded frames without a gripper."""
 
     def __init__(self, plan: Plan, *, end_s: float) -> None:
         self._controller, self._end_s = GraspController(plan), end_s
@@ -261,12 +262,12 @@ class _ReplayController:
 
 
 def _open_replay(replay: Replay, *, name: str) -> tuple[_ReplayController | None, FrameSource]:
-    """Return the controller of the recorded grasp, and the description of its frames."""
+    """Return the controller of the recorded grasp, if any, and the frame source."""
     info, calibration, controller = replay.info, None, None
     if info.calibration is not None:
         calibration = Calibration.from_text(info.calibration, where="the recording")
     if calibration is not None and info.gripper is not None:
-        # It holds until the recorded release.
+        # The controller holds until the recorded release.
         plan = plan_of_recording(info, gripper=ReplayGripper(replay), hold_s=math.inf)
         end = replay.end
         controller = _ReplayController(plan, end_s=math.inf if end is None else end.time_s)

@@ -119,7 +119,7 @@ class DeviceState:
             return
         self.activity, self.guide, self.order = ACTIVITIES[type(order)], None, order
 
-    def take(self, update: Update | DevicesLost) -> None:
+    def apply_update(self, update: Update | DevicesLost) -> None:
         """Apply an update of the device process."""
         if isinstance(update, DevicesLost):
             self.activity, self.trouble = DeviceActivity.GONE, update.text

@@ -39,12 +39,12 @@ def test_app_state_stop_confirmed_by_the_devices_alone(tmp_path: Path) -> None:
         unconfirmed = await app_state.stop(timeout_s=0.0)
         second = asyncio.create_task(app_state.stop(timeout_s=60.0))
         await asyncio.sleep(0)
-        app_state.take(confirmation(1))
+        app_state.receive_update(confirmation(1))
         await asyncio.sleep(0)
         early = second.done()
         # The pages' event loop has no part in it: it may be busy.
-        app_state.take(confirmation(2))
-        app_state.take(confirmation(1))
+        app_state.receive_update(confirmation(2))
+        app_state.receive_update(confirmation(1))
         return [unconfirmed, early, await second]
 
     assert asyncio.run(command()) == [False, False, True]

@@ -38,7 +38,7 @@ def test_only_recordings_of_the_folder_are_given(folder: Path, name: str) -> Non
         delete_recording,
         lambda folder, name: rename_recording(folder, name, "mine"),
     ):
-        with pytest.raises(InputError, match="no such recording in this folder"):
+        with pytest.raises(InputError, match="no such recording in the folder"):
             act(folder, name)
     assert (folder.parent / "secret.mcap").read_bytes() == b"secret"
     assert (folder / "notes.txt").exists()

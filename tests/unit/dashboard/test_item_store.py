@@ -224,7 +224,7 @@ def test_ripening_is_drawn_for_an_item_whose_kind_was_labelled(tmp_path: Path) -
     item_store = ItemStore(where)
     picture = item_store.figures_html(item_store.page("avocado-1"))
     assert "<h3>How it ripens</h3><svg" in picture
-    assert 'aria-label="Days of avocado-1 and how it may ripen"' in picture
+    assert 'aria-label="Ripening of avocado-1 with its forecast"' in picture
     assert "90 % of courses" in picture
     assert "How it ripens" not in item_store.figures_html(item_store.page("plum"))
 

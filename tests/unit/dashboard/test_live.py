@@ -224,7 +224,7 @@ def test_findings_appear_on_their_pixels() -> None:
 
 def test_rig_without_a_gripper_is_watched_and_refuses_a_grasp() -> None:
     session = Session(send=lambda message: None)
-    session.devices.take(
+    session.devices.apply_update(
         Update(notes=(replace(SOURCE, gripper=None),), link=LinkStatus(stale=False))
     )
     session.join("a")
@@ -271,7 +271,7 @@ def test_a_process_that_hangs_turns_the_link_red() -> None:
 def test_devices_that_are_gone_are_not_called_holding() -> None:
     session = Session(send=lambda message: None)
     session.devices.grasped = Grasped(result=GraspResult(outcome=Outcome.HELD))
-    session.devices.take(DevicesLost("the device process has ended"))
+    session.devices.apply_update(DevicesLost("the device process has ended"))
     card = document(session, generation=-1, after_s=0.0)["verdict"]
     assert (card["text"], card["kind"]) == ("the device process has ended", "bad")
 

@@ -87,7 +87,7 @@ class Rehearsal:
         )
 
     def tell(self, *notes: Any, width_mm: float = 74.0, link: LinkStatus = FRESH) -> None:
-        self.session.devices.take(Update(notes=notes, link=link, frames=frames(width_mm)))
+        self.session.devices.apply_update(Update(notes=notes, link=link, frames=frames(width_mm)))
 
 
 @pytest.fixture
@@ -311,7 +311,7 @@ def test_session_with_silent_devices_refuses_orders() -> None:
 
 
 def test_session_without_devices_refuses_every_action(rehearsal: Rehearsal) -> None:
-    rehearsal.session.devices.take(DevicesLost("the device process has ended"))
+    rehearsal.session.devices.apply_update(DevicesLost("the device process has ended"))
     for action in Action:
         assert "device process has ended" in rehearsal.session.refusal(action, viewer="a")
     assert rehearsal.session.devices.trouble == "the device process has ended"
