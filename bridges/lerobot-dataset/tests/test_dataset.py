@@ -121,7 +121,7 @@ def grasp_until(
     plan = plan_grasp(rig.calibration, gripper=rig.gripper, target_force_n=TARGET_N, hold_s=60.0)
 
     def give_back(grasp_state: GraspState) -> None:
-        if grasp_state.phase is phase and grasp_state.elapsed_s > (
+        if grasp_state.phase is phase and grasp_state.phase_time_s > (
             1.0 if phase is Phase.HOLD else 0.2
         ):
             (requests.stop if stop else requests.release).set()

@@ -96,7 +96,7 @@ def _has_grip_force(estimate: ContactEstimate, plan: Plan) -> bool:
 def confirm(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Confirm the contact with new frames, to exclude noise."""
     estimate = state.estimate
-    if state.elapsed_s < plan.confirm_s:
+    if state.phase_time_s < plan.confirm_s:
         return None
     faint = estimate.now.strongest_percent > 0.5 * plan.epsilon_percent
     if faint and not _has_grip_force(estimate, plan):
@@ -121,7 +121,7 @@ def end_attempt(state: GraspState, plan: Plan) -> GripperCommand:
 def wait_for_retry(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Wait with the hand open until the next attempt, or until a finger is touched."""
     opened = state.estimate.closure <= plan.step / 2
-    if not opened or state.elapsed_s < plan.dwell_s:
+    if not opened or state.phase_time_s < plan.dwell_s:
         return None
     touched = any(moment.name == "touch" for moment in state.result.moments[-1:])
     if state.estimate.still_s >= plan.wait_s or touched:
@@ -143,7 +143,7 @@ def abort_insensitive(state: GraspState, plan: Plan) -> GripperCommand:
 
 
 def start_sweep(state: GraspState, plan: Plan, *, rows: tuple[int, ...] | None = None) -> None:
-    """Start to close at speed, up to near the expected size or to the end of the range.
+    """Start to close at speed, to near the expected size or the range's end.
 
     `rows`: pixel rows to check for contact; all by default.
     """

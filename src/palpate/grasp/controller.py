@@ -126,14 +126,14 @@ def squeeze(state: GraspState, plan: Plan) -> GripperCommand | None:
 
 def hold(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Hold for the plan's `hold_s`, then release."""
-    return None if state.elapsed_s < plan.hold_s else state.release(plan, Outcome.HELD)
+    return None if state.phase_time_s < plan.hold_s else state.release(plan, Outcome.HELD)
 
 
 def finish_release(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Wait until the hand is open."""
     # Some grippers never report a position closer to open than half a step.
     opened = state.estimate.closure <= plan.step / 2
-    if opened or state.elapsed_s > GUARDS.max_opening_s:
+    if opened or state.phase_time_s > GUARDS.max_opening_s:
         state.enter(Phase.DONE)
     return None
 

@@ -73,7 +73,7 @@ class Touch:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClosingStep:
-    """One closing step, read after its dwell; `closure` is in mm or kPa, depending on the drive."""
+    """One closing step, read after its dwell; `closure` in mm or kPa."""
 
     closure: float
     touch: Touch
@@ -191,7 +191,7 @@ class ContactEstimate(HandMotion):
 
     @property
     def confirmed_force_n(self) -> float:
-        """Smaller grip force of the last two frames, N; a single frame may be a spike."""
+        """Smaller grip force of the last two frames, N, to exclude spikes."""
         return min((n for _, n in self.frame_forces[-2:]), default=0.0)
 
     @property

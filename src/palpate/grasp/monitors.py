@@ -69,7 +69,7 @@ class CeilingMonitor:
         self._plan = plan
 
     def check(self, observation: Observation, state: GraspState) -> Alarm | None:
-        """Return an alarm if the force exceeds the ceiling in two frames or one closing step."""
+        """Return an alarm if two frames or one step exceed the force ceiling."""
         estimate, ceiling_n = state.estimate, self._plan.safety.force_ceiling_n
         if estimate.force_n <= ceiling_n:
             return None

@@ -13,22 +13,22 @@ from palpate.files import structure
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Paper:
-    """Settings of a grasp by Figure 13, with the prediction of equations 2 and 3.
+    """Settings of a grasp with the paper's Figure 13 and equations 2 and 3.
 
     Attributes
     ----------
     step_mm : float
-        Closing step before contact (section 4.1). Fingers driven by pressure close by the step of
-        their plan, kPa.
+        Closing step before contact (section 4.1). Pressure-driven fingers use the step of their
+        plan, kPa.
     epsilon_percent : float
-        Mean relative change of all pixels that is contact (section 4.1).
+        Contact threshold: mean relative change of all pixels (section 4.1).
     extra_mm : float
         Further closing after contact.
     cutoff_s : float
         Time from the last movement to the prediction (section 2.2).
     line : LineForceLaw or None
-        Force over the settled mean change (Table 4); None where the calibration has no settled
-        pairs.
+        Force as a function of the settled mean change (Table 4); None if the calibration has no
+        settled pairs.
 
     Raises
     ------
@@ -58,7 +58,7 @@ class Paper:
                 raise ValueError(f"{name} must be {rule}, not {getattr(self, name):g}")
 
     def as_text(self) -> str:
-        """Return the settings for a recording; the line follows from its calibration."""
+        """Return the settings as JSON, without the line, which the calibration determines."""
         return json.dumps({**asdict(self), "line": None})
 
     @classmethod

@@ -1,7 +1,6 @@
-"""The paper's own method: steps to contact (Figure 13), then the exponential and the line.
+"""The paper's method: closing steps to contact (Figure 13), exponential fit, and force line.
 
-Pure handlers for the controller, which cuts every step to what is safe and watches for slips, too
-much force and time as in its own phases.
+Phase handlers for the controller. Its safety filter and monitors apply as in the default method.
 """
 
 from __future__ import annotations
@@ -29,21 +28,21 @@ from palpate.settling.result import Status
 
 
 def use_paper_method(plan: Plan, paper: Paper, *, calibration: Calibration) -> Plan:
-    """Return a plan that follows the paper's method.
+    """Return the plan changed to the paper's method.
 
     Parameters
     ----------
     plan : Plan
-        What the calibration gives, with all bounds.
+        Plan of the default method, with all limits.
     paper : Paper
-        Settings; its line is fitted here.
+        Settings; the line is fitted by this function.
     calibration : Calibration
-        Its settled pairs give the line of Table 4.
+        Its settled pairs determine the line of Table 4.
 
     Raises
     ------
     InputError
-        If steps in mm are asked of fingers driven by pressure.
+        If steps in mm are set for pressure-driven fingers.
     """
     pressure = plan.gripper.drive == "pressure"
     if pressure and (paper.step_mm, paper.extra_mm) != (Paper().step_mm, Paper().extra_mm):
@@ -61,9 +60,9 @@ def use_paper_method(plan: Plan, paper: Paper, *, calibration: Calibration) -> P
 
 
 def with_line_law(recorded: Calibration) -> Calibration:
-    """Return the calibration with the line of Table 4, and its error on held-out placements.
+    """Return the calibration with the line of Table 4 and its held-out error.
 
-    Raises `CalibrationError` if its pairs can't carry a line.
+    Raises `CalibrationError` if the pairs are insufficient for a line.
     """
     line = fit_settled_line(recorded.force, horizon_s=HORIZON_S)
     errors = score_line_held_out(recorded.force, horizon_s=HORIZON_S)
@@ -72,7 +71,7 @@ def with_line_law(recorded: Calibration) -> Calibration:
 
 
 def close_until_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Measure the rest values, then close step by step until the mean has fallen."""
+    """Measure the rest values, then close in steps until the mean change shows contact."""
     if state.attempt.activity is Activity.WAIT:
         return wait_for_retry(state, plan)
     estimate = state.estimate
@@ -93,7 +92,7 @@ def close_until_contact(state: GraspState, plan: Plan) -> GripperCommand | None:
 
 
 def record_size(state: GraspState, plan: Plan, *, before: float) -> None:
-    """Set the size of the result to the width before contact; `before`: its closure."""
+    """Set the result's size to the width at closure `before`, one step before contact."""
     if plan.compliance is None:
         return
     zero_mm, width_mm = plan.compliance.zero_mm, plan.gripper.target(before)
@@ -108,7 +107,7 @@ def record_size(state: GraspState, plan: Plan, *, before: float) -> None:
 
 
 def close_extra(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Close further by the fixed amount, if that is safe."""
+    """Close further by `extra_mm`, if that is safe."""
     assert plan.paper is not None
     extra_mm = plan.paper.extra_mm
     state.enter(Phase.SETTLE)
@@ -116,7 +115,7 @@ def close_extra(state: GraspState, plan: Plan) -> GripperCommand | None:
 
 
 def predict_exponentially(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Wait for the cut-off, then predict the settled mean and the force by the line."""
+    """Wait for the cutoff, then predict the settled mean change and the force."""
     assert plan.paper is not None
     estimate = state.estimate
     if estimate.now_s - estimate.moved_s < plan.paper.cutoff_s or not estimate.touches:
@@ -129,12 +128,12 @@ def predict_exponentially(state: GraspState, plan: Plan) -> GripperCommand | Non
         .hold(0)
     )
     value = float(found.value)
-    # The method gives no interval: as far as it went beyond what was read, to either side.
-    beyond = abs(value - estimate.now.relative_percent)
+    # The method has no interval: use the predicted change from the present reading.
+    half_width = abs(value - estimate.now.relative_percent)
     settled = Measurement(
         value=value,
-        low=value - beyond,
-        high=value + beyond,
+        low=value - half_width,
+        high=value + half_width,
         unit="percent",
         level=plan.level,
         status=Status(str(found.status)),
@@ -150,7 +149,7 @@ def predict_exponentially(state: GraspState, plan: Plan) -> GripperCommand | Non
 
 
 def _force_from_line(settled: Measurement, plan: Plan) -> Measurement | None:
-    """Return the force that the line of Table 4 gives for a settled change."""
+    """Convert a settled change to force with the line of Table 4."""
     assert plan.paper is not None
     line = plan.paper.line
     if line is None:

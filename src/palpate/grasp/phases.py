@@ -1,4 +1,4 @@
-"""The states of a grasp, in the order that it goes through them."""
+"""Phases of a grasp, in their order, and the activities within them."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ from enum import StrEnum
 
 
 class Phase(StrEnum):
-    """The state of a grasp.
+    """Phase of a grasp; `DONE` is the only final phase.
 
-    `done` is the only end, and settling may begin again after a hold.
-
-    What happens within `approach` and `settle` is in `GraspState.activity`.
+    `GraspState.activity` has the activity within `APPROACH` and `SETTLE`.
     """
 
     APPROACH = "approach"
@@ -22,11 +20,11 @@ class Phase(StrEnum):
 
 
 class Activity(StrEnum):
-    """The activity of a grasp within a state.
+    """Activity within a phase.
 
-    In `approach` the hand sweeps at speed until contact, evaluates it, closes finely and
-    confirms the contact; where nothing was there it waits, open, for the next attempt. In `settle`
-    it adjusts a settled force that is off the target, and eases off where it is too large.
+    In `APPROACH` the hand sweeps at speed until contact, evaluates the contact, closes in fine
+    steps and confirms the contact; after an attempt without contact it waits, open. In `SETTLE` the
+    settled force is predicted, and corrected if it differs from the target.
     """
 
     TOUCH = "approach"

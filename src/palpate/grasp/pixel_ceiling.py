@@ -1,4 +1,4 @@
-"""The force ceiling as one pixel's reading, which a board checks without the host."""
+"""Force ceiling as a limit of single-pixel counts, checked by the board itself."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from palpate.sensor.calibration import Calibration
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import excess_conductance
 
-#: Largest fraction of a finger's load on one of its pixels. On the twin, pressed steadily to 80 N,
-#: 11 of 13 objects at `lab` reach the reading that follows (at 17 to 36 N); at `field`, where
-#: pixels run into the end of the range, 7 do (one at 14 N, the others from 22 N on).
+#: Largest fraction of a finger's load on one of its pixels. With steady loads up to 80 N on the
+#: twin, 11 of 13 objects at level `lab` reach the resulting limit, at 17 to 36 N. At level `field`,
+#: with pixels that saturate, 7 objects reach it: one at 14 N, the others at 22 N or more.
 _MAX_FRACTION = 0.5
 
 
 def ceiling_counts(calibration: Calibration, *, force_n: float = FORCE_CEILING_N) -> int:
-    """Return the reading of a single pixel that shows a grip above a force.
+    """Return the counts of a single pixel above which a grip exceeds a force.
 
-    It is the reading at which one pixel of each finger carries half of the force, by both laws of
-    the sheet. A load that more pixels share passes it at a larger force, so it is the last line:
-    the host judges all pixels, and comes first.
+    The limit is the reading at which one pixel of each finger carries half of the finger's load,
+    according to both laws of the sheet. A load spread over more pixels reaches the limit at a
+    larger force. The limit is therefore a backup: the host checks the force from all pixels first.
 
     Parameters
     ----------
@@ -34,9 +34,9 @@ def ceiling_counts(calibration: Calibration, *, force_n: float = FORCE_CEILING_N
     Returns
     -------
     int
-        Counts per conversion, for `SetCeiling`; 0 (off) where the calibration has no law of force,
-        where counts fall under load (`taxel_leg` "lower"), or where no reading short of the end of
-        the converter's range shows that force.
+        Counts per conversion, for `SetCeiling`. 0 (off) if the calibration has no force law, if
+        counts fall under load (`taxel_leg` "lower"), or if no reading within the converter's range
+        corresponds to that force.
 
     Examples
     --------

@@ -66,7 +66,7 @@ class PixelMonitor:
 
     @property
     def is_frame_uncertain(self) -> bool:
-        """Whether a pixel has just jumped to an end of its range; such frames are skipped."""
+        """Whether a pixel has just jumped to a range end; such frames are skipped."""
         sudden = (self._ended > 0) & ~self._pressed
         return bool(((self._opened > 0) | sudden).any())
 

@@ -1,4 +1,4 @@
-"""The task, the sensor and the bounds of a grasp: the controller's inputs."""
+"""Plan of a grasp: the task, sensor and limits given to the controller."""
 
 from __future__ import annotations
 
@@ -24,109 +24,109 @@ HOLD_S, LONGEST_S = 0.5, 120.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """One grasp, planned.
+    """Plan of one grasp.
 
     Attributes
     ----------
     layout : ArrayLayout
-        Of the frames to come.
+        Layout of the sensor's frames.
     rest_ohm : ndarray, shape (rows, cols)
         Rest resistances of the calibration.
     settled_law, early_law : StaticLaw
-        Force from the reading at the settling horizon, and from that `dwell_s` after a movement:
-        the sheet lags, so they are two laws.
+        Force from the reading at the settling horizon, and from the reading `dwell_s` after a
+        movement. They differ because the sheet lags.
     compliance : Compliance or None
-        Compliance of pads, fingers and servo. None for pressure-driven fingers: their pressure
-        gives no width, so there is neither size nor stiffness.
+        Compliance of pads, fingers and servo. None for pressure-driven fingers, whose pressure
+        gives no width: without `bend`, neither size nor stiffness is measured.
     steepest_n : float
-        Upper bound of the rise of force per mm or kPa of closing, for whatever is gripped.
+        Upper bound of the rise of force per mm or kPa of closing, for any object.
     gripper : GripperLimits
         Drive and range. Steps and rates are in its unit: mm or kPa.
     settling : SettlingMethod
         Predictor of the settled value.
     reading : PixelReading
-        From the excess conductance of the pixels to what the laws read.
+        Converts the excess conductance of the pixels to the input of the force laws.
     creep : SheetCreep or None
-        How this sheet creeps after a step, where its calibration had enough holds to show it.
+        Creep of this sheet after a step; None if its calibration had too few holds.
     bend : SoftFingerCompliance or None
-        Closure and compliance of pressure-driven fingers, measured on two blocks if known.
+        Closure and compliance of pressure-driven fingers, calibrated on two blocks.
     current : CurrentLaw or None
-        Servo current over force while closing, where the gripper reports it and was calibrated.
+        Servo current as a function of force while closing; None without its calibration.
     target_force_n : float or None
-        Grip force to reach; None for a gentle squeeze, just enough to measure.
+        Target grip force; None for a gentle squeeze, just enough for the measurement.
     lift_force_n : float or None
-        Grip force that lifting the object takes: its weight over twice the friction, with a margin.
-        The hand closes further until the lower bound of the settled force passes it, within
-        what is safe, or gives the object back as `too_weak`. None: nothing will be lifted.
+        Grip force required to lift the object: its weight over twice the friction coefficient,
+        with a margin. The hand closes until the lower bound of the settled force exceeds it, if
+        that is safe; otherwise it releases the object with outcome `too_weak`. None: no lift.
     expect_size_mm : float or None
-        Size that the object has to within some millimetres, where it is known: the hand comes near
-        at full speed.
+        Expected size of the object, accurate to some millimetres. The hand approaches it at full
+        speed. None: unknown.
     damage : DamageModel or None
-        Learned from closings that ended in damage; None where none were made, and only the ceiling
-        protects the object. Fingers driven by pressure can use it if they have a `bend`.
+        Damage limit learned from closings up to damage; without one, only the ceiling protects the
+        object. Pressure-driven fingers can use it if they have a `bend`.
     kind : str
-        Kind of object of the damage model; empty if unknown.
+        Kind of object in the damage model; empty if unknown.
     paper : Paper or None
-        Settings of the paper's method, where the grasp follows it.
+        Settings of the paper's method; None for the default method.
     safety : SafetyLimits
-        Bounds that the plan can't exceed.
+        Limits that no command exceeds.
     epsilon_percent : float
-        Relative change that is contact (paper, section 4.1).
+        Relative change that counts as contact (paper, section 4.1).
     step : float
         Closing step before contact (paper, section 4.1).
     hint_percent : float
-        Relative change that may be a touch: from there on steps are `fine_step` at most.
+        Relative change that may be a contact; from then on steps are at most `fine_step`.
     fine_step : float
-        First step after a hint; later ones follow from the stiffness seen.
+        First step after a hint; later steps depend on the measured stiffness.
     smallest_step : float
-        Steps below this are not worth the movement's spike.
+        Smallest step; smaller ones would disturb the reading for no gain.
     resolution : float
-        Commands go to whole steps of this: about the encoder's, or the regulator's.
+        Commands are rounded to multiples of this: about the encoder's or regulator's resolution.
     backlash : float
-        How far the drive may go back before the fingers follow: more than the backlash of gears.
+        Travel of the drive on reversal before the fingers follow, with a margin.
     force_step_n : float
-        Rise of force aimed at with each step of the squeeze.
+        Intended rise of force per squeeze step.
     gentle_force_n, gentle_mm : float
-        Where a squeeze without target ends: at this force (half of it by fingers driven by
-        pressure), or once the object has given way so far. Of 163 recorded fruit none ruptured
-        within 1.25 mm of its first touch, and 13 within 2 mm.
+        End of a squeeze without target: this force (half of it for pressure-driven fingers), or
+        this deformation of the object. Of 163 recorded fruit, none ruptured within 1.25 mm of its
+        first touch, and 13 within 2 mm.
     firm_force_n, firm_mm : float
         Limits of a firmer squeeze with rigid fingers while the stiffness is still uncertain: the
         force, and the deformation that certainly damages the object.
     stiffness_tolerance : float
         Relative uncertainty, to either side, of a stiffness that counts as known.
     fewest_steps : int
-        Steps with a touch that size and stiffness need.
+        Fewest steps with contact for a measurement of size and stiffness.
     rest_s, rest_frames : float and int
-        Time to take the rest values before moving, and the frames that it takes at least.
+        Shortest time and fewest frames at rest, before the first movement, for the rest values.
     dwell_s, confirm_s : float
-        Wait after each step before it is read; further wait to confirm a contact.
+        Wait after each step before its reading; further wait to confirm a contact.
     rate, squeeze_rate : float
-        Speed of steps and of backing off before the contact, and of steps after it. The approach at
-        speed has its own (`approach.start_sweep`).
+        Speed of steps and of retracting before contact, and of steps after contact. The sweep has
+        its own speed (`approach.start_sweep`).
     horizon_s : float
-        When the sheet counts as settled, from the end of the last movement.
+        Time from the end of the last movement until the sheet counts as settled.
     tries : int
-        How often to close where nothing is found: open, wait, and close again.
+        Number of attempts: after one without contact the hand opens, waits, and closes again.
     wait_s : float
-        Wait between tries; a touch of the open fingers ends it.
+        Wait between attempts; a touch of the open fingers ends it.
     decide_after_s, decide_by_s : float
-        Earliest and latest time of the answer, from the end of the last movement.
+        Earliest and latest time of the decision, from the end of the last movement.
     correct_after_s : float
-        Earliest time at which a force that is clearly not the target is corrected.
+        Earliest time of a correction, for a force clearly different from the target.
     decide_half_width : float
-        The answer is given as soon as the interval of the settled excess conductance is narrower
-        than this fraction of it, to either side.
+        Largest half-width of the interval of the settled reading, relative to its value, for an
+        early decision.
     target_tolerance : float
-        Fraction of the target that the settled force may miss without a further correction.
+        Largest error of the settled force, relative to the target, without a correction.
     most_adjustments : int
-        Corrections towards the target before the answer is accepted as it is.
+        Largest number of corrections towards the target.
     hold_s : float
-        How long to hold after the answer, before release.
+        Hold time between decision and release.
     longest_s : float
-        A grasp without an answer by then is given up: the hand opens.
+        Time limit of the grasp up to the decision; after it the hand opens.
     level : float
-        Probability that intervals are meant to cover.
+        Nominal coverage of intervals.
     """
 
     layout: ArrayLayout
@@ -188,5 +188,5 @@ class Plan:
 
     @property
     def no_push_n(self) -> float:
-        """Force above that of one finger pushing an object to the middle, N."""
+        """Force above which contact can't be one finger pushing an object to the middle, N."""
         return 0.5 * self.gentle_force_n

@@ -1,4 +1,4 @@
-"""From a calibration and a task to a plan."""
+"""Planning of a grasp from a calibration and a task."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from palpate.gripper.interface import Gripper
 from palpate.sensor.calibration import BlockPairs, Calibration
 from palpate.settling.relaxation import Relaxation
 
-#: Expected sizes below this, mm, are taken for a mistake (guess).
+#: Smallest valid expected size, mm (guess).
 LEAST_SIZE_MM = 1.0
-#: Pressure-driven fingers: fewest readings on a block; how much steeper than on that block the
-#: force may rise at another opening; steps (kPa) and rate (kPa/s) that bend the fingers about as
-#: far as the steps of a width-driven hand.
+#: Pressure-driven fingers: fewest readings on a block; largest slope of the force at another
+#: opening relative to that on the block; steps (kPa) and rates (kPa/s) with about the same finger
+#: travel as those of a width-driven hand.
 _FEWEST, _BEND_MARGIN = 4, 1.3
 _PRESSURE_STEPS = {
     "step": 0.8,
@@ -31,7 +31,7 @@ _PRESSURE_STEPS = {
     "resolution": 0.1,
     "rate": 15.0,
     "squeeze_rate": 10.0,
-    # Two ends are all that their stiffness is estimated from.
+    # Their stiffness is estimated from the first and last step only.
     "fewest_steps": 2,
 }
 
@@ -51,31 +51,31 @@ def plan_grasp(
 ) -> Plan:
     """Plan a grasp with a calibrated sensor.
 
-    The fields of `Plan` beyond these options are for those who study grasping:
-    ``dataclasses.replace(plan, gentle_force_n=1.0)`` changes it.
+    Other fields of `Plan` are for studies of grasping; change them with
+    ``dataclasses.replace(plan, gentle_force_n=1.0)``.
 
     Parameters
     ----------
     calibration : Calibration
-        Of the sensor on this gripper.
+        Calibration of the sensor on this gripper.
     gripper : Gripper
-        That will do it; only its limits are asked for.
+        Gripper for the grasp; only its limits are read.
     target_force_n : float, optional
-        Grip force to reach; a gentle squeeze, just enough to measure, by default.
+        Target grip force; by default a gentle squeeze, just enough for the measurement.
     lift_force_n : float, optional
-        Grip force that lifting takes: weight over twice the friction, with a margin.
+        Grip force required for lifting: weight over twice the friction coefficient, with a margin.
     expect_size_mm : float, optional
-        About how thick the object is: the hand comes near faster.
+        Approximate size of the object, for a faster approach.
     damage : DamageModel, optional
-        Force limit of such objects, learned from closings that ended in damage.
+        Damage limit learned from closings up to damage.
     kind : str
-        Kind of object of the damage model; empty if unknown.
+        Kind of object in the damage model; empty if unknown.
     tries : int
-        How often to close where nothing is found.
+        Number of closing attempts until contact.
     hold_s : float
-        How long to hold after the answer, seconds.
+        Hold time between decision and release, seconds.
     longest_s : float
-        A grasp that has not got its answer by then is given up, seconds.
+        Time limit of the grasp up to the decision, seconds.
 
     Raises
     ------
@@ -88,11 +88,12 @@ def plan_grasp(
     check_target_force(lift_force_n, name="lift_force_n")
     if expect_size_mm is not None and not LEAST_SIZE_MM <= expect_size_mm < math.inf:
         raise InputError(
-            f"expect_size_mm {expect_size_mm:g}: give at least {LEAST_SIZE_MM:g} mm, or leave it "
-            "out"
+            f"expect_size_mm {expect_size_mm:g}: must be at least {LEAST_SIZE_MM:g} mm; correct or "
+            "omit it"
         )
     laws = laws_of(calibration.force)
-    found = _fit_width_compliance if gripper.limits.drive == "width" else _fit_pressure_bend
+    width = gripper.limits.drive == "width"
+    fit = _fit_width_compliance if width else _fit_pressure_bend
     return Plan(
         layout=calibration.layout,
         rest_ohm=calibration.rest_ohm,
@@ -113,17 +114,17 @@ def plan_grasp(
         tries=tries,
         hold_s=hold_s,
         longest_s=longest_s,
-        **found(calibration.block),
+        **fit(calibration.block),
     )
 
 
 def check_target_force(force_n: float | None, *, name: str) -> None:
-    """Refuse a force above the ceiling; `name` appears in the message.
+    """Check that a force is above 0 and within the ceiling; `name` labels the message.
 
     Raises
     ------
     InputError
-        If it is not above 0, or exceeds the force ceiling.
+        If the force is not above 0, or exceeds the force ceiling.
     """
     if force_n is not None and not 0 < force_n <= FORCE_CEILING_N:
         raise InputError(
@@ -135,8 +136,8 @@ def check_target_force(force_n: float | None, *, name: str) -> None:
 def _fit_width_compliance(block: BlockPairs) -> dict[str, Any]:
     if len(block.width_mm) != len(block.force_n):
         raise CalibrationError(
-            "the calibration's closings on a block are pressures, and this gripper is driven by "
-            "width; calibrate it on this gripper"
+            "the calibration's block closings have no widths, and this gripper is width-driven; "
+            "calibrate the sensor on this gripper"
         )
     compliance = Compliance.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
     return {"compliance": compliance, "steepest_n": compliance.stiffest_n_per_mm}
@@ -146,13 +147,16 @@ def _fit_pressure_bend(block: BlockPairs) -> dict[str, Any]:
     force_n, pressure_kpa = np.array(block.force_n), np.array(block.pressure_kpa)
     if force_n.size < _FEWEST or pressure_kpa.size != force_n.size or np.ptp(pressure_kpa) == 0:
         raise CalibrationError(
-            f"this gripper is driven by pressure: its calibration needs {_FEWEST} readings of "
-            f"pressure and force on a rigid block, and has {pressure_kpa.size}"
+            f"this gripper is pressure-driven: its calibration needs {_FEWEST} readings of pressure"
+            f" and force on a rigid block, and has {pressure_kpa.size}; calibrate the compliance"
         )
     first = np.array(block.block_mm) == block.block_mm[0]
     slope_n_per_kpa = float(np.polyfit(pressure_kpa[first], force_n[first], 1)[0])
     if slope_n_per_kpa <= 0:
-        raise CalibrationError("on the rigid block the force must rise with the pressure")
+        raise CalibrationError(
+            "the force on the rigid block does not rise with the pressure; calibrate the "
+            "compliance again"
+        )
     bend = None
     if np.ptp(block.block_mm) > 0:
         bend = SoftFingerCompliance.fit(pressure_kpa, force_n=force_n, block_mm=block.block_mm)

@@ -1,4 +1,4 @@
-"""Whether a held object is secure to pull, as a stem must tear in harvesting."""
+"""Pull strength of a grip, for harvesting: the stem must tear before the object slips."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from palpate.estimate.measurement import Measurement
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PullVerdict:
-    """The verdict on a pull along the pads against friction.
+    """Verdict on whether friction withstands a pull along the pads.
 
     Attributes
     ----------
     pull_n, friction : float
-        As asked: the pull, weight included, and the coefficient between pads and object.
+        Inputs: the pull, including the weight, and the friction coefficient of pads and object.
     holds_low_n, holds_high_n : float or None
-        Interval of the pull that both fingers hold; None where the grip force isn't known.
+        Interval of the largest pull that both fingers hold; None if the grip force is unknown.
     verdict : str
         ``secure to pull``, ``would slip`` or ``not sure``.
     """
@@ -30,24 +30,24 @@ class PullVerdict:
     verdict: Literal["secure to pull", "would slip", "not sure"]
 
     def to_dict(self) -> dict[str, object]:
-        """Return the form that `palpate grasp` prints."""
+        """Return the JSON form."""
         return {name: getattr(self, name) for name in self.__slots__}
 
 
 def judge_pull(force: Measurement | None, *, pull_n: float, friction: float) -> PullVerdict:
-    """Compare a pull with the friction of the measured grip force.
+    """Compare a pull with the friction force of the measured grip.
 
-    Both fingers carry: an object slides at twice the friction times the grip force. The verdict
-    uses the ends of the force's interval.
+    Both fingers hold the object: it slips at twice the friction coefficient times the grip force.
+    The verdict uses the ends of the force's interval.
 
     Parameters
     ----------
     force : Measurement or None
-        Settled grip force of each finger.
+        Settled grip force of each finger; None if unknown.
     pull_n : float
-        Pull along the pads, newtons, with the weight in it.
+        Pull along the pads, including the weight, newtons.
     friction : float
-        Coefficient of friction; a low one is the careful one.
+        Friction coefficient; a low value is conservative.
 
     Raises
     ------

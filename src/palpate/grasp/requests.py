@@ -8,10 +8,10 @@ from threading import Event
 
 @dataclass(frozen=True, slots=True)
 class Requests:
-    """Requests to a running grasp, each carried out once; set an event to make one.
+    """Requests to a running grasp, each executed once; set an event to request.
 
-    `stop`: end it at once; what that means for the hand is in `palpate.grasp.safety`.
-    `release`: give the object back, whatever the grasp is doing.
+    `stop`: end the grasp at once; `palpate.grasp.safety` defines the movement of the hand.
+    `release`: release the object in any phase.
 
     >>> requests = Requests()
     >>> requests.stop.set()

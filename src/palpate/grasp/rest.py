@@ -1,9 +1,8 @@
-"""Rest values of a grasp: measured again each time, unless something presses already.
+"""Rest values of a grasp, measured before each approach unless an object already presses.
 
-The sheet drifts with climate and wear. But what presses at the start must not be zeroed away, and
-a sheet with more conductance in heat or humidity reads as if loaded. Closing on distinguishes
-the two: where something is between the fingers the reading rises with the next millimetres, on
-a sheet that only drifted it does not.
+The sheet drifts with climate and wear, and heat or humidity can resemble a load. A load at the
+start must not be taken as rest. Closing distinguishes the two: a load rises within the next
+millimetres, and drift does not.
 """
 
 from __future__ import annotations
@@ -19,11 +18,11 @@ from palpate.signal.relative import rest_baseline
 
 
 def measure_rest(state: GraspState, *, plan: Plan) -> bool:
-    """Take the rest values from frames before the first movement; return whether any exist.
+    """Measure the rest values before the first movement; return whether they are available.
 
-    If those are no rest, newer frames are waited for. After that, moving frames are replaced by the
-    calibration's values; and where steady ones lie far below those, the closing has to show that
-    nothing presses (`verify_rest`).
+    If the frames are not at rest, newer frames are awaited. After the timeout, unsteady frames are
+    replaced by the calibration's values. Steady frames far below the calibration's values are used,
+    and `verify_rest` checks during closing that nothing presses.
     """
     estimate, now = state.estimate, state.estimate.now_s
     if estimate.still_s < plan.rest_s or len(estimate.rest_frames) < plan.rest_frames:
@@ -32,7 +31,7 @@ def measure_rest(state: GraspState, *, plan: Plan) -> bool:
     try:
         estimate.rest_ohm = rest_baseline(frames, known_ohm=plan.rest_ohm).rest_ohm
     except CalibrationError as refused:
-        waited_s = min(state.elapsed_s, estimate.duration_s)
+        waited_s = min(state.phase_time_s, estimate.duration_s)
         if waited_s < plan.rest_s + GUARDS.patience_s:
             estimate.rest_frames, estimate.still_since_s = (), now
             return False
@@ -46,9 +45,9 @@ def measure_rest(state: GraspState, *, plan: Plan) -> bool:
 
 
 def explain_implausible_rest(rest_ohm: FloatArray, *, plan: Plan) -> str | None:
-    """Return why rest values can't be this sheet's, in any climate; None if they can.
+    """Explain why rest values are implausible for this sheet; None if they are plausible.
 
-    They are compared with the calibration's: the median over the pixels, then each pixel.
+    They are compared with the calibration's values: the median over pixels, then each pixel.
 
     >>> from types import SimpleNamespace
     >>> plan = SimpleNamespace(rest_ohm=np.array([[9e3, 8e3, 7e3]]))
@@ -60,43 +59,43 @@ def explain_implausible_rest(rest_ohm: FloatArray, *, plan: Plan) -> str | None:
     ratio = ratio[np.isfinite(ratio) & (ratio > 0)]
     if not ratio.size:
         return None
-    shared = float(np.median(ratio))
-    if not 1.0 / GUARDS.sheet_factor < shared < GUARDS.sheet_factor:
+    common = float(np.median(ratio))
+    if not 1.0 / GUARDS.sheet_factor < common < GUARDS.sheet_factor:
         return (
-            f"the sheet at rest reads {shared:.2g} times the calibration's resistance, and climate "
+            f"the sheet at rest reads {common:.2g} times the calibration's resistance, and climate "
             f"or wear move it by less than a factor of {GUARDS.sheet_factor:g}; run `palpate "
             "doctor`"
         )
-    apart = float(np.exp(np.abs(np.log(ratio / shared)).max()))
-    if apart < GUARDS.pixel_factor:
+    largest = float(np.exp(np.abs(np.log(ratio / common)).max()))
+    if largest < GUARDS.pixel_factor:
         return None
     return (
-        f"a pixel at rest has moved by a factor of {apart:.2g} against the others since the "
-        f"calibration, and climate or wear move them alike; run `palpate doctor`"
+        f"a pixel at rest has changed by a factor of {largest:.2g} relative to the others since "
+        "the calibration, and climate or wear change all alike; run `palpate doctor`"
     )
 
 
 def verify_rest(state: GraspState, rest_check_from: float, *, plan: Plan) -> bool:
-    """Decide whether the steady frames before closing were a rest, once closing has shown it.
+    """Check during closing whether the steady frames before it were at rest.
 
-    Returns whether what was read since still counts.
+    Return False if the readings since then are invalid, because the rest values have changed.
     """
     estimate = state.estimate
     if estimate.now.strongest_percent <= plan.hint_percent:
-        why = "the reading rose as soon as the fingers closed: something pressed before"
-        _use_old_values(state, why, plan=plan)
+        reason = "the reading rose as soon as the fingers closed: something pressed before"
+        _use_old_values(state, reason, plan=plan)
         estimate.steps, estimate.touches, estimate.contact_s = (), (), None
         state.attempt.rest_check_from = None
         return False
     if estimate.closure - rest_check_from >= plan.step:
         state.add_fault(
-            "rest values are far below the calibration's, yet nothing presses: climate or wear "
-            "moved the sheet; `palpate calibrate rest --empty` keeps the new ones"
+            "rest values are far below the calibration's, but nothing presses: climate or wear "
+            "changed the sheet; `palpate calibrate rest --empty` stores the new values"
         )
         state.attempt.rest_check_from = None
     return True
 
 
-def _use_old_values(state: GraspState, why: str, *, plan: Plan) -> None:
-    state.add_fault(f"the calibration's rest values are used: {why}")
+def _use_old_values(state: GraspState, reason: str, *, plan: Plan) -> None:
+    state.add_fault(f"the calibration's rest values are used: {reason}")
     state.estimate.rest_ohm = plan.rest_ohm

@@ -1,4 +1,4 @@
-"""The result of a grasp: the outcome, the measurements, and how it went."""
+"""Result of a grasp: outcome, measurements, events and faults."""
 
 from __future__ import annotations
 
@@ -9,87 +9,89 @@ from palpate.estimate.measurement import Measurement
 
 
 class Outcome(StrEnum):
-    """The outcome of a grasp. `held`: the grasp completed.
+    """Outcome of a grasp; `HELD`: the grasp completed.
 
-    Every reason to end a grasp is listed next to its outcome, with the module that decides it. The
-    words of one grasp are in its `GraspResult.faults`; what a stop does to the hand is
-    `safety.reaction`.
+    The comment of each outcome lists its reasons, with the module that detects them.
+    `GraspResult.faults` has the reasons of one grasp. `safety.reaction` defines the movement of the
+    hand after a stop.
     """
 
-    #: The hold is over; or the user wanted the object back once its force was known (`controller`);
-    #: or the paper's method, reading a recording, gave its answer (`decide_again`).
+    #: The hold is over; release was requested after the force was measured (`controller`); or the
+    #: paper's method has measured a recorded grasp (`decide_again`).
     HELD = "held"
-    #: The hand closed as often as the plan tries without contact (`approach`), or a recording
-    #: shows the paper's method no answer (`decide_again`).
+    #: No contact in any of the planned attempts (`approach`), or no measurement with the paper's
+    #: method in a recording (`decide_again`).
     NOTHING_THERE = "nothing_there"
-    #: The reading of the hold is gone (`monitors`).
+    #: The reading of the hold has disappeared (`monitors`).
     SLIPPED = "slipped"
-    #: No force that is safe for the object is certain to lift it (`settle`).
+    #: No safe force is certain to lift the object (`settle`).
     TOO_WEAK = "too_weak"
     #: The sheet shows more than the ceiling, or the board's own ceiling has tripped (`monitors`);
-    #: by its calibration a faint touch may be more already (`approach`); the servo's current shows
-    #: more (`current_monitor`); most of the pressed pixels are beyond what the converter reads
-    #: (`pixel_monitor`).
+    #: a faint touch may already exceed the ceiling according to the calibration (`approach`); the
+    #: servo current shows more than the ceiling (`current_monitor`); most loaded pixels are
+    #: saturated (`pixel_monitor`).
     FORCE_LIMIT = "force_limit"
-    #: Not done within the plan's longest time (`monitors`).
+    #: The plan's time limit has passed (`monitors`).
     TIMED_OUT = "timed_out"
-    #: No frame, only old ones, or one that can't be (`runner`); a rest that is not this sheet's,
-    #: one finger alone, or a sheet that shows less while the hand closes (`monitors`); pixels that
-    #: are open, short, stuck or read all the same (`pixel_monitor`); a sheet that does not follow
-    #: the fingers (`approach`); a servo that pulls more than the sheet shows (`current_monitor`).
+    #: No frame, an old frame, or an impossible frame (`runner`); implausible rest values, a grip of
+    #: one finger alone, or a reading that falls while the hand closes (`monitors`); open, short,
+    #: stuck or equal pixels (`pixel_monitor`); a sheet that does not follow the fingers
+    #: (`approach`); a servo force above that of the sheet (`current_monitor`).
     SENSOR_LOST = "sensor_lost"
-    #: The gripper does not answer or fails, is not where it was sent, closes too fast or reports
-    #: what can't be (`tracking_monitor`, for `runner`); its current sticks (`current_monitor`).
+    #: The gripper fails or does not answer, is off its target, closes too fast, or reports an
+    #: impossible state (`tracking_monitor`, for `runner`); its current is stuck
+    #: (`current_monitor`).
     GRIPPER_FAULT = "gripper_fault"
-    #: Ctrl-C, or a request to stop (`runner`), or for the object before its force was known
+    #: Ctrl-C or a stop request (`runner`), or a release request before the force was measured
     #: (`controller`).
     STOPPED = "stopped"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Moment:
-    """An event of a grasp: its time (sensor clock), its name, and any finger."""
+    """An event of a grasp: time (sensor clock), name, and finger if applicable."""
 
     time_s: float
     name: str
     finger: int | None = None
 
     def to_dict(self) -> dict[str, object]:
-        """Return the form that commands print."""
+        """Return the JSON form."""
         on = {} if self.finger is None else {"finger": self.finger}
         return {"time_s": self.time_s, "name": self.name, **on}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GraspResult:
-    """One finished grasp. What could not be measured is None, never invented.
+    """Result of a finished grasp. Quantities that could not be measured are None.
 
     Attributes
     ----------
     outcome : Outcome
-        How it ended.
+        Outcome of the grasp.
     decision_time_s : float or None
-        From first contact to the answer.
+        Time from first contact to the decision.
     settled_percent, size_mm, force_n, stiffness_n_per_mm : Measurement or None
-        Mean relative change and grip force at the settling horizon, the object's extent before
-        contact, and its own secant stiffness at that force.
+        Mean relative change and grip force at the settling horizon, the object's size before
+        contact, and its secant stiffness at that force.
     firmness : Measurement or None
-        Index from 0 to 100 (`palpate.estimate.firmness`); a value and an interval also where the
-        stiffness is only bounded.
+        Index from 0 to 100 (`palpate.estimate.firmness`). It has a value and an interval even if
+        the stiffness is only bounded.
     previous_width_mm : float or None
-        Width as sent at the step before the one with contact, without the gripper's zero. By
-        the paper's method that step is fixed and this its estimate of size; by palpate's steps
-        vary, and it is no estimate. None for fingers driven by pressure.
+        Commanded width one step before contact, not corrected for the gripper's zero. It is the
+        size estimate of the paper's method, with its fixed steps, but not of the default method,
+        with its variable steps. None for pressure-driven fingers.
     peak_force_n : float or None
-        Largest grip force that was read during the grasp.
+        Largest grip force measured during the grasp.
     frames, frames_lost : int
-        Frames received, and gaps in their numbering.
+        Frames received, and frames missing from their sequence.
     moments : tuple of Moment
-        In order: `contact` of both fingers, `adjusted`, `on_target`, `damage_limit` (where it kept
-        the force below the target), `answer`, the outcome; and of single fingers `finger_contact`,
-        `finger_slip`, `finger_removal`, and `touch` where a hand touched the open fingers.
+        Events in order: `contact` of both fingers, `adjusted`, `on_target`, `damage_limit` (the
+        limit kept the force below the target), `answer`, and the outcome. Events of one finger:
+        `finger_contact`, `finger_slip`, `finger_removal`, and `touch` (by a person, on the open
+        hand).
     faults : tuple of str
-        Why it ended otherwise than asked, and other failures: a recorder, a device's message.
+        Reasons for an outcome other than requested, and other failures, such as a recorder's.
     """
 
     outcome: Outcome

@@ -1,4 +1,4 @@
-"""The only control loop: it owns the devices and always leaves the gripper safe."""
+"""Control loop of a grasp, which owns the devices and always leaves the gripper safe."""
 
 from __future__ import annotations
 
@@ -29,19 +29,20 @@ from palpate.grasp.tracking_monitor import CommandTracking, SpeedMonitor, find_i
 from palpate.gripper.interface import Gripper, GripperCommand, GripperState
 from palpate.sensor.array import Frame, PressureArray, find_impossible_count
 
-#: Gets every observation: a recorder, a view. It must return quickly; if it raises, only it ends.
+#: Receives every observation, for a recorder or view. It must return quickly; after an exception it
+#: is called no more, and the grasp continues.
 Subscriber: TypeAlias = Callable[[Observation], None]
-#: Gets what the controller makes of each observation, on the same terms.
+#: Receives the grasp state after every observation, under the same conditions.
 Watcher: TypeAlias = Callable[[GraspState], None]
 
 _Event = TypeVar("_Event")
 
-#: Fewest intervals between frames that show a period, once the first frames have come.
+#: Fewest intervals between frames for an estimate of the frame period.
 _FEWEST_INTERVALS = 3
 
 
-class _Feed:
-    """Fresh frames only: an old one is an error."""
+class _FrameReader:
+    """Reads frames; raises an error for stale or impossible ones."""
 
     def __init__(self, array: PressureArray, *, clock: Clock, plan: Plan) -> None:
         self._array, self._clock, self._safety = array, clock, plan.safety
@@ -49,8 +50,8 @@ class _Feed:
         self._last_s: float | None = None
         self._intervals_s = deque[float](maxlen=GUARDS.period_frames)
 
-    def next(self, hand: _Hand, estimate: ContactEstimate) -> Frame | Alarm:
-        """Return the next frame, or the hand's alarm during the wait."""
+    def read(self, hand: _Hand, estimate: ContactEstimate) -> Frame | Alarm:
+        """Return the next frame, or an alarm of the hand during the wait."""
         stale_after_s = GUARDS.patience_s
         if len(self._intervals_s) >= _FEWEST_INTERVALS:
             stale_after_s = self._safety.stale_after_s(median(self._intervals_s))
@@ -104,15 +105,15 @@ class _Hand:
         self._current = CurrentMonitor(plan)
         self._speed = SpeedMonitor(plan.gripper, safety=plan.safety)
         self._tracking: CommandTracking | None = None
-        #: The first command since the hand was last seen to move, or not to.
+        #: The first command since the last idle check.
         self._unchecked: CommandTracking | None = None
         self._idle = 0
         self._last: GripperState | None = None
 
     def state(self) -> GripperState:
-        """Return its state.
+        """Return the gripper's state.
 
-        Raises `DeviceError` if it does not answer, or reports an impossible state.
+        Raises `DeviceError` if the gripper does not answer, or reports an impossible state.
         """
         state = self._gripper.state()
         wrong = find_impossible_value(state, limits=self._limits, before=self._last)
@@ -124,19 +125,19 @@ class _Hand:
     def check(
         self, state: GripperState, estimate: ContactEstimate, *, now_s: float
     ) -> Alarm | None:
-        """Return an alarm if the hand is not at its target or presses too hard."""
+        """Return an alarm if the hand does not follow its command or presses too hard."""
         fault = None
         if self._tracking is not None:
             fault = self._tracking.find_fault(
                 state, now_s=now_s, limits=self._limits, safety=self._safety
             )
-        fault = fault or self._speed.find_fault(state, way=self._tracking)
+        fault = fault or self._speed.find_fault(state, tracking=self._tracking)
         if fault is not None:
             return Alarm(danger=Danger.GRIPPER_FAULT, message=fault)
         return self._current.check(state, estimate=estimate)
 
     def poll_interval_s(self, now_s: float) -> float | None:
-        """Return the interval of checks between frames; None if frames suffice."""
+        """Return the interval of checks between frames; None without such checks."""
         if self._tracking is None:
             return None
         return self._tracking.poll_interval_s(now_s=now_s, limits=self._limits, safety=self._safety)
@@ -149,9 +150,9 @@ class _Hand:
             return Alarm(danger=Danger.GRIPPER_FAULT, message=str(error))
 
     def send(self, command: GripperCommand, *, now_s: float) -> float:
-        """Send a command, and follow it; return the closure that was really sent.
+        """Send a command and track it; return the closure that the gripper accepted.
 
-        Raises `DeviceError` if it does not answer, or did not move at the last commands.
+        Raises `DeviceError` if the gripper does not answer, or did not move on the last commands.
         """
         if self._unchecked is not None and self._last is not None:
             idle = self._unchecked.is_idle(self._last, now_s=now_s, limits=self._limits)
@@ -159,7 +160,7 @@ class _Hand:
                 self._idle = (self._idle + 1) * idle
             if idle is not None or now_s >= self._unchecked.ends_s:
                 self._unchecked = None
-            # An opening is sent all the same.
+            # An opening command is always sent.
             if self._idle >= GUARDS.idle_commands and command.target != self._limits.target(0.0):
                 raise DeviceError(
                     f"the gripper was sent on {GUARDS.idle_commands} times and did not move; is it "
@@ -170,15 +171,15 @@ class _Hand:
             self._tracking = CommandTracking.start(
                 sent, state=self._last, now_s=now_s, limits=self._limits, safety=self._safety
             )
-            # Commands that follow each other faster than a hand can move are judged together.
+            # Commands in quicker succession than the hand can move are checked together.
             self._unchecked = self._unchecked or self._tracking
-        # Grippers clamp commands, and round them to their own steps.
+        # Grippers clamp and round commands.
         return closure_of(sent.target, self._plan)
 
     def finish_opening(self, state: GraspState, *, clock: Clock) -> None:
-        """Wait for an opening without frames, by the gripper's own report.
+        """Wait for the end of an opening according to the gripper's reports, without frames.
 
-        The sensor is lost already, and a gripper on the same board may be as silent.
+        The sensor has failed, and a gripper on the same board may not answer either.
         """
         until_s = clock.now_s() + GUARDS.max_opening_s
         try:
@@ -188,7 +189,7 @@ class _Hand:
             state.add_fault(str(error))
 
     def stop(self) -> DeviceError | None:
-        """Stop it; return why that failed, if it did."""
+        """Stop the gripper; return the error if that failed."""
         try:
             self._gripper.stop()
         except DeviceError as error:
@@ -206,15 +207,19 @@ def run_grasp(
     watchers: Sequence[Watcher] = (),
     requests: Requests | None = None,
 ) -> GraspResult:
-    """Run one grasp to its end; afterwards the gripper is still or open.
+    """Run one grasp to its end; afterwards the gripper is at rest or open.
 
-    Ctrl-C, SIGTERM and `requests.stop` end the grasp with outcome `stopped`; a silent or lost
-    array, a pixel that fails, and a sheet that does not show what the gripper presses with
-    `sensor_lost`; a gripper that fails or does not go where it is sent with `gripper_fault`; force
-    above the ceiling, by the sheet or by the servo's current, with `force_limit`. The result's
-    `faults` explain why. What that means for the hand is in `palpate.grasp.safety`.
+    Faults and requests end the grasp with an outcome:
+
+    - `stopped`: Ctrl-C, SIGTERM, or `requests.stop`.
+    - `sensor_lost`: an array without frames, a failed pixel, or a sheet that shows less force than
+      the gripper exerts.
+    - `gripper_fault`: a gripper that fails or does not follow its commands.
+    - `force_limit`: force above the ceiling, from the sheet or the servo current.
+
+    The result's `faults` have the reasons. `palpate.grasp.safety` defines the hand's movement.
     """
-    controller, feed = GraspController(plan), _Feed(array, clock=clock, plan=plan)
+    controller, reader = GraspController(plan), _FrameReader(array, clock=clock, plan=plan)
     state, hand = controller.state, _Hand(gripper, plan=plan)
     board, pixels, rest = BoardMonitor(), PixelMonitor(plan), RestMonitor(plan)
     views, watching = list(subscribers), list(watchers)
@@ -227,7 +232,7 @@ def run_grasp(
     try:
         with _signals_as_flag(requests.stop):
             while not state.has_ended:
-                # An opening that has begun is completed.
+                # Requests do not interrupt an opening.
                 if state.phase is not Phase.RELEASE:
                     if requests.stop.is_set():
                         send(controller.stop(Alarm(danger=Danger.STOPPED)), clock.now_s())
@@ -236,7 +241,7 @@ def run_grasp(
                         send(controller.release(), clock.now_s())
                         continue
                 try:
-                    frame = feed.next(hand, state.estimate)
+                    frame = reader.read(hand, state.estimate)
                 except DeviceError as error:
                     lost = Alarm(danger=Danger.SENSOR_LOST, message=str(error))
                     send(controller.stop(lost), clock.now_s())
@@ -250,7 +255,7 @@ def run_grasp(
                 seen = Observation(frame=frame, gripper=hand.state())
                 failed = pixels.check(seen, state)
                 command = None
-                # Nothing is decided on an uncertain frame; an opening needs no pixel.
+                # Uncertain frames are skipped, except during an opening, which needs no pixels.
                 if pixels.is_frame_uncertain and state.phase is not Phase.RELEASE:
                     state.estimate.count_frame(frame)
                 else:
@@ -282,9 +287,9 @@ def run_grasp(
 def _apply_alarm(
     alarm: Alarm, controller: GraspController, command: GripperCommand | None
 ) -> GripperCommand | None:
-    """End the grasp by an alarm's reaction, unless the hand opens already or has ended.
+    """End the grasp because of an alarm, unless it is already opening or ended.
 
-    Raises `DeviceError` if it is the gripper that failed: nothing more is sent to it than a stop.
+    Raises `DeviceError` if the gripper has failed, because it must receive only a stop command.
     """
     if alarm.danger is Danger.GRIPPER_FAULT:
         raise DeviceError(alarm.message)
@@ -297,7 +302,7 @@ def _notify(views: list[Callable[[_Event], None]], event: _Event, state: GraspSt
     for view in tuple(views):
         try:
             view(event)
-        # Any error of a recorder or view must not reach the hand; the result reports it.
+        # An error of a recorder or view must not affect the hand; it is reported as a fault.
         except Exception as error:
             views.remove(view)
             name = getattr(view, "__name__", type(view).__name__)
@@ -306,9 +311,9 @@ def _notify(views: list[Callable[[_Event], None]], event: _Event, state: GraspSt
 
 @contextmanager
 def _signals_as_flag(requested: threading.Event) -> Iterator[None]:
-    """Turn Ctrl-C and SIGTERM into a flag, so that no transfer is interrupted.
+    """Set a flag on Ctrl-C or SIGTERM, so that no device transfer is interrupted.
 
-    A second Ctrl-C does interrupt: the old handlers are back after the first.
+    The first signal restores the old handlers, so that a second one interrupts.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

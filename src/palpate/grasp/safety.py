@@ -13,33 +13,33 @@ FORCE_CEILING_N = 15.0
 
 
 class Danger(StrEnum):
-    """Why a grasp is ended from outside its own plan."""
+    """Reason for ending a grasp early."""
 
     SENSOR_LOST = "sensor_lost"
     GRIPPER_FAULT = "gripper_fault"
     FORCE_LIMIT = "force_limit"
     STOPPED = "stopped"
-    #: The gripper presses more than the sheet shows: the sheet is what failed.
+    #: The gripper exerts more force than the sheet shows: the sheet has failed.
     UNSEEN_FORCE = "unseen_force"
     SLIPPED = "slipped"
     TIMED_OUT = "timed_out"
 
     @property
     def outcome(self) -> str:
-        """The outcome of a grasp that it ends."""
+        """Outcome of a grasp ended for this reason."""
         return str(Danger.SENSOR_LOST if self is Danger.UNSEEN_FORCE else self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alarm:
-    """A detected danger, with a line that explains it (may be empty)."""
+    """A detected danger, with a one-line message (may be empty)."""
 
     danger: Danger
     message: str = ""
 
 
 class Reaction(StrEnum):
-    """The gripper's reaction when it has to stop."""
+    """Reaction of the gripper to a danger."""
 
     HOLD_STILL = "hold_still"
     OPEN = "open"
@@ -47,26 +47,26 @@ class Reaction(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafetyLimits:
-    """Bounds of every command of a grasp.
+    """Safety limits of a grasp.
 
     Attributes
     ----------
     force_ceiling_n : float
-        Largest grip force; give a smaller one for produce that is known to be delicate.
+        Largest grip force; use a smaller value for delicate produce.
     stale_periods : float
-        Frames older than this many frame periods stop the grasp.
+        Age, in frame periods, above which a frame stops the grasp.
     stale_floor_s : float
-        But never frames younger than this: a scheduler's hiccup is not a lost sensor.
+        Smallest age at which a frame stops the grasp, to tolerate scheduling delays.
     tracking_tolerance_mm, tracking_tolerance_kpa : float
-        A gripper that reports a width or pressure this far from what it was sent to, once it had
-        the time to arrive, stops the grasp. More than a loaded servo's error of position.
+        Difference between reported and commanded width or pressure, after the arrival time, that
+        stops the grasp. Larger than the position error of a loaded servo.
     overshoot_mm, overshoot_kpa : float
-        A gripper that has closed this far beyond where it was sent stops the grasp at once. Less
-        than `tracking_tolerance_mm`, because no load makes a servo close too far.
+        Closing beyond the target that stops the grasp at once. Smaller than
+        `tracking_tolerance_mm`, because no load makes a servo close too far.
     arrival_s : float
-        Time to arrive, beyond what the way takes at the rate sent.
+        Time allowed for arrival, in addition to the travel time at the commanded rate.
     latency_s : float
-        How late a gripper stops at its target: its own control loop.
+        Delay with which the gripper's control loop stops at a target.
 
     Raises
     ------
@@ -108,23 +108,23 @@ def largest_step(
     damage_low_n: float,
     limits: SafetyLimits,
 ) -> float:
-    """Return the largest closing step that can exceed neither the ceiling nor the damage limit.
+    """Return the largest closing step within the force ceiling and the damage limit.
 
-    The invariant of every command: upper force now + upper stiffness x (step + speed x latency)
-    stays under the smaller of the ceiling and the lower bound of the object's damage limit.
+    Invariant of every command: present upper force + upper stiffness x (step + speed x latency)
+    stays below the smaller of the ceiling and the lower bound of the object's damage limit.
 
     Parameters
     ----------
     force_high_n : float
-        Upper bound of the grip force now.
+        Upper bound of the present grip force.
     steepest_n : float
-        Upper bound of the force's rise per mm or kPa: object, pads and fingers in series.
+        Upper bound of the rise of force per mm or kPa, of object, pads and fingers in series.
     rate : float
         Speed of the step, mm/s or kPa/s.
     damage_low_n : float
-        Lower bound of the force that damages the object; infinite where nothing is known of it.
+        Lower bound of the damage force; infinite if unknown.
     limits : SafetyLimits
-        The ceiling, and how late the gripper stops.
+        Force ceiling and latency.
 
     Examples
     --------
@@ -150,12 +150,11 @@ def reaction(
 ) -> Reaction:
     """Return the reaction to a danger.
 
-    Too much force opens the hand, whatever it was doing, and so do a force that the sheet does not
-    show, an object that is gone, and a grasp that takes too long. For any other reason a
-    width-driven hand holds still: dropping is damage too. A
-    pressure-driven one vents: it can't hold without a host that feeds it, so the choice is only
-    between now and when the heartbeat runs out. An opening that has begun is completed: half a grip
-    is the worst of both. A gripper that failed is only commanded to stop.
+    The hand opens in any phase after excessive force, a force that the sheet does not show, a lost
+    object, or a timeout. For other reasons a width-driven hand holds still, because dropping the
+    object is damage too. A pressure-driven hand opens: it can't hold without commands from the
+    host, and would vent at the heartbeat timeout anyway. An opening is always completed. A failed
+    gripper is only commanded to stop.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The grip as the gripper itself measures it, in addition to the sheet."""
+"""Grip force measured by the gripper itself, in addition to the sheet."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from palpate.grasp.plan import Plan
 
 
-#: Steps with a touch that show where it began, and the largest force of the search, newtons.
+#: Fewest steps with contact to locate its start, and the largest force of the search, newtons.
 _FEWEST_TOUCHED, _MOST_N = 2, 200.0
-#: Below this force, newtons, the sheet's rise is not used: a reading of nothing has no logarithm.
+#: Smallest force, newtons, for the logarithm of the sheet's force.
 _FAINTEST_N = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurrentSample:
-    """Servo current at one moment of the closing movement that began at `moved_s`."""
+    """Servo current at one moment of the closing movement that started at `moved_s`."""
 
     closure: float
     current_ma: float
@@ -36,13 +36,13 @@ class CurrentSample:
 
 
 def gripper_force(estimate: ContactEstimate, plan: Plan) -> MeasuredForce | None:
-    """Return the gripper's own measurement of force at the present closure, if it has one."""
+    """Measure the force at the present closure with the gripper, if it can."""
     if plan.bend is not None:
         return _force_from_pressure(estimate, plan, plan.bend)
     if plan.current is None or not estimate.current_samples or not estimate.steps:
         return None
-    closure = np.array([stair.closure for stair in estimate.steps])
-    reading = np.array([stair.touch.reading for stair in estimate.steps])
+    closure = np.array([step.closure for step in estimate.steps])
+    reading = np.array([step.touch.reading for step in estimate.steps])
     force_n = _remove_lag(plan.early_law.force_n(reading).value, plan)
     at = np.array([estimate.closure, *(pull.closure for pull in estimate.current_samples)])
     sheet_n = _interpolate_force(at, closure, force_n)
@@ -60,31 +60,31 @@ def gripper_force(estimate: ContactEstimate, plan: Plan) -> MeasuredForce | None
 def _force_from_pressure(
     estimate: ContactEstimate, plan: Plan, bend: SoftFingerCompliance
 ) -> MeasuredForce | None:
-    """Return the force of pressure-driven fingers, from the closing that it prevented.
+    """Measure the force of pressure-driven fingers from their deflection.
 
-    They deflect far more than the object, so the force follows from the pressure since the
-    touch. Where they touched lies between the last step without a touch and where the sheet's
-    forces, extrapolated, begin: no gain of the sheet moves that point.
+    The fingers deflect far more than the object, so the force follows from the closing since
+    contact. Contact is between the last step without contact and the zero of the sheet's
+    extrapolated force, which does not depend on the sheet's gain.
     """
     force_n = plan.early_law.force_n(
-        np.array([stair.touch.reading for stair in estimate.steps])
+        np.array([step.touch.reading for step in estimate.steps])
     ).value
-    shared = np.array([stair.touch.weaker_percent for stair in estimate.steps])
-    closure = np.array([stair.closure for stair in estimate.steps])
-    touched = shared <= plan.hint_percent
+    weaker = np.array([step.touch.weaker_percent for step in estimate.steps])
+    closure = np.array([step.closure for step in estimate.steps])
+    touched = weaker <= plan.hint_percent
     if np.count_nonzero(touched) < _FEWEST_TOUCHED or not force_n[-1] > 0:
         return None
     first = int(np.argmax(touched))
     slope, offset = np.polyfit(closure[touched], force_n[touched], 1)
     free = closure[first - 1] if first > 0 else closure[first] - plan.step
     start = float(np.clip(-offset / slope, free, closure[first])) if slope > 0 else free
-    way_mm = bend.mm_per_kpa * (estimate.closure - start)
-    # Stiff fingers measure no force, as no force of the search closes them this far.
-    if not 0.0 < way_mm < float(bend.compliance.deflection_mm(_MOST_N)):
+    travel_mm = bend.mm_per_kpa * (estimate.closure - start)
+    # Stiff fingers can't measure force: no force of the search deflects them this far.
+    if not 0.0 < travel_mm < float(bend.compliance.deflection_mm(_MOST_N)):
         return None
     low_n, high_n = (
         brentq(
-            lambda f, per_n=per_n: bend.compliance.deflection_mm(f) + f * per_n - way_mm,
+            lambda f, per_n=per_n: bend.compliance.deflection_mm(f) + f * per_n - travel_mm,
             0.0,
             _MOST_N,
         )
@@ -94,13 +94,13 @@ def _force_from_pressure(
     start_sd_mm = bend.mm_per_kpa * max(closure[first] - free, plan.fine_step) / math.sqrt(12.0)
     return MeasuredForce(
         force_n=middle_n,
-        sd_n=middle_n / way_mm * start_sd_mm,
+        sd_n=middle_n / travel_mm * start_sd_mm,
         log_sd=math.hypot(SETTLE.hysteresis_sd, math.log(high_n / low_n) / math.sqrt(12.0)),
     )
 
 
 def _remove_lag(force_n: FloatArray, plan: Plan) -> FloatArray:
-    """Return the sheet's forces of the steps of a closing with its lag taken out."""
+    """Correct the sheet's forces at the closing steps for its lag."""
     nothing = plan.early_law.force_n(0.0, level=plan.level)
     rising = compute_lag(force_n, faint_n=max(float(nothing.high), _FAINTEST_N))
     return np.asarray(force_n * np.exp(LAG * rising))
@@ -110,17 +110,17 @@ def _interpolate_force(at: FloatArray, closure: FloatArray, force_n: FloatArray)
     """Interpolate the sheet's force between its steps, and extrapolate beyond the last."""
     found = np.interp(at, closure, force_n)
     if closure.size > 1:
-        # Corrections go beyond the staircase: the force continues with the last slope.
+        # Corrections close beyond the last step: the force continues with the last slope.
         slope = max(force_n[-1] - force_n[-2], 0.0) / (closure[-1] - closure[-2])
         found += slope * np.maximum(at - closure[-1], 0.0)
     return np.asarray(found)
 
 
 def early_gain(estimate: ContactEstimate, plan: Plan) -> Gain:
-    """Return the gain of this contact, soon after a step, against the sheet's early law."""
+    """Return the gain of this contact relative to the sheet's early law."""
     gain = Gain.from_calibration(law_sd=plan.early_law.residual_sd, more_sd=SETTLE.step_lag_sd)
-    felt = gripper_force(estimate, plan) if estimate.steps else None
-    if felt is None:
+    measured = gripper_force(estimate, plan) if estimate.steps else None
+    if measured is None:
         return gain
     sheet_n = float(plan.early_law.force_n(estimate.steps[-1].touch.reading).value)
-    return gain.update(felt, sheet_n=sheet_n)
+    return gain.update(measured, sheet_n=sheet_n)

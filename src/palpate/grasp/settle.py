@@ -1,4 +1,4 @@
-"""The settled force and its corrections, upwards or by easing and closing again."""
+"""Settle phase: prediction of the settled force, and its corrections up or down."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from palpate.gripper.interface import GripperCommand
 
 
 def settle(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Wait until the settled force is known, and correct it."""
+    """Wait until the settled force is known, then correct it."""
     return _ACTIVITIES[state.correction.activity](state, plan)
 
 
@@ -36,22 +36,26 @@ def await_forecast(state: GraspState, plan: Plan) -> GripperCommand | None:
     settled = forecast(estimate, plan=plan)
     force = state.set_settled_force(settled, plan=plan)
     _note_on_target(state, force, plan)
-    astray = plan.target_force_n is not None and correction.count < plan.most_adjustments
-    astray = astray and (_is_force_missing(force, plan) or is_above_target(force, plan))
-    if astray or is_certain(settled, plan=plan) or estimate.still_s >= plan.decide_by_s:
+    correctable = plan.target_force_n is not None and correction.count < plan.most_adjustments
+    off_target = _is_force_missing(force, plan) or is_above_target(force, plan)
+    if (
+        (correctable and off_target)
+        or is_certain(settled, plan=plan)
+        or estimate.still_s >= plan.decide_by_s
+    ):
         state.result = replace(state.result, **measure_object(estimate, force, plan=plan))
         state.enter(Activity.ADJUST)
     return None
 
 
 def adjust(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Correct the settled force, up or down, until it is near the target."""
+    """Correct the settled force, up or down, until it is within the target's tolerance."""
     correction, force = state.correction, state.result.force_n
     assert force is not None
     limited = _is_limited(state.estimate, force, plan)
     below = is_below_target(force, plan)
     if correction.count < plan.most_adjustments:
-        # Up to a damage limit one correction goes as far as it may; more would only wait there.
+        # At a damage limit, one correction uses all of the allowed force.
         if below and not (limited and correction.count):
             command = increase_force(state, force, plan, missing_n=missing_n(force, plan))
             if command is not None:
@@ -73,17 +77,17 @@ def ease(state: GraspState, plan: Plan) -> GripperCommand | None:
     """Close again from below to the closure of the target force."""
     if state.estimate.still_s < plan.confirm_s:
         return None
-    wish = return_from_below(state, plan)
-    command = filter_command(wish, state.estimate, plan)
-    if wish is None or command is None or command.target == wish.target:
+    request = return_from_below(state, plan)
+    command = filter_command(request, state.estimate, plan)
+    if request is None or command is None or command.target == request.target:
         state.enter(Activity.FORECAST, note="adjusted")
-    return wish
+    return request
 
 
 _ACTIVITIES = {Activity.FORECAST: await_forecast, Activity.ADJUST: adjust, Activity.EASE: ease}
 
 
-# -- where it should be ----------------------------------------------------------------------------
+# -- target force ----------------------------------------------------------------------------------
 
 
 def goal_n(plan: Plan) -> float:
@@ -93,11 +97,10 @@ def goal_n(plan: Plan) -> float:
 
 
 def gentle_goal(estimate: ContactEstimate, plan: Plan) -> tuple[float, str]:
-    """Return the end of a squeeze without target, newtons, and its reason.
+    """Return the force that ends a squeeze without target, newtons, and the reason.
 
-    An object that has given way as far as every recorded fruit bore is pressed no further, whatever
-    is known of it. One that certainly deforms little is pressed harder, until it is known or is
-    deformed as far as it may be.
+    The squeeze ends at the deformation that every recorded fruit withstood. A firm object is
+    squeezed harder, until its stiffness is known or its largest allowed deformation is reached.
     """
     goal = goal_n(plan)
     if plan.lift_force_n is not None:
@@ -105,22 +108,22 @@ def gentle_goal(estimate: ContactEstimate, plan: Plan) -> tuple[float, str]:
     if deformation_mm(estimate, plan) >= plan.gentle_mm:
         return 0.0, "gave_way"
     if plan.gripper.drive == "pressure":
-        # Soft fingers can't measure an object's deformation, so more force would show nothing.
+        # Soft fingers can't measure the object's deformation, so more force adds no information.
         return 0.5 * goal, "force_reached"
     if estimate.force_n < goal:
         return goal, "force_reached"
     stiffness = measure_stiffness(estimate, force_now(estimate, plan), plan=plan)
     if stiffness is None:
         return goal, "force_reached"
-    near = (1.0 + plan.stiffness_tolerance) / (1.0 - plan.stiffness_tolerance)
-    # A stiffness above the range of a small force counts as known.
-    if stiffness.high / stiffness.low <= near or stiffness.low > SQUEEZE.firm_n_per_mm:
+    widest = (1.0 + plan.stiffness_tolerance) / (1.0 - plan.stiffness_tolerance)
+    # A stiffness above the range that needs a firmer squeeze counts as known.
+    if stiffness.high / stiffness.low <= widest or stiffness.low > SQUEEZE.firm_n_per_mm:
         return goal, "stiffness_known"
     return max(goal, min(plan.firm_force_n, plan.firm_mm * stiffness.low)), "firm_enough"
 
 
 def missing_n(force: Measurement, plan: Plan) -> float:
-    """Return the force missing to the target, or to a certain lift."""
+    """Return the additional force needed for the target, or for a certain lift."""
     of_target_n = 0.0 if plan.target_force_n is None else plan.target_force_n - force.middle
     if plan.lift_force_n is None:
         return of_target_n
@@ -156,14 +159,14 @@ def _is_limited(estimate: ContactEstimate, force: Measurement, plan: Plan) -> bo
     if plan.damage is None:
         return False
     if math.isinf(estimate.damage_low_n):
-        # Nothing is known of it, and so nothing more is allowed.
+        # With an unknown limit no additional force is allowed.
         return True
     lowest = estimate.damage_low_n < plan.safety.force_ceiling_n
     return lowest and missing_n(force, plan) > estimate.damage_low_n - force.high
 
 
 def _note_on_target(state: GraspState, force: Measurement, plan: Plan) -> None:
-    """Record the time when the settled force first reaches target after a movement."""
+    """Record the first time after a movement at which the settled force is on target."""
     moved_s = state.estimate.moved_s
     known = any(m.name == "on_target" and m.time_s > moved_s for m in state.result.moments)
     off = _is_force_missing(force, plan) or is_above_target(force, plan)
@@ -177,21 +180,21 @@ def _note_on_target(state: GraspState, force: Measurement, plan: Plan) -> None:
 def increase_force(
     state: GraspState, force: Measurement, plan: Plan, *, missing_n: float
 ) -> GripperCommand | None:
-    """Close by the step that adds the missing force; None if no step is safe."""
+    """Return the closing step that adds the missing force; None if no step is safe."""
     correction, trial = state.correction, copy(state.estimate)
-    slope, fruitless = slope_n(trial, plan), math.inf
-    # The early law is for quick steps; here the settled force is known.
+    slope, longest = slope_n(trial, plan), math.inf
+    # Use the settled force, which is more accurate than that of the early law.
     trial.set_force(force.middle, force.high)
     if correction.before is not None:
         closure, force_n = correction.before
         travel = trial.closure - closure
         if travel > 0:
-            # Faint steps may have seemed far too steep; one correction that fell short is not
-            # believed wholly either. One that raised nothing is not exceeded.
-            shown = max((force.middle - force_n) / travel, slope / SETTLE.max_slope_drop)
-            slope = min(slope, shown)
-            fruitless = math.inf if force.middle > force_n else travel
-    step = max(min(missing_n / slope, fruitless), plan.smallest_step)
+            # The slope of faint steps may be far too steep: use that of the last correction, within
+            # a limit. A correction without effect limits the next step to its own travel.
+            measured = max((force.middle - force_n) / travel, slope / SETTLE.max_slope_drop)
+            slope = min(slope, measured)
+            longest = math.inf if force.middle > force_n else travel
+    step = max(min(missing_n / slope, longest), plan.smallest_step)
     command = close_by(trial, step, plan, lasting_s=SETTLE.correction_s)
     if command is not None:
         state.estimate = trial
@@ -203,9 +206,9 @@ def increase_force(
 def reduce_force(
     state: GraspState, force: Measurement, plan: Plan, *, goal_n: float
 ) -> GripperCommand:
-    """Open well below the target force, to close again from below.
+    """Return the command that opens to well below the target force, before closing again.
 
-    The sheet's answer to unloading was not calibrated, nor the backlash of the gears.
+    Neither the sheet's response to unloading nor the backlash of the gears is calibrated.
     """
     estimate, correction = state.estimate, state.correction
     estimate.set_force(force.middle, force.high)
@@ -220,10 +223,10 @@ def reduce_force(
 
 
 def return_from_below(state: GraspState, plan: Plan) -> GripperCommand | None:
-    """Close again from below, as every force that the sheet was calibrated with was reached.
+    """Return the command that closes again from below, as in the sheet's calibration.
 
-    In one movement where that is safe, else in several. On its way up the sheet keeps some of the
-    earlier load, so what it reads bounds the force.
+    The safety filter may divide it into several movements. The sheet retains part of the earlier
+    load, so its reading is an upper bound of the force.
     """
     estimate, closure = state.estimate, state.correction.return_closure
     travel = closure - estimate.closure

@@ -1,4 +1,4 @@
-"""The state of a grasp, shared by its phases and given to watchers."""
+"""State of a grasp, shared by its phases and passed to watchers."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from palpate.signal.events import ContactState, EventKind, watch_contact
 
 @dataclass(slots=True, kw_only=True)
 class Attempt:
-    """Progress of one closing on the object; made new for each.
+    """Progress of one closing attempt.
 
     Attributes
     ----------
     activity : Activity
-        What the approach does.
+        Present activity of the approach.
     rest_check_from : float or None
-        Closure from which on it is being found out whether the rest values are a rest.
+        Closure at which the check of the rest values started (`rest.verify_rest`); None without.
     sweep_end : float
-        Closure where the last sweep ended; NaN before.
+        Closure at the end of the last sweep; NaN before.
     sweep_contact_s : float or None
-        Time of the first contact on a sweep.
+        Time of the contact in a sweep.
     fingers : tuple of ContactState
-        Reading of each finger while the hand was still.
+        Contact state of each finger, updated while the hand is at rest.
     """
 
     activity: Activity = Activity.TOUCH
@@ -49,15 +49,15 @@ class Correction:
     Attributes
     ----------
     activity : Activity
-        Whether a forecast is awaited, a correction is chosen, or the hand comes back from below.
+        Present activity: wait for a forecast, select a correction, or close again from below.
     count : int
-        Corrections made.
+        Number of corrections so far.
     before : tuple of float or None
-        Closure and force before the last correction upwards.
+        Closure and force before the last upward correction.
     return_closure : float
-        Closure to come back to; NaN where the hand never eased off.
+        Target closure after easing; NaN if the hand never eased.
     next_forecast_s : float
-        Standstill after which the settled value is worth predicting again.
+        Time at rest at which the next forecast is due.
     """
 
     activity: Activity = Activity.FORECAST
@@ -69,22 +69,22 @@ class Correction:
 
 @dataclass(slots=True, kw_only=True)
 class GraspState:
-    """A grasp at one moment. Watchers get a snapshot after each frame.
+    """State of a grasp. Watchers receive a snapshot after each frame.
 
     Attributes
     ----------
     phase : Phase
-        Its state.
+        Present phase.
     since_s : float
-        When the state, or an activity within it, began.
+        Start of the present phase or activity.
     estimate : ContactEstimate
-        What is known of the contact.
+        Estimate of the contact.
     attempt, correction : Attempt and Correction
-        Local progress of `approach` and `settle`.
+        Progress within the phases `approach` and `settle`.
     attempts : int
-        Closings that found nothing.
+        Number of attempts without contact.
     result : GraspResult
-        What is known of the answer so far.
+        Result so far.
     """
 
     phase: Phase = Phase.APPROACH
@@ -102,24 +102,24 @@ class GraspState:
 
     @property
     def activity(self) -> str:
-        """Return the activity within the phase, or else the phase."""
+        """Name of the activity within the phase, or of the phase if it has none."""
         local = {Phase.APPROACH: self.attempt.activity, Phase.SETTLE: self.correction.activity}
         return str(local.get(self.phase, self.phase))
 
     @property
-    def elapsed_s(self) -> float:
+    def phase_time_s(self) -> float:
         """Duration of the present phase or activity, seconds."""
         return self.estimate.now_s - self.since_s
 
     @property
     def first_contact_s(self) -> float:
-        """Time of the first contact, if known."""
+        """Time of the first contact; without contact, of the last movement."""
         times_s = (self.attempt.sweep_contact_s, self.estimate.contact_s, self.estimate.moved_s)
         return next(time_s for time_s in times_s if time_s is not None)
 
     @property
     def final_result(self) -> GraspResult:
-        """The result, with frames and forces of the grasp."""
+        """Result including frame counts and peak force."""
         estimate = self.estimate
         return replace(
             self.result,
@@ -138,7 +138,7 @@ class GraspState:
         )
 
     def enter(self, phase: Phase | Activity, *, note: str | None = None) -> None:
-        """Begin a phase or activity; `note` names its moment in the result."""
+        """Start a phase or activity; `note`: name of an event to record."""
         if note is not None:
             self.note(note)
         self.since_s = self.estimate.now_s
@@ -150,39 +150,38 @@ class GraspState:
             self.phase, self.attempt.activity = Phase.APPROACH, phase
 
     def note(self, name: str, *, finger: int | None = None) -> None:
-        """Add a moment to the result."""
+        """Record an event in the result."""
         moment = Moment(time_s=self.estimate.now_s, name=name, finger=finger)
         self.result = replace(self.result, moments=(*self.result.moments, moment))
 
     def add_fault(self, message: str) -> None:
-        """Add a line to the faults."""
+        """Add a message to the faults of the result."""
         self.result = replace(self.result, faults=(*self.result.faults, message))
 
     def release(self, plan: Plan, outcome: Outcome) -> GripperCommand:
-        """Open the hand: the grasp is over."""
+        """End the grasp with an outcome; return the command that opens the hand."""
         self.result = replace(self.result, outcome=outcome)
         self.estimate.sent, self.estimate.still_since_s, self.estimate.touches = 0.0, None, ()
         self.enter(Phase.RELEASE, note=outcome.value)
         return GripperCommand(target=plan.gripper.target(0.0), rate=plan.gripper.fastest)
 
     def record_finger_events(self) -> None:
-        """Record contact events of single fingers while the hand is still."""
+        """Record contact events of single fingers while the hand is at rest."""
         if self.estimate.still_s < READING.quiet_s or not self.estimate.touches:
             return
-        felt = self.estimate.now.finger_percent
         found = []
-        for finger, change in enumerate(felt):
+        for finger, change in enumerate(self.estimate.now.finger_percent):
             before = self.attempt.fingers[finger] if self.attempt.fingers else ContactState()
             after, kind = watch_contact(before, change)
             found.append(after)
             if kind is not None:
-                # A force on an open hand is a person's touch.
+                # A contact while the hand waits open is a touch by a person.
                 touch = kind is EventKind.CONTACT and self.activity == Activity.WAIT
                 self.note("touch" if touch else f"finger_{kind}", finger=finger)
         self.attempt.fingers = tuple(found)
 
     def set_settled_force(self, settled: Settled, *, plan: Plan) -> Measurement:
-        """Set the settled force of the result, and return it."""
+        """Compute the settled force, store it in the result, and return it."""
         measured = gripper_force(self.estimate, plan)
         force = measure_settled_force(settled, measured=measured, plan=plan)
         self.estimate.peak_force_n = max(self.estimate.peak_force_n, force.middle)

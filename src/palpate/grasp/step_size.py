@@ -1,4 +1,4 @@
-"""The size of the next closing step, before the safety filter."""
+"""Size of the next closing step, before the safety filter."""
 
 from __future__ import annotations
 
@@ -18,28 +18,29 @@ from palpate.grasp.safety_filter import filter_command, quantize_target
 from palpate.grasp.servo_evidence import early_gain
 from palpate.gripper.interface import GripperCommand
 
-#: A step in which the servo's current is read lasts for this many frames: a mean of a few.
+#: Shortest duration, in frames, of a step in which the servo current is measured.
 _CURRENT_FRAMES = 3.0
 
 
 def approach_step(plan: Plan) -> float:
-    """Return the step before contact that keeps even a rigid object below the target.
+    """Return the step before contact that keeps a rigid object below the target force.
 
-    Where a damage limit is sought it is half as long: a sheet shows no faint force, and a
-    weak object may not withstand the last step's increase. Without a target it is the plan's.
+    With a damage model it is at most half of the plan's step: the sheet does not show faint forces,
+    and a weak object may not withstand the increase of the last step. Without a target it is the
+    plan's step.
     """
     if plan.target_force_n is None:
         return plan.step
-    afforded = plan.target_force_n / plan.steepest_n
+    step = plan.target_force_n / plan.steepest_n
     longest = plan.step if plan.damage is None else 0.5 * plan.step
-    return min(max(afforded, plan.fine_step), longest)
+    return min(max(step, plan.fine_step), longest)
 
 
 def read_step(estimate: ContactEstimate, plan: Plan) -> None:
-    """Read the force, its upper bound and the damage limit, once a closing step.
+    """Read the force, its upper bound and the damage limit, once per closing step.
 
-    Read again later, the sheet has crept: the early law would call that force. Where the hand came
-    back to, the sheet keeps some of the earlier load.
+    A later reading would include creep, which the early law converts to force. After a return to a
+    smaller closure, the sheet retains part of the earlier load. Both are therefore not read.
     """
     touch, last = estimate.now, estimate.steps[-1] if estimate.steps else None
     if last and (estimate.moved_s < last.touch.time_s or estimate.closure <= last.closure):
@@ -52,25 +53,25 @@ def read_step(estimate: ContactEstimate, plan: Plan) -> None:
 
 
 def _damage_low_n(estimate: ContactEstimate, plan: Plan) -> float:
-    """Return the lower bound of the damage limit, estimated from the closing so far.
+    """Return the lower bound of the damage limit, from the closing so far.
 
-    Force and limit are read by one gain: where the force is less than it seems, so is the limit. So
-    the bound is given as the largest gain reads forces, because the upper force is given so too.
+    Force and limit share one gain error, so the bound is scaled to the largest gain, like the upper
+    force with which it is compared.
 
-    For an object that stiffens, the measured slope is smaller than the one that the model learned
-    from, because it counts from the first touch: that errs to the safe side.
+    For an object that stiffens, the measured slope is smaller than in the training set, because it
+    counts from the first contact. The error is on the safe side.
     """
     if plan.damage is None or not estimate.force_n > 0:
         return math.inf
     stiffness = measure_stiffness(estimate, force_now(estimate, plan), plan=plan)
     if stiffness is None:
         return math.inf
-    reach = float(ndtri(0.5 + plan.level / 2)) * estimate.gain.log_sd
-    return math.exp(reach) * plan.damage.bound_n(stiffness, kind=plan.kind)
+    half_width = float(ndtri(0.5 + plan.level / 2)) * estimate.gain.log_sd
+    return math.exp(half_width) * plan.damage.bound_n(stiffness, kind=plan.kind)
 
 
 def force_now(estimate: ContactEstimate, plan: Plan) -> Measurement:
-    """Return the force of the last step read, as the sheet reads it soon after."""
+    """Return the force of the last closing step, from the early law."""
     return Measurement(
         value=estimate.force_n,
         low=estimate.force_n**2 / estimate.force_high_n,
@@ -85,7 +86,7 @@ def close_by(
 ) -> GripperCommand | None:
     """Return the command of a closing step; None if its safe part is too small.
 
-    A servo whose current is read takes at least `lasting_s` for it, and some frames.
+    `lasting_s`: shortest duration for a servo with measured current.
     """
     step = min(step, _step_to_bound(estimate, plan))
     if step < plan.smallest_step:
@@ -94,12 +95,12 @@ def close_by(
     if estimate.contact_s is not None and plan.current is not None:
         frames_s = _CURRENT_FRAMES * estimate.period_s
         rate = min(rate, step / max(lasting_s, frames_s, SQUEEZE.min_current_s))
-    wish = GripperCommand(target=quantize_target(estimate.closure + step, plan), rate=rate)
-    return None if filter_command(wish, estimate, plan) is None else wish
+    command = GripperCommand(target=quantize_target(estimate.closure + step, plan), rate=rate)
+    return None if filter_command(command, estimate, plan) is None else command
 
 
 def _step_to_bound(estimate: ContactEstimate, plan: Plan) -> float:
-    """Return the step before the force could be far above the target."""
+    """Return the step after which the force could be far above the target."""
     if plan.target_force_n is None or not estimate.force_n > 0:
         return math.inf
     target_n = max(plan.target_force_n, plan.lift_force_n or 0.0)
@@ -108,10 +109,10 @@ def _step_to_bound(estimate: ContactEstimate, plan: Plan) -> float:
 
 
 def squeeze_step(estimate: ContactEstimate, plan: Plan, *, goal_n: float) -> float:
-    """Return the step that raises the force by a fixed amount, larger far from target.
+    """Return the step that raises the force as planned, more far from target.
 
-    The first steps after a touch are fine, and none goes much further than the fingers have pressed
-    already: how steeply the force rises is known only up to the measured depth.
+    The first steps after contact are fine. Later steps are limited relative to the squeeze depth,
+    because the slope of the force is known only up to that depth.
     """
     rise_n = max(plan.force_step_n, SQUEEZE.force_fraction * (goal_n - estimate.force_n))
     longest = SQUEEZE.depth_ratio * squeeze_depth(estimate, plan) + plan.fine_step
@@ -119,19 +120,19 @@ def squeeze_step(estimate: ContactEstimate, plan: Plan, *, goal_n: float) -> flo
         left_mm = plan.gentle_mm - deformation_mm(estimate, plan)
         longest = min(longest, max(left_mm / mm_per_unit(plan), plan.fine_step))
     if estimate.fast_contact is not None:
-        # It has borne more already.
+        # The object withstood that closure already.
         longest = max(longest, estimate.fast_contact[0] - estimate.closure)
     wanted = max(min(rise_n / slope_high_n(estimate, plan), longest), plan.smallest_step)
     last = estimate.steps[-1]
     if estimate.moved_s > last.touch.time_s and estimate.closure <= last.closure:
-        # The last step was none: a coarse drive rounded it to where it was.
+        # A coarse drive rounded the last step to zero.
         wanted = max(wanted, 0.5 * plan.step)
     if plan.damage is None:
         return wanted
     if math.isinf(estimate.damage_low_n):
-        # A limit needs two steps with certain force, within little travel.
+        # A limit requires two steps with certain force, within a small travel.
         return min(wanted, plan.fine_step)
-    # The limit is measured again at every step: it is approached in several.
+    # Approach the limit in several steps, because each step measures it again.
     room_n = estimate.damage_low_n - estimate.force_high_n
     return min(wanted, SQUEEZE.force_fraction * room_n / slope_high_n(estimate, plan))
 
@@ -139,8 +140,8 @@ def squeeze_step(estimate: ContactEstimate, plan: Plan, *, goal_n: float) -> flo
 def squeeze_depth(estimate: ContactEstimate, plan: Plan) -> float:
     """Return the closing travel since the object was gripped, mm or kPa.
 
-    From where the force began, by how steeply it rises. A faint touch of one finger alone is no
-    squeeze, it may only push.
+    The start of the force is extrapolated with the slope. A faint touch of one finger does not
+    count, because it may only push.
     """
     force_n = sheet_forces_n(estimate.steps, estimate, plan)
     gripped = [_is_gripped(*pair, plan) for pair in zip(estimate.steps, force_n, strict=True)]
@@ -152,7 +153,7 @@ def squeeze_depth(estimate: ContactEstimate, plan: Plan) -> float:
 
 
 def deformation_mm(estimate: ContactEstimate, plan: Plan) -> float:
-    """Return the object's deformation: the squeeze less the hand's own compliance."""
+    """Return the object's deformation: squeeze depth minus the gripper's deflection."""
     depth_mm = squeeze_depth(estimate, plan) * mm_per_unit(plan)
     if plan.gripper_compliance is None:
         return depth_mm
@@ -160,16 +161,16 @@ def deformation_mm(estimate: ContactEstimate, plan: Plan) -> float:
 
 
 def slope_high_n(estimate: ContactEstimate, plan: Plan) -> float:
-    """Return the steepest likely rise of force, from the last steps, with room for stiffening."""
+    """Return the upper slope of the force: that of the last steps with stiffening."""
     return min(SQUEEZE.stiffening_ratio * slope_n(estimate, plan), plan.steepest_n)
 
 
 def slope_n(estimate: ContactEstimate, plan: Plan) -> float:
     """Return the slope of the force over the last steps, N per mm or kPa.
 
-    Short of where the hand met the object at speed it is no less than the force there shows. A rise
-    that noise alone could make shows no slope, nor does one that began before the grip. Without any
-    the object may be rigid, and so it may where the sheet shows less for more closing.
+    Up to the closure of a contact at speed, it is at least the slope to the force measured there.
+    Rises within the noise, or starting before the grip, are ignored. Without any slope, or with a
+    force that falls during closing, the object may be rigid.
     """
     last = estimate.steps[-3:]
     curve = list(zip(last, sheet_forces_n(last, estimate, plan).tolist(), strict=True))
@@ -181,30 +182,30 @@ def slope_n(estimate: ContactEstimate, plan: Plan) -> float:
         if c1.closure > c0.closure and f1 - f0 >= SQUEEZE.min_rise_n and _is_gripped(c0, f0, plan)
     ]
     if estimate.fast_contact is not None and curve:
-        (closure, met_n), (now, now_n) = estimate.fast_contact, curve[-1]
-        if closure > now.closure and met_n > now_n:
-            slopes.append((met_n - now_n) / (closure - now.closure))
+        (closure, fast_n), (now, now_n) = estimate.fast_contact, curve[-1]
+        if closure > now.closure and fast_n > now_n:
+            slopes.append((fast_n - now_n) / (closure - now.closure))
     found = max(slopes) if slopes else _slope_bound_n(estimate, plan)
     return float(min(found, plan.steepest_n))
 
 
 def _is_gripped(step: ClosingStep, force_n: float, plan: Plan) -> bool:
-    """Return whether both fingers certainly pressed at a step."""
+    """Return whether both fingers certainly gripped at a step."""
     return step.touch.weaker_percent <= plan.hint_percent or force_n > plan.force_step_n
 
 
 def _slope_bound_n(estimate: ContactEstimate, plan: Plan) -> float:
     """Return the largest slope consistent with steps without certain rise, N per mm or kPa.
 
-    Travel counts from the first force that can't be drift, and from the last step at which one
-    finger still showed no force: until then the other one alone pushed the object to the middle.
+    Travel counts from the first force above drift, or from the last step at which one finger showed
+    no contact, whichever is later. Until then the other finger alone pushed the object.
     """
     steps = estimate.steps
-    felt = np.flatnonzero(sheet_forces_n(steps, estimate, plan) > CONTACT_SD * floor_n(plan))
-    alone = [step.touch.weaker_percent > READING.contact_percent for step in steps]
-    if not felt.size:
+    loaded = np.flatnonzero(sheet_forces_n(steps, estimate, plan) > CONTACT_SD * floor_n(plan))
+    one_finger = [step.touch.weaker_percent > READING.contact_percent for step in steps]
+    if not loaded.size:
         return plan.steepest_n
-    first = int(max([felt[0], *np.flatnonzero(alone)[-1:]]))
+    first = int(max([loaded[0], *np.flatnonzero(one_finger)[-1:]]))
     travel = steps[-1].closure - steps[first].closure
     if travel < plan.smallest_step:
         return plan.steepest_n

@@ -1,9 +1,9 @@
-"""Closing at speed until a contact: speed, reach of commands, detection.
+"""Closing at constant speed, with contact detection.
 
-Every movement makes the resistance of all pixels rise while it lasts and a little longer. At a
-steady speed that rise is steady, so a touch is a change of any pixel against its own last few
-tenths of a second. While the hand gathers speed only a fall counts: the rise is the movement's. The
-servo's current shows a touch that lies off the pixels, and has no lag.
+A movement raises the resistance of all pixels, until shortly after its end. At constant speed the
+rise is constant, so a contact is a change of any pixel relative to its last few tenths of a second.
+During acceleration only a fall counts, because the movement causes a rise. The servo current shows
+contact outside the pixels too, and does not lag.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from palpate.arrays import FloatArray
 from palpate.estimate.servo_force import CurrentLaw
 from palpate.grasp.config import CURRENT, READING, TOUCH
 
-#: Fewest readings to compare with.
+#: Fewest readings in a comparison.
 _FEWEST = 3
 #: Median of the square of a standard normal variable.
 _MEDIAN_SQUARE = 0.4549
 
 
 def blind_s(period_s: float) -> float:
-    """Return the time without detection of a gentle touch after slowing down, s.
+    """Return the time after slowing down in which light contacts are not detected, s.
 
-    `period_s`: time between two frames.
+    `period_s`: frame period.
 
     >>> round(blind_s(1 / 15), 2), round(blind_s(1 / 250), 2)
     (0.51, 0.36)
@@ -44,25 +44,25 @@ class Sweep:
     rate : float
         Speed, mm/s or kPa/s.
     end : float
-        Closure where it ends without contact.
+        Closure at which the sweep ends without contact.
     since_s : float
-        When it began.
+        Start time.
     begin : float
-        Closure where it began.
+        Closure at the start.
     most_n : float
-        Force read on the way at which it ends.
+        Force at which the sweep ends.
     rows : tuple of int or None
-        Of the pixels that are watched; None for all.
+        Rows of the watched pixels; None for all.
     time_s : tuple of float
-        Of the frames in the window.
+        Times of the frames in the window.
     log_ohm : tuple of ndarray, shape (watched rows, cols)
-        ln of each pixel's resistance over its rest value, frame by frame.
+        ln of each pixel's resistance over its rest value, for each frame.
     gears_ma : tuple of float
-        Servo current less what the gears take there, while the hand moves; NaN where it is unknown.
+        Servo current minus gear friction at the same width, while the hand moves; NaN if unknown.
     level : ndarray or None, shape (watched rows, cols)
-        ln resistance over rest once the speed was steady; None before.
+        ln resistance over rest at constant speed; None before.
     slowed : bool
-        Whether a faster way ended where this one begins: the rise that it made fades first.
+        Whether a faster sweep ended at the start of this one, whose disturbance must decay first.
     """
 
     rate: float
@@ -78,7 +78,7 @@ class Sweep:
     slowed: bool = False
 
     def with_frame(self, time_s: float, *, log_ohm: FloatArray, gears_ma: float) -> Sweep:
-        """Return the sweep with one more frame."""
+        """Return the sweep with one more frame, and without frames older than the window."""
         level = self.level
         if level is None and time_s > self.since_s + TOUCH.steady_s + TOUCH.level_s:
             recent = [
@@ -98,14 +98,14 @@ class Sweep:
 
     @property
     def is_frozen(self) -> bool:
-        """Whether no pixel has changed lately: frames arrive, but repeat."""
+        """Whether the latest frames are all equal."""
         last = [time_s > self.time_s[-1] - READING.now_s for time_s in self.time_s]
         many = max(READING.now_frames + 1, sum(last))
         latest = self.log_ohm[-many:]
         return len(latest) == many and all(np.array_equal(latest[0], one) for one in latest)
 
     def is_touching(self, current: CurrentLaw | None) -> bool:
-        """Whether a pixel or the servo shows a contact now."""
+        """Return whether a pixel or the servo current shows contact."""
         time_s = np.array(self.time_s)
         now = time_s > time_s[-1] - TOUCH.window_s
         before = time_s < time_s[-1] - READING.lag_s
@@ -116,8 +116,8 @@ class Sweep:
         steady = before & (time_s > self.since_s + TOUCH.steady_s)
         pixels = np.array(self.log_ohm)
         latest = pixels[now].mean(axis=0)
-        # A load that rises slowly also shifts its own recent past: the level of this movement, and
-        # that at rest, which a movement only raises, are compared too.
+        # A slowly rising load also changes the recent readings. Therefore compare with the level of
+        # this movement too, and with the rest value, because a movement only raises it.
         highest = 0.0 if self.level is None else np.maximum(self.level, 0.0)
         if bool(
             (
@@ -133,7 +133,7 @@ class Sweep:
         if np.count_nonzero(before) // many < _FEWEST:
             return False
         past = _means(pixels[before], many)
-        # The part of the change that all pixels share is the movement's.
+        # The change common to all pixels is due to the movement.
         own = np.diff(past, axis=0)
         own = own - np.median(own, axis=(1, 2), keepdims=True)
         least = max(TOUCH.threshold_sd * float(np.sqrt(np.mean(own**2))), TOUCH.min_change)
@@ -142,32 +142,32 @@ class Sweep:
     def _is_servo_pulling(
         self, current: CurrentLaw, *, now: NDArray[np.bool_], before: NDArray[np.bool_]
     ) -> bool:
-        """Whether the servo pulls harder than before."""
+        """Return whether the servo current has risen."""
         gears_ma = np.array(self.gears_ma)
         known = np.isfinite(gears_ma)
         now, before = now & known, before & known
         if not now.any() or np.count_nonzero(before) < _FEWEST:
             return False
         more_ma = float(gears_ma[now].mean() - gears_ma[before].mean())
-        share = 1.0 / np.count_nonzero(now) + 1.0 / np.count_nonzero(before)
-        noise_ma = CURRENT.single_sd * current.noise_ma * float(np.sqrt(share))
+        variance = 1.0 / np.count_nonzero(now) + 1.0 / np.count_nonzero(before)
+        noise_ma = CURRENT.single_sd * current.noise_ma * float(np.sqrt(variance))
         return more_ma > noise_ma + TOUCH.friction_error_fraction * abs(current.gears.mean_ma)
 
 
 def _means(pixels: FloatArray, many: int) -> FloatArray:
-    """Return means of `many` frames each, the latest ones whole."""
+    """Return means over groups of `many` frames; the oldest incomplete group is dropped."""
     blocks = pixels[pixels.shape[0] % many :]
     return np.asarray(blocks.reshape(-1, many, *pixels.shape[1:]).mean(axis=1))
 
 
 def _noise(pixels: FloatArray) -> float:
-    """Return the standard deviation of one pixel from frame to frame: no slow change counts."""
+    """Return the standard deviation of a pixel between frames, without slow changes."""
     if len(pixels) <= _FEWEST:
         return TOUCH.min_change
     return float(np.sqrt(0.5 * np.median(np.diff(pixels, axis=0) ** 2) / _MEDIAN_SQUARE))
 
 
 def _scatter(past: FloatArray) -> float:
-    """Return the standard deviation of one pixel about its own mean."""
+    """Return the standard deviation of a pixel about its mean."""
     own = past - past.mean(axis=0)
     return float(np.sqrt(np.sum(own**2) / (own.size - own[0].size)))

@@ -1,4 +1,4 @@
-"""Whether the gripper follows its commands, by its reports."""
+"""Checks that the gripper follows its commands, according to its reports."""
 
 from __future__ import annotations
 
@@ -41,12 +41,11 @@ def find_impossible_value(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandTracking:
-    """One command in progress.
+    """Tracks the execution of one command.
 
-    `begin`, `target`: where the gripper was, and where it was sent, mm or kPa.
-    `ends_s`, `due_s`: when the way is done at the rate sent, and when the gripper must have
-    arrived.
-    `rate`: speed of the way, mm/s or kPa/s.
+    `begin`, `target`: position at the command and target, mm or kPa.
+    `ends_s`, `due_s`: time of arrival at the commanded rate, and latest time of arrival.
+    `rate`: commanded speed, mm/s or kPa/s.
 
     >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
     >>> safety = SafetyLimits()
@@ -80,7 +79,7 @@ class CommandTracking:
         limits: GripperLimits,
         safety: SafetyLimits,
     ) -> CommandTracking:
-        """Begin to follow a command sent at `now_s`, with the gripper at `state`."""
+        """Start to track a command sent at `now_s`, with the gripper at `state`."""
         begin = limits.drive_reading(state)
         ends_s = now_s + abs(sent.target - begin) / sent.rate
         return cls(
@@ -94,37 +93,38 @@ class CommandTracking:
     def poll_interval_s(
         self, *, now_s: float, limits: GripperLimits, safety: SafetyLimits
     ) -> float | None:
-        """Return the check interval of a closing movement; None once it has finished.
+        """Return the interval of checks during a closing movement; None after its end.
 
-        Meanwhile the hand could exceed its target by the allowed amount. Pressure is in the frames.
+        It is the time in which the hand could exceed its target by the overshoot limit. For a
+        pressure-driven hand, checks at frames suffice.
         """
         closes = limits.drive == "width" and self.target < self.begin
         every_s = safety.overshoot_mm / self.rate
         return every_s if closes and now_s <= self.ends_s + 2 * every_s else None
 
     def is_idle(self, state: GripperState, *, now_s: float, limits: GripperLimits) -> bool | None:
-        """Return whether the hand has not moved; None if it is too early to know.
+        """Return whether the hand has not moved; None if the expected travel is too small.
 
         >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
-        >>> way = CommandTracking(begin=40.0, target=30.0, ends_s=0.5, due_s=0.9, rate=20.0)
-        >>> stands = GripperState(time_s=0.0, width_mm=40.0)
-        >>> [way.is_idle(stands, now_s=now_s, limits=limits) for now_s in (0.004, 0.1)]
+        >>> tracking = CommandTracking(begin=40.0, target=30.0, ends_s=0.5, due_s=0.9, rate=20.0)
+        >>> resting = GripperState(time_s=0.0, width_mm=40.0)
+        >>> [tracking.is_idle(resting, now_s=now_s, limits=limits) for now_s in (0.004, 0.1)]
         [None, True]
-        >>> way.is_idle(GripperState(time_s=0.1, width_mm=38.5), now_s=0.1, limits=limits)
+        >>> tracking.is_idle(GripperState(time_s=0.1, width_mm=38.5), now_s=0.1, limits=limits)
         False
         """
-        way = self.target - self.begin
+        travel = self.target - self.begin
         left = max(self.ends_s - now_s, 0.0) * self.rate
-        expected = abs(way) - min(left, abs(way))
+        expected = abs(travel) - min(left, abs(travel))
         if expected < GUARDS.min_travel_fraction * limits.span:
             return None
-        made = math.copysign(1.0, way) * (limits.drive_reading(state) - self.begin)
+        made = math.copysign(1.0, travel) * (limits.drive_reading(state) - self.begin)
         return made / expected < GUARDS.idle_fraction
 
     def find_fault(
         self, state: GripperState, *, now_s: float, limits: GripperLimits, safety: SafetyLimits
     ) -> str | None:
-        """Return the fault, if any: closed beyond the target, or late."""
+        """Return a message if the hand overshot its target or has not arrived; else None."""
         reported, unit = limits.drive_reading(state), _UNITS[limits.drive]
         overshoot, tolerance = safety.overshoot_mm, safety.tracking_tolerance_mm
         if limits.drive == "pressure":
@@ -145,21 +145,21 @@ class CommandTracking:
 
 
 class SpeedMonitor:
-    """Compares the closing of a hand with that of its commands.
+    """Compares the speed of a closing hand with its commands.
 
-    A single short step may be over before it is seen, so what a hand closes too much adds up over
-    the commands of a closing, and whatever time allows it is taken off.
+    A short step may end between two reports. The excess travel is therefore accumulated over
+    commands, and reduced by the travel that the elapsed time allows.
 
     >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
-    >>> watch = SpeedMonitor(limits, safety=SafetyLimits())
+    >>> monitor = SpeedMonitor(limits, safety=SafetyLimits())
     >>> sent = GripperCommand(target=30.0, rate=20.0)
     >>> at = lambda time_s, mm: GripperState(time_s=time_s, width_mm=mm)
-    >>> way = CommandTracking.start(
+    >>> tracking = CommandTracking.start(
     ...     sent, state=at(0.0, 50.0), now_s=0.0, limits=limits, safety=SafetyLimits()
     ... )
-    >>> watch.find_fault(at(0.0, 50.0), way=None)
-    >>> watch.find_fault(at(0.1, 48.0), way=way)
-    >>> watch.find_fault(at(0.2, 42.0), way=way)
+    >>> monitor.find_fault(at(0.0, 50.0), tracking=None)
+    >>> monitor.find_fault(at(0.1, 48.0), tracking=tracking)
+    >>> monitor.find_fault(at(0.2, 42.0), tracking=tracking)
     'the gripper was sent at 20.0 mm/s and closes at 60 mm/s; check the unit of speed in its driver'
     """
 
@@ -172,27 +172,27 @@ class SpeedMonitor:
         self._before: tuple[float, float] | None = None
         self._rate = self._ahead = 0.0
 
-    def find_fault(self, state: GripperState, *, way: CommandTracking | None) -> str | None:
-        """Add the next report; return the fault of its speed, if any.
+    def find_fault(self, state: GripperState, *, tracking: CommandTracking | None) -> str | None:
+        """Process the next report; return a message if the hand closes too fast.
 
-        `way`: the command in force since the last report, if there was one.
+        `tracking`: the command in effect since the last report, if any.
         """
         closure, before = self._limits.closure(state), self._before
         if before is not None and not state.time_s > before[0]:
             return None
         self._before = (state.time_s, closure)
-        if before is None or way is None:
+        if before is None or tracking is None:
             return None
         closed, passed_s = closure - before[1], state.time_s - before[0]
-        # A hand that gets a slower command closes at the speed of the one before for a moment.
-        late = max(self._rate - way.rate, 0.0) * self._latency_s
-        self._rate = way.rate
-        more = closed - GUARDS.max_speed_ratio * way.rate * passed_s
+        # After a slower command, the hand continues briefly at the previous speed.
+        late = max(self._rate - tracking.rate, 0.0) * self._latency_s
+        self._rate = tracking.rate
+        more = closed - GUARDS.max_speed_ratio * tracking.rate * passed_s
         self._ahead = max(self._ahead - late + more, min(self._ahead, 0.0) - late)
-        if self._ahead <= self._lag + way.rate * self._latency_s:
+        if self._ahead <= self._lag + tracking.rate * self._latency_s:
             return None
         unit = _UNITS[self._limits.drive]
         return (
-            f"the gripper was sent at {way.rate:.1f} {unit}/s and closes at "
+            f"the gripper was sent at {tracking.rate:.1f} {unit}/s and closes at "
             f"{closed / passed_s:.0f} {unit}/s; check the unit of speed in its driver"
         )

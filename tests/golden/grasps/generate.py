@@ -237,12 +237,12 @@ class _Strike:
         self._done, fault = True, FAULTS[self._case.fault]()
         for device in self._devices:
             device.fault = fault
-        world.clock.sleep_s(fault.nudged_s)
-        if fault.pressed_mm and self._case.kind == "rigid":
+        world.clock.sleep_s(fault.hang_s)
+        if fault.pushed_mm and self._case.kind == "rigid":
             self._devices[1].state()
             now_mm = world.drive_value(world.clock.now_s())
-            world.drive(now_mm - fault.pressed_mm, rate=60.0)
-        if fault.stopped:
+            world.drive(now_mm - fault.pushed_mm, rate=60.0)
+        if fault.user_stops:
             self._requests.stop.set()
 
 

@@ -18,7 +18,7 @@ from palpate.rig.simulated import calibrate_twin
 from palpate.twin.velostat import Environment
 from palpate.twin.world import World
 
-OLD, DRIFTED = "the calibration's rest values are used", "climate or wear moved the sheet"
+OLD, DRIFTED = "the calibration's rest values are used", "climate or wear changed the sheet"
 
 
 def calibrated_when_dry(plan: Plan) -> Plan:

@@ -109,11 +109,11 @@ def speeds(
         command = GripperCommand(target=limits.target(begin + length), rate=rate)
         state = at(limits, limits.target(begin))
         way = CommandTracking.start(command, state=state, now_s=now_s, limits=limits, safety=SAFETY)
-        watch.find_fault(replace(state, time_s=now_s), way=None)
+        watch.find_fault(replace(state, time_s=now_s), tracking=None)
         while now_s < began_s + length / rate + 0.5:
             now_s += every_s
             closure = begin + min(real * (now_s - began_s), length)
-            fault = watch.find_fault(at(limits, limits.target(closure), time_s=now_s), way=way)
+            fault = watch.find_fault(at(limits, limits.target(closure), time_s=now_s), tracking=way)
             found += [] if fault is None else [fault]
     return found
 
@@ -147,9 +147,9 @@ def test_overspeed_accumulates_over_short_commands() -> None:
         state, now_s = at(WIDTH, width_mm), frame / 15
         sent = GripperCommand(target=width_mm - 1.3, rate=10.0)
         way = CommandTracking.start(sent, state=state, now_s=now_s, limits=WIDTH, safety=SAFETY)
-        watch.find_fault(replace(state, time_s=now_s + 1e-3), way=way)
+        watch.find_fault(replace(state, time_s=now_s + 1e-3), tracking=way)
         width_mm -= 1.3
-        fault = watch.find_fault(at(WIDTH, width_mm, time_s=now_s + 1 / 15), way=way)
+        fault = watch.find_fault(at(WIDTH, width_mm, time_s=now_s + 1 / 15), tracking=way)
         found += [] if fault is None else [fault]
     assert found
 
@@ -174,21 +174,23 @@ def test_a_slower_command_is_obeyed_within_the_latency() -> None:
         now_s = 0.005 * step
         way = fast if now_s <= 0.1 else slow
         width_mm -= 0.005 * (60.0 if now_s <= 0.1 + SAFETY.latency_s else 6.0)
-        assert watch.find_fault(at(WIDTH, width_mm, time_s=now_s), way=way) is None
+        assert watch.find_fault(at(WIDTH, width_mm, time_s=now_s), tracking=way) is None
 
 
 def test_opening_and_a_lag_that_is_made_up_are_not_overspeed() -> None:
     watch = SpeedMonitor(WIDTH, safety=SAFETY)
     way = sent(WIDTH, 40.0, 30.0, rate=4.0)
-    assert watch.find_fault(at(WIDTH, 40.0, time_s=0.0), way=way) is None
-    assert watch.find_fault(at(WIDTH, 39.5, time_s=0.001), way=way) is None
-    assert watch.find_fault(at(WIDTH, 70.0, time_s=0.1), way=way) is None
+    assert watch.find_fault(at(WIDTH, 40.0, time_s=0.0), tracking=way) is None
+    assert watch.find_fault(at(WIDTH, 39.5, time_s=0.001), tracking=way) is None
+    assert watch.find_fault(at(WIDTH, 70.0, time_s=0.1), tracking=way) is None
 
 
 def test_reports_without_a_time_of_their_own_are_not_judged() -> None:
     watch = SpeedMonitor(WIDTH, safety=SAFETY)
     way = sent(WIDTH, 40.0, 30.0, rate=4.0)
-    assert [watch.find_fault(at(WIDTH, mm), way=way) for mm in (40.0, 35.0, 30.0)] == [None] * 3
+    assert [watch.find_fault(at(WIDTH, mm), tracking=way) for mm in (40.0, 35.0, 30.0)] == [
+        None
+    ] * 3
 
 
 def test_impossible_reports_are_described() -> None:

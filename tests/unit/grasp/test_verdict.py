@@ -1,4 +1,4 @@
-"""The verdict of a grasp: words for its firmness, or the index where no word fits."""
+"""Verdict of a grasp: firmness in words, or its index for an unknown stiffness."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate.grasp.verdict import verdict
     ("low", "high", "words"),
     [(1.2, 2.9, "soft"), (0.7, 40.0, "firmness 28 to 87 of 100")],
 )
-def test_verdict_firmness_is_a_word_or_the_index(low: float, high: float, words: str) -> None:
+def test_verdict_gives_firmness_as_word_or_index(low: float, high: float, words: str) -> None:
     stiffness = Measurement(value=2.0, low=low, high=high, unit="n_per_mm", level=0.9)
     result = GraspResult(
         outcome=Outcome.HELD,
