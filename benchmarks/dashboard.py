@@ -81,7 +81,7 @@ def write_rig(folder: Path, *, port: str, rate_hz: float) -> Path:
 
 def flexitac_on_a_line(rate_hz: float) -> AbstractContextManager[tuple[str, int]]:
     """Run a board of 12 x 32 pixels in a process; return port and process."""
-    from palpate_studies.benchmarks.pty_board import on_a_port
+    from palpate_studies.benchmarks.pty_board import run_on_port
 
     def send(master: int) -> None:
         os.set_blocking(master, False)
@@ -92,7 +92,7 @@ def flexitac_on_a_line(rate_hz: float) -> AbstractContextManager[tuple[str, int]
             with suppress(BlockingIOError):  # there is no reader: lost, as on a real port
                 os.write(master, b"\xaa\x55" + pixels.astype(np.uint8).tobytes())
 
-    return on_a_port(send)
+    return run_on_port(send)
 
 
 def watch_flexitac(*, rate_hz: float, seconds: float) -> None:
@@ -167,9 +167,9 @@ def cpu_s(pid: int) -> float:
 
 def board_on_a_line(rate_hz: float) -> AbstractContextManager[tuple[str, int]]:
     """Run a board in a process of its own; give the port and the process."""
-    from palpate_studies.benchmarks.pty_board import board, on_a_port
+    from palpate_studies.benchmarks.pty_board import run_board, run_on_port
 
-    return on_a_port(partial(board, rate_hz=rate_hz))
+    return run_on_port(partial(run_board, rate_hz=rate_hz))
 
 
 @contextmanager

@@ -57,7 +57,7 @@ def test_a_peer_that_is_missing_is_named_with_its_remedy(tmp_path, capsys) -> No
 
 def test_an_unknown_benchmark_names_those_there_are(capsys) -> None:
     assert bench_with(["warp"]) == 2
-    assert "no bench 'warp'; there are: all, frames" in capsys.readouterr().err
+    assert "no bench 'warp'; available: all, frames" in capsys.readouterr().err
 
 
 def test_help_shows_an_example(capsys) -> None:
@@ -78,8 +78,8 @@ def test_predictors_are_timed_and_agree_with_curve_fit() -> None:
     known = settling._compare_on_known_grid("exponential", time_s=time_s, holds=holds, peer_holds=5)
     assert known.size == 20
     assert known.times > 1
-    assert settling._new_grid(holds[0]).wanted == 1
-    agreement = settling._agreement(20)
+    assert settling._compare_on_new_grid(holds[0]).wanted == 1
+    agreement = settling._describe_agreement(20)
     assert float(agreement.rsplit(" ", 1)[1].rstrip(".")) < 1e-5
 
 

@@ -12,10 +12,10 @@ from palpate.twin.world import GripperKind
 from palpate_studies.baselines.feedback_loops import (
     LOOPS,
     WAITS_S,
+    collect_training_rows,
     learn_laws,
-    paper_loop,
     run_learned_loop,
-    taught_by,
+    run_paper_loop,
 )
 from palpate_studies.baselines.full_input_learners import RIDGE
 from palpate_studies.force_control import compare_methods, judge, scores
@@ -110,7 +110,7 @@ def test_percentages_are_also_given_of_everything_that_was_to_be_gripped() -> No
 
 @pytest.mark.slow
 def test_the_papers_line_as_feedback_says_the_target_where_it_stops() -> None:
-    found = paper_loop(draw_task(700_000, level="lab"))
+    found = run_paper_loop(draw_task(700_000, level="lab"))
     assert found.on_target_s is not None
     assert found.reported_n == pytest.approx(found.task.target_n, rel=0.05)
     assert found.force_n == pytest.approx(found.task.target_n, rel=0.4)
@@ -127,7 +127,7 @@ def test_a_learned_law_is_feedback_on_sensors_that_it_never_saw() -> None:
     assert found.reported_n == pytest.approx(found.task.target_n, rel=0.05)
     assert found.force_n == pytest.approx(found.task.target_n, rel=0.6)
     # It learned from holds that the hand really had: the calibrated law is off by some percent.
-    rows = taught_by(draw_task(700_000, level="lab"))
+    rows = collect_training_rows(draw_task(700_000, level="lab"))
     assert 1 <= len(rows) <= 13
     assert all(abs(log) < 1.0 for _, log in rows)
 

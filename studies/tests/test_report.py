@@ -34,9 +34,9 @@ def test_a_file_is_no_folder_for_a_report(
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        (["--format", "pdf"], "--format pdf: it is for the figures in --out DIR"),
-        (["--dpi", "600"], "--dpi 600: it is for the figures in --out DIR"),
-        (["--out", "made", "--format", "svg", "--dpi", "600"], "only png has dots"),
+        (["--format", "pdf"], "--format pdf: it applies to the figures in --out DIR"),
+        (["--dpi", "600"], "--dpi 600: it applies to the figures in --out DIR"),
+        (["--out", "made", "--format", "svg", "--dpi", "600"], "it applies to png only"),
         (["--out", "made", "--format", "bmp"], "--format"),
     ],
 )

@@ -13,14 +13,14 @@ from palpate.twin.world import World
 from palpate_studies import ripeness
 from palpate_studies.fruit_ranges import BRUISES
 from palpate_studies.grasp_cycle import Sample
-from palpate_studies.second.fruit import WAYS, CorkyPatch, corky, other_avocado
+from palpate_studies.second.fruit import COURSES, CorkyPatch, corky, other_avocado
 from palpate_studies.second.sheets import OtherSheet, other_sheet
 from palpate_studies.second.things import other_item
 from palpate_studies.twin_apple import draw_apple
 from palpate_studies.twin_avocado import draw_avocado
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", COURSES)
 def test_other_avocados_soften_from_the_same_start_to_the_same_end(way: str) -> None:
     fruit = draw_avocado(np.random.default_rng(4))
     other = other_avocado(fruit, way=way)
@@ -52,7 +52,7 @@ def test_a_corky_bruise_has_a_core_and_a_rim_and_a_sound_apple_stays_as_it_is() 
 def test_ripeness_pairs_ours_with_that_day_alone() -> None:
     payload = ripeness.report(sensors=1, fruits=4, second=True).payload
     assert payload["simulated"] is True
-    assert [row["generator"] for row in payload["ripeness"]] == ["first", *WAYS, "all three"]
+    assert [row["generator"] for row in payload["ripeness"]] == ["first", *COURSES, "all three"]
     for row in payload["ripeness"]:
         assert row["fruit_days"] == row["wrong_less_learned"]["trees"]["cases"] == 16
         assert row["wrong_less_learned"]["trees"]["specimens"] == 4

@@ -116,7 +116,10 @@ def test_study_prints_one_document(tmp_path: Path, document: Callable[..., Any])
 
 @pytest.mark.parametrize(
     ("made", "message"),
-    [({"faint": True}, "no touch in it"), ({"sensors": 1}, "nothing to learn from")],
+    [
+        ({"faint": True}, "no touch raises the conductance"),
+        ({"sensors": 1}, "none is left for training"),
+    ],
 )
 def test_strokes_of_too_little_refuses(
     made: dict[str, Any], message: str, tmp_path: Path, refusal: Callable[..., str]

@@ -18,7 +18,7 @@ from lerobot.cameras.utils import make_cameras_from_configs
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 from lerobot.utils.import_utils import register_third_party_plugins
 
-from palpate_studies.benchmarks.pty_board import board, on_a_port
+from palpate_studies.benchmarks.pty_board import run_board, run_on_port
 
 register_third_party_plugins()
 PAGE = Path(__file__).parents[3] / "docs/lerobot.md"
@@ -103,7 +103,7 @@ def test_a_size_that_does_not_fit_is_refused() -> None:
 
 def test_a_board_without_calibration_is_seen_from_its_first_second_on(tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
-    with on_a_port(partial(board, rate_hz=100.0)) as (port, process):
+    with run_on_port(partial(run_board, rate_hz=100.0)) as (port, process):
         rig.write_text(
             '[array]\nopen = "palpate.sensor.board_array:open_board"\n'
             f'port = "{port}"\nrate_hz = 100.0\n'

@@ -12,8 +12,8 @@ from palpate_studies.baselines.feedback_loops import (
     LOOPS,
     Laws,
     learn_laws,
-    paper_loop,
     run_learned_loop,
+    run_paper_loop,
 )
 from palpate_studies.force_control_world import (
     GRASPS_PER_SHEET,
@@ -66,7 +66,7 @@ def grip_all(tasks: Sequence[Task], *, damage: DamageModel, laws: Laws) -> Itera
     for one in tasks:
         yield grip_as_shipped(one, damage=damage)
         yield grip_as_shipped(one, damage=None)
-        yield paper_loop(one)
+        yield run_paper_loop(one)
         yield from (run_learned_loop(one, learner, laws=laws) for learner in LOOPS)
 
 

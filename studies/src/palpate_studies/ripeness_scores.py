@@ -13,7 +13,7 @@ from palpate.produce.learning import LabelLearner
 from palpate.produce.ripeness.firmness import DayFelt
 from palpate.produce.ripeness.rule import judge_by_first_day, learn_stages
 from palpate.produce.ripeness.stages import RIPE, STAGES
-from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS, learn_stage, numbers_of
+from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS, learn_stage, list_day_inputs
 from palpate_studies.protocol.paired import difference_of_pairs
 from palpate_studies.ripeness_station import DAYS
 from palpate_studies.station_records import (
@@ -201,7 +201,7 @@ def _list_inputs(
         for values in [[one[name].middle for one in today if name in one]]
     ]
     change = felt.as_published[item_id, day]
-    return [*numbers_of(days), *numbers_of(raw), *means, change]
+    return [*list_day_inputs(days), *list_day_inputs(raw), *means, change]
 
 
 def _learn_published(felt: StationRecords) -> LabelLearner:

@@ -18,10 +18,10 @@ from palpate.errors import InputError
 from palpate.produce.ripeness.firmness import DayFelt
 from palpate.produce.ripeness.rule import RipenessRule
 from palpate.produce.ripeness.stages import RIPE, STAGES
-from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS, learn_stage, numbers_of
+from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS, learn_stage, list_day_inputs
 from palpate_studies.protocol.paired import difference_of_pairs
 from palpate_studies.report import StudyReport, Table
-from palpate_studies.second.fruit import WAYS, other_avocado
+from palpate_studies.second.fruit import COURSES, other_avocado
 from palpate_studies.twin_avocado import Avocado, draw_avocado
 
 #: Seed of the final evaluation. Virtual sensors 0 to 2 were used in development; 94_001 to 94_004
@@ -106,9 +106,11 @@ def report(*, sensors: int, fruits: int) -> StudyReport:
 def list_generators() -> dict[str, Callable[[Avocado, int], Avocado]]:
     """Return name -> function that makes a generator's fruit from the first generator's."""
     found: dict[str, Callable[[Avocado, int], Avocado]] = {"first": lambda fruit, number: fruit}
-    for way in WAYS:
+    for way in COURSES:
         found[way] = _always(way)
-    found["all three"] = lambda fruit, number: other_avocado(fruit, way=WAYS[number % len(WAYS)])
+    found["all three"] = lambda fruit, number: other_avocado(
+        fruit, way=COURSES[number % len(COURSES)]
+    )
     return found
 
 
@@ -162,7 +164,7 @@ def judge_days(
     ]
     labels = [[one.stage(day) for day in range(DAYS)] for one in labelled]
     rule = RipenessRule.learn(training_days, labels=labels, stages=STAGES)
-    rows = [numbers_of(days[: count + 1]) for days in training_days for count in range(DAYS)]
+    rows = [list_day_inputs(days[: count + 1]) for days in training_days for count in range(DAYS)]
     ranks = [STAGES.index(label) for each in labels for label in each]
     learners = {name: learn_stage(name, rows, ranks) for name in STAGE_LEARNERS}
     found = []
@@ -221,7 +223,8 @@ def _judge(
         fruit=name,
         exact=judged.stage == truth,
         exact_learned={
-            learner: STAGES[stage(numbers_of(days))] == truth for learner, stage in learners.items()
+            learner: STAGES[stage(list_day_inputs(days))] == truth
+            for learner, stage in learners.items()
         },
         covered=judged.days_to_ripe.low <= wait <= judged.days_to_ripe.high if wait > 0 else None,
     )

@@ -1,7 +1,7 @@
-"""The settled value on every material, none of which a rule has learned from.
+"""Predict the settled value on materials that are not in the training set.
 
-The rules that learn from other holds work in ln of positive readings: a hold is its fall up to the
-cut-off, and the truth is ln(settled / last reading).
+The trained rules use ln of positive readings. Their features describe the fall up to the cut-off,
+and their target is ln(settled / last reading).
 """
 
 from __future__ import annotations
@@ -27,28 +27,37 @@ from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import mean, median
 
 HORIZON_S = 20.0
-#: Stretches of log time that the ridge sees of a hold, and its penalties to choose from.
+#: Intervals of log time in the features of the ridge, and candidates of its penalty.
 STRETCHES, PENALTIES = 6, np.geomspace(1e-3, 10.0, 9)
 _TINY = 1e-9
 CUTOFFS_S = (1.0, 2.5, 5.0)
 PALPATE = "ours"
-#: Rules that need no other holds, by the name that `predict_settled` knows them by.
+#: Baselines that need no other holds, by their names in `predict_settled`.
 PLAIN = ("recorded", "exponential", "log_law", "log_law_early")
-#: Past holds of the same sensor, in the order of recording.
+#: Numbers of earlier holds of the same sensor.
 OWN_HOLDS = (3, 6, 12, 24)
-#: At most this many holds of a material are predicted from own holds, spread over all.
+#: Largest number of holds of a material in the test with own holds, evenly over the file.
 MOST_TESTED = 60
-#: Drawn holds of one exponential, the paper's equation 2: time constants (s), shares, noise, rate.
+#: Drawn single exponentials, the paper's equation 2: time constants (s), amplitudes, noise, rate.
 SINGLE, SINGLE_HOLDS, SINGLE_SEED = "single exponential, drawn", 200, 7
 _TAU_S, _SHARE, _NOISE, _RATE_HZ = (0.4, 8.0), (0.05, 0.6), (2e-4, 2e-3), 15.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HoldFeatures:
-    """One hold up to a cut-off, in ln: what rules may use, and the truth.
+    """Features of one hold up to a cut-off, in ln, and the truth.
 
-    `profile`, shape (STRETCHES + 1,): the fall in each stretch as a share of the whole, the whole
-    and its logarithm. `log_law`: the change to come by the log law; `change`: that which came.
+    Attributes
+    ----------
+    profile : ndarray, shape (STRETCHES + 1,)
+        Fall from each interval relative to the largest fall, ln of the largest fall, and the
+        largest fall.
+    drop : float
+        Largest fall.
+    log_law : float
+        Remaining change predicted by the log law.
+    change : float
+        True remaining change.
     """
 
     profile: FloatArray
@@ -58,7 +67,7 @@ class HoldFeatures:
 
 
 def extract_features(hold: Hold, cutoff_s: float) -> HoldFeatures:
-    """Return what a hold of positive values shows up to a cut-off."""
+    """Extract the features of a hold of positive values up to a cut-off."""
     seen = hold.time_s <= cutoff_s
     time_s, height = hold.time_s[seen], np.log(hold.values[seen])
     edges = np.geomspace(0.1, cutoff_s + 0.1, STRETCHES + 1) - 0.1
@@ -83,14 +92,14 @@ Rule = Callable[[HoldFeatures], float]
 
 
 def fit_multiple(others: Mapping[str, Sequence[HoldFeatures]]) -> Rule:
-    """Return the constant multiple of the last reading: the median of materials alike."""
+    """Fit a constant multiple of the last reading, with equal weights of the materials."""
     change = np.array([one.change for holds in others.values() for one in holds])
     middle = _find_weighted_median(change, _equal_material_weights(others))
     return lambda one: middle
 
 
 def fit_scaled_log_law(others: Sequence[HoldFeatures]) -> Rule:
-    """Return the change by the log law times a factor learned from others."""
+    """Fit a factor on the remaining change of the log law."""
     guess = np.array([one.log_law for one in others])
     change = np.array([one.change for one in others])
     known = np.abs(guess) > _TINY
@@ -101,7 +110,7 @@ def fit_scaled_log_law(others: Sequence[HoldFeatures]) -> Rule:
 
 
 def fit_ridge(others: Mapping[str, Sequence[HoldFeatures]]) -> Rule:
-    """Return a ridge on every feature, its penalty chosen with one material held out."""
+    """Fit a ridge on all features, with the penalty chosen on held-out materials."""
     names = np.repeat(list(others), [len(holds) for holds in others.values()])
     holds = [one for some in others.values() for one in some]
     features = np.array([one.profile for one in holds])
@@ -135,21 +144,22 @@ def _find_weighted_median(values: FloatArray, weights: FloatArray) -> float:
     return float(values[order][np.searchsorted(below, below[-1] / 2)])
 
 
-#: Of each hold: signed error in % of the settled value, and of methods with an interval whether it
-#: covers, its half width in % and whether it is `ok`, else NaN; shape (n_holds, 4).
+#: Scores of shape (n_holds, 4): signed error in % of the settled value; whether the interval covers
+#: the truth, its half width in %, and whether its status is `ok` (NaN without an interval).
 Scores: TypeAlias = FloatArray
 
 
 def report(
     *,
     holds: Annotated[
-        list[Path] | None, typer.Option(help="Holds of one material; repeat it.", metavar="FILE")
+        list[Path] | None,
+        typer.Option(help="Holds of one material; give it once per material.", metavar="FILE"),
     ] = None,
     held_out: Annotated[
         list[Path] | None, typer.Option(help="Holds that are only scored.", metavar="FILE")
     ] = None,
 ) -> StudyReport:
-    """Predict settled values on every material, the rules learned on the others.
+    """Predict settled values on every material with rules trained on the other materials.
 
     Example: palpate study settled --holds silicone.csv.gz --holds food.csv.gz --out report
     """
@@ -162,12 +172,12 @@ command = as_command(report)
 
 
 def _read(files: Sequence[Path]) -> dict[str, list[Hold]]:
-    """Return the holds of each file that reach the horizon, by its name."""
+    """Read the holds that reach the horizon, by material (the name of the file)."""
     found: dict[str, list[Hold]] = {}
     for file in files:
         name = file.name.split(".")[0].removeprefix("holds_")
         if name in found:
-            raise InputError(f"{file}: a second file of the name {name}; rename one")
+            raise InputError(f"{file}: there are two files of material {name}; rename one")
         found[name] = [
             hold
             for hold in read_holds(file, until_s=HORIZON_S)
@@ -178,8 +188,8 @@ def _read(files: Sequence[Path]) -> dict[str, list[Hold]]:
         for hold in found[name]:
             if not (hold.values > 0).all():
                 raise InputError(
-                    f"{file}: hold {hold.hold_id} is not positive throughout, and errors in % of "
-                    "such a settled value mean nothing; give ohm, volt or newton"
+                    f"{file}: hold {hold.hold_id} is not positive throughout, so errors in % are "
+                    "undefined; give values in ohm, volt or newton"
                 )
     return found
 
@@ -191,7 +201,7 @@ def _measure_settled(hold: Hold) -> float:
 def judge(
     materials: Mapping[str, Sequence[Hold]], *, held_out: Mapping[str, Sequence[Hold]]
 ) -> StudyReport:
-    """Score every rule on every material without it, on held-out files, and with own holds."""
+    """Score every method on every material and held-out file, and with own holds."""
     shown = {
         (name, cutoff_s): [extract_features(hold, cutoff_s) for hold in holds]
         for name, holds in {**materials, **held_out}.items()
@@ -220,17 +230,17 @@ def judge(
     regrets = compute_regret([row for row in rows if row["material"] in materials])
     return StudyReport(
         name="settled",
-        title="The settled value of real recordings, on materials that no rule learned from",
+        title="Settled value of real recordings, on materials outside the training set",
         provenance=[
             "Real recordings: "
             + ", ".join(f"{name} ({len(holds)} holds)" for name, holds in materials.items())
             + (f"; only scored: {', '.join(held_out)}." if held_out else "."),
-            "The multiple and the ridge learn from the other materials (files with a hold of the "
-            "same name are of the same specimens and count as one). palpate learns nothing from "
-            "recordings without own holds: its shapes have even odds. Which shapes there are, the "
-            "usual size of a drop and the limits of `ok` were chosen on the developers' silicone, "
-            "Velostat, food, tape and force; held-out files show what that is worth.",
-            "Own holds are those recorded before, and for the first ones the last of the file.",
+            "The multiple and the ridge are trained on the other materials; files with a common "
+            "hold are of the same specimens and count as one material. palpate is not trained "
+            "without own holds: its shapes have equal prior probabilities. The set of shapes, the "
+            "usual size of a fall and the limits of `ok` were chosen on the developers' silicone, "
+            "Velostat, food, tape and force; held-out files test this choice.",
+            "Own holds are the preceding holds of the file; the first holds use the last ones.",
             f"Drawn: {SINGLE_HOLDS} single exponentials of 0.4 to 8 s.",
         ],
         tables=_tables(rows, regrets),
@@ -239,12 +249,12 @@ def judge(
 
 
 def _share_holds(some: Sequence[Hold], others: Sequence[Hold]) -> bool:
-    """Return whether two files share a hold, and so their specimens."""
+    """Return whether two files have a common hold, and therefore common specimens."""
     return bool({hold.hold_id for hold in some} & {hold.hold_id for hold in others})
 
 
 def _score_without_holds(holds: Sequence[Hold], cutoff_s: float) -> dict[str, Scores]:
-    """Return the scores of methods as `predict_settled` ships them."""
+    """Return the scores of the shipped methods without own holds."""
     found = {PALPATE: _scores(holds, cutoff_s, method="relaxation")}
     return found | {name: _scores(holds, cutoff_s, method=name) for name in PLAIN}
 
@@ -276,7 +286,7 @@ def _score_rule(holds: Sequence[HoldFeatures], rule: Rule) -> Scores:
 
 
 def _rows_with_own_holds(name: str, holds: Sequence[Hold], *, count: int) -> list[dict[str, Any]]:
-    """Return rows for predictions after `count` own holds, those recorded before each hold."""
+    """Return rows for predictions with the `count` preceding holds as own holds."""
     tested = range(0, len(holds), max(1, len(holds) // MOST_TESTED))
     past = {
         place: [(place - back) % len(holds) for back in range(count, 0, -1)] for place in tested
@@ -320,9 +330,10 @@ def _row(
 
 
 def compute_regret(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return how far each method is from the best of each material, without own holds.
+    """Return each method's regret relative to the best method, without own holds.
 
-    The geometric mean over materials of its median |error| over the smallest of all methods.
+    The regret is the geometric mean over materials of the ratio of its median |error| to the
+    smallest of all methods.
 
     >>> two = [
     ...     {"material": m, "cutoff_s": 1.0, "method": n, "own_holds": 0,
@@ -369,7 +380,7 @@ def draw_single_exponentials() -> list[Hold]:
 
 
 def _tables(rows: Sequence[Mapping[str, Any]], regrets: Sequence[Mapping[str, Any]]) -> list[Table]:
-    """Return errors of every method, palpate's own figures, and the regret."""
+    """Return the tables of errors, of palpate's figures, and of the regret."""
     material, form = {"material": "{material}"}, "{median_abs_error_percent:.2f}"
     at = " / ".join(f"{cutoff_s:g}" for cutoff_s in CUTOFFS_S)
     title = f"Median |error|, % of the settled value, at {at} s"
@@ -378,7 +389,7 @@ def _tables(rows: Sequence[Mapping[str, Any]], regrets: Sequence[Mapping[str, An
     return [
         Table.wide(title, without, material, over="method", form=form),
         Table.wide(
-            f"After own holds: {title}",
+            f"With own holds: {title}",
             owned,
             material | {"own holds": "{own_holds}"},
             over="method",
@@ -386,7 +397,7 @@ def _tables(rows: Sequence[Mapping[str, Any]], regrets: Sequence[Mapping[str, An
         ),
         Table.of("palpate", [row for row in rows if row["method"] == PALPATE]),
         Table.wide(
-            "Regret: geometric mean over materials of the error over the smallest of all",
+            "Regret: geometric mean over materials of error / smallest error",
             regrets,
             {"cut-off, s": "{cutoff_s:g}"},
             over="method",

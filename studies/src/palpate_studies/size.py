@@ -1,7 +1,7 @@
-"""Figure 14 of the paper: the size of strawberries, by closing in 1 mm steps.
+"""Figure 14 of the paper: the size of strawberries measured by closing in 1 mm steps.
 
-They are sized on the twin by the paper's Figure 13, and by a grasp of palpate, whose readings at
-its last steps are the inputs of trees.
+The strawberries are measured on the twin with the paper's method (Figure 13), with a grasp of
+palpate, and with boosted trees on the readings of that grasp.
 """
 
 from __future__ import annotations
@@ -45,24 +45,25 @@ from palpate_studies.twin_session import Session
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Paper, section 4.1: ten strawberries of 31-41 mm; root mean square and mean percent error.
+#: Paper, section 4.1: ten strawberries of 31-41 mm; RMS error and mean error in percent.
 BERRIES = 10
 PUBLISHED = {"rms_mm": 0.89, "mean_error_percent": 2.2, "within_1_mm": 1.0}
 #: Seed of the first sensor, fixed before anything was scored on it.
 FIRST_SENSOR = 99_000
-#: palpate's way, with an interval: no step finer than 1 mm.
+#: palpate's method, restricted to steps of 1 mm.
 PALPATE = "same_steps"
-#: The previous width of Figure 13; that plus a constant learned on other sensors; palpate's; and
-#: boosted trees given all that this read, trained on other sensors.
+#: The previous width of Figure 13; the same with a constant learned on other sensors; palpate; and
+#: boosted trees with palpate's readings, trained on other sensors.
 METHODS = ("published", "without_bias", PALPATE, TREES)
-#: Stops that are shown, up to the narrowest, and the time before each next movement that is read.
+#: Last stops in the inputs of the trees, and duration of their readings.
 _STOPS, _READ_S = 5, 0.2
-#: The fingers begin here, open beyond the largest strawberry, and close by this much at a time.
+#: Initial width, beyond the largest strawberry, and step width.
 START_MM, STEP_MM = 46.0, 1.0
-#: The paper gives no waiting time after a step: ours, in which the spike of the movement fades.
+#: Waiting time after a step, in which the spike of the movement decays (the paper states none), and
+#: duration of a reading.
 WAIT_S, READ_S = DWELL_S - 0.2, 0.2
 STILL_S = 1.0
-#: Ours without a step finer than the paper's, and with no more of them than it takes.
+#: Plan of palpate with the paper's step width and as few steps as possible.
 SAME_STEPS: dict[str, Any] = {"fine_step": STEP_MM, "smallest_step": STEP_MM, "fewest_steps": 2}
 
 
@@ -74,7 +75,7 @@ def report(
     first_sensor: int = FIRST_SENSOR,
     berries: int = BERRIES,
 ) -> StudyReport:
-    """Size simulated strawberries as the paper does and as ours does, compared with Figure 14.
+    """Measure simulated strawberries with the paper's method and palpate, as in Figure 14.
 
     Example: palpate study size --out reports
     """
@@ -92,14 +93,15 @@ def report(
             f"Simulated: {berries} strawberries of 31-41 mm on each of {sensors} sensors per "
             f"level, first seed {first_sensor}; each strawberry twice on the same spot.",
             "Published: section 4.1, ten strawberries. Sizes to the nearest mm and widths in whole "
-            "mm leave errors of -1, 0 and 1 alone: a root mean square of 0.89 means eight of ten "
-            "off by 1 mm.",
-            "Ours without finer steps presses on until it knows the size, the paper's way until it "
-            "sees the contact. The trees read all that this grasp of ours read at its last five "
-            "stops (widths, forces by the calibrated law, give of the fingers, changes, currents), "
-            "and learn on the other sensors, on objects of this kind.",
-            "No published figure was an input. The paper names neither the fruits' stiffness nor "
-            "its waiting time: a soft fruit is closed on further before the sheet falls by 10 %.",
+            "mm allow errors of -1, 0 and 1 only: a root mean square of 0.89 means that eight of "
+            "ten have an error of 1 mm.",
+            "palpate closes in the same steps until it has an estimate of the size, the paper's "
+            "method until it detects contact. The trees have palpate's readings at the last five "
+            "stops as inputs (widths, calibrated forces, deflections of the fingers, changes, "
+            "currents) and are trained on strawberries on the other sensors.",
+            "No published figure was an input. The paper states neither the stiffness of the fruit "
+            "nor the waiting time: on a soft fruit the fingers close further before the sheet "
+            "falls by 10 %.",
         ],
         tables=[Table.of("Error of the size; published: RMS 0.89 mm, all within 1 mm", summary)],
         payload={
@@ -116,7 +118,7 @@ command = as_command(report)
 
 
 def scores(found: Sequence[SizedStrawberry], way: str) -> dict[str, Any]:
-    """Return how large the errors of one way are, and what its intervals cover."""
+    """Return the errors of one method and the coverage of its intervals."""
     error = errors_mm(found, way)
     error = error[np.isfinite(error)]
     pairs = list_estimates(found) if way == PALPATE else []
@@ -136,7 +138,7 @@ def scores(found: Sequence[SizedStrawberry], way: str) -> dict[str, Any]:
 
 
 def _compare_methods(level: str, found: Sequence[SizedStrawberry]) -> list[dict[str, Any]]:
-    """Return our RMS error less each other method's on the same fruit, by sensor."""
+    """Compare palpate's RMS error with each other method's on the same fruit, by sensor."""
     both = [one for one in found if one.same_steps is not None and np.isfinite(one.published_mm)]
     of, lost = [str(one.sensor) for one in both], {way: errors_mm(both, way) for way in METHODS}
     finite = {way: e for way, e in lost.items() if way == PALPATE or np.isfinite(e).all()}
@@ -146,13 +148,13 @@ def _compare_methods(level: str, found: Sequence[SizedStrawberry]) -> list[dict[
 def list_last_steps(
     observations: Sequence[Observation], *, plan: Plan, compliance: Compliance
 ) -> FloatArray:
-    """Return the numbers of the last stops, narrowest last; shape (1 + 9 * stops,).
+    """Return the readings of the last stops, narrowest last; shape (1 + 9 * stops,).
 
-    After the width of the narrowest, for each: how much wider it is, the force by the calibrated
-    law of early readings and how far the fingers give way under it, excess conductance, changes
-    of all pixels, of the finger that feels less and of the strongest pixel, servo current, and the
-    strongest current of the movement that led there. Stops that a short grasp lacks are those of
-    the open hand.
+    The first value is the narrowest width. Each stop then has nine values: its width relative to
+    the narrowest, the force of the calibrated law of early readings, the deflection of the fingers
+    under this force, the excess conductance, the mean change, the smaller of the fingers' changes,
+    the largest change of a pixel, the servo current, and the largest current of the movement before
+    the stop. Missing stops of a short grasp are replaced with the open hand.
     """
     stops = _stops(observations)
     rest_ohm = _ohm(stops[0], plan)
@@ -183,7 +185,7 @@ def list_last_steps(
 
 
 def _stops(observations: Sequence[Observation]) -> list[list[Observation]]:
-    """Return the observations of each time that the fingers stood still."""
+    """Return the observations of each standstill of the fingers."""
     grouped = groupby(observations, key=lambda one: one.gripper.moving)
     return [list(stop) for moving, stop in grouped if not moving]
 
@@ -200,7 +202,7 @@ def _ohm(stop: Sequence[Observation], plan: Plan) -> FloatArray:
 
 
 def _strongest_current_ma(observations: Sequence[Observation], *, before_s: float) -> float:
-    """Return the strongest servo current of the last movement before a time; 0 with none."""
+    """Return the largest servo current of the last movement before a time, or 0."""
     before = [one for one in observations if one.frame.time_s < before_s]
     pulls = list[float]()
     for one in reversed(before):
@@ -219,17 +221,17 @@ class SizedStrawberry:
     sensor : int
         Seed.
     true_mm : float
-        Its extent along the closing axis.
+        Extent along the closing axis.
     published_mm : float
-        The previous width, as in the paper's Figure 13; NaN where contact was never seen.
+        The previous width of the paper's Figure 13; NaN without detected contact.
     same_steps : Measurement or None
         palpate's estimate from closing in the paper's steps.
     damaged : bool
-        Whether that grasp pressed it beyond its yield force.
+        Whether palpate's grasp exceeded the yield force.
     pressed_to_mm : float
-        Least width of the grasp that gave `same_steps`.
+        Smallest width of palpate's grasp.
     steps : ndarray, shape (numbers,)
-        What that grasp read at its last steps (`list_last_steps`), for the trees.
+        Readings of palpate's grasp at its last stops (`list_last_steps`), for the trees.
     """
 
     sensor: int
@@ -242,7 +244,7 @@ class SizedStrawberry:
 
 
 def measure_sizes(level: str, *, sensors: Sequence[int], berries: int) -> Iterator[SizedStrawberry]:
-    """Size `berries` strawberries on each sensor of a level, each in both ways."""
+    """Measure `berries` strawberries on each sensor of a level with both methods."""
     for sensor in sensors:
         calibration = calibrate_twin(seed=sensor, level=level, apart_from="strawberry")
         for berry in range(berries):
@@ -258,7 +260,7 @@ def measure_sizes(level: str, *, sensors: Sequence[int], berries: int) -> Iterat
                     subscribers=[seen.append],
                 )
             )
-            # Driven by width: the calibration always knows how the fingers give way.
+            # With a width drive, the calibration always contains the compliance.
             assert plan.compliance is not None
             yield SizedStrawberry(
                 sensor=sensor,
@@ -272,7 +274,7 @@ def measure_sizes(level: str, *, sensors: Sequence[int], berries: int) -> Iterat
 
 
 def _place_strawberry(obj: TwinObject, level: str, sensor: int, berry: int) -> Session:
-    """Return a sensor and gripper with the strawberry between its fingers, not touched yet."""
+    """Return a session with the strawberry between the open fingers."""
     session = Session(sensor, level=level, trial=berry)
     session.close_to(START_MM)
     session.world.clock.sleep_s(STILL_S)
@@ -281,7 +283,7 @@ def _place_strawberry(obj: TwinObject, level: str, sensor: int, berry: int) -> S
 
 
 def find_previous_width_mm(session: Session) -> float:
-    """Close by Figure 13 until the mean falls by 10 %; return the width before."""
+    """Close as in Figure 13 until the mean falls by 10 %; return the previous width."""
     rest_ohm, width_mm = session.mean_ohm(), START_MM
     while width_mm > session.gripper.limits.lowest:
         before_mm, width_mm = width_mm, width_mm - STEP_MM
@@ -294,10 +296,10 @@ def find_previous_width_mm(session: Session) -> float:
 
 
 def errors_mm(found: Sequence[SizedStrawberry], way: str) -> FloatArray:
-    """Return estimate minus size of those that have one, shape (n,).
+    """Return estimate minus true size of all estimates, shape (n,).
 
-    Trees, and the constant that takes out the bias of the paper's way, are learned on the other
-    sensors; NaN with no other. Ten fruits sized with a caliper on other sensors give that constant.
+    The trees, and the constant that corrects the bias of the paper's method, are trained on the
+    strawberries of the other sensors; the errors are NaN without other sensors.
     """
     if way == TREES:
         true_mm = np.array([one.true_mm for one in found])
@@ -322,7 +324,7 @@ def errors_mm(found: Sequence[SizedStrawberry], way: str) -> FloatArray:
 
 
 def list_estimates(found: Sequence[SizedStrawberry]) -> list[tuple[Measurement, float]]:
-    """Return each estimate of palpate with the true size."""
+    """Return palpate's estimates with the true sizes."""
     return [(one.same_steps, one.true_mm) for one in found if one.same_steps is not None]
 
 

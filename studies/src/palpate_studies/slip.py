@@ -23,17 +23,16 @@ from palpate_studies.rows import LEVELS, median, running_median
 from palpate_studies.twin_session import Session
 
 FIRST_SENSOR = 30_000
-#: What is held, in turn.
+#: Objects to hold.
 OBJECTS = ("strawberry", "tomato", "apple", "avocado-day-3", "mango", "ball-44lbs")
 KINDS = ("slip", "removal")
-#: Width that the fingers close by, beyond contact; how long it is held before something happens;
-#: how long the watch continues.
+#: Closure beyond contact, mm; time from the grip to the event, and observation after it, seconds.
 CLOSURES_MM, HOLDS_S, AFTER_S = (1.0, 3.0), (1.5, 4.0), 1.0
-#: The pull of a slip, as a multiple of what friction holds.
+#: Pull of a slip relative to the limit of friction.
 PULLS = (1.02, 1.5)
-#: One quiet hold, and how far apart the sheet's own resistance is worked out in it, seconds.
+#: Duration of a quiet hold, and time step of the simulated sheet resistance in it, seconds.
 QUIET_S, QUIET_STEP_S = 600.0, 0.5
-#: Weaker grips than this are not looked at: the paper's threshold is not reached on every sheet.
+#: Mean change of a detected grip; weaker grips are not scored.
 _HELD_PERCENT = -10.0
 
 
@@ -42,7 +41,7 @@ def report(
     events: Annotated[int, typer.Option(help="Slips and removals of each level.", min=2)] = 60,
     hours: Annotated[float, typer.Option(help="Quiet holding of each level.", min=0.1)] = 0.5,
 ) -> StudyReport:
-    """Let simulated objects slip or vanish, and hold others quietly for hours.
+    """Let simulated objects slip or disappear, and hold other objects quietly for hours.
 
     Example: palpate study slip --events 500 --hours 10 --out reports
     """
@@ -61,20 +60,20 @@ def report(
         name="slip",
         title="Slip and removal on the twin (simulated)",
         provenance=[
-            f"Simulated: {events} events per level, frames at 15 Hz, ten on each sensor, from seed "
-            f"{FIRST_SENSOR}; a slip is a pull of {PULLS[0]:g} to {PULLS[1]:g} times what friction "
-            "holds. Seen means that a finger calls slip or removal within a second, by the rules "
-            "of `palpate.signal.events` that run live.",
-            "Counted are grips that both fingers feel before (mean change below -10 %). Once it "
-            "slides, an object is off the pads within a frame or two; one that slides a little and "
-            "is caught again is not simulated.",
-            f"Quiet: {holds} holds of {QUIET_S:g} s per level, a sensor each; the sheet's own "
-            f"course worked out every {QUIET_STEP_S:g} s and drawn straight between, its noise and "
-            "the converter's drawn for every frame.",
+            f"Simulated: {events} events per level, ten per sensor from seed {FIRST_SENSOR}, "
+            f"frames at 15 Hz. A slip is a pull of {PULLS[0]:g} to {PULLS[1]:g} times the limit of "
+            "friction. An event counts as seen if a finger reports slip or removal within one "
+            "second, by the rules of `palpate.signal.events`.",
+            "Only grips that both fingers detect before the event (mean change below -10 %) are "
+            "scored. A sliding object leaves the pads within one or two frames; short slips that "
+            "stop again are not simulated.",
+            f"Quiet: {holds} holds of {QUIET_S:g} s per level, each on its own sensor. The sheet "
+            f"resistance is simulated every {QUIET_STEP_S:g} s and interpolated linearly; noise of "
+            "sheet and converter is added to every frame.",
         ],
         tables=[
-            Table.of("Slips and removals seen within a second", summary),
-            Table.of("Slips and removals called in quiet holds", alarms),
+            Table.of("Slips and removals detected within a second", summary),
+            Table.of("False slips and removals in quiet holds", alarms),
         ],
         payload={"origin": "twin", "summary": summary, "quiet": alarms},
     )
@@ -84,10 +83,10 @@ command = as_command(report)
 
 
 def _simulate_event(level: str, *, sensor: int, trial: int, kind: str) -> tuple[bool, list[float]]:
-    """Let something happen to a held object.
+    """Simulate a slip or removal of a held object.
 
-    Returns whether both fingers felt it before (what is not felt can't be missed), and when slips
-    and removals were called, seconds after it began; below zero where they were called before.
+    Returns whether both fingers had contact before the event, and the times of reported slips and
+    removals relative to the event, seconds. Negative times are false alarms.
     """
     rng = np.random.default_rng([sensor, trial, 51])
     session = Session(sensor, level=level, trial=trial)
@@ -116,7 +115,7 @@ def _simulate_event(level: str, *, sensor: int, trial: int, kind: str) -> tuple[
 
 
 def _hold(session: Session, rng: np.random.Generator) -> tuple[TwinObject, FloatArray]:
-    """Take rest values and close on an object; return it and them."""
+    """Measure rest values and close on an object; return object and rest values."""
     obj = draw_object(rng, str(rng.choice(OBJECTS)))
     session.place(obj)
     session.close_to(obj.size_mm + 6.0)
@@ -136,12 +135,12 @@ def _finger_changes(counts: np.ndarray, *, session: Session, rest_ohm: FloatArra
 
 
 def _has_contact(fingers: FloatArray) -> bool:
-    """Whether every finger feels the object in some frames."""
+    """Return whether every finger has contact in the median of some frames."""
     return bool((np.median(fingers, axis=0) < _HELD_PERCENT).all())
 
 
 def _find_loss_times_s(time_s: Sequence[float] | FloatArray, fingers: FloatArray) -> list[float]:
-    """Return when a finger calls slip or removal; the changes have shape (frames, fingers)."""
+    """Return the times of slips and removals in changes of shape (frames, fingers)."""
     found, states = list[float](), [ContactState()] * fingers.shape[1]
     for now_s, changes in zip(time_s, running_median(fingers, length=3), strict=True):
         for finger, change in enumerate(changes.tolist()):
@@ -154,7 +153,7 @@ def _find_loss_times_s(time_s: Sequence[float] | FloatArray, fingers: FloatArray
 
 
 def _watch_quiet_hold(level: str, *, sensor: int) -> tuple[int, bool]:
-    """Hold an object for long; return slips and removals called, and whether it was felt."""
+    """Hold an object quietly; return the number of alarms and whether it had contact."""
     session = Session(sensor, level=level)
     _, rest_ohm = _hold(session, np.random.default_rng([sensor, 52]))
     world = session.world
@@ -206,6 +205,6 @@ def _score_alarms(holds: Sequence[tuple[int, bool]]) -> dict[str, Any]:
         "hours": hours,
         "called": called,
         "per_hour": called / hours if hours else None,
-        # None in that many hours bounds the rate at three over them (95 %).
+        # Poisson upper limit (95 %): without alarms, three divided by the hours.
         "per_hour_at_most": float(chi2.ppf(0.95, 2 * called + 2) / (2 * hours)) if hours else None,
     }

@@ -1,7 +1,7 @@
-"""Force of a microfluidic soft sensor from its voltage, with depths of press held out.
+"""Force of a microfluidic soft sensor from its voltage, with held-out press depths.
 
-Han et al., IEEE RA-L 3(2), 2018: strokes down and up at three places, with a load cell. A method
-sees the past of its own stroke; place, depth and speed are labels.
+Han et al., IEEE RA-L 3(2), 2018: strokes down and up at three places, with a load cell. The inputs
+of a method are the past voltages of the stroke; place, depth and speed are not inputs.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ LEVEL = 0.9
 _PERIOD_S = 1 / 22
 #: Voltage without pressure, below the smallest of the training set, volt.
 _REST_V = 0.03
-#: Excess conductance that a law of Velostat is used to, at the 90th percentile of the training set.
+#: Excess at the 90th percentile of the training set after scaling, typical of Velostat.
 _USUAL_EXCESS = 10.0
-#: Past voltages that ridge and trees see, samples.
+#: Lags of the voltages in the inputs of ridge and trees, samples.
 _LAGS = (0, 1, 2, 3, 4, 6, 10)
-#: Weakest force that the law learns from, newtons: the threshold of the other studies.
+#: Weakest training force of the law, newtons: the threshold of the other studies.
 _LEAST_N = 0.5
 
 
@@ -52,19 +52,19 @@ class Stroke:
         return np.arange(len(self.force_n)) > int(np.argmax(self.force_n))
 
     def inputs(self, volt: float = 0.1) -> FloatArray:
-        """Return the inputs of the force law, shape (n, INPUTS); `volt` reads as 10."""
+        """Return the inputs of the force law, shape (n, INPUTS); `volt` corresponds to 10."""
         excess = _USUAL_EXCESS * (self.voltage_v - _REST_V) / volt
         return compute_states(_PERIOD_S * np.arange(len(excess)), log_reading(excess))
 
     def past(self) -> FloatArray:
-        """Return the inputs, the voltages of the last samples and those of the start."""
+        """Return the inputs, the lagged voltages, and the first voltage."""
         padded = np.concatenate([np.full(max(_LAGS), self.voltage_v[0]), self.voltage_v])
         late = [padded[max(_LAGS) - lag : len(padded) - lag] for lag in _LAGS]
         return np.column_stack([self.inputs(), *late, np.full(len(late[0]), self.voltage_v[0])])
 
 
 Strokes: TypeAlias = Sequence[Stroke]
-#: From a stroke to its force and, where there is an interval, its ends.
+#: From a stroke to its force and the limits of the interval, None without an interval.
 Predictor: TypeAlias = Callable[[Stroke], tuple[FloatArray, tuple[FloatArray, FloatArray] | None]]
 
 
@@ -73,10 +73,12 @@ def report(
     train: Annotated[Path, typer.Option(help="Strokes to learn from.", metavar="CSV")],
     test: Annotated[
         Path | None,
-        typer.Option(help="Strokes to predict; without, each depth in turn.", metavar="CSV"),
+        typer.Option(
+            help="Strokes to predict; by default each depth in turn is held out.", metavar="CSV"
+        ),
     ] = None,
 ) -> StudyReport:
-    """Predict the force of a soft sensor from its voltage, depths left out.
+    """Predict the force of a soft sensor from its voltage at held-out depths.
 
     Example: palpate study soft-sensor --train soft_sensor_ral2018.csv.gz
     """
@@ -93,8 +95,8 @@ def report(
         name="soft-sensor",
         title="Force of a microfluidic soft sensor from its voltage",
         provenance=(
-            f"Real recordings (Han et al., RA-L 3(2), 2018), {len(known)} strokes to learn from. "
-            "A method sees the past voltages of a stroke; place, depth and speed are not given.",
+            f"Real recordings (Han et al., RA-L 3(2), 2018), {len(known)} training strokes. The "
+            "inputs are the past voltages of a stroke; place, depth and speed are not given.",
             "`ours` is `palpate.ForceLaw` on the voltage above rest, scaled by the training set.",
         ),
         tables=[Table.of("RMS error, N", summary)],
@@ -106,9 +108,10 @@ command = as_command(report)
 
 
 def read_strokes(path: Path) -> list[Stroke]:
-    """Read `stroke_id,location_mm,depth_mm,voltage_v,force_n`; neighbours of one id are a stroke.
+    """Read strokes `stroke_id,location_mm,depth_mm,voltage_v,force_n`.
 
-    Raises `InputError` if the file can't be used or is empty.
+    Consecutive rows with one id are a stroke. Raises `InputError` if the file can't be used or is
+    empty.
     """
     names = ("location_mm", "depth_mm", "voltage_v", "force_n")
     return [
@@ -123,7 +126,7 @@ def read_strokes(path: Path) -> list[Stroke]:
 
 
 def _split_by_depth(known: Strokes) -> list[tuple[str, Strokes, Strokes]]:
-    """Return each depth of a place, from the shallowest, and the others for training."""
+    """Hold out each depth in turn, by its rank at each place, from the shallowest."""
     depths: dict[float, set[float]] = {}
     for one in known:
         depths.setdefault(one.place_mm, set()).add(one.depth_mm)
@@ -143,7 +146,7 @@ def learn_constant(train: Strokes) -> Predictor:
 
 
 def learn_cubic(train: Strokes) -> Predictor:
-    """Learn a cubic in the voltage now."""
+    """Learn a cubic in the current voltage."""
     cubic = np.polyfit(np.concatenate([one.voltage_v for one in train]), _forces(train), 3)
     return lambda one: (np.asarray(np.polyval(cubic, one.voltage_v)), None)
 
@@ -164,7 +167,7 @@ def _fit_machine(train: Strokes, machine: Any) -> Predictor:
 
 
 def learn_force_law(train: Strokes) -> Predictor:
-    """Learn the population of `palpate.ForceLaw`, and predict by it."""
+    """Learn the population of `palpate.ForceLaw`."""
     volt = float(np.percentile(np.concatenate([one.voltage_v for one in train]) - _REST_V, 90))
     contacts = [
         KnownContact(

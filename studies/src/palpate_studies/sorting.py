@@ -1,7 +1,7 @@
-"""A mixed crate: each item's kind by touch, untrained kinds included, and its bin.
+"""Identify the items of a mixed crate by touch, including untrained kinds, and sort them.
 
-The baselines are learners in place of palpate's, and the nearest class mean in size and stiffness,
-which may call an item unknown.
+The baselines are other learners in place of palpate's, and the nearest class mean in size and
+stiffness with a rejection threshold.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ from palpate_studies.rows import LEVELS, group
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Names a kind, or unknown, from the measurements of one grasp; None where they do not do.
+#: From the measurements of one grasp to a kind or unknown; None if a measurement is missing.
 Guess: TypeAlias = Callable[[Mapping[str, Measurement]], str | None]
 NEAREST_MEAN, PALPATE = "nearest mean, may abstain", "ours"
-#: Learners in place of ours, a linear discriminant, with the same background class -> their names
-#: in `palpate.produce.learning.METHODS`.
+#: Learners in place of palpate's linear discriminant, with the same background class -> names in
+#: `palpate.produce.learning.METHODS`.
 LEARNERS = {"logistic regression": "logistic", "boosted trees": "trees"}
 #: Training items of each kind: as many as a packhouse has at hand.
 TRAINING_ITEMS = 10
-#: Seeds of the sensors; others were used while this was made, and for earlier figures. That of the
-#: one look at the second generator.
+#: First seed of the sensors, and that of the single evaluation on the second generator. Other seeds
+#: were used in development and for earlier figures.
 FIRST_SENSOR, SECOND_SENSOR = 910, 960
 
 
@@ -55,7 +55,7 @@ def _kind_rule(kind: str, *sizes: Within, bin_name: str | None = None) -> Rule:
     return Rule(bin=bin_name or kind, conditions=(OneOf("class", frozenset({kind})), *sizes))
 
 
-#: The rules of the study: one bin per kind, kiwis by size, strangers apart.
+#: Rules of the study: one bin per kind, kiwis by size, and one bin for unknown items.
 BOOK = RuleBook(
     rules=(
         _kind_rule("unknown", bin_name="strangers"),
@@ -70,18 +70,18 @@ BOOK = RuleBook(
 
 
 class NearestMean:
-    """Class means learned from points.
+    """Nearest-class-mean classifier with a rejection threshold.
 
-    Distances are in the spread that all kinds share. An item farther from every mean than all but
-    a twentieth of the training items are from theirs is unknown: the same fraction as ours, chosen
-    on the training items alone.
+    Distances are relative to the pooled spread of all kinds. An item is unknown if its distance to
+    the nearest mean exceeds the 95th percentile of the training items' distances to their own
+    means. palpate uses the same rejection rate.
 
     Parameters
     ----------
     points : ndarray, shape (items, features)
         Logarithms of the measurements of each training item.
     kinds : sequence of str, length items
-        The kind of each.
+        Kind of each item.
 
     Examples
     --------
@@ -96,7 +96,7 @@ class NearestMean:
         of = np.array([self.kinds.index(kind) for kind in kinds])
         self._means = np.array([points[of == k].mean(axis=0) for k in range(len(self.kinds))])
         self._spread = np.sqrt(np.mean((points - self._means[of]) ** 2, axis=0)) + 1e-9
-        # Left out of its own mean, an item of n lies farther from it by n / (n - 1).
+        # The distance to the mean without the item itself is larger by n / (n - 1).
         count = np.bincount(of)[of]
         own = self._distances(points)[np.arange(len(of)), of] * count / np.maximum(count - 1, 1)
         self._limit = float(np.quantile(own, 1.0 - FALSE_REJECT))
@@ -113,7 +113,7 @@ class NearestMean:
 
 
 def learn_nearest_mean(teaching: Sequence[CrateItemGrasps]) -> Guess:
-    """Learn the means from every grasp that measured both size and stiffness."""
+    """Learn the class means from every grasp with both size and stiffness."""
 
     def point(measured: Mapping[str, Measurement]) -> FloatArray | None:
         if not set(FEATURES) <= set(measured):
@@ -132,7 +132,7 @@ def learn_nearest_mean(teaching: Sequence[CrateItemGrasps]) -> Guess:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedItem:
-    """One method's answer for an item: a kind or unknown, and its likeliest kind."""
+    """One method's answer for an item: a kind or unknown, and the most likely kind."""
 
     level: str
     method: str
@@ -144,18 +144,18 @@ class NamedItem:
 def report(
     *,
     sensors: Annotated[
-        int, typer.Option(help="Sensors and crates of each level; the published figures: 3.", min=1)
+        int, typer.Option(help="Sensors and crates per level; published figures use 3.", min=1)
     ] = 1,
     items: Annotated[
-        int, typer.Option(help="Items of each kind in a crate; the published figures: 6.", min=1)
+        int, typer.Option(help="Items per kind in a crate; published figures use 6.", min=1)
     ] = 2,
     crates: Annotated[
         Path | None,
-        typer.Option(help="crates.json of an earlier --out, instead of grasping.", metavar="FILE"),
+        typer.Option(help="crates.json of an earlier --out, to skip the grasps.", metavar="FILE"),
     ] = None,
     second: SecondOption = False,
 ) -> StudyReport:
-    """Name and sort mixed crates with untrained kinds; report purity and items per hour.
+    """Identify and sort mixed crates with unknown kinds; report purity and items per hour.
 
     Example: palpate study sorting --out reports
     """
@@ -184,7 +184,7 @@ command = as_command(report)
 def _split_training(
     crate: Sequence[CrateItemGrasps],
 ) -> tuple[list[CrateItemGrasps], list[CrateItemGrasps]]:
-    """Return the items that teach and those that are sorted."""
+    """Return the training items and the items to sort."""
     return (
         [item for item in crate if item.teaches],
         [item for item in crate if not item.teaches],
@@ -201,18 +201,21 @@ def _learn_identifier(teaching: Sequence[CrateItemGrasps], *methods: str) -> Ide
 
 
 def learn_identifiers(teaching: Sequence[CrateItemGrasps]) -> dict[str, Identifier]:
-    """Return ours, and learners in its place, taught with the same items."""
+    """Train palpate's identifier and the baselines on the same items."""
     learners = {name: _learn_identifier(teaching, method) for name, method in LEARNERS.items()}
     return {PALPATE: _learn_identifier(teaching), **learners}
 
 
 def name_method(method: str, count: int) -> str:
-    """Return the name of a method that may grasp an item so often."""
+    """Return the name of a method with a number of grasps."""
     return f"{method}, {count} grasp{'s' if count > 1 else ''}"
 
 
 def name_items(crates: Sequence[CrateItemGrasps]) -> list[NamedItem]:
-    """Name a crate by every method, trained on its sensor; ours also on others."""
+    """Identify the items with every method, trained on the same sensor.
+
+    palpate's identifier is also trained on the other sensors.
+    """
     found = list[NamedItem]()
     for key, mine in group(crates, "level", "sensor"):
         (teaching, sorting), level = _split_training(mine), key["level"]
@@ -245,9 +248,9 @@ def name_items(crates: Sequence[CrateItemGrasps]) -> list[NamedItem]:
 
 
 def compare_learners(given: Sequence[NamedItem]) -> list[dict[str, Any]]:
-    """Return ours against each learner in its place at equal grasps, paired by item.
+    """Compare palpate with each learner at equal numbers of grasps, paired by item.
 
-    An item's loss is 1 where its answer, a kind or unknown, is not true.
+    The loss of an item is 1 for a wrong answer, which may be a kind or unknown.
     """
     rows = []
     for key, mine in group(given, "level"):
@@ -276,7 +279,7 @@ def compare_learners(given: Sequence[NamedItem]) -> list[dict[str, Any]]:
 
 
 def count_correct(name_items: Sequence[NamedItem]) -> dict[str, Any]:
-    """Return shares of known items and strangers that one method named rightly."""
+    """Return the fractions of known and unknown items that one method named correctly."""
     known = [one for one in name_items if one.item.known]
     strangers = [one for one in name_items if not one.item.known]
     return {
@@ -289,7 +292,7 @@ def count_correct(name_items: Sequence[NamedItem]) -> dict[str, Any]:
 
 
 def sort_crates(crates: Sequence[CrateItemGrasps]) -> dict[tuple[str, str], list[Placed]]:
-    """Sort every crate in every way; level and method -> items in their bins."""
+    """Sort every crate with every method; return (level, method) -> items in their bins."""
     placed: dict[tuple[str, str], list[Placed]] = {}
     for key, mine in group(crates, "level", "sensor"):
         teaching, sorting = _split_training(mine)
@@ -307,7 +310,7 @@ def sort_crates(crates: Sequence[CrateItemGrasps]) -> dict[tuple[str, str], list
 
 
 def _sort_item(item: CrateItemGrasps, known: Identifier, *, most: int) -> Placed:
-    """Sort one item with as many of its grasps as the rules ask for."""
+    """Sort one item, with as many of its grasps as the rules require."""
     done = sort_item(
         item.item_id,
         book=replace(BOOK, most_grasps=most),
@@ -323,7 +326,7 @@ def _sort_item(item: CrateItemGrasps, known: Identifier, *, most: int) -> Placed
 
 
 def _guess_item(item: CrateItemGrasps, guess: Guess) -> Placed:
-    """Sort one item by a method that names one kind, without uncertainty, from one grasp."""
+    """Sort one item from one grasp with a method that has no uncertainty."""
     first = item.grasps[0]
     measured, bin_name = first.grasp.measurements, BOOK.default_bin
     kind = guess(measured)
@@ -340,7 +343,7 @@ def _true_bin_of(item: CrateItemGrasps) -> str:
 
 
 def judge(crates: Sequence[CrateItemGrasps]) -> StudyReport:
-    """Put all ways of naming and sorting into tables."""
+    """Identify and sort all items with every method, and return the report."""
     given = name_items(crates)
     identified = [{**key, **count_correct(mine)} for key, mine in group(given, "level", "method")]
     summary = [
@@ -362,22 +365,22 @@ def judge(crates: Sequence[CrateItemGrasps]) -> StudyReport:
     damaged = sum(item.damaged for item in sorting)
     return StudyReport(
         name="sorting",
-        title="Naming and sorting the items of a mixed crate (simulated)",
+        title="Identifying and sorting the items of a mixed crate (simulated)",
         provenance=(
-            f"Simulated: {len(sorting)} items sorted, a quarter of them strangers. Each sensor is "
-            "calibrated by a user's steps and taught with items of each kind, two grasps each, and "
-            "then meets a crate that it never saw; every item is squeezed gently. Ranges of the "
-            "kinds were fixed beforehand; several overlap in both size and stiffness.",
-            "Right is where the rules would send the item if everything of it were known. "
-            f"{100 * FALSE_REJECT:g} % of known items are called unknown as stated.",
-            f"Items per hour count {CARRY_S:g} s to bring and carry away an item and {TURN_S:g} s "
-            "to turn it for another grasp: assumed, not simulated.",
+            f"Simulated: {len(sorting)} items sorted, a quarter of them of unknown kinds. Each "
+            "sensor is calibrated with a user's steps and trained on items of each known kind, two "
+            "grasps each. The items to sort are new; every grasp is a gentle squeeze. The ranges "
+            "of the kinds were fixed beforehand; several overlap in both size and stiffness.",
+            "The correct bin is the one that the rules choose for the true kind and size. The "
+            f"nominal rate of known items called unknown is {100 * FALSE_REJECT:g} %.",
+            f"Items per hour include {CARRY_S:g} s of handling per item and {TURN_S:g} s of "
+            "turning before another grasp: assumed, not simulated.",
             f"Pressed beyond their yield in up to {SORTED_GRASPS} grasps: {damaged} of "
             f"{len(sorting)} items.",
         ),
         tables=[
-            Table.of("Kinds named, and strangers found", identified),
-            Table.of("Purity of what a rule put into a bin, and what it costs", summary),
+            Table.of("Identified kinds, and detected unknown kinds", identified),
+            Table.of("Purity of the bins, and throughput", summary),
         ],
         payload={
             "simulated": True,
@@ -395,7 +398,7 @@ def judge(crates: Sequence[CrateItemGrasps]) -> StudyReport:
 
 
 def draw(summary: Sequence[Mapping[str, Any]]) -> Figure:
-    """Draw errors over items per hour, one line per method, one to three grasps."""
+    """Draw errors over items per hour, with one line per method from one to three grasps."""
     from palpate.plots.style import BLUE, ORANGE, new_figure
 
     ways = {"ours, ": ("palpate", BLUE), "boosted trees, ": ("boosted trees", ORANGE)}
@@ -417,6 +420,6 @@ def draw(summary: Sequence[Mapping[str, Any]]) -> Figure:
                 axis.plot(rate, left, "s--", color=colour, label=f"{label}: left for people")
                 axis.plot(rate, wrong, "o-", color=colour, label=f"{label}: in a wrong bin")
             axis.set(xlabel="items per hour", title=f"{level}, simulated", ylim=(0, 100))
-        axes[0][0].set_ylabel("share of the crate (%)")
+        axes[0][0].set_ylabel("fraction of the crate (%)")
         axes[0][0].legend(fontsize=7, loc="upper left")
     return fig

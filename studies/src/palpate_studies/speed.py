@@ -1,4 +1,4 @@
-"""The effect of actuation speed (section 2.2 of the paper) on every predictor."""
+"""Effect of the actuation speed (section 2.2 of the paper) on every predictor."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ METHODS: dict[str, SettlingMethod] = {
     "exponential": Exponential(),
     "relaxation": Relaxation(),
 }
-#: From what the 2.5 s are counted; the last one also gives the methods the loading time.
+#: Origins of the 2.5 s; the last one also gives the loading time to the methods.
 CLOCKS = ("start of actuation", "end of actuation", "end, loading time known")
 
 
@@ -62,16 +62,16 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
         provenance=[
             f"Simulated: {sensors} sensors per level, {repeats} holds of {OBJECT} at each speed. "
             "The paper expects an effect (section 2.2) and prints no numbers.",
-            "`ok`: share of holds for which ours reports that its interval can be believed; "
-            "covered: share of all holds whose interval holds the truth (0.9). Where contact "
-            "comes after the cut-off every figure is a guess, and `ok` should be 0.",
-            f"Closing goes {GAP_MM + CLOSURE_MM:g} mm: at 3 mm/s it takes 3 s, longer than the "
-            "paper's delay of 2.5 s from actuation, so nothing can be predicted then; counted from "
-            "the end of the movement the speed matters little.",
+            "`ok`: fraction of holds whose interval is reported as reliable; coverage: fraction of "
+            "all holds whose interval (0.9) covers the truth. If contact occurs after the cut-off, "
+            "every figure is a guess and `ok` should be 0.",
+            f"The closing travel is {GAP_MM + CLOSURE_MM:g} mm. At 3 mm/s it takes 3 s, longer "
+            "than the paper's delay of 2.5 s from actuation, so no prediction is possible then. "
+            "Counted from the end of the movement, the speed has little effect.",
         ],
         tables=[
             Table.wide(
-                "Median |error| of the settled change, percent (share `ok`)",
+                "Median |error| of the settled change, percent (fraction `ok`)",
                 [row | {"of": f"{row['method']}, {row['level']}"} for row in rows],
                 {"mm/s": "{speed_mm_per_s:g}", "2.5 s from": "{clock}"},
                 over="of",
@@ -86,7 +86,7 @@ command = as_command(report)
 
 
 def measure_holds(sensor: int, *, level: str, speed: float, repeats: int) -> FloatArray:
-    """Return mean changes from the start of actuation on, shape (repeats, times), at 15 Hz."""
+    """Return mean changes from the start of actuation, shape (repeats, times), at 15 Hz."""
     session, obj = Session(sensor, level=level), draw_named(OBJECT)
     session.place(obj)
     width_mm, read_s = obj.size_mm - CLOSURE_MM, HOLD_S + _closing_time_s(speed) + 0.2

@@ -8,7 +8,7 @@ from palpate_studies.twin_session import draw_named
 
 #: The twin's setups and their nominal stiffness, N/mm; the paper prints none.
 SETUPS = {"springs-2": 2.0, "springs-4": 4.0, "springs-6": 6.0, "springs-8": 8.0}
-#: Paper, section 3.2: of the line between stiffness and settled change, 4 setups, 10 grasps each.
+#: Line between stiffness and settled change (paper, section 3.2): 4 setups, 10 grasps each.
 STUDY = LineStudy(
     name="springs",
     title="Figure 10b: springs of four stiffnesses at one width",
@@ -19,7 +19,7 @@ STUDY = LineStudy(
     rated="stiffness (N/mm)",
 )
 SIZE_MM, REPEATS = 45.0, 10
-#: The width is not printed, and R^2 depends on it.
+#: The paper does not print the width, on which R^2 depends.
 CLOSURES_MM = (1.0, 2.0, CLOSURE_MM)
 
 
@@ -45,10 +45,10 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
         provenance=[
             f"Simulated: {repeats} grasps of each setup at one width on each of {sensors} "
             "sensors per level; median sensor's mean ± sd (range of means).",
-            "Published: the R^2 of section 3.2; the paper prints neither changes, stiffnesses nor "
-            "the width, so no one row is its protocol. The farther the closing, the more the "
-            "change saturates and the lower R^2: what decides is the range of changes reached. "
-            "3 mm was tried first, 1 and 2 mm added after seeing it.",
+            "Published: the R^2 of section 3.2. The paper prints neither changes, stiffnesses nor "
+            "the width, so no single row corresponds to its protocol. With more closure the change "
+            "saturates and R^2 falls. 3 mm was evaluated first; 1 and 2 mm were added after its "
+            "result was known.",
         ],
         changes=(
             f"Settled mean change, percent, closed by {CLOSURE_MM:g} mm",

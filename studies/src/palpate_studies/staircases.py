@@ -1,7 +1,8 @@
-"""Force now during random staircases of closing and opening, on sheets of the twin.
+"""Current force during random staircases of closing and opening, on sheets of the twin.
 
-Boosted trees learn newtons, for newtons are scored, on other sheets that were calibrated and used
-in the same way, from the readings up to each frame and both calibrated laws.
+The baseline, boosted trees, is trained on other sheets that were calibrated and used in the same
+way. Its inputs are the readings up to each frame and both calibrated laws; its target is the force
+in newtons, as scored.
 """
 
 from __future__ import annotations
@@ -36,48 +37,49 @@ from palpate_studies.report import SecondOption, StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS, group
 from palpate_studies.second.sheets import other_sheet
 
-#: Readings this long ago are shown, and the extremes within the last one, seconds.
+#: Lags of the readings in the trees' inputs, seconds; extremes are taken over the longest lag.
 _AGO_S = (0.07, 0.14, 0.27, 0.54, 1.1, 2.2, 4.4)
-#: A reading that changed by this share within the second of those times has moved.
+#: Relative change of a moving reading, and the time in which it occurs, seconds.
 _MOVED_FRACTION, _WITHIN_S = 0.05, 0.14
-#: What is grasped after the calibration: no name is among the faces of the load cell.
+#: Test objects; none of them is a face of the load cell in the calibration.
 GRASPED = ("ball-40lbs", "ball-55lbs", "springs-2", "springs-6", "tomato", "avocado-day-2")
-#: A staircase: steps at a grasp's speed, turned back at these forces; dwells are drawn from a
-#: range, uniformly in the logarithm, directions closing a little more often than not.
+#: A staircase: steps at the speed of a grasp, reversed at a lowest and a highest force; probability
+#: of a closing step; and range of the log-uniform dwell times.
 DURATION_S = 20.0
 _STEP_MM, _RATE_MM_PER_S = 1.0, 3.5
 _LOWEST_N, _HIGHEST_N, _CLOSING_PROBABILITY = 0.3, 12.0, 0.55
 _DWELL_S = (0.2, 5.0)
-#: Opening beyond the largest object, mm; how fast contact is looked for, and from which force on
-#: the cell feels it.
+#: Initial width, beyond the largest object, mm; approach speed; and force at contact.
 _START_MM, _APPROACH_MM_PER_S, _TOUCH_N = 72.0, 10.0, 0.05
-#: Smaller forces are not scored.
+#: Smallest scored force.
 LEAST_SCORED_N = 0.2
 _FRAME_TIMEOUT_S = 2.0
 #: Time, excess conductance of the pixels and reference force of one frame.
 FrameRead: TypeAlias = tuple[float, FloatArray, float]
-#: The same of a staircase, an array of frames each.
+#: The same for all frames of a staircase.
 Run: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
-#: The law of settled readings; both laws, by the time since the reading moved; the law with memory,
-#: of other sensors, by the settled readings of this one; the mean of the last two in ln force
-#: (`live --force`); and boosted trees given all that these read, learned on other sheets.
+#: The law of settled readings; both laws, selected by the time since the reading moved; the law
+#: with memory, learned on other sensors and scaled with this sensor's settled readings; the mean of
+#: the last two in ln force (`live --force`); and boosted trees with the same inputs, trained on
+#: other sheets.
 METHODS = ("settled", "by_time", "memory", "now", TREES)
-#: What `now` is compared with.
+#: Baselines of `now`.
 RIVALS = ("settled", "by_time", TREES)
-#: The first sheet that is tested, written down before anything was scored on it; used before:
-#: 60_000 to 60_059 and 61_000 to 61_059, of the second generator 96_100 on, 97_100 to 97_129 and
-#: 97_300 to 97_329. The mean of two laws was chosen on 2_500_000 to 2_500_009 of both.
+#: First test sheet of each generator, fixed before anything was scored on it. Earlier evaluations
+#: used 60_000 to 60_059 and 61_000 to 61_059, and on the second generator 96_100 and later, 97_100
+#: to 97_129 and 97_300 to 97_329. The mean of two laws was chosen on 2_500_000 to 2_500_009 of both
+#: generators.
 FIRST_SHEET, SECOND_SHEET = 62_000, 97_400
-#: Sheets that the trees learn from; none of them is tested.
+#: First training sheet of the trees, and number of training sheets; none of them is tested.
 LEARNING_SHEET, LEARNED_FROM = 1_700_000, 60
 _SECOND = (
-    "Second generator: sheets whose conductance rises steeply, then with the logarithm of the load "
-    "only, with play of a fixed force, and creep that does not slow down."
+    "Second generator: sheets whose conductance first rises steeply, then with the logarithm of "
+    "the load, with hysteresis of a fixed force and creep that does not slow down."
 )
 
 
 def list_features(time_s: FloatArray, excess: FloatArray, *, pairs: ForcePairs) -> FloatArray:
-    """Return what each frame and those before it show, shape (frames, numbers).
+    """Return the trees' inputs for each frame, shape (frames, numbers).
 
     Parameters
     ----------
@@ -86,7 +88,7 @@ def list_features(time_s: FloatArray, excess: FloatArray, *, pairs: ForcePairs) 
     excess : ndarray, shape (frames, rows, cols)
         Excess conductance of the pixels.
     pairs : ForcePairs
-        Of the sheet's calibration.
+        Pairs of the sheet's calibration.
     """
     reading, early, settled, _ = laws_of(pairs)
     read = np.asarray(reading.reading(excess), dtype=float)
@@ -113,7 +115,7 @@ def list_features(time_s: FloatArray, excess: FloatArray, *, pairs: ForcePairs) 
 
 
 def _reading_before(log: FloatArray, time_s: FloatArray, *, ago_s: float) -> FloatArray:
-    """Return the reading some time ago, or the first one."""
+    """Return the reading `ago_s` earlier, or the first reading."""
     index = np.searchsorted(time_s, time_s - ago_s + 1e-6, side="right") - 1
     return np.asarray(log[np.maximum(index, 0)])
 
@@ -127,7 +129,7 @@ def _since_moved_s(log: FloatArray, time_s: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FollowedForce:
-    """One test staircase of a sensor as one method followed it; arrays of shape (frames,)."""
+    """One method's estimates on a test staircase; arrays of shape (frames,)."""
 
     sensor: int
     force_n: FloatArray
@@ -137,7 +139,7 @@ class FollowedForce:
 
     @property
     def is_covered(self) -> NDArray[np.bool_]:
-        """Whether the interval held the force."""
+        """Whether the interval covers the force."""
         return (self.low_n <= self.force_n) & (self.force_n <= self.high_n)
 
 
@@ -149,9 +151,10 @@ def follow_staircases(
     remade: Callable[[Sheet], Sheet] | None = None,
     trees: Learned[Answer] | None = None,
 ) -> Mapping[str, list[FollowedForce]]:
-    """Calibrate a sheet as a user does and follow staircases on other objects, by method.
+    """Calibrate a sheet with a user's steps and track staircases on other objects.
 
-    `remade`: as in `World`. `trees`: learned on other sheets; they give no interval.
+    Returns method -> staircases. `remade`: as in `World`. `trees`: trained on other sheets; they
+    have no interval.
     """
     pairs, runs = _run_staircases(sensor, level=level, staircases=staircases, remade=remade)
     laws = laws_with_memory(pairs)
@@ -177,13 +180,13 @@ def follow_staircases(
         if trees is not None:
             value_n = trees.on([str(sensor)])(list_features(time_s, excess, pairs=pairs))
             answers[TREES] = (value_n, value_n, value_n)
-        felt = force_n > LEAST_SCORED_N
+        scored = force_n > LEAST_SCORED_N
         for method, each in answers.items():
-            value_n, low_n, high_n = (np.asarray(one)[felt] for one in each)
+            value_n, low_n, high_n = (np.asarray(one)[scored] for one in each)
             found.setdefault(method, []).append(
                 FollowedForce(
                     sensor=sensor,
-                    force_n=force_n[felt],
+                    force_n=force_n[scored],
                     value_n=value_n,
                     low_n=low_n,
                     high_n=high_n,
@@ -199,7 +202,7 @@ def learn_from_staircases(
     staircases: int,
     remade: Callable[[Sheet], Sheet] | None = None,
 ) -> Learned[Answer]:
-    """Learn the force now from staircases of some sheets; those that are refused teach nothing."""
+    """Train trees on the staircases of some sheets; skip sheets that fail calibration."""
     rows, force_n, sheets = list[FloatArray](), list[float](), list[str]()
     for sensor in sensors:
         try:
@@ -207,9 +210,9 @@ def learn_from_staircases(
         except CalibrationError:
             continue
         for time_s, excess, true_n in runs:
-            felt = true_n > LEAST_SCORED_N
-            rows.append(list_features(time_s, excess, pairs=pairs)[felt])
-            force_n += true_n[felt].tolist()
+            used = true_n > LEAST_SCORED_N
+            rows.append(list_features(time_s, excess, pairs=pairs)[used])
+            force_n += true_n[used].tolist()
             sheets.append(str(sensor))
     return learn(TREES, np.concatenate(rows), asked=force_n, seen=sheets)
 
@@ -217,7 +220,7 @@ def learn_from_staircases(
 def _run_staircases(
     sensor: int, *, level: str, staircases: int, remade: Callable[[Sheet], Sheet] | None
 ) -> tuple[ForcePairs, list[Run]]:
-    """Return a sheet's calibration and its staircases."""
+    """Calibrate a sheet and run its staircases."""
     pairs = calibrate_twin(seed=sensor, level=level, apart_from="", remade=remade).force
     rng = np.random.default_rng([sensor, 7])
     names = rng.choice(GRASPED, staircases, replace=False).tolist()
@@ -271,7 +274,7 @@ def report(
     staircases: Annotated[int, typer.Option(help="Test staircases of each.", min=1, max=6)] = 2,
     second: SecondOption = False,
 ) -> StudyReport:
-    """Follow the force through staircases of 20 s with the laws of a calibration.
+    """Track the force through staircases of 20 s with the laws of a calibration.
 
     Example: palpate study staircases --sheets 2
     """
@@ -286,7 +289,7 @@ def report(
                     sensor, level=level, staircases=staircases, remade=remade, trees=trees
                 )
             except CalibrationError as error:
-                # A pixel at the end of its converter: the guided steps refuse such a sheet.
+                # The guided steps refuse a sheet with a pixel at the end of its converter.
                 sys.stderr.write(f"sheet {sensor}, {level}: refused: {error}\n")
                 continue
             for name, some in each.items():
@@ -315,12 +318,12 @@ def _scores(
     by_sheet = [_rms_n(mine) for _, mine in group(each, "sensor")]
     return {
         "rms_error_n": _rms_n(each),
-        # A few sheets that go astray decide over all together.
+        # A few sheets with large errors dominate the pooled RMS.
         "median_sheet_rms_n": float(np.median(by_sheet)),
         "share_of_settled": _rms_n(each) / _rms_n(settled),
         "rms_log_error": float(np.sqrt(np.mean(np.concatenate(logs) ** 2))),
         "rms_log_error_own_gain_out": float(np.sqrt(np.mean(np.concatenate(own) ** 2))),
-        # A method that gives no interval covers nothing, and is not asked to.
+        # The trees have no interval.
         "coverage": float(np.mean(np.concatenate([one.is_covered for one in each])))
         if half_n.any()
         else None,
@@ -329,7 +332,7 @@ def _scores(
 
 
 def _compare_rivals(runs: Runs) -> list[dict[str, Any]]:
-    """Return the RMS error of `now` less each rival's on the same frames, by sheet."""
+    """Compare the RMS error of `now` with each baseline's on the same frames, by sheet."""
     return [
         row
         for level, each in runs.items()
@@ -355,22 +358,22 @@ def _report(runs: Runs, *, sheets: int, staircases: int, second: bool) -> StudyR
     summary = _summary(runs)
     return StudyReport(
         name="staircases",
-        title="Force now during random staircases of closing and opening (simulated)",
+        title="Current force during random staircases of closing and opening (simulated)",
         provenance=(
-            "Simulated: sheets of the twin, each calibrated once as the simulated rigs are (a load "
-            "cell with changing faces) and tested on other objects in another session; steps of "
-            "1 mm at 3.5 mm/s, dwells of 0.2-5 s, forces above 0.2 N. Sheets whose pixels saturate "
-            "are refused, named on standard error and left out.",
-            "`own gain out` is the error with the median of each staircase taken away: what "
-            "remains when the gain of that contact is known.",
-            f"The trees learn from staircases of {LEARNED_FROM} other sheets of the level, of "
-            f"the same law (seeds from {LEARNING_SHEET} on): both laws' forces, the readings up to "
-            "4 s ago and the times. They give no interval.",
+            "Simulated: sheets of the twin, each calibrated once like the simulated rigs (a load "
+            "cell with changing faces) and tested on other objects in another session. Steps of "
+            "1 mm at 3.5 mm/s, dwells of 0.2-5 s, forces above 0.2 N. Sheets with saturated pixels "
+            "are refused, reported on standard error and not scored.",
+            "`own gain out` is the error without the median of each staircase, which corresponds "
+            "to a known gain of the contact.",
+            f"The trees are trained on staircases of {LEARNED_FROM} other sheets of the same level "
+            f"and law (seeds from {LEARNING_SHEET} on). Their inputs are the forces of both laws, "
+            "the readings of the last 4 s and the times. They have no interval.",
             *([_SECOND] if second else []),
         ),
         tables=[
             Table.of(
-                f"Force now, {sheets} sheets of each level, {staircases} staircases of 20 s each",
+                f"Current force, {sheets} sheets per level, {staircases} staircases of 20 s each",
                 summary,
             )
         ],

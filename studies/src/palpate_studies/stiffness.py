@@ -1,4 +1,4 @@
-"""Stiffness in N/mm from the force-closure curve, the gripper's own compliance taken out."""
+"""Stiffness in N/mm from the force-closure curve, corrected for the gripper's compliance."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ from palpate_studies.report import StudyReport, Table, as_command
 from palpate_studies.rows import LEVELS, as_row, group, mean, median
 from palpate_studies.stoppable import require_uninterrupted
 
-#: Two decades, N/mm.
+#: Range of the stiffness: two decades, N/mm.
 RANGE_N_PER_MM = (0.5, 50.0)
-#: Objects have that secant stiffness under this force, newtons; and their sizes.
+#: Force of the secant stiffness, newtons, and sizes of the objects.
 FIRM_N, SIZES_MM = 10.0, (30.0, 60.0)
-#: A gentle squeeze, just enough to measure, and a firm one that the hand can do, newtons.
+#: Target forces, newtons: None for a gentle squeeze, and a firm force within the hand's range.
 SQUEEZES_N: dict[GripperKind, tuple[float | None, ...]] = {
     "rigid": (None, FIRM_N),
     "soft": (None, 6.0),
 }
-#: Objects that are grasped again and again.
+#: Objects of the repeatability test.
 REPEATED_N_PER_MM = (1.0, 4.0, 16.0)
-#: Where the summary is cut: fingers, pads and servo together are a spring of about 4 N/mm.
+#: Bins of the summary; fingers, pads and servo together are a spring of about 4 N/mm.
 EDGES_N_PER_MM = (RANGE_N_PER_MM[0], 2.0, 5.0, 15.0, RANGE_N_PER_MM[1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StiffnessAnswer:
-    """One grasp: reported and true stiffness, N/mm; NaN where not answered.
+    """Reported and true stiffness of one grasp, N/mm; NaN without an answer.
 
     `firmness`: the index, 0 to 100.
     """
@@ -66,7 +66,7 @@ def report(
         int, typer.Option(help="Grasps of one object, for the repeatability.", min=2)
     ] = 10,
 ) -> StudyReport:
-    """Grasp objects from 0.5 to 50 N/mm and compare the stiffness with the true one.
+    """Grasp objects from 0.5 to 50 N/mm and compare the stiffness with the truth.
 
     Example: palpate study stiffness --out reports
     """
@@ -93,21 +93,22 @@ def report(
     ]
     return StudyReport(
         name="stiffness",
-        title="Stiffness in N/mm, pads, fingers and servo taken out (simulated)",
+        title="Stiffness in N/mm, corrected for pads, fingers and servo (simulated)",
         provenance=(
-            "Simulated: each grasp on a sensor and gripper of its own, calibrated by a user's "
-            "steps (load cell with changing faces, rigid block), then one grasp of an object it "
-            "never saw: a gentle squeeze, or to a force. Half of the objects press back in "
-            "proportion, half like round ones (Hertz); half relax as fruit does, by a tenth to a "
-            "third, the others hardly. True: secant stiffness at the settled force.",
-            "The compliance of the hand is in series: where it is a times the object's own, an "
-            "error of the force comes back 1 + a times in the stiffness. Soft fingers deflect by "
-            "nearly 4 mm/N: they measure the softest things, and of others a lower end. Where most "
-            "have no upper end no error is given; `low / true` shows how near the lower end comes.",
+            "Simulated: each grasp uses its own sensor and gripper, calibrated with a user's steps "
+            "(load cell with changing faces, rigid block), and a new object, with a gentle squeeze "
+            "or to a force. Half of the objects are linear, half have Hertz contact; half relax "
+            "like fruit, by a tenth to a third, the others hardly. True: secant stiffness at the "
+            "settled force.",
+            "The compliance of the hand is in series. If it is a times the object's compliance, a "
+            "relative force error causes a stiffness error 1 + a times as large. Soft fingers "
+            "deflect by nearly 4 mm/N: they measure the softest objects, and for others a lower "
+            "limit. No error is given if most intervals have no upper limit; `low / true` then "
+            "shows the accuracy of the lower limit.",
         ),
         tables=[
             Table.of("Stiffness of objects over two decades", summary),
-            Table.of("One object grasped again, gently, each time in another session", repeated),
+            Table.of("Gentle grasps of one object, each in another session", repeated),
         ],
         payload={
             "summary": summary,
@@ -166,9 +167,10 @@ def repeat_grasps(
 
 
 def draw_stiffness_object(stiffness: float, *, seed: int) -> TwinObject:
-    """Draw an object of given secant stiffness: flat or round, elastic or relaxing.
+    """Draw an object of a given secant stiffness that withstands any force.
 
-    Half of them are of each, as the objects of the force control study are; they stand any force.
+    Half of the objects are flat, half round; half elastic, half relaxing, as in the force control
+    study.
     """
     obj = draw_random_object(np.random.default_rng([seed, 21]), size_mm=SIZES_MM)
     deformation_mm = FIRM_N / stiffness
@@ -213,11 +215,11 @@ def _answer(
 
 
 def scores(answers: Sequence[StiffnessAnswer]) -> dict[str, Any]:
-    """Return error and width of the answers, and how many exclude no rigid object."""
+    """Return error and width of the answers, and the number without an upper limit."""
     given = [one for one in answers if np.isfinite(one.value)]
-    # Nothing rigid is excluded; a grasp reports other wide intervals as bounds too.
+    # Intervals that include a rigid object; other wide intervals are reported as bounds too.
     open_above = sum(one.high >= STIFFEST_N_PER_MM for one in given)
-    # Mostly without an upper end, the middle of what is possible is no value to be judged.
+    # If most intervals have no upper limit, their middle is not a meaningful value.
     valued = 2 * open_above < len(given)
     error = [100 * abs(one.value / one.truth - 1) for one in given]
     width = [one.high / one.low for one in given if one.low > 0]
@@ -225,7 +227,7 @@ def scores(answers: Sequence[StiffnessAnswer]) -> dict[str, Any]:
     firm = [one for one in answers if np.isfinite(one.firmness)]
     truths = [one.truth for one in firm]
     rank = None
-    # Of fewer different objects there is no rank.
+    # A rank correlation needs at least three different objects.
     if len(set(truths)) > 2:
         rank = float(spearmanr([one.firmness for one in firm], truths).statistic)
     return {

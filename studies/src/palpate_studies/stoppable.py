@@ -1,4 +1,4 @@
-"""Stopping of a whole study at the user's request, beyond its current grasp."""
+"""Stop a whole study, not only its current grasp, at the user's request."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from palpate.grasp.result import GraspResult, Outcome
 
 
 def require_uninterrupted(result: GraspResult) -> GraspResult:
-    """Return the result of a grasp that ran to its end.
+    """Return the result of a grasp unless the user stopped it.
 
-    `run_grasp` takes Ctrl-C and SIGTERM for itself, to leave the hand safe. A study asks for no
-    stop of its own, so a stopped grasp is no data, and its user wants the study to end.
+    `run_grasp` handles Ctrl-C and SIGTERM itself to leave the hand safe. Studies never stop a grasp
+    themselves, so a stopped grasp means that the user wants to end the study.
 
     Raises
     ------
     KeyboardInterrupt
-        If it was stopped from outside.
+        If the grasp was stopped.
 
     Examples
     --------

@@ -1,9 +1,9 @@
-"""Force of real touches: up, held, down, by sensors that the models have not seen.
+"""Force of real touches (loading, holding, unloading) on held-out sensors.
 
-The models are a clock, a static law, boosted trees, and the law of palpate. Each is learned from
-training touches and returns, for a test touch, ln force at every sample with the half width of its
-interval. What else it knows is `prior`: nothing, the other attempts at the same place, or the force
-once in this touch.
+The models are a constant, a clock, a static law, boosted trees, and the force law of palpate. Each
+model is trained on other touches and predicts ln force with the half width of its interval at every
+sample of a test touch. The prior information is either nothing, the other attempts at the same
+place, or one measured force of the touch.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ PHASES = ("loading", "holding", "unloading")
 #: Name of a band of force -> its ends, newtons.
 BANDS = {"0.5-2": (0.5, 2.0), "2-5": (2.0, 5.0), "5-15": (5.0, 15.0), "15-": (15.0, np.inf)}
 Mask: TypeAlias = NDArray[np.bool_]
-#: Forces from here on are scored.
+#: Smallest scored force.
 SMALLEST_N = 0.5
-#: A touch whose highest conductance is less than this many times that at rest is off the sheet.
+#: Smallest ratio of the highest conductance of a touch to the rest; other touches missed the sheet.
 LEAST_RISE = 5.0
-#: The rest reading is the median over this long, until this long before the touch; a touch is
-#: followed from there.
+#: The rest reading is the median over `_REST_S`, ending `_BEFORE_S` before the touch; the touch
+#: includes this rest.
 _REST_S, _BEFORE_S = 1.0, 0.1
-#: A touch begins where the reading, as `log_reading` gives it, is above this: a rise of 20 %. The
-#: time since is counted in logarithms, from about a sample on.
+#: Reading at contact (`log_reading` of a 20 % rise), and offset of the logarithm of the time since
+#: contact.
 _CONTACT, _SINCE_S = float(log_reading(0.2)), 0.01
-#: Shares of the touch's 80th percentile at which the force is measured once.
+#: Fractions of the touch's 80th percentile at which the force is measured once.
 FORCE_FRACTIONS = {"five_percent": 0.05, "eighty_percent": 0.8}
 PRIORS = ("nothing", "place", "five_percent", "eighty_percent")
 LEVEL = 0.9
-#: A clock's time step: one sample of the logger.
+#: Time step of the clock: one sample of the logger.
 _TICK_S = 0.007
 Prediction: TypeAlias = tuple[FloatArray, FloatArray]
 Rows: TypeAlias = list[dict[str, Any]]
@@ -61,21 +61,21 @@ class Touch:
     Attributes
     ----------
     recording_id, sensor, pin, attempt : str
-        As in the file; the parts of the name.
+        Name in the file, and its parts.
     touch : int
         Number of the place.
     time_s : ndarray, shape (n_times,)
-        Since contact.
+        Time since contact.
     inputs : ndarray, shape (n_times, n_inputs)
-        See `force_states`; then the highest reading so far and the time since contact.
+        States of `force_states`, the highest reading so far, and the time since contact.
     log_force : ndarray, shape (n_times,)
-        Of the load cell; forces below 0.1 N count as that.
+        Logarithm of the load cell's force, which is clipped to at least 0.1 N.
     phase : ndarray of str, shape (n_times,)
-        As in the file.
+        Phase in the file.
     scored : ndarray of bool, shape (n_times,)
-        In contact, with 0.5 N and more.
+        Samples in contact with at least 0.5 N.
     measured_at : mapping of str to int
-        Sample at which the force is measured once.
+        Prior -> sample at which the force is measured once.
     """
 
     recording_id: str
@@ -92,28 +92,28 @@ class Touch:
 
     @property
     def place(self) -> tuple[str, str, int]:
-        """The key that the attempts share."""
+        """Key of the place, shared by its attempts."""
         return (self.sensor, self.pin, self.touch)
 
     @property
     def weight(self) -> FloatArray:
-        """Weight of each sample in a fit, as unloading is short but half the task."""
+        """Weight of each sample in a fit; unloading is short and gets twice the weight."""
         return np.where(self.phase == "unloading", 2.0, 1.0)
 
     def after(self, prior: str) -> Mask:
-        """Return the scored samples after the force was measured; all where it is not."""
+        """Return a mask of the scored samples after a measured force, or of all of them."""
         if prior not in self.measured_at:
             return self.scored
         return self.scored & (np.arange(len(self.scored)) > self.measured_at[prior])
 
 
 def read_strokes(path: Path) -> list[Touch]:
-    """Read recordings of touches and cut them.
+    """Read recordings of touches.
 
     Raises
     ------
     InputError
-        If the file can't be used or holds no touch of the sheet.
+        If the file can't be used or contains no touch of the sheet.
     """
     touches: list[Touch] = []
     for run in read_runs(
@@ -124,15 +124,17 @@ def read_strokes(path: Path) -> list[Touch]:
     ):
         name = str(run["recording_id"][0])
         if name.count("-") < 2:
-            raise InputError(f"{path}: recording {name!r} is not named sensor-pin-attempt")
+            raise InputError(
+                f"{path}: recording {name!r}: the name must have the form sensor-pin-attempt"
+            )
         time_s, ohm = run["time_s"], run["resistance_ohm"]
         if (np.diff(time_s) <= 0).any() or (ohm <= 0).any():
             raise InputError(
-                f"{path}: recording {name!r}: time_s must rise and resistance be above 0"
+                f"{path}: recording {name!r}: time_s must increase and resistances be positive"
             )
         touches += _touch(name, int(run["touch"][0]), time_s, ohm, run["force_n"], run["phase"])
     if not touches:
-        raise InputError(f"{path}: no touch in it raises the conductance {LEAST_RISE:g} times")
+        raise InputError(f"{path}: no touch raises the conductance by a factor of {LEAST_RISE:g}")
     return touches
 
 
@@ -180,9 +182,9 @@ def _touch(
 
 
 def _touch_inputs(time_s: FloatArray, reading: FloatArray) -> FloatArray:
-    """Return the states, and a contact's features: its peak and its age.
+    """Return the states, the highest reading so far, and the time since contact.
 
-    Contact is where the reading shows it, not the load cell.
+    Contact is detected from the reading, not from the load cell.
     """
     shown = np.flatnonzero(reading > _CONTACT)
     contact_s = time_s[shown[0]] if len(shown) else time_s[-1]
@@ -213,7 +215,7 @@ def _pool(touches: Others, prior: str, each: Callable[[Touch], FloatArray]) -> F
 def _with_interval(
     follow: Callable[[Touch, Others], FloatArray], train: Others, prior: str
 ) -> Follower:
-    """Return a follower whose interval covers the errors of its own training touches."""
+    """Return a follower whose interval is calibrated on the training errors."""
     errors = [
         np.abs(follow(one, others_of(one, train)) - one.log_force)[one.after(prior)]
         for one in train
@@ -226,7 +228,7 @@ def _with_interval(
 
 
 def learn_constant(train: Others, prior: str) -> Follower:
-    """Learn one force, that of the known place, or hold the measured force."""
+    """Learn a constant force: over all touches, of the place, or the measured force."""
 
     def middle(touches: Others) -> float:
         return float(np.median(_pool(touches, prior, lambda one: one.log_force)))
@@ -241,7 +243,7 @@ def learn_constant(train: Others, prior: str) -> Follower:
 
 
 def learn_clock(train: Others, prior: str) -> Follower:
-    """Learn the usual force at each time since contact, or its usual change since measured."""
+    """Learn the median force over time since contact, or since the measured force."""
 
     def ticks(touch: Touch) -> FloatArray:
         start = touch.time_s[touch.measured_at[prior]] if prior in touch.measured_at else 0.0
@@ -263,7 +265,7 @@ def learn_clock(train: Others, prior: str) -> Follower:
 
 
 def learn_static_law(train: Others, prior: str) -> Follower:
-    """Learn a power law; its gain from the place's data or this contact's."""
+    """Learn a power law, with the gain from the place or the measured force."""
     reading = _pool(train, "nothing", lambda one: one.inputs[:, 0])
     force = _pool(train, "nothing", lambda one: one.log_force)
     slope, offset = _absolute_line(reading, force)
@@ -282,7 +284,7 @@ def learn_static_law(train: Others, prior: str) -> Follower:
 
 
 def _absolute_line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
-    """Return the line of least absolute error, by reweighting."""
+    """Fit a line with least absolute error by iterative reweighting."""
     weight = np.ones_like(y)
     line = np.zeros(2)
     for _ in range(20):
@@ -292,7 +294,7 @@ def _absolute_line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
 
 
 def _inputs(touch: Touch, prior: str) -> FloatArray:
-    """Return what a learner sees: the states, or their change since the force was measured."""
+    """Return the states, or their change since the measured force and that force."""
     if prior not in touch.measured_at:
         return touch.inputs
     at = touch.measured_at[prior]
@@ -301,7 +303,7 @@ def _inputs(touch: Touch, prior: str) -> FloatArray:
 
 
 def learn_trees(train: Others, prior: str) -> Follower:
-    """Learn boosted trees on the same inputs; a known place adds its mean."""
+    """Learn boosted trees on the same inputs; a known place adds its means."""
     machine = make_trees(
         loss="absolute_error", max_iter=100, max_leaf_nodes=15, min_samples_leaf=40
     )
@@ -328,7 +330,7 @@ def learn_trees(train: Others, prior: str) -> Follower:
 
 
 def learn_force_law(train: Others, prior: str) -> Follower:
-    """Learn the population of `palpate.ForceLaw`; the place or one force updates the law."""
+    """Learn the population of `palpate.ForceLaw`; place or measured force update the law."""
     population = _population(tuple(train))
 
     def follow(touch: Touch, others: Others) -> Prediction:
@@ -355,7 +357,7 @@ def _population(train: tuple[Touch, ...]) -> Population:
 
 
 def make_known_contact(touch: Touch) -> KnownContact:
-    """Return a touch as what a population is learned from."""
+    """Return a touch as training data of a population."""
     used = np.flatnonzero(touch.scored)
     given = np.flatnonzero(used == touch.measured_at["eighty_percent"])
     return KnownContact(
@@ -378,7 +380,7 @@ MODELS: Mapping[str, Learner] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ScoredStrokes:
-    """A model's answers on the scored samples of one touch; arrays of shape (n_scored,)."""
+    """A model's errors on the scored samples of one touch; arrays of shape (n_scored,)."""
 
     model: str
     prior: str
@@ -392,30 +394,30 @@ class ScoredStrokes:
 def report(
     *,
     recordings: Annotated[
-        Path, typer.Option(help="Recordings of touches to learn from.", metavar="CSV")
+        Path, typer.Option(help="Training recordings of touches.", metavar="CSV")
     ],
     test_recordings: Annotated[
         Path | None,
         typer.Option(
-            help="Recordings to follow; without, each sensor in turn is left out.", metavar="CSV"
+            help="Test recordings; by default each sensor in turn is held out.", metavar="CSV"
         ),
     ] = None,
 ) -> StudyReport:
-    """Follow the force of real touches from resistance, with and without a measured force.
+    """Track the force of real touches from resistance, with and without a measured force.
 
     Example: palpate study strokes --recordings velostat_strokes.csv.gz
     """
     touches = read_strokes(recordings)
     if test_recordings is None:
-        splits, how = leave_out(touches, lambda one: one.sensor), "each sensor in turn left out"
+        splits, how = leave_out(touches, lambda one: one.sensor), "each sensor in turn held out"
         if len(splits) < 2:
             raise InputError(
-                f"{recordings}: one sensor, nothing to learn from when it is left out; "
-                "give --test-recordings"
+                f"{recordings}: only one sensor, so none is left for training; give "
+                "--test-recordings"
             )
     else:
         splits = [("", touches, read_strokes(test_recordings))]
-        how = f"learned from, {test_recordings} followed"
+        how = f"used for training, and {test_recordings} for the test"
     scored = [one for _, train, tested in splits for one in _score(train, tested)]
     summary = _summary(scored)
     columns = {"all": ("all", "all"), "unloading": ("unloading", "all")}
@@ -426,19 +428,19 @@ def report(
         title="Force of real Velostat under short touches",
         provenance=(
             f"Real recordings with a load cell, {len(touches)} touches, {how}. "
-            f"Samples of {SMALLEST_N:g} N and more; medians over samples.",
-            "`ours` is `palpate.ForceLaw`, its population learned from the training touches. "
-            "`place`: the other attempts at the place are known, force and reading. A static law "
-            "takes its gain from them, `ours` a law of the place, the clock their usual "
-            "force at each time. `five_percent`, `eighty_percent`: the force is measured once, on "
-            "the way up; later samples are scored.",
-            "`constant` and `clock` read no sensor. The touches are alike in time, which helps a "
-            "clock, trees and the force law alike; unloading and small forces show what the "
-            "sheet adds.",
+            f"Samples of at least {SMALLEST_N:g} N; medians over samples.",
+            "`ours` is `palpate.ForceLaw` with a population learned from the training touches. "
+            "`place`: forces and readings of the other attempts at the place are known. They give "
+            "the gain of the static law, a law of the place for `ours`, and the median force over "
+            "time for the clock. `five_percent`, `eighty_percent`: the force is measured once "
+            "during loading, and later samples are scored.",
+            "`constant` and `clock` use no sensor. All touches have a similar course in time, "
+            "which helps clock, trees and force law equally; unloading and small forces show the "
+            "contribution of the sheet.",
         ),
         tables=[
             Table.wide(
-                "Sensor left out, median |error of ln force| (coverage)",
+                "Held-out sensors, median |error of ln force| (coverage)",
                 [
                     row | {"part": names[row["phase"], row["band"]]}
                     for row in summary
@@ -462,7 +464,7 @@ command = as_command(report)
 
 
 def _score(train: Others, tested: Others) -> Iterator[ScoredStrokes]:
-    """Yield the answers of every model on the tested touches."""
+    """Yield the predictions of every model and prior for the test touches."""
     for prior in PRIORS:
         if prior == "place" and not (_are_repeated(train) and _are_repeated(tested)):
             continue
@@ -486,7 +488,7 @@ def _score(train: Others, tested: Others) -> Iterator[ScoredStrokes]:
 
 
 def _are_repeated(touches: Others) -> bool:
-    """Whether some place was touched more than once."""
+    """Return whether some place was touched more than once."""
     return len({one.place for one in touches}) < len(touches)
 
 
@@ -547,7 +549,7 @@ def _figures(error: FloatArray, covered: Mask) -> dict[str, Any]:
 
 
 def _compare_models(scored: Sequence[ScoredStrokes]) -> Rows:
-    """Return our error less that of each other model, by pin of a sensor."""
+    """Compare the error of `ours` with each other model, with pins as specimens."""
     rows: Rows = []
     for key, some in group(scored, "prior"):
         for phase in ("all", "unloading"):

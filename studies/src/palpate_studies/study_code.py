@@ -1,6 +1,6 @@
-"""The code behind a study's figures, whose hash shows later changes.
+"""Hash the code of a study to detect later changes.
 
-What a file says is hashed, not how it is written: comments, docstrings and line breaks don't count.
+The hash covers the syntax tree; comments, docstrings and formatting do not change it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _ROOTS = {
     str(package.__name__): Path(str(package.__file__)).parent
     for package in (palpate, palpate_studies)
 }
-#: What words, tables and figures are made of; no figure depends on it.
+#: Modules of presentation, on which no figure depends.
 _PRESENTATION = (
     "palpate.cli",
     "palpate.plots",
@@ -29,7 +29,7 @@ _PRESENTATION = (
 def code_hash(study: str) -> str:
     """Return the SHA-256 of all product and study files that a study imports.
 
-    Files of JSON in their folders count too; those that only show what was found do not.
+    JSON files in their folders are included; presentation modules are not.
     """
     found = hashlib.sha256()
     for path in study_files(study):
@@ -38,7 +38,7 @@ def code_hash(study: str) -> str:
 
 
 def _read_code(path: Path) -> bytes:
-    """Return a file's content: the syntax tree without docstrings, or the bytes of data.
+    """Return the syntax tree of a Python file without docstrings, or a file's bytes.
 
     >>> import tempfile
     >>> file = Path(tempfile.mkdtemp()) / "one.py"
@@ -54,13 +54,13 @@ def _read_code(path: Path) -> bytes:
         if isinstance(
             node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
         ) and ast.get_docstring(node, clean=False):
-            # A body of a docstring alone stays a body.
+            # A body must not become empty.
             node.body = node.body[1:] or [ast.Pass()]
     return ast.dump(tree).encode()
 
 
 def study_files(study: str) -> list[Path]:
-    """Return those files, in the order in which they are hashed.
+    """Return the files of a study's hash, in the order of hashing.
 
     Examples
     --------
@@ -89,7 +89,7 @@ def _file_of(name: str) -> Path | None:
 
 
 def _list_imports(path: Path) -> Iterator[str]:
-    """Yield all names that a file imports when run, whether modules or not."""
+    """Yield all names that a file imports at run time, modules and others."""
     waiting: list[ast.AST] = [ast.parse(path.read_text())]
     while waiting:
         node = waiting.pop()

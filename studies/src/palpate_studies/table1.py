@@ -1,4 +1,4 @@
-"""Table 1, Figures 5 and 6 of the paper: accelerated estimation of the settled value."""
+"""Table 1 and Figures 5 and 6 of the paper: early estimation of the settled value."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ PUBLISHED: dict[str, tuple[float, ...]] = {
     "recorded": (15, 10, 9.2, 8.2, 6.6, 5.4, 4.6, 3.9, 3.2, 2.8, 2.4, 0.86, 0),
     "exponential": (12, 2.9, 2.5, 2.3, 2.6, 2.8, 2.7, 2.7, 2.5, 2.3, 2.0, 1.0, 0.58),
 }
-#: The family of relaxation that was fitted to Table 1, and what of the table was used for that.
+#: Relaxation family that was fitted to Table 1, and the entries used for fitting each family.
 FITTED_FAMILY = "two-mode"
 CALIBRATION_INPUTS: dict[str, dict[str, tuple[float, ...]]] = {
     "two-mode": {"recorded": CUTOFFS_S, "exponential": (2.5, 10.0)},
@@ -39,7 +39,7 @@ CALIBRATION_INPUTS: dict[str, dict[str, tuple[float, ...]]] = {
 #: Cut-off of Figure 5.
 FIGURE_5_CUTOFF_S = 2.5
 HORIZON_S, LEVEL, REPEATS = 20.0, 0.9, 10
-#: Sensors of the other families to one of the fitted: they differ by more from sensor to sensor.
+#: Sensors of the other families per sensor of the fitted one, because they vary more.
 OTHERS_TIMES = 4
 
 METHODS: Mapping[str, SettlingMethod] = {
@@ -52,7 +52,7 @@ METHODS: Mapping[str, SettlingMethod] = {
 def report(
     *,
     families: Annotated[
-        bool, typer.Option("--families", help="Also on the twin's other relaxation families.")
+        bool, typer.Option("--families", help="Include the twin's other relaxation families.")
     ] = False,
     repeats: int = REPEATS,
 ) -> StudyReport:
@@ -68,14 +68,14 @@ def report(
     misfit = {name: count_missed(_list_entries(name, results[name])) for name in names}
     return StudyReport(
         name="table1",
-        title="Table 1: errors of the predicted settled value, percent of it",
+        title="Table 1: errors of the predicted settled value, in percent of its value",
         provenance=[
             f"Simulated: 20 holds on each sensor of the twin ({each}): 4 silicone sheets x 5 "
             "closures, 8 pixels, 10 bit, 15 Hz, mean relative change.",
-            "Published: the paper's Table 1. Mean absolute errors; brackets hold a 90 % bootstrap "
+            "Published: the paper's Table 1. Mean absolute errors; in brackets the 90 % bootstrap "
             "interval over sensors.",
-            "Marked *: the family was fitted to this entry, so agreement there shows nothing. All "
-            "else is a prediction.",
+            "Marked *: the family was fitted to this entry, so its agreement shows nothing. All "
+            "other entries are predictions.",
             *(format_missed(misfit[name], of=f"Table 1 by the family {name}") for name in names),
         ],
         tables=[error_table(name, results[name]) for name in names],
@@ -103,7 +103,7 @@ command = as_command(report)
 
 
 def _measure_errors(holds: Sequence[Hold]) -> dict[str, list[dict[str, float | None]]]:
-    """Return for each method one row of scores per cut-off."""
+    """Predict all holds; return method -> one row of scores per cut-off."""
     predictions: dict[tuple[str, float], list[Prediction]] = {}
     for found in predict_holds(
         holds, methods=METHODS, cutoffs_s=CUTOFFS_S, horizon_s=HORIZON_S, level=LEVEL
@@ -132,7 +132,7 @@ def _row(predictions: Sequence[Prediction], cutoff_s: float) -> dict[str, float 
 def _list_entries(
     family: str, errors: Mapping[str, Sequence[Mapping[str, float | None]]]
 ) -> list[Entry]:
-    """Return the published entries with our intervals; the entry at 20 s is always 0."""
+    """Return the published entries with the twin's intervals, without the zero at 20 s."""
     return [
         Entry(
             published=value,
@@ -148,7 +148,7 @@ def _list_entries(
 
 
 def error_table(family: str, errors: Mapping[str, Sequence[Mapping[str, float | None]]]) -> Table:
-    """Return the errors of the study's JSON next to the published ones, inputs marked."""
+    """Return a table of the errors next to the published ones, with fitted entries marked."""
     rows = list[dict[str, Any]]()
     for method, each in errors.items():
         for index, row in enumerate(each):
@@ -159,14 +159,14 @@ def error_table(family: str, errors: Mapping[str, Sequence[Mapping[str, float | 
             low, high = row["mean_abs_error_low_percent"], row["mean_abs_error_high_percent"]
             interval = "" if low is None else f" ({low:.1f}-{high:.1f})"
             cell = f"{row['mean_abs_error_percent']:.1f}{interval}"
-            rows.append({**row, "of": f"{method}, ours", "cell": cell})
+            rows.append({**row, "of": f"{method}, simulated", "cell": cell})
     title = f"Family {family}: mean |error|, percent of the settled relative change"
     lead = {"cut-off, s": "{cutoff_s:g}"}
     return Table.wide(title, rows, lead, over="of", form="{cell}")
 
 
 def figure_5(holds: Sequence[Hold]) -> Figure:
-    """Draw the hold whose exponential has the median error at 2.5 s, with its fit."""
+    """Draw the hold with the median error of the exponential at 2.5 s, with its fit."""
     from palpate.plots.style import BLUE, GREY, INK, ORANGE, new_figure
 
     time_s = holds[0].time_s
@@ -199,7 +199,7 @@ def figure_5(holds: Sequence[Hold]) -> Figure:
 
 
 def figure_6(errors: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
-    """Draw mean error against cut-off: published and ours."""
+    """Draw the mean error over the cut-off, published and simulated."""
     from palpate.plots.style import look_of, new_figure
 
     with new_figure(width_in=6.5, height_in=4.0) as (figure, axes):

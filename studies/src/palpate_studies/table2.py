@@ -24,7 +24,7 @@ PUBLISHED = {
     "dragonskin-20": (-66.9, 0.52, "A-20"),
     "dragonskin-30": (-71.5, 0.74, "A-30"),
 }
-#: The sheets are 40 mm thick, in their holder.
+#: The sheets with their holder are 40 mm thick.
 WIDTH_MM, REPEATS = 40.0 - CLOSURE_MM, 10
 
 
@@ -50,7 +50,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
         ]
         for index, name in enumerate(names)
     ]
-    # Sensors on which a stiffer sheet changed more, for all four.
+    # Sensors on which the change increases with the hardness over all four sheets.
     ordered = {
         level: int(np.sum(np.all(np.diff(found[level].mean(axis=2), axis=0) < 0, axis=0)))
         for level in LEVELS
@@ -63,7 +63,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             "sensors per level; median sensor's mean ± sd over grasps (range of means).",
             "Published: the paper's Table 2, one sensor, 10 grasps, width not printed.",
             CALIBRATION_INPUT,
-            "Sensors on which the four means stand in the order of hardness: "
+            "Sensors on which the four means are in the order of hardness: "
             + ", ".join(f"{ordered[level]} of {sensors} ({level})" for level in LEVELS)
             + ".",
         ],

@@ -25,7 +25,7 @@ PUBLISHED = {
     "ball-55lbs-b": (55, -62.8, 1.14),
     "ball-66lbs": (66, -67.9, 0.49),
 }
-#: Paper, section 3.2: of the line between grip strength and the largest change.
+#: Line between grip strength and the largest change (paper, section 3.2).
 STUDY = LineStudy(
     name="table3",
     title="Table 3 and Figure 9: six exercise balls at one width",
@@ -36,7 +36,7 @@ STUDY = LineStudy(
     rated="grip strength (lbs)",
     published_values=tuple(mean for _, mean, _ in PUBLISHED.values()),
 )
-#: Balls of one make have one size.
+#: Balls of one make have the same size.
 SIZE_MM, REPEATS, FREE_REPEATS = 49.5, 30, 10
 
 
@@ -65,16 +65,16 @@ def report(
             f"Simulated: {repeats} grasps of each ball at {width_mm:g} mm on each of {sensors} "
             "sensors per level; the pixel that changes most; median sensor's mean ± sd (range of "
             "means).",
-            "Published: the paper's Table 3 and the R^2 of section 3.2. It does not say whether "
-            "Table 3 is the mean over pixels or the largest change, nor the width.",
-            "In a fixture the ball lies within 1 mm of the middle: the published spread of 1 % "
-            "over 30 trials allows for no more. Laid anywhere, it lies up to 6 mm off.",
-            "Placed once, a ball's place is an error that all its grasps share, and the largest "
-            "pixel feels it most; placed again each time, 30 trials average it out. The paper "
-            "speaks of trials, and of a container that holds things in place for its silicone pads "
-            "alone: `placed again` is taken for its protocol. It was added after `once` had given "
-            "0.83.",
-            "The fixture, and one size for all the balls, were chosen after a first run without "
+            "Published: the paper's Table 3 and the R^2 of section 3.2. The paper does not state "
+            "the width, nor whether Table 3 shows the mean over pixels or the largest change.",
+            "A fixture centres the ball within 1 mm: the published spread of 1 % over 30 trials "
+            "excludes a larger range. Laid anywhere, a ball is up to 6 mm off the centre.",
+            "If a ball is placed once, its position is a common error of all its grasps, which "
+            "affects the largest pixel most. If it is placed again each time, 30 trials average "
+            "this error. The paper mentions trials, and a container that holds objects in place "
+            "for its silicone pads only, so `placed again` is assumed to be its protocol. This "
+            "condition was added after `once` had given 0.83.",
+            "The fixture and the common size of the balls were chosen after a first run without "
             "them had given R^2 = 0.09 for the largest pixel.",
         ],
         changes=(

@@ -1,4 +1,4 @@
-"""Table 4, Figure 11c of the paper: force by relative change, one line per sheet."""
+"""Table 4 and Figure 11c of the paper: force over relative change, one line per sheet."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
     misfit = {level: count_missed(_list_entries(lines[level])) for level in LEVELS}
     return StudyReport(
         name="table4",
-        title="Table 4: force against settled relative change, per silicone sheet",
+        title="Table 4: force over settled relative change, per silicone sheet",
         provenance=[
             f"Simulated: closures of {CLOSURES_MM[0]:g} to {CLOSURES_MM[-1]:g} mm, {repeats} "
             f"grasps at each, {sensors} sensors per level; force from the simulated load cell, "
@@ -62,14 +62,14 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             "Published: the paper's Table 4, one sensor. The force range of Tables 2 and 4 "
             "together (about 5 to 14 N) was an input to the twin's stiffnesses; slopes are "
             "predictions.",
-            "A slope of -0.163 N/% means that resistance falls by 6.1 % per newton, -0.0953 N/% by "
-            "10.5 %: by its numbers the stiffer sheet changes less per newton, against the paper's "
-            "words under Table 4.",
+            "A slope of -0.163 N/% corresponds to a fall of the resistance by 6.1 % per newton, "
+            "-0.0953 N/% to 10.5 %: in the published numbers the stiffer sheet changes less per "
+            "newton, contrary to the text below Table 4.",
             *(format_missed(misfit[level], of=f"Table 4 by the level {level}") for level in LEVELS),
         ],
         tables=[
             Table.of(
-                "Median sensor (lowest to highest), next to the published entry",
+                "Median sensor (lowest to highest), and the published entry",
                 [
                     {"level": level, "sheet": name}
                     | {
@@ -106,7 +106,7 @@ command = as_command(report)
 def _measure_readings(
     name: str, index: int, *, sensor: int, level: str, repeats: int
 ) -> list[Reading]:
-    """Return the grasps of one sheet on one sensor, at each closure."""
+    """Grasp one sheet on one sensor at each closure; return all readings."""
     obj, session = draw_named(name), Session(sensor, level=level, trial=index)
     widths = [obj.size_mm - closure_mm for closure_mm in CLOSURES_MM]
     readings = grasps(session, obj, widths_mm=widths, repeats=repeats)
@@ -119,7 +119,7 @@ def _pairs(readings: list[Reading]) -> tuple[FloatArray, FloatArray]:
 
 
 def _fit_line(readings: list[Reading]) -> list[float]:
-    """Return R^2, slope and intercept of one sensor, and the exponent of the power law."""
+    """Fit R^2, slope and intercept of one sensor, and the exponent of the power law."""
     percent, force_n = _pairs(readings)
     line = LineForceLaw.fit(percent, force_n=force_n)
     power = PowerForceLaw.fit([reading.excess for reading in readings], force_n=force_n)
@@ -127,9 +127,10 @@ def _fit_line(readings: list[Reading]) -> list[float]:
 
 
 def _list_entries(lines: Mapping[str, FloatArray]) -> list[Entry]:
-    """Return R^2, slope and intercept of each sheet with the range over sensors, unfitted.
+    """Return R^2, slope and intercept of each sheet with their ranges over sensors.
 
-    The range of forces was, and a sheet's slope and intercept with it in part.
+    No entry counts as fitted, although the range of forces was an input of the twin and partly
+    determines slopes and intercepts.
     """
     return [
         Entry(published=value, low=float(column.min()), high=float(column.max()))
@@ -139,13 +140,13 @@ def _list_entries(lines: Mapping[str, FloatArray]) -> list[Entry]:
 
 
 def _count_intercepts(lines: Mapping[str, FloatArray]) -> dict[str, int]:
-    """Count the fits, and those whose intercept has the other sign than the printed one."""
+    """Count the fits, and the fits with the opposite sign of the published intercept."""
     signs = [np.sign(found[:, 2]) != np.sign(PUBLISHED[name][2]) for name, found in lines.items()]
     return {"fits": sum(map(len, signs)), "other_sign": int(np.sum(signs))}
 
 
 def draw(found: Mapping[str, Mapping[str, list[list[Reading]]]]) -> Figure:
-    """Draw force against change on the first sensor of each level, with each sheet's line."""
+    """Draw force over change on the first sensor of each level, with each sheet's line."""
     from palpate.plots.style import BLUE, GREEN, ORANGE, PURPLE, new_figure
 
     with new_figure(columns=2, width_in=9.0, height_in=3.6) as (figure, axes):

@@ -1,4 +1,4 @@
-"""Table 5 of the paper: error of an early estimate of the 20 s force."""
+"""Table 5 of the paper: error of an early estimate of the force at 20 s."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ ROWS: dict[str, tuple[SettlingMethod, float]] = {
     "exponential, 2.5 s": (Exponential(), 2.5),
     "ours, 2.5 s": (Relaxation(), 2.5),
 }
-#: The row that also uses the holds which the force line was calibrated on.
+#: The row that also uses the calibration holds of the force line.
 OWN = "ours, own holds, 2.5 s"
-#: Paper, Table 5: average error in newtons (its percentages don't fit them).
+#: Paper, Table 5: average error in newtons (the percentages there are inconsistent with it).
 PUBLISHED_N = {
     "recorded, 2.5 s": 1.32,
     "recorded, 10 s": 0.42,
@@ -54,17 +54,17 @@ PUBLISHED_N = {
     "exponential, 2.5 s": 0.14,
 }
 _REFERENCE = "recorded, 2.5 s"
-#: Absolute errors in newtons, shape (grasps,): against the line of the settled reading, which the
-#: paper's 0.045 N at 20 s can only be, and against the simulated load cell.
+#: Absolute errors in newtons, shape (grasps,): relative to the line of the settled reading, which
+#: must be the reference of the paper's 0.045 N at 20 s, and relative to the simulated load cell.
 Errors: TypeAlias = tuple[FloatArray, FloatArray]
 
 
 def report(
     *,
     sensors: Annotated[int, typer.Option(help="Sensors of each level.", min=1)] = 3,
-    repeats: Annotated[int, typer.Option(help="Grasps at each width; the paper made 10.")] = 2,
+    repeats: Annotated[int, typer.Option(help="Grasps at each width; 10 in the paper.")] = 2,
 ) -> StudyReport:
-    """Estimate the settled force early, through a line per sheet, as in Table 5.
+    """Estimate the settled force early with one line per sheet, as in Table 5.
 
     Example: palpate study table5 --out reports
     """
@@ -76,17 +76,18 @@ def report(
     count = len(errors[LEVELS[0]][_REFERENCE][0])
     return StudyReport(
         name="table5",
-        title="Table 5: force estimated early, against the force at 20 s",
+        title="Table 5: error of the force estimated early, relative to the force at 20 s",
         provenance=(
             f"Simulated: {sensors} sensors, 4 silicone sheets, 5 closures, {repeats} repeats; mean "
-            "relative change, 15 Hz. For each sensor and sheet a line is fitted from settled "
-            "change to load cell on 5 calibration holds. On holds of another session errors are "
-            "given twice: |line(early) - line(settled)|, the part that the technique decides, and "
-            "|line(early) - load cell|, with the line's own error; what `recorded, 20 s` has there "
-            "is the line's own.",
-            "`own holds` also learns how the sheet settles from those holds, 20 of each sensor.",
-            "Published: Table 5, newtons. Ratios are to `recorded, 2.5 s`; the paper's percentages "
-            "don't fit its newtons and are left out. Nothing of Table 5 was used to set the twin.",
+            "relative change, 15 Hz. For each sensor and sheet, a line from settled change to load "
+            "cell is fitted to 5 calibration holds. Holds of another session are scored twice: "
+            "|line(early) - line(settled)| is the error of the technique; |line(early) - load "
+            "cell| includes the error of the line, which is the value of `recorded, 20 s`.",
+            "`own holds` also learns the relaxation of the sheet from the calibration holds, 20 "
+            "per sensor.",
+            "Published: Table 5, newtons. Ratios are relative to `recorded, 2.5 s`; the paper's "
+            "percentages are inconsistent with its newtons and are omitted. Nothing in Table 5 was "
+            "an input of the twin.",
             *(format_missed(misfit[level], of=f"Table 5 by the level {level}") for level in LEVELS),
         ),
         tables=[Table.of(f"Error of the settled force, {count} grasps of each level", rows)],
@@ -105,7 +106,7 @@ command = as_command(report)
 
 
 def _measure_errors(level: str, *, sensors: int, repeats: int) -> dict[str, Errors]:
-    """Return each row's errors against the settled reading's line and the load cell."""
+    """Return each row's errors relative to the settled reading's line and the load cell."""
     found: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
     for sensor in range(sensors):
         learned = [
@@ -151,7 +152,7 @@ def _measure_settled(time_s: FloatArray, holds: FloatArray) -> FloatArray:
 def _measure_holds(
     sensor: int, level: str, index: int, *, repeats: int, session: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return times, mean relative changes (holds, times) and the load cell at the end."""
+    """Hold one sheet; return times, mean changes (holds, times) and final forces."""
     obj = draw_object(np.random.default_rng([5, index]), MATERIALS[index])
     seed = 5_000 + sensor + 1_000_000 * (index + len(MATERIALS) * session)
     world = World(obj, seed=seed, sheet_seed=5_000 + sensor, level=level)
@@ -183,9 +184,9 @@ def _rows(errors: dict[str, Errors], level: str) -> list[dict[str, Any]]:
 
 
 def _count_misfit(errors: dict[str, Errors], *, groups: int) -> dict[str, dict[str, int]]:
-    """Count the printed newtons outside our 90 % interval, holds grouped by sensor and sheet.
+    """Count the published errors outside the twin's 90 % interval over sensors and sheets.
 
-    Errors are of the settled reading, as the paper's can only be.
+    The errors are relative to the settled reading.
     """
     entries = []
     for name, published in PUBLISHED_N.items():
@@ -200,7 +201,7 @@ def _draw(rows: Sequence[dict[str, Any]]) -> Figure:
     from palpate.plots.style import BLUE, GREY, ORANGE, legend_below, log_axis, new_figure
 
     names = list(dict.fromkeys(row["technique"] for row in rows))
-    # Dots, not bars: a logarithmic axis has no zero for a bar to begin at.
+    # A logarithmic axis has no zero for bars, so markers are drawn.
     with new_figure(width_in=6.0, height_in=3.8) as (figure, axes):
         panel = axes[0, 0]
         place = np.arange(len(names))
@@ -212,7 +213,7 @@ def _draw(rows: Sequence[dict[str, Any]]) -> Figure:
         panel.plot(*zip(*printed, strict=True), "D", color=GREY, mfc="none", label="published")
         panel.set_yticks(place, names)
         panel.invert_yaxis()
-        panel.set_xlabel("mean |error| against the force of the settled reading (N)")
+        panel.set_xlabel("mean |error| relative to the force of the settled reading (N)")
         log_axis(panel.xaxis)
         legend_below(figure, axes)
     return figure

@@ -1,4 +1,4 @@
-"""Table 6, Figure 17b of the paper: an apple before and after its fall."""
+"""Table 6 and Figure 17b of the paper: an apple before and after its fall."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ PUBLISHED: dict[str, tuple[tuple[float, float], ...]] = {
     "recorded, 20 s": ((-21.2, 1.9), (-13.0, 2.4), (-3.75, 1.6)),
 }
 SENSORS, REPEATS, FIRST_SENSOR = 3, 10, 70_000
-#: The apple: round and of middling firmness. The width, which the paper doesn't print, gives the
-#: published change before; the depth of the fresh dent the one after (-21.4 and -13.0 %: median of
-#: 16 other sensors, seeds 71000 to 71015, at level lab).
+#: The apple: round and of average firmness. The closure, which the paper doesn't print, was set to
+#: the published change before the fall, and the depth of the fresh dent to the change after it
+#: (-21.4 and -13.0 %: median of 16 other sensors, seeds 71000 to 71015, at level lab).
 SIZE_MM, FIRMNESS_N, CLOSURE_MM = 66.0, 16.0, 1.2
 DROPPED = Bruise(
     angle_deg=0.0, height_mm=0.0, diameter_mm=28.0, depth_mm=9.8, softness=0.35, dent_mm=0.22
@@ -47,9 +47,9 @@ ROWS: dict[str, tuple[str, float]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Traces:
-    """Traces of one sensor: column -> times and mean relative changes, shape (repeats, times).
+    """Traces of one sensor: column -> mean relative changes, shape (repeats, times).
 
-    `support_n`: force that the support takes up at 20 s, because the fingers press unequally.
+    `support_n`: force of the support at 20 s, which balances the unequal finger forces.
     """
 
     time_s: FloatArray
@@ -57,7 +57,7 @@ class Traces:
     support_n: float = 0.0
 
     def values(self, column: str, method: str, cutoff_s: float) -> FloatArray:
-        """Return the settled value of each grasp of a column, percent, predicted at a cut-off."""
+        """Return the settled values of a column's grasps, percent, predicted at a cut-off."""
         traces = self.traces[column]
         if cutoff_s == HOLD_S:
             return np.asarray(traces[:, self.time_s > HOLD_S - SETTLED_MEAN_S].mean(axis=1))
@@ -77,7 +77,7 @@ def drop_apple() -> Apple:
 
 
 def grasp_free(level: str, sensor: int, *, repeats: int = REPEATS) -> Traces:
-    """Grasp the apple before and after its fall, at one width, bruise first."""
+    """Grasp the apple before and after its fall at one width, on the bruise."""
     session, apple = Session(sensor, level=level), drop_apple()
     before = _hold_repeatedly(session, replace(apple, bruise=None).facing(0.0), repeats=repeats)
     after = _hold_repeatedly(session, apple.facing(0.0), repeats=repeats)
@@ -85,11 +85,11 @@ def grasp_free(level: str, sensor: int, *, repeats: int = REPEATS) -> Traces:
 
 
 def grasp_supported(level: str, sensor: int, *, repeats: int = REPEATS) -> Traces:
-    """Grasp the apple as `grasp_free` does, but held in place by what it rests on.
+    """Grasp the apple like `grasp_free`, but with a support that holds it in place.
 
-    Each finger then presses its own side by the same way, so forces are not equal. A side is that
-    of an apple whose other side is alike: the bruised one twice for the first finger, the sound
-    one twice for the second.
+    Each finger then deforms its side by the same travel, so the forces differ. Each side is
+    simulated with a symmetric apple: bruised on both sides for the first finger, sound on both
+    sides for the second.
     """
     session, apple = Session(sensor, level=level), drop_apple()
     sound = replace(apple, bruise=None).facing(0.0)
@@ -121,7 +121,7 @@ def _traces(
 
 
 def _bruise_both_sides(apple: Apple) -> TwinObject:
-    """Return an apple both of whose sides are its bruised one."""
+    """Return the apple with its bruised side on both sides."""
     faces = apple.facing(0.0).faces
     assert isinstance(faces, Faces)
     bruised = faces.faces[0]
@@ -135,7 +135,7 @@ def _bruise_both_sides(apple: Apple) -> TwinObject:
 
 
 def _hold_repeatedly(session: Session, apple: TwinObject, *, repeats: int) -> FloatArray:
-    """Return relative changes of every pixel, shape (repeats, times, rows, cols)."""
+    """Hold the apple repeatedly; return changes, shape (repeats, times, rows, cols)."""
     holds = []
     for _ in range(repeats):
         session.place(apple)
@@ -182,13 +182,13 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             f"Simulated: {repeats} grasps of one apple at one width on each of {sensors} sensors "
             "per level; median sensor's mean ± sd (range of means).",
             "Published: one apple, one sensor, 10 grasps; width not printed.",
-            "Free: both fingers carry one force. Supported: what the apple rests on holds it in "
+            "Free: both fingers have the same force. Supported: a support holds the apple in "
             "place, so that each finger presses its own side. Inputs of the twin, set on other "
-            f"sensors with a free apple: the width, by 'before', and a dent of {DROPPED.dent_mm:g} "
-            "mm, by 'after'; nothing was set again for the support.",
-            "Force that the support has to take up: "
+            "sensors with a free apple: the width, from 'before', and a dent of "
+            f"{DROPPED.dent_mm:g} mm, from 'after'. Nothing was adjusted for the support.",
+            "Force of the support: "
             + ", ".join(f"{support_n[level]:.1f} N ({level})" for level in LEVELS)
-            + "; an apple of 200 g that slides at 0.5 takes up 1 N.",
+            + "; the friction of an apple of 200 g with a coefficient of 0.5 is 1 N.",
         ],
         tables=[
             Table.wide(
@@ -213,7 +213,7 @@ command = as_command(report)
 
 
 def summarise(made: list[Traces], row: str, column: str) -> dict[str, Any]:
-    """Return the median sensor's mean and sd over the grasps, both with their range."""
+    """Return mean and sd over the grasps of the median sensor, and the formatted cell."""
     values = [one.values(column, *ROWS[row]) for one in made]
     mean, sd = np.array([v.mean() for v in values]), np.array([v.std(ddof=1) for v in values])
     return {
@@ -231,9 +231,9 @@ def _format_published(entry: Any) -> str:
 
 
 def _compare_published(entries: list[dict[str, Any]]) -> dict[str, dict[str, dict[str, Any]]]:
-    """Return for every published entry the median sensor's mean, and whether it is met.
+    """Compare the median sensor's mean with every published entry.
 
-    It is met where the difference of the means is below twice the published sd.
+    `met`: the means differ by at most twice the published standard deviation.
     """
     found: dict[str, dict[str, dict[str, Any]]] = {}
     for one in entries:
@@ -250,7 +250,7 @@ def _compare_published(entries: list[dict[str, Any]]) -> dict[str, dict[str, dic
 
 
 def draw(shown: Mapping[str, Traces]) -> Figure:
-    """Draw mean and standard deviation over grasps against time (paper, Figure 17b), by level."""
+    """Draw mean and standard deviation over time, as in the paper's Figure 17b, by level."""
     from palpate.plots.style import BLUE, GREEN, ORANGE, legend_below, new_figure
 
     published = dict(zip(COLUMNS, PUBLISHED["recorded, 20 s"], strict=True))

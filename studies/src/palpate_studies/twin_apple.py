@@ -1,27 +1,27 @@
 """A simulated apple, not quite round or uniformly firm, with or without one bruise.
 
-Its outline across the equator is given by the support function of a convex body (distance from the
-axis to the tangent in a direction t),
+The outline across the equator is defined by the support function of a convex body (distance from
+the axis to the tangent in a direction t),
 
     p(t) = R (1 + oval cos 2(t - t2) + lobes cos 5(t - t5)),
 
 an oval with the five lobes of an apple. A flat finger in direction t touches p'(t) off the axis
-of closing, on a radius of curvature p + p''; two opposite fingers are p(t) + p(t + 180) apart.
+of closing, with the radius of curvature p + p''; two opposite fingers are p(t) + p(t + 180) apart.
 
-Where a finger presses, a bruise is softer and flat, and moves load elsewhere. A face is a bed of
-springs under a round surface (Winkler) whose contact has the radius of Hertz, a
-(a**2 = D d / 2 for a side that deflects by d, D the diameter of curvature). The pressure where the
-gap to the finger would be g goes as
+A bruise under a finger is softer and flatter and redistributes the load. A face is a bed of springs
+under a round surface (Winkler) whose contact has the radius of Hertz, a (a**2 = D d / 2 for a side
+that deflects by d, with the diameter of curvature D). The pressure at a place with the gap g to the
+undeformed surface is proportional to
 
-    c * max(1 - D g / a**2, 0),    g = r**2 / D + dent - least gap
+    c * max(1 - D g / a**2, 0),    g = r**2 / D + dent - smallest gap
 
-In the bruise the springs are softer: flesh of depth h and modulus E' on sound flesh of modulus E,
-strained down to about a, gives way as 1/c = 1 + (h / a) (E / E' - 1). Depth and dent fall from the
-middle of the bruise to its rim as a paraboloid does. Pad and sheet spread every bit of the contact
-over 8 mm.
+The springs of the bruise are softer: for flesh of depth h and modulus E' on sound flesh of modulus
+E, strained down to a depth of about a, 1/c = 1 + (h / a) (E / E' - 1). Depth and dent decrease from
+the middle of the bruise to its rim like a paraboloid. Pad and sheet spread each element of the
+contact over 8 mm.
 
-Both fingers carry the same force; what soft flesh doesn't carry its surroundings do, on the pixels
-or around them. So a bruise moves load more than it takes any away.
+Both fingers have the same force. The load that soft flesh does not carry is carried by its
+surroundings, on the pixels or next to them: a bruise moves load rather than removing it.
 """
 
 from __future__ import annotations
@@ -41,70 +41,70 @@ from palpate_studies.fruit_ranges import APPLES, AppleRanges, BruiseRanges
 if TYPE_CHECKING:
     from palpate.twin.placement import PixelGrid
 
-#: Places in a line across a contact, and how far they go, in radii of a sound contact: a flat one
-#: with a dent of 0.8 of the flattening is 2.2 times as wide.
+#: Grid points in a line across a contact, and range of the grid in radii of a sound contact: a flat
+#: contact with a dent of 0.8 of the flattening is 2.2 times as wide.
 _PLACES, _RANGE_RADII = 21, 2.4
-#: How far pad and sheet spread a load, mm: as `mechanics.pixel_shares` has it for the paper's
-#: pixels. Finer pixels see no sharper for being fine.
+#: Spread of a load by pad and sheet, mm, as in `mechanics.pixel_shares` for the paper's pixels. It
+#: also limits the resolution of finer pixels.
 _SPREAD_MM = 8.0
-#: Half of what pads deflect by in the middle of their range: they follow a surface by this much.
+#: Half of the pads' deflection in the middle of their range, by which they conform to a surface.
 _PAD_MM = 0.15
-#: By how much a side gives way, mm, where stiffnesses are compared: the middle of what grasps use.
+#: Deflection of a side at which stiffnesses are compared, mm: the middle of the range of grasps.
 _USUAL_SIDE_MM = 0.5
-#: Contacts of one face closer than this are taken for one, mm.
+#: Resolution of the deflections with a contact of their own, mm.
 _STEP_MM = 0.005
-#: How far from a bruise the place of first touch is looked for, mm.
+#: Margin around a bruise in the search for the first touch, mm.
 _SEARCH_MARGIN_MM = 10.0
-#: Beyond this distance from a bruise no contact with a finger reaches it, mm.
+#: Distance from a bruise beyond which no contact with a finger includes it, mm.
 _CONTACT_MM = 20.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Patch:
-    """A bruise as one finger meets it."""
+    """A bruise relative to the contact of one finger."""
 
-    #: Where its middle lies from the contact point, on the surface.
+    #: Position of the middle relative to the contact point, on the surface.
     along_mm: float
     across_mm: float
-    #: Reach on the surface, and depth under its middle.
+    #: Radius on the surface, and depth at the middle.
     radius_mm: float
     depth_mm: float
     #: Modulus of bruised flesh over that of sound flesh.
     softness: float
-    #: By how much its middle lies below the round surface.
+    #: Depth of the middle below the round surface.
     dent_mm: float
 
     def profile(self, along_mm: FloatArray, across_mm: FloatArray) -> FloatArray:
-        """Return 1 in the middle, 0 from the rim on."""
+        """Return the relative depth: 1 in the middle, 0 at the rim and outside."""
         off_mm2 = (along_mm - self.along_mm) ** 2 + (across_mm - self.across_mm) ** 2
         return np.maximum(1.0 - off_mm2 / self.radius_mm**2, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Face:
-    """Where one finger meets the fruit."""
+    """The side of a fruit under one finger."""
 
-    #: Diameter of the sphere that fits the surface here.
+    #: Local diameter of curvature.
     curvature_mm: float
-    #: Stiffness of the flesh here over the fruit's own.
+    #: Local stiffness of the flesh relative to the fruit's mean.
     firmness: float
-    #: Where the finger touches first, along and across from the axis of closing: fruit is no ball.
+    #: First contact of a sound fruit relative to the axis of closing, along and across.
     contact_mm: tuple[float, float]
-    #: The bruise, if there is one near.
+    #: A bruise near the contact.
     patch: Patch | None = None
 
     def stiffness(self, fruit_mm: float) -> float:
-        """Return the stiffness ratio of this side to a round, sound fruit of its size."""
+        """Return the stiffness of this side relative to a round, sound fruit of its size."""
         sound = find_contact(replace(self, patch=None), _USUAL_SIDE_MM).pressure.sum()
-        # Hertz: force goes as the root of the radius of curvature.
+        # Hertz: force is proportional to the root of the radius of curvature.
         curved = math.sqrt(self.curvature_mm / fruit_mm)
-        share = find_contact(self, _USUAL_SIDE_MM).pressure.sum() / sound
-        return float(self.firmness * curved * share)
+        fraction = find_contact(self, _USUAL_SIDE_MM).pressure.sum() / sound
+        return float(self.firmness * curved * fraction)
 
 
 @dataclass(frozen=True, slots=True)
 class FaceContact:
-    """Pressure on one face: positions along and across from the contact point, and values.
+    """Pressure on one face, on a grid relative to the contact point.
 
     `pressure` has shape (along, across) and is 1 in the middle of a sound contact.
     """
@@ -123,21 +123,21 @@ class Faces:
 
     @property
     def stiffness(self) -> float:
-        """Stiffness of the whole over that of a round, sound fruit."""
+        """Stiffness relative to a round, sound fruit."""
         return float((sum(_side_deflections(self)) / 2.0) ** -1.5)
 
     def pixel_shares(
         self, deformation_mm: float, *, grid: PixelGrid, off_centre_mm: tuple[float, float]
     ) -> FloatArray:
-        """Return the share of its finger's force that each pixel carries, shape (pixels,).
+        """Return each pixel's fraction of its finger's force, shape (pixels,).
 
-        Those of a sound face add up to 1, as for all objects; those of a bruised one may not.
+        The fractions of a sound face sum to 1, as for all objects; those of a bruised face may not.
         """
         shares, give = np.zeros(grid.finger.size), _side_deflections(self)
         for finger, face in enumerate(self.faces):
             mine = grid.finger == finger
             side_mm = max(deformation_mm, 0.0) * give[finger] / sum(give)
-            # Rounded, so that the many moments of a hold share one contact.
+            # Rounded, so that the many time steps of a hold use one cached contact.
             side_mm = _STEP_MM * round(side_mm / _STEP_MM)
             middle_mm = (
                 grid.along_mm[mine] - off_centre_mm[0] - face.contact_mm[0],
@@ -176,7 +176,7 @@ def find_contact(face: Face, side_mm: float) -> FaceContact:
 
 @lru_cache(maxsize=256)
 def find_first_touch(face: Face) -> tuple[float, float, float]:
-    """Return a finger's contact delay against a round fruit, and its position, mm."""
+    """Return the extra closure to first touch relative to a round fruit, and its place, mm."""
     if face.patch is None:
         return 0.0, 0.0, 0.0
     reach_mm = face.patch.radius_mm + _SEARCH_MARGIN_MM
@@ -188,17 +188,17 @@ def find_first_touch(face: Face) -> tuple[float, float, float]:
 
 
 def _distance_squared(along_mm: FloatArray, across_mm: FloatArray) -> FloatArray:
-    """Return the squared distance of pairs of places from the contact point."""
+    """Return the squared distances of grid points from the contact point."""
     return np.asarray(along_mm[:, None] ** 2 + across_mm**2)
 
 
 def _fraction_caught(
     found: FaceContact, middle_mm: tuple[FloatArray, FloatArray], *, pitch_mm: float
 ) -> FloatArray:
-    """Return the share of a contact's force that each pixel catches, shape (pixels,).
+    """Return the fraction of a contact's force on each pixel, shape (pixels,).
 
-    Each bit is spread with the density 3/4 (1 - t**2) over |t| < 1 in both directions; pixels are a
-    pitch wide.
+    Each element is spread with the density 3/4 (1 - t**2) over |t| < 1 in both directions; pixels
+    are one pitch wide.
     """
     along, across = (
         _overlap_fraction(middle[:, None] - place, pitch_mm=pitch_mm)
@@ -226,20 +226,20 @@ def _side_deflections(faces: Faces) -> tuple[float, float]:
 class Bruise:
     """A bruise on an apple's cheek."""
 
-    #: Where its middle lies: around the stem's axis, and above the equator along the surface.
+    #: Position of the middle: angle around the stem, and height above the equator on the surface.
     angle_deg: float
     height_mm: float
-    #: Reach on the surface and depth.
+    #: Diameter on the surface, and depth.
     diameter_mm: float
     depth_mm: float
     #: Modulus of its flesh over that of sound flesh.
     softness: float
-    #: By how much its middle lies below the round surface.
+    #: Depth of the middle below the round surface.
     dent_mm: float
 
     @property
     def area_cm2(self) -> float:
-        """Area on the surface: what grades limit."""
+        """Area on the surface, which marketing standards limit."""
         return math.pi * (self.diameter_mm / 20.0) ** 2
 
 
@@ -254,20 +254,20 @@ class Apple:
     True
     """
 
-    #: A round, sound fruit of its mean size and firmness.
+    #: A round, sound fruit of the same mean size and firmness.
     flesh: TwinObject
-    #: Departures from round as shares of the radius, and where they are largest.
+    #: Ovality and lobes as fractions of the radius, and the angles of their maxima.
     oval: float
     lobes: float
     oval_deg: float
     lobes_deg: float
-    #: By how much one side is firmer than the mean, as a share, and which.
+    #: Relative excess firmness of one side, and the angle of this side.
     firmer: float
     firmer_deg: float
-    #: By how much the place that a finger touches first goes up and down around the fruit.
+    #: Amplitude of the height of the first touch around the fruit, and the angle of its maximum.
     leaning_mm: float
     leaning_deg: float
-    #: None if sound.
+    #: None for a sound apple.
     bruise: Bruise | None = None
 
     @property
@@ -276,7 +276,7 @@ class Apple:
         return self.flesh.size_mm / 2.0
 
     def facing(self, angle_deg: float) -> TwinObject:
-        """Return the apple between two fingers, the first at this angle, the second opposite."""
+        """Return the apple between two fingers at this angle and opposite."""
         sides = (self._face(angle_deg, across=1.0), self._face(angle_deg + 180.0, across=-1.0))
         faces = Faces(faces=sides, fruit_mm=self.flesh.size_mm)
         apart_mm = self._support(angle_deg)[0] + self._support(angle_deg + 180.0)[0]
@@ -298,7 +298,7 @@ class Apple:
         )
 
     def _face(self, angle_deg: float, *, across: float) -> Face:
-        """Return one side; `across` is the sign of the fruit's angle along the fingers' columns."""
+        """Return one side; `across` is the sign of the angle along the finger's columns."""
         _, beside_mm, curvature_mm = self._support(angle_deg)
         above_mm = self.leaning_mm * math.cos(math.radians(angle_deg - self.leaning_deg))
         towards = math.cos(math.radians(angle_deg - self.firmer_deg))
@@ -325,14 +325,14 @@ class Apple:
 def draw_apple(
     rng: np.random.Generator, *, bruises: BruiseRanges | None, apples: AppleRanges = APPLES
 ) -> Apple:
-    """Draw an apple, bruised if there is something to draw the bruise from.
+    """Draw an apple, with a bruise if its ranges are given.
 
     Parameters
     ----------
     rng : Generator
-        Source of chance.
+        Random number generator.
     bruises : BruiseRanges or None
-        Ranges of its bruise (`palpate_studies.fruit_ranges`); None for a sound one.
+        Ranges of the bruise (`palpate_studies.fruit_ranges`); None for a sound apple.
     apples : AppleRanges
         Ranges of the fruit.
     """
@@ -358,7 +358,7 @@ def draw_apple(
 def draw_bruise(rng: np.random.Generator, ranges: BruiseRanges, apple: Apple) -> Bruise:
     """Draw a bruise for an apple."""
     diameter_mm = log_uniform(rng, ranges.diameter_mm_log)
-    # What a plane takes off a sphere of the apple's size when the contact is as wide as the bruise.
+    # Flattening of a sphere of the apple's size with a plane contact as wide as the bruise.
     flattened_mm = diameter_mm**2 / (8.0 * apple.radius_mm)
     return Bruise(
         angle_deg=uniform(rng, (0.0, 360.0)),

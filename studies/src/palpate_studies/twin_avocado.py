@@ -1,10 +1,10 @@
-"""A simulated avocado that ripens: its firmness by day, and one spot's in a grasp.
+"""A simulated avocado that ripens: its mean firmness on a day, and that of single spots.
 
-Its elastic force at 1 mm falls as
+The elastic force at 1 mm falls as
 
     c(t) = softest + (hard - softest) (1 + exp((t - half_day) / pace_days)) ** -skew,
 
-in a time t that runs a little faster or slower from day to day, as the room is warm or cool.
+with a time t whose rate varies from day to day with the room temperature.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from palpate.twin.objects import TwinObject
 from palpate.twin.ranges import log_uniform, uniform
 from palpate_studies.fruit_ranges import AVOCADO_BOUNDS_N, AVOCADO_STAGES, AVOCADOS, AvocadoRanges
 
-#: Damage begins at this share of the rupture force, as for other fruit of the twin.
+#: Yield force as a fraction of the rupture force, as for other fruit of the twin.
 _YIELD_FRACTION = (0.75, 0.95)
 #: Time constants of relaxation, as for other fruit of the twin.
 _RELAXING_S = ((0.2, 1.0), (1.0, 8.0), (8.0, 80.0))
-#: Days whose room is drawn; beyond them the pace is the usual one.
+#: Days with a drawn room temperature; on other days the pace is 1.
 _DAYS = 14
 
 
@@ -36,21 +36,21 @@ class Avocado:
     True
     """
 
-    #: Mean width of its waist.
+    #: Mean width of the waist.
     size_mm: float
-    #: Elastic force at 1 mm before it softens and when all is over.
+    #: Elastic force at 1 mm before and after softening.
     hard_n: float
     softest_n: float
-    #: When and how fast it softens, as above.
+    #: Parameters of the softening curve in the module docstring.
     half_day: float
     pace_days: float
     skew: float
-    #: By how much it ripens from each day to the next, days.
+    #: Progress of ripening from each day to the next, days.
     days_of_room: tuple[float, ...]
-    #: As of `TwinObject`.
+    #: As in `TwinObject`.
     relaxing_share: tuple[float, ...]
     relaxing_time_s: tuple[float, ...]
-    #: Rupture force over the root of the force at 1 mm: soft fruit bursts early.
+    #: Rupture force / sqrt(force at 1 mm): soft fruit bursts at lower forces.
     rupture_per_root: float
     #: Scatter of firmness and width from spot to spot.
     spot_log_sd: float
@@ -61,7 +61,7 @@ class Avocado:
     def force_at_1mm_n(self, day: float) -> float:
         """Return the mean elastic force at 1 mm of deformation, `day` days after the first."""
         ripened = float(np.interp(day, np.arange(_DAYS + 1), np.cumsum((0, *self.days_of_room))))
-        # Outside the days whose room is known the pace is the usual one.
+        # Outside the drawn days the pace is 1.
         ripened += min(day, 0.0) + max(day - _DAYS, 0.0)
         left = (1.0 + np.exp((ripened - self.half_day) / self.pace_days)) ** -self.skew
         return float(self.softest_n + (self.hard_n - self.softest_n) * left)
@@ -72,7 +72,7 @@ class Avocado:
         return AVOCADO_STAGES[passed]
 
     def day_of(self, stage: str) -> float:
-        """Return the day on which a stage begins, minus infinity for the first of them."""
+        """Return the day on which a stage begins; minus infinity for the first stage."""
         index = AVOCADO_STAGES.index(stage)
         if index == 0:
             return -np.inf
@@ -84,7 +84,7 @@ class Avocado:
         return high
 
     def spot(self, day: float, *, rng: np.random.Generator) -> TwinObject:
-        """Return one grasp's object on a day: the fruit at one spot."""
+        """Return the fruit at one random spot on a day, as the object of a grasp."""
         firmness_n = self.force_at_1mm_n(day) * float(np.exp(self.spot_log_sd * rng.normal()))
         rupture_n = self.rupture_per_root * float(np.sqrt(firmness_n))
         return TwinObject(

@@ -1,4 +1,4 @@
-"""One simulated sensor in an experimenter's hands: rest, grasps to a width, holds."""
+"""Experiments with one simulated sensor: rest values, grasps to a width, holds."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.velostat import Environment, Sheet
 from palpate.twin.world import World
 
-#: The settled value is the mean over this long before the end of a hold.
+#: The settled value is the mean over this time before the end of a hold.
 SETTLED_MEAN_S = 0.5
-#: Gap from which the fingers close, their speed, the still time before, the pause after.
+#: Initial gap, closing speed, still time before closing, and pause after opening.
 GAP_MM, SPEED_MM_PER_S, STILL_S, PAUSE_S = 6.0, 40.0, 2.0, 20.0
 HOLD_S = 20.0
 #: Seed of the objects.
@@ -41,9 +41,9 @@ class Reading:
     Attributes
     ----------
     ohm, rest_ohm : ndarray
-        Resistances now, and at rest just before the grasp.
+        Resistances, and resistances at rest just before the grasp.
     force_n : float
-        The load cell.
+        Force of the load cell.
     """
 
     ohm: FloatArray
@@ -57,12 +57,12 @@ class Reading:
 
     @property
     def mean_percent(self) -> float:
-        """Mean relative change: the paper's aggregate."""
+        """Mean relative change, as in the paper."""
         return float(mean_change(self.change_percent))
 
     @property
     def largest_percent(self) -> float:
-        """Change of the pixel that fell most."""
+        """Change of the pixel with the largest fall."""
         return float(largest_change(self.change_percent))
 
     @property
@@ -72,7 +72,7 @@ class Reading:
 
 
 class Session:
-    """A sensor and gripper of one seed, used through their devices alone.
+    """A sensor and gripper of one seed, used only through their devices.
 
     Parameters
     ----------
@@ -81,11 +81,11 @@ class Session:
     level : {"lab", "field"}
         Scatter of the twin.
     trial : int
-        Seed of what changes from session to session.
+        Seed of the changes from session to session.
     layout : ArrayLayout, optional
-        Pixels; the paper's by default.
+        Layout of the pixels; the paper's by default.
     environment : Environment, optional
-        Surroundings and earlier use.
+        Climate and earlier use.
     remade : callable, optional
         As in `World`.
     """
@@ -112,30 +112,30 @@ class Session:
         self.gripper, self.cell = TwinGripper(self.world), TwinLoadCell(self.world)
 
     def place(self, obj: TwinObject, *, fixture: bool = False) -> None:
-        """Open the fingers and put an object between them, away with the last one."""
+        """Open the fingers and place a new object between them."""
         self.gripper.release()
         self.world.clock.sleep_s(STILL_S)
         self.world.place(obj, fixture=fixture)
 
     def mean_ohm(self) -> FloatArray:
-        """Return the mean over the last half second from now on, shape (rows, cols)."""
+        """Read for half a second; return the mean resistances, shape (rows, cols)."""
         return np.asarray(self.read(SETTLED_MEAN_S).mean(axis=0))
 
     def read(self, duration_s: float) -> FloatArray:
-        """Read frames for this long; resistances, shape (frames, rows, cols).
+        """Read frames; return resistances, shape (frames, rows, cols).
 
-        A pixel at the end of its converter has the least resistance that it can show, as in a
-        grasp and in a calibration.
+        A saturated pixel has the smallest resistance of the converter's range, as in a grasp and in
+        a calibration.
         """
         ohm = read_ohm(self.world, until_s=self.world.clock.now_s() + duration_s)
         return np.maximum(ohm, self.world.layout.divider.least_ohm)
 
     def close_to(self, width_mm: float, *, speed_mm_per_s: float = SPEED_MM_PER_S) -> None:
-        """Send the fingers to a width."""
+        """Command the fingers to a width."""
         self.gripper.command(GripperCommand(target=width_mm, rate=speed_mm_per_s))
 
     def grasp(self, obj_size_mm: float, *, width_mm: float, hold_s: float = HOLD_S) -> Reading:
-        """Take rest values, close to a width, hold, read the settled values, open, and pause."""
+        """Measure rest values, close to a width, hold, read settled values, open and pause."""
         rest_ohm = self._close_from_rest(obj_size_mm, width_mm=width_mm)
         self.world.clock.sleep_s(hold_s - SETTLED_MEAN_S)
         ohm = self.mean_ohm()
@@ -151,9 +151,9 @@ class Session:
         read_s: float = HOLD_S,
         speed_mm_per_s: float = SPEED_MM_PER_S,
     ) -> FloatArray:
-        """Take rest values, close to a width and read changes, open, and pause.
+        """Measure rest values, close to a width, read changes, open and pause.
 
-        Percent from the start of actuation on, shape (times, rows, cols).
+        Returns percent from the start of actuation, shape (times, rows, cols).
         """
         rest_ohm = self._close_from_rest(
             obj_size_mm, width_mm=width_mm, speed_mm_per_s=speed_mm_per_s
@@ -165,7 +165,7 @@ class Session:
     def _close_from_rest(
         self, obj_size_mm: float, *, width_mm: float, speed_mm_per_s: float = SPEED_MM_PER_S
     ) -> FloatArray:
-        """Begin to close to a width; return the rest values from just before."""
+        """Measure rest values and start closing to a width; return the rest values."""
         self.close_to(obj_size_mm + GAP_MM)
         self.world.clock.sleep_s(STILL_S)
         rest_ohm = self.mean_ohm()
@@ -178,7 +178,7 @@ class Session:
 
 
 def read_ohm(world: World, *, until_s: float) -> FloatArray:
-    """Read frames from now on up to a time, shape (frames, rows, cols)."""
+    """Read frames until a time; return resistances, shape (frames, rows, cols)."""
     array, counts = TwinArray(world), []
     while world.clock.now_s() < until_s - 1e-9:
         counts.append(array.read(timeout_s=1.0).counts)
@@ -187,7 +187,7 @@ def read_ohm(world: World, *, until_s: float) -> FloatArray:
 
 
 def stack_holds(holds: Sequence[FloatArray]) -> FloatArray:
-    """Return holds as one array, each as long as the shortest."""
+    """Return holds as one array, truncated to the shortest hold."""
     shortest = min(map(len, holds))
     return np.array([hold[:shortest] for hold in holds])
 
@@ -209,31 +209,30 @@ def grasps(
 
 
 def draw_named(name: str) -> TwinObject:
-    """Draw the object of a name that all sensors of a study share."""
+    """Draw the object of this name, the same for all sensors of a study."""
     return draw_object(np.random.default_rng([_OBJECT_SEED, sum(name.encode())]), name)
 
 
 #: The four silicone sheets of section 3.2.
 MATERIALS = ("ecoflex-10", "dragonskin-10", "dragonskin-20", "dragonskin-30")
-#: Five force levels: by how much the fingers close beyond contact, mm.
+#: Five force levels, as closures beyond contact, mm.
 CLOSURES_MM = (2.0, 2.5, 3.0, 3.5, 4.0)
 
-#: Seconds of rest before the first hold, and read of each hold.
+#: Durations of the rest before the first hold, and of the reading of each hold, seconds.
 _RESTS_S, _HOLDS_S = 1.4, 20.2
 
 
 def twin_holds(*, repeats: int, family: str | None = None) -> Iterator[Hold]:
     """Yield holds of the mean relative change (percent), time 0 at the start of actuation.
 
-    Each repeat is made on a sensor of its own, so that no single sheet decides. On each sensor
-    every material is taken in turn: rest values from 20 frames, then for each closure a hold of
-    20 s and a pause of 20 s with the fingers open. Frames come at 15 Hz through the divider and
-    the 10-bit converter.
+    Each repeat uses another sensor. On each sensor every material is measured in turn: rest values
+    from 20 frames, then for each closure a hold of 20 s and a pause of 20 s with the fingers open.
+    Frames are read at 15 Hz through the divider and the 10-bit converter.
 
     Parameters
     ----------
     repeats : int
-        Sensors.
+        Number of sensors.
     family : str, optional
         Relaxation family; drawn for each sensor by default.
 
@@ -252,7 +251,7 @@ def twin_holds(*, repeats: int, family: str | None = None) -> Iterator[Hold]:
                 yield Hold(
                     hold_id=f"{repeat}/{material}/{closure_mm:g}",
                     channel=None,
-                    # One raster for all, so that predictors can share work between holds.
+                    # A common time grid lets predictors share computations between holds.
                     time_s=np.arange(1, len(values) + 1) / world.frame_rate_hz,
                     values=values,
                     unit="percent",
@@ -264,7 +263,7 @@ def record_holds(
 ) -> Iterator[FloatArray]:
     """Yield the mean relative change of a hold at each closure, percent, shape (n_times,).
 
-    The object is held while a hold is yielded, and released before the next.
+    The object remains gripped while a hold is yielded, and is released before the next hold.
     """
     gripper, clock = TwinGripper(world), world.clock
     rest_ohm = rest_baseline(read_ohm(world, until_s=_RESTS_S)).rest_ohm

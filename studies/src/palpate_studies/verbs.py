@@ -1,4 +1,4 @@
-"""`palpate study NAME` and `palpate bench NAME`: one study or benchmark of the installed ones."""
+"""`palpate study NAME` and `palpate bench NAME`: run an installed study or benchmark."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from palpate_studies.report import FIGURE_FILES
 FigureFormat: TypeAlias = Literal["pdf", "svg", "png"]
 #: The benchmark that runs without a name.
 ALL = "all"
-#: What comes after the name is parsed by the study.
+#: The study parses the arguments after its name.
 SETTINGS: dict[str, Any] = {
     "context_settings": {
         "allow_extra_args": True,
@@ -28,7 +28,7 @@ SETTINGS: dict[str, Any] = {
 
 
 def list_commands(group: str) -> dict[str, LazyCommand]:
-    """Return what installed packages offer in a group of entry points, by name."""
+    """Return the commands of an entry-point group of all installed packages, by name."""
     rows = [row for point in entry_points(group=group) for row in point.load().items()]
     return {name: LazyCommand(f"{place}:command", text) for name, (place, text) in sorted(rows)}
 
@@ -42,14 +42,14 @@ def study(
     name: Annotated[
         str | None,
         typer.Argument(
-            help="Which study; `--list` names them.",
+            help="Name of the study; `--list` lists them.",
             autocompletion=_complete_names("palpate.studies"),
         ),
     ] = None,
     listing: Annotated[bool, typer.Option("--list", help="List the studies.")] = False,
     figure_format: Annotated[
         FigureFormat | None,
-        typer.Option("--format", help="With --out: figures in this format alone."),
+        typer.Option("--format", help="With --out: write figures only in this format."),
     ] = None,
     dpi: Annotated[
         int | None,
@@ -77,18 +77,18 @@ def bench(
     name: Annotated[
         str | None,
         typer.Argument(
-            help="Which; `--list` names them. Default: all.",
+            help="Name of the benchmark; `--list` lists them. Default: all.",
             autocompletion=_complete_names("palpate.benchmarks"),
         ),
     ] = None,
     listing: Annotated[bool, typer.Option("--list", help="List the benchmarks.")] = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Measure speed and memory relative to other programs.
+    """Measure speed and memory relative to other software.
 
     Example: palpate bench --json
     """
-    # Options of the benchmarks are unknown here: the first one takes the place of a name.
+    # The options of a benchmark are unknown here, so its first option may be parsed as the name.
     if name is not None and name.startswith("-") and name != "--help":
         context.args.insert(0, name)
         name = None
@@ -100,7 +100,7 @@ def bench(
 def _run_command(
     name: str | None, *, group: str, listing: bool, quiet: bool, context: typer.Context
 ) -> None:
-    """List a package's offers, or run one with the rest of the command line."""
+    """List the commands of a group, or run one with the remaining arguments."""
     verb, known = str(context.info_name), list_commands(group)
     if listing or name in (None, "--help"):
         text = f"palpate {verb} NAME [options]\n\nExample: palpate {verb} {next(iter(known))}"
@@ -109,7 +109,7 @@ def _run_command(
         listed.main(["--help"], prog_name=f"palpate {verb}", standalone_mode=False)
         return
     if name not in known:
-        raise InputError(f"no {verb} {name!r}; there are: {', '.join(known)}")
+        raise InputError(f"no {verb} {name!r}; available: {', '.join(known)}")
     with progress(f"{verb} {name}", quiet=quiet or bool({"--json", "--help"} & set(context.args))):
         command = load_command(name, known[name])
         status = command.main(
@@ -122,13 +122,13 @@ def _run_command(
 def _check_figure_options(
     figure_format: FigureFormat | None, dpi: int | None, *, arguments: list[str]
 ) -> None:
-    """Refuse, before the work, options of figures that no file would show."""
+    """Refuse options of figures without effect before the study runs."""
     if figure_format is None and dpi is None:
         return
     option = f"--dpi {dpi}" if figure_format is None else f"--format {figure_format}"
     if not any(one == "--out" or one.startswith("--out=") for one in arguments):
         raise InputError(
-            f"{option}: it is for the figures in --out DIR; give that, or leave it out"
+            f"{option}: it applies to the figures in --out DIR; add --out or leave it out"
         )
     if dpi is not None and figure_format not in (None, "png"):
-        raise InputError(f"--dpi {dpi}: only png has dots; {figure_format} is sharp at any size")
+        raise InputError(f"--dpi {dpi}: it applies to png only; {figure_format} is a vector format")

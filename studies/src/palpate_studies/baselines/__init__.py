@@ -1,1 +1,1 @@
-"""Baselines that ours has to beat: one a file, each in its strongest plain form."""
+"""Baselines of palpate's methods, one per file, each in its strongest simple form."""

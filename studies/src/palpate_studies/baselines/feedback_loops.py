@@ -1,13 +1,13 @@
-"""Simpler ways to grip: close to a threshold, correct by a force reading, lift.
+"""Baselines of force control: close to contact, correct with force feedback, lift.
 
-`paper_loop` is the paper's own proposal. Section 3.3 fits force to the settled mean relative change
-by a line (Table 4), and proposes to grip to a force with that reading as feedback. No such loop is
-printed. Here it is in its strongest plain form: contact as in Figure 13, then corrections by the
-secant through the last two answers, up or down, until the line reads the target.
+`run_paper_loop` is the paper's proposal. Section 3.3 fits a line from the settled mean relative
+change to the force (Table 4), and proposes to use its reading as feedback. The paper prints no such
+loop. Here it has its strongest simple form: contact as in Figure 13, then secant corrections in
+both directions until the line reads the target.
 
-`learned_loop` is the same loop told everything that ours reads. The learner corrects the calibrated
-law of settled readings. It learns from the same loop with that law alone as feedback, on other
-objects gripped by other sensors of the level, each reading with the force that the hold settled to.
+`run_learned_loop` is the same loop with all of palpate's readings as inputs. The learner corrects
+the calibrated law of settled readings. Its training data come from the same loop with that law as
+feedback, on other objects and other sensors of the level; the label is the true settled force.
 """
 
 from __future__ import annotations
@@ -48,35 +48,35 @@ from palpate_studies.force_control_world import (
 )
 from palpate_studies.protocol.parts import Learned
 
-#: Speed of closing, and the time after each step of the approach in which it is read.
+#: Closing speed, and reading time after each step of the approach.
 _RATE: dict[GripperKind, float] = {"rigid": 20.0, "soft": 15.0}
 _DWELL_S = 0.42
-#: Steps of the approach, mm or kPa; corrections go by no more than one such step, and by no less
-#: than what a servo or regulator resolves.
+#: Step of the approach, mm or kPa, which is also the largest correction; and smallest correction,
+#: the resolution of a servo or regulator.
 STEP: dict[GripperKind, float] = {"rigid": 1.0, "soft": 0.8}
 _LEAST: dict[GripperKind, float] = {"rigid": 0.05, "soft": 0.2}
-#: Taken to be on target within this share; corrections at most.
+#: Relative error that counts as on target, and largest number of corrections.
 _CLOSE_ENOUGH, _MOST_MOVES = 0.05, 12
 PAPER_LINE = "the paper's line, exponential at 2.5 s"
-#: How long the exponential waits, and the frames of that.
+#: Reading time of the exponential, and its frames.
 WAITS_S, _FRAME_RATE_HZ = 2.5, 15
 _FRAMES = int(WAITS_S * _FRAME_RATE_HZ)
-#: Frames after a move whose readings learners see too, the one that a grasp of ours reads first,
-#: and the least force of a law, newtons.
-_SHOWN, _EARLY, _FAINT_N = (2, 14, 24), 6, 0.05
+#: Additional frames after a movement in the learners' inputs, the frame of the early law, and the
+#: smallest force of a law, newtons.
+_SHOWN, _EARLY, _LEAST_N = (2, 14, 24), 6, 0.05
 #: Learner -> method.
 LOOPS = {learner: f"{words}, as feedback at 2.5 s" for learner, words in LEARNERS.items()}
-#: By learner.
+#: Learner -> trained law.
 Laws: TypeAlias = Mapping[str, Learned[Answer]]
-#: Closure, and the servo's current on the way there (mA) -> force, N.
+#: From the closure and the servo current of the movement (mA) to the force, N.
 ForceReader: TypeAlias = Callable[[float, float], float]
-#: Array, gripper and rest values, shape (rows, cols) -> what reads the force after each move.
+#: From array, gripper and rest values, shape (rows, cols), to a reader of the force.
 MakeReader: TypeAlias = Callable[[TwinArray, TwinGripper, FloatArray], ForceReader]
 
 
-def paper_loop(task: Task) -> GripOutcome:
+def run_paper_loop(task: Task) -> GripOutcome:
     """Close to contact, then correct until the line reads the target, and lift."""
-    law = _line(task.seed // GRASPS_PER_SHEET, task.level, task.kind)
+    law = _fit_line(task.seed // GRASPS_PER_SHEET, task.level, task.kind)
 
     def reader(array: TwinArray, _gripper: TwinGripper, rest_ohm: FloatArray) -> ForceReader:
         def force_n(_closure: float, _current_ma: float) -> float:
@@ -90,13 +90,13 @@ def paper_loop(task: Task) -> GripOutcome:
 
 
 @lru_cache(maxsize=4)
-def _line(sheet: int, level: str, kind: GripperKind) -> LineForceLaw:
-    """Fit the line to the settled pairs of the same calibration that ours uses."""
+def _fit_line(sheet: int, level: str, kind: GripperKind) -> LineForceLaw:
+    """Fit the line to the settled pairs of palpate's calibration."""
     return fit_settled_line(calibration_of(sheet, level, kind).force, horizon_s=HORIZON_S)
 
 
 def _forecast(mean_percent: FloatArray) -> float:
-    """Return the settled change by the exponential, from the frames since a move."""
+    """Predict the settled change with the exponential from the frames since a movement."""
     time_s = np.arange(1, len(mean_percent) + 1) / _FRAME_RATE_HZ
     found = Exponential().predict(time_s, mean_percent[None], horizon_s=20.0, level=0.9)
     return float(np.asarray(found.value)[0])
@@ -113,24 +113,24 @@ def run_learned_loop(task: Task, learner: str, *, laws: Laws) -> GripOutcome:
 
 
 def learn_laws(tasks: Sequence[Task]) -> Laws:
-    """Grip training objects by the calibrated law alone, and learn its factor of error."""
-    taught = [(task, *each) for task in tasks for each in taught_by(task)]
-    rows = np.array([numbers for _, numbers, _ in taught])
-    logs = [log for *_, log in taught]
-    seen = [_sensor(task) for task, *_ in taught]
+    """Grip training objects with the calibrated law, and learn its error factor."""
+    training = [(task, *each) for task in tasks for each in collect_training_rows(task)]
+    rows = np.array([numbers for _, numbers, _ in training])
+    logs = [log for *_, log in training]
+    seen = [_sensor(task) for task, *_ in training]
     return {name: learn(name, rows, asked=logs, seen=seen) for name in LEARNERS}
 
 
-def taught_by(task: Task) -> list[tuple[FloatArray, float]]:
-    """Return what each reading showed, and ln of the settled force over the calibrated law's.
+def collect_training_rows(task: Task) -> list[tuple[FloatArray, float]]:
+    """Grip one object; return the inputs of each reading and ln(true / calibrated force).
 
-    A hand that does not hold the object yet teaches nothing.
+    Readings without a grip force are skipped.
     """
     world, found = task.world(), list[tuple[FloatArray, float]]()
 
     def factor(numbers: FloatArray, law_n: float) -> float:
         settled_n = world.truth().force_n
-        if settled_n > _FAINT_N:
+        if settled_n > _LEAST_N:
             found.append((numbers, float(np.log(settled_n / law_n))))
         return 1.0
 
@@ -145,9 +145,9 @@ def _sensor(task: Task) -> str:
 
 
 def _make_reader(task: Task, factor: Callable[[FloatArray, float], float]) -> MakeReader:
-    """Return what reads the calibrated law's force times a factor.
+    """Return a reader of the calibrated law's force times a factor.
 
-    `factor` is of what was read, and of the force by that law.
+    `factor` is a function of the readings and of the law's force.
     """
     calibration = calibration_of(task.seed // GRASPS_PER_SHEET, task.level, task.kind)
 
@@ -177,14 +177,14 @@ def _make_reader(task: Task, factor: Callable[[FloatArray, float], float]) -> Ma
 
 
 def _read_all(array: TwinArray, rest_ohm: FloatArray, plan: Plan) -> tuple[list[float], float]:
-    """Wait after a move; return what the sheet shows, and the calibrated law's settled force."""
+    """Read after a movement; return the readings and the calibrated law's settled force."""
     ohm = read_ohm(array, seconds=WAITS_S, last=_FRAMES)
     ohm = np.maximum(ohm, plan.layout.divider.least_ohm)
     change = relative_change_percent(ohm, rest_ohm=rest_ohm)
     excess = excess_conductance(ohm, rest_ohm=rest_ohm)
     reading = np.asarray(plan.reading.reading(excess), dtype=float)
     early_n, law_n = (
-        max(float(law.force_n(reading[frame]).value), _FAINT_N)
+        max(float(law.force_n(reading[frame]).value), _LEAST_N)
         for law, frame in ((plan.early_law, _EARLY), (plan.settled_law, -1))
     )
     mean = mean_change(change)
@@ -205,9 +205,9 @@ def _read_all(array: TwinArray, rest_ohm: FloatArray, plan: Plan) -> tuple[list[
 def correct_by_reading(
     task: Task, *, name: str, reader: MakeReader, world: World | None = None
 ) -> GripOutcome:
-    """Close to contact, correct until the force reading is on target, lift, and hold.
+    """Close to contact, correct until the force reading is on target, lift and hold.
 
-    `name` is of the method; `world` the task's, where the caller looks into it too.
+    `name`: name of the method. `world`: world of the task; created by default.
     """
     world = task.world() if world is None else world
     array, gripper, kind = TwinArray(world), TwinGripper(world), task.kind
@@ -221,14 +221,13 @@ def correct_by_reading(
         if abs(reading_n / task.target_n - 1.0) <= _CLOSE_ENOUGH:
             on_target_s = world.clock.now_s() - touched_s
             break
-        # In the direction of what is missing, not too far and not too little.
+        # Step towards the target within the limits of a correction.
         size = float(np.clip(abs(step), _LEAST[kind], STEP[kind]))
         step = size if task.target_n > reading_n else -size
         closed = float(np.clip(closed + step, 0.0, gripper.limits.span))
         current_ma = drive(world, gripper, closed, kind=kind)
         before_n, reading_n = reading_n, force_n(closed, current_ma)
-        # The secant through the last two answers; a reading that did not follow asks for as much
-        # again in the same direction.
+        # Secant through the last two readings; a full step if the reading did not change.
         slope = (reading_n - before_n) / step
         step = (task.target_n - reading_n) / slope if slope > 1e-3 else STEP[kind]
     world.clock.sleep_s(1.0)
@@ -251,9 +250,10 @@ def correct_by_reading(
 def make_touch_check(
     array: TwinArray, world: World, rest_ohm: FloatArray, *, both_fingers: bool = False
 ) -> Callable[[], bool]:
-    """Return a check, after each step, whether the sheet passes the paper's threshold.
+    """Return a function that reads the sheet and checks the paper's contact threshold.
 
-    The mean over all pixels has to (section 2.1); with `both_fingers` the mean of each finger.
+    The threshold applies to the mean over all pixels (section 2.1), with `both_fingers` to the mean
+    of each finger.
     """
 
     def is_touching() -> bool:
@@ -267,11 +267,11 @@ def make_touch_check(
 
 
 def read_ohm(array: TwinArray, *, seconds: float, last: int | None = None) -> FloatArray:
-    """Wait, and return the mean resistance of the last frames, at most three."""
+    """Read frames; return the mean resistance of the last three, or the `last` frames."""
     count = max(int(seconds * 15), 3)
     frames = [array.read(timeout_s=1.0) for _ in range(count)]
-    kept = frames[-3:] if last is None else frames[-last:]
-    ohm = [pixel_resistance_ohm(f.counts, layout=array.layout, oversampling=1) for f in kept]
+    used = frames[-3:] if last is None else frames[-last:]
+    ohm = [pixel_resistance_ohm(f.counts, layout=array.layout, oversampling=1) for f in used]
     return np.asarray(np.mean(ohm, axis=0) if last is None else ohm)
 
 
@@ -283,7 +283,7 @@ def close_until(
     step: float,
     kind: GripperKind,
 ) -> float:
-    """Close step by step until `done`, or the hand is closed; return the closure."""
+    """Close stepwise until `done` or until the hand is closed; return the closure."""
     closed = gripper.limits.closure(gripper.state())
     while closed < gripper.limits.span - step:
         closed += step
@@ -294,12 +294,12 @@ def close_until(
 
 
 def drive(world: World, gripper: TwinGripper, closure: float, *, kind: GripperKind) -> float:
-    """Close to a width and wait; return the servo current on the way, mA."""
+    """Move to a closure and wait; return the servo current during the movement, mA."""
     limits = gripper.limits
     closure = min(closure, limits.span)
-    way = abs(closure - limits.closure(gripper.state()))
+    travel = abs(closure - limits.closure(gripper.state()))
     gripper.command(GripperCommand(target=limits.target(closure), rate=_RATE[kind]))
-    world.clock.sleep_s(0.9 * way / _RATE[kind])
+    world.clock.sleep_s(0.9 * travel / _RATE[kind])
     current_ma = gripper.state().current_ma
-    world.clock.sleep_s(0.1 * way / _RATE[kind] + 0.05)
+    world.clock.sleep_s(0.1 * travel / _RATE[kind] + 0.05)
     return current_ma

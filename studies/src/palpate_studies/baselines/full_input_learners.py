@@ -1,7 +1,7 @@
-"""Untuned learners that receive every input of our method as numbers.
+"""Untuned learners with all inputs of palpate's method.
 
-A study describes each case by a row of numbers and asks for one number. Ridge regression and
-boosted trees learn it on other sensors or specimens than those that they are scored on.
+A study describes each case with a row of numbers and one target. Ridge regression and boosted trees
+are trained on other sensors or specimens than those of the test.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from palpate.arrays import FloatArray
 from palpate.errors import require_extra
 from palpate_studies.protocol.parts import Learned
 
-#: Rows of numbers, shape (cases, numbers) -> what is asked, shape (cases,).
+#: From rows of numbers, shape (cases, numbers), to the predicted targets, shape (cases,).
 Answer: TypeAlias = Callable[[FloatArray], FloatArray]
 RIDGE, TREES = "ridge", "trees"
-#: In place of a spread of nothing.
+#: Added to the spread of constant inputs.
 _TINY = 1e-9
 LEARNERS = {RIDGE: "ridge given everything", TREES: "boosted trees given everything"}
 
 
 def make_trees(**settings: Any) -> Any:
-    """Return gradient boosting of trees, not fitted yet.
+    """Return an unfitted gradient boosting regressor.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def make_trees(**settings: Any) -> Any:
 
 
 def make_ridge(penalty: float | None = None) -> Any:
-    """Return ridge regression on standardised inputs; without a penalty it chooses one itself.
+    """Return an unfitted ridge on standardised inputs; it can choose its penalty.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def make_ridge(penalty: float | None = None) -> Any:
 def fit_weighted_ridge(
     rows: FloatArray, truth: FloatArray, weight: FloatArray, penalty: float
 ) -> Answer:
-    """Fit a ridge on standardised numbers, in which each case counts by its weight.
+    """Fit a weighted ridge on standardised inputs.
 
     Examples
     --------
@@ -64,26 +64,26 @@ def fit_weighted_ridge(
     >>> fit_weighted_ridge(rows, rows[:, 0], np.ones(5), 1e-6)(rows).round(3).tolist()
     [0.0, 2.0, 4.0, 6.0, 8.0]
     """
-    share = weight / weight.sum()
-    middle, level = share @ rows, float(share @ truth)
-    spread = np.sqrt(share @ (rows - middle) ** 2) + _TINY
+    fraction = weight / weight.sum()
+    middle, level = fraction @ rows, float(fraction @ truth)
+    spread = np.sqrt(fraction @ (rows - middle) ** 2) + _TINY
     unit = (rows - middle) / spread
-    square = unit.T @ (share[:, None] * unit) + penalty * np.eye(unit.shape[1])
-    slope = np.linalg.solve(square, unit.T @ (share * (truth - level)))
+    square = unit.T @ (fraction[:, None] * unit) + penalty * np.eye(unit.shape[1])
+    slope = np.linalg.solve(square, unit.T @ (fraction * (truth - level)))
     return lambda some: np.asarray(level + ((some - middle) / spread) @ slope)
 
 
 def learn(name: str, rows: FloatArray, *, asked: ArrayLike, seen: Sequence[str]) -> Learned[Any]:
-    """Learn `asked`, shape (cases,), from rows; what is found is an `Answer`.
+    """Train a learner; the result's `found` is an `Answer`.
 
     Parameters
     ----------
     name : {"ridge", "trees"}
-        Which learner.
+        Name of the learner.
     rows : ndarray, shape (cases, numbers)
-        What the method sees of each case.
+        Inputs.
     asked : array_like, shape (cases,)
-        The truth.
+        Targets.
     seen : sequence of str
         Specimens of the cases.
 
@@ -108,9 +108,9 @@ def learn(name: str, rows: FloatArray, *, asked: ArrayLike, seen: Sequence[str])
 
 
 def answer_left_out(rows: FloatArray, *, asked: ArrayLike, specimens: Sequence[str]) -> FloatArray:
-    """Return the answers for each row by trees that learned on all other specimens.
+    """Predict each row with trees trained on all other specimens.
 
-    Shape (cases,); NaN where there is no other specimen.
+    Returns shape (cases,); NaN without other specimens.
     """
     of, truth = np.array(specimens), np.asarray(asked, dtype=float)
     found = np.full(truth.shape, np.nan)

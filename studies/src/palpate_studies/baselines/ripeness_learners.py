@@ -1,6 +1,6 @@
-"""Untuned learners of a fruit's stage, from all grasps up to the day.
+"""Untuned learners of a fruit's stage from all grasps up to a day.
 
-They learn from the same labelled fruits as ours, of all sensors that are given.
+The training set is the labelled fruit of palpate, of all given sensors.
 """
 
 from __future__ import annotations
@@ -14,24 +14,25 @@ from palpate.arrays import FloatArray
 from palpate.errors import require_extra
 from palpate.produce.ripeness.firmness import DayFelt
 
-#: Learner -> what it is, and the numbers of a day.
+#: Learner -> description.
 STAGE_LEARNERS = {
     "logistic": "logistic regression on all grasps up to that day",
     "trees": "boosted trees on all grasps up to that day",
 }
 
 
-def numbers_of(days: Sequence[DayFelt]) -> list[float]:
-    """Return what the days up to the last show.
+def list_day_inputs(days: Sequence[DayFelt]) -> list[float]:
+    """Return the inputs of a learner from the days so far.
 
-    That day's firmness and scatter, the first day's firmness and the day before's, how long ago
-    and how fast it fell, the mean, and how many days there are. Not how many grasps: labelled
-    fruit has ten a day and judged fruit from 3 to 30, which misleads what learns from it.
+    The inputs are firmness and scatter of the last day, firmness of the first and of the previous
+    day, days since the first, change since the previous day, slope since the first, mean firmness,
+    and number of days. The number of grasps is not an input, because labelled fruit has ten a day
+    and judged fruit 3 to 30.
 
     Examples
     --------
     >>> felt = [DayFelt(day=float(d), firmness=2.0 - d, grasps=3, spread=0.1) for d in range(3)]
-    >>> numbers_of(felt)
+    >>> list_day_inputs(felt)
     [0.0, 0.1, 2.0, 1.0, 2.0, -1.0, -1.0, 1.0, 3.0]
     """
     first, last, before = days[0], days[-1], days[max(len(days) - 2, 0)]
@@ -52,7 +53,7 @@ def numbers_of(days: Sequence[DayFelt]) -> list[float]:
 def learn_stage(
     learner: str, rows: Sequence[Sequence[float]], stages: Sequence[int]
 ) -> Callable[[Sequence[float]], int]:
-    """Learn stages, as numbers, from rows of labelled days.
+    """Train a learner of stages (as numbers) on rows of labelled days.
 
     Raises
     ------
@@ -66,14 +67,14 @@ def learn_stage(
     >>> stage([3.0, 0.0]), stage([33.0, 0.0])
     (0, 1)
     """
-    with require_extra("a rival that learns", extra="produce"):
+    with require_extra("a learned baseline", extra="produce"):
         from sklearn.ensemble import HistGradientBoostingClassifier
         from sklearn.linear_model import LogisticRegression
         from sklearn.pipeline import make_pipeline
         from sklearn.preprocessing import StandardScaler
     make: dict[str, Callable[[], Any]] = {
         "logistic": lambda: make_pipeline(StandardScaler(), LogisticRegression(max_iter=2000)),
-        # Smaller leaves than usual: a hundred labelled days are few.
+        # Smaller leaves than the default, because a hundred labelled days are few.
         "trees": lambda: HistGradientBoostingClassifier(
             max_iter=100,
             learning_rate=0.1,

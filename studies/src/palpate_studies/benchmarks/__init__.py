@@ -1,1 +1,1 @@
-"""What `palpate bench` measures: one file each, every figure a ratio to a named peer."""
+"""Benchmarks of `palpate bench`, one per file; every figure is a ratio to a named peer."""

@@ -1,6 +1,6 @@
-"""Frames decoded in bulk from memory, compared with lines of CSV and with FlexiTac's reader.
+"""Bulk decoding of frames from memory, compared with CSV lines and FlexiTac's reader.
 
-Neither peer has what palpate's frames have: checksum, number, time.
+palpate's frames have a checksum, a sequence number and a time; those of the peers have none.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ from palpate_studies.benchmarks.running import Measured, Ratio, command_of, side
 from palpate_studies.board_bytes import encode_message
 
 ROWS, COLS = 4, 2
-#: Bytes that a port gives at a time, and a file.
+#: Sizes of one read from a port and from a file, bytes.
 PIECES = (64, 4096)
 FLEXITAC = "FlexiTac's package"
 
 
 def measure(full: bool) -> Measured:
     """Decode the same pixels from three formats."""
-    # FlexiTac sends bytes; 0xAA can't stand in a pixel without being taken for a marker by chance.
+    # FlexiTac sends bytes, and a pixel of 0xAA could be mistaken for the start marker.
     counts = np.random.default_rng(0).integers(
         0, 0xAA, (50_000 if full else 10_000, ROWS, COLS), dtype=np.uint16
     )
     peers = ("readline of CSV", FLEXITAC)
-    ratios = [_compare(counts, piece, peer) for piece in PIECES for peer in peers]
-    return ratios, ["All read from memory; neither peer has a checksum, a number or a time."]
+    ratios = [_compare_peer(counts, piece, peer) for piece in PIECES for peer in peers]
+    return ratios, ["All read from memory. The peers have no checksum, sequence number or time."]
 
 
 command = command_of("frames")
 
 
-def _compare(counts: NDArray[np.uint16], piece: int, peer: str) -> Ratio:
-    data = stream(counts)
+def _compare_peer(counts: NDArray[np.uint16], piece: int, peer: str) -> Ratio:
+    data = encode_frames(counts)
     lines = b"".join(b",".join(b"%d" % one for one in row.flat) + b"\r\n" for row in counts)
     acts = [lambda: decode(data, frames=len(counts), piece=piece)]
     if peer != FLEXITAC:
@@ -57,8 +57,8 @@ def _compare(counts: NDArray[np.uint16], piece: int, peer: str) -> Ratio:
     )
 
 
-def stream(counts: NDArray[np.uint16]) -> bytes:
-    """Return the bytes of frames as the firmware sends them."""
+def encode_frames(counts: NDArray[np.uint16]) -> bytes:
+    """Encode frames like the firmware."""
     return b"".join(
         encode_message(
             FrameMessage(
@@ -80,7 +80,7 @@ def decode(data: bytes, *, frames: int, piece: int) -> None:
     Raises
     ------
     RuntimeError
-        If a frame is missing: then the time means nothing.
+        If a frame is missing, which makes the measured time invalid.
     """
     decoder = Decoder()
     for start in range(0, len(data), piece):
@@ -90,14 +90,14 @@ def decode(data: bytes, *, frames: int, piece: int) -> None:
 
 
 def read_lines(lines: bytes) -> None:
-    """Read lines of counts as `readline` and a conversion do."""
+    """Read lines of counts with `readline` and convert them to arrays."""
     port = io.BytesIO(lines)
     while line := port.readline():
         np.array(line.split(b","), dtype=int).reshape(ROWS, COLS)
 
 
 class _Port(io.BytesIO):
-    """Frames in memory that come one at a reading: FlexiTac's reader drops what comes faster."""
+    """Port in memory with one frame per read; FlexiTac's reader drops additional frames."""
 
     is_open, frame_bytes = True, 0
 
@@ -106,7 +106,7 @@ class _Port(io.BytesIO):
 
 
 def read_flexitac(counts: NDArray[np.uint16]) -> None:
-    """Read frames of FlexiTac, one byte a pixel, by its own package."""
+    """Read frames with FlexiTac's own package, one byte per pixel."""
     from flexitac.sensor import MARKER, FlexiTacSensor
 
     sensor = FlexiTacSensor("memory", rows=ROWS, cols=COLS, baseline=20.0)

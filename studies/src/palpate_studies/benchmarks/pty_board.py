@@ -1,6 +1,6 @@
-"""A board at the far end of a pseudo-terminal, in its own process.
+"""A simulated board in its own process, at the other end of a pseudo-terminal.
 
-The port is as fast as a pipe.
+The port has the speed of a pipe.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from palpate_studies.board_bytes import encode_message
 
 
 @contextmanager
-def on_a_port(act: Callable[[int], None]) -> Iterator[tuple[str, int]]:
-    """Serve a port's far end in a process; yield the port and the process."""
+def run_on_port(act: Callable[[int], None]) -> Iterator[tuple[str, int]]:
+    """Run `act` on the other end of a port in a process; yield port and process."""
     master, slave = os.openpty()
     tty.setraw(slave)
     child = os.fork()
@@ -46,8 +46,8 @@ def on_a_port(act: Callable[[int], None]) -> Iterator[tuple[str, int]]:
         os.close(slave)
 
 
-def board(master: int, *, rate_hz: float) -> None:
-    """Answer the set-up, then send frames on an even raster until the port closes."""
+def run_board(master: int, *, rate_hz: float) -> None:
+    """Answer the setup commands, then send frames at a constant rate until the port closes."""
     pending, start_s, sent = b"", 0.0, 0
     os.set_blocking(master, False)
     while True:
@@ -65,7 +65,7 @@ def board(master: int, *, rate_hz: float) -> None:
             if kind in (Start.kind, Stop.kind):
                 start_s, sent = time.monotonic() * (kind == Start.kind), 0
         if start_s and time.monotonic() >= start_s + sent / rate_hz:
-            with suppress(BlockingIOError):  # there is no reader: lost, as on a real port
+            with suppress(BlockingIOError):  # without a reader the frame is lost, as on a real port
                 time_us = round((start_s + sent / rate_hz) * 1e6)
                 os.write(master, encode_message(frame(sent, time_us)))
             sent += 1

@@ -1,7 +1,7 @@
-"""The frame of a benchmark: ratios to named peers, their table, JSON and command.
+"""Framework of the benchmarks: ratios to named peers, tables, JSON and commands.
 
-A benchmark is a file with a function `measure(full)`, which takes whether to measure the full sizes
-and returns its ratios and notes, and a row in `palpate_studies.catalogue`.
+A benchmark is a module with a function `measure(full)`, which returns ratios and notes, and a row
+in `palpate_studies.catalogue`. `full` selects the full sizes.
 """
 
 from __future__ import annotations
@@ -23,48 +23,48 @@ from palpate.cli.options import JsonOption
 from palpate_studies.catalogue import BENCHMARKS
 from palpate_studies.report import OutOption, StudyReport, Table
 
-#: The benchmark that stands for all others.
+#: Name that runs all benchmarks.
 ALL = "all"
 COLUMNS = ("what", "size", "peer", "palpate", "peer's", "times as good", "wanted")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ratio:
-    """One piece of work by palpate and a peer in one run; less is better."""
+    """The same work done by palpate and a peer in one run; less is better."""
 
-    #: What is done, and how much of it.
+    #: Description, and amount of work.
     what: str
     size: int
     of: str
     peer: str
-    #: Seconds that it took; None of a peer that is not installed.
+    #: Measured seconds; None if the peer is not installed.
     ours: float
     theirs: float | None
     unit: str = "s"
-    #: How many times as good as the peer it must be; None where the peer is only for comparison.
+    #: Required ratio of the peer's time to palpate's; None without a requirement.
     wanted: float | None = None
-    #: Remedy where the peer is not installed.
+    #: Command that installs the peer.
     install: str = ""
 
     @property
     def times(self) -> float | None:
-        """Return how many times as good as the peer palpate is."""
+        """Ratio of the peer's time to palpate's."""
         return None if self.theirs is None else self.theirs / self.ours
 
     @property
     def is_missed(self) -> bool:
-        """Return whether it is measurably less than wanted."""
+        """Whether the ratio is below the required ratio."""
         return self.times is not None and self.wanted is not None and self.times < self.wanted
 
 
-#: Ratios, and what else must be known to read them: what is simulated or scaled.
+#: Ratios, and notes such as what is simulated or scaled.
 Measured: TypeAlias = tuple[Sequence[Ratio], Sequence[str]]
 
 
 def side_by_side_s(*acts: Callable[[], object], repeats: int) -> list[float]:
     """Return the median processor time of each act, s.
 
-    They take turns, so that a machine that is busy for a while is busy for all of them.
+    The acts take turns, so that a temporary load of the machine affects all of them.
     """
     taken: list[list[float]] = [[] for _ in acts]
     for _ in range(repeats):
@@ -76,7 +76,7 @@ def side_by_side_s(*acts: Callable[[], object], repeats: int) -> list[float]:
 
 
 def command_of(name: str) -> Callable[..., None]:
-    """Return the command of a benchmark of the catalogue, or of `ALL` of them."""
+    """Return the command of one benchmark, or of `ALL`."""
 
     def command(
         full: Annotated[
@@ -87,14 +87,14 @@ def command_of(name: str) -> Callable[..., None]:
     ) -> None:
         names = [one for one in BENCHMARKS if one != ALL] if name == ALL else [name]
         measured = {one: importlib.import_module(BENCHMARKS[one][0]).measure(full) for one in names}
-        report_of(measured, full=full).emit(as_json=as_json, out=out)
+        build_report(measured, full=full).emit(as_json=as_json, out=out)
         if any(ratio.is_missed for ratios, _ in measured.values() for ratio in ratios):
             raise typer.Exit(1)
 
     command.__doc__ = f"""{BENCHMARKS[name][1]}.
 
-    Each figure is a ratio to a named peer in the same run; the exit status is 1 where one that is
-    wanted is missed.
+    Each figure is a ratio to a named peer in the same run. The exit status is 1 if a required ratio
+    is missed.
 
     Example: palpate bench {"" if name == ALL else name + " "}--json
     """
@@ -105,7 +105,7 @@ command = command_of(ALL)
 
 
 class BenchReport(StudyReport):
-    """What benchmarks measured; its document names each of them."""
+    """Report of all benchmarks that ran."""
 
     @property
     def document(self) -> dict[str, Any]:
@@ -113,15 +113,15 @@ class BenchReport(StudyReport):
         return dict(self.payload)
 
 
-def report_of(measured: Mapping[str, Measured], *, full: bool) -> BenchReport:
-    """Return a table of each benchmark, and one JSON document."""
+def build_report(measured: Mapping[str, Measured], *, full: bool) -> BenchReport:
+    """Return the report with one table per benchmark."""
     return BenchReport(
         name="bench",
-        title="palpate next to its peers",
+        title="palpate compared with its peers",
         provenance=[
             f"{machine()}.",
-            "Processor time of this process, palpate and its peer taking turns; "
-            "more than 1 is better than the peer.",
+            "Processor time of this process, with palpate and its peer taking turns. "
+            "A ratio above 1 is better than the peer.",
             *(f"{name}: {note}" for name, (_, notes) in measured.items() for note in notes),
         ],
         tables=[
@@ -148,7 +148,7 @@ def report_of(measured: Mapping[str, Measured], *, full: bool) -> BenchReport:
 
 
 def row(ratio: Ratio) -> tuple[str, ...]:
-    """Return the cells of a table that people read."""
+    """Return the formatted table cells of a ratio."""
     return (
         ratio.what,
         f"{ratio.size:,} {ratio.of if ratio.size > 1 else ratio.of.removesuffix('s')}",
@@ -161,7 +161,7 @@ def row(ratio: Ratio) -> tuple[str, ...]:
 
 
 def _three_digits(ratio: float) -> str:
-    """Return a ratio in three digits.
+    """Format a ratio with three digits.
 
     Examples
     --------
@@ -178,7 +178,7 @@ def _seconds(amount: float) -> str:
 
 
 def machine() -> str:
-    """Return the processor and the versions that figures depend on."""
+    """Return the processor and the versions of Python and its libraries."""
     cpu_info = Path("/proc/cpuinfo")
     lines = cpu_info.read_text().splitlines() if cpu_info.exists() else []
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]

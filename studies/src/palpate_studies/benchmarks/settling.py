@@ -1,4 +1,4 @@
-"""Predictors of the settled value, compared with curve_fit, which takes one hold at a time."""
+"""Speed of the settling predictors, compared with curve_fit on one hold at a time."""
 
 from __future__ import annotations
 
@@ -16,37 +16,37 @@ from palpate.signal.transient import WAIT_S
 from palpate_studies.benchmarks.running import Measured, Ratio, command_of, side_by_side_s
 
 CURVE_FIT = "scipy.optimize.curve_fit"
-#: Method and holds per call -> how many times as fast as curve_fit it must be.
+#: Method and holds per call -> required speed relative to curve_fit.
 WANTED = {
     ("exponential", 10_000): 100.0,
     ("relaxation", 1): 1.0,
     ("relaxation", 10_000): 100.0,
 }
 NEW_GRID_WANTED = 1.0
-#: Of the holds drawn for timing.
+#: Properties of the drawn holds.
 SAMPLES, CUTOFF_S, NOISE_PERCENT = 30, 2.5, 0.03
 NOTE = (
     f"Simulated holds: one exponential, {SAMPLES} samples in {CUTOFF_S:g} s on a shared grid, "
-    f"noise {NOISE_PERCENT:g} %. Speed only; nothing is shown of accuracy on a sensor."
+    f"noise {NOISE_PERCENT:g} %. Speed only; the accuracy on a sensor is not tested."
 )
 
 
 def measure(full: bool) -> Measured:
-    """Time single holds, batches and grids never met before."""
+    """Time single holds, batches, and new sampling grids."""
     sizes = (1, 8, 10_000, 100_000) if full else (1, 8, 10_000)
     peer_holds = 2000 if full else 300
     time_s, holds = synthetic_holds(max(sizes))
     with warnings.catch_warnings():
-        # curve_fit warns where a hold leaves its covariance open; only its parameters count here.
+        # curve_fit warns if it cannot estimate the covariance, which is not used here.
         warnings.simplefilter("ignore", OptimizeWarning)
         ratios = [
             _compare_on_known_grid(method, time_s=time_s, holds=holds[:size], peer_holds=peer_holds)
             for size in sizes
             for method in ("exponential", "relaxation")
         ]
-        ratios.append(_new_grid(holds[0]))
-        agreement = _agreement(peer_holds)
-    scaled = f"curve_fit takes one hold at a time: timed on at most {peer_holds}, and scaled up."
+        ratios.append(_compare_on_new_grid(holds[0]))
+        agreement = _describe_agreement(peer_holds)
+    scaled = f"curve_fit fits one hold at a time: timed on at most {peer_holds} holds and scaled."
     return ratios, [NOTE, scaled, agreement]
 
 
@@ -74,7 +74,7 @@ def synthetic_holds(n_holds: int, *, seed: int = 1) -> tuple[FloatArray, FloatAr
 def _compare_on_known_grid(
     method: str, *, time_s: FloatArray, holds: FloatArray, peer_holds: int
 ) -> Ratio:
-    """Compare a method with curve_fit, with all that depends on the grid computed beforehand."""
+    """Compare a method with curve_fit on a grid whose weights are cached."""
     size, some = len(holds), holds[:peer_holds]
     ours = partial(predict_settled, time_s, holds, cutoff_s=CUTOFF_S, method=method)
     ours()
@@ -92,8 +92,8 @@ def _compare_on_known_grid(
     )
 
 
-def _new_grid(hold: FloatArray) -> Ratio:
-    """Compare single holds whose every sampling grid is met for the first time."""
+def _compare_on_new_grid(hold: FloatArray) -> Ratio:
+    """Compare single holds that each have a new sampling grid."""
     time_s = np.linspace(0.0, CUTOFF_S, SAMPLES)
     stretch = (1 + 1e-6 * step for step in count(1))
     ours_s, theirs_s = side_by_side_s(
@@ -112,16 +112,16 @@ def _new_grid(hold: FloatArray) -> Ratio:
     )
 
 
-def _agreement(n_holds: int) -> str:
-    """State how far C is from curve_fit's where that converges."""
+def _describe_agreement(n_holds: int) -> str:
+    """Describe the difference between C and curve_fit's C for holds where both converge."""
     time_s, holds = synthetic_holds(n_holds, seed=2)
     since = time_s[time_s >= WAIT_S]
-    theirs = np.array([by_curve_fit(since, hold[-since.size :]) for hold in holds])
+    theirs = np.array([fit_curve(since, hold[-since.size :]) for hold in holds])
     ours = predict_settled(time_s, holds, cutoff_s=CUTOFF_S, method="exponential")
     both = np.isfinite(theirs) & (ours.status == Status.OK)
     difference = np.abs(ours.value - theirs)[both] / np.abs(theirs[both])
     return (
-        f"C of equation 2 on the {both.sum()} of {n_holds} holds where both converge: median "
+        f"C of equation 2 on {both.sum()} of {n_holds} holds where both converge: median "
         f"relative difference {np.median(difference):.1e}, largest {difference.max():.1e}."
     )
 
@@ -134,11 +134,11 @@ def _equation_2(since: FloatArray, a: float, rate: float, c: float) -> FloatArra
 def _fit_each(time_s: FloatArray, holds: FloatArray) -> None:
     inside = time_s >= WAIT_S
     for hold in holds:
-        by_curve_fit(time_s[inside], hold[inside])
+        fit_curve(time_s[inside], hold[inside])
 
 
-def by_curve_fit(since: FloatArray, hold: FloatArray) -> float:
-    """Return C, or NaN where curve_fit gives up."""
+def fit_curve(since: FloatArray, hold: FloatArray) -> float:
+    """Return C, or NaN if curve_fit does not converge."""
     try:
         found, _ = curve_fit(_equation_2, since, hold, p0=(hold[0] - hold[-1], 1.0, hold[-1]))
     except RuntimeError:

@@ -1,1 +1,1 @@
-"""How studies are made fair: parts that stay apart, paired differences, methods of outsiders."""
+"""Evaluation protocol of the studies: separate training and test sets, paired differences."""

@@ -1,4 +1,4 @@
-"""Differences between two methods on the same cases, with an interval over specimens."""
+"""Paired differences between two methods on the same cases, with intervals over specimens."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ IntArray: TypeAlias = NDArray[np.int_]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Difference:
-    """A statistic of ours minus that of a rival; below zero ours errs less.
+    """A loss of palpate minus that of a baseline; negative values favour palpate.
 
     Attributes
     ----------
     value, low, high : float
-        The difference and its interval; NaN ends where there is one specimen only.
+        Difference and its interval; the limits are NaN with one specimen.
     cases, specimens : int
-        How many of each.
+        Numbers of cases and specimens.
     """
 
     value: float
@@ -37,13 +37,13 @@ class Difference:
 
     @property
     def verdict(self) -> str:
-        """Who errs less: ``ours`` or ``rival`` where the interval leaves out zero."""
+        """``ours`` or ``rival`` if the interval excludes zero, else ``undecided``."""
         if self.high < 0:
             return WIN
         return LOSS if self.low > 0 else TIE
 
     def to_dict(self) -> dict[str, Any]:
-        """Return a JSON form; unknown ends are null."""
+        """Return a mapping for JSON; unknown limits are null."""
         return {
             "difference": self.value,
             "low": self.low if np.isfinite(self.low) else None,
@@ -55,7 +55,7 @@ class Difference:
 
 
 def rms(errors: FloatArray) -> np.floating[Any]:
-    """Return the root mean square, as a statistic for `difference_of_pairs`.
+    """Return the root mean square, a statistic for `difference_of_pairs`.
 
     Examples
     --------
@@ -72,25 +72,24 @@ def difference_of_pairs(
     *,
     statistic: Callable[[FloatArray], np.floating[Any]] = np.median,
 ) -> Difference:
-    """Return how much less ours errs than a rival on the same cases.
+    """Return the statistic of palpate's losses minus that of a baseline's, on the same cases.
 
-    Whole specimens are drawn with replacement, and both methods are scored on the same draw: what
-    makes a specimen hard for both drops out.
+    Whole specimens are resampled with replacement, and both methods are scored on the same sample.
+    The difficulty of a specimen for both methods then cancels.
 
     Parameters
     ----------
     ours, rival : array_like, shape (cases,)
         Losses of both methods, case by case.
     specimens : sequence of str, length cases
-        What each case belongs to: sensor, specimen or fruit.
+        Sensor, specimen or fruit of each case.
     statistic : callable
         `np.median`, `np.mean` or `rms` of the losses.
 
     Raises
     ------
     ValueError
-        If the lengths differ or a loss is not finite: a method may abstain only where the study
-        states what that costs.
+        If the lengths differ or a loss is not finite. A study must assign a loss to abstentions.
 
     References
     ----------
@@ -104,9 +103,12 @@ def difference_of_pairs(
     """
     a, b = np.asarray(ours, dtype=float), np.asarray(rival, dtype=float)
     if a.shape != b.shape or a.shape != (len(specimens),):
-        raise ValueError(f"{a.shape}, {b.shape} losses of {len(specimens)} cases; give one each")
+        raise ValueError(
+            f"losses of shapes {a.shape} and {b.shape} for {len(specimens)} cases; give one loss "
+            "per case and method"
+        )
     if not (np.isfinite(a).all() and np.isfinite(b).all()):
-        raise ValueError("a loss is not finite; give every case a loss")
+        raise ValueError("a loss is not finite; give every case a finite loss")
 
     return bootstrap_difference(
         lambda chosen: np.float64(statistic(a[chosen]) - statistic(b[chosen])), specimens
@@ -121,18 +123,18 @@ def compare(
     statistic: Callable[[FloatArray], np.floating[Any]] = np.median,
     **named: Any,
 ) -> list[dict[str, Any]]:
-    """Return a row for each rival: ours less it on the same cases.
+    """Return a row per baseline: the reference method minus the baseline on the same cases.
 
     Parameters
     ----------
     losses : mapping of str to array_like, shape (cases,)
         Method -> losses.
     specimens, statistic
-        As of `difference_of_pairs`.
+        As in `difference_of_pairs`.
     ours : str
-        The method that the others are compared with.
+        Reference method.
     named
-        What else a row has at its start.
+        Additional entries at the start of each row.
 
     Examples
     --------
@@ -154,15 +156,14 @@ def compare(
 def bootstrap_difference(
     of: Callable[[IntArray], np.floating[Any]], specimens: Sequence[str]
 ) -> Difference:
-    """Return a difference that is no statistic of single losses, with its interval.
+    """Return a difference of losses over all cases, such as ROC areas, with its interval.
 
     Parameters
     ----------
     of : callable
-        Indices of drawn cases -> loss of ours minus that of a rival on them, such as of areas
-        under ROC curves.
+        From indices of drawn cases to palpate's loss minus a baseline's on these cases.
     specimens : sequence of str, length cases
-        What each case belongs to.
+        Specimen of each case.
 
     Examples
     --------

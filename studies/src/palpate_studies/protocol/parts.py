@@ -1,8 +1,8 @@
-"""Training and test parts, kept apart in code.
+"""Separation of training and test sets, enforced in code.
 
-Whatever was fitted or chosen carries the names of the specimens that it has seen. It can be used
-only through `on`, which refuses specimens among them. So a score of what a setting was chosen on is
-no matter of discipline: it cannot be computed.
+A fitted model or chosen setting carries the names of its training specimens. It can be used only
+through `on`, which refuses these specimens. A model can therefore not be scored on its training
+set.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ Found = TypeVar("Found")
 
 
 class SeenBeforeError(InputError):
-    """A score was asked for on specimens that the method or its setting has seen."""
+    """A model or setting was used on specimens of its training set."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Learned(Generic[Found]):
-    """A part that was fitted or chosen, with the specimens that it rests on.
+    """A fitted model or chosen setting, with its training specimens.
 
     Attributes
     ----------
     found : object
-        A setting, a function, a model. Use `on` to get at it for a test.
+        Setting, function or model. Tests access it through `on`.
     seen : frozenset of str
-        Specimens that it was fitted to or chosen on.
+        Specimens used for fitting or choosing.
 
     Examples
     --------
@@ -46,12 +46,12 @@ score on other specimens
     seen: frozenset[str]
 
     def on(self, specimens: Iterable[str]) -> Found:
-        """Return what was learned, to be used on these specimens.
+        """Return the model or setting for use on these specimens.
 
         Raises
         ------
         SeenBeforeError
-            If it has seen any of them.
+            If any of them is a training specimen.
         """
         overlap = sorted(self.seen & set(specimens))
         if overlap:

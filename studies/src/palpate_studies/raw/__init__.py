@@ -1,1 +1,1 @@
-"""From clones of public repositories to the tables that studies read."""
+"""Convert clones of public repositories into the tables of the studies."""

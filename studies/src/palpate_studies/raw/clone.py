@@ -1,4 +1,4 @@
-"""Files of a clone at a commit, read through git, independent of the working tree."""
+"""Read the files of a clone at a commit through git, independent of the working tree."""
 
 from __future__ import annotations
 
@@ -20,19 +20,21 @@ class Clone:
     Attributes
     ----------
     path : Path
-        Of the clone.
+        Folder of the clone.
     commit : str
-        What is read: the pinned commit where the clone has it, else its head.
+        Commit to read: the pinned commit if the clone contains it, else the head.
     pinned : bool
-        Whether that is the pinned one.
+        Whether the pinned commit is read.
     names : tuple of str
-        Every file of the commit.
+        All files of the commit.
     """
 
     def __init__(self, path: Path, *, commit: str) -> None:
         self.path = path
         if self._git("rev-parse", "--verify", "HEAD") is None:
-            raise InputError(f"{path}: no git clone with a commit; clone the repository there")
+            raise InputError(
+                f"{path}: this is no git clone with a commit; clone the repository there"
+            )
         found = commit and self._git("rev-parse", "--verify", "--quiet", f"{commit}^{{commit}}")
         self.pinned = bool(found) or not commit
         self.commit = commit if found else "HEAD"
@@ -59,12 +61,10 @@ class Clone:
         return done.stdout if done.returncode == 0 else None
 
 
-def numbers_of(text: bytes, *, columns: int, separator: str | None = None) -> FloatArray:
-    """Return the lines of a text whose first fields are numbers, shape (n, columns).
+def parse_numbers(text: bytes, *, columns: int, separator: str | None = None) -> FloatArray:
+    """Return the numeric lines of a text, shape (n, columns); skip headers and broken lines.
 
-    Broken lines and headers are left out.
-
-    >>> numbers_of(b"time value\\n1 2.5 x\\n3\\n4 5\\n", columns=2).tolist()
+    >>> parse_numbers(b"time value\\n1 2.5 x\\n3\\n4 5\\n", columns=2).tolist()
     [[1.0, 2.5], [4.0, 5.0]]
     """
     rows = []
@@ -81,15 +81,15 @@ def numbers_of(text: bytes, *, columns: int, separator: str | None = None) -> Fl
 def write_table(
     path: Path, columns: Sequence[str], rows: Iterable[Sequence[str | float | int]]
 ) -> int:
-    """Write a table, compressed where the name ends in .gz, and return its rows."""
+    """Write a table, compressed if the name ends in .gz; return the number of rows."""
     lines = [",".join(columns)]
-    lines += [",".join(_field(value) for value in row) for row in rows]
+    lines += [",".join(_format_field(value) for value in row) for row in rows]
     text = ("\n".join(lines) + "\n").encode()
     with atomic_path(path) as partial:
-        # Without a time stamp: the same clone gives the same file.
+        # Without a time stamp, so that the same clone gives the same bytes.
         partial.write_bytes(gzip.compress(text, mtime=0) if path.suffix == ".gz" else text)
     return len(lines) - 1
 
 
-def _field(value: str | float | int) -> str:
+def _format_field(value: str | float | int) -> str:
     return f"{value:.10g}" if isinstance(value, float) else str(value)

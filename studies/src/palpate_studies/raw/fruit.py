@@ -1,4 +1,4 @@
-"""Grasps until rupture: github.com/SheepLiu712/FruitRuptureEstimate."""
+"""Convert grasps until rupture from github.com/SheepLiu712/FruitRuptureEstimate."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate_studies.raw.clone import Clone, numbers_of, write_table
+from palpate_studies.raw.clone import Clone, parse_numbers, write_table
 
 BANANA, KIWI, MANGO = "banana/trainingSet/", "kiwi/trainingSet/", "mango/trainingSet/"
-#: Motor counts of a millimetre of closure.
+#: Motor counts per millimetre of closure.
 _COUNTS_PER_MM = 95.4929
 
-#: Fruit, time (NaN where none was stored), closure mm, force N, rupture force N.
+#: Fruit, time (NaN if not recorded), closure mm, force N, rupture force N.
 Grasp: TypeAlias = tuple[str, FloatArray, FloatArray, FloatArray, float]
 
 
 def write_fruit(clone: Clone, out: Path) -> list[tuple[str, int]]:
-    """Write `fruit_rupture.csv.gz` and its index; return the files with their rows."""
+    """Write `fruit_rupture.csv.gz` and its index; return the files with row counts."""
     curves, index = [], []
     number: dict[str, int] = {}
-    for fruit, time_s, closure_mm, force_n, rupture_n in _grasps(clone):
+    for fruit, time_s, closure_mm, force_n, rupture_n in _read_grasps(clone):
         number[fruit] = number.get(fruit, 0) + 1
         name = f"{fruit}-{number[fruit]:02d}"
         index.append((name, fruit, len(force_n), round(rupture_n, 4)))
@@ -40,20 +40,20 @@ def write_fruit(clone: Clone, out: Path) -> list[tuple[str, int]]:
     return [(name, write_table(out / name, columns, rows)) for name, columns, rows in files]
 
 
-def _grasps(clone: Clone) -> Iterator[Grasp]:
-    yield from _bananas(clone)
-    yield from _kiwis(clone)
-    yield from _mangos(clone)
+def _read_grasps(clone: Clone) -> Iterator[Grasp]:
+    yield from _read_bananas(clone)
+    yield from _read_kiwis(clone)
+    yield from _read_mangos(clone)
 
 
-def _bananas(clone: Clone) -> Iterator[Grasp]:
+def _read_bananas(clone: Clone) -> Iterator[Grasp]:
     names = clone.under(f"{BANANA}data_", ending=".npy")
     for name in sorted(names, key=_number):
-        position, force_n = _array(clone, name)[:, :2].T
+        position, force_n = _load_array(clone, name)[:, :2].T
         label_name = name.replace("data_", "label_")
         if label_name not in clone.names:
             continue
-        label = _array(clone, label_name).ravel()
+        label = _load_array(clone, label_name).ravel()
         known = (label > 0) & (force_n > 0)
         if not known.any():
             continue
@@ -62,22 +62,22 @@ def _bananas(clone: Clone) -> Iterator[Grasp]:
         yield "banana", time_s, position / _COUNTS_PER_MM, force_n, rupture_n
 
 
-def _kiwis(clone: Clone) -> Iterator[Grasp]:
+def _read_kiwis(clone: Clone) -> Iterator[Grasp]:
     for name in clone.under(KIWI, ending=".csv"):
         folder = name.rsplit("/", 1)[0]
         label = f"{folder}/break_force.npy"
-        rows = numbers_of(clone.read(name), columns=3, separator=",")
+        rows = parse_numbers(clone.read(name), columns=3, separator=",")
         if label not in clone.names or not len(rows):
             continue
         time_s, position, force_n = rows.T
-        rupture_n = float(_array(clone, label).ravel()[0])
+        rupture_n = float(_load_array(clone, label).ravel()[0])
         yield "kiwi", time_s - time_s[0], position / _COUNTS_PER_MM, force_n, rupture_n
 
 
-def _mangos(clone: Clone) -> Iterator[Grasp]:
+def _read_mangos(clone: Clone) -> Iterator[Grasp]:
     for name in clone.under(f"{MANGO}data/", ending=".csv"):
         label = name.replace("/data/", "/labels/").removesuffix(".csv") + ".txt"
-        rows = numbers_of(clone.read(name), columns=3, separator=",")
+        rows = parse_numbers(clone.read(name), columns=3, separator=",")
         if label not in clone.names or not len(rows):
             continue
         time_s, position, force_n = rows.T
@@ -86,12 +86,12 @@ def _mangos(clone: Clone) -> Iterator[Grasp]:
         yield "mango", time_s - time_s[0], position / _COUNTS_PER_MM, force_n, rupture_n
 
 
-def _array(clone: Clone, name: str) -> FloatArray:
+def _load_array(clone: Clone, name: str) -> FloatArray:
     try:
         loaded = np.load(io.BytesIO(clone.read(name)), allow_pickle=False)
     except ValueError as error:
         raise InputError(
-            f"{clone.path}: {name}: {error}; fetch the file itself (git lfs)"
+            f"{clone.path}: {name}: {error}; fetch its content with git lfs"
         ) from error
     return np.asarray(loaded, dtype=float)
 

@@ -1,4 +1,4 @@
-"""Holds of stretched silicone, of foam tape, and strokes of a soft sensor."""
+"""Convert holds of stretched silicone and foam tape, and strokes of a soft sensor."""
 
 from __future__ import annotations
 
@@ -8,31 +8,31 @@ from pathlib import Path
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate_studies.raw.clone import Clone, numbers_of, write_table
+from palpate_studies.raw.clone import Clone, parse_numbers, write_table
 
 SOFT_SENSOR = "data/loc_train.csv"
 TAPE = "single-step-relaxation/original_data/"
-#: A hold: the displacement stays within this for this long, after a larger motion, mm and s.
+#: A hold: largest displacement and shortest duration, after a motion of at least this size.
 _STILL_MM, _HELD_S, _MOTION_MM = 0.02, 18.0, 0.1
-#: Time 0 is the largest excursion within the first, from the value at the second, seconds.
+#: Time 0 is the largest deviation within `_PEAK_S` from the value at `_SETTLED_S`, seconds.
 _PEAK_S, _SETTLED_S = 2.0, 20.0
-#: Stretches of tape: this long, in these steps; the peak is a mean over samples.
+#: Holds of tape: duration, time step, and samples averaged for the peak.
 _TAPE_S, _TAPE_STEP_S, _TAPE_MEAN = 60.0, 0.1, 5
 _COLUMNS = ("hold_id", "time_s", "value")
 
 
 def write_silicone(clone: Clone, out: Path) -> list[tuple[str, int]]:
-    """Write holds of resistance and of force of stretched silicone; return files and rows."""
+    """Write holds of stretched silicone in ohm and newton; return files and row counts."""
     ohm: list[tuple[str, float, float]] = []
     force: list[tuple[str, float, float]] = []
     for name in (n for n in clone.names if n.endswith(".csv")):
-        rows = numbers_of(clone.read(name), columns=7, separator=",")
+        rows = parse_numbers(clone.read(name), columns=7, separator=",")
         if len(rows) < 2:
             continue
         outer_ohm, _, time_s, displacement_mm, _, force_n, force_time_s = rows.T
         stem = Path(name).stem
-        for number, (start, end) in enumerate(_still(time_s, displacement_mm)):
-            peak = _peak(time_s[start:end], outer_ohm[start:end])
+        for number, (start, end) in enumerate(_find_still(time_s, displacement_mm)):
+            peak = _find_peak(time_s[start:end], outer_ohm[start:end])
             if peak is None:
                 continue
             here = slice(start + peak, end)
@@ -45,7 +45,7 @@ def write_silicone(clone: Clone, out: Path) -> list[tuple[str, int]]:
     return [(name, write_table(out / name, _COLUMNS, rows)) for name, rows in files]
 
 
-def _still(time_s: FloatArray, displacement_mm: FloatArray) -> Iterator[tuple[int, int]]:
+def _find_still(time_s: FloatArray, displacement_mm: FloatArray) -> Iterator[tuple[int, int]]:
     """Yield the first sample and the end of each hold after a motion."""
     start = 0
     for place in range(1, len(time_s) + 1):
@@ -63,7 +63,7 @@ def _find_travel_mm(time_s: FloatArray, displacement_mm: FloatArray, start: int)
     return float(np.ptp(displacement_mm[before]))
 
 
-def _peak(time_s: FloatArray, value: FloatArray) -> int | None:
+def _find_peak(time_s: FloatArray, value: FloatArray) -> int | None:
     since_s = time_s - time_s[0]
     late = value[since_s >= min(_SETTLED_S, since_s[-1])]
     early = since_s <= _PEAK_S
@@ -78,10 +78,10 @@ def _rows(hold: str, time_s: FloatArray, value: FloatArray) -> list[tuple[str, f
 
 
 def write_tape(clone: Clone, out: Path) -> list[tuple[str, int]]:
-    """Write `holds_tape.csv.gz`: the force of stretched foam tape; return the file and its rows."""
+    """Write the force of stretched foam tape; return the file and its row count."""
     rows: list[tuple[str, float, float]] = []
     for name in clone.under(TAPE, ending=".csv"):
-        time_s, _, force_n = numbers_of(clone.read(name), columns=3, separator=",").T
+        time_s, _, force_n = parse_numbers(clone.read(name), columns=3, separator=",").T
         if len(time_s) < _TAPE_MEAN:
             continue
         smooth = np.convolve(force_n, np.full(_TAPE_MEAN, 1.0 / _TAPE_MEAN), mode="same")
@@ -92,8 +92,8 @@ def write_tape(clone: Clone, out: Path) -> list[tuple[str, int]]:
 
 
 def write_soft_sensor(clone: Clone, out: Path) -> list[tuple[str, int]]:
-    """Write `soft_sensor_ral2018.csv.gz`; return the file and its rows."""
-    table = numbers_of(clone.read(SOFT_SENSOR), columns=7, separator=",")
+    """Write `soft_sensor_ral2018.csv.gz`; return the file and its row count."""
+    table = parse_numbers(clone.read(SOFT_SENSOR), columns=7, separator=",")
     rows = [
         (int(trial), sample, x_mm, abs(z_mm), speed, voltage_v, -force_n)
         for stroke in np.split(table, np.flatnonzero(np.diff(table[:, 0])) + 1)

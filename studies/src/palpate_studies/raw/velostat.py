@@ -1,4 +1,4 @@
-"""Strokes and ladders of Velostat: github.com/Lupasic/tactile-sensor-velostat."""
+"""Convert strokes and ladders from github.com/Lupasic/tactile-sensor-velostat."""
 
 from __future__ import annotations
 
@@ -10,33 +10,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate_studies.raw.clone import Clone, numbers_of, write_table
+from palpate_studies.raw.clone import Clone, parse_numbers, write_table
 
 STROKES = "src/experimental_data/question_4/"
 LADDERS = "src/experimental_data/archive/velostat_data_for_calibration_"
-#: The logger's stamp of the resistance is late by half a sample, seconds.
+#: Delay of the logger's timestamp of the resistance: half a sample, seconds.
 _LATE_S = 0.004
-#: Unloaded force: within this of the median of the first samples, newtons.
+#: Unloaded forces differ by less than this from the median of the first samples, newtons.
 _UNLOADED_N, _FIRST = 0.5, 200
-#: No recording is longer, seconds.
+#: Upper limit of the duration of a recording, seconds.
 _LONGEST_S = 1e5
-#: A touch is the run above this force; it is held at this share of its maximum, of a mean over
-#: samples.
+#: Force threshold of a touch, fraction of its maximum at which it is held, and samples of the
+#: running mean.
 _TOUCH_N, _HELD, _MEAN = 0.25, 0.8, 5
-#: Dead weights: settled from here on, seconds; newtons of a kilogram.
+#: Dead weights: time after which readings are settled, seconds; newtons per kilogram.
 _SETTLED_S, _N_PER_KG = 5.0, 9.80665
 
 
 def write_strokes(clone: Clone, out: Path) -> list[tuple[str, int]]:
-    """Write `velostat_strokes.csv.gz`; return the files with their rows."""
+    """Write `velostat_strokes.csv.gz`; return the file and its row count."""
     folders = sorted({name.rsplit("/", 1)[0] for name in clone.under(STROKES, ending=".txt")})
-    rows = [row for folder in folders for row in _recording(clone, folder)]
+    rows = [row for folder in folders for row in _read_recording(clone, folder)]
     columns = ("recording_id", "time_s", "resistance_ohm", "force_n", "touch", "phase")
     name = "velostat_strokes.csv.gz"
     return [(name, write_table(out / name, columns, rows))]
 
 
-def _recording(clone: Clone, folder: str) -> Iterator[tuple[str, float, float, float, int, str]]:
+def _read_recording(
+    clone: Clone, folder: str
+) -> Iterator[tuple[str, float, float, float, int, str]]:
     sensor, pin, attempt = folder.removeprefix(STROKES).split("/")
     pin_mm, number = pin.split("_")[0], attempt.rsplit("_", 1)[-1]
     ending = f"{pin_mm}_p_{number}.txt"
@@ -58,7 +60,7 @@ def _recording(clone: Clone, folder: str) -> Iterator[tuple[str, float, float, f
     force_n = np.interp(time_s, force[:, 1], force[:, 0]) - unloaded
     starts = np.unique(labels)
     touch = np.searchsorted((starts[1:] + starts[:-1]) / 2, time_s)
-    phase = np.concatenate([_phases(force_n[touch == one]) for one in range(len(starts))])
+    phase = np.concatenate([_label_phases(force_n[touch == one]) for one in range(len(starts))])
     name = f"{sensor}-{pin_mm}mm-a{number}"
     for place in range(len(time_s)):
         yield (
@@ -72,18 +74,18 @@ def _recording(clone: Clone, folder: str) -> Iterator[tuple[str, float, float, f
 
 
 def _sort_rows(text: bytes) -> FloatArray:
-    rows = numbers_of(text, columns=2)
+    rows = parse_numbers(text, columns=2)
     if not len(rows):
         return rows
-    # A cut line may still hold two numbers, the second no time of this recording.
+    # A truncated line may contain two numbers, but an invalid time.
     rows = rows[np.abs(rows[:, 1] - np.median(rows[:, 1])) < _LONGEST_S]
     rows = rows[np.argsort(rows[:, 1], kind="stable")]
-    # One reading at a time: the clock repeats itself where lines were broken.
+    # Times repeat at broken lines.
     return rows[np.diff(rows[:, 1], prepend=-np.inf) > 0]
 
 
-def _phases(force_n: FloatArray) -> NDArray[np.str_]:
-    """Return rest, loading, holding or unloading for the samples of one touch."""
+def _label_phases(force_n: FloatArray) -> NDArray[np.str_]:
+    """Label the samples of one touch as rest, loading, holding or unloading."""
     found = np.full(len(force_n), "rest", dtype="<U9")
     if len(force_n) < _MEAN:
         return found
@@ -103,13 +105,13 @@ def _phases(force_n: FloatArray) -> NDArray[np.str_]:
 
 
 def write_ladders(clone: Clone, out: Path) -> list[tuple[str, int]]:
-    """Write `velostat_force_ladders.csv`; return the file with its rows."""
+    """Write `velostat_force_ladders.csv`; return the file and its row count."""
     rows = []
     names = clone.under(LADDERS, ending=".txt")
     for folder, each in groupby(names, key=lambda name: name.rsplit("/", 1)[0]):
         steps = sorted(each, key=lambda name: int(name.rsplit("_", 1)[-1].removesuffix(".txt")))
         for name in steps:
-            ohm, time_s, load_kg = numbers_of(clone.read(name), columns=3).T
+            ohm, time_s, load_kg = parse_numbers(clone.read(name), columns=3).T
             if not len(ohm):
                 continue
             late = ohm[time_s >= time_s.min() + _SETTLED_S]

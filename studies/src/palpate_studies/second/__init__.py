@@ -1,1 +1,1 @@
-"""The second generator: cases that no estimator was written for, for `--second` of a study."""
+"""The second generator of `--second`, for which no estimator was designed."""

@@ -1,15 +1,15 @@
-"""Second generator of fruit: bruises and ripening of other shapes than any estimator assumes.
+"""Second generator of fruit: bruises and ripening curves that no estimator assumes.
 
-The first generator's bruise falls from its middle to its rim as a paraboloid and is always dented;
-its avocados soften along one S-shaped curve. Fixed before anything was scored on them:
+The first generator's bruise has the profile of a paraboloid and always a dent; its avocados soften
+along one S-shaped curve. These alternatives were fixed before anything was scored on them:
 
-- **bruises**: as soft all the way to a steep rim, with a corky, sound core of half their reach (an
-  old bruise dries from the middle); every second one has no dent.
-- **rot** (disease): a soft spot of the first generator without a dent, as deep as it reaches, whose
-  flesh keeps a quarter of a bruise's modulus. Guesses: no measurement of rotten apples was found.
-- **ripening**: `pause`: nothing for some days, then a straight fall of the logarithm to the end;
-  `two steps`: half of the fall, a rest of one to two days, the other half; `sudden`: an exponential
-  approach to the soft end that begins with a corner.
+- **bruises**: constant softness up to a steep rim, with a corky, sound core of half the radius (an
+  old bruise dries from the middle); every second bruise has no dent.
+- **rot** (disease): a soft spot of the first generator without a dent, as deep as its radius, with
+  a quarter of a bruise's modulus. The values are guesses; no measurement of rot was found.
+- **ripening**: `pause`: no change for some days, then a linear fall of the logarithm; `two steps`:
+  half of the fall, a pause of one to two days, the other half; `sudden`: an exponential approach to
+  the soft end with an abrupt start.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from palpate.arrays import FloatArray
 from palpate_studies.twin_apple import Apple, Face, Patch
 from palpate_studies.twin_avocado import Avocado
 
-#: Reach of the sound core, as a share of the bruise's; where the rim begins to fall.
+#: Radii of the sound core and of the inner edge of the rim, relative to the bruise.
 _CORE, _RIM = 0.5, 0.85
 #: Modulus of rotten flesh over that of bruised flesh.
 _ROT_SOFTNESS = 0.25
-#: Ways to soften, taken in turn.
-WAYS = ("pause", "two steps", "sudden")
+#: Softening courses, used in turn.
+COURSES = ("pause", "two steps", "sudden")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +35,7 @@ class CorkyPatch(Patch):
     """A bruise with a sound core and a steep rim."""
 
     def profile(self, along_mm: FloatArray, across_mm: FloatArray) -> FloatArray:
-        """Return 1 in the ring, 0 outside, a half in the core."""
+        """Return the relative depth: 1 in the ring, 0 outside, 0.5 in the core."""
         off = np.hypot(along_mm - self.along_mm, across_mm - self.across_mm) / self.radius_mm
         ring = np.clip((1.0 - off) / (1.0 - _RIM), 0.0, 1.0)
         return np.asarray(np.where(off < _CORE, 0.5 * ring, ring))
@@ -62,7 +62,7 @@ def corky(apple: Apple) -> Apple:
 
 
 def rotten(apple: Apple) -> Apple:
-    """Return the same apple with rot in the place of its bruise."""
+    """Return the same apple with rot in place of its bruise."""
     if apple.bruise is None:
         return apple
     spot = replace(
@@ -76,19 +76,19 @@ def rotten(apple: Apple) -> Apple:
 
 @dataclass(frozen=True, kw_only=True)
 class OtherAvocado(Avocado):
-    """An avocado that softens in another way.
+    """An avocado with another softening course.
 
     Attributes
     ----------
     way : {"pause", "two steps", "sudden"}
-        See the module.
+        Course; see the module docstring.
     """
 
     way: str
 
     def force_at_1mm_n(self, day: float) -> float:
         """Return the mean elastic force at 1 mm on a day."""
-        # As fast and as late as the first generator's: halfway then, over about four paces.
+        # Same midpoint and duration as in the first generator: about four paces.
         gone = (day - self.half_day) / self.pace_days
         if self.way == "pause":
             done = np.clip(0.5 + gone / 5.0, 0.0, 1.0)
@@ -101,6 +101,6 @@ class OtherAvocado(Avocado):
 
 
 def other_avocado(fruit: Avocado, *, way: str) -> OtherAvocado:
-    """Return the same fruit, softening in another way."""
+    """Return the same fruit with another softening course."""
     known = {field.name: getattr(fruit, field.name) for field in fields(Avocado)}
     return OtherAvocado(**known, way=way)
