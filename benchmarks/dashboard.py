@@ -269,7 +269,7 @@ def record(page: Page, *, wanted: bool) -> None:
     page.wait_for_selector("#grasp")
     if page.locator("#take-over").is_visible():
         page.locator("#take-over").click()
-    switch = page.get_by_role("switch", name="Record what is watched")
+    switch = page.get_by_role("switch", name="Record between grasps")
     switch.click()
     page.wait_for_function(f"!!document.body.dataset.recording === {str(wanted).lower()}")
 

@@ -444,7 +444,7 @@ def test_rest_is_calibrated_by_the_guide(driver: Page, folder: Path) -> None:
     expect(driver.locator("#calibrated")).to_contain_text("Calibrated")
     expect(driver.locator("#calibrated td[title]")).to_have_count(16)
     expect(driver.locator("#force-in-use")).to_contain_text("Made ")
-    figure = driver.get_by_role("img", name="Force calibration in use, and its errors")
+    figure = driver.get_by_role("img", name="Current force calibration and its errors")
     expect(figure).to_be_visible()
     assert (folder / "data" / "calibration-sim-rigid-3.json").exists()
 

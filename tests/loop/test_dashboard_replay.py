@@ -240,8 +240,8 @@ def test_a_recording_is_taken_along_renamed_and_deleted(page: Page, folder: Path
     expect(row(page)).to_contain_text(re.compile("monday 3.*held.*berry-7", re.DOTALL))
     row(page).get_by_role("button", name="More").click()
     page.get_by_role("button", name="Delete").click()
-    expect(page.locator(".care")).to_contain_text("Nothing brings it back")
+    expect(page.locator(".care")).to_contain_text("This can't be undone")
     assert (folder / "data" / "monday 3.mcap").exists(), "not before it is confirmed"
-    page.get_by_role("button", name="Delete for good").click()
+    page.get_by_role("button", name="Delete permanently").click()
     expect(page.locator("#recordings .file")).to_have_count(0)
     assert list((folder / "data").glob("*.mcap")) == []

@@ -102,7 +102,7 @@ def test_rest_values_are_taken_while_nothing_moves(page: Page) -> None:
     verdict(page, "calibration failed")
     expect(page.locator("#calibrated .result")).to_have_text("Calibration failed")
     expect(page.locator("#calibrated .finding")).to_contain_text("% at rest (at most")
-    expect(page.locator("#calibrated")).to_contain_text("At this step: Leave the sensor alone")
+    expect(page.locator("#calibrated")).to_contain_text("Last step: Leave the sensor alone")
 
 
 def test_a_stop_is_confirmed_where_nothing_can_move(page: Page) -> None:

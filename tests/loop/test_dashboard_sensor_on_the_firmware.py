@@ -187,6 +187,6 @@ def test_a_stopped_force_calibration_keeps_the_one_before(page: Page) -> None:
     expect(page.locator("#verdict")).to_have_attribute("data-kind", "warn")
     expect(page.locator("#verdict-why")).to_contain_text("the previous calibration stays in use")
     expect(page.locator("#calibrated .result")).to_have_text("Calibration stopped")
-    expect(page.locator("#calibrated")).to_contain_text("At this step: Lay 1 N on the pad")
+    expect(page.locator("#calibrated")).to_contain_text("Last step: Lay 1 N on the pad")
     expect(page.locator("#guide")).to_be_hidden()
     expect(page.locator("#force-at")).to_contain_text(" N ")

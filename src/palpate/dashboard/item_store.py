@@ -205,7 +205,7 @@ class ItemStore:
                 for grasp in page.grasps
             )
         }
-        drawn["How it ripens"] = self._read(lambda store: _ripening(store, page)) or ""
+        drawn["Ripening"] = self._read(lambda store: _ripening(store, page)) or ""
         return "".join(f"<h3>{caption}</h3>{svg}" for caption, svg in drawn.items() if svg)
 
     def _read(self, read: Callable[[Store], _Read]) -> _Read | None:

@@ -13,7 +13,7 @@ from palpate.errors import InputError
 from palpate.estimate.damage_file import DamageFile
 
 SPEEDS = {1.0: "1×", 2.0: "2×", 5.0: "5×", 10.0: "10×"}
-#: The choice of an object drawn by the seed; no object has this name.
+#: Value of the object choice "random"; no object has this name.
 _DRAWN_BY_SEED = ""
 
 
@@ -46,14 +46,14 @@ def _add_grasp_form(app_state: AppState, viewer: Viewer) -> None:
     viewer.enable_for_driver(force)
     viewer.on_refresh(lambda: force.set_value(form.target_force_n))
     add_item_field(app_state, viewer, label="Item (empty: not stored)")
-    hint = "Grasps of an item are kept in the store; the page Items shows them."
+    hint = "Grasps of a named item are stored; the tab Items shows them."
     ui.label(hint).classes("muted")
     if app_state.settings.damage is not None:
         _add_kind_choice(app_state.settings.damage, form, viewer)
 
 
 def add_item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
-    """Ask for the next item's name: typed, scanned, or the last one."""
+    """Add the field for the next item's name: typed, scanned or the last name."""
     form = app_state.session.form
 
     def name(item_id: str | None) -> None:
@@ -61,7 +61,7 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
             form.item_id = (item_id or "").strip()
 
     item = ui.input(label, value=form.item_id, on_change=lambda event: name(event.value))
-    # On Enter its text is selected: the next scan takes its place.
+    # Enter selects the text, so that the next scan replaces it.
     item.props("outlined dense clearable maxlength=80 autocomplete=off input-class=scanned")
     item.on("keydown.enter", js_handler="(event) => event.target.select()")
     with item.add_slot("append"):
@@ -81,7 +81,7 @@ def add_item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
 
 
 def _add_kind_choice(damage: DamageFile, form: GraspForm, viewer: Viewer) -> None:
-    """Ask for the kind, of those with a learned limit."""
+    """Add the choice of the kind among the kinds with a learned damage limit."""
 
     def choose(kind: str) -> None:
         if viewer.is_driver:
@@ -98,11 +98,11 @@ def _add_kind_choice(damage: DamageFile, form: GraspForm, viewer: Viewer) -> Non
 
 
 def add_grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
-    """Add the two buttons at the foot of the panel or the window."""
+    """Add the buttons Grasp and Release at the bottom of the panel or window."""
     form = app_state.session.form
 
     def grasp() -> None:
-        """Order the grasp of the form, or show why it is refused."""
+        """Order a grasp with the settings of the form, or show a refusal."""
         try:
             order = app_state.grasp_order(
                 target_force_n=form.target_force_n, item_id=form.item_id, kind=form.kind
@@ -128,12 +128,12 @@ def add_grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
 
 def _add_recording_switch(app_state: AppState, viewer: Viewer) -> None:
     def record(is_wanted: bool) -> None:
-        """Begin or end a recording, if not done already."""
+        """Start or end a recording, if its state differs."""
         if is_wanted != (app_state.session.devices.recording is not None):
             folder = app_state.settings.folder
             viewer.order(Record(new_recording(folder, "watched") if is_wanted else None))
 
-    recording = ui.switch("Record what is watched")
+    recording = ui.switch("Record between grasps")
     recording.on_value_change(lambda event: record(event.value))
     viewer.enable_when_allowed(recording, Action.RECORD)
 
@@ -141,7 +141,7 @@ def _add_recording_switch(app_state: AppState, viewer: Viewer) -> None:
         recording.set_value(app_state.session.devices.recording is not None)
 
     viewer.on_refresh(show)
-    hint = "Every grasp is recorded anyway. It holds until Release, for 60 s at most."
+    hint = "Every grasp is recorded. The hand holds until Release, at most 60 s."
     viewer.show_with_gripper(ui.label(hint).classes("muted"))
 
 
@@ -153,7 +153,7 @@ def _add_rig_form(app_state: AppState, viewer: Viewer) -> None:
         known = asked.object_name if asked else None
         named = {name: name for name in settings.objects}
         object_choice = ui.select(
-            {_DRAWN_BY_SEED: "drawn by the seed", **named}, value=known or _DRAWN_BY_SEED
+            {_DRAWN_BY_SEED: "random, from the seed", **named}, value=known or _DRAWN_BY_SEED
         )
         object_choice.props("outlined dense behavior=dialog")
         object_choice.props["label"] = "Object between the fingers"
@@ -166,16 +166,16 @@ def _add_rig_form(app_state: AppState, viewer: Viewer) -> None:
                 on_change=lambda event: viewer.request(SetSpeed(event.value)),
             ).props("unelevated no-caps")
             speed.props["aria-label"] = "Speed of simulated time"
-            speed.props["title"] = "Seconds of simulated time in a second"
+            speed.props["title"] = "Simulated seconds per real second"
     simulated.bind_visibility_from(name, "value", backward=lambda rig: rig.startswith("sim-"))
 
     def open_rig() -> None:
-        """Order that the chosen rig is opened."""
+        """Order the chosen rig to be opened."""
         viewer.order(
             OpenRig(
                 name=name.value,
                 object_name=object_choice.value or None,
-                # A whole number or not is checked where it is ordered.
+                # A fractional seed is passed unchanged and refused by the session.
                 seed=int(value) if (value := seed.value or 0) % 1 == 0 else value,
                 speed=speed.value,
             )

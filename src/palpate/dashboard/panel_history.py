@@ -1,4 +1,4 @@
-"""The panels of past grasps: items with their course, and the run with its counts."""
+"""The panels of past grasps: items with their history, and the current run."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from palpate.errors import PalpateError
 if TYPE_CHECKING:
     from palpate.produce.store.item_history import ItemHistory
 
-#: Items that can be chosen from a list; any can be found by its name.
+#: Maximum number of items in the list; any other item can be found by its name.
 _MAX_ITEMS = 50
 
 
 def add_items_panel(
     app_state: AppState, viewer: Viewer, *, item_id: str | None = None
 ) -> Callable[[str], None]:
-    """Fill the panel with an item first; return the function that shows another."""
+    """Fill the panel, optionally with an item; return a function that shows items."""
     with ui.element("div").classes("form"):
-        add_heading("Items and how they ripen")
+        add_heading("Items and their ripening")
         known = {item_id: item_id} if item_id else {}
         choice = ui.select(known, value=item_id, on_change=lambda event: choose(event.value))
         choice.classes("w-full")
         choice.props("outlined dense use-input clearable behavior=dialog")
         choice.props["label"] = "Item"
         box = ui.html("", sanitize=False).props("id=item-page")
-    #: Figures of the item that is shown, and of how many grasps and verdicts they are.
+    #: Figures of the shown item, with its name and its number of grasps and verdicts.
     figures, drawn = [""], [("", 0, 0)]
 
     async def choose(item_id: str | None) -> None:
-        """Show an item's page, with the item in the address."""
+        """Show an item and put it into the URL."""
         if not item_id:
             box.set_content("")
             return
@@ -48,10 +48,10 @@ def add_items_panel(
         await show(item_id)
 
     async def show(item_id: str) -> None:
-        """Show an item's page as the store has it now."""
+        """Read an item from the store and show it."""
         try:
             found = await run.io_bound(app_state.item_store.page, item_id)
-            if found is None or box.is_deleted:  # the server ends, or the viewer left
+            if found is None or box.is_deleted:  # the server is closing, or the viewer has left
                 return
             known = (item_id, len(found.grasps), len(found.verdicts))
             if known != drawn[0]:
@@ -64,7 +64,7 @@ def add_items_panel(
             box.set_content(item_html(found, figures=figures[0]))
 
     async def refresh_items() -> None:
-        """Read the store again: its items, and the one that is shown."""
+        """Read the items and the shown item from the store again."""
         try:
             pages = await run.io_bound(partial(app_state.item_store.pages, limit=_MAX_ITEMS))
         except PalpateError as error:
@@ -80,13 +80,13 @@ def add_items_panel(
         if app_state.item_store.trouble:
             box.set_content(f"<p class='note'>{html.escape(app_state.item_store.trouble)}</p>")
         elif not names:
-            hint = "None yet: name an item on the page Set up, and grasp it."
+            hint = "No items yet. Name an item on the tab Set up and grasp it."
             box.set_content(f"<p>{hint}</p>")
         elif choice.value:
             await show(choice.value)
 
     def open_item(item_id: str) -> None:
-        """Choose an item, in the list or not."""
+        """Select an item, which may be missing in the list."""
         known = choice.options if isinstance(choice.options, dict) else {}
         choice.set_options({item_id: item_id} | known, value=item_id)
 
@@ -95,7 +95,7 @@ def add_items_panel(
 
 
 def item_label(page: ItemHistory) -> str:
-    """Return an item in the list: its name, kind, stage and last grasp."""
+    """Return the list text of an item: name, kind, stage and last grasp."""
     from palpate.produce.store.item_history import item_facts
 
     facts = item_facts(page.item.item_id, kind=page.item.kind, verdicts=page.verdicts)
@@ -105,7 +105,7 @@ def item_label(page: ItemHistory) -> str:
 
 
 def item_html(page: ItemHistory, *, figures: str = "") -> str:
-    """Return an item's page: its facts, figures of its measurements, its verdicts."""
+    """Return an item as HTML: facts, figures and verdicts."""
     return panel_html("item", page=page, figures=Markup(figures))
 
 
@@ -119,33 +119,33 @@ def add_run_panel(app_state: AppState, viewer: Viewer) -> None:
         counts = ui.html("", sanitize=False).props("id=run-counts")
         add_heading(f"Last {LISTED_GRASPS} grasps")
         with ui.element("div").classes("file"):
-            ui.label("Kept in the folder of the recordings.").classes("what muted")
+            ui.label("Stored in the folder of the recordings.").classes("what muted")
             ui.link("Save as CSV", "/grasps.csv").classes("pill").props("id=run-csv download")
         rows = ui.html("", sanitize=False).classes("w-full").props("id=run")
 
     def show(version: int) -> None:
-        """Update the run."""
+        """Update counts and list."""
         counts.set_content(
             counts_html(app_state.history, rules=app_state.settings.rules is not None)
         )
         listed = [entry_html(entry) for entry in app_state.history.recent]
-        rows.set_content("".join(listed) or "<p>None yet.</p>")
+        rows.set_content("".join(listed) or "<p>No grasps yet.</p>")
 
     viewer.on_change(lambda: app_state.history.version, show)
 
 
 def counts_html(history: History, *, rules: bool) -> str:
-    """Return how the grasps of this run ended, and where they went."""
+    """Return the number of this run's grasps by outcome and by bin as HTML."""
     return panel_html("counts", history=history, rules=rules)
 
 
 def entry_html(entry: Entry) -> str:
-    """Return one line of the list."""
+    """Return one entry of the list as HTML."""
     return panel_html("entry", entry=entry, points=_points(entry.curve))
 
 
 def _points(values: Sequence[float]) -> str:
-    """Return a small curve as points of a line; empty for a short grasp."""
+    """Return a curve as SVG polyline points; empty for an empty curve."""
     if not values:
         return ""
     low, span = min(values), (max(values) - min(values)) or 1.0

@@ -24,25 +24,25 @@ from palpate.errors import InputError
 def add_recordings_panel(
     app_state: AppState, viewer: Viewer, *, name: str | None = None
 ) -> Callable[[str], None]:
-    """Fill the panel, with a recording open; return the function that opens another."""
+    """Fill the panel and open a recording, if named; return a function that opens one."""
     with ui.element("div").classes("form"):
         add_heading("Recordings")
         add_paragraph(
-            f"In {app_state.settings.folder}. A replay decides the recorded grasp again "
-            "from its raw counts."
+            f"Folder: {app_state.settings.folder}. A replay recomputes the grasp from the "
+            "recorded raw counts."
         )
         speed = ui.toggle(SPEEDS, value=1.0).props("unelevated no-caps")
         speed.props["aria-label"] = "Replay speed"
         rows = ui.element("div").classes("w-full").props("id=recordings")
-        empty_label = ui.label("None yet: each grasp makes one.").classes("muted")
+        empty_label = ui.label("No recordings yet. Each grasp creates one.").classes("muted")
         empty_label.set_visibility(False)
     shown: dict[Path, _Row] = {}
     dialog = _RecordingDialog(app_state, viewer, speed, changed=lambda: show())
 
     async def show() -> None:
-        """Update the list without moving rows that stay: a finger may be on one."""
+        """Update the list without moving existing rows, which a user may be touching."""
         listed = await run.io_bound(_list_recordings, app_state)
-        if listed is None or rows.is_deleted:  # the server ends, or the viewer left
+        if listed is None or rows.is_deleted:  # the server is closing, or the viewer has left
             return
         for gone in shown.keys() - {one.file for one in listed}:
             shown.pop(gone).delete()
@@ -79,7 +79,7 @@ class _ListedRecording:
 
 
 def _list_recordings(app_state: AppState) -> list[_ListedRecording]:
-    """Read folder and history in a thread: a disk may be slow."""
+    """Return the newest recordings; called in a thread, because a disk may be slow."""
     listed = []
     for file, status in app_state.recordings.newest():
         grasp = app_state.history.find_grasp(file.name)
@@ -115,7 +115,7 @@ class _Row(ui.element):
             menu_button.props["aria-label"] = f"More about {file.stem}"
 
     def show(self, one: _ListedRecording) -> None:
-        """Show the recording's grasp outcome, modification time and file size."""
+        """Show the grasp outcome, modification time and file size."""
         grasp = one.grasp
         when = day_text(datetime.fromtimestamp(one.status.st_mtime))
         self._about.set_text(f"{when} · {one.status.st_size / 1024:.0f} kB")
@@ -126,9 +126,9 @@ class _Row(ui.element):
 
 
 class _RecordingDialog:
-    """One dialog for all rows: to replay, download, rename or delete a recording.
+    """The dialog to replay, download, rename or delete a recording, shared by all rows.
 
-    While it is open its recording is in the address.
+    While the dialog is open, the URL contains the recording.
     """
 
     def __init__(
@@ -142,7 +142,7 @@ class _RecordingDialog:
         self._app_state, self._viewer, self._changed = app_state, viewer, changed
         self._file, self._speed = Path(), speed
         with ui.dialog() as self._dialog, ui.card().classes("care"):
-            self._dialog.props["aria-label"] = "A recording"
+            self._dialog.props["aria-label"] = "Recording"
             viewer.button("Replay", self._replay, small=True, action=Action.PLAY)
             self._name = ui.input("Name").props("outlined dense maxlength=80").classes("w-full")
             self._question = ui.label().classes("note").props("role=status")
@@ -168,7 +168,7 @@ class _RecordingDialog:
 
     def _show_question(self, question: str) -> None:
         self._question.set_text(question)
-        self._delete_button.set_text("Delete for good" if question else "Delete")
+        self._delete_button.set_text("Delete permanently" if question else "Delete")
 
     def _replay(self) -> None:
         self._dialog.close()
@@ -184,7 +184,7 @@ class _RecordingDialog:
 
     async def _delete(self) -> None:
         if not self._question.text:
-            self._show_question(f"Delete {self._file.stem}? Nothing brings it back.")
+            self._show_question(f"Delete {self._file.stem}? This can't be undone.")
             return
         await self._run_and_close(lambda: self._app_state.delete(self._file.name))
 

@@ -1,4 +1,4 @@
-"""The panels of the sensor: one calibrates rest and newtons, one examines."""
+"""The panels of the sensor: calibration of rest and force, and examination."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ def add_calibrate_panel(app_state: AppState, viewer: Viewer) -> None:
     with ui.element("div").classes("form"):
         add_heading("1. Rest")
         add_paragraph(
-            "What each pixel reads with nothing on it. Take everything off the sensor and "
-            "leave it alone for some seconds; a gripper opens first."
+            "Readings of the unloaded pixels. Remove everything from the sensor and do not touch "
+            "it for a few seconds. A gripper opens first."
         )
         viewer.button(
-            "Take the rest values",
+            "Calibrate the rest",
             lambda: viewer.order(CalibrateRest(file=app_state.calibration_file())),
             props="id=calibrate-rest",
             action=Action.CALIBRATE,
@@ -54,7 +54,7 @@ def _add_force_calibration(app_state: AppState, viewer: Viewer) -> None:
     loads.props("outlined dense")
 
     def start() -> None:
-        """Order a calibration, with the typed weights if there is no load cell."""
+        """Order a force calibration, with the entered weights if there is no load cell."""
         weights: tuple[float, ...] = ()
         source = app_state.session.devices.live.source
         if source is None or not source.has_load_cell:
@@ -70,7 +70,7 @@ def _add_force_calibration(app_state: AppState, viewer: Viewer) -> None:
     )
 
     def explain() -> None:
-        """Show how newtons are measured on the rig that is open."""
+        """Show the instructions for the open rig."""
         source = app_state.session.devices.live.source
         cell = source is not None and source.has_load_cell
         simulated = source is not None and source.is_simulated
@@ -86,14 +86,14 @@ def _add_force_calibration(app_state: AppState, viewer: Viewer) -> None:
 def _instructions(*, cell: bool, simulated: bool) -> str:
     if cell:
         return (
-            "A simulated load cell is put between the fingers six times, and the hand closes on it "
-            "in steps. Its minutes run as fast as this machine can."
+            "A simulated load cell is placed between the fingers six times, and the hand closes on "
+            "it in steps. The simulation runs as fast as this computer allows."
         )
     if simulated:
-        return "The force of this simulated rig can't be calibrated: it has no load cell."
+        return "This simulated rig has no load cell, so its force can't be calibrated."
     return (
-        "Lay dead weights on one pad as you are asked to, up and down again; each settles for "
-        "20 s. Newtons are grams × 0.00981."
+        "Place dead weights on one pad as instructed, in increasing and then decreasing order. "
+        "Each weight settles for 20 s. Newtons are grams × 0.00981."
     )
 
 
@@ -101,7 +101,7 @@ def _parse_numbers(text: str) -> list[float]:
     try:
         return [float(word) for word in text.replace(",", " ").split()]
     except ValueError as error:
-        raise InputError(f"loads {text!r}: give numbers separated by spaces") from error
+        raise InputError(f"loads {text!r}: enter numbers separated by spaces") from error
 
 
 def _add_calibration_result(app_state: AppState, viewer: Viewer) -> None:
@@ -119,12 +119,12 @@ def _add_calibration_result(app_state: AppState, viewer: Viewer) -> None:
 
 
 def _add_force_in_use(app_state: AppState) -> None:
-    """Show the force calibration in use as a curve with its residuals and its age."""
+    """Show the current force calibration: curve, residuals and age."""
     box = ui.html("", sanitize=False).props("id=force-in-use")
     shown = [""]
 
     async def show() -> None:
-        """Draw the calibration again if there is another one."""
+        """Redraw the calibration if it has changed."""
         source = app_state.session.devices.live.source
         text = "" if source is None else source.calibration
         if text == shown[0]:
@@ -142,13 +142,13 @@ def _add_force_in_use(app_state: AppState) -> None:
 
 def _force_html(text: str) -> str:
     if not text or not (made := Calibration.from_text(text, where="the rig")).force_law:
-        return "<p>No force calibration is in use: forces are not shown in newtons.</p>"
+        return "<p>Without a force calibration, the page shows no forces.</p>"
     from palpate.plots.force_calibration import force_calibration_figure
 
     age = age_text(made.made_at) if made.made_at else ""
     figure = panel_svg(
         partial(force_calibration_figure, made),
-        label="Force calibration in use, and its errors",
+        label="Current force calibration and its errors",
         height_in=3.6,
     )
     return panel_html("force_in_use", made=made, age=age, figure=Markup(figure))
@@ -157,10 +157,10 @@ def _force_html(text: str) -> str:
 def add_doctor_panel(app_state: AppState, viewer: Viewer) -> None:
     """Fill the panel."""
     with ui.element("div").classes("form"):
-        add_heading("Check of the sensor")
+        add_heading("Sensor check")
         add_paragraph(
-            "Open, shorted, stuck, noisy and drifting pixels, lost frames, a reference "
-            "resistor that does not fit. Nothing may touch the sensor for 10 s."
+            "Detects open, shorted, stuck, noisy and drifting pixels, lost frames, and a wrong "
+            "reference resistor. Nothing may touch the sensor for 10 s."
         )
         viewer.button(
             "Examine",
@@ -176,6 +176,6 @@ def add_doctor_panel(app_state: AppState, viewer: Viewer) -> None:
 
 
 def findings_html(health: Health) -> str:
-    """Return the findings as HTML."""
+    """Return the findings of an examination as HTML."""
     faults = sum(found.severity is Severity.FAULT for found in health.findings)
     return panel_html("health", health=health, faults=faults)

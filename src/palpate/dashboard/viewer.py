@@ -1,4 +1,4 @@
-"""One browser's viewer: presses go to the session, refusals are shown; and parts of panels."""
+"""A browser's view of the session: actions, refusals, refreshes and page elements."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from palpate.dashboard.session import Session
 from palpate.errors import InputError
 
 _Value = TypeVar("_Value")
-#: What moves the hand is refused when its press arrives later than this; a slow server may take a
-#: second or two.
+#: Presses that move the hand are refused if they arrive later than this, seconds; a slow server may
+#: delay a press by one or two seconds.
 _MAX_PRESS_AGE_S = 4.0
 
 
 class Viewer:
-    """Passes on the presses of one viewer.
+    """Forwards the actions of one viewer to the session and shows refusals.
 
     Parameters
     ----------
     session : Session
-        The one that all share.
+        The session shared by all viewers.
     viewer_id : str
         Name of this viewer in the session.
     now_s : callable
-        The clock shown on the page.
+        The clock whose time the page receives as ``server_s``.
     """
 
     def __init__(
@@ -49,42 +49,41 @@ class Viewer:
 
     @property
     def is_driver(self) -> bool:
-        """Whether this viewer drives."""
+        """Whether this viewer is the driver."""
         return self._session.driver == self._id
 
     def record_press(self, known: object) -> None:
-        """Record the page's state at the time of a press.
+        """Record stop count and server time of the page at a press.
 
-        How many stops: a press of stop has a faster way than all others, and what was pressed
-        before it may come later. When, by the clock of this server: a network that was away
-        delivers what it kept.
+        A press before a STOP may arrive after it, because STOP has a faster route; the stop count
+        reveals this. After a network failure, buffered presses arrive late; the time reveals this.
         """
         match known:
             case {"stops": int(stops), "at_s": int() | float() as at_s}:
                 self._known_stops, self._pressed_s = stops, float(at_s)
 
     def order(self, order: Order) -> bool:
-        """Send an order; return whether it was accepted, and show a refusal."""
+        """Send an order and return whether it was accepted; a refusal is shown."""
         return self._run_press(lambda: self._session.order(self._id, order), moves=True)
 
     def release(self) -> None:
-        """Release the object."""
+        """Release the object or open the hand."""
         self._run_press(lambda: self._session.release(self._id), moves=True)
 
     def request(self, request: Request) -> None:
-        """Change the running job, as `Session.request` does."""
+        """Send a request to the running job, as `Session.request`."""
         self._run_press(lambda: self._session.request(self._id, request))
 
     def take_over(self) -> None:
-        """Drive from now on."""
+        """Make this viewer the driver."""
         self._session.take_over(self._id)
         self.refresh()
 
     def run_action(self, action: Action, act: Callable[[], object]) -> bool:
-        """Run an action without devices; return its success, and show a refusal."""
+        """Run an action without devices and return its success; a refusal is shown."""
 
         def act_if_allowed() -> None:
-            """Do it, unless this viewer may not now."""
+            """Run the action if the session allows it."""
             why = self._session.refusal(action, viewer=self._id)
             if why:
                 raise InputError(why)
@@ -101,7 +100,7 @@ class Viewer:
         small: bool = False,
         action: Action | None = None,
     ) -> ui.button:
-        """Add a button; with an action it is enabled only while that may be pressed."""
+        """Add a button, enabled only while its action, if given, is allowed."""
         button = ui.button(text, on_click=act, color=None)
         button.classes("btn plain small" if small else "btn plain").props(f"flat no-caps {props}")
         if action is not None:
@@ -109,13 +108,13 @@ class Viewer:
         return button
 
     def enable_when_allowed(self, button: ui.button | ui.switch, action: Action) -> None:
-        """Enable a button only while it may be pressed; else its tooltip shows the reason."""
+        """Enable a button while its action is allowed; otherwise its tooltip shows why not."""
         with button:
-            # Above: what is below may be the stop button.
+            # Placed above the button, so that it never covers STOP below.
             hint = ui.tooltip("").props('anchor="top middle" self="bottom middle"')
 
         def refresh_button() -> None:
-            """Enable the button, or give the reason why not."""
+            """Enable the button, or show the reason of the refusal."""
             why = self._session.refusal(action, viewer=self._id)
             button.set_enabled(not why)
             hint.set_text(why)
@@ -124,25 +123,25 @@ class Viewer:
         self.on_refresh(refresh_button, of=button)
 
     def enable_for_driver(self, field: DisableableElement) -> None:
-        """Enable a field of the next grasp for the driver alone; others see its value."""
+        """Enable a field for the driver only; other viewers see its value."""
         self.on_refresh(lambda: field.set_enabled(self.is_driver), of=field)
 
     def show_with_gripper(self, element: ui.element) -> None:
-        """Show an element only while the rig has a gripper, or none is open yet."""
+        """Show an element unless the open rig has no gripper."""
 
         def show() -> None:
-            """Show the element with a gripper, hide it without one."""
+            """Show or hide the element."""
             element.set_visibility(not self._session.devices.is_sensor_only)
 
         self.on_refresh(show, of=element)
 
     def on_refresh(self, refresher: Callable[[], object], *, of: ui.element | None = None) -> None:
-        """Call a function now and periodically while its page element exists."""
+        """Call a function now and at every refresh while its page element exists."""
         self._refreshers.append((refresher, of))
         refresher()
 
     def on_change(self, value: Callable[[], _Value], show: Callable[[_Value], object]) -> None:
-        """Show a value now, and again whenever it is another one."""
+        """Show a value now and whenever it is a different object."""
         shown: list[object] = [object()]
 
         def show_if_changed() -> None:
@@ -164,7 +163,7 @@ class Viewer:
     def _run_press(self, press: Callable[[], None], *, moves: bool = False) -> bool:
         is_done = False
         try:
-            # A stop is before it, or after it.
+            # The lock orders the press strictly before or after a stop.
             with self._session.stop_lock if moves else nullcontext():
                 if moves:
                     self._check_fresh()
@@ -176,15 +175,15 @@ class Viewer:
         return is_done
 
     def _check_fresh(self) -> None:
-        """Refuse a press from before a stop, or one that is too old."""
+        """Refuse a press that precedes a stop or is too old."""
         if self._known_stops < self._session.stops:
             raise InputError("stopped before it started")
         age_s = self._now_s() - self._pressed_s
         if age_s > _MAX_PRESS_AGE_S:
-            raise InputError(f"the press came {age_s:.0f} s late: press again")
+            raise InputError(f"the press arrived {age_s:.0f} s late: press again")
 
     def refuse(self, error: Exception) -> None:
-        """Show the reason of a refusal."""
+        """Show the reason of a refusal as a notification."""
         ui.notify(str(error), type="warning")
 
 

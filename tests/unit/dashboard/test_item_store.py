@@ -223,10 +223,10 @@ def test_ripening_is_drawn_for_an_item_whose_kind_was_labelled(tmp_path: Path) -
         store.add_item(Item(item_id="plum", kind="plum"))
     item_store = ItemStore(where)
     picture = item_store.figures_html(item_store.page("avocado-1"))
-    assert "<h3>How it ripens</h3><svg" in picture
+    assert "<h3>Ripening</h3><svg" in picture
     assert 'aria-label="Ripening of avocado-1 with its forecast"' in picture
     assert "90 % of courses" in picture
-    assert "How it ripens" not in item_store.figures_html(item_store.page("plum"))
+    assert "<h3>Ripening</h3>" not in item_store.figures_html(item_store.page("plum"))
 
 
 def felt(item_id: str, taken_at: datetime, firm: float) -> Grasp:

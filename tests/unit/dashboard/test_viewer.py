@@ -41,15 +41,15 @@ def test_a_press_that_comes_late_moves_nothing(monkeypatch: pytest.MonkeyPatch) 
     session = Session(send=sent.append)
     session.join("a")
     viewer = Viewer(session, viewer_id="a", now_s=lambda: now_s[0])
-    for at_s, said in ((100.0, ""), (96.5, ""), (88.0, "the press came 12 s late: press again")):
+    for at_s, said in ((100.0, ""), (96.5, ""), (88.0, "the press arrived 12 s late: press again")):
         viewer.record_press({"stops": session.stops, "at_s": at_s})
         viewer.order(Examine())
         assert ("late" in said) == any("late" in one for one in refused), refused
-    assert refused[-1] == "the press came 12 s late: press again"
+    assert refused[-1] == "the press arrived 12 s late: press again"
     viewer.record_press({"stops": session.stops, "at_s": 101.0})
     now_s[0] = 130.0
     viewer.release()
-    assert refused[-1] == "the press came 29 s late: press again"
+    assert refused[-1] == "the press arrived 29 s late: press again"
 
 
 def test_viewer_order_and_its_check_are_atomic() -> None:
