@@ -26,7 +26,7 @@ from palpate.estimate.soft_stiffness import measure_soft_stiffness
 from palpate.grasp.config import APPROACH, READING, SETTLE
 from palpate.grasp.estimator import ClosingStep, ContactEstimate, Touch
 from palpate.grasp.plan import Plan
-from palpate.settling.percent import as_percent, of_rest
+from palpate.settling.percent import percent_to_ratio, ratio_to_percent
 from palpate.settling.result import SettledEstimate, Status
 
 #: Reasons for a stiffness with only a bound.
@@ -55,13 +55,16 @@ def forecast(estimate: ContactEstimate, *, plan: Plan) -> Settled:
     """
     time_s = np.array([t.time_s for t in estimate.touches]) - estimate.moved_s
     relative_percent = np.array([t.relative_percent for t in estimate.touches])
-    values = np.stack([of_rest(relative_percent), [t.reading for t in estimate.touches]])
+    values = np.stack([percent_to_ratio(relative_percent), [t.reading for t in estimate.touches]])
     found = plan.settling.predict(time_s, values, horizon_s=plan.horizon_s, level=plan.level)
     seen = (estimate.now.relative_percent, estimate.now.reading)
     relative, reading = (
         _widen(one, by=float(one.value) - now, unit=unit)
         for one, now, unit in zip(
-            (as_percent(found.hold(0)), found.hold(1)), seen, ("percent", "reading"), strict=True
+            (ratio_to_percent(found.hold(0)), found.hold(1)),
+            seen,
+            ("percent", "reading"),
+            strict=True,
         )
     )
     reading = _keep_plausible(reading, now=estimate.now.reading)

@@ -10,7 +10,7 @@ from palpate.errors import InputError
 from palpate.holds import Hold
 from palpate.plots.settle import Panel, settle_figure
 from palpate.plots.style import save_figure
-from palpate.settling.percent import for_hold
+from palpate.settling.percent import adapt_method
 from palpate.settling.predict import CUTOFF_S, find_method
 
 #: Holds drawn at most: more panels can't be read on a page.
@@ -58,7 +58,9 @@ def plot_holds(
     figure = settle_figure(
         [Panel(title=hold.hold_id, hold=hold, cutoff_s=cutoff_s) for hold in drawn],
         methods={
-            method: for_hold(find_method(method), unit=drawn[0].unit, loading_s=drawn[0].loading_s)
+            method: adapt_method(
+                find_method(method), unit=drawn[0].unit, loading_s=drawn[0].loading_s
+            )
         },
         horizon_s=horizon_s,
         level=level,

@@ -11,7 +11,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.holds import Hold, find_recorded_value, measure_settled_value
 from palpate.scoring.deciding import find_decision
-from palpate.settling.percent import for_hold
+from palpate.settling.percent import adapt_method
 from palpate.settling.result import SettledEstimate, SettlingMethod, Status
 
 #: Holds predicted together. Only holds on one sampling grid share work, and those are neighbours.
@@ -150,7 +150,7 @@ def decide_holds(
                 decision = find_decision(
                     hold.time_s,
                     hold.values,
-                    method=for_hold(method, unit=hold.unit, loading_s=hold.loading_s),
+                    method=adapt_method(method, unit=hold.unit, loading_s=hold.loading_s),
                     half_width_percent=half_width_percent,
                     horizon_s=horizon_s,
                     level=level,
@@ -243,7 +243,7 @@ def _predict_batch(
         if not time_s.size:
             continue
         values = np.stack([batch[index].values[: time_s.size] for index in indices])
-        suited = for_hold(method, unit=hold.unit, loading_s=hold.loading_s)
+        suited = adapt_method(method, unit=hold.unit, loading_s=hold.loading_s)
         estimate = suited.predict(time_s, values, horizon_s=horizon_s, level=level)
         for row, index in enumerate(indices):
             found[index] = estimate.hold(row)

@@ -1,4 +1,4 @@
-"""The simplest predictors: the last sample, and a plain logarithm of time."""
+"""Baseline predictors: the last sample, and a logarithm of time."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from palpate.arrays import FloatArray
 from palpate.settling.result import SettledEstimate, Status
 from palpate.signal.transient import WAIT_S, find_hold_window
 
-#: A line and one sample to spare.
+#: Two samples for the line and one for its error.
 _MIN_SAMPLES = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recorded:
-    """The last sample as it is (paper, Table 1: "recorded resistance").
+    """The last sample, unchanged (paper, Table 1: "recorded resistance").
 
-    It has no interval: one sample shows nothing of the change still to come.
+    There is no interval, because one sample contains no information about the later change.
 
     Examples
     --------
@@ -60,8 +60,8 @@ class LogLaw:
     wait_s : float
         Time after the peak from which samples are used.
     from_s : float
-        t_0, which keeps the logarithm finite at the peak; 0.2 s is about the length of the contact
-        transient.
+        t_0, which keeps the logarithm finite at the peak. The default of 0.2 s is about the
+        duration of the contact transient.
 
     Examples
     --------
@@ -91,8 +91,8 @@ class LogLaw:
                 continue
             log_time = np.log(time_s[first:] - time_s[peak] + self.from_s)
             centred = log_time - log_time.mean()
-            beyond = np.log(horizon_s - time_s[peak] + self.from_s) - log_time.mean()
-            weights = 1 / len(centred) + centred * beyond / (centred @ centred)
+            distance = np.log(horizon_s - time_s[peak] + self.from_s) - log_time.mean()
+            weights = 1 / len(centred) + centred * distance / (centred @ centred)
             last = values[rows, -1]
             settled[rows] = last + (values[rows, first:] - last[:, None]) @ weights
             window_s[rows] = time_s[-1] - time_s[first]

@@ -1,11 +1,12 @@
-"""Settled holds calibrate a method: which rule fits them, and how far its errors reach.
+"""Calibration of a predictor with settled holds: a correction rule, and the interval width.
 
-Holds of the same sensor (`learn`): the experts are the method as it is, a constant multiple of the
-last reading, and lines and multiples of one feature of a hold (the method's forecast, the log law,
-the pace of the last e-fold of time). Each is fitted to the past holds and weighed by its errors
-where a hold is left out of its own fit. Holds of other specimens set the width alone. The interval
-reaches as far as those errors do (Lei et al., "Distribution-Free Predictive Inference for
-Regression", JASA 113, 2018), drawn towards the method's own interval while holds are few.
+With holds of the same sensor (`learn`), the correction is a weighted mean of experts. The experts
+are the method itself, a constant multiple of the last reading, and lines and multiples of one
+feature of a hold (the method's forecast, the log law, the rate in the last e-fold of time). Each
+expert is fitted to the past holds and weighted by its leave-one-out errors. Holds of other
+specimens set only the interval width. The interval is the range of these errors (Lei et al.,
+"Distribution-Free Predictive Inference for Regression", JASA 113, 2018), shrunk towards the
+method's own interval if there are few holds.
 """
 
 from __future__ import annotations
@@ -23,40 +24,41 @@ from palpate.settling.percent import without_percent
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettledEstimate, SettlingMethod, Status
 
-#: From this many calibration holds on, their errors prove an interval.
-PROVING_HOLDS = 6
-#: The latest own holds are used: a sensor wears, and more sharpen nothing.
-MOST_HOLDS = 60
-#: The method's own interval counts as this many errors of own holds, and of other specimens'; half
-#: of it counts as this many errors of every expert (guesses; study `settled` is flat around them).
+#: Minimum number of calibration holds for an interval with status `ok`.
+MIN_PROOF_HOLDS = 6
+#: Number of the sensor's latest holds to use: a sensor wears, and more holds give no better result.
+_MAX_HOLDS = 60
+#: Weight of the method's own interval, as a number of errors: for holds of the same sensor, and of
+#: other specimens. Half of the interval has the third weight in the errors of each expert (guesses;
+#: the result of study `settled` depends little on them).
 _PRIOR_ERRORS, _PRIOR_ERRORS_OF_OTHERS, _PRIOR_ERRORS_OF_EXPERTS = 3.0, 10.0, 2.0
-#: Errors are taken at the cut-offs of this ratio: an error changes with the logarithm of time.
+#: Cut-offs are rounded to powers of this ratio, because errors change with the logarithm of time.
 _CUTOFF_RATIO = 1.05
 _TINY = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibrated:
-    """A method with the width, and if `learn` the rule, that settled holds show.
+    """A predictor whose interval width, and with `learn` its value, is calibrated with holds.
 
     Attributes
     ----------
     holds : sequence of Hold
-        Past holds in the order of recording; those that reach the horizon count. None of them is
-        to be predicted.
+        Past holds in the order of recording. Only holds up to the horizon are used. They must not
+        include the hold to predict.
     method : SettlingMethod
-        Predicts without them.
+        The method to calibrate.
     learn : bool
-        Whether the holds are of the sensor itself; if not, they set the width alone.
+        Whether the holds are of the same sensor. Otherwise they set only the interval width.
 
     Raises
     ------
     CalibrationError
-        If there is no hold to learn from.
+        If there are no holds to learn from.
 
     Examples
     --------
-    Holds that all lose 5 % between 2 s and 20 s:
+    Holds that all fall by 5 % between 2 s and 20 s:
 
     >>> time_s = np.arange(1, 301) / 15
     >>> shape = 1 + 0.1 * np.exp(-time_s / 3)
@@ -71,15 +73,15 @@ class Calibrated:
     holds: Sequence[Hold]
     method: SettlingMethod = field(default_factory=Relaxation)
     learn: bool = True
-    #: By cut-off, horizon, level and whether values are positive: line and sorted errors.
-    _known: dict[tuple[float, float, float, bool], tuple[FloatArray, FloatArray]] = field(
+    #: Line and sorted errors by cut-off, horizon, level and sign of the values.
+    _cache: dict[tuple[float, float, float, bool], tuple[FloatArray, FloatArray]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
 
     def __post_init__(self) -> None:
         if self.learn and not self.holds:
             raise CalibrationError(
-                "no hold to learn from; `palpate calibrate settling` cuts them from recordings"
+                "no holds to learn from; `palpate calibrate settling` extracts them from recordings"
             )
 
     @property
@@ -92,8 +94,8 @@ class Calibrated:
     ) -> SettledEstimate:
         """Predict the value at the horizon; see `SettlingMethod.predict`.
 
-        The ends of the interval are NaN where the holds are too few for the level and the method
-        has none of its own.
+        The limits of the interval are NaN if there are too few holds for the level and the method
+        has no interval of its own.
         """
         found = self.method.predict(time_s, values, horizon_s=horizon_s, level=level)
         if time_s[-1] >= horizon_s - SETTLED_WINDOW_S / 2:
@@ -106,17 +108,18 @@ class Calibrated:
         features = self._features(time_s, values, found, horizon_s=horizon_s, unit=unit)
         rank = int(np.ceil((count + 1) * level))
         weight = count / (count + (_PRIOR_ERRORS if self.learn else _PRIOR_ERRORS_OF_OTHERS))
-        half = 1.0 if self.learn else _half(found, unit)
+        half_width = 1.0 if self.learn else _half_width(found, unit)
         sides = []
         for side in (found.value - found.low, found.high - found.value):
-            drawn = weight * half * errors[min(rank, count) - 1] + (1 - weight) * side / unit
-            alone = errors[rank - 1] if rank <= count else np.nan
-            sides.append(np.where(np.isnan(side), alone, drawn))
+            error = half_width * errors[min(rank, count) - 1]
+            shrunk = weight * error + (1 - weight) * side / unit
+            unshrunk = errors[rank - 1] if rank <= count else np.nan
+            sides.append(np.where(np.isnan(side), unshrunk, shrunk))
         change, last = features @ line, values[:, -1]
         status = np.asarray(found.status).copy()
-        if count >= PROVING_HOLDS:
-            proven = status != Status.NOT_SETTLING if self.learn else status == Status.UNPROVEN
-            status[proven] = Status.OK
+        if count >= MIN_PROOF_HOLDS:
+            is_proven = status != Status.NOT_SETTLING if self.learn else status == Status.UNPROVEN
+            status[is_proven] = Status.OK
         low, value, high = (
             last + unit * end for end in (change - sides[0], change, change + sides[1])
         )
@@ -125,29 +128,32 @@ class Calibrated:
     def _calibrate(
         self, cutoff_s: float, horizon_s: float, level: float, positive: bool
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the line that predicts changes, and its sorted |errors| on the holds."""
+        """Return the line that predicts changes, and its sorted absolute errors on the holds."""
         if cutoff_s > 0:
             cutoff_s = _CUTOFF_RATIO ** round(np.log(cutoff_s) / np.log(_CUTOFF_RATIO))
         key = cutoff_s, horizon_s, level, positive
-        if key not in self._known:
-            past = [
-                one
-                for hold in self.holds[-MOST_HOLDS if self.learn else 0 :]
-                if (one := self._show_past(without_percent(hold), *key))
+        if key not in self._cache:
+            examples = [
+                example
+                for hold in self.holds[-_MAX_HOLDS if self.learn else 0 :]
+                if (example := self._make_example(without_percent(hold), *key))
             ]
             line, errors = np.array([0.0, 1.0]), np.zeros(0)
-            if past:
-                features, truth, half = map(np.array, zip(*past, strict=True))
-                errors = (truth - features[:, 1]) / np.where(np.isnan(half), 1.0, half)
+            if examples:
+                features, truth, half_width = map(np.array, zip(*examples, strict=True))
+                errors = (truth - features[:, 1]) / np.where(np.isnan(half_width), 1.0, half_width)
                 if self.learn:
-                    line, errors = _learn_line(features, truth, float(half.mean()) / 2)
-            self._known[key] = line, np.sort(np.abs(errors))
-        return self._known[key]
+                    line, errors = _learn_line(features, truth, float(half_width.mean()) / 2)
+            self._cache[key] = line, np.sort(np.abs(errors))
+        return self._cache[key]
 
-    def _show_past(
+    def _make_example(
         self, hold: Hold, cutoff_s: float, horizon_s: float, level: float, positive: bool
     ) -> tuple[FloatArray, float, float] | None:
-        """Return a past hold's features up to the cut-off, later change and half interval."""
+        """Return features up to the cut-off, later change and half-width for a past hold.
+
+        The result is None if the hold cannot be used.
+        """
         settled = measure_settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
         time_s = hold.time_s[hold.time_s <= cutoff_s]
         values = hold.values[None, : time_s.size]
@@ -158,7 +164,8 @@ class Calibrated:
         found = self.method.predict(time_s, values, horizon_s=horizon_s, level=level)
         unit = _unit(values, positive=positive)
         [features] = self._features(time_s, values, found, horizon_s=horizon_s, unit=unit)
-        return features, float((settled - values[0, -1]) / unit[0]), float(_half(found, unit)[0])
+        change = float((settled - values[0, -1]) / unit[0])
+        return features, change, float(_half_width(found, unit)[0])
 
     def _features(
         self,
@@ -169,64 +176,67 @@ class Calibrated:
         horizon_s: float,
         unit: FloatArray,
     ) -> FloatArray:
-        """Return one and, if `learn`, each feature: changes since the last sample in its unit."""
-        ahead = [np.asarray(found.value)]
+        """Return a column of ones and the features: predicted changes in multiples of `unit`."""
+        forecasts = [np.asarray(found.value)]
         if self.learn:
             fold_s = float(time_s[-1] - time_s[0]) / np.e
             for law in (LogLaw(wait_s=0.1, from_s=0.4), LogLaw(wait_s=fold_s)):
-                by_law = law.predict(time_s, values, horizon_s=horizon_s, level=found.level)
-                ahead.append(np.asarray(by_law.value))
-        changes = [(end - values[:, -1]) / unit for end in ahead]
+                estimate = law.predict(time_s, values, horizon_s=horizon_s, level=found.level)
+                forecasts.append(np.asarray(estimate.value))
+        changes = [(forecast - values[:, -1]) / unit for forecast in forecasts]
         return np.column_stack([np.ones(len(values)), *changes])
 
 
 def _unit(values: FloatArray, *, positive: bool) -> FloatArray:
-    """Return what changes are compared with: the last sample, or the change seen."""
+    """Return the unit of changes: the last sample, or the range of signed values."""
     return values[:, -1] if positive else np.maximum(np.ptp(values, axis=1), _TINY)
 
 
-def _half(found: SettledEstimate, unit: FloatArray) -> FloatArray:
+def _half_width(found: SettledEstimate, unit: FloatArray) -> FloatArray:
     return np.asarray((found.high - found.low) / 2 / unit)
 
 
 def _learn_line(
-    features: FloatArray, truth: FloatArray, half_interval: float
+    features: FloatArray, truth: FloatArray, prior_error: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the weighted line of the experts, and each hold's error when left out."""
-    lines = _fit(features, truth)
+    """Return the weighted line of the experts, and its leave-one-out error for each hold."""
+    lines = _fit_experts(features, truth)
     others = [np.arange(truth.size) != k for k in range(truth.size)]
-    left_out = np.array([_fit(features[k], truth[k]) for k in others if k.any()] or [lines])
-    errors = truth - np.einsum("kef,kf->ek", left_out, features)
-    size = (np.abs(errors).sum(axis=1) + _PRIOR_ERRORS_OF_EXPERTS * half_interval) / (
+    loo_lines = np.array(
+        [_fit_experts(features[k], truth[k]) for k in others if k.any()] or [lines]
+    )
+    errors = truth - np.einsum("kef,kf->ek", loo_lines, features)
+    mean_error = (np.abs(errors).sum(axis=1) + _PRIOR_ERRORS_OF_EXPERTS * prior_error) / (
         truth.size + _PRIOR_ERRORS_OF_EXPERTS
     )
-    # The likelihood of errors of this mean size (Laplace), each expert at its own best.
-    weights = (size.min() / (size + _TINY)) ** truth.size
+    # Laplace likelihood of the errors, with the best scale for each expert.
+    weights = (mean_error.min() / (mean_error + _TINY)) ** truth.size
     weights /= weights.sum()
     return weights @ lines, weights @ errors
 
 
-def _fit(features: FloatArray, truth: FloatArray) -> FloatArray:
-    """Return the experts as lines: method, constant, and a line and multiple per feature.
+def _fit_experts(features: FloatArray, truth: FloatArray) -> FloatArray:
+    """Return the experts as lines: method, constant, and a line and a multiple per feature.
 
-    The slope of a line counts one hold without any, so it takes several to show one (ridge); the
-    multiple is that of the least absolute error.
+    The slope of a line is shrunk towards 0 by the weight of one hold (ridge). The multiple has the
+    least absolute error.
     """
     features = features[:, 1:]
     n_holds, n_features = features.shape
     lines = np.zeros((2 + 2 * n_features, 1 + n_features))
     lines[0, 1] = 1.0
-    by_line, multiples = lines[2 : 2 + n_features], lines[2 + n_features :]
-    off, missing = features - features.mean(axis=0), truth - truth.mean()
-    slopes = off.T @ missing / (np.square(off).sum(axis=0) * (1 + 1 / n_holds) + _TINY**2)
-    by_line[:, 1:] = np.diag(slopes)
-    by_line[:, 0] = truth.mean() - slopes * features.mean(axis=0)
+    sloped, multiples = lines[2 : 2 + n_features], lines[2 + n_features :]
+    x, y = features - features.mean(axis=0), truth - truth.mean()
+    slopes = x.T @ y / (np.square(x).sum(axis=0) * (1 + 1 / n_holds) + _TINY**2)
+    sloped[:, 1:] = np.diag(slopes)
+    sloped[:, 0] = truth.mean() - slopes * features.mean(axis=0)
     lines[1, 0] = truth.mean()
-    size = np.abs(features) + _TINY
-    ratio = truth[:, None] * np.sign(features) / size
+    # The multiple with the least absolute error is the weighted median of the ratios.
+    weight = np.abs(features) + _TINY
+    ratio = truth[:, None] * np.sign(features) / weight
     order = np.argsort(ratio, axis=0)
-    below = np.cumsum(np.take_along_axis(size, order, axis=0), axis=0)
-    middle = (below < below[-1] / 2).sum(axis=0)
+    cumulative = np.cumsum(np.take_along_axis(weight, order, axis=0), axis=0)
+    median = (cumulative < cumulative[-1] / 2).sum(axis=0)
     columns = np.arange(n_features)
-    multiples[:, 1:] = np.diag(ratio[order[middle, columns], columns])
+    multiples[:, 1:] = np.diag(ratio[order[median, columns], columns])
     return lines

@@ -1,11 +1,11 @@
-"""The paper's accelerated estimation (equations 2 and 3), done exactly.
+"""The paper's accelerated estimation (equations 2 and 3), with an exact fit.
 
-Least squares of A exp(-lambda (t - t_p)) + C over the samples from t_p + t_a to t_c; the prediction
-is C, the paper's value "after an infinite amount of time", at every horizon. For a given rate A and
-C have a closed form, so the fit is a search over the rate alone, without a starting value (variable
-projection: Golub & Pereyra, SIAM J. Numer. Anal. 10, 1973). A window too short for the rate leaves
-C undetermined. `docs/paper-notes.md` explains how this reads equation 3, and why a fit whose C runs
-away is rejected.
+The fit is least squares of A exp(-lambda (t - t_p)) + C over the samples from t_p + t_a to t_c. The
+prediction is C, the paper's value "after an infinite amount of time", at every horizon. For a given
+rate, A and C have a closed form. The fit is therefore a search over the rate, without a starting
+value (variable projection: Golub & Pereyra, SIAM J. Numer. Anal. 10, 1973). A window too short for
+the rate leaves C undetermined. `docs/paper-notes.md` explains this interpretation of equation 3,
+and why a fit with a diverging C is rejected.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from palpate.arrays import FloatArray
 from palpate.settling.result import SettledEstimate, Status
 from palpate.signal.transient import WAIT_S, find_hold_window
 
-#: Three parameters need a fourth sample to be a fit at all.
+#: One sample more than the number of parameters.
 MIN_SAMPLES = 4
-#: A curvature ten times its standard error (F = 100) gives the change still to come to about 10 %.
+#: A curvature of ten standard errors (F = 100) determines the later change to about 10 %.
 _CLEAR_CURVATURE = 100.0
 #: Range of the rate: from a hundredth of a decay within the window to ten decays per sample.
 _SLOWEST_DECAYS, _FASTEST_DECAYS_PER_SAMPLE = 0.01, 10.0
-#: Step of the grid in ln(rate): Newton's method converges from the vertex between two nodes.
+#: Grid step in ln(rate), small enough for Newton's method to converge from between two nodes.
 _GRID_STEP = 0.1
-#: A Newton step d in ln(rate) leaves an error of about 1.5 d^2 (measured): at most 1.5e-8.
-_LAST_STEP, _MOST_STEPS = 1e-4, 50
-#: From peak to window. At the fastest rates A would overflow; there the fit is rejected anyway.
-_MOST_DECAYS = 600.0
+#: The error after a Newton step d in ln(rate) is about 1.5 d^2 (measured): at most 1.5e-8.
+_LAST_STEP, _MAX_STEPS = 1e-4, 50
+#: Limit of the decays from peak to window, against overflow of A. Such fits are rejected.
+_MAX_DECAYS = 600.0
 _STATUS_IF_ACCEPTED = np.array([Status.NOT_SETTLING, Status.OK], dtype=object)
 
 
@@ -40,29 +40,29 @@ _STATUS_IF_ACCEPTED = np.array([Status.NOT_SETTLING, Status.OK], dtype=object)
 class ExponentialFit:
     """Parameters of equation 3, each an array of shape (n_holds,)."""
 
-    #: C where the fit is accepted, the recorded value where it isn't (see `status`).
+    #: C if the fit is accepted, otherwise the recorded value (see `status`).
     settled: FloatArray
-    #: A, at the peak, and lambda; NaN without a fit.
+    #: A at the peak, and lambda; NaN without a fit.
     amplitude: FloatArray
     rate_per_s: FloatArray
-    #: Length of the fitted stretch; 0 where the recorded value is used instead.
+    #: Duration of the fitted samples; 0 if the recorded value is used instead.
     window_s: FloatArray
-    #: `ok`; `too_short` with fewer than four samples; `not_settling` where the rate is at an end of
-    #: its range (as in a constant window, which has none), or C runs away: it lies further from the
-    #: last sample than the signal has come since its peak, and the curvature that puts it there
-    #: does not exceed the residuals clearly.
+    #: `ok`; `too_short` with fewer than four samples; `not_settling` if the rate is at an end of
+    #: its range (as in a constant window), or if C diverges. C diverges if it is further from the
+    #: last sample than the change since the peak, and the curvature does not clearly exceed the
+    #: residuals.
     status: NDArray[np.object_]
 
 
 def fit_exponential(
     time_s: FloatArray, values: FloatArray, *, wait_s: float = WAIT_S
 ) -> ExponentialFit:
-    """Fit equation 3 to holds on shared sampling times.
+    """Fit equation 3 to holds with common sampling times.
 
     `time_s`, shape (n_times,): strictly increasing, up to the cut-off t_c, seconds.
-    `values`, shape (n_holds, n_times): finite samples in any unit; equivariant to scale, sign and
-    shift.
-    `wait_s`: t_a, counted from the peak.
+    `values`, shape (n_holds, n_times): finite samples in any unit. The fit is equivariant to scale,
+        sign and offset.
+    `wait_s`: t_a, measured from the peak.
 
     Source: Paper, equations 2 and 3.
 
@@ -76,22 +76,22 @@ def fit_exponential(
     settled, window_s = last.copy(), np.zeros(n_holds)
     amplitude, rate_per_s = np.full((2, n_holds), np.nan)
     status = np.array([Status.TOO_SHORT] * n_holds, dtype=object)
-    come = np.abs(values[np.arange(n_holds), window.peak] - last)
+    change = np.abs(values[np.arange(n_holds), window.peak] - last)
     for first, rows in window.group_by_first():
         if time_s.size - first < MIN_SAMPLES:
             continue
         since_first = time_s[first:] - time_s[first]
         ordinates = values[rows, first:] - last[rows, None]
         fit = fit_decay(since_first, ordinates)
-        # An offset counts from the last sample.
-        near = abs(fit.offset) <= come[rows]
-        clear = fit.gained * (since_first.size - MIN_SAMPLES + 1) >= (
+        # Offsets are relative to the last sample.
+        is_near = abs(fit.offset) <= change[rows]
+        is_clear = fit.gained * (since_first.size - MIN_SAMPLES + 1) >= (
             _CLEAR_CURVATURE * fit.unexplained
         )
-        accepted = (near | clear) & ~fit.at_end
+        accepted = (is_near | is_clear) & ~fit.at_end
         settled[rows] += np.where(accepted, fit.offset, 0.0)
         rate_per_s[rows] = fit.rate
-        decays = np.minimum(fit.rate * (time_s[first] - window.peak_s[rows]), _MOST_DECAYS)
+        decays = np.minimum(fit.rate * (time_s[first] - window.peak_s[rows]), _MAX_DECAYS)
         amplitude[rows] = fit.amplitude * np.exp(decays)
         window_s[rows] = accepted * since_first[-1]
         status[rows] = _STATUS_IF_ACCEPTED[accepted.astype(np.intp)]
@@ -111,10 +111,10 @@ class DecayFit:
     rate: FloatArray
     amplitude: FloatArray
     offset: FloatArray
-    #: Sum of squared residuals, and how much larger it is for the slowest decay, a straight line.
+    #: Sum of squared residuals, and its reduction relative to the slowest decay, a straight line.
     unexplained: FloatArray
     gained: FloatArray
-    #: The sum of squares is smallest at an end of the grid: the data don't determine the rate.
+    #: Whether the best rate is at an end of the grid, so that the data do not determine the rate.
     at_end: NDArray[np.bool_]
 
 
@@ -128,7 +128,7 @@ def fit_decay(x: FloatArray, y: FloatArray) -> DecayFit:
     >>> [round(float(part[0]), 8) for part in (fit.rate, fit.amplitude, fit.offset)]
     [1.7, 3.0, -5.0]
     """
-    log_rates, table = _decays(x.tobytes())
+    log_rates, table = _tabulate_decays(x.tobytes())
     mean = y.mean(axis=1)
     centred = y - mean[:, None]
     gains = np.square(centred @ table.T)
@@ -136,21 +136,21 @@ def fit_decay(x: FloatArray, y: FloatArray) -> DecayFit:
     at_end = (best == 0) | (best == log_rates.size - 1)
     centre = np.minimum(np.maximum(best, 1), log_rates.size - 2)
     rows = np.arange(len(y))
-    before, here, after = (gains[rows, centre + step] for step in (-1, 0, 1))
-    bend = before - 2 * here + after
-    shift = 0.5 * (before - after) * (bend < 0) / (bend - (bend == 0))
+    before, at_centre, after = (gains[rows, centre + step] for step in (-1, 0, 1))
+    curvature = before - 2 * at_centre + after
+    shift = 0.5 * (before - after) * (curvature < 0) / (curvature - (curvature == 0))
     shift = np.minimum(np.maximum(shift, -1.0), 1.0) * ~at_end
     log_rate = log_rates[centre] + _GRID_STEP * shift
     amplitude, shape_mean, explained = np.empty((3, len(y)))
     active: slice | NDArray[np.intp] = slice(None)
-    for _ in range(_MOST_STEPS):
-        step, *linear = _improve(x, centred[active], log_rate[active], free=~at_end[active])
+    for _ in range(_MAX_STEPS):
+        step, *linear = _newton_step(x, centred[active], log_rate[active], free=~at_end[active])
         log_rate[active] += step
         amplitude[active], shape_mean[active], explained[active] = linear
-        moving = np.abs(step) > _LAST_STEP
-        if not moving.any():
+        is_moving = np.abs(step) > _LAST_STEP
+        if not is_moving.any():
             break
-        active = rows[active][moving]
+        active = rows[active][is_moving]
     return DecayFit(
         rate=np.exp(log_rate),
         amplitude=amplitude,
@@ -162,8 +162,8 @@ def fit_decay(x: FloatArray, y: FloatArray) -> DecayFit:
 
 
 @lru_cache(maxsize=8)
-def _decays(x_bytes: bytes) -> tuple[FloatArray, FloatArray]:
-    """Return the grid of ln(rate), and the centred decays of unit length at each."""
+def _tabulate_decays(x_bytes: bytes) -> tuple[FloatArray, FloatArray]:
+    """Return the grid of ln(rate), and the centred decay of unit norm for each rate."""
     x = np.frombuffer(x_bytes)
     slowest = _SLOWEST_DECAYS / x[-1]
     fastest = _FASTEST_DECAYS_PER_SAMPLE * (x.size - 1) / x[-1]
@@ -174,13 +174,13 @@ def _decays(x_bytes: bytes) -> tuple[FloatArray, FloatArray]:
     return log_rates, table / np.sqrt(np.einsum("ij,ij->i", table, table))[:, None]
 
 
-def _improve(
+def _newton_step(
     x: FloatArray, y: FloatArray, log_rate: FloatArray, *, free: NDArray[np.bool_]
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return the step in ln(rate), the amplitude, the mean decay and the explained sum.
 
-    The explained sum is p^2 / q, of the products p of the centred decay with the data and q with
-    itself; each comes with its two derivatives with respect to the rate.
+    The explained sum is p^2 / q. Here p is the product of the centred decay with the data, and q
+    its product with itself. Both are computed with two derivatives with respect to the rate.
     """
     rate = np.exp(log_rate)
     parts = np.empty((3, len(rate), len(x)))
@@ -192,12 +192,12 @@ def _improve(
     p = np.einsum("inm,nm->in", parts, y)
     q, half_q1, half_q2 = np.einsum("inm,nm->in", parts, parts[0])
     q1, q2 = 2 * half_q1, 2 * (half_q2 + np.einsum("nm,nm->n", parts[1], parts[1]))
-    # A row of zeros has nothing to explain at any rate: any denominator will do.
+    # For a row of zeros p is 0 at any rate, and the denominator is arbitrary.
     inverse = 1 / (p[0] + (p[0] == 0))
     by_p, by_q = p[1] * inverse, 0.5 * q1 / q
-    # Where the slope is zero the two are equal; taken as equal here, Newton stays quadratic.
-    bend = rate * (p[2] * inverse - 0.5 * q2 / q + by_p * by_q)
-    step = (by_q - by_p) / np.minimum(bend, -1e-12 * rate)
+    # by_p equals by_q at the optimum. Using this here preserves quadratic convergence.
+    curvature = rate * (p[2] * inverse - 0.5 * q2 / q + by_p * by_q)
+    step = (by_q - by_p) / np.minimum(curvature, -1e-12 * rate)
     step = np.minimum(np.maximum(step, -_GRID_STEP), _GRID_STEP) * free
     change = rate * np.expm1(step)
     half = 0.5 * change * change
@@ -207,12 +207,12 @@ def _improve(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exponential:
-    """Equations 2-3 as a predictor of the settled value.
+    """Equations 2 and 3 of the paper as a predictor of the settled value.
 
     Attributes
     ----------
     wait_s : float
-        t_a, counted from the peak.
+        t_a, measured from the peak.
     """
 
     name: ClassVar[str] = "exponential"

@@ -1,8 +1,8 @@
-"""Relative changes in percent as ratios: R / R_rest = 1 + percent / 100.
+"""Conversion between percent and ratio: R / R_rest = 1 + percent / 100.
 
-Rest is at 0 % and nothing falls below -100 %, so this ratio is positive like ohm, has the shapes
-of ohm and no scale that matters. Without it a reading near -100 % is a number like any other, and
-the little that is left of the resistance is lost in the interval.
+Rest is 0 % and the lower bound is -100 %. The ratio is therefore positive and has the same curve
+shapes as a resistance. A method for signed values would ignore the bound, and its interval near
+-100 % would be larger than the remaining resistance.
 """
 
 from __future__ import annotations
@@ -14,24 +14,24 @@ from palpate.holds import Hold
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettledEstimate, SettlingMethod
 
-#: The only unit that a predictor must be given.
+#: The only unit that changes a prediction.
 PERCENT = "percent"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InPercent:
-    """A method for holds in percent, made of one for holds of any other unit.
+    """A method for holds in percent, based on a method for positive values.
 
     >>> import numpy as np
     >>> time_s = np.arange(0.0, 2.5, 0.1)
-    >>> left = 0.04 + 0.02 * np.exp(-time_s)
+    >>> ratio = 0.04 + 0.02 * np.exp(-time_s)
     >>> method = InPercent(method=Relaxation())
-    >>> found = method.predict(time_s, 100 * (left - 1)[None], horizon_s=20.0, level=0.9)
+    >>> found = method.predict(time_s, 100 * (ratio - 1)[None], horizon_s=20.0, level=0.9)
     >>> bool(-100 < found.low[0] < found.value[0] < found.high[0] < -95)
     True
     """
 
-    #: Predicts the ratio to the resistance at rest.
+    #: Predicts the ratio to the rest resistance.
     method: SettlingMethod
 
     @property
@@ -43,30 +43,32 @@ class InPercent:
         self, time_s: FloatArray, values: FloatArray, *, horizon_s: float, level: float
     ) -> SettledEstimate:
         """Predict the value at the horizon; see `SettlingMethod.predict`."""
-        ratio = self.method.predict(time_s, of_rest(values), horizon_s=horizon_s, level=level)
-        return as_percent(ratio)
+        ratio = self.method.predict(
+            time_s, percent_to_ratio(values), horizon_s=horizon_s, level=level
+        )
+        return ratio_to_percent(ratio)
 
 
-def for_hold(method: SettlingMethod, *, unit: str | None, loading_s: float) -> SettlingMethod:
-    """Return the method for the known facts of a hold: unit and loading time."""
+def adapt_method(method: SettlingMethod, *, unit: str | None, loading_s: float) -> SettlingMethod:
+    """Return the method adapted to a hold's unit and loading time."""
     if loading_s > 0 and isinstance(method, Relaxation):
         method = replace(method, loading_s=loading_s)
     return InPercent(method=method) if unit == PERCENT else method
 
 
-def of_rest(percent: FloatArray) -> FloatArray:
-    """Return the fraction of the resistance at rest, any shape."""
+def percent_to_ratio(percent: FloatArray) -> FloatArray:
+    """Convert relative changes in percent to ratios to the rest resistance."""
     return 1.0 + percent / 100.0
 
 
-def as_percent(ratio: SettledEstimate) -> SettledEstimate:
-    """Return an estimate of such a fraction in percent."""
+def ratio_to_percent(ratio: SettledEstimate) -> SettledEstimate:
+    """Convert an estimate of a ratio to the rest resistance to percent."""
     value, low, high = (100.0 * (end - 1.0) for end in (ratio.value, ratio.low, ratio.high))
     return replace(ratio, value=value, low=low, high=high)
 
 
 def without_percent(hold: Hold) -> Hold:
-    """Return the hold in fractions of rest if it is in percent."""
+    """Return a hold in percent as ratios to rest; return other holds unchanged."""
     if hold.unit != PERCENT:
         return hold
-    return replace(hold, values=of_rest(hold.values), unit=None)
+    return replace(hold, values=percent_to_ratio(hold.values), unit=None)

@@ -1,4 +1,4 @@
-"""`predict_settled`: from the first seconds of a hold to the value that it settles to."""
+"""`predict_settled`: prediction of the settled value from the first seconds of a hold."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from palpate.errors import InputError
 from palpate.holds import Hold
 from palpate.settling.baselines import LogLaw, Recorded
 from palpate.settling.exponential import Exponential
-from palpate.settling.percent import for_hold
+from palpate.settling.percent import adapt_method
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettledEstimate, SettlingMethod
 
 #: Cut-off of the paper, seconds (section 2.2).
 CUTOFF_S = 2.5
-#: Name on the command line and in `predict_settled` -> what makes the method, without calibration.
+#: Factory of each uncalibrated method, by name on the command line and in `predict_settled`.
 METHODS: Mapping[str, Callable[[], SettlingMethod]] = MappingProxyType(
     {
         "recorded": Recorded,
         "exponential": Exponential,
         "log_law": LogLaw,
-        # From soon after the peak: better in the first second of creep, worse after a contact.
+        # Starts earlier: better in the first second of creep, worse after a contact.
         "log_law_early": partial(LogLaw, name="log_law_early", wait_s=0.1, from_s=0.4),
         "relaxation": Relaxation,
     }
@@ -37,7 +37,7 @@ METHODS: Mapping[str, Callable[[], SettlingMethod]] = MappingProxyType(
 def find_method(name: str) -> SettlingMethod:
     """Return an uncalibrated method by its name.
 
-    Raises `InputError` if there is no method of that name; the message lists the existing ones.
+    Raises `InputError` for an unknown name; the message lists all methods.
     """
     if name not in METHODS:
         raise InputError(f"no method {name!r}; there are: {', '.join(METHODS)}")
@@ -54,28 +54,28 @@ def predict_settled(
     level: float = 0.9,
     unit: str | None = None,
 ) -> SettledEstimate:
-    """Predict the value that a hold settles to from its samples up to a cut-off.
+    """Predict the settled value of a hold from its samples up to a cut-off.
 
     Parameters
     ----------
     time_s : Hold or array_like, shape (n_times,)
-        A hold, with its unit and loading time; or strictly increasing sampling times, seconds; 0 is
-        the actuation or the peak. Sampling may be uneven.
+        A hold, with its unit and loading time; or strictly increasing sampling times, seconds. Time
+        0 is the actuation or the peak. Sampling may be uneven.
     values : array_like, shape (n_times,) or (n_holds, n_times)
-        One hold or a batch of them, in any unit; left out where `time_s` is a hold. Samples after
-        the cut-off are ignored.
+        One hold or a batch of holds, in any unit; omitted if `time_s` is a hold. Samples after the
+        cut-off are ignored.
     cutoff_s : float
-        The prediction rests on samples with ``time_s <= cutoff_s`` alone.
+        Only samples with ``time_s <= cutoff_s`` are used.
     horizon_s : float
         Time of the value to predict, not before the cut-off.
     method : str or SettlingMethod
-        ``"relaxation"`` (ours), ``"exponential"`` (the paper's), ``"recorded"``, ``"log_law"`` or
-        ``"log_law_early"``, or a method of your own making, such as a calibrated one.
+        ``"relaxation"`` (palpate's), ``"exponential"`` (the paper's), ``"recorded"``,
+        ``"log_law"`` or ``"log_law_early"``, or your own method, such as a calibrated method.
     level : float
-        Probability that the interval is to cover, between 0 and 1.
+        Coverage probability of the interval, between 0 and 1.
     unit : str, optional
-        ``"percent"`` means that values are changes relative to rest: rest is at 0, and none falls
-        below -100. Other units need not be given.
+        ``"percent"`` for changes relative to rest: rest is 0 and the lower bound is -100. Other
+        units are not needed.
 
     Returns
     -------
@@ -85,8 +85,8 @@ def predict_settled(
     Raises
     ------
     InputError
-        (a `ValueError`) If shapes don't fit, times don't increase, a sample is not finite, no
-        sample lies before the cut-off, or an option is out of range.
+        (a `ValueError`) If shapes do not match, times do not increase, a sample is not finite,
+        there is no sample before the cut-off, or an option is out of range.
 
     Examples
     --------
@@ -95,13 +95,13 @@ def predict_settled(
     >>> settled = predict_settled(time_s, hold, cutoff_s=2.5, method="exponential")
     >>> round(float(settled.value), 6), settled.status.value
     (-60.0, 'ok')
-    >>> whole = Hold(hold_id="a", channel=None, time_s=time_s, values=hold, unit="percent")
-    >>> round(float(predict_settled(whole, method="exponential").value), 6)
+    >>> recorded = Hold(hold_id="a", channel=None, time_s=time_s, values=hold, unit="percent")
+    >>> round(float(predict_settled(recorded, method="exponential").value), 6)
     -60.0
     """
     if isinstance(time_s, Hold):
         if values is not None:
-            raise InputError("a hold has its values already; leave `values` out")
+            raise InputError("a hold already has its values; omit `values`")
         unit, loading_s = unit or time_s.unit, time_s.loading_s
         times, samples = time_s.time_s, time_s.values
     elif values is None:
@@ -113,37 +113,37 @@ def predict_settled(
     if times.ndim != 1 or samples.ndim not in (1, 2) or samples.shape[-1] != times.size:
         raise InputError(
             f"values of shape {samples.shape} don't fit time_s of shape {times.shape}; give time_s "
-            "(n_times,) and values (n_times,) or (n_holds, n_times)"
+            "of shape (n_times,) and values of shape (n_times,) or (n_holds, n_times)"
         )
     if not cutoff_s <= horizon_s < np.inf:
         raise InputError(
-            f"cutoff_s {cutoff_s:g} and horizon_s {horizon_s:g}: give finite times, the cut-off "
-            "not after the horizon"
+            f"cutoff_s {cutoff_s:g} and horizon_s {horizon_s:g}: give finite times, with the "
+            "cut-off not after the horizon"
         )
     if not 0 < level < 1:
         raise InputError(f"level {level:g}: give a probability between 0 and 1, such as 0.9")
     chosen = find_method(method) if isinstance(method, str) else method
-    stop = _samples_until(times, cutoff_s)
+    stop = _count_samples(times, cutoff_s)
     used = samples.reshape(-1, times.size)[:, :stop]
     if not np.isfinite(used).all():
         row, sample = np.argwhere(~np.isfinite(used))[0]
         raise InputError(
             f"values of hold {row} at {times[sample]:g} s: {used[row, sample]} is not a finite "
-            "number; drop such samples or cut the hold before them"
+            "number; remove such samples or end the hold before them"
         )
-    predictor = for_hold(chosen, unit=unit, loading_s=loading_s)
+    predictor = adapt_method(chosen, unit=unit, loading_s=loading_s)
     estimate = predictor.predict(times[:stop], used, horizon_s=horizon_s, level=level)
     return estimate if samples.ndim == 2 else estimate.hold(0)
 
 
-def _samples_until(times: FloatArray, cutoff_s: float) -> int:
-    """Return how many samples lie at or before the cut-off; refuse times out of order."""
-    ahead = times[1:] > times[:-1]
-    if not ahead.all() or (times.size and not math.isfinite(times[-1])):
-        at = times.size - 1 if ahead.all() else int(ahead.argmin()) + 1
+def _count_samples(times: FloatArray, cutoff_s: float) -> int:
+    """Count the samples up to the cut-off; raise if times are out of order."""
+    is_rising = times[1:] > times[:-1]
+    if not is_rising.all() or (times.size and not math.isfinite(times[-1])):
+        index = times.size - 1 if is_rising.all() else int(is_rising.argmin()) + 1
         raise InputError(
-            f"time_s[{at}] is {times[at]:g} s after {times[max(at - 1, 0)]:g} s; times must be "
-            "finite and increase from sample to sample"
+            f"time_s[{index}] is {times[index]:g} s after {times[max(index - 1, 0)]:g} s; times "
+            "must be finite and increase from sample to sample"
         )
     stop = int(times.searchsorted(cutoff_s, side="right"))
     if stop == 0:

@@ -1,4 +1,4 @@
-"""The result of every predictor of the settled value."""
+"""The result type and the interface of all predictors of the settled value."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from palpate.arrays import FloatArray
 
 
 class Status(StrEnum):
-    """How an estimate came about.
+    """Validity of an estimate.
 
     Attributes
     ----------
     OK : "ok"
-        The interval can be believed: this sensor's own holds prove it, or the shape is well inside
-        of what real materials showed.
+        The interval is reliable: it is supported by holds of this sensor, or the shape is well
+        within the range of real materials.
     UNPROVEN : "unproven"
-        Without own holds, and no real material settled in such a shape.
+        There are no holds of this sensor, and the shape is outside the range of real materials.
     TOO_SHORT : "too_short"
-        Too few samples or too little time.
+        Too few samples or too short a time.
     NOT_SETTLING : "not_settling"
-        The reading comes back, wanders or does not move.
+        The reading returns, wanders or is constant.
     SATURATED : "saturated"
         The readout is at an end of its range.
     FELL_BACK : "fell_back"
-        A bound decided the value, or a simpler method did.
+        The value is from a limit or from a simpler method.
     MISFIT : "misfit"
         No shape fits.
     AT_LEAST, AT_MOST : "at_least", "at_most"
-        Only that end of the interval is known.
+        Only this limit of the interval is known.
     NOT_MEASURED : "not_measured"
-        Neither end is known.
+        Neither limit is known.
     """
 
     OK = "ok"
@@ -52,19 +52,19 @@ class Status(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SettledEstimate:
-    """The predicted value at the horizon, for one hold or a batch of them.
+    """The predicted value at the horizon, for one hold or a batch of holds.
 
     Attributes
     ----------
     value, low, high : float or ndarray, shape (n_holds,)
-        Prediction and the ends of its interval, in the unit of the hold. The ends are NaN where the
-        method has no basis for an interval (no calibration holds).
+        Prediction and limits of its interval, in the unit of the hold. The limits are NaN if the
+        method has no interval (no calibration holds).
     level : float
-        Probability that the interval is meant to cover.
+        Nominal coverage probability of the interval.
     horizon_s : float
-        Time of the settled value, on the hold's own time axis.
+        Time of the settled value, on the hold's time axis.
     window_s : float or ndarray, shape (n_holds,)
-        Length of the stretch of samples that the prediction rests on.
+        Duration of the samples used.
     method : str
         Name of the method.
     status : Status or ndarray of Status, shape (n_holds,)
@@ -90,7 +90,7 @@ class SettledEstimate:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values: numbers for one hold, lists for several, None where unknown.
+        """Return plain values: numbers for one hold, lists for a batch, None if unknown.
 
         Examples
         --------
@@ -105,7 +105,7 @@ class SettledEstimate:
         return {part.name: _plain(getattr(self, part.name)) for part in fields(self)}
 
     def hold(self, index: int) -> SettledEstimate:
-        """Return the estimate of one hold of a batch, with scalar fields."""
+        """Return the estimate for one hold of a batch, with scalar fields."""
         if not isinstance(self.value, np.ndarray):
             return self
         names = ("value", "low", "high", "window_s", "status")
@@ -114,14 +114,14 @@ class SettledEstimate:
 
 def _plain(part: Any) -> Any:
     if isinstance(part, np.ndarray):
-        return [_plain(one) for one in part]
+        return [_plain(element) for element in part]
     if isinstance(part, str):
         return str(part)
     return float(part) if np.isfinite(part) else None
 
 
 class SettlingMethod(Protocol):
-    """A predictor of the settled value: one file each, batched over holds."""
+    """A predictor of the settled value for a batch of holds."""
 
     @property
     def name(self) -> str:
@@ -131,22 +131,22 @@ class SettlingMethod(Protocol):
     def predict(
         self, time_s: FloatArray, values: FloatArray, *, horizon_s: float, level: float
     ) -> SettledEstimate:
-        """Predict the value at the horizon from the given samples, all of which may count.
+        """Predict the value at the horizon from samples up to the cut-off.
 
         Parameters
         ----------
         time_s : ndarray, shape (n_times,)
-            Strictly increasing sampling times that all the holds share, seconds.
+            Strictly increasing sampling times of all holds, seconds.
         values : ndarray, shape (n_holds, n_times)
-            Samples up to the cut-off and not one beyond it; finite; at least one per hold.
+            Finite samples up to the cut-off, without later samples; at least one per hold.
         horizon_s : float
             Time of the value to predict.
         level : float
-            Probability that the interval is to cover.
+            Coverage probability of the interval.
 
         Returns
         -------
         SettledEstimate
-            Arrays of shape (n_holds,). `value` is finite always.
+            Arrays of shape (n_holds,). `value` is always finite.
         """
         ...

@@ -9,7 +9,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.settling.baselines import Recorded
 from palpate.settling.exponential import Exponential
-from palpate.settling.percent import for_hold
+from palpate.settling.percent import adapt_method
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod, Status
 from palpate.signal.relative import mean_change
@@ -46,7 +46,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             known = (0.0, 0.0), (closing_s, 0.0), (closing_s, CLOSURE_MM / speed)
             for clock, (offset_s, loading_s) in zip(CLOCKS, known, strict=True):
                 for name, method in METHODS.items():
-                    hold_method = for_hold(method, unit="percent", loading_s=loading_s)
+                    hold_method = adapt_method(method, unit="percent", loading_s=loading_s)
                     rows.append(
                         {
                             "level": level,

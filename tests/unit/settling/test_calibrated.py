@@ -7,7 +7,7 @@ import pytest
 
 from palpate.errors import CalibrationError
 from palpate.holds import Hold
-from palpate.settling.calibrated import PROVING_HOLDS, Calibrated
+from palpate.settling.calibrated import MIN_PROOF_HOLDS, Calibrated
 from palpate.settling.predict import predict_settled
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import FloatArray, Status
@@ -73,7 +73,7 @@ def test_at_the_horizon_nothing_is_left_to_learn(own: Calibrated) -> None:
 
 
 def test_no_holds_are_refused() -> None:
-    with pytest.raises(CalibrationError, match="no hold to learn from"):
+    with pytest.raises(CalibrationError, match="no holds to learn from"):
         Calibrated(holds=())
 
 
@@ -120,7 +120,7 @@ def test_a_constant_multiple_is_found_where_it_is_true() -> None:
 
 def test_own_holds_prove_an_interval() -> None:
     rng = np.random.default_rng(12)
-    noise = 2e-4 * rng.standard_normal((PROVING_HOLDS + 1, LONG_S.size))
+    noise = 2e-4 * rng.standard_normal((MIN_PROOF_HOLDS + 1, LONG_S.size))
     *past, hold = named(100 * (1 + 0.3 * np.exp(-LONG_S / 2) + noise), LONG_S)
     assert predict_settled(hold, cutoff_s=5.0).status is Status.UNPROVEN
     few = Calibrated(holds=tuple(past[:-1]))
