@@ -95,6 +95,8 @@ def _topics() -> str:
 def _keys(opener: Callable[..., object], *described: Callable[..., object], **other: str) -> str:
     """Return the keys of a rig file's table: an opener's parameters with their docstrings.
 
+    Parameters with the same text share a row.
+
     If the opener's docstring refers to another function ("As in"), the text of that function in
     `described` is used. `other` maps a parameter to its name in that function.
     """
@@ -106,19 +108,25 @@ def _keys(opener: Callable[..., object], *described: Callable[..., object], **ot
                     if not one.description.startswith("As in") or one.name not in meanings:
                         meanings[one.name] = " ".join(one.description.split())
     meanings |= {name: meanings[there] for name, there in other.items()}
-    parameters, hints = inspect.signature(opener).parameters, get_type_hints(opener)
+    hints = get_type_hints(opener)
+    rows: dict[str, list[tuple[str, str, str]]] = {}
+    for name, parameter in inspect.signature(opener).parameters.items():
+        # Not a key of the file: `open_rig` passes the open array.
+        if name != "array":
+            kind = in_words(hints[name]).removeprefix("a ").removeprefix("one of ")
+            row = (f"`{name}`", kind, _default(parameter.default))
+            rows.setdefault(meanings[name], []).append(row)
     return _table(
         ("key", "value", "default", "meaning"),
         (
             (
-                f"`{name}`",
-                in_words(hints[name]).removeprefix("a ").removeprefix("one of "),
-                _default(one.default),
-                meanings[name],
+                *(
+                    ", ".join(filter(None, dict.fromkeys(cells)))
+                    for cells in zip(*alike, strict=True)
+                ),
+                meaning,
             )
-            for name, one in parameters.items()
-            # Not a key of the file: `open_rig` passes the open array.
-            if name != "array"
+            for meaning, alike in rows.items()
         ),
     )
 
