@@ -74,7 +74,7 @@ def contents(root: Path) -> dict[str, pd.DataFrame]:
     }
 
 
-def test_frames_are_those_of_the_recording(archive: Archive, recorded: Path) -> None:
+def test_added_frames_match_recording(archive: Archive, recorded: Path) -> None:
     recording = load_recording(recorded / "g1.mcap")
     part = next(part for part in archive.parts("frames") if part.name.startswith("g1-"))
     assert (part.station, part.date) == ("north", "simulated")
@@ -87,7 +87,7 @@ def test_frames_are_those_of_the_recording(archive: Archive, recorded: Path) -> 
     assert np.array_equal(np.array(table["ohm"].tolist()), ohm)
 
 
-def test_what_is_there_is_not_added_again(archive: Archive, recorded: Path) -> None:
+def test_add_recordings_skips_archived_recordings(archive: Archive, recorded: Path) -> None:
     before = {kind: archive.parts(kind) for kind in KINDS}
     assert list(add_recordings(archive, [recorded / "g1.mcap"], station="north")) == [{}]
     again = list(add_recordings(archive, [recorded / "g1.mcap"], station="south"))
@@ -95,7 +95,7 @@ def test_what_is_there_is_not_added_again(archive: Archive, recorded: Path) -> N
     assert {kind: archive.parts(kind) for kind in KINDS} == before
 
 
-def test_grasps_of_a_store_are_added_once(archive: Archive, recorded: Path) -> None:
+def test_add_store_adds_grasps_once(archive: Archive, recorded: Path) -> None:
     with Store.open(str(recorded / "items.sqlite")) as store:
         assert add_store(archive, store, station="north") == {"grasps": 2}
         assert add_store(archive, store, station="north") == {}
@@ -105,7 +105,7 @@ def test_grasps_of_a_store_are_added_once(archive: Archive, recorded: Path) -> N
     assert set(found["station"]) == {"north"}
 
 
-def test_an_interrupted_add_goes_on(archive: Archive, recorded: Path) -> None:
+def test_add_recordings_after_interruption_completes(archive: Archive, recorded: Path) -> None:
     """The holds were written, the frames were not: the recording is not yet there."""
     part = next(part for part in archive.parts("frames") if part.name.startswith("g1-"))
     archive.path(part).unlink()
@@ -114,7 +114,7 @@ def test_an_interrupted_add_goes_on(archive: Archive, recorded: Path) -> None:
     assert len(archive.parts("holds")) == len(archive.parts("frames")) == 2
 
 
-def test_compacting_keeps_rows_and_sources(archive: Archive, recorded: Path) -> None:
+def test_join_files_preserves_rows_and_sources(archive: Archive, recorded: Path) -> None:
     before = {kind: pd.concat(contents(archive.root / kind).values()) for kind in KINDS[:2]}
     sources = {kind: set(archive.sources(kind)) for kind in KINDS}
     for kind in KINDS[:2]:
@@ -126,7 +126,7 @@ def test_compacting_keeps_rows_and_sources(archive: Archive, recorded: Path) -> 
     assert list(add_recordings(archive, [recorded / "g2.mcap"], station="north")) == [{}]
 
 
-def test_an_interrupted_compacting_is_finished(archive: Archive) -> None:
+def test_join_files_after_interruption_completes(archive: Archive) -> None:
     """The joined part is there, and one of its pieces still is."""
     piece = archive.parts("holds")[0]
     kept = archive.path(piece).read_bytes()
@@ -136,7 +136,7 @@ def test_an_interrupted_compacting_is_finished(archive: Archive) -> None:
     assert len(archive.sources("holds")) == 2
 
 
-def test_one_recording_under_two_names_is_added_once(tmp_path: Path, recorded: Path) -> None:
+def test_add_recordings_identical_files_are_added_once(tmp_path: Path, recorded: Path) -> None:
     twin = tmp_path / "copy.mcap"
     twin.write_bytes((recorded / "g1.mcap").read_bytes())
     made = Archive(tmp_path / "archive", create=True)
@@ -146,7 +146,7 @@ def test_one_recording_under_two_names_is_added_once(tmp_path: Path, recorded: P
     assert [part.station for part in made.parts("frames")] == ["sim-rigid"]
 
 
-def test_duckdb_pandas_and_polars_open_it_without_help(archive: Archive) -> None:
+def test_archive_opens_in_duckdb_pandas_and_polars(archive: Archive) -> None:
     files = f"{archive.root}/frames/**/*.parquet"
     query = f"select station, count(*) from read_parquet('{files}', hive_partitioning=true)"
     rows = sum(len(table) for table in contents(archive.root / "frames").values())
@@ -157,15 +157,13 @@ def test_duckdb_pandas_and_polars_open_it_without_help(archive: Archive) -> None
     assert lazy.filter(pl.col("station") == "south").select(pl.len()).collect().item() == 0
 
 
-def test_a_part_of_holds_is_a_holds_file(archive: Archive) -> None:
+def test_holds_part_is_readable_as_holds_file(archive: Archive) -> None:
     holds = list(read_holds(archive.path(archive.parts("holds")[0])))
     assert {hold.unit for hold in holds} == {"percent"}
     assert "mean" in {hold.channel for hold in holds}
 
 
-def test_settle_gives_the_same_bytes_on_any_cores_and_is_done_once(
-    archive: Archive, tmp_path: Path
-) -> None:
+def test_settle_job_results_are_reproducible_and_cached(archive: Archive, tmp_path: Path) -> None:
     job = settle_job(method="relaxation", horizon_s=5.0)
     one, two = (plan_tasks(job, archive, to=tmp_path / name) for name in ("one", "two"))
     assert perform(one, show=shown, workers=2) == sum(task.perform() for task in two) > 0
@@ -179,14 +177,14 @@ def test_settle_gives_the_same_bytes_on_any_cores_and_is_done_once(
     assert not any(task.is_done for task in plan_tasks(other_job, archive, to=tmp_path / "one"))
 
 
-def test_perform_takes_one_thread_on_any_machine(archive: Archive, tmp_path: Path) -> None:
+def test_perform_uses_one_thread(archive: Archive, tmp_path: Path) -> None:
     [task, _] = plan_tasks(threads_job(), archive, to=tmp_path / "out")
     with threadpool_limits(limits=2):
         task.perform()
     assert set(pq.read_table(task.target, partitioning=None)["threads"].to_pylist()) == {1}
 
 
-def test_process_that_dies_is_one_line_and_a_second_run_completes(
+def test_perform_with_killed_process_raises_and_second_run_completes(
     archive: Archive, tmp_path: Path
 ) -> None:
     tasks = plan_tasks(killing_job(tmp_path), archive, to=tmp_path / "out")
@@ -199,7 +197,7 @@ def test_process_that_dies_is_one_line_and_a_second_run_completes(
     assert all(task.is_done for task in tasks)
 
 
-def test_delete_others_removes_results_of_parts_that_were_joined(
+def test_delete_stale_results_removes_results_of_joined_parts(
     archive: Archive, tmp_path: Path
 ) -> None:
     job = settle_job(method="relaxation", horizon_s=5.0)
@@ -213,7 +211,7 @@ def test_delete_others_removes_results_of_parts_that_were_joined(
     assert [task.target for task in after] == list((tmp_path / "out").rglob("*.parquet"))
 
 
-def test_recalibrate_by_the_recordings_own_calibration_gives_its_force(
+def test_recalibrate_with_own_calibration_reproduces_force(
     archive: Archive, recorded: Path, tmp_path: Path
 ) -> None:
     recording = load_recording(recorded / "g1.mcap")
@@ -243,7 +241,7 @@ def test_recalibrate_by_the_recordings_own_calibration_gives_its_force(
         (["add", "{recorded}/g1.mcap", "--to", "{tmp}/new", "--station", "a/b"], "--station 'a/b'"),
     ],
 )
-def test_what_cannot_be_done_is_one_line(
+def test_archive_command_invalid_arguments_print_one_line(
     arguments: list[str],
     said: str,
     archive: Archive,
@@ -260,12 +258,12 @@ def test_what_cannot_be_done_is_one_line(
     assert not (tmp_path / "new").exists()
 
 
-def test_a_newer_archive_is_refused(archive: Archive) -> None:
+def test_archive_of_newer_schema_raises(archive: Archive) -> None:
     (archive.root / "palpate-archive.json").write_text(json.dumps({"schema": 99}))
     with pytest.raises(InputError, match="has schema 99, this palpate reads 1; update it"):
         Archive(archive.root)
 
 
-def test_the_place_of_a_part() -> None:
+def test_part_place_is_hive_path() -> None:
     part = Part(kind="holds", station="north", date="2026-05-01", name="a")
     assert str(part.place) == "holds/station=north/date=2026-05-01/a.parquet"

@@ -1,4 +1,4 @@
-"""The folder of real recordings, and studies run as the command line runs them."""
+"""Fixtures: the folder of real recordings, and studies run through the command line."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ __all__ = ["document", "real_data", "refusal"]
 
 @pytest.fixture
 def document(capsys: pytest.CaptureFixture[str]) -> Callable[..., Any]:
-    """Return what gives the JSON of `palpate study` with some words."""
+    """Return a function that runs `palpate study` with arguments and returns its JSON."""
 
-    def ran(*words: object) -> Any:
+    def run_study(*words: object) -> Any:
         assert run(build_app(), ["study", *map(str, words), "--json"], name="palpate") == 0
         return json.loads(capsys.readouterr().out)
 
-    return ran
+    return run_study
 
 
 @pytest.fixture
 def refusal(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
-    """Return what gives the one line in which `palpate study` refuses some words."""
+    """Return a function that runs `palpate study` and returns its one-line refusal."""
 
-    def ran(*words: object) -> str:
+    def run_study(*words: object) -> str:
         assert run(build_app(), ["study", *map(str, words)], name="palpate") == 2
         output = capsys.readouterr()
         assert output.out == ""
         (line,) = output.err.strip().splitlines()
         return line
 
-    return ran
+    return run_study

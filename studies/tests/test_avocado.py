@@ -1,4 +1,4 @@
-"""Avocados of the twin ripen as their ranges say."""
+"""Simulated avocados ripen within their ranges."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ def fruits() -> list[Avocado]:
     return [draw_avocado(rng) for _ in range(200)]
 
 
-def test_every_fruit_softens_day_by_day(fruits: list[Avocado]) -> None:
+def test_avocado_firmness_decreases_every_day(fruits: list[Avocado]) -> None:
     for fruit in fruits:
         firmness = [fruit.force_at_1mm_n(day) for day in np.arange(-3.0, 14.0, 0.25)]
         assert (np.diff(firmness) < 0).all()
         assert AVOCADOS.softest_n_log[0] < firmness[-1] < firmness[0] < AVOCADOS.hard_n_log[1]
 
 
-def test_a_stage_begins_on_its_day(fruits: list[Avocado]) -> None:
+def test_day_of_stage_matches_stage_boundary(fruits: list[Avocado]) -> None:
     for fruit in fruits[:20]:
         for stage, bound in zip(AVOCADO_STAGES[1:], AVOCADO_BOUNDS_N, strict=True):
             day = fruit.day_of(stage)
@@ -34,13 +34,13 @@ def test_a_stage_begins_on_its_day(fruits: list[Avocado]) -> None:
         assert fruit.day_of("hard") == -np.inf
 
 
-def test_four_days_show_all_stages(fruits: list[Avocado]) -> None:
+def test_avocados_on_four_days_include_all_stages(fruits: list[Avocado]) -> None:
     seen = Counter(fruit.stage(day) for fruit in fruits for day in range(4))
     assert set(seen) == set(AVOCADO_STAGES)
     assert min(seen.values()) > 0.05 * sum(seen.values())
 
 
-def test_spots_of_one_fruit_differ_and_never_burst_at_the_grip_force(
+def test_spots_of_avocado_scatter_and_withstand_grip_force(
     fruits: list[Avocado],
 ) -> None:
     rng = np.random.default_rng(6)

@@ -19,7 +19,7 @@ def bench_with(arguments: list[str]) -> int:
 
 @pytest.fixture
 def frames_alone(monkeypatch) -> None:
-    """The quickest benchmark is all there is, and FlexiTac's package is not installed."""
+    """Register only the quickest benchmark, and hide FlexiTac's package."""
     for name in set(BENCHMARKS) - {"all", "frames"}:
         monkeypatch.delitem(BENCHMARKS, name)
     known = importlib.util.find_spec
@@ -29,13 +29,13 @@ def frames_alone(monkeypatch) -> None:
 
 
 def ratio(**changed: object) -> Ratio:
-    told = {"what": "act", "size": 1, "of": "holds", "peer": "p", "ours": 2.0, "theirs": 3.0}
-    return Ratio(**(told | changed))  # type: ignore[arg-type]
+    defaults = {"what": "act", "size": 1, "of": "holds", "peer": "p", "ours": 2.0, "theirs": 3.0}
+    return Ratio(**(defaults | changed))  # type: ignore[arg-type]
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("frames_alone")
-def test_without_a_name_all_run_into_one_json_document(capsys) -> None:
+def test_bench_without_name_runs_all_into_one_json_document(capsys) -> None:
     assert bench_with(["--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert set(document) == {"machine", "full", "benchmarks"}
@@ -47,7 +47,7 @@ def test_without_a_name_all_run_into_one_json_document(capsys) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("frames_alone")
-def test_a_peer_that_is_missing_is_named_with_its_remedy(tmp_path, capsys) -> None:
+def test_bench_missing_peer_shows_install_command(tmp_path, capsys) -> None:
     assert bench_with(["--out", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
     assert "not installed" in shown
@@ -55,17 +55,17 @@ def test_a_peer_that_is_missing_is_named_with_its_remedy(tmp_path, capsys) -> No
     assert "pip install flexitac" in (tmp_path / "bench.md").read_text()
 
 
-def test_an_unknown_benchmark_names_those_there_are(capsys) -> None:
+def test_bench_unknown_name_lists_available_benchmarks(capsys) -> None:
     assert bench_with(["warp"]) == 2
     assert "no bench 'warp'; available: all, frames" in capsys.readouterr().err
 
 
-def test_help_shows_an_example(capsys) -> None:
+def test_bench_help_shows_example(capsys) -> None:
     assert bench_with(["settling", "--help"]) == 0
     assert "palpate bench settling --json" in capsys.readouterr().out
 
 
-def test_a_ratio_is_missed_only_where_something_is_wanted_of_a_peer_that_is_there() -> None:
+def test_ratio_is_missed_only_below_requirement_of_installed_peer() -> None:
     assert ratio().times == 1.5
     assert not ratio(wanted=1.5).is_missed
     assert ratio(wanted=1.6).is_missed
@@ -73,7 +73,7 @@ def test_a_ratio_is_missed_only_where_something_is_wanted_of_a_peer_that_is_ther
     assert row(ratio(wanted=1.6)) == ("act", "1 hold", "p", "2 s", "3 s", "1.5", "1.6, missed")
 
 
-def test_predictors_are_timed_and_agree_with_curve_fit() -> None:
+def test_settling_benchmark_times_and_agrees_with_curve_fit() -> None:
     time_s, holds = settling.synthetic_holds(20)
     known = settling._compare_on_known_grid("exponential", time_s=time_s, holds=holds, peer_holds=5)
     assert known.size == 20
@@ -83,6 +83,6 @@ def test_predictors_are_timed_and_agree_with_curve_fit() -> None:
     assert float(agreement.rsplit(" ", 1)[1].rstrip(".")) < 1e-5
 
 
-def test_a_missing_frame_ends_the_benchmark() -> None:
+def test_decode_with_missing_frame_raises() -> None:
     with pytest.raises(RuntimeError, match="instead of 1 frames"):
         frames.decode(b"", frames=1, piece=64)

@@ -1,4 +1,4 @@
-"""The study of the mixed crate, on crates made up here: what it counts."""
+"""The sorting study on synthetic crates."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from palpate_studies.crates import CrateItemGrasps, measure_crates, read_crates,
 
 pytestmark = pytest.mark.slow
 
-#: Size, mm, and stiffness, N/mm, of kinds of the crate, and of a stranger.
+#: Size, mm, and stiffness, N/mm, of the trained kinds and of an untrained kind.
 TAUGHT = {"egg": (44.0, 12.0), "kiwi": (50.0, 1.5), "lime": (45.0, 3.5), "apple": (63.0, 6.0)}
 STRANGER = {"grape": (18.0, 1.0)}
 
@@ -33,8 +33,8 @@ STRANGER = {"grape": (18.0, 1.0)}
 def grasp(
     item_id: str, size_mm: float, stiffness: float, *, sensor: int, outcome: Outcome = Outcome.HELD
 ) -> TimedGrasp:
-    def felt(value: float, share: float, unit: str) -> Measurement:
-        return Measurement(value=value, low=value / share, high=value * share, unit=unit)
+    def measured(value: float, factor: float, unit: str) -> Measurement:
+        return Measurement(value=value, low=value / factor, high=value * factor, unit=unit)
 
     one = Grasp(
         item_id=item_id,
@@ -45,16 +45,18 @@ def grasp(
         outcome=outcome,
         calibration_id=f"twin-{sensor}",
         measurements={
-            "size_mm": felt(size_mm, 1.01, "mm"),
-            "stiffness_n_per_mm": felt(stiffness, 1.6, "n_per_mm"),
-            "force_n": felt(2.5, 1.3, "n"),
+            "size_mm": measured(size_mm, 1.01, "mm"),
+            "stiffness_n_per_mm": measured(stiffness, 1.6, "n_per_mm"),
+            "force_n": measured(2.5, 1.3, "n"),
             "settled_percent": Measurement(value=-20.0, low=-22.0, high=-18.0, unit="percent"),
         },
     )
     return TimedGrasp(grasp=one, lasted_s=12.0)
 
 
-def made_up(*, levels: Sequence[str] = ("lab", "field"), sensors: int = 2) -> list[CrateItemGrasps]:
+def synthetic_crates(
+    *, levels: Sequence[str] = ("lab", "field"), sensors: int = 2
+) -> list[CrateItemGrasps]:
     rng = np.random.default_rng(5)
     found = []
     for level in levels:
@@ -90,33 +92,37 @@ def made_up(*, levels: Sequence[str] = ("lab", "field"), sensors: int = 2) -> li
     return found
 
 
-def of(summary: list[dict[str, Any]], level: str, method: str) -> dict[str, Any]:
+def select_row(summary: list[dict[str, Any]], level: str, method: str) -> dict[str, Any]:
     return next(row for row in summary if (row["level"], row["method"]) == (level, method))
 
 
 @pytest.fixture(scope="module")
 def crates() -> list[CrateItemGrasps]:
-    return made_up()
+    return synthetic_crates()
 
 
-def test_ours_names_most_items_and_finds_the_stranger(crates: list[CrateItemGrasps]) -> None:
+def test_identifier_names_most_items_and_rejects_unknown_kind(
+    crates: list[CrateItemGrasps],
+) -> None:
     found = sorting.judge(crates).payload["identify"]
-    ours = of(found, "lab", "ours, 3 grasps")
+    ours = select_row(found, "lab", "ours, 3 grasps")
     assert ours["right"] > 0.9
     assert ours["falsely_unknown"] <= 0.2
     assert ours["strangers_found"] == 1.0
     assert ours["items"] == 32
-    abroad = of(found, "field", "ours, taught on other sensors")
+    abroad = select_row(found, "field", "ours, taught on other sensors")
     assert abroad["right"] > 0.7
 
 
-def test_one_sensor_has_no_other_to_be_taught_on() -> None:
-    given = sorting.name_items(made_up(levels=("lab",), sensors=1))
+def test_name_items_with_one_sensor_skips_training_on_other_sensors() -> None:
+    given = sorting.name_items(synthetic_crates(levels=("lab",), sensors=1))
     assert "ours, taught on other sensors" not in {one.method for one in given}
     assert {one.level for one in given} == {"lab"}
 
 
-def test_what_was_not_measured_is_unknown_to_all(crates: list[CrateItemGrasps]) -> None:
+def test_item_without_measurements_is_unknown_to_every_method(
+    crates: list[CrateItemGrasps],
+) -> None:
     lost = [
         item
         if item.teaches
@@ -132,34 +138,36 @@ def test_what_was_not_measured_is_unknown_to_all(crates: list[CrateItemGrasps]) 
         )
         for item in crates
     ]
-    said = {one.answer for one in sorting.name_items(lost)}
-    assert said == {"unknown"}
+    answers = {one.answer for one in sorting.name_items(lost)}
+    assert answers == {"unknown"}
     placed = sorting.sort_crates(lost)
     assert {one.bin for each in placed.values() for one in each} == {sorting.BOOK.default_bin}
 
 
-def test_rules_make_pure_bins_and_leave_less_over_after_more_grasps(
+def test_more_grasps_leave_fewer_items_unsorted_at_high_purity(
     crates: list[CrateItemGrasps],
 ) -> None:
     found = sorting.judge(crates).payload["summary"]
-    one, three = (of(found, "lab", m) for m in ("ours, one grasp", "ours, up to 3 grasps"))
+    one, three = (select_row(found, "lab", m) for m in ("ours, one grasp", "ours, up to 3 grasps"))
     assert three["purity"] > 0.9
     assert three["left_over"] < one["left_over"]
     assert three["items_per_hour"] < one["items_per_hour"] == pytest.approx(3600 / 16)
 
 
-def test_crates_are_read_as_they_were_written(
+def test_crates_file_roundtrip_preserves_items(
     crates: list[CrateItemGrasps], tmp_path: Path
 ) -> None:
     write_crates(crates, tmp_path / "crates.json")
-    again = read_crates(tmp_path / "crates.json")
-    assert [replace(one, grasps=()) for one in again] == [replace(one, grasps=()) for one in crates]
-    write_crates(again, tmp_path / "again.json")
+    reread = read_crates(tmp_path / "crates.json")
+    assert [replace(one, grasps=()) for one in reread] == [
+        replace(one, grasps=()) for one in crates
+    ]
+    write_crates(reread, tmp_path / "again.json")
     assert (tmp_path / "again.json").read_text() == (tmp_path / "crates.json").read_text()
     assert json.loads((tmp_path / "crates.json").read_text())["simulated"] is True
 
 
-def test_a_file_that_holds_no_crates_says_so(tmp_path: Path) -> None:
+def test_read_crates_of_other_file_raises(tmp_path: Path) -> None:
     path = tmp_path / "crates.json"
     with pytest.raises(InputError, match="No such file"):
         read_crates(path)
@@ -168,7 +176,7 @@ def test_a_file_that_holds_no_crates_says_so(tmp_path: Path) -> None:
         read_crates(path)
 
 
-def test_the_command_writes_what_it_read(
+def test_sorting_command_with_crates_file_writes_crates(
     crates: list[CrateItemGrasps],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -182,7 +190,7 @@ def test_the_command_writes_what_it_read(
     assert (tmp_path / "out" / "crates.json").is_file()
 
 
-def test_a_crate_is_measured_by_grasps(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_measure_crates_returns_grasps_of_each_item(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, kinds in (("CRATE_TAUGHT", ["egg"]), ("CRATE_STRANGERS", ["walnut"])):
         monkeypatch.setattr(crates_module, name, dict.fromkeys(kinds))
     found = measure_crates(level="lab", sensor=7, training_items=1, sorted_items=1)

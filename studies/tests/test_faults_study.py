@@ -1,4 +1,4 @@
-"""A few grasps of the fault campaign, one of each kind that once went wrong."""
+"""A few grasps of the fault campaign, one per kind of fault that once had a defect."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_no_fault_goes_on_unseen(name: str) -> None:
+def test_fault_ends_grasp_safely_with_reason(name: str) -> None:
     fault, phase, thing, kind = CASES[name]
     assert kind in KINDS
     found = run_faulty_grasp(
@@ -46,8 +46,8 @@ def test_no_fault_goes_on_unseen(name: str) -> None:
 
 
 @pytest.mark.parametrize(("speed", "seed"), [(1.0, 920_913), (2.0, 920_914)])
-def test_a_sheet_turned_round_crushes_no_berry(speed: float, seed: int) -> None:
-    """The reading falls as force rises; forces of 7.2 and 5.6 N occurred before."""
+def test_inverted_readings_end_grasp_without_damage(speed: float, seed: int) -> None:
+    """The reading falls as the force rises; forces of 7.2 and 5.6 N occurred before a fix."""
     found = run_faulty_grasp(
         Cell(fault="inverted", phase="squeeze", thing="strawberry", kind="rigid", speed=speed),
         seed=seed,
@@ -58,14 +58,14 @@ def test_a_sheet_turned_round_crushes_no_berry(speed: float, seed: int) -> None:
     assert found.peak_n < 5.0
 
 
-def test_a_sample_has_every_fault_about_as_often() -> None:
+def test_sample_cells_includes_every_fault_equally() -> None:
     chosen = sample_cells(2 * len(FAULTS), seed=3)
     assert len(chosen) == len({(c.fault, c.phase, c.thing, c.kind, c.speed) for c in chosen})
     assert all(sum(cell.fault == name for cell in chosen) == 2 for name in FAULTS)
     assert len(sample_cells(10**6, seed=3)) == len(list_cells())
 
 
-def test_a_row_shows_the_worst() -> None:
+def test_judge_row_shows_worst_case_of_fault() -> None:
     cell = Cell(fault="pixel open", phase="hold", thing="strawberry", kind="rigid", speed=1.0)
     first = FaultyGrasp(
         cell=cell,

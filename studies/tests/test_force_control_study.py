@@ -1,4 +1,4 @@
-"""The study of force control: what it counts, on grasps made by hand."""
+"""Scores and comparisons of the force control study, on synthetic grasps."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ from palpate_studies.force_control_world import (
 from palpate_studies.protocol.parts import SeenBeforeError
 
 
-def made(*, force_share: float, damaged: bool = False, limited: bool = False) -> GripOutcome:
+def outcome(*, force_ratio: float, damaged: bool = False, limited: bool = False) -> GripOutcome:
     one = draw_task(7, level="lab")
-    force_n = force_share * one.target_n
+    force_n = force_ratio * one.target_n
     return GripOutcome(
         task=one,
         method="ours",
@@ -49,8 +49,12 @@ def made(*, force_share: float, damaged: bool = False, limited: bool = False) ->
     )
 
 
-def test_what_the_damage_limit_kept_below_is_no_miss() -> None:
-    found = [made(force_share=1.05), made(force_share=1.3), made(force_share=0.5, limited=True)]
+def test_scores_exclude_limited_grasps_from_misses() -> None:
+    found = [
+        outcome(force_ratio=1.05),
+        outcome(force_ratio=1.3),
+        outcome(force_ratio=0.5, limited=True),
+    ]
     counted = scores(found)
     assert counted["aimed"] == 2
     assert counted["within_10_percent"] == 0.5
@@ -58,7 +62,7 @@ def test_what_the_damage_limit_kept_below_is_no_miss() -> None:
     assert counted["limited"] == 1
 
 
-def test_tasks_are_drawn_by_seed_and_can_be_lifted_at_their_target() -> None:
+def test_draw_task_is_deterministic_and_liftable_at_target() -> None:
     for seed in range(20):
         one = draw_task(seed, level="field")
         assert one == draw_task(seed, level="field")
@@ -68,23 +72,23 @@ def test_tasks_are_drawn_by_seed_and_can_be_lifted_at_their_target() -> None:
         assert one.obj.yield_n < one.obj.rupture_n
 
 
-def test_things_kept_below_that_could_have_borne_it_are_counted() -> None:
-    one = made(force_share=0.5, limited=True)
+def test_scores_count_limited_objects_that_withstand_target() -> None:
+    one = outcome(force_ratio=0.5, limited=True)
     weak = replace(one, task=replace(one.task, obj=replace(one.task.obj, yield_n=0.5)))
     strong = replace(one, task=replace(one.task, obj=replace(one.task.obj, yield_n=99.0)))
     counted = scores([weak, strong, strong])
     assert (counted["limited"], counted["limited_could_bear"], counted["could_bear"]) == (3, 2, 2)
 
 
-def test_the_report_says_simulated() -> None:
-    document = judge([made(force_share=1.0)])
+def test_force_control_report_states_simulated() -> None:
+    document = judge([outcome(force_ratio=1.0)])
     assert document.payload["simulated"] is True
     assert "imulated" in document.title
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["rigid", "soft"])
-def test_a_soft_thing_is_not_pressed_to_its_target(kind: GripperKind) -> None:
+def test_damage_limit_keeps_soft_object_below_yield(kind: GripperKind) -> None:
     drawn = draw_task(7, level="lab")
     tender = replace(
         drawn.obj,
@@ -102,14 +106,14 @@ def test_a_soft_thing_is_not_pressed_to_its_target(kind: GripperKind) -> None:
     assert found.force_n < 3.0
 
 
-def test_percentages_are_also_given_of_everything_that_was_to_be_gripped() -> None:
-    counted = scores([made(force_share=1.05), made(force_share=0.5, limited=True)])
+def test_scores_give_fraction_of_all_objects() -> None:
+    counted = scores([outcome(force_ratio=1.05), outcome(force_ratio=0.5, limited=True)])
     assert counted["within_10_percent"] == 1.0
     assert counted["within_10_percent_of_all"] == 0.5
 
 
 @pytest.mark.slow
-def test_the_papers_line_as_feedback_says_the_target_where_it_stops() -> None:
+def test_paper_loop_stops_on_its_reported_target() -> None:
     found = run_paper_loop(draw_task(700_000, level="lab"))
     assert found.on_target_s is not None
     assert found.reported_n == pytest.approx(found.task.target_n, rel=0.05)
@@ -118,7 +122,7 @@ def test_the_papers_line_as_feedback_says_the_target_where_it_stops() -> None:
 
 
 @pytest.mark.slow
-def test_a_learned_law_is_feedback_on_sensors_that_it_never_saw() -> None:
+def test_learned_loop_rejects_training_sensors_and_grips_on_others() -> None:
     laws = learn_laws([draw_task(seed, level="lab") for seed in (700_000, 700_004, 700_008)])
     with pytest.raises(SeenBeforeError, match="lab 175000 was used"):
         run_learned_loop(draw_task(700_001, level="lab"), RIDGE, laws=laws)
@@ -126,14 +130,14 @@ def test_a_learned_law_is_feedback_on_sensors_that_it_never_saw() -> None:
     assert found.method == LOOPS[RIDGE]
     assert found.reported_n == pytest.approx(found.task.target_n, rel=0.05)
     assert found.force_n == pytest.approx(found.task.target_n, rel=0.6)
-    # It learned from holds that the hand really had: the calibrated law is off by some percent.
+    # The training holds are real grips, on which the calibrated law has an error of some percent.
     rows = collect_training_rows(draw_task(700_000, level="lab"))
     assert 1 <= len(rows) <= 13
     assert all(abs(log) < 1.0 for _, log in rows)
 
 
-def test_ours_is_compared_on_the_things_that_both_gripped() -> None:
-    near, far = made(force_share=1.0), made(force_share=1.5)
+def test_compare_methods_uses_objects_gripped_by_both() -> None:
+    near, far = outcome(force_ratio=1.0), outcome(force_ratio=1.5)
     rival = replace(far, method="rival")
     other = replace(near, task=draw_task(8, level="lab"), method="ours")
     (row,) = compare_methods([near, rival, other])
@@ -141,8 +145,8 @@ def test_ours_is_compared_on_the_things_that_both_gripped() -> None:
     assert row["difference"] == -1.0
 
 
-def test_ours_without_its_limit_is_compared_with_rivals_alone() -> None:
-    near, far = made(force_share=1.0), made(force_share=1.5)
+def test_compare_methods_without_limit_uses_baselines_only() -> None:
+    near, far = outcome(force_ratio=1.0), outcome(force_ratio=1.5)
     found = [far, replace(near, method=UNLIMITED), replace(far, method="rival")]
     assert [row["rival"] for row in compare_methods(found)] == ["rival"]
     (row,) = compare_methods(found, method=UNLIMITED)

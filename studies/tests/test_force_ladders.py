@@ -1,4 +1,4 @@
-"""The ladder study on invented and real ladders, and on unusable files."""
+"""The ladder study on synthetic and real ladders."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LOADS_N = [0.0, 0.6, 1.2, 1.1, 1.6, 2.0, 3.0, 4.0, 6.0, 9.0]
 
 
 def ladder_csv(path: Path, names: str, *, loads_n: list[float] = LOADS_N) -> Path:
-    """Write invented ladders, one per letter of `names`, each with its own gain and exponent."""
+    """Write synthetic ladders, one per letter of `names`, with random gain and exponent."""
     lines = ["ladder,step,load_n,resistance_ohm,spread_ohm"]
     for name in names:
         rng = np.random.default_rng(ord(name))
@@ -25,7 +25,7 @@ def ladder_csv(path: Path, names: str, *, loads_n: list[float] = LOADS_N) -> Pat
     return path
 
 
-def test_json_has_every_scored_step_of_every_model(
+def test_force_ladders_json_has_every_scored_step_and_model(
     tmp_path: Path, document: Callable[..., Any]
 ) -> None:
     found = document("force-ladders", "--ladders", ladder_csv(tmp_path / "a.csv", "ABC"))
@@ -35,7 +35,7 @@ def test_json_has_every_scored_step_of_every_model(
     assert {one["model"] for one in found["summary"]} == {"line", "power", "pooled", "ours"}
 
 
-def test_predictions_rest_on_the_three_given_weights_and_the_other_ladders(
+def test_ladder_predictions_depend_only_on_given_weights_and_other_ladders(
     tmp_path: Path, document: Callable[..., Any]
 ) -> None:
     path = ladder_csv(tmp_path / "a.csv", "ABX")
@@ -49,7 +49,7 @@ def test_predictions_rest_on_the_three_given_weights_and_the_other_ladders(
     assert answers[0] == answers[1]
 
 
-def test_real_ladders_ours_beats_power_and_pooled_laws(
+def test_force_law_on_real_ladders_beats_power_and_pooled_laws(
     real_data: Path, document: Callable[..., Any]
 ) -> None:
     ladders = real_data / "velostat_force_ladders.csv"
@@ -69,7 +69,7 @@ def test_real_ladders_ours_beats_power_and_pooled_laws(
     assert 0.8 <= np.mean(covered) <= 0.97
 
 
-def test_study_with_test_ladders_scores_them_alone(
+def test_force_ladders_with_test_ladders_scores_only_these(
     tmp_path: Path, document: Callable[..., Any]
 ) -> None:
     known, tested = ladder_csv(tmp_path / "a.csv", "AB"), ladder_csv(tmp_path / "b.csv", "C")

@@ -1,4 +1,4 @@
-"""Learning the population of the force law, from invented touches."""
+"""Learning the population of the force law from synthetic touches."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from palpate_studies.force_learning import KnownContact, learn_population
 
 
 def contacts(*, seed: int, count: int = 40, gain_sd: float = 0.4) -> list[KnownContact]:
-    """Return invented touches: a power law with a gain of the place and creep."""
+    """Return synthetic touches: a power law with a gain per place, and creep."""
     rng = np.random.default_rng(seed)
     found = []
     for place in range(count // 2):
@@ -61,7 +61,7 @@ def errors(population: Population, *, given: str) -> tuple[float, float]:
     return float(np.median(np.concatenate(off))), float(np.mean(np.concatenate(covered)))
 
 
-def test_known_forces_narrow_error_and_the_interval_covers() -> None:
+def test_known_forces_reduce_error_with_covering_intervals() -> None:
     population = learn_population(contacts(seed=1))
     nothing, place, once = (errors(population, given=t) for t in ("nothing", "place", "once"))
     assert place[0] < 0.35 * nothing[0]
@@ -70,6 +70,6 @@ def test_known_forces_narrow_error_and_the_interval_covers() -> None:
         assert 0.8 <= coverage <= 1.0
 
 
-def test_learn_population_without_contacts_is_refused() -> None:
+def test_learn_population_without_contacts_raises() -> None:
     with pytest.raises(CalibrationError, match="no contact"):
         learn_population([])

@@ -1,4 +1,4 @@
-"""The twin's fruit is no more even than real food where both were measured."""
+"""The twin's fruit scatters at least as much as real food."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def real_side_log_sd(real_data: Path) -> float:
     return side_log_sd(sides[:, 0], sides[:, 1])
 
 
-def test_twin_apples_differ_between_sides_as_real_ones_do(real_side_log_sd: float) -> None:
+def test_twin_apple_side_scatter_matches_real_apples(real_side_log_sd: float) -> None:
     random = np.random.default_rng(1)
     apples = [draw_apple(random, bruises=None) for _ in range(2000)]
     faces = [apple.facing(0.0).faces for apple in apples]
@@ -47,11 +47,11 @@ def test_twin_apples_differ_between_sides_as_real_ones_do(real_side_log_sd: floa
     assert real_side_log_sd <= twin <= 1.1 * real_side_log_sd
 
 
-def test_sides_of_other_twin_fruit_differ_no_less(real_side_log_sd: float) -> None:
+def test_other_twin_fruit_side_scatter_is_at_least_that_of_apples(real_side_log_sd: float) -> None:
     assert min(CRATE_SIDE_LOG_SD, AVOCADOS.spot_log_sd) >= real_side_log_sd
 
 
-def test_real_food_relaxes_within_what_twin_fruit_does(real_data: Path) -> None:
+def test_real_food_relaxation_is_within_range_of_twin_fruit(real_data: Path) -> None:
     holds: dict[str, list[tuple[float, float]]] = {}
     for row in read_rows(real_data / "holds_food.csv.gz"):
         holds.setdefault(row["hold_id"], []).append((float(row["time_s"]), float(row["value"])))
@@ -72,8 +72,8 @@ def test_real_food_relaxes_within_what_twin_fruit_does(real_data: Path) -> None:
 
 
 @pytest.mark.parametrize(("places", "exact"), [(1, 0.944), (10, 0.982)])
-def test_error_free_reading_of_some_places_limits_the_stage(places: int, exact: float) -> None:
-    """The ceiling that docs/results.md states."""
+def test_stage_accuracy_ceiling_matches_results_page(places: int, exact: float) -> None:
+    """The ceiling stated in docs/results.md."""
     random = np.random.default_rng(5)
     hits = []
     for _ in range(1000):
@@ -86,8 +86,8 @@ def test_error_free_reading_of_some_places_limits_the_stage(places: int, exact: 
     assert np.mean(hits) == pytest.approx(exact, abs=0.012)
 
 
-def test_error_free_size_and_stiffness_limit_the_kind() -> None:
-    """The ceiling that docs/results.md states."""
+def test_kind_accuracy_ceiling_matches_results_page() -> None:
+    """The ceiling stated in docs/results.md."""
 
     def read(items: int, seed: int) -> tuple[FloatArray, list[str]]:
         drawn = draw_crate(list(CRATE_TAUGHT) * items, seed=seed)

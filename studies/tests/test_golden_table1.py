@@ -1,4 +1,4 @@
-"""The paper's Table 1 on the twin: fitted values hold, the others are scored."""
+"""The paper's Table 1 on the twin: fitted entries are reproduced, the others scored."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ def means(payload: dict[str, Any], method: str) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_the_fitted_family_meets_the_recorded_row(payload: dict[str, Any]) -> None:
-    # 40 holds of random relaxation: one standard error is about 4 % of each entry, and the twin
-    # adds what its fit did not have (the pads' own relaxation, the time that closing takes).
+def test_table1_fitted_family_reproduces_recorded_row(payload: dict[str, Any]) -> None:
+    # With 40 holds of random relaxation, the standard error is about 4 % of each entry. The twin
+    # also has effects that its fit did not have (relaxation of the pads, closing time).
     ours, published = means(payload, "recorded"), np.array(table1.PUBLISHED["recorded"])
     np.testing.assert_allclose(ours, published, rtol=0.2, atol=0.1)
 
 
-def test_the_exponential_is_near_the_papers_own(payload: dict[str, Any]) -> None:
-    # What is published are means. A short window leaves C open on single holds, which rule the
-    # means of 40: from 2 to 3 s the family misses them (3.4 on ten sensors where 2.5 is published,
-    # see docs/paper-notes.md). The medians, which such holds can't rule, are near everywhere.
+def test_table1_exponential_is_near_published_errors(payload: dict[str, Any]) -> None:
+    # The published values are means. A short window does not determine C on some single holds,
+    # which dominate the mean of 40: from 2 to 3 s the family misses the published values (3.4 on
+    # ten sensors instead of 2.5, see docs/paper-notes.md). The medians are near everywhere.
     published = np.array(table1.PUBLISHED["exponential"])
     rows = payload["families"]["two-mode"]["exponential"]
     medians = np.array([row["median_abs_error_percent"] for row in rows]) / published
@@ -49,7 +49,7 @@ def test_the_exponential_is_near_the_papers_own(payload: dict[str, Any]) -> None
     assert np.all((ratio > 0.6) & (ratio < np.where(np.arange(ratio.size) < 4, 1.8, 1.2)))
 
 
-def test_calibration_inputs_are_named(payload: dict[str, Any]) -> None:
+def test_table1_payload_names_calibration_inputs(payload: dict[str, Any]) -> None:
     used = payload["calibration_inputs"]["two-mode"]
     assert used == {"recorded": list(table1.CUTOFFS_S), "exponential": [2.5, 10.0]}
     misfit = payload["misfit"]["two-mode"]

@@ -1,4 +1,4 @@
-"""The study of whole grasps: what is counted, and one object grasped in every way."""
+"""The grasp cycle study: its scores, and one object grasped with every method."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ CYCLE = Cycle(
 )
 
 
-def test_numbers_and_bounds_are_scored_apart() -> None:
+def test_scores_separate_stiffness_numbers_and_bounds() -> None:
     bound = replace(
         CYCLE,
         answer_s=12.0,
@@ -58,8 +58,8 @@ def test_numbers_and_bounds_are_scored_apart() -> None:
     assert found["size_rms_mm"] == pytest.approx(np.sqrt((0.09 + 0.16 + 0.16) / 3))
 
 
-def test_damage_is_compared_on_the_same_objects() -> None:
-    """Of four objects on two sensors the rival damages two more."""
+def test_judge_compares_damage_on_same_objects() -> None:
+    """Of four objects on two sensors, the baseline damages two more."""
     found = list[Cycle]()
     for number in range(4):
         ours_on_it = replace(CYCLE, sample=replace(SAMPLE, seed=31_000 + 2 * number))
@@ -71,11 +71,11 @@ def test_damage_is_compared_on_the_same_objects() -> None:
     assert report.tables[-1].rows[0][3] == "-0.5"
     alone = [one for one in found if one.sample.sheet == SAMPLE.sheet]
     assert judge(alone).tables[-1].rows[0][4:] == ["-", "-"]
-    # A rival that did not grasp all of them is not compared.
+    # A baseline that did not grasp all objects is not compared.
     assert judge(found[:-1]).payload["compared"] == []
 
 
-def test_what_a_way_does_not_measure_is_null() -> None:
+def test_judge_unmeasured_quantities_are_null() -> None:
     plain = replace(CYCLE, way="plain", stiffness_status="none", stiffness=np.nan)
     plain = replace(plain, stiffness_low=np.nan, stiffness_high=np.nan, force_error=np.nan)
     payload = judge([plain]).payload
@@ -85,7 +85,7 @@ def test_what_a_way_does_not_measure_is_null() -> None:
 
 
 @pytest.mark.slow
-def test_one_object_is_grasped_in_every_way() -> None:
+def test_cycles_grasps_one_object_with_every_method() -> None:
     ours, paper, both, current = cycles(SAMPLE)
     assert [one.outcome for one in (ours, paper, both, current)] == ["held"] * 4
     assert ours.touch_s < paper.touch_s
@@ -96,21 +96,21 @@ def test_one_object_is_grasped_in_every_way() -> None:
 
 
 @pytest.mark.slow
-def test_a_push_that_fades_before_both_fingers_touch_is_no_falling_sheet() -> None:
-    """Each finger pushed in turn; the readings fell, and the sheet was taken for lost."""
+def test_by_controller_fading_push_before_contact_still_holds() -> None:
+    """Each finger pushes in turn; the falling readings were once reported as a lost sensor."""
     assert by_controller(Sample(seed=5_800_159, level="field", kind="rigid")).outcome == "held"
 
 
 @pytest.mark.slow
-def test_the_papers_steps_do_not_stop_at_one_finger() -> None:
-    """One finger pushes this object to the middle, and a fall alone is no contact."""
+def test_paper_steps_continue_until_both_fingers_touch() -> None:
+    """One finger pushes this object to the middle; a fall of the mean is no contact."""
     sample = Sample(seed=31_012, level="field", kind="rigid")
     for found in (by_controller(sample, paper=Paper()), by_both_fingers(sample)):
         assert found.outcome == "held"
 
 
 @pytest.mark.slow
-def test_paper_method_does_not_call_a_push_by_one_finger_held() -> None:
+def test_paper_method_push_by_one_finger_is_not_held() -> None:
     """The mean falls by 10 % while one finger pushes and the other is free."""
     found = by_controller(Sample(seed=5_900_006, level="field", kind="rigid"), paper=Paper())
     assert (found.outcome, found.peak_n) == ("sensor_lost", 0.0)

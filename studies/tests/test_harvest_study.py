@@ -8,7 +8,7 @@ from palpate_studies.harvest import FIRST_SEED, PULLS_N, judge, judge_pulls
 
 
 @pytest.mark.slow
-def test_a_pull_beyond_friction_slips_and_is_not_called_secure() -> None:
+def test_pull_beyond_friction_slips_and_is_not_secure() -> None:
     found = judge_pulls(FIRST_SEED - 4, level="lab")
     assert [one["pull_n"] for one in found] == list(PULLS_N)
     assert not any(one["slipped"] for one in found if one["verdict"] == "secure to pull")

@@ -27,7 +27,7 @@ def loop_csv(path: Path, *, recordings: int = 2, rest: int = 30) -> Path:
     return path
 
 
-def test_contacts_with_rest_before_them_start_at_rest(tmp_path: Path) -> None:
+def test_read_contacts_trace_starts_at_rest(tmp_path: Path) -> None:
     contacts = read_contacts(loop_csv(tmp_path / "loop.csv"))
     assert [one.recording for one in contacts] == ["r0", "r0", "r1", "r1"]
     for one in contacts:
@@ -36,12 +36,12 @@ def test_contacts_with_rest_before_them_start_at_rest(tmp_path: Path) -> None:
         assert one.change.shape == (len(one.force_n), 16)
 
 
-def test_contacts_without_rest_before_them_are_refused(tmp_path: Path) -> None:
+def test_read_contacts_without_rest_raises(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no contact of 0\.5 N with a second of rest before it"):
         read_contacts(loop_csv(tmp_path / "loop.csv", rest=4))
 
 
-def test_score_on_another_recording_beats_the_mean_force(tmp_path: Path) -> None:
+def test_hydrogel_score_on_held_out_recording_beats_mean_force(tmp_path: Path) -> None:
     contacts = read_contacts(loop_csv(tmp_path / "loop.csv"))
     rows = {row["method"]: row for row in score(contacts[:2], tested=contacts[2:])}
     assert rows["ours"]["median_abs_log_error"] < 0.5 * rows["mean force"]["median_abs_log_error"]
@@ -49,6 +49,6 @@ def test_score_on_another_recording_beats_the_mean_force(tmp_path: Path) -> None
     assert rows["authors' LSTM"]["rms_n"] == pytest.approx(1.0)
 
 
-def test_command_on_one_recording_refuses(tmp_path: Path) -> None:
+def test_hydrogel_report_of_one_recording_raises(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="one recording; each is held out in turn"):
         report(recordings=loop_csv(tmp_path / "loop.csv", recordings=1))

@@ -1,4 +1,4 @@
-"""Tables from clones of public repositories: made-up files in the raw layouts."""
+"""Tables from clones of public repositories, with synthetic files in the raw layouts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ VELOSTAT = "src/experimental_data/"
 
 
 def clone(folder: Path, files: dict[str, bytes]) -> Path:
-    """Make a repository of these files with one commit."""
+    """Create a repository with these files in one commit."""
     for name, content in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)
@@ -34,7 +34,7 @@ def clone(folder: Path, files: dict[str, bytes]) -> Path:
 def strokes_files(
     *, peak_n: float = 8.0, sensor: str = "old_2", attempt: int = 0
 ) -> dict[str, bytes]:
-    """Return one attempt of four touches, force and resistance on their own clocks."""
+    """Return one attempt of four touches, with separate clocks of force and resistance."""
     start = 1_620_000_000.0
     time_s = start + np.arange(0.0, 8.0, 0.007)
     since = (time_s - start) % 2.0 - 1.0
@@ -52,14 +52,14 @@ def strokes_files(
             f"0.0 {start + 2 * k + 1.1:.4f} touch_grd" for k in range(4)
         ],
     }
-    # A broken line, as the logger left some.
+    # Broken lines, as in the logger's files.
     lines[f"exp_3_p_{attempt}.txt"].insert(20, "12.3 16200")
     lines[f"exp_futek_extra_3_p_{attempt}.txt"].insert(5, "garbled")
     return {folder + name: "\n".join(text).encode() for name, text in lines.items()}
 
 
 def ladder_files() -> dict[str, bytes]:
-    """Return six steps; the first seconds of each are still settling."""
+    """Return six steps, with unsettled readings in the first seconds of each."""
     found = {}
     for step in range(6):
         load_kg = 0.1 * step
@@ -91,10 +91,10 @@ def fruit_files() -> dict[str, bytes]:
     }
 
 
-def imported(
+def run_import(
     capsys: pytest.CaptureFixture[str], *clones: Path, out: Path
 ) -> tuple[int, dict[str, int], str]:
-    """Import; return the exit status, the rows of each file, and standard error."""
+    """Run the import; return exit status, row count of each file, and standard error."""
     words = ["study", "import-data", *map(str, clones), "--out", str(out), "--json"]
     status = run(build_app(), words, name="palpate")
     output = capsys.readouterr()
@@ -102,11 +102,11 @@ def imported(
     return status, {one["file"]: one["rows"] for one in files}, output.err
 
 
-def test_strokes_and_ladders_become_what_the_studies_read(
+def test_import_data_writes_readable_strokes_and_ladders(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     here = clone(tmp_path / "velostat", {**strokes_files(), **ladder_files()})
-    status, files, err = imported(capsys, here, out=tmp_path / "data")
+    status, files, err = run_import(capsys, here, out=tmp_path / "data")
     assert status == 0
     assert set(files) == {"velostat_strokes.csv.gz", "velostat_force_ladders.csv"}
     assert "5d5250765551 is not in this clone; reading its head" in err
@@ -114,7 +114,7 @@ def test_strokes_and_ladders_become_what_the_studies_read(
     assert [one.touch for one in touches] == [0, 1, 2, 3]
     for one in touches:
         assert one.recording_id == "old_2-3mm-a0"
-        # The offset of the load cell is off, and the late stamp of the resistance.
+        # The load cell's offset and the resistance's delay are corrected.
         assert np.exp(one.log_force).max() == pytest.approx(8.0, abs=0.1)
         assert {"loading", "holding", "unloading"} <= set(one.phase[one.scored])
     (ladder,) = read_ladders(tmp_path / "data" / "velostat_force_ladders.csv")
@@ -126,12 +126,12 @@ def test_strokes_and_ladders_become_what_the_studies_read(
 
 
 @pytest.mark.slow
-def test_the_data_lines_of_the_readme_work_on_clones_of_that_form(
+def test_readme_data_commands_run_on_example_clones(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     readme = (Path(__file__).resolve().parents[2] / "README.md").read_text()
     (block,) = (b for b in re.findall(r"```sh\n(.*?)```", readme, re.DOTALL) if "git clone" in b)
-    # A place is known from the other attempts.
+    # Two attempts per place, as the prior `place` requires.
     sensors = [
         strokes_files(peak_n=n, sensor=f"old_{n}", attempt=attempt)
         for n in (5, 8, 11)
@@ -155,12 +155,12 @@ def test_the_data_lines_of_the_readme_work_on_clones_of_that_form(
     assert "Force of real Velostat under short touches" in capsys.readouterr().out
 
 
-def test_fruit_become_curves_and_their_index(
+def test_import_data_writes_fruit_curves_and_index(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     here = clone(tmp_path / "fruit", fruit_files())
-    status, files, _ = imported(capsys, here, out=tmp_path / "data")
-    # The kiwi without its rupture force is left out.
+    status, files, _ = run_import(capsys, here, out=tmp_path / "data")
+    # The kiwi without a rupture force is skipped.
     assert (status, files) == (0, {"fruit_rupture.csv.gz": 90, "fruit_rupture_index.csv": 3})
     lines = (tmp_path / "data" / "fruit_rupture_index.csv").read_text().splitlines()
     assert lines == [
@@ -171,7 +171,9 @@ def test_fruit_become_curves_and_their_index(
     ]
 
 
-def test_silicone_and_tape_become_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_import_data_writes_holds_of_silicone_and_tape(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     time_s = np.arange(0.0, 60.0, 0.08)
     stretch = np.clip(5.0 * (time_s - 5.0), 0.0, 6.0)
     since = np.maximum(time_s - 6.2, 0.0)
@@ -186,7 +188,7 @@ def test_silicone_and_tape_become_holds(tmp_path: Path, capsys: pytest.CaptureFi
         tmp_path / "vhb",
         {"single-step-relaxation/original_data/s.csv": b"a\nb\n" + tape.encode()},
     )
-    status, files, _ = imported(capsys, silicone, vhb, out=tmp_path / "data")
+    status, files, _ = run_import(capsys, silicone, vhb, out=tmp_path / "data")
     assert status == 0
     assert set(files) == {
         *("holds_cbsilicone.csv.gz", "holds_force_relaxation.csv.gz", "holds_tape.csv.gz"),
@@ -198,11 +200,13 @@ def test_silicone_and_tape_become_holds(tmp_path: Path, capsys: pytest.CaptureFi
         assert hold.values[0] > hold.values[-1]
 
 
-def test_soft_sensor_becomes_strokes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_import_data_writes_soft_sensor_strokes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     rows = ["trial,x_location,z_location,speed,voltage,grad,force"]
     rows += [f"{trial},-15,-0.6,1,0.04{k},0.0,{-0.5 * k}" for trial in (7, 3) for k in range(4)]
     here = clone(tmp_path / "soft", {"data/loc_train.csv": "\n".join(rows).encode()})
-    status, files, _ = imported(capsys, here, out=tmp_path / "data")
+    status, files, _ = run_import(capsys, here, out=tmp_path / "data")
     assert (status, files) == (0, {"soft_sensor_ral2018.csv.gz": 8})
 
 
@@ -220,19 +224,19 @@ def test_soft_sensor_becomes_strokes(tmp_path: Path, capsys: pytest.CaptureFixtu
         ),
     ],
 )
-def test_unusable_clones_get_one_line(
+def test_import_data_unusable_clone_prints_one_line(
     tmp_path: Path, files: dict[str, bytes], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     here = clone(tmp_path / "clone", files)
-    status, _, err = imported(capsys, here, out=tmp_path / "data")
+    status, _, err = run_import(capsys, here, out=tmp_path / "data")
     assert status == 2
     assert message in err.splitlines()[-1]
 
 
-def test_a_folder_without_git_gets_one_line(
+def test_import_data_folder_without_git_prints_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    status, _, err = imported(capsys, tmp_path / "absent", out=tmp_path / "data")
+    status, _, err = run_import(capsys, tmp_path / "absent", out=tmp_path / "data")
     assert status == 2
     assert "no git clone" in err
     assert err.count("\n") == 1

@@ -1,4 +1,4 @@
-"""Relations shared by estimators and twin are on the results page, by valid names."""
+"""The results page lists the relations shared by estimators and twin with valid names."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def mirrors() -> list[tuple[str, str]]:
     return [(one.strip(), other.strip()) for one, other in rows]
 
 
-def test_the_table_has_rows() -> None:
+def test_mirrors_table_has_rows() -> None:
     assert len(mirrors()) >= 8
 
 
 @pytest.mark.parametrize("cell", [cell for row in mirrors() for cell in row])
-def test_a_mirror_is_named_as_the_code_names_it(cell: str) -> None:
+def test_mirrors_table_names_exist_in_code(cell: str) -> None:
     names = re.findall(r"`(palpate[\w.]+)`", cell)
     assert names
     for name in names:
@@ -36,11 +36,11 @@ def test_a_mirror_is_named_as_the_code_names_it(cell: str) -> None:
         assert hasattr(import_module(module), attribute), f"{PAGE.name}: no {name}"
 
 
-def test_the_share_of_fruit_is_one_number_in_both() -> None:
+def test_fruit_fraction_is_equal_in_estimator_and_twin() -> None:
     assert closing_curve._FRUIT_FRACTION == force_control_world._FRUIT_FRACTION
 
 
-def test_the_exponents_of_the_twin_are_among_those_of_the_estimators() -> None:
+def test_twin_exponents_are_among_estimator_shapes() -> None:
     rng = np.random.default_rng(5)
     twins = {draw_object(rng, name).exponent for name in ("strawberry", "ball-44lbs", "ecoflex-10")}
     assert twins <= set(closing_curve._SHAPES)

@@ -1,4 +1,4 @@
-"""The press study: presses, time of the force, and separation of test data."""
+"""The press study: cutting of presses, the given force, and separation of test data."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ HEADER = "recording_id,time_s,resistance_ohm,force_n\n"
 
 
 def press_csv(path: Path, *, recordings: int = 4, presses: int = 4) -> Path:
-    """Write invented recordings: ramps of 0.4 s to 10 N, 1.2 s hold, sudden release."""
+    """Write synthetic recordings: ramps of 0.4 s to 10 N, 1.2 s hold, sudden release."""
     lines = []
     for recording in range(recordings):
         rng = np.random.default_rng(recording)
@@ -38,7 +38,7 @@ def press_csv(path: Path, *, recordings: int = 4, presses: int = 4) -> Path:
     return path
 
 
-def test_presses_follow_the_definition(tmp_path: Path) -> None:
+def test_read_presses_finds_thresholds_and_given_sample(tmp_path: Path) -> None:
     presses = read_presses(press_csv(tmp_path / "p.csv", recordings=1, presses=3))
     assert [press.press for press in presses] == [0, 1, 2]
     for press in presses:
@@ -50,24 +50,24 @@ def test_presses_follow_the_definition(tmp_path: Path) -> None:
         assert trace.group == "shape0"
 
 
-def test_what_comes_later_changes_nothing_said_before(tmp_path: Path) -> None:
+def test_follower_predictions_do_not_depend_on_later_samples(tmp_path: Path) -> None:
     presses = read_presses(press_csv(tmp_path / "p.csv"))
     follow = MODELS["ours"](presses)
-    whole = presses[5]
-    end = len(whole.trace.time_s) - 20
+    full = presses[5]
+    end = len(full.trace.time_s) - 20
     cut_presses = replace(
-        whole,
+        full,
         trace=replace(
-            whole.trace,
-            **{name: getattr(whole.trace, name)[:end] for name in ("time_s", "excess", "force_n")},
+            full.trace,
+            **{name: getattr(full.trace, name)[:end] for name in ("time_s", "excess", "force_n")},
         ),
     )
-    for before, after in zip(follow(cut_presses), follow(whole), strict=True):
+    for before, after in zip(follow(cut_presses), follow(full), strict=True):
         np.testing.assert_allclose(before, after[:-20], rtol=0, atol=1e-12)
 
 
 @pytest.mark.slow
-def test_the_reference_is_seen_once(tmp_path: Path) -> None:
+def test_follower_reads_reference_force_once(tmp_path: Path) -> None:
     presses = read_presses(press_csv(tmp_path / "p.csv"))
     press = presses[3]
     hidden = press.trace.force_n.copy()
@@ -102,7 +102,7 @@ def real_presses(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> l
 
 
 @pytest.mark.slow
-def test_real_presses_of_settings_left_out(real_presses: list[Press]) -> None:
+def test_force_law_on_held_out_settings_beats_static_law(real_presses: list[Press]) -> None:
     left_out = {"pike2_sensor1", "pike1_force_10_sensor1", "pike1_force_30_sensor1"}
     known = [p for p in real_presses if p.trace.group not in left_out][::3]
     tested = [p for p in real_presses if p.trace.group in left_out][::3]
@@ -123,7 +123,7 @@ def test_real_presses_of_settings_left_out(real_presses: list[Press]) -> None:
 
 
 @pytest.mark.slow
-def test_study_with_test_recordings_scores_them_alone(
+def test_study_with_test_recordings_scores_only_these(
     tmp_path: Path, document: Callable[..., Any]
 ) -> None:
     known = press_csv(tmp_path / "known.csv")

@@ -1,4 +1,4 @@
-"""Parts stay apart, differences are paired; no setting is scored where it was chosen."""
+"""Training and test sets are separate, and differences are paired."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def pears(count: int, *, seed: int) -> list[FruitClosing]:
     return found
 
 
-def test_learned_on_its_own_specimens_is_refused() -> None:
+def test_learned_on_training_specimens_raises() -> None:
     chosen = Learned(found=0.2, seen=frozenset({"a", "b"}))
     assert chosen.on(["c"]) == 0.2
     with pytest.raises(SeenBeforeError, match="b was used"):
@@ -38,7 +38,7 @@ def test_learned_on_its_own_specimens_is_refused() -> None:
     assert issubclass(SeenBeforeError, PalpateError)
 
 
-def test_what_makes_a_specimen_hard_for_both_drops_out_of_a_paired_difference() -> None:
+def test_paired_difference_cancels_difficulty_of_specimens() -> None:
     rng = np.random.default_rng(3)
     hard = np.repeat(rng.uniform(1.0, 20.0, 30), 4)
     names = [str(k) for k in np.repeat(np.arange(30), 4)]
@@ -54,13 +54,13 @@ def test_what_makes_a_specimen_hard_for_both_drops_out_of_a_paired_difference() 
         difference_of_pairs([np.nan, 1.0], [1.0, 1.0], ["a", "b"])
 
 
-def test_a_rupture_setting_is_never_used_on_fruit_that_it_was_chosen_on() -> None:
+def test_apply_policy_on_training_fruit_raises() -> None:
     fruit = pears(24, seed=1)
     with pytest.raises(SeenBeforeError, match="used for fitting or choosing"):
         apply_policy(RULE, [(fruit, fruit[:3])])
 
 
-def test_rupture_settings_come_from_the_training_fruit_alone() -> None:
+def test_apply_policy_settings_do_not_depend_on_test_fruit() -> None:
     training, test = pears(60, seed=1), pears(30, seed=2)
     whole, part = (apply_policy(RULE, [(training, some)]) for some in (test, test[:5]))
     assert part.settings == pytest.approx(whole.settings[:5])
@@ -68,5 +68,5 @@ def test_rupture_settings_come_from_the_training_fruit_alone() -> None:
     assert np.all(np.diff(whole.settings[0]) >= 0)
     rows = [row for row in tradeoff([whole], closings=test) if row["fruit"] == "all"]
     assert [row["rate_limit"] for row in rows] == list(RATES)
-    # At a nominal 10 % of 30 more than 9 rupture with a probability of 0.2 % only.
+    # At a nominal 10 %, more than 9 of 30 rupture with a probability of only 0.2 %.
     assert rows[-1]["ruptured"] <= 9

@@ -1,4 +1,4 @@
-"""The study of `palpate qualify`: a few twin fruit, and made-up apples."""
+"""The study of `palpate qualify` on synthetic apples and pools."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from palpate_studies.qualify import FIGURES, Pool, check_coverage, read_side_pairs
 
 
-def test_side_pairs_reads_both_sides(tmp_path: Path) -> None:
+def test_read_side_pairs_reads_both_sides(tmp_path: Path) -> None:
     path = tmp_path / "apples.csv"
     path.write_text("side1_lbf,side2_lbf\n15,16\n14,\n")
     pairs = read_side_pairs(path)
@@ -20,7 +20,7 @@ def test_side_pairs_reads_both_sides(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_check_of_a_good_instrument_covers_its_true_figures() -> None:
+def test_check_coverage_of_good_instrument_covers_true_figures() -> None:
     random = np.random.default_rng(1)
     truth = random.normal(1.0, 0.6, 80)
     pool = Pool(truth=truth, grasps=truth[:, None] + random.normal(0.0, 0.1, (80, 2)))

@@ -1,4 +1,4 @@
-"""The twin compared with real recordings: the quantities, and that `field` is not kinder."""
+"""Comparison of the twin with real recordings: its quantities, and the level `field`."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from palpate_studies.realism import (
 )
 
 
-def test_ladder_quantities_of_a_known_law() -> None:
+def test_ladder_quantities_of_known_law_are_exact() -> None:
     load = np.geomspace(0.6, 10, 12)
     found = ladder_quantities(
         [(load, gain * load**p) for gain, p in ((1, 1.0), (1, 1.0), (2, 1.0))]
     )
     assert found["exponent"].tolist() == pytest.approx([1.0, 1.0, 1.0])
     assert found["scatter of ln force"].tolist() == pytest.approx([0.0] * 3, abs=1e-9)
-    # The third is twice as sensitive as the law of the other two.
+    # The third ladder is twice as sensitive as the law of the other two.
     assert found["ln force missed"][2] == pytest.approx(np.log(2.0))
 
 
-def test_hold_quantities_of_a_known_hold() -> None:
+def test_hold_quantities_of_known_hold_are_exact() -> None:
     rng, time_s = np.random.default_rng(1), np.arange(0, 21, 0.05)
     values = 100 * (1 + 0.1 * (20 - time_s) / 17.5) * (1 + 2e-3 * rng.standard_normal(time_s.size))
     found = hold_quantities([Hold(hold_id="a", channel=None, time_s=time_s, values=values)])
@@ -36,14 +36,14 @@ def test_hold_quantities_of_a_known_hold() -> None:
     assert found["noise, %"].item() == pytest.approx(0.2, rel=0.2)
 
 
-def test_compare_smaller_scatter_is_marked_kinder() -> None:
+def test_compare_marks_smaller_scatter_as_kinder() -> None:
     real = np.linspace(1.0, 2.0, 40)
     row = realism.compare("creep, %", real, {"lab": real / 2, "field": real})
     assert row["kinder"] == {"lab": True, "field": False}
     assert row["lab"].endswith("kinder")
 
 
-def test_together_independent_places_average_neighbours_do_not() -> None:
+def test_averaging_reduces_scatter_of_independent_places_only() -> None:
     rng = np.random.default_rng(0)
     mixed = {str(number): 0.6 * rng.standard_normal(16) for number in range(40)}
     assert np.median(scatter_of_drawn_means(mixed)) == pytest.approx(0.6 / np.sqrt(8), rel=0.2)
@@ -53,7 +53,7 @@ def test_together_independent_places_average_neighbours_do_not() -> None:
 
 
 @pytest.mark.slow
-def test_realism_field_is_kinder_than_velostat_in_no_quantity(real_data: Path) -> None:
+def test_realism_field_level_is_never_kinder_than_velostat(real_data: Path) -> None:
     rows = realism.report(
         ladders=real_data / "velostat_force_ladders.csv",
         presses=real_data / "velostat_presses.csv.gz",

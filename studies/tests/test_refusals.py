@@ -1,4 +1,4 @@
-"""Studies refuse recordings that can't be used in one line, with nothing on standard output."""
+"""Studies refuse unusable recordings with one line on standard error."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 LADDER, TOUCH = "ladder,step,load_n,resistance_ohm\n", "recording_id,time_s,resistance_ohm,force_n"
 SOFT = "stroke_id,location_mm,depth_mm,voltage_v,force_n\n"
 INDEX, CURVES = "grasp_id,fruit,rupture_force_n\n", "grasp_id,closure_mm,force_n\na,1.0,2.0\n"
-#: Study, its files by option, and what is said.
+#: Study, its files by option, and part of the message.
 CASES: tuple[tuple[str, dict[str, str], str], ...] = (
     ("force-ladders", {"ladders": "ladder,step,load_n\nA,0,0\n"}, "no column resistance_ohm"),
     ("force-ladders", {"ladders": LADDER + "A,0,1.0,50\n"}, "doesn't begin unloaded"),
@@ -43,7 +43,7 @@ CASES: tuple[tuple[str, dict[str, str], str], ...] = (
 
 
 @pytest.mark.parametrize(("name", "files", "message"), CASES)
-def test_study_of_unusable_files_gets_one_line(
+def test_study_of_unusable_files_prints_one_line(
     name: str,
     files: dict[str, str],
     message: str,

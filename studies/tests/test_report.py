@@ -1,4 +1,4 @@
-"""A study's output paths are checked before its work of hours."""
+"""Output options are checked before a study runs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate_studies.report import StudyReport
 
 
 @pytest.mark.parametrize("inside", [False, True])
-def test_a_file_is_no_folder_for_a_report(
+def test_out_option_naming_a_file_is_refused_before_the_study(
     inside: bool,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -25,9 +25,9 @@ def test_a_file_is_no_folder_for_a_report(
     file.write_text("mine")
     out = file / "report" if inside else file
     assert run(build_app(), ["study", "table2", "--out", str(out)], name="palpate") == 2
-    said = capsys.readouterr().err
-    assert f"{file} is not a folder; give a folder" in said
-    assert said.count("\n") == 1
+    error = capsys.readouterr().err
+    assert f"{file} is not a folder; give a folder" in error
+    assert error.count("\n") == 1
     assert file.read_text() == "mine"
 
 
@@ -40,7 +40,7 @@ def test_a_file_is_no_folder_for_a_report(
         (["--out", "made", "--format", "bmp"], "--format"),
     ],
 )
-def test_a_format_that_nothing_would_show_is_refused_before_the_work(
+def test_figure_options_without_effect_are_refused_before_the_study(
     options: list[str],
     reason: str,
     tmp_path: Path,
@@ -55,7 +55,7 @@ def test_a_format_that_nothing_would_show_is_refused_before_the_work(
 
 
 @pytest.mark.slow
-def test_figures_have_the_format_and_the_dots_that_were_asked_for(tmp_path: Path) -> None:
+def test_figures_have_requested_format_and_resolution(tmp_path: Path) -> None:
     few = ["figure16", "--fruits", "1", "--out", str(tmp_path / "asked")]
     asked = ["study", *few, "--format", "png", "--dpi", "50"]
     assert run(build_app(), asked, name="palpate") == 0
@@ -64,7 +64,7 @@ def test_figures_have_the_format_and_the_dots_that_were_asked_for(tmp_path: Path
     with Image.open(picture) as image:
         assert image.info["dpi"] == pytest.approx((50, 50), abs=0.1)
 
-    # What one call asked for is not left to the next.
+    # The options of one call do not affect the next.
     report = StudyReport(
         name="next", title="", provenance=(), tables=(), payload={}, figures={"drawn": Figure}
     )

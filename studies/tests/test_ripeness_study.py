@@ -1,4 +1,4 @@
-"""The study of ripeness: a station on the twin, and how judgements are counted."""
+"""The study of ripeness: a station on the twin, and scores of judgements."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ FIRST, FEW_GRASPS = datetime(2026, 5, 4, 8, tzinfo=UTC), 8
 
 @pytest.fixture(scope="module")
 def station() -> Iterator[StationRecords]:
-    """A station with fewer grasps than those of the study, which take minutes."""
+    """Run a station with fewer grasps than the study, which takes minutes."""
     with pytest.MonkeyPatch.context() as few:
         few.setattr(ripeness_station, "LABELLED_GRASPS", FEW_GRASPS)
         few.setattr(ripeness_station, "REFERENCE_GRASPS", 2 * FEW_GRASPS)
         yield run_station(41, level="lab", gripper="rigid", aging=True, labelled=0, others=1)
 
 
-def test_a_station_feels_every_day_through_the_devices(station: StationRecords) -> None:
+def test_station_grasps_fruit_and_reference_every_day(station: StationRecords) -> None:
     fruit = [grasp for grasp in station.grasps if grasp.item_id == "fruit-0"]
     ball = [grasp for grasp in station.grasps if grasp.item_id == REFERENCE_ID]
     assert len(fruit) == FEW_GRASPS * DAYS
@@ -54,15 +54,15 @@ def test_a_station_feels_every_day_through_the_devices(station: StationRecords) 
     assert station.damaged == 0
 
 
-def test_firmness_follows_the_fruit_and_not_the_ball(station: StationRecords) -> None:
+def test_firmness_tracks_fruit_while_reference_stays_constant(station: StationRecords) -> None:
     def means(item_id: str) -> list[float]:
-        felt = [
+        records = [
             (grasp.taken_at.date(), firmness)
             for grasp in station.grasps
             if grasp.item_id == item_id and (firmness := firmness_of(grasp)) is not None
         ]
-        days = sorted({day for day, _ in felt})
-        return [float(np.mean([f for day, f in felt if day == one])) for one in days]
+        days = sorted({day for day, _ in records})
+        return [float(np.mean([f for day, f in records if day == one])) for one in days]
 
     true = [math.log(station.others[0].force_at_1mm_n(day)) for day in range(DAYS)]
     fruit, ball = means("fruit-0"), means(REFERENCE_ID)
@@ -70,13 +70,15 @@ def test_firmness_follows_the_fruit_and_not_the_ball(station: StationRecords) ->
     assert np.ptp(ball) < 0.35 * np.ptp(fruit)
 
 
-def made_up(station: StationRecords, *, worn: float, labelled_fruits: int = 12) -> StationRecords:
-    """Return a station's records for stiffness with a little noise and drift."""
+def synthetic_records(
+    station: StationRecords, *, worn: float, labelled_fruits: int = 12
+) -> StationRecords:
+    """Return synthetic records of a station, with noise and drift."""
     rng = np.random.default_rng(8)
     labelled, others = (tuple(draw_avocado(rng) for _ in range(n)) for n in (labelled_fruits, 10))
     grasps: list[Grasp] = []
 
-    def feel(item_id: str, stiffness: float, when: float) -> None:
+    def add_grasp(item_id: str, stiffness: float, when: float) -> None:
         drift = worn * min(when / 10.0, 1.0) + 0.03 * rng.standard_normal()
         value = stiffness * math.exp(2.0 / 3.0 * drift)
         grasps.append(
@@ -93,7 +95,7 @@ def made_up(station: StationRecords, *, worn: float, labelled_fruits: int = 12) 
                         ("firmness", 100.0 * math.log10(value / 0.1) / 3.0, "index"),
                         ("stiffness_n_per_mm", value, "n_per_mm"),
                         ("force_n", 5.0, "n"),
-                        # A ball of 4 N/mm, pressed by the more force the less of it is read.
+                        # A ball of 4 N/mm; a force that reads low presses it further.
                         ("width_mm", 60.0 + 5.0 / 4.0 / 1.25 * drift, "mm"),
                     )
                 },
@@ -106,16 +108,16 @@ def made_up(station: StationRecords, *, worn: float, labelled_fruits: int = 12) 
     for begins, fruits, name in ((0, labelled, "labelled"), (7, others, "fruit")):
         for day in range(DAYS):
             for _ in range(3):
-                feel(REFERENCE_ID, 4.0, begins + day)
+                add_grasp(REFERENCE_ID, 4.0, begins + day)
                 for number, fruit in enumerate(fruits):
-                    feel(f"{name}-{number}", stiffness(fruit, day), begins + day)
+                    add_grasp(f"{name}-{number}", stiffness(fruit, day), begins + day)
     published = {
         (f"{name}-{number}", day): -50.0 + 10 * rng.standard_normal()
         for name, fruits in (("labelled", labelled), ("fruit", others))
         for number in range(len(fruits))
         for day in range(DAYS)
     }
-    # A gripper that hardly gives way: so little is its part in the drift.
+    # A stiff gripper, which contributes little to the drift.
     block = replace(
         station.calibration.block,
         block_mm=(40.0,) * 4,
@@ -132,10 +134,10 @@ def made_up(station: StationRecords, *, worn: float, labelled_fruits: int = 12) 
     )
 
 
-def test_the_reference_object_keeps_what_drift_would_lose(station: StationRecords) -> None:
-    felt = made_up(station, worn=-0.5)
-    assert drift_of(felt).moved[-1] == pytest.approx(-0.5, abs=0.05)
-    found = scores(judge_days(felt))
+def test_reference_object_preserves_accuracy_under_drift(station: StationRecords) -> None:
+    records = synthetic_records(station, worn=-0.5)
+    assert drift_of(records).moved[-1] == pytest.approx(-0.5, abs=0.05)
+    found = scores(judge_days(records))
     assert found["fruit_days"] == 10 * DAYS
     assert found["ours"]["exact"] > found["ours, no reference"]["exact"] + 0.1
     assert found["ours"]["exact"] > 0.85
@@ -144,9 +146,9 @@ def test_the_reference_object_keeps_what_drift_would_lose(station: StationRecord
     assert found["days_to_ripe"]["coverage"] > 0.7
 
 
-def test_learners_are_rivals_that_see_the_labels_of_every_station(station: StationRecords) -> None:
-    felt, other = (made_up(station, worn=0.0, labelled_fruits=n) for n in (6, 12))
-    alone, taught = judge_days(felt, name="a"), judge_days(felt, taught=[other], name="a")
+def test_judge_days_trains_learners_on_all_stations(station: StationRecords) -> None:
+    records, other = (synthetic_records(station, worn=0.0, labelled_fruits=n) for n in (6, 12))
+    alone, taught = judge_days(records, name="a"), judge_days(records, taught=[other], name="a")
     for learner in STAGE_LEARNERS:
         assert scores(alone)[learner]["exact"] > 0.5
         assert scores(taught)[learner]["exact"] > 0.75
@@ -154,8 +156,8 @@ def test_learners_are_rivals_that_see_the_labels_of_every_station(station: Stati
     assert [row.stages["ours"] for row in alone] == [row.stages["ours"] for row in taught]
 
 
-def test_differences_are_paired_by_fruit(station: StationRecords) -> None:
-    rows = judge_days(made_up(station, worn=0.0), name="a")
+def test_compare_methods_pairs_by_fruit(station: StationRecords) -> None:
+    rows = judge_days(synthetic_records(station, worn=0.0), name="a")
     assert len({row.fruit for row in rows}) == 10
     never = [
         replace(row, stages=row.stages | {"settled change": row.stages["ours"]}) for row in rows
@@ -169,7 +171,7 @@ def test_differences_are_paired_by_fruit(station: StationRecords) -> None:
         assert (row["difference"], row["cases"], row["specimens"]) == (difference, 40, 10)
 
 
-def test_labelled_fruits_show_every_stage() -> None:
+def test_draw_labelled_includes_every_stage() -> None:
     for seed in range(5):
         drawn = draw_labelled(np.random.default_rng(seed), 3)
         seen = [{one.stage(day) for one in drawn[:n] for day in range(DAYS)} for n in (-1, None)]
@@ -178,11 +180,11 @@ def test_labelled_fruits_show_every_stage() -> None:
     assert draw_labelled(np.random.default_rng(0), 0) == ()
 
 
-def test_the_report_is_whole_and_says_that_it_is_simulated(
+def test_ripeness_report_is_complete_and_states_simulated(
     station: StationRecords, tmp_path: Path
 ) -> None:
-    felt = made_up(station, worn=-0.2, labelled_fruits=6)
-    made = judge({("lab", "rigid", True): [felt], ("lab", "rigid", False): [felt]})
+    records = synthetic_records(station, worn=-0.2, labelled_fruits=6)
+    made = judge({("lab", "rigid", True): [records], ("lab", "rigid", False): [records]})
     made.write(tmp_path)
     document = json.loads((tmp_path / "ripeness.json").read_text())
     assert [one["aging"] for one in document["conditions"]] == [True, False]
@@ -193,14 +195,14 @@ def test_the_report_is_whole_and_says_that_it_is_simulated(
     assert "Simulated throughout" in text
 
 
-def test_conditions_are_chosen_by_any_of_their_parts() -> None:
+def test_choose_conditions_filters_by_each_option() -> None:
     assert tuple(choose_conditions()) == CONDITIONS
     assert choose_conditions(level="field") == [("field", "rigid", True), ("field", "soft", True)]
     assert choose_conditions(gripper="soft", aging=False) == [("lab", "soft", False)]
     assert choose_conditions(level="lab", gripper="rigid", aging=True) == [("lab", "rigid", True)]
 
 
-def test_a_condition_that_is_not_compared_is_refused_before_any_grasp(
+def test_ripeness_command_without_matching_condition_is_refused(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     asked = ["study", "ripeness", "--level", "field", "--gripper", "soft", "--no-aging"]
@@ -208,7 +210,7 @@ def test_a_condition_that_is_not_compared_is_refused_before_any_grasp(
     assert "leave --no-aging out" in capsys.readouterr().err
 
 
-def test_a_study_without_fruit_to_judge_says_so(station: StationRecords) -> None:
-    felt = made_up(station, worn=0.0, labelled_fruits=6)
+def test_judge_without_unripe_fruit_raises(station: StationRecords) -> None:
+    records = synthetic_records(station, worn=0.0, labelled_fruits=6)
     with pytest.raises(InputError, match="judge more fruits with --fruits"):
-        judge({("lab", "rigid", True): [replace(felt, others=())]})
+        judge({("lab", "rigid", True): [replace(records, others=())]})

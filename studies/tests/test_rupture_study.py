@@ -1,4 +1,4 @@
-"""The rupture study on real fruit, and on files that can't be used."""
+"""The rupture study on real and synthetic fruit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from palpate_studies.second.closings import other_closings
 
 
 @pytest.mark.slow
-def test_on_real_fruit_it_is_firmer_than_a_cap(
+def test_damage_limit_on_real_fruit_is_firmer_than_cap(
     real_data: Path, document: Callable[..., Any]
 ) -> None:
     files = [real_data / "fruit_rupture.csv.gz", real_data / "fruit_rupture_index.csv"]
@@ -27,7 +27,7 @@ def test_on_real_fruit_it_is_firmer_than_a_cap(
     (at_nominal,) = (
         e for e in result["tradeoff"] if (e["fruit"], e["method"], e["rate_limit"]) == key
     )
-    # A nominal 1 % of 163 is 1.6; more than 7 has a probability below 0.1 % under it.
+    # A nominal 1 % of 163 is 1.6; more than 7 ruptures then have a probability below 0.1 %.
     assert (at_nominal["grasps"], at_nominal["ruptured"] <= 7) == (163, True)
     firmness = {
         (e["method"], e["rate_limit"]): e["firmness"]
@@ -39,10 +39,10 @@ def test_on_real_fruit_it_is_firmer_than_a_cap(
 
 
 @pytest.mark.slow
-def test_a_gentle_squeeze_deforms_by_less_than_what_ruptured_any_fruit(real_data: Path) -> None:
-    """From the recordings' first 0.15 N on; 2 mm was too much.
+def test_gentle_squeeze_deforms_less_than_any_rupture(real_data: Path) -> None:
+    """Measured from the recordings' first 0.15 N; an earlier limit of 2 mm was too large.
 
-    The recording hand is softer than none, so the fruit themselves gave way by less still.
+    The compliance of the recording hand is included, so the fruit deformed even less.
     """
     closings = read_closings(
         real_data / "fruit_rupture.csv.gz", real_data / "fruit_rupture_index.csv"
@@ -57,7 +57,7 @@ def test_a_gentle_squeeze_deforms_by_less_than_what_ruptured_any_fruit(real_data
 
 
 @pytest.mark.slow
-def test_decisions_use_no_sample_from_after_them(real_data: Path) -> None:
+def test_closing_states_use_no_later_samples(real_data: Path) -> None:
     closings = read_closings(
         real_data / "fruit_rupture.csv.gz", real_data / "fruit_rupture_index.csv"
     )
@@ -70,7 +70,7 @@ def test_decisions_use_no_sample_from_after_them(real_data: Path) -> None:
 
 
 def pear_files(folder: Path, *, name: str = "p", seed: int = 1) -> tuple[Path, Path]:
-    """Write invented closings on twenty pears, and their rupture forces."""
+    """Write synthetic closings on twenty pears, and their rupture forces."""
     rng = np.random.default_rng(seed)
     curves, index = ["grasp_id,closure_mm,force_n"], ["grasp_id,fruit,rupture_force_n"]
     for number in range(20):
@@ -84,7 +84,9 @@ def pear_files(folder: Path, *, name: str = "p", seed: int = 1) -> tuple[Path, P
 
 
 @pytest.mark.slow
-def test_any_fruit_is_judged_by_every_method(tmp_path: Path, document: Callable[..., Any]) -> None:
+def test_rupture_study_applies_every_method_to_any_fruit(
+    tmp_path: Path, document: Callable[..., Any]
+) -> None:
     files = pear_files(tmp_path)
     result = document("rupture", "--curves", files[0], "--index", files[1])
     methods = {entry["method"] for entry in result["tradeoff"]}
@@ -94,7 +96,7 @@ def test_any_fruit_is_judged_by_every_method(tmp_path: Path, document: Callable[
     }
 
 
-def test_a_label_without_a_curve_is_named(tmp_path: Path) -> None:
+def test_read_closings_label_without_curve_raises(tmp_path: Path) -> None:
     curves, index = tmp_path / "curves.csv", tmp_path / "index.csv"
     curves.write_text("grasp_id,closure_mm,force_n\na,1.0,2.0\n")
     index.write_text("grasp_id,fruit,rupture_force_n\nb,kiwi,3.0\n")
@@ -103,7 +105,7 @@ def test_a_label_without_a_curve_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_fruit_of_two_ripenesses_is_judged_without_files(
+def test_rupture_study_second_generator_needs_no_files(
     monkeypatch: pytest.MonkeyPatch, document: Callable[..., Any]
 ) -> None:
     few = other_closings(seed=3)[:45]
@@ -117,7 +119,7 @@ def test_fruit_of_two_ripenesses_is_judged_without_files(
 
 
 @pytest.mark.slow
-def test_study_with_test_closings_judges_them_alone(
+def test_rupture_study_with_test_closings_scores_only_these(
     tmp_path: Path, document: Callable[..., Any]
 ) -> None:
     known, tested = pear_files(tmp_path), pear_files(tmp_path, name="q", seed=2)

@@ -1,4 +1,4 @@
-"""Pages show the figures of the stored results of studies, or the build fails."""
+"""Generated pages show the figures of the stored results."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 
 
-def test_generated_pages_agree_with_the_stored_results() -> None:
+def test_generated_pages_match_stored_results() -> None:
     for page, wanted in generate_pages(DOCS).items():
         assert page.read_text() == wanted, f"{page} is stale: run docs/generate_scoreboard.py"
 
 
-def test_readme_has_no_table_of_results_but_the_generated_one() -> None:
+def test_readme_has_only_the_generated_results_table() -> None:
     text = (ROOT / "README.md").read_text()
     begin, end = MARKS
     outside = text.split(begin)[0] + text.split(end)[1]
     assert not re.findall(r"^\|.*\d.*\|$", outside, flags=re.MULTILINE)
 
 
-def test_every_stored_result_names_its_origin_and_is_quoted() -> None:
+def test_stored_results_have_origin_and_are_quoted() -> None:
     quoting = (DOCS / "claims.toml").read_text() + (DOCS / "kept" / "results.md.in").read_text()
     for name, one in read_stored_results(DOCS).items():
         assert f'"{name}"' in quoting or f"{{{{{name}|" in quoting, name
@@ -94,7 +94,7 @@ def docs(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_read_kept_returns_the_origin_of_each_result(docs: Path) -> None:
+def test_read_stored_results_returns_origin_of_each_result(docs: Path) -> None:
     kept = read_stored_results(docs)
     one, two = kept["one"], kept["two"]
     assert (one["study"], two["command"]) == ("one", "palpate study one --second")
@@ -102,7 +102,7 @@ def test_read_kept_returns_the_origin_of_each_result(docs: Path) -> None:
 
 
 @pytest.mark.slow
-def test_code_of_a_study_is_what_it_imports() -> None:
+def test_study_files_are_the_imported_modules() -> None:
     files = {path.name for path in study_files("rupture")}
     assert {"rupture.py", "damage_learning.py", "errors.py"} <= files
     assert not files & {"scoreboard.py", "controller.py", "report.py", "verbs.py"}
@@ -111,7 +111,7 @@ def test_code_of_a_study_is_what_it_imports() -> None:
     assert code_hash("rupture") == code_hash("rupture") != code_hash("presses")
 
 
-def test_figures_are_looked_up_and_scaled(docs: Path) -> None:
+def test_read_claims_looks_up_and_scales_figures(docs: Path) -> None:
     (claim,) = read_claims(docs)
     assert (claim["ours"], claim["rival"], claim["origin"]) == ("12.3 %", "0.2", "real")
     assert claim["difference"] == "-0.100 (-0.200 to +0.010)"
@@ -132,7 +132,7 @@ def test_figures_are_looked_up_and_scaled(docs: Path) -> None:
         ("ends/1", "ends/2", "has no '2'"),
     ],
 )
-def test_a_claim_that_its_result_does_not_support_is_refused(
+def test_read_claims_unsupported_claim_raises(
     docs: Path, old: str, new: str, complaint: str
 ) -> None:
     path = docs / "claims.toml"
@@ -141,7 +141,7 @@ def test_a_claim_that_its_result_does_not_support_is_refused(
         read_claims(docs)
 
 
-def test_a_changed_result_changes_the_page(tmp_path: Path) -> None:
+def test_insert_table_changes_with_stored_result(tmp_path: Path) -> None:
     shutil.copytree(DOCS / "kept", tmp_path / "kept")
     shutil.copy(DOCS / "claims.toml", tmp_path)
     page = (ROOT / "README.md").read_text()
@@ -155,7 +155,7 @@ def test_a_changed_result_changes_the_page(tmp_path: Path) -> None:
         insert_table("no marks", "")
 
 
-def test_notes_on_the_paper_count_misses_as_the_stored_results_do() -> None:
+def test_paper_notes_count_misses_like_stored_results() -> None:
     notes = (DOCS / "paper-notes.md").read_text()
     for table, of in (("1", "family"), ("4", "level"), ("5", "level")):
         stored = json.loads((DOCS / "kept" / f"table{table}.json").read_text())["figures"]
@@ -168,19 +168,21 @@ def test_notes_on_the_paper_count_misses_as_the_stored_results_do() -> None:
 
 
 @pytest.mark.slow
-def test_claims_of_shipped_code_rest_on_the_symbol_that_a_verb_reaches() -> None:
-    """The study imports the named class or function from palpate, and so does a command."""
+def test_claimed_symbols_are_used_by_study_and_command() -> None:
+    """Both the study and a command import the named class or function from palpate."""
     for row in read_claims(DOCS):
         module, symbol = row["code"].split(":")
         public = {one for one, home in palpate._HOMES.items() if home == module}
         judged = study_files(row["study"])
         in_study = [path for path in judged if "palpate_studies" in path.parts]
         assert any(imports(path, module, symbol, public) for path in in_study), row["name"]
-        assert any(imports(path, module, symbol, public) for path in reached()), row["name"]
+        assert any(imports(path, module, symbol, public) for path in list_product_files()), row[
+            "name"
+        ]
 
 
 def imports(path: Path, module: str, symbol: str, public: set[str]) -> bool:
-    """Return whether a file imports the symbol from its module, or under its public name."""
+    """Return whether a file imports the symbol from its module or as a public name."""
     if path.suffix != ".py":
         return False
     return any(
@@ -195,8 +197,8 @@ def imports(path: Path, module: str, symbol: str, public: set[str]) -> bool:
 
 
 @cache
-def reached() -> list[Path]:
-    """Return the files of the product that its commands import, directly or not."""
+def list_product_files() -> list[Path]:
+    """Return the product files imported by commands, directly or indirectly."""
     commands = (ROOT / "src" / "palpate" / "cli").glob("*.py")
     files, waiting = dict[Path, None](), list(commands)
     while waiting:
@@ -211,7 +213,7 @@ def reached() -> list[Path]:
     return list(files)
 
 
-def test_a_study_that_judges_other_code_is_found(tmp_path: Path) -> None:
+def test_imports_detects_study_of_other_code(tmp_path: Path) -> None:
     own = tmp_path / "own.py"
     own.write_text("from palpate_studies.force_model import ForceLaw\n")
     module = "palpate.estimate.force_law"

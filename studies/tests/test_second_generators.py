@@ -1,4 +1,4 @@
-"""Second generators differ from the first, and studies state which of them they ran on."""
+"""Second generators differ from the first in the intended properties."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from palpate_studies.twin_avocado import draw_avocado
 
 
 @pytest.mark.parametrize("way", COURSES)
-def test_other_avocados_soften_from_the_same_start_to_the_same_end(way: str) -> None:
+def test_other_avocado_softens_between_same_limits(way: str) -> None:
     fruit = draw_avocado(np.random.default_rng(4))
     other = other_avocado(fruit, way=way)
     course = [other.force_at_1mm_n(day) for day in np.arange(-12.0, 25.0, 0.1)]
@@ -33,7 +33,7 @@ def test_other_avocados_soften_from_the_same_start_to_the_same_end(way: str) -> 
     assert np.max(np.abs(first - np.log([other.force_at_1mm_n(day) for day in at]))) > 0.2
 
 
-def test_a_corky_bruise_has_a_core_and_a_rim_and_a_sound_apple_stays_as_it_is() -> None:
+def test_corky_bruise_has_core_and_rim_and_keeps_sound_apple() -> None:
     rng = np.random.default_rng(2)
     bruised = draw_apple(rng, bruises=BRUISES)
     assert bruised.bruise is not None
@@ -49,7 +49,7 @@ def test_a_corky_bruise_has_a_core_and_a_rim_and_a_sound_apple_stays_as_it_is() 
 
 
 @pytest.mark.slow
-def test_ripeness_pairs_ours_with_that_day_alone() -> None:
+def test_ripeness_second_generator_pairs_methods_by_fruit() -> None:
     payload = ripeness.report(sensors=1, fruits=4, second=True).payload
     assert payload["simulated"] is True
     assert [row["generator"] for row in payload["ripeness"]] == ["first", *COURSES, "all three"]
@@ -65,7 +65,7 @@ def other() -> OtherSheet:
     return other_sheet(draw_sheet(np.random.default_rng(3), layout=RIGID_LAYOUT, level="lab"))
 
 
-def test_another_sheet_follows_no_power_law() -> None:
+def test_other_sheet_follows_no_power_law() -> None:
     sheet = other()
     load_n = np.geomspace(0.02, 20.0, 40)
     slope = np.gradient(np.log(sheet.static_excess(load_n, gain=np.ones(40))), np.log(load_n))
@@ -74,7 +74,7 @@ def test_another_sheet_follows_no_power_law() -> None:
     assert np.all(np.diff(slope) < 1e-6)
 
 
-def test_another_sheet_lags_behind_by_a_force_and_its_creep_does_not_slow_down() -> None:
+def test_other_sheet_has_fixed_hysteresis_and_constant_creep_rate() -> None:
     sheet = other()
     play_n = sheet.follow(np.array([4.0, 9.0]), np.array([2.0, 7.0])) - [2.0, 7.0]
     assert play_n[0] == pytest.approx(play_n[1])
@@ -92,13 +92,13 @@ def test_another_sheet_lags_behind_by_a_force_and_its_creep_does_not_slow_down()
     assert falling[390] == pytest.approx(falling[150], rel=0.2)
 
 
-def test_a_world_takes_the_sheet_that_it_is_given() -> None:
+def test_world_with_remade_uses_other_sheet() -> None:
     first, second = World(None, seed=5), World(None, seed=5, remade=other_sheet)
     assert isinstance(second.sheet, OtherSheet)
     assert second.sheet.rest_ohm.tolist() == first.sheet.rest_ohm.tolist()
 
 
-def test_objects_to_grasp_keep_their_size_and_lose_their_law() -> None:
+def test_second_generator_objects_keep_size_and_change_curve() -> None:
     for seed, name in ((960_000, "layered"), (960_001, "foam"), (960_002, "dough")):
         first, second = (
             Sample(seed=seed, level="lab", kind="rigid", second=other).obj()
@@ -108,7 +108,7 @@ def test_objects_to_grasp_keep_their_size_and_lose_their_law() -> None:
         assert second.size_mm == first.size_mm
 
 
-def test_items_of_the_second_population_have_a_skin_and_shells_do_not() -> None:
+def test_other_item_has_skin_unless_shell() -> None:
     kiwi, egg = map(other_item, draw_crate(["kiwi", "egg"], seed=4))
     assert kiwi.side(0).curve is not None
     assert egg.side(0).curve is None

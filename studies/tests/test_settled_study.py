@@ -1,4 +1,4 @@
-"""The study of settled values: what it prints, holds out, draws and refuses."""
+"""The study of settled values: output, held-out materials, rules and refusals."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from palpate_studies import settled
 CREEP = {"a": (0.03, 0.3), "b": (0.06, 1.0), "c": (0.1, 0.1)}
 
 
-def ran(*arguments: object) -> int:
+def run_study(*arguments: object) -> int:
     return run(build_app(), ["study", "settled", *map(str, arguments)], name="palpate")
 
 
@@ -35,7 +35,7 @@ def holds(name: str, count: int) -> list[Hold]:
     ]
 
 
-def written(folder: Path, name: str, count: int = 5) -> Path:
+def write_holds(folder: Path, name: str, count: int = 5) -> Path:
     lines = ["hold_id,time_s,value"]
     for hold in holds(name, count):
         pairs = zip(hold.time_s, hold.values, strict=True)
@@ -45,12 +45,12 @@ def written(folder: Path, name: str, count: int = 5) -> Path:
     return path
 
 
-def test_every_material_has_every_rule_and_own_holds(
+def test_settled_study_scores_every_method_on_every_material(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(settled, "SINGLE_HOLDS", 2)
-    a, b, c = (written(tmp_path, name) for name in "abc")
-    assert ran("--holds", a, "--holds", b, "--held-out", c, "--json") == 0
+    a, b, c = (write_holds(tmp_path, name) for name in "abc")
+    assert run_study("--holds", a, "--holds", b, "--held-out", c, "--json") == 0
     document = json.loads(capsys.readouterr().out)
     rows = document["rows"]
     without = [row for row in rows if row["own_holds"] == 0]
@@ -77,7 +77,7 @@ def test_every_material_has_every_rule_and_own_holds(
     assert min(row["regret"] for row in document["regret"]) == pytest.approx(1.0, abs=0.5)
 
 
-def test_a_multiple_learns_from_the_others_alone() -> None:
+def test_fit_multiple_uses_other_materials_only() -> None:
     shown = {name: [settled.extract_features(h, 2.5) for h in holds(name, 4)] for name in "ab"}
     [one] = [settled.extract_features(h, 2.5) for h in holds("c", 1)]
     rule = settled.fit_multiple(shown)
@@ -86,28 +86,30 @@ def test_a_multiple_learns_from_the_others_alone() -> None:
     assert abs(rule(one) - one.change) > 0.02
 
 
-def test_files_of_the_same_holds_are_left_out_together() -> None:
+def test_share_holds_detects_files_with_common_holds() -> None:
     assert settled._share_holds(holds("a", 2), holds("a", 3))
     assert not settled._share_holds(holds("a", 2), holds("b", 2))
 
 
-def test_a_ridge_recovers_what_others_share() -> None:
+def test_fit_ridge_recovers_common_relation() -> None:
     others = {name: [settled.extract_features(h, 5.0) for h in holds(name, 6)] for name in "ac"}
     rule = settled.fit_ridge(others)
     for one in (settled.extract_features(h, 5.0) for h in holds("a", 2)):
         assert rule(one) == pytest.approx(one.change, rel=0.1)
 
 
-def test_one_material_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert ran("--holds", written(tmp_path, "a")) == 2
+def test_settled_study_of_one_material_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_study("--holds", write_holds(tmp_path, "a")) == 2
     assert "two materials" in capsys.readouterr().err
 
 
-def test_values_that_are_not_positive_are_refused(
+def test_settled_study_of_negative_values_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = written(tmp_path, "a")
+    path = write_holds(tmp_path, "a")
     negative = tmp_path / "holds_n.csv"
     negative.write_text(path.read_text().replace("_h0,0.50,", "_h0,0.50,-"))
-    assert ran("--holds", path, "--holds", negative) == 2
+    assert run_study("--holds", path, "--holds", negative) == 2
     assert "not positive" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""The study of sizes: small runs, and scores of known errors."""
+"""The size study: small runs, and scores of known errors."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from palpate_studies import size
 from palpate_studies.size import SizedStrawberry, errors_mm, measure_sizes
 
 
-def said(value: float, half: float = 0.3) -> Measurement:
+def measured(value: float, half: float = 0.3) -> Measurement:
     return Measurement(value=value, low=value - half, high=value + half, unit="mm")
 
 
-def test_scores_of_sizes() -> None:
+def test_size_scores_of_known_errors_are_exact() -> None:
     berries = [
         SizedStrawberry(
             sensor=0,
             true_mm=35.0,
             published_mm=published,
-            same_steps=said(ours),
+            same_steps=measured(ours),
             damaged=number == 0,
             pressed_to_mm=33.5,
             steps=np.zeros(3),
@@ -38,12 +38,12 @@ def test_scores_of_sizes() -> None:
     assert ours["coverage"] == pytest.approx(2 / 3)
     assert ours["worst_mm"] == pytest.approx(0.5)
     assert ours["damaged"] == 1
-    # One sensor alone: there is no other to learn on.
+    # With one sensor there is no training set.
     assert size.scores(berries, "trees")["answered"] == 0
 
 
 @pytest.mark.slow
-def test_size_study_is_finite_and_says_simulated(tmp_path: Path) -> None:
+def test_size_study_is_finite_and_states_simulated(tmp_path: Path) -> None:
     report = size.report(sensors=1, first_sensor=300, berries=2)
     report.write(tmp_path)
     stored = json.loads((tmp_path / "size.json").read_text())
@@ -57,11 +57,11 @@ def test_size_study_is_finite_and_says_simulated(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_trees_of_the_size_see_all_that_ours_read_and_no_fruit_of_the_same_sensor() -> None:
+def test_size_trees_are_trained_on_other_sensors_only() -> None:
     berries = list(measure_sizes("lab", sensors=range(300, 303), berries=3))
     errors = errors_mm(berries, "trees")
     assert np.sqrt(np.mean(errors**2)) < 1.5
-    # What a sensor shows of its own fruit changes nothing in its answers.
+    # The true sizes of a sensor's own fruit do not affect its predictions.
     other = [
         replace(one, true_mm=one.true_mm + 5.0) if one.sensor == 300 else one for one in berries
     ]

@@ -15,7 +15,7 @@ HEADER = "stroke_id,sample,location_mm,depth_mm,speed_mm_s,voltage_v,force_n\n"
 
 
 def soft_csv(path: Path, *, strokes: int = 24, depths: tuple[float, ...] = (0.5, 1.0, 1.4)) -> Path:
-    """Write strokes whose voltage follows the force late, and bent."""
+    """Write strokes with a delayed, nonlinear voltage."""
     rng = np.random.default_rng(3)
     lines = []
     for stroke in range(strokes):
@@ -31,15 +31,15 @@ def soft_csv(path: Path, *, strokes: int = 24, depths: tuple[float, ...] = (0.5,
     return path
 
 
-def test_inputs_of_a_cut_stroke_equal_those_of_the_whole(tmp_path: Path) -> None:
-    whole = read_strokes(soft_csv(tmp_path / "whole.csv"))[0]
+def test_stroke_inputs_do_not_depend_on_later_samples(tmp_path: Path) -> None:
+    full = read_strokes(soft_csv(tmp_path / "whole.csv"))[0]
     text = (tmp_path / "whole.csv").read_text().splitlines()
     (tmp_path / "cut.csv").write_text("\n".join(text[:10]) + "\n")
     cut = read_strokes(tmp_path / "cut.csv")[0]
-    np.testing.assert_array_equal(cut.inputs(), whole.inputs()[: len(cut.force_n)])
+    np.testing.assert_array_equal(cut.inputs(), full.inputs()[: len(cut.force_n)])
 
 
-def test_ours_on_other_strokes_beats_the_mean_force(tmp_path: Path) -> None:
+def test_force_law_on_held_out_strokes_beats_mean_force(tmp_path: Path) -> None:
     strokes = read_strokes(soft_csv(tmp_path / "strokes.csv"))
 
     def error_n(name: str) -> float:
@@ -51,7 +51,7 @@ def test_ours_on_other_strokes_beats_the_mean_force(tmp_path: Path) -> None:
     assert error_n("ours") < 0.3 * error_n("constant")
 
 
-def test_command_prints_a_row_a_model_and_depth(
+def test_soft_sensor_command_prints_row_per_model_and_depth(
     tmp_path: Path, document: Callable[..., Any]
 ) -> None:
     pytest.importorskip("sklearn")

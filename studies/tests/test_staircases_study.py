@@ -1,4 +1,4 @@
-"""The staircase study: laws and learners follow sheets that they never saw."""
+"""The staircase study: laws and learners track forces on other sheets."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from palpate_studies.staircases import (
 
 
 @pytest.mark.slow
-def test_a_sheet_is_followed_by_the_laws_of_its_calibration() -> None:
+def test_follow_staircases_with_calibrated_laws_tracks_force() -> None:
     found = follow_staircases(3, level="lab", staircases=1)
     assert list(found) == ["settled", "by_time", "memory", "now"]
     (now,) = found["now"]
@@ -29,7 +29,7 @@ def test_a_sheet_is_followed_by_the_laws_of_its_calibration() -> None:
 
 
 @pytest.mark.slow
-def test_learners_follow_sheets_that_they_never_saw() -> None:
+def test_follow_staircases_with_trees_rejects_training_sheets() -> None:
     trees = learn_from_staircases([4, 5], level="lab", staircases=1)
     with pytest.raises(SeenBeforeError, match="4 was used"):
         follow_staircases(4, level="lab", staircases=1, trees=trees)
@@ -45,7 +45,7 @@ def test_learners_follow_sheets_that_they_never_saw() -> None:
 
 
 @pytest.mark.slow
-def test_what_a_learner_sees_of_a_frame_is_what_came_before_it() -> None:
+def test_list_features_does_not_depend_on_later_frames() -> None:
     pairs = calibrate_twin(seed=3, level="lab", apart_from="").force
     time_s = np.arange(40) / 15
     excess = np.full((40, 4, 2), 0.3)
@@ -56,11 +56,11 @@ def test_what_a_learner_sees_of_a_frame_is_what_came_before_it() -> None:
     np.testing.assert_allclose(since_start_s, time_s)
     assert since_moved_s[20] == 0.0
     assert since_moved_s[35] == pytest.approx(13 / 15)
-    # A sheet that reads above its rest, as an open hand may: still a number.
+    # Readings above the rest, as with an open hand, give finite features.
     assert np.isfinite(list_features(time_s, excess - 0.9, pairs=pairs)).all()
 
 
-def test_scores_of_known_errors() -> None:
+def test_staircase_scores_of_known_errors_are_exact() -> None:
     force = np.array([1.0, 2.0, 4.0])
     half = FollowedForce(
         sensor=0,

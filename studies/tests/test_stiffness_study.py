@@ -1,4 +1,4 @@
-"""The stiffness study's objects: as stiff as asked, and of every kind."""
+"""The stiffness study: its objects, scores and repeatability."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from palpate_studies.stiffness import (
 
 
 @pytest.mark.parametrize("stiffness", [0.5, 5.0, 50.0])
-def test_every_object_has_the_secant_stiffness_that_was_asked_for(stiffness: float) -> None:
+def test_draw_stiffness_object_has_requested_secant_stiffness(stiffness: float) -> None:
     drawn = [draw_stiffness_object(stiffness, seed=seed) for seed in range(12)]
     for obj in drawn:
         force_n = object_force_n(obj, FIRM_N / stiffness, ruptured=False)[0]
@@ -29,8 +29,8 @@ def test_every_object_has_the_secant_stiffness_that_was_asked_for(stiffness: flo
     assert max(sum(obj.relaxing_share) for obj in drawn) > 0.1
 
 
-def test_a_bound_that_excludes_nothing_rigid_has_no_upper_end() -> None:
-    """Every wide interval is a bound, and some include rigid objects."""
+def test_scores_count_bounds_including_rigid_objects() -> None:
+    """Every wide interval is reported as a bound; only some include rigid objects."""
     wide, unbounded = (
         StiffnessAnswer(
             gripper="soft",
@@ -47,11 +47,11 @@ def test_a_bound_that_excludes_nothing_rigid_has_no_upper_end() -> None:
     )
     found = scores([wide, unbounded, unbounded])
     assert found["no_upper_end"] == 2
-    assert found["median_abs_error_percent"] is None, "the middle of what is possible"
+    assert found["median_abs_error_percent"] is None, "no error without upper limits"
     assert scores([wide, wide, unbounded])["median_abs_error_percent"] == pytest.approx(50.0)
 
 
-def test_rank_correlation_of_firmness_counts_every_grasp_that_has_one() -> None:
+def test_firmness_rank_uses_every_grasp_with_firmness() -> None:
     answers = [
         StiffnessAnswer(
             gripper="rigid",
@@ -78,7 +78,7 @@ def test_rank_correlation_of_firmness_counts_every_grasp_that_has_one() -> None:
 
 
 @pytest.mark.slow
-def test_repeat_of_one_object_varies_little() -> None:
+def test_repeat_grasps_of_one_object_vary_little() -> None:
     found = repeat_grasps("lab", seed=700, stiffness=4.0, gripper="rigid", grasps=3)
     assert found["grasps"] == 3
     assert 0.0 < found["sd"] < 6.0

@@ -1,4 +1,4 @@
-"""A study that is stopped ends as a whole."""
+"""A stop signal ends a whole study."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from palpate_studies.force_control_world import draw_task, learn_damage
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_ends_the_study_with_the_hand_safe(
+def test_signal_during_grasp_ends_study_with_hand_stopped(
     number: signal.Signals, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = signal.getsignal(number)

@@ -1,4 +1,4 @@
-"""The stroke study: what a touch is, what is scored, and that nothing leaks."""
+"""The stroke study: cutting of touches, scored samples, and separation of test data."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ HEADER = "recording_id,time_s,resistance_ohm,force_n,touch,phase\n"
 
 
 def strokes_csv(
-    path: Path, *, sensors: int = 2, places: int = 2, attempts: int = 2, faint: bool = False
+    path: Path, *, sensors: int = 2, places: int = 2, attempts: int = 2, weak: bool = False
 ) -> Path:
-    """Write invented touches: two pins, some attempts; creep, and a gain of the place."""
+    """Write synthetic touches: two pins, some attempts, creep, and a gain per place."""
     rng = np.random.default_rng(5)
     lines = []
     for sensor in range(sensors):
@@ -36,7 +36,7 @@ def strokes_csv(
                         "rest",
                     )
                     creep = 1 + 0.2 * np.maximum(since, 0)
-                    excess = (0.001 if faint else 8) * gains[place] * force**1.2 * creep
+                    excess = (0.001 if weak else 8) * gains[place] * force**1.2 * creep
                     ohm = 1000 / (1 + excess)
                     lines += [
                         f"s{sensor}-{pin}mm-a{attempt},{place * 2 + t:.3f},{r:.4f},{f:.4f},"
@@ -52,7 +52,7 @@ def touches(tmp_path_factory: pytest.TempPathFactory) -> list[Touch]:
     return read_strokes(strokes_csv(tmp_path_factory.mktemp("strokes") / "s.csv"))
 
 
-def test_touches_follow_the_definition(touches: list[Touch]) -> None:
+def test_read_strokes_finds_contact_and_measured_samples(touches: list[Touch]) -> None:
     assert len(touches) == 2 * 2 * 2 * 2
     for one in touches:
         force = np.exp(one.log_force)
@@ -80,7 +80,7 @@ def test_the_reference_is_seen_only_where_it_is_told(touches: list[Touch], prior
         assert follow(blind, others)[0].tolist() == follow(touch, others)[0].tolist(), name
 
 
-def test_what_comes_later_changes_nothing_said_before(touches: list[Touch]) -> None:
+def test_follower_predictions_do_not_depend_on_later_samples(touches: list[Touch]) -> None:
     follow = MODELS["ours"]([one for one in touches if one.sensor == "s0"], "eighty_percent")
     touch = next(one for one in touches if one.sensor == "s1")
     cut = replace(
@@ -90,8 +90,8 @@ def test_what_comes_later_changes_nothing_said_before(touches: list[Touch]) -> N
             for name in ("time_s", "inputs", "log_force", "phase", "scored")
         },
     )
-    whole = follow(touch, [])[0]
-    np.testing.assert_allclose(follow(cut, [])[0], whole[:-10], rtol=0, atol=1e-12)
+    full = follow(touch, [])[0]
+    np.testing.assert_allclose(follow(cut, [])[0], full[:-10], rtol=0, atol=1e-12)
 
 
 @pytest.mark.slow
@@ -102,7 +102,7 @@ def test_study_prints_one_document(tmp_path: Path, document: Callable[..., Any])
     asked = {(row["model"], row["told"]) for row in found["summary"]}
     assert {(model, "eighty_percent") for model in MODELS} <= asked
     assert {("ours", told) for told in PRIORS} <= asked
-    # One line of the summary for each question: a reader may look it up by these four.
+    # These four keys identify a row of the summary.
     keys = [tuple(one[k] for k in ("model", "told", "phase", "band")) for one in found["summary"]]
     assert len(keys) == len(set(keys))
     error = {
@@ -117,11 +117,11 @@ def test_study_prints_one_document(tmp_path: Path, document: Callable[..., Any])
 @pytest.mark.parametrize(
     ("made", "message"),
     [
-        ({"faint": True}, "no touch raises the conductance"),
+        ({"weak": True}, "no touch raises the conductance"),
         ({"sensors": 1}, "none is left for training"),
     ],
 )
-def test_strokes_of_too_little_refuses(
+def test_strokes_study_of_unusable_recordings_is_refused(
     made: dict[str, Any], message: str, tmp_path: Path, refusal: Callable[..., str]
 ) -> None:
     path = strokes_csv(tmp_path / "s.csv", **made)
@@ -129,7 +129,7 @@ def test_strokes_of_too_little_refuses(
 
 
 @pytest.mark.slow
-def test_study_with_test_recordings_scores_them_alone(
+def test_study_with_test_recordings_scores_only_these(
     tmp_path: Path, document: Callable[..., Any]
 ) -> None:
     known = strokes_csv(tmp_path / "known.csv", sensors=1)
@@ -142,7 +142,7 @@ def test_study_with_test_recordings_scores_them_alone(
 
 
 @pytest.mark.slow
-def test_strokes_with_one_attempt_a_place_leaves_out_what_needs_two(
+def test_strokes_with_one_attempt_per_place_skips_place_prior(
     tmp_path: Path, document: Callable[..., Any]
 ) -> None:
     path = strokes_csv(tmp_path / "s.csv", attempts=1)

@@ -1,4 +1,4 @@
-"""Requirements on every study at small size, and on single ones."""
+"""Requirements on all studies at small size, and on single studies."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def payload(name: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("place", [place for place, _ in (*STUDIES.values(), *BENCHMARKS.values())])
-def test_command_of_catalogue_has_help_with_example(place: str) -> None:
+def test_catalogue_command_has_help_with_example(place: str) -> None:
     command = import_module(place).command
     assert "Example: palpate " in (command.__doc__ or "")
     assert {"as_json", "out"} & set(inspect.signature(command).parameters)
@@ -108,13 +108,13 @@ def test_figure_fits_a_page_and_has_letters_units_and_editable_fonts(
         letter_panels(figure)
         letters = [text.get_text() for axis in figure.axes for text in axis.texts]
         assert letters[: len(figure.axes)] == list("abcdef")[: len(figure.axes)] or not letters
-        said = [figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()]
-        assert any(map(UNIT.search, said)), said
+        labels = [figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()]
+        assert any(map(UNIT.search, labels)), labels
         save_figure(figure, tmp_path / "figure.pdf")
         check_fonts(tmp_path / "figure.pdf")
 
 
-def test_write_leaves_json_markdown_and_every_figure(tmp_path: Path) -> None:
+def test_write_creates_json_markdown_and_every_figure(tmp_path: Path) -> None:
     run("springs").write(tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {
         "springs.json",
@@ -123,7 +123,7 @@ def test_write_leaves_json_markdown_and_every_figure(tmp_path: Path) -> None:
     }
 
 
-def test_published_entries_are_as_printed() -> None:
+def test_published_entries_match_the_paper() -> None:
     assert table2.PUBLISHED["dragonskin-20"] == (-66.9, 0.52, "A-20")
     assert table3.PUBLISHED["ball-55lbs-b"] == (55, -62.8, 1.14)
     assert table4.PUBLISHED["ecoflex-10"] == (0.985, -0.0953, 0.987)
@@ -134,16 +134,16 @@ def test_published_entries_are_as_printed() -> None:
         assert entries["recorded, 20 s, before"]["published"] == -21.2
 
 
-def test_stiffer_sheet_changes_more_at_one_width() -> None:
+def test_table2_stiffer_sheet_changes_more_at_one_width() -> None:
     assert payload("table2")["sensors_in_order"]["lab"] == 1
 
 
-def test_suction_raises_resistance() -> None:
+def test_environment_suction_raises_resistance() -> None:
     change = np.array(payload("environment")["suction_change_percent"]["lab"])
     assert np.all(np.diff(change, axis=1) > 0)
 
 
-def test_median_removes_spikes_and_notch_removes_mains() -> None:
+def test_noise_median_removes_spikes_and_notch_removes_mains() -> None:
     rms = {
         (row["chain"], row["disturbance"]): row["rms_points"]
         for row in payload("noise")["levels"]["lab"]
@@ -153,12 +153,12 @@ def test_median_removes_spikes_and_notch_removes_mains() -> None:
     assert rms["250 Hz, notch 50 and 60 Hz", "mains 60 Hz"] < 0.2 * rms[plain, "mains 60 Hz"]
 
 
-def test_own_noise_sees_less_force_than_the_fixed_threshold() -> None:
+def test_detection_limit_of_own_noise_is_below_fixed_threshold() -> None:
     (fixed, own), *_ = payload("detection-limit")["weakest_n"]["lab, flat (springs)"]
     assert 0.0 < own < fixed < 5.0
 
 
-def test_slow_closing_needs_the_clock_at_its_end() -> None:
+def test_speed_slow_closing_requires_clock_at_end_of_actuation() -> None:
     errors = {
         (row["speed_mm_per_s"], row["clock"]): row["median_abs_error_percent"]
         for row in payload("speed")["rows"]
@@ -167,20 +167,20 @@ def test_slow_closing_needs_the_clock_at_its_end() -> None:
     assert errors[3.0, "start of actuation"] > 3 * errors[3.0, "end of actuation"]
 
 
-def test_slip_is_seen_and_a_quiet_hold_raises_no_alarm() -> None:
+def test_slip_is_detected_without_alarms_in_quiet_holds() -> None:
     for row in payload("slip")["summary"]:
         assert row["seen"] == row["felt_before"]
         assert row["called_before"] == 0
     assert all(row["called"] == 0 for row in payload("slip")["quiet"])
 
 
-def test_every_cycle_grasps_the_same_object() -> None:
+def test_fatigue_true_force_is_constant_over_cycles() -> None:
     for level in ("lab", "field"):
         true_n = np.array(payload("fatigue")["levels"][level][0]["true_n"])
         assert np.ptp(true_n) < 0.1 * true_n.mean()
 
 
-def test_rigid_fingers_show_the_trend_of_figure_16() -> None:
+def test_figure16_rigid_fingers_show_published_trend() -> None:
     rows = payload("figure16")["summary"]
     assert len(rows) == 6
     assert all(len(row["mean_percent"]) == figure16.DAYS for row in rows)
@@ -188,8 +188,8 @@ def test_rigid_fingers_show_the_trend_of_figure_16() -> None:
     assert found["rigid, one width"][-1] > found["rigid, one width"][0] + 5.0
 
 
-def test_fixture_keeps_a_ball_near_the_middle() -> None:
-    def shares(*, fixture: bool) -> list[float]:
+def test_session_fixture_reduces_spread_of_pixels() -> None:
+    def pixel_ranges(*, fixture: bool) -> list[float]:
         spread = []
         for trial in range(6):
             session, ball = Session(1, level="lab", trial=trial), draw_named("ball-44lbs")
@@ -198,10 +198,10 @@ def test_fixture_keeps_a_ball_near_the_middle() -> None:
             spread.append(float(np.ptp(reading.change_percent)))
         return spread
 
-    assert max(shares(fixture=True)) < 0.6 * max(shares(fixture=False))
+    assert max(pixel_ranges(fixture=True)) < 0.6 * max(pixel_ranges(fixture=False))
 
 
-def test_pixel_at_the_end_of_its_converter_reads_the_least_that_it_can_show() -> None:
+def test_session_saturated_pixel_reads_smallest_resistance() -> None:
     session = Session(
         1,
         level="field",

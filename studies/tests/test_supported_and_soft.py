@@ -1,4 +1,4 @@
-"""Table 6 with a supported apple, and Figure 16 with other soft fingers."""
+"""Table 6 with a supported apple, and the scores of Figure 16."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from palpate_studies.figure16 import scores
 from palpate_studies.table6 import CLOSURE_MM, DROPPED, SIZE_MM, grasp_free, grasp_supported
 
 
-def test_supported_apple_keeps_the_load_of_its_sound_side() -> None:
+def test_supported_apple_sound_side_keeps_its_load() -> None:
     free, held = grasp_free("lab", 70_002, repeats=2), grasp_supported("lab", 70_002, repeats=2)
     before, after, bruised = (
         held.values(column, "recorded", 20.0).mean()
@@ -24,7 +24,7 @@ def test_supported_apple_keeps_the_load_of_its_sound_side() -> None:
     assert DROPPED.dent_mm < CLOSURE_MM < SIZE_MM
 
 
-def test_trend_is_counted_by_fruit() -> None:
+def test_figure16_scores_count_fruits_with_trend() -> None:
     falls = np.array([-40.0, -35.0, -30.0, -25.0])[:, None] + np.array([-0.5, 0.5])
     stays = np.array([-40.0, -41.0, -40.5, -39.5])[:, None] + np.array([-0.5, 0.5])
     found = scores(np.array([falls, stays]))

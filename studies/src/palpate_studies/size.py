@@ -1,4 +1,4 @@
-"""Figure 14 of the paper: the size of strawberries measured by closing in 1 mm steps.
+"""Figure 14 of the paper: strawberry sizes from closing in 1 mm steps.
 
 The strawberries are measured on the twin with the paper's method (Figure 13), with a grasp of
 palpate, and with boosted trees on the readings of that grasp.
@@ -283,7 +283,7 @@ def _place_strawberry(obj: TwinObject, level: str, sensor: int, berry: int) -> S
 
 
 def find_previous_width_mm(session: Session) -> float:
-    """Close as in Figure 13 until the mean falls by 10 %; return the previous width."""
+    """Close until the mean falls by 10 % (Figure 13); return the previous width."""
     rest_ohm, width_mm = session.mean_ohm(), START_MM
     while width_mm > session.gripper.limits.lowest:
         before_mm, width_mm = width_mm, width_mm - STEP_MM

@@ -398,7 +398,7 @@ def judge(crates: Sequence[CrateItemGrasps]) -> StudyReport:
 
 
 def draw(summary: Sequence[Mapping[str, Any]]) -> Figure:
-    """Draw errors over items per hour, with one line per method from one to three grasps."""
+    """Draw errors over items per hour for one to three grasps."""
     from palpate.plots.style import BLUE, ORANGE, new_figure
 
     ways = {"ours, ": ("palpate", BLUE), "boosted trees, ": ("boosted trees", ORANGE)}

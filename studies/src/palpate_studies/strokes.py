@@ -101,7 +101,7 @@ class Touch:
         return np.where(self.phase == "unloading", 2.0, 1.0)
 
     def after(self, prior: str) -> Mask:
-        """Return a mask of the scored samples after a measured force, or of all of them."""
+        """Return a mask of the scored samples, after the measured force if any."""
         if prior not in self.measured_at:
             return self.scored
         return self.scored & (np.arange(len(self.scored)) > self.measured_at[prior])

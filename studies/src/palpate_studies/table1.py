@@ -1,4 +1,4 @@
-"""Table 1 and Figures 5 and 6 of the paper: early estimation of the settled value."""
+"""Table 1, Figures 5 and 6 of the paper: early estimates of settled values."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ def error_table(family: str, errors: Mapping[str, Sequence[Mapping[str, float | 
 
 
 def figure_5(holds: Sequence[Hold]) -> Figure:
-    """Draw the hold with the median error of the exponential at 2.5 s, with its fit."""
+    """Draw the hold with the exponential's median error at 2.5 s, with its fit."""
     from palpate.plots.style import BLUE, GREY, INK, ORANGE, new_figure
 
     time_s = holds[0].time_s

@@ -1,4 +1,4 @@
-"""Table 4 and Figure 11c of the paper: force over relative change, one line per sheet."""
+"""Table 4 and Figure 11c of the paper: force over relative change."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Table 5 of the paper: error of an early estimate of the force at 20 s."""
+"""Table 5 of the paper: error of early estimates of the 20 s force."""
 
 from __future__ import annotations
 

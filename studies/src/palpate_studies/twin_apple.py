@@ -176,7 +176,7 @@ def find_contact(face: Face, side_mm: float) -> FaceContact:
 
 @lru_cache(maxsize=256)
 def find_first_touch(face: Face) -> tuple[float, float, float]:
-    """Return the extra closure to first touch relative to a round fruit, and its place, mm."""
+    """Return the extra closure to first touch, and its place, mm."""
     if face.patch is None:
         return 0.0, 0.0, 0.0
     reach_mm = face.patch.radius_mm + _SEARCH_MARGIN_MM

@@ -1,4 +1,4 @@
-"""A simulated avocado that ripens: its mean firmness on a day, and that of single spots.
+"""A simulated ripening avocado: mean firmness and firmness of single spots.
 
 The elastic force at 1 mm falls as
 
@@ -84,7 +84,7 @@ class Avocado:
         return high
 
     def spot(self, day: float, *, rng: np.random.Generator) -> TwinObject:
-        """Return the fruit at one random spot on a day, as the object of a grasp."""
+        """Return one random spot of the fruit on a day, for a grasp."""
         firmness_n = self.force_at_1mm_n(day) * float(np.exp(self.spot_log_sd * rng.normal()))
         rupture_n = self.rupture_per_root * float(np.sqrt(firmness_n))
         return TwinObject(

@@ -1,1 +1,1 @@
-"""Benchmarks of `palpate bench`, one per file; every figure is a ratio to a named peer."""
+"""Benchmarks of `palpate bench`; every figure is a ratio to a named peer."""

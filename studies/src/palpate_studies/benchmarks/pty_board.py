@@ -28,7 +28,7 @@ from palpate_studies.board_bytes import encode_message
 
 @contextmanager
 def run_on_port(act: Callable[[int], None]) -> Iterator[tuple[str, int]]:
-    """Run `act` on the other end of a port in a process; yield port and process."""
+    """Run `act` on a port in a process; yield port and process."""
     master, slave = os.openpty()
     tty.setraw(slave)
     child = os.fork()

@@ -1,4 +1,4 @@
-"""Read the files of a clone at a commit through git, independent of the working tree."""
+"""Read the files of a clone at a commit through git."""
 
 from __future__ import annotations
 
