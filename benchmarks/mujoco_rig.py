@@ -44,7 +44,7 @@ def grasp_drawn(rig_name: str, *, seed: int) -> Grasp:
 
 def error(name: str, measured: Measurement, true: float) -> float | None:
     """Return an error (mm, points, ln ratio in percent); None without a number."""
-    if not measured.number:
+    if not measured.has_value:
         return None
     if name in ("size_mm", "settled_percent"):
         return measured.value - true

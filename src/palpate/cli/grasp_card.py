@@ -86,13 +86,13 @@ def _measurements(result: GraspResult, truth: Mapping[str, object] | None) -> Ta
             table.add_row(label, "-")
             continue
         value, interval = "-", measured.text(digits=digits)
-        if measured.number:
+        if measured.has_value:
             value = f"[bold]{measured.value:.{digits}f}[/]"
             interval = f"{measured.low:.{digits}f} … {measured.high:.{digits}f}"
         true = "-"
         if truth is not None and isinstance(known := truth.get(name), int | float):
             true = f"{known:.{digits}f}"
-            if measured.number:
+            if measured.has_value:
                 is_inside = measured.low <= known <= measured.high
                 true = f"[{'green' if is_inside else 'red'}]{true}[/]"
         note = " [yellow]*[/]" if _note_text(measured) else ""

@@ -284,7 +284,7 @@ def _with_interval(name: str, one: Measurement | None) -> dict[str, float | None
     if one is None:
         return {}
     low, high = one.known_ends
-    return {name: one.value if one.number else None, f"{name}_low": low, f"{name}_high": high}
+    return {name: one.value if one.has_value else None, f"{name}_low": low, f"{name}_high": high}
 
 
 def _thin_out(curve: Sequence[Point]) -> tuple[float, ...]:

@@ -180,9 +180,9 @@ def _size_texts(result: GraspResult) -> list[str]:
     """Return the known size and stiffness as text."""
     rows = ((result.size_mm, "mm", 0), (result.stiffness_n_per_mm, "N/mm", 1))
     return [
-        f"{one.text(digits=digits if one.number else 2)} {unit}"
+        f"{one.text(digits=digits if one.has_value else 2)} {unit}"
         for one, unit, digits in rows
-        if one is not None and (one.number or any(one.known_ends))
+        if one is not None and (one.has_value or any(one.known_ends))
     ]
 
 

@@ -296,7 +296,7 @@ def _measurement_document(measured: Measurement | None, true: object) -> dict[st
     if measured is None:
         return None
     known = {"status": str(measured.status), "truth": true}
-    if not measured.number:
+    if not measured.has_value:
         return known | {"value": None, "low": None, "high": None, "text": measured.text(digits=2)}
     value, low, high = finite_or_none([measured.middle, measured.low, measured.high])
     return known | {"value": value, "low": low, "high": high}

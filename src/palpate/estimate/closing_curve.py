@@ -1,11 +1,11 @@
-"""An object's size and stiffness from its closing curve, with the gripper's give taken out.
+"""Size and stiffness of an object from its closing curve, corrected for gripper compliance.
 
-The curve leaves several unknowns open, and they are estimated together: where contact began, the
-shape and scale of the object's law, this contact's gain against the sheet's law, and the gripper's
-give here. They are correlated: a force read too high takes out too much give, and so makes the
-object seem too stiff twice over. The answer's interval covers all of them. Shape and scale lie on a
-grid; given both, every other unknown shifts each step's estimate of where contact began in
-proportion, and is solved for (generalised least squares with priors).
+The unknowns are estimated together: the contact position, the shape and scale of the object's force
+law, the gain of this contact relative to the sheet's law, and the gripper's compliance here. They
+are correlated: a force read too high also overestimates the gripper's deflection, so the object
+seems too stiff for two reasons. The intervals include all unknowns. Shape and scale are on a grid.
+For each pair, the other unknowns change the contact position of each step linearly, and are
+solved for (generalised least squares with priors).
 """
 
 from __future__ import annotations
@@ -23,61 +23,62 @@ from palpate.estimate.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Com
 from palpate.estimate.measurement import Measurement
 from palpate.settling.result import Status
 
-#: Exponents of force over indentation and how common they are: 1 a flat or layered body, 1.5 a
-#: round one (Hertz), 1.25 what is between, 2 pointed or stiffening.
+#: Exponents of force over indentation, with prior probabilities: 1 for a flat or layered body, 1.5
+#: for a round one (Hertz), 1.25 for intermediate shapes, 2 for a pointed or stiffening body.
 _SHAPES = {1.0: 0.4, 1.25: 0.15, 1.5: 0.35, 2.0: 0.1}
-#: Scatter of ln force from step to step within one closing, and how likely. Most contacts read
-#: evenly, once their exponent and lag are known; some reseat themselves.
+#: Scatter of ln force between steps of one closing, with prior probabilities. Most contacts read
+#: evenly after correction of exponent and lag; in some the object shifts.
 _SCATTERS = {0.007: 0.4, 0.02: 0.4, 0.08: 0.2}
-#: An object off the middle, or another face than the block's: pads and fingers give a share more.
+#: Relative change of compliance for an object off the middle, or with another face than the block.
 _COMPLIANCE_SD = 0.02
-#: How far (in ln force) the object has relaxed at the horizon against its closing, and how
-#: likely: springs and silicone hardly, fruit by a tenth to a third. At one closure no force rises.
+#: Relaxation (ln force) of the object between closing and horizon: probability, mean and standard
+#: deviation. Springs and silicone hardly relax, fruit by a tenth to a third. The force never rises
+#: at constant closure.
 _RELAXED = ((0.6, -0.03, 0.04), (0.4, -0.2, 0.1))
-#: Sheet and current show no relaxation of a held object. For half of them, fruit, the force is
-#: lower than estimated by this much (ln).
+#: Neither sheet nor current shows the relaxation of a held object. In half of the objects, fruit,
+#: the force is lower than estimated by this amount (ln).
 _FRUIT_FRACTION, _UNSEEN, _UNSEEN_SD = 0.5, -0.06, 0.04
-#: A staircase is no clean step, and settling is known only for clean steps: its forecast has this
-#: error (ln force) beyond its own interval.
+#: Additional error (ln force) of a forecast after several steps, because the settling model is
+#: known only for single steps.
 _FORECAST_SD = 0.02
-#: The gripper's zero was found on a block whose size is known to a tenth of a millimetre.
+#: Uncertainty of the gripper's zero, from a block with a size tolerance of 0.1 mm.
 _BLOCK_SD_MM = 0.06
-#: A width is never known better, mm (half an encoder step of the usual servo).
+#: Smallest uncertainty of a width, mm (half an encoder step of a typical servo).
 _SHARPEST_MM = 0.02
 _GAINS, _SCALES, _DRAWS = 5, 40, 4000
-#: Number of unknowns solved for: size, gain beyond that of the grid, exponent, lag, give.
+#: Number of solved unknowns: size, gain relative to the grid's, exponent, lag, compliance.
 _UNKNOWN = 5
-#: Share of the uncertainty of the gain that each place of the grid solves for, so that what is not
-#: proportional in a large uncertainty is evaluated at several places.
+#: Fraction of the gain's uncertainty that is solved linearly at each grid point. The rest is
+#: covered by the grid of gains, because large changes of gain have nonlinear effects.
 _SOLVED_FRACTION = 0.5
 
-#: A step that raises the force at once is read low, because the sheet lags: by this fraction of the
-#: rise (in ln force) that still lags. On development closings of the twin, compared with
-#: the true forces, 0.16 on springs; 0.05 where half of the objects relax as fruit does meanwhile.
-#: Relaxing bends a closing the other way: a stiffness estimated from the bend needs no correction
-#: on average.
+#: A reading just after a step is low, because the sheet lags: by this fraction of the lagging rise
+#: (ln force). On development closings of the twin, compared with the true forces, 0.16 on springs;
+#: 0.05 if half of the objects relax like fruit. Relaxation bends the curve in the opposite
+#: direction, so a stiffness estimated from the bend needs no correction on average.
 LAG, LAG_SD = 0.1, 0.08
-#: The lag of a sheet after a rise falls by this fraction with each step of a closing.
+#: Fraction of a sheet's lag that disappears with each closing step.
 _RECOVERY = 0.3
-#: This contact's exponent against the law's, because the load spreads over the pixels as it grows
-#: and a sheet near its end bends: scatter per unit of ln force, as a share of the law's own scatter
-#: from placement to placement, and its least and most.
+#: Scatter of a contact's exponent relative to the law's, per unit of ln force. It has two causes:
+#: a growing load spreads over more pixels, and the sheet saturates. Given as a fraction of the
+#: law's scatter between placements, with its smallest and largest value.
 _TILT_FRACTION, _TILT_SDS = 0.5, (0.04, 0.4)
-#: The servo's current gives the gain all along the closing, from this fraction of the force on and
-#: with a weight that grows with it; the lag of the sheet is taken out there.
+#: The servo current determines the gain from this fraction of the final force on, with a weight
+#: that grows with force, and with the sheet's lag corrected.
 _GAIN_FROM = 0.3
-#: A reading below this many standard deviations of faint forces may be drift before the contact:
-#: such a step shows only that the force was no larger.
+#: A force below this many standard deviations of faint forces may be drift before contact. Such a
+#: step only gives an upper bound of the force.
 CONTACT_SD = 2.0
-#: The data are readings at given widths, but the equations are of widths at given readings. This
-#: power of the slopes between the two counts where a step before contact bounds the size (a bound
-#: is needed: a deep contact has large slopes). On development closings of the twin 0 gave a size
-#: RMS of 0.42 mm (`lab`) and 0.35 (`field`), 0.3 gave 0.38 and 0.30. More than 0.3 lowers the
-#: certain stiffness so far that a firm object is not squeezed until its stiffness is known.
+#: The data are readings at given widths, but the equations give widths at given readings. The
+#: evidence includes this power of the slopes that convert between the two, if a step before contact
+#: bounds the size (the bound is needed because a deep contact has large slopes). On development
+#: closings of the twin, a power of 0 gave a size RMS of 0.42 mm (`lab`) and 0.35 mm (`field`), and
+#: 0.3 gave 0.38 and 0.30 mm. Above 0.3 the lower bound of the stiffness becomes so small that firm
+#: objects are not squeezed until their stiffness is known.
 _SLOPE_POWER = 0.3
-#: Fewest steps with force that show a curve.
+#: Fewest steps with force in a curve.
 _FEWEST = 2
-#: Steps of a long closing that are used: neighbours carry the same information.
+#: Most steps used of a long closing, because adjacent steps carry the same information.
 _MOST_STEPS = 14
 
 
@@ -90,12 +91,12 @@ class ClosingAnswer(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Grid:
-    """The grid: gains x shapes x scales x scatters, and the values solved at each."""
+    """Grid of gains x shapes x scales x scatters, with the solution at each point."""
 
-    #: Shape (gains, shapes, scales, scatters). Probability of each place; sums to 1.
+    #: Shape (gains, shapes, scales, scatters). Probability of each grid point; sums to 1.
     weight: FloatArray
-    #: Shape (gains, shapes, scales, scatters, 5). Of size, further gain, exponent, lag and give
-    #: there.
+    #: Shape (gains, shapes, scales, scatters, 5). Mean of size, further gain, exponent, lag and
+    #: compliance.
     mean: FloatArray
     #: Shape (gains, shapes, scales, scatters, 5, 5). Inverse of their covariance.
     precision: FloatArray
@@ -103,7 +104,7 @@ class _Grid:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Posterior:
-    """Draws of what the curve leaves open, arrays of shape (draws,)."""
+    """Samples of the posterior, arrays of shape (draws,)."""
 
     size_mm: FloatArray
     scale: FloatArray
@@ -115,11 +116,11 @@ class _Posterior:
 def measure_closing(
     curve: ClosingSteps, *, compliance: Compliance, opening_mm: float, force: Measurement
 ) -> ClosingAnswer | None:
-    """Return size, and secant stiffness at the settled force; None with few steps.
+    """Estimate size, and secant stiffness at the settled force; None with few steps.
 
-    `compliance`: of pads, fingers and servo.
-    `opening_mm`: final opening, zero taken out.
-    `force`: settled force there, newtons.
+    `compliance`: compliance of pads, fingers and servo.
+    `opening_mm`: final opening, corrected for the zero.
+    `force`: settled force at that opening, newtons.
 
     A spring of 2 N/mm in a gripper with a compliance of 0.2 mm/N:
 
@@ -140,9 +141,9 @@ def measure_closing(
         return None
     tail = (1 - force.level) / 2
     log_sd = np.log(force.high / max(force.low, 1e-3 * force.middle)) / (2 * ndtri(1 - tail))
-    # Settled, the force is known better than while closing, and the gain of the contact with it.
+    # The settled force also reduces the uncertainty of the contact's gain.
     curve = replace(curve, gain_sd=min(curve.gain_sd, float(log_sd)))
-    # A fixed seed: the same touch gives the same answer.
+    # A fixed seed, for reproducible results.
     rng = np.random.default_rng(0)
     held = _posterior(curve, compliance=compliance, rng=rng)
     own_sd = float(np.sqrt(max(log_sd**2 - curve.gain_sd**2, 0.0) + _FORECAST_SD**2))
@@ -156,7 +157,7 @@ def measure_closing(
     possible = deformed > force_n / STIFFEST_N_PER_MM
     deformed = np.where(possible, deformed, force_n / STIFFEST_N_PER_MM)
     relaxed = log_force - np.log(held.scale) - held.shape * np.log(deformed)
-    likely = sum(share * normal_density(relaxed, mean, sd) for share, mean, sd in _RELAXED)
+    likely = sum(fraction * normal_density(relaxed, mean, sd) for fraction, mean, sd in _RELAXED)
     weight = np.where(possible, likely, 0.0)
     rigid = weight.sum() < 1e-3 * _DRAWS
     weight = np.ones_like(weight) if rigid else weight
@@ -193,7 +194,7 @@ def _quantiles(values: FloatArray, weight: FloatArray, at: list[float]) -> tuple
 def _posterior(
     curve: ClosingSteps, *, compliance: Compliance, rng: np.random.Generator
 ) -> _Posterior:
-    """Weigh the grid twice, the second time around the scale found, and draw from it."""
+    """Evaluate the grid twice, the second time near the estimated scale, and draw samples."""
     scales = np.geomspace(0.02, STIFFEST_N_PER_MM, _SCALES)
     seen = scales[_weigh(curve, compliance, scales).weight.sum(axis=(0, 1, 3)) > 1e-5]
     step = scales[1] / scales[0]
@@ -218,22 +219,22 @@ def _posterior(
 
 
 def _gains(curve: ClosingSteps) -> FloatArray:
-    """Return equally likely gains, of ln force; the other uncertainty is solved for each."""
+    """Return equally likely gains (ln force); each has the solved uncertainty in addition."""
     middles = ndtri((np.arange(_GAINS) + 0.5) / _GAINS)
-    kept = np.sqrt(1 - _SOLVED_FRACTION**2) / np.std(middles)
-    return np.asarray(curve.own_gain_sd * kept * middles)
+    scale = np.sqrt(1 - _SOLVED_FRACTION**2) / np.std(middles)
+    return np.asarray(curve.own_gain_sd * scale * middles)
 
 
 def _weigh(curve: ClosingSteps, compliance: Compliance, scales: FloatArray) -> _Grid:
-    """Weigh each place of the grid by the scatter of its contact over the steps."""
+    """Solve each grid point, weighted by the agreement of contact positions over the steps."""
     touch_mm, design = _contact_equations(curve, compliance, scales)
     scatters = np.array(list(_SCATTERS))
-    doubt = scatters[:, None] ** 2 + (curve.floor_n / curve.samples.read_n) ** 2
+    relative = scatters[:, None] ** 2 + (curve.floor_n / curve.samples.read_n) ** 2
     sharp_mm = max(compliance.residual_mm, _SHARPEST_MM)
-    weight = 1.0 / (sharp_mm**2 + design[..., None, :, 1] ** 2 * doubt)
+    weight = 1.0 / (sharp_mm**2 + design[..., None, :, 1] ** 2 * relative)
     gain_sd = max(_SOLVED_FRACTION * curve.own_gain_sd, 1e-3)
     known = np.array([np.inf, gain_sd, tilt_sd(curve.law_sd), LAG_SD, _COMPLIANCE_SD])
-    # From the middle: sums of squares of whole widths would lose the digits that count.
+    # Subtract the mean, because squares of full widths would lose precision.
     middle_mm = float(touch_mm.mean())
     off_mm = touch_mm - middle_mm
     products = (design[..., :, None] * design[..., None, :]).reshape(*design.shape[:-1], -1)
@@ -257,10 +258,11 @@ def _weigh(curve: ClosingSteps, compliance: Compliance, scales: FloatArray) -> _
 def _contact_equations(
     curve: ClosingSteps, compliance: Compliance, scales: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return where contact began by each step, and what moves that.
+    """Return the contact position of each step, and the design matrix of the unknowns.
 
-    Shapes (gains, shapes, scales, steps) and with a last axis of 5: each step's width, the give and
-    the deformation under its force add up to the size, but for gain, exponent, lag and give.
+    Shapes (gains, shapes, scales, steps), and the same with a last axis of 5. At each step, width,
+    gripper deflection and deformation add up to the size. The columns of the design matrix belong
+    to size, gain, exponent, lag and compliance.
     """
     samples = curve.samples
     log_n = np.log(samples.read_n) + _gains(curve)[:, None]
@@ -284,23 +286,23 @@ def _bound_size(
     size_mm: FloatArray,
     sd_mm: FloatArray,
 ) -> FloatArray:
-    """Return the log likelihood of the steps before the first with force.
+    """Return the log likelihood of the steps before the first step with force.
 
-    The object began no further out than a faint force would reach. A later step that reads nothing
-    shows pixels that cancel each other.
+    They bound the size, because the force there was at most a faint one. Later steps without a
+    reading are ignored, because changes of pixels may cancel.
     """
     power = 1.0 / np.array(list(_SHAPES))[:, None, None]
     faint_mm = (curve.faint_n / scales[:, None]) ** power + float(
         compliance.deflection_mm(curve.faint_n)
     )
-    beyond_mm = float(curve.width_mm[: np.argmax(curve.is_certain)].min()) + faint_mm
-    return np.asarray(log_ndtr((beyond_mm - size_mm) / sd_mm))
+    limit_mm = float(curve.width_mm[: np.argmax(curve.is_certain)].min()) + faint_mm
+    return np.asarray(log_ndtr((limit_mm - size_mm) / sd_mm))
 
 
 def compute_lag(force_n: FloatArray, *, faint_n: float) -> FloatArray:
-    """Return the rise of ln force at each step that still lags in the sheet.
+    """Return the lagging rise of ln force at each step, which the sheet underestimates.
 
-    `force_n`, shape (n_steps,): forces of a closing, newtons; below `faint_n` they count as that.
+    `force_n`, shape (n_steps,): forces of a closing, newtons; at least `faint_n` is used.
 
     >>> compute_lag(np.array([0.1, 0.2, 0.2]), faint_n=0.1).round(3).tolist()
     [0.0, 0.485, 0.34]
@@ -319,7 +321,7 @@ def tilt_sd(law_sd: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurveSamples:
-    """The steps in use, arrays of shape (n,)."""
+    """The steps in use; arrays have shape (n,)."""
 
     #: Force read, and opening.
     read_n: FloatArray
@@ -332,47 +334,47 @@ class CurveSamples:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClosingSteps:
-    """The steps of one closing, read as the grasp went."""
+    """Steps of one closing, read during the grasp."""
 
-    #: Shape (n_steps,). Opening at each step, zero taken out.
+    #: Shape (n_steps,). Opening at each step, corrected for the zero.
     width_mm: FloatArray
-    #: Shape (n_steps,). Force read there, newtons; 0 without contact.
+    #: Shape (n_steps,). Measured force at each step, newtons; 0 without contact.
     force_n: FloatArray
     #: Scatter of ln force from one contact to another.
     gain_sd: float
-    #: Scatter of ln force that the sheet's law shows from placement to placement.
+    #: Scatter of ln force between placements, from the sheet's law.
     law_sd: float
     #: Scatter of faint forces, newtons.
     floor_n: float
 
     @property
     def faint_n(self) -> float:
-        """Force below which a reading shows only that it is small."""
+        """Force below which a reading is only an upper bound."""
         return CONTACT_SD * self.floor_n
 
     @property
     def is_certain(self) -> NDArray[np.bool_]:
-        """Return the steps with a force above drift, or all with force if too few."""
-        sure = self.force_n > self.faint_n
-        return sure if np.count_nonzero(sure) >= _FEWEST else self.force_n > 0
+        """Steps with a force above drift, or with any force if too few."""
+        certain = self.force_n > self.faint_n
+        return certain if np.count_nonzero(certain) >= _FEWEST else self.force_n > 0
 
     @property
     def rising(self) -> FloatArray:
-        """Rise of ln force at each step with force that still lags in the sheet."""
+        """Lagging rise of ln force at each certain step."""
         return compute_lag(self.force_n[self.is_certain], faint_n=self.faint_n)
 
     @property
     def used_steps(self) -> NDArray[np.int64]:
         """Indices of the steps in use: at most `_MOST_STEPS`, evenly spread."""
-        felt = int(np.count_nonzero(self.is_certain))
-        return np.unique(np.linspace(0, felt - 1, min(felt, _MOST_STEPS)).round().astype(int))
+        count = int(np.count_nonzero(self.is_certain))
+        return np.unique(np.linspace(0, count - 1, min(count, _MOST_STEPS)).round().astype(int))
 
     @property
     def samples(self) -> CurveSamples:
-        """The steps that are used."""
+        """Samples of the steps in use."""
         read_n = self.force_n[self.is_certain][self.used_steps]
-        share = read_n / read_n.max()
-        weight = np.where(share > _GAIN_FROM, share**2, 0.0)
+        fraction = read_n / read_n.max()
+        weight = np.where(fraction > _GAIN_FROM, fraction**2, 0.0)
         above, lagging = np.log(read_n), self.rising[self.used_steps]
         return CurveSamples(
             read_n=read_n,
@@ -383,7 +385,7 @@ class ClosingSteps:
 
     @property
     def own_gain_sd(self) -> float:
-        """Uncertainty of the gain without the exponent's part, which is solved for."""
+        """Uncertainty of the gain without the contribution of the exponent."""
         tilted = tilt_sd(self.law_sd) * self.samples.above[-1]
         return float(np.sqrt(max(self.gain_sd**2 - tilted**2, (0.5 * self.gain_sd) ** 2)))
 
@@ -391,7 +393,7 @@ class ClosingSteps:
 def normal_density(x: ArrayLike, mean: float, sd: float) -> FloatArray:
     """Return the normal density at `x`, of any shape.
 
-    The distributions of `scipy.stats` take longer to load.
+    `scipy.stats` is avoided because of its import time.
 
     >>> normal_density([0.0, 1.0], 0.0, 1.0).round(4).tolist()
     [0.3989, 0.242]

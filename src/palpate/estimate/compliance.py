@@ -1,4 +1,4 @@
-"""Compliance of everything but the object (pads, fingers, servo), measured on rigid blocks."""
+"""Compliance of the gripper (pads, fingers and servo), measured on rigid blocks."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ from scipy.optimize import nnls
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 
-#: Forces over which a pad bottoms out; their mixture makes any curve that stiffens smoothly.
+#: Force constants of pads that bottom out; their mixture fits any smoothly stiffening curve.
 _PAD_FORCES_N = np.array([0.5, 1.0, 2.0, 4.0, 8.0])
 
-#: Nothing softer is an object, and such a gripper can't distinguish anything stiffer from rigid,
-#: N/mm.
+#: Smallest stiffness of an object, and largest stiffness that is distinguishable from rigid, N/mm.
 SOFTEST_N_PER_MM, STIFFEST_N_PER_MM = 0.02, 500.0
 #: Sizes of the blocks must differ by at least this much, mm.
 _APART_MM = 3.0
@@ -25,16 +24,16 @@ _APART_MM = 3.0
 class Compliance:
     """Deflection of the gripper itself under a force.
 
-    give(F) = slope F + sum_i pad_i (1 - exp(-F / F_i)): a spring, and pads that bottom out.
+    deflection(F) = slope F + sum_i pad_i (1 - exp(-F / F_i)): a spring, and pads that bottom out.
     """
 
-    #: Fingers and servo.
+    #: Compliance of fingers and servo.
     slope_mm_per_n: float
     #: Travel of each pad term.
     pad_mm: tuple[float, ...]
-    #: Reported width minus the true opening, without force.
+    #: Reported width minus true opening, without force.
     zero_mm: float
-    #: Scatter of the calibration about this curve.
+    #: Scatter of the calibration about the curve.
     residual_mm: float
     #: Largest force of the calibration.
     largest_force_n: float
@@ -63,7 +62,7 @@ class Compliance:
                 "width must fall as the force rises; is the block rigid and the width in mm?"
             )
         pads = -np.expm1(-force[:, None] / _PAD_FORCES_N)
-        # The zero may have either sign, so it enters twice; nnls keeps every travel positive.
+        # The zero may have either sign, so it has two columns; nnls keeps all travels positive.
         design = np.column_stack([force, pads, np.ones_like(force), -np.ones_like(force)])
         found = nnls(design, closed)[0]
         residual = closed - design @ found
@@ -77,16 +76,16 @@ class Compliance:
         )
 
     def deflection_mm(self, force_n: ArrayLike) -> FloatArray:
-        """Return the gripper's deflection, mm, of the shape of the forces."""
+        """Return the gripper's deflection at forces of any shape, mm."""
         force = np.asarray(force_n, dtype=float)
         pads = -np.expm1(-force[..., None] / _PAD_FORCES_N) @ np.array(self.pad_mm)
         return np.asarray(self.slope_mm_per_n * force + pads)
 
     @property
     def stiffest_n_per_mm(self) -> float:
-        """Slope of force over closure on a rigid object, once the pads have bottomed out.
+        """Slope of force over closure on a rigid object after the pads have bottomed out.
 
-        An upper bound for every object: whatever is gripped only makes the series softer.
+        It is an upper bound for every object, because the object adds compliance in series.
         """
         return 1.0 / max(self.slope_mm_per_n, 1e-3)
 
@@ -95,9 +94,9 @@ class Compliance:
 class SoftFingerCompliance:
     """Closure and compliance of pressure-driven fingers."""
 
-    #: How far they close per pressure while nothing is in the way.
+    #: Free travel per pressure.
     mm_per_kpa: float
-    #: How far less under a force.
+    #: Deflection under force.
     compliance: Compliance
 
     @classmethod
@@ -106,8 +105,8 @@ class SoftFingerCompliance:
     ) -> SoftFingerCompliance:
         """Fit to closings on rigid blocks of at least two sizes.
 
-        Raises `CalibrationError` if the blocks are of one size, or the fingers don't close as the
-        pressure rises.
+        Raises `CalibrationError` if the blocks have one size, or the fingers don't close with
+        rising pressure.
 
         >>> block_mm = np.repeat([40.0, 50.0], 5)
         >>> force_n = np.tile([0.5, 1.0, 2.0, 3.0, 4.0], 2)
@@ -122,7 +121,7 @@ class SoftFingerCompliance:
         if not np.ptp(block) > _APART_MM:
             raise CalibrationError(
                 "fingers driven by pressure: close them on rigid blocks of two sizes, at least "
-                f"{_APART_MM:g} mm apart; one block gives no millimetres"
+                f"{_APART_MM:g} mm apart; one block can't relate pressure to width"
             )
         design = np.column_stack([np.ones_like(force), -block, force, np.sqrt(force)])
         per_mm = float(np.linalg.lstsq(design, pressure, rcond=None)[0][1])

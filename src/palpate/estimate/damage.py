@@ -1,8 +1,9 @@
-"""The damage limit of an object, from its stiffness and from closings up to rupture.
+"""Damage limit of an object, learned from closings up to rupture.
 
-Two answers. The *prediction* is the likely rupture force with a lower bound. The *limit* of a grasp
-(`DamageModel.bound_n`) is the force below which at most a nominal fraction of objects like those
-seen ruptures. Both work with a force from any source, with the kind of object known or not.
+The *prediction* is the likely rupture force with a lower bound. The *limit* of a grasp
+(`DamageModel.bound_n`) is the force below which at most a nominal fraction of objects like those in
+the training set ruptures. Both accept forces from any source, and a known or unknown kind of
+object.
 """
 
 from __future__ import annotations
@@ -30,15 +31,15 @@ NOMINAL_RATE = 0.01
 #: Probability that the rupture force lies above the lower bound.
 LOWER_BOUND_LEVEL = 0.95
 FOLDS = 5
-#: All bounds that are asked for lie between these, ln N.
+#: Search range of the bound, ln N.
 _LOG_BOUNDS_N = (-20.0, 20.0)
 
 
 class RupturePrediction(NamedTuple):
-    """The rupture force as known at one moment of a closing, all in newtons.
+    """Prediction of the rupture force at one moment of a closing, newtons.
 
     `force_n`: the force level just passed.
-    `predicted_n`, `low_n`: likely rupture force, and what it exceeds with probability 0.95.
+    `predicted_n`, `low_n`: likely rupture force, and its lower bound with probability 0.95.
     """
 
     force_n: float
@@ -48,12 +49,12 @@ class RupturePrediction(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DamageModel:
-    """A model learned from closings that ended in rupture, for one kind or for all.
+    """Damage model learned from closings that ended in rupture, by kind of object.
 
     Attributes
     ----------
     strengths : mapping of str to Strength
-        Prediction of the rupture force, by kind; ``""`` serves the kinds that have none.
+        Model of the rupture force, by kind; ``""`` is for kinds without their own model.
     low_fractions : mapping of str to float
         Lower bound as a fraction of the prediction, by kind.
     rate : float
@@ -74,7 +75,7 @@ class DamageModel:
             raise ValueError(f"rate is {self.rate}; it must lie between 0 and 1")
 
     def predict(self, state: ClosingState, *, kind: str = "") -> RupturePrediction:
-        """Return the rupture force from one state of a closing curve (kind ``""``: not known)."""
+        """Predict the rupture force from one state of a closing curve (kind ``""``: unknown)."""
         kind = kind if kind in self.strengths else ""
         predicted_n = self.strengths[kind].predict_n(state)
         low_n = max(self.low_fractions[kind] * predicted_n, state.force_n)
@@ -83,11 +84,12 @@ class DamageModel:
     def bound_n(self, stiffness: Measurement, *, kind: str = "") -> float:
         """Return the force below which at most a fraction `rate` of objects are damaged, N.
 
-        Few closings miss rare ones, so the log-normal law of `Strength` extends the bound.
-        The stiffness is uncertain too, and an object that may be soft may be weak.
+        A small training set contains no rare objects, so the log-normal law of `Strength`
+        extrapolates the bound. The uncertainty of the stiffness is included, because an object that
+        may be soft may be weak.
 
-        `stiffness`: of the object between the fingers, N/mm.
-        `kind`: kind of the object, empty if not known.
+        `stiffness`: stiffness of the gripped object, N/mm.
+        `kind`: kind of the object, empty if unknown.
         """
 
         def excess(log_force: float) -> float:
@@ -96,16 +98,16 @@ class DamageModel:
         return float(np.exp(brentq(excess, *_LOG_BOUNDS_N, xtol=1e-3)))
 
     def damage_rate(self, force_n: float, stiffness: Measurement, *, kind: str = "") -> float:
-        """Return the fraction of such objects that a force damages; the inverse of `bound_n`."""
+        """Return the fraction of such objects damaged by a force; the inverse of `bound_n`."""
         strength = self.strengths[kind if kind in self.strengths else ""]
-        log_stiffness, weight = strength.likely(stiffness)
-        return float(weight @ strength.below(force_n, log_stiffness))
+        log_stiffness, weight = strength.stiffness_distribution(stiffness)
+        return float(weight @ strength.rupture_probability(force_n, log_stiffness))
 
 
 def prediction_at_half_load(predictions: Sequence[RupturePrediction]) -> RupturePrediction | None:
-    """Return the prediction made when the force first reached half of it.
+    """Return the first prediction at which the force has reached half of the predicted force.
 
-    Where the object ruptured before that, the last one known; None where nothing was known.
+    If the object ruptured earlier, return the last prediction; None without predictions.
     """
     for one in predictions:
         if one.force_n >= one.predicted_n / 2:
@@ -121,14 +123,15 @@ def fit_damage_model(
     by_kind: bool = True,
     rate: float = NOMINAL_RATE,
 ) -> DamageModel:
-    """Learn from closings that ended in rupture.
+    """Fit a damage model to closings that ended in rupture.
 
-    `paths`: the states of each closing (`ClosingCurve.push`); those past the rupture are skipped.
-    `rupture_force_n`: force at which each object ruptured, N.
-    `kinds`: kind of each object; those with fewer than twice `FEWEST` objects count as one.
+    `paths`: states of each closing (`ClosingCurve.push`); states after the rupture are skipped.
+    `rupture_force_n`: rupture force of each object, N.
+    `kinds`: kind of each object; a kind with fewer than `2 * FEWEST_CLOSINGS` objects has no model
+    of its own.
     `by_kind`: whether the kind will be known when the model is used.
     `rate`: fraction of objects that may be damaged at the limit.
-    Raises `ValueError` if there are too few closings to learn from.
+    Raises `ValueError` if there are too few closings.
     """
     limits_n = np.asarray(rupture_force_n, dtype=np.float64)
     counts = {kind: list(kinds).count(kind) for kind in sorted(set(kinds))}
@@ -144,8 +147,8 @@ def fit_damage_model(
 
 
 def _low_fraction(paths: Sequence[Path], limits_n: NDArray[np.float64]) -> float:
-    """Return the fraction of its prediction at half load that objects exceed with the level."""
-    shares = []
+    """Return the lower bound as a fraction of the prediction at half load, cross-validated."""
+    fractions = []
     for inside, outside in _folds(len(paths)):
         strength = fit_strength(
             [paths[i] for i in inside], rupture_force_n=limits_n[inside].tolist()
@@ -154,13 +157,13 @@ def _low_fraction(paths: Sequence[Path], limits_n: NDArray[np.float64]) -> float
             for state in paths[i]:
                 predicted_n = strength.predict_n(state)
                 if state.force_n >= predicted_n / 2:
-                    shares.append(limits_n[i] / predicted_n)
+                    fractions.append(limits_n[i] / predicted_n)
                     break
-    rank = int(np.floor((1 - LOWER_BOUND_LEVEL) * (len(shares) + 1)))
-    return float(np.sort(shares)[rank - 1] if rank else 0.9 * min(shares))
+    rank = int(np.floor((1 - LOWER_BOUND_LEVEL) * (len(fractions) + 1)))
+    return float(np.sort(fractions)[rank - 1] if rank else 0.9 * min(fractions))
 
 
 def _folds(count: int) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Split by position: neighbours in a file are often alike, and land in different folds."""
+    """Split by position, so that similar neighbours in a file are in different folds."""
     fold = np.arange(count) % FOLDS
     return [(np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in range(FOLDS)]

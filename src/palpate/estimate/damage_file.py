@@ -1,7 +1,6 @@
-"""The damage file: a learned damage limit and its sources, as readable text.
+"""Damage file: a learned damage model and its sources, as readable JSON.
 
-JSON, written whole or not at all. Every number has a name with its unit; the logarithms are natural
-ones of newtons and N/mm.
+The file is written atomically. Names state units; logarithms are natural, of newtons and N/mm.
 """
 
 from __future__ import annotations
@@ -19,40 +18,40 @@ from palpate.estimate.strength import FEWEST_CLOSINGS, Strength
 from palpate.files import atomic_path, structure
 
 FORMAT, VERSION = "palpate-damage-model", 2
-#: Rate of every file of version 1.
+#: Rate of all files of version 1.
 _RATE_1 = 0.001
 _BROKEN = "not whole JSON ({}); take it from a backup or run `palpate calibrate damage` again"
-#: More digits than any closing supports; people read the file.
+#: Decimal places: more than closings justify, but readable.
 _DIGITS = 5
 _STRENGTH = tuple(f.name for f in fields(Strength))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DamageFile:
-    """A damage model and what it was learned from."""
+    """A damage model and its training set."""
 
-    #: What a grasp uses.
+    #: The model for grasps.
     model: DamageModel
-    #: How many were learned from, by kind.
+    #: Number of closings in the training set, by kind.
     closings: Mapping[str, int]
-    #: SHA-256 of each file that they came from, by name.
+    #: SHA-256 of each training file, by name.
     learned_from: Mapping[str, str]
-    #: ISO 8601 date and time.
+    #: Creation date and time, ISO 8601.
     made_at: str
-    #: Closings that were not learned from, and why.
+    #: Excluded closings, with the reason.
     left_out: Mapping[str, str] = field(default_factory=dict)
-    #: Predictions for closings left out in turn, by kind; ``""`` where the kind is not given.
+    #: Cross-validation scores, by kind; ``""`` for an unknown kind.
     held_out: Mapping[str, HeldOut] = field(default_factory=dict)
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Return the kinds that are distinguished."""
+        """Kinds with a model of their own."""
         return tuple(kind for kind in self.model.strengths if kind)
 
     def check_kind(self, name: str, *, where: str) -> str:
-        """Return the name of a kind that may be given for a grasp.
+        """Return the kind `name` if this file has a limit for it.
 
-        Raises `InputError` if this file has no limit of its own for that kind.
+        Raises `InputError` if it has none; `where` is the file's name in the message.
         """
         if name in self.kinds:
             return name
@@ -78,7 +77,7 @@ class DamageFile:
         return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
     def save(self, path: str | Path) -> None:
-        """Write the file, whole or not at all."""
+        """Write the file atomically."""
         text = self.as_text()
         with atomic_path(path) as partial:
             partial.write_text(text)
@@ -93,10 +92,10 @@ class DamageFile:
 
     @classmethod
     def load(cls, path: str | Path) -> DamageFile:
-        """Read what `save` wrote.
+        """Read a file written by `save`.
 
-        Raises `CalibrationError` if it can't be read, is cut, comes from a newer version, or lacks
-        or misnames a value; one line that names it.
+        Raises `CalibrationError`, with a one-line message, if the file can't be read, is truncated,
+        has another version, or has missing or unknown values.
 
         >>> DamageFile.load("no-such-file.json")
         Traceback (most recent call last):
@@ -112,7 +111,7 @@ class DamageFile:
 
     @classmethod
     def from_text(cls, text: str, *, where: str) -> DamageFile:
-        """Read what `as_text` wrote; `where` it comes from is for errors.
+        """Parse the output of `as_text`; `where`: the source, for messages.
 
         Raises `CalibrationError` as `load` does.
         """
@@ -125,7 +124,7 @@ class DamageFile:
 
 
 def read_recorded_model(text: str | None) -> DamageModel | None:
-    """Return the model of a damage file kept in a recording, None where none was.
+    """Return the damage model stored in a recording; None without one.
 
     Raises `CalibrationError` as `DamageFile.load` does.
     """
@@ -144,7 +143,7 @@ class _StoredKind(Strength):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Document:
-    """The file, without its format and version."""
+    """Content of the file, without its format and version."""
 
     made_at: str
     learned_from: Mapping[str, str]

@@ -1,4 +1,4 @@
-"""Learning a damage limit from recorded closings, and its error on closings left out."""
+"""Fitting of a damage model to recorded closings, and its cross-validation."""
 
 from __future__ import annotations
 
@@ -24,41 +24,41 @@ from palpate.holds.strict import read_table
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOut:
-    """How well a model predicted closings that it was not fitted to."""
+    """Score of a model on closings outside its training set."""
 
     #: Number of closings with a prediction.
     closings: int
-    #: Mean error of the rupture force predicted at half load, percent of the true one.
+    #: Mean absolute error of the rupture force predicted at half load, percent of the true force.
     error_percent: float
-    #: The same of the median rupture force of the kind alone: no stiffness needed.
+    #: The same for a baseline without stiffness: the median rupture force of the kind.
     median_error_percent: float
-    #: Fraction that ruptured above the lower bound; should be 0.95.
+    #: Fraction of closings that ruptured above the lower bound; nominally 0.95.
     above_low: float
 
 
 def find_unfit(closings: Sequence[FruitClosing]) -> dict[str, str]:
-    """Return which closings can't be learned from, and why."""
-    copied = copies(closings)
+    """Return the closings that are unfit for training, with the reason."""
+    copied = find_copies(closings)
     found = {}
     for closing in closings:
-        of = copied.get(closing.grasp_id)
-        why = _fault(closing) if of is None else f"the same recording as {of}"
-        if why is not None:
-            found[closing.grasp_id] = why
+        original = copied.get(closing.grasp_id)
+        reason = _find_fault(closing) if original is None else f"the same recording as {original}"
+        if reason is not None:
+            found[closing.grasp_id] = reason
     return found
 
 
-def _fault(closing: FruitClosing) -> str | None:
-    """Return why nothing can be learned from a closing, None if something can."""
+def _find_fault(closing: FruitClosing) -> str | None:
+    """Return why a closing is unfit for training; None if it is fit."""
     half_n = closing.rupture_force_n / 2
     closure_mm, force_n = closing.samples.T
     if force_n.max(initial=0.0) < half_n:
         reached_n = force_n.max(initial=0.0)
         return f"its curve ends at {reached_n:.2f} N, before half of its rupture force"
     if closure_mm[-1] <= closure_mm[0]:
-        return "its closure falls while it is closed on; is it a width?"
+        return "its closure falls during the closing; is it a width?"
     if not any(state.force_n >= half_n for state in closing.states):
-        return f"its curve begins too near to its rupture force of {closing.rupture_force_n:g} N"
+        return f"its curve begins too close to its rupture force of {closing.rupture_force_n:g} N"
     return None
 
 
@@ -67,9 +67,8 @@ def learn_damage(
 ) -> DamageModel:
     """Fit a damage model to recorded closings.
 
-    At the limit, a fraction `rate` of the objects may be damaged.
-
-    Raises `InputError` if there are too few to learn from.
+    `rate`: fraction of objects that may be damaged at the limit.
+    Raises `InputError` if there are too few closings.
     """
     try:
         return fit_damage_model(
@@ -80,19 +79,19 @@ def learn_damage(
             rate=rate,
         )
     except ValueError as fault:
-        raise InputError(f"can't learn a damage limit: {fault}; give more closings") from fault
+        raise InputError(f"can't learn a damage limit: {fault}; add closings") from fault
 
 
-def split(
+def split_folds(
     closings: Sequence[FruitClosing],
 ) -> list[tuple[list[FruitClosing], list[FruitClosing]]]:
-    """Return parts to learn from and to test on; each closing is tested on once.
+    """Split closings into cross-validation folds; return training and test set of each.
 
-    Each fruit is spread evenly over the parts. Copies of one recording stay together.
+    Each fruit is distributed evenly over the folds. Copies of a recording are in the same fold.
     """
     seen: dict[str, int] = {}
     fold: dict[str, int] = {}
-    copied = copies(closings)
+    copied = find_copies(closings)
     for closing in closings:
         seen[closing.fruit] = seen.get(closing.fruit, -1) + 1
         fold[closing.grasp_id] = seen[closing.fruit] % FOLDS
@@ -110,17 +109,17 @@ def split(
 def predict_at_half_load(
     closing: FruitClosing, *, model: DamageModel, kind: str
 ) -> RupturePrediction | None:
-    """Return a model's prediction for a closing when half of it is reached."""
+    """Return the model's prediction for a closing at half of the predicted force."""
     return prediction_at_half_load([model.predict(state, kind=kind) for state in closing.states])
 
 
 def score_held_out(closings: Sequence[FruitClosing]) -> dict[str, HeldOut]:
-    """Score a model on closings left out of it, by kind (`""`: kind unknown).
+    """Cross-validate a damage model, by kind (`""`: kind unknown).
 
-    Raises `InputError` if there are too few to leave some out.
+    Raises `InputError` if there are too few closings for training.
     """
     predictions: dict[str, list[tuple[float, float, float]]] = {}
-    for training, test in split(closings):
+    for training, test in split_folds(closings):
         model = learn_damage(training)
         for closing in test:
             for kind in {"", closing.fruit}:
@@ -152,26 +151,26 @@ def _score(predictions: Iterable[tuple[float, float, float]]) -> HeldOut:
 class FruitClosing:
     """One recorded closing until rupture."""
 
-    #: As in the file.
+    #: Name and fruit, as in the file.
     grasp_id: str
     fruit: str
     #: Labelled rupture force.
     rupture_force_n: float
-    #: Shape (n_states,). Force of the sample at which each state became known: never below the
-    #: state's own.
+    #: Shape (n_states,). Force of the sample at which each state became known, at least the force
+    #: of the state.
     force_n: NDArray[np.float64]
-    #: What was known, strictly before the force first reached the label.
+    #: States before the force first reached the label.
     states: Sequence[ClosingState]
-    #: Shape (n_samples, 2). Closure (mm) and force (N) as recorded, up to there.
+    #: Shape (n_samples, 2). Recorded closure (mm) and force (N) before the force reached the label.
     samples: NDArray[np.float64]
 
 
 def read_closings(curves: Path, index: Path) -> list[FruitClosing]:
     """Read recorded closings and their labels.
 
-    `curves`: CSV with ``grasp_id,closure_mm,force_n``, the samples of each closing in their order.
-    `index`: CSV with ``grasp_id,fruit,rupture_force_n``, a line for each closing.
-    Raises `InputError` if a file can't be used, a closing is listed twice, or one has no curve.
+    `curves`: CSV with ``grasp_id,closure_mm,force_n``; the samples of each closing in order.
+    `index`: CSV with ``grasp_id,fruit,rupture_force_n``; one line per closing.
+    Raises `InputError` if a file can't be used, or a closing is listed twice or has no curve.
     """
     labels = read_table(
         index, columns={"grasp_id": "text", "fruit": "text", "rupture_force_n": "number"}
@@ -184,8 +183,8 @@ def read_closings(curves: Path, index: Path) -> list[FruitClosing]:
     ends = np.append(starts[1:], len(owner))
     where = dict(zip(owner[starts], zip(starts, ends, strict=True), strict=True))
     if len(where) < len(starts):
-        split = next(name for name in where if np.sum(owner[starts] == name) > 1)
-        raise InputError(f"{curves}: the samples of {split} don't stand together; sort the file")
+        divided = next(name for name in where if np.sum(owner[starts] == name) > 1)
+        raise InputError(f"{curves}: the samples of {divided} are not contiguous; sort the file")
     closings: list[FruitClosing] = []
     for name, fruit, limit_n in zip(*labels.values(), strict=True):
         if any(name == closing.grasp_id for closing in closings):
@@ -219,7 +218,7 @@ def follow_closing(
     closure_mm: NDArray[np.float64],
     force_n: NDArray[np.float64],
 ) -> FruitClosing:
-    """Follow a recorded closing sample by sample, up to its rupture."""
+    """Compute the states of a recorded closing, sample by sample, up to its rupture."""
     curve = ClosingCurve()
     states: list[ClosingState] = []
     known_at_n: list[float] = []
@@ -240,11 +239,11 @@ def follow_closing(
     )
 
 
-def copies(closings: Sequence[FruitClosing]) -> dict[str, str]:
-    """Return the closings that repeat an earlier recording, with its name.
+def find_copies(closings: Sequence[FruitClosing]) -> dict[str, str]:
+    """Return the closings that repeat an earlier recording, with the name of the original.
 
-    Two names for one fruit are no second fruit: learned from twice, or learned from and then tested
-    on, it would flatter the model.
+    A fruit that is in the training set twice, or in both training and test set, would make the
+    score too optimistic.
     """
     first: dict[tuple[str, float, bytes], str] = {}
     found = {}

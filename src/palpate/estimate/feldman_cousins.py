@@ -1,9 +1,9 @@
-"""Interval of a quantity that can't be negative, from a measurement that can.
+"""Interval of a non-negative quantity, from a measurement that may be negative.
 
-An ordinary interval cut at zero can be empty, and one made wide enough to avoid that covers too
-much near the bound. Feldman and Cousins order the possible measurements by their likelihood ratio
-to the best value allowed: the interval then changes by itself from two ends to an upper end alone,
-and covers as often as its level states at every true value.
+An ordinary interval cut at zero can be empty, and a wider one has too much coverage near zero.
+Feldman and Cousins order the possible measurements by their likelihood ratio to the best allowed
+value. The interval then changes automatically from two limits to an upper limit only, and its
+coverage equals its level for every true value.
 
 Feldman and Cousins, "Unified approach to the classical statistical analysis of small signals",
 Phys. Rev. D 57, 3873 (1998). There the error is normal; here it may be Student's t.
@@ -22,21 +22,21 @@ _TRUE, _MEASURED = 200, 500
 
 
 def interval_above_zero(measured: float, *, freedom: float, level: float) -> tuple[float, float]:
-    """Return the ends of the interval, in standard deviations of the measurement.
+    """Return the limits of the interval, in standard deviations of the measurement.
 
-    `measured`: in its standard deviations; below 0 if chance wants it.
-    `freedom`: degrees of freedom by which that standard deviation is known.
+    `measured`: measurement in its standard deviations; may be negative.
+    `freedom`: degrees of freedom of the standard deviation.
 
-    As in Table X of the paper, where the error is normal: no lower end from one standard
-    deviation below nought, two ends from two above.
+    As in Table X of the paper, for a normal error: an upper limit only at one standard deviation
+    below zero, two limits at two above.
 
     >>> [round(end, 1) for end in interval_above_zero(-1.0, freedom=1e6, level=0.9)]
     [0.0, 0.8]
     >>> [round(end, 1) for end in interval_above_zero(2.0, freedom=1e6, level=0.9)]
     [0.6, 3.6]
     """
-    reach = float(stdtrit(freedom, 0.5 + level / 2))
-    true = np.linspace(0.0, abs(measured) + 2 * reach, _TRUE)
+    quantile = float(stdtrit(freedom, 0.5 + level / 2))
+    true = np.linspace(0.0, abs(measured) + 2 * quantile, _TRUE)
     error = stdtrit(freedom, (np.arange(_MEASURED) + 0.5) / _MEASURED)
 
     def log_ratio(seen: ArrayLike, value: ArrayLike) -> FloatArray:
@@ -49,7 +49,7 @@ def interval_above_zero(measured: float, *, freedom: float, level: float) -> tup
 
 
 def median_above_zero(measured: float, *, freedom: float) -> float:
-    """Return the middle of what is left once everything below nought is ruled out.
+    """Return the median of the error distribution after exclusion of negative values.
 
     >>> [round(median_above_zero(x, freedom=6), 1) for x in (-2.0, 0.0, 4.0)]
     [0.5, 0.7, 4.0]

@@ -1,4 +1,4 @@
-"""Firmness: an index from 0 to 100 with a value wherever an object was touched."""
+"""Firmness: an index from 0 to 100, available after every contact."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ import math
 from palpate.estimate.measurement import Measurement
 from palpate.settling.result import Status
 
-#: Stiffness of index 0 and of index 100, N/mm: three decades, from foam to wood (a convention).
+#: Stiffness at index 0 and at index 100, N/mm: three decades, from foam to wood (a convention).
 _SOFTEST, _FIRMEST = 0.1, 100.0
 
 
 def firmness_index(stiffness: Measurement) -> Measurement:
-    """Return the firmness of an object from its stiffness.
+    """Convert the stiffness of an object to firmness.
 
     Parameters
     ----------
     stiffness : Measurement
-        The object's own secant stiffness at the grip force, N/mm, with the median of what is
-        possible as its value, however wide the interval.
+        The object's secant stiffness at the grip force, N/mm; its value is the posterior median,
+        even for a wide interval.
 
     Returns
     -------
     Measurement
-        ``100 log10(stiffness / 0.1) / 3``, kept within 0 to 100: 1 N/mm is 33, 10 N/mm is 67. The
-        logarithm gives an index an even error, so that a rigid hand that bounds a stiffness from
-        one side still has a firmness and its interval.
+        ``100 log10(stiffness / 0.1) / 3``, limited to 0 to 100: 1 N/mm is 33, 10 N/mm is 67. The
+        logarithmic scale has a uniform error, so firmness and its interval are available even if a
+        rigid hand bounds the stiffness from one side only.
 
     Examples
     --------
@@ -48,7 +48,7 @@ def firmness_index(stiffness: Measurement) -> Measurement:
 
 
 def index_stiffness(index: float) -> float:
-    """Return the stiffness, N/mm, of a firmness index.
+    """Convert a firmness index to stiffness, N/mm.
 
     >>> round(index_stiffness(200 / 3), 6)
     10.0

@@ -248,8 +248,8 @@ class PowerForceLaw:
         gradient = np.stack([grown, grown * log_x, np.ones_like(grown)], axis=-1) / value[..., None]
         sd = law_sd(gradient, covariance=self.covariance, residual_sd=self.residual_sd)
         freedom = self.pairs - (3 if offset > 0 else 2)
-        reach = float(stdtrit(freedom, 0.5 + level / 2))
-        spread, faint_n = np.exp(reach * sd), reach * self.floor_n
+        quantile = float(stdtrit(freedom, 0.5 + level / 2))
+        spread, faint_n = np.exp(quantile * sd), quantile * self.floor_n
         low = value - np.hypot(value - value / spread, faint_n)
         return ForceEstimate(
             value=np.where(responds, value, 0.0),

@@ -107,9 +107,9 @@ def noise_inputs(design: FloatArray) -> FloatArray:
     return np.column_stack([design[:, 0], design[:, 1], speed, design[:, INPUTS]])
 
 
-def scale_memory(spread: FloatArray, share: float) -> FloatArray:
+def scale_memory(spread: FloatArray, fraction: float) -> FloatArray:
     """Return a covariance of weights with less spread of all but the constant."""
-    factor = np.full(len(spread), share)
+    factor = np.full(len(spread), fraction)
     factor[0] = 1.0
     return spread * np.outer(factor, factor)
 
@@ -185,7 +185,7 @@ class ForceLaw:
             raise CalibrationError(f"{len(names)} contacts for {len(log_n)} measured forces")
         for name in dict.fromkeys(names.tolist()):
             mine = names == name
-            law._take(inputs[mine], log_n[mine], other_contact=contact is None)
+            law._update_weights(inputs[mine], log_n[mine], other_contact=contact is None)
             if contact is not None:
                 law.begin_contact()
         if contact is None:
@@ -215,7 +215,7 @@ class ForceLaw:
         many = np.ndim(force_n) > 0
         inputs, log_n = _samples(reading if many else [reading], np.atleast_1d(force_n))
         rising = bool((np.abs(inputs[:, _COPY]) > _RISING).any())
-        self._take(
+        self._update_weights(
             inputs, log_n, sd=sd_n * np.exp(-log_n), memory=MEMORY_FRACTION if rising else 1.0
         )
         self._given = True
@@ -238,13 +238,13 @@ class ForceLaw:
         """
         inputs = _inputs(reading)
         (mean,), (sd,) = self.log_force(inputs)
-        value, reach = float(np.exp(mean)), float(ndtri(0.5 + level / 2)) * sd
+        value, half_width = float(np.exp(mean)), float(ndtri(0.5 + level / 2)) * sd
         if touched is None:
             touched = bool(inputs[0, 0] > np.log(2.0 * CONTACT_EXCESS))
         return Measurement(
             value=value if touched else 0.0,
-            low=float(np.exp(mean - reach)) if touched and value >= self.least_n else 0.0,
-            high=float(np.exp(mean + reach)),
+            low=float(np.exp(mean - half_width)) if touched and value >= self.least_n else 0.0,
+            high=float(np.exp(mean + half_width)),
             unit="n",
             level=level,
         )
@@ -283,7 +283,7 @@ class ForceLaw:
             raise CalibrationError(f"force law: {error}; calibrate the force again") from error
         return law
 
-    def _take(
+    def _update_weights(
         self,
         inputs: FloatArray,
         log_n: FloatArray,
@@ -294,8 +294,8 @@ class ForceLaw:
     ) -> None:
         """Update the weights with samples of one contact (Kalman); `memory`: `MEMORY_FRACTION`."""
         design = self.population.design(inputs, given=self._given)
-        share = max(len(log_n) / MOST_SAMPLES, 1.0)
-        noise = share * (self.population.variance(design) + np.asarray(sd) ** 2)
+        repeats = max(len(log_n) / MOST_SAMPLES, 1.0)
+        noise = repeats * (self.population.variance(design) + np.asarray(sd) ** 2)
         gain = scale_memory(self.covariance, memory) @ design.T
         scatter = np.diag(noise)
         if other_contact:

@@ -92,8 +92,8 @@ class ForceNow:
         `excess`, shape (rows, cols): excess conductance of each pixel; NaN where one does not read.
         """
         seen = float(self._laws.reading.reading(excess))
-        share = -math.expm1(-max(time_s - self._last_s, 0.0) / _COPY_S)
-        self._copy += share * (seen - self._copy)
+        fraction = -math.expm1(-max(time_s - self._last_s, 0.0) / _COPY_S)
+        self._copy += fraction * (seen - self._copy)
         if self._last_s == -math.inf or abs(seen - self._copy) > max(
             _MOVED_FRACTION * self._copy, _FAINT
         ):
@@ -125,14 +125,14 @@ class ForceNow:
         # What a grasp showed of its contact is known for the laws of the calibration alone.
         if not touched or empty or self.gains != ContactGains():
             return force
-        return _mean_of(force, other)
+        return _combine(force, other)
 
     def _force(self, law: StaticLaw, seen: float, gain: Gain | None) -> ForceEstimate:
         force = law.force_n(seen, level=self._level)
         return force if gain is None else gain.apply_to(force)
 
 
-def _mean_of(one: Measurement, other: Measurement) -> Measurement:
+def _combine(one: Measurement, other: Measurement) -> Measurement:
     """Return the mean of two ln forces, wider by their distance from it."""
     value = math.sqrt(one.middle * other.middle)
     apart = abs(math.log(one.middle / other.middle)) / 2.0

@@ -82,9 +82,9 @@ class ForceStates:
             elapsed_s = time_s - self._time_s
             if elapsed_s < 0:
                 raise ValueError(f"time runs backwards: {time_s} s after {self._time_s} s")
-            share = -np.expm1(-elapsed_s / self._tau_s)
-            self._copies += share * (reading - self._copies)
-            self._peak = max(reading, self._peak + float(share[-1]) * (reading - self._peak))
+            fraction = -np.expm1(-elapsed_s / self._tau_s)
+            self._copies += fraction * (reading - self._copies)
+            self._peak = max(reading, self._peak + float(fraction[-1]) * (reading - self._peak))
         self._time_s = time_s
         fall = np.log1p((self._peak - reading) / _FALL_SCALE)
         return np.concatenate([[reading], reading - self._copies, [fall]])

@@ -1,4 +1,4 @@
-"""Gain of one contact against the sheet's law, estimated with other measurements of the force."""
+"""Gain of one contact relative to the sheet's law, estimated from other force measurements."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from scipy.special import ndtri
 from palpate.arrays import FloatArray
 from palpate.estimate.force import ForceEstimate
 
-#: Grid of a gain's logarithm, in standard deviations of what was known before.
+#: Grid of ln gain, in standard deviations of the prior.
 _GRID = np.linspace(-4.0, 4.0, 81)
-#: Friction of gears scatters more widely than a normal variable: a measurement far from what the
-#: sheet reads is an outlier more often than not (Student's t with this many degrees of freedom).
+#: Degrees of freedom (Student's t) of the measurement error: gear friction has more outliers than a
+#: normal distribution.
 _FREEDOM = 4.0
 
 
@@ -21,7 +21,7 @@ _FREEDOM = 4.0
 class MeasuredForce:
     """A force measured without the sheet."""
 
-    #: The force and its scatter.
+    #: Force and its standard deviation.
     force_n: float
     sd_n: float
     #: Additional relative error.
@@ -30,17 +30,17 @@ class MeasuredForce:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gain:
-    """Ratio of a contact's force to the force by the sheet's law."""
+    """Ratio of a contact's force to the force from the sheet's law."""
 
-    #: Of ln (true force / force by the law).
+    #: Mean and standard deviation of ln (true force / force from the law).
     log_mean: float
     log_sd: float
-    #: Scatter of ln force that the law's own intervals hold.
+    #: Scatter of ln force that the law's own intervals include.
     law_sd: float
 
     @classmethod
     def from_calibration(cls, *, law_sd: float, more_sd: float = 0.0) -> Gain:
-        """Return the gain known from the sheet's calibration alone, plus what that can't know.
+        """Return the prior gain from the sheet's calibration, with additional uncertainty.
 
         >>> round(Gain.from_calibration(law_sd=0.03, more_sd=0.04).log_sd, 6)
         0.05
@@ -48,10 +48,10 @@ class Gain:
         return cls(log_mean=0.0, log_sd=float(np.hypot(law_sd, more_sd)), law_sd=law_sd)
 
     def update(self, measured: MeasuredForce, *, sheet_n: float) -> Gain:
-        """Return the gain after a force measurement; `sheet_n` is the sheet law's force.
+        """Return the gain after a force measurement; `sheet_n`: force from the sheet's law.
 
-        Compared in newtons: a force that may be anything from a half to nothing has no logarithm
-        to speak of.
+        The forces are compared in newtons, because the logarithm of a force with a large
+        uncertainty is not meaningful.
 
         >>> measured = MeasuredForce(force_n=2.2, sd_n=0.2, log_sd=0.0)
         >>> gain = Gain.from_calibration(law_sd=0.1).update(measured, sheet_n=2.0)
@@ -72,7 +72,7 @@ class Gain:
         return Gain(log_mean=mean, log_sd=spread, law_sd=self.law_sd)
 
     def apply_to(self, estimate: ForceEstimate) -> ForceEstimate:
-        """Return the law's estimate with the gain applied; faint forces stay as estimated.
+        """Apply the gain to the law's estimate; the limits of faint forces are kept.
 
         >>> law_sd = np.log(2.0) / ndtri(0.95)
         >>> raw = ForceEstimate(value=np.array([2.0]), low=np.array([1.0]), high=np.array([4.0]),
@@ -81,11 +81,11 @@ class Gain:
         >>> gain.apply_to(raw).value.round(3).tolist(), gain.apply_to(raw).high.round(3).tolist()
         ([3.0], [4.243])
         """
-        reach = float(ndtri(0.5 + estimate.level / 2))
+        quantile = float(ndtri(0.5 + estimate.level / 2))
         factor, read = float(np.exp(self.log_mean)), estimate.value > 0
         value = np.where(read, estimate.value, 1.0)
-        up = self._reaches(np.log(np.where(read, estimate.high, 1.0) / value), reach)
-        down = self._reaches(np.log(value / np.maximum(estimate.low, 1e-9 * value)), reach)
+        up = self._half_widths(np.log(np.where(read, estimate.high, 1.0) / value), quantile)
+        down = self._half_widths(np.log(value / np.maximum(estimate.low, 1e-9 * value)), quantile)
         return ForceEstimate(
             value=factor * estimate.value,
             low=np.where(read & (estimate.low > 0), factor * value * np.exp(-down), 0.0),
@@ -94,7 +94,7 @@ class Gain:
             level=estimate.level,
         )
 
-    def _reaches(self, log_half: FloatArray, reach: float) -> FloatArray:
-        """Return half widths of ln force with this uncertainty in place of the law's own."""
-        rest = np.maximum(log_half**2 - (reach * self.law_sd) ** 2, 0.0)
-        return np.asarray(np.sqrt(rest + (reach * self.log_sd) ** 2))
+    def _half_widths(self, log_half: FloatArray, quantile: float) -> FloatArray:
+        """Return half-widths of ln force, with the gain's uncertainty instead of the law's."""
+        rest = np.maximum(log_half**2 - (quantile * self.law_sd) ** 2, 0.0)
+        return np.asarray(np.sqrt(rest + (quantile * self.log_sd) ** 2))

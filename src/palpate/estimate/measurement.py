@@ -60,7 +60,7 @@ class Measurement:
         return f"Measurement({value} {unit}, {self.low:.4g} to {self.high:.4g}, {self.status})"
 
     @property
-    def number(self) -> bool:
+    def has_value(self) -> bool:
         """Whether there is a value to report, and not only a bound."""
         return self.value is not None
 
@@ -93,7 +93,7 @@ class Measurement:
         --------
         >>> wide = Measurement(value=6.0, low=3.0, high=40.0, unit="n_per_mm")
         >>> bound = wide.or_bound("the fingers give way more", least=0.02, most=500.0)
-        >>> bound.number, str(bound.status), bound.known_ends
+        >>> bound.has_value, str(bound.status), bound.known_ends
         (False, 'at_least', (3.0, None))
         >>> bound
         Measurement(None N/mm, 3 to 40, at_least)

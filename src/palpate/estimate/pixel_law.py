@@ -91,10 +91,10 @@ class PixelReading:
             design = np.einsum("npk,p->nk", basis, gains)
             scaled = design * weight[:, None]
             weights = nnls(scaled, force * weight, maxiter=_MOST_ITERATIONS)[0]
-            shares = (basis @ weights) * weight[:, None] / _USUAL
-            left = force * weight / _USUAL - shares.sum(axis=1)
+            fractions = (basis @ weights) * weight[:, None] / _USUAL
+            left = force * weight / _USUAL - fractions.sum(axis=1)
             prior = np.eye(gains.size) / GAIN_SD**2
-            gains = 1.0 + np.linalg.solve(shares.T @ shares + prior, shares.T @ left)
+            gains = 1.0 + np.linalg.solve(fractions.T @ fractions + prior, fractions.T @ left)
         return cls(
             exponents=EXPONENTS,
             weights=tuple(weights.tolist()),
@@ -107,8 +107,8 @@ class PixelReading:
         flat = grid.reshape(*grid.shape[:-2], -1)
         if not self.gains:
             return np.asarray(np.nansum(flat, axis=-1))
-        shares = _basis(flat, self.exponents) @ np.array(self.weights)
-        return np.asarray(shares @ np.array(self.gains))
+        fractions = _basis(flat, self.exponents) @ np.array(self.weights)
+        return np.asarray(fractions @ np.array(self.gains))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -207,15 +207,15 @@ class PlacementReadings:
     force_n: FloatArray
     early: NDArray[np.bool_]
 
-    def without(self, run: float) -> PlacementReadings:
+    def exclude_run(self, run: float) -> PlacementReadings:
         """Return the readings of all other placements."""
-        return self._where(self.run != run)
+        return self._select(self.run != run)
 
-    def only(self, run: float) -> PlacementReadings:
+    def select_run(self, run: float) -> PlacementReadings:
         """Return the readings of one placement."""
-        return self._where(self.run == run)
+        return self._select(self.run == run)
 
-    def _where(self, chosen: NDArray[np.bool_]) -> PlacementReadings:
+    def _select(self, chosen: NDArray[np.bool_]) -> PlacementReadings:
         return PlacementReadings(
             run=self.run[chosen],
             pixel_excess=self.pixel_excess[chosen],
@@ -252,8 +252,8 @@ def predict_held_out(
     """
     estimated, force, early = [], [], []
     for run in np.unique(placements.run):
-        other, *laws = _fit(placements.without(run))
-        mine = placements.only(run)
+        other, *laws = _fit(placements.exclude_run(run))
+        mine = placements.select_run(run)
         seen = other.reading(mine.pixel_excess[:, None, :])
         estimated.append(np.where(mine.early, *(law.force_n(seen).value for law in laws)))
         force.append(mine.force_n)
@@ -305,11 +305,11 @@ def _spread(errors: FloatArray, tenth: float) -> float:
     return _quantile(errors, 0.9) / tenth
 
 
-def _quantile(errors: FloatArray, share: float) -> float:
+def _quantile(errors: FloatArray, fraction: float) -> float:
     """Return a quantile of errors, one rank up: few errors show less than there is."""
     if not errors.size:
         return 0.0
-    rank = min(int(np.ceil(share * (errors.size + 1))), errors.size)
+    rank = min(int(np.ceil(fraction * (errors.size + 1))), errors.size)
     return float(np.sort(errors)[rank - 1])
 
 

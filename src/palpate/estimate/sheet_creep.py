@@ -1,10 +1,10 @@
-"""How far a sheet still creeps after a step, as its own force calibration showed.
+"""Creep of one sheet after a step, measured in its force calibration.
 
-A predictor for sheets in general has a wide prior on the creep of this one. The calibration has
-seen it: at every force at which it stood still, the reading soon after the last step and the
-settled one are on file. In between, creep is about even in the logarithm of time. Without it the
-force of soft fingers errs by 23 % instead of 13 % in the median and their answers at 4 N come 2 s
-later (60 simulated grasps a row, level `lab`); rigid fingers are hardly affected.
+A general predictor has a wide prior for the creep of a sheet. The calibration measures it: for each
+hold it has the reading soon after the last step, and the settled reading. In between, creep is
+approximately uniform in the logarithm of time. Without this information, the median force error of
+soft fingers is 23 % instead of 13 %, and their results at 4 N are 2 s later (60 simulated grasps
+per row, level `lab`). Rigid fingers are hardly affected.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from scipy.special import ndtri
 from palpate.arrays import FloatArray
 from palpate.estimate.measurement import Measurement
 
-#: Fewer holds don't show how much the creep of a sheet scatters.
+#: Fewest holds for an estimate of the scatter of creep.
 _FEWEST = 5
-#: A grasp loads the sheet in other steps than its calibration did, and an object may relax in the
-#: hand: creep may differ by half of itself for these reasons.
-_OTHERWISE = 0.5
-#: No reading at the horizon itself is better known than this (ln).
+#: Relative uncertainty of creep in a grasp, because its steps differ from the calibration's and the
+#: object may relax.
+_CREEP_SD = 0.5
+#: Smallest uncertainty of a settled reading (ln).
 _LEAST_SD = 0.005
-#: From a normal distribution's median absolute deviation to its standard deviation.
+#: Ratio of standard deviation to median absolute deviation of a normal distribution.
 _MAD = 1.4826
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SheetCreep:
-    """Growth of one sheet's reading from soon after a step until it counts as settled."""
+    """Rise of one sheet's reading from soon after a step until it has settled."""
 
-    #: Of ln(settled reading / early reading) over the holds of the calibration.
+    #: Mean and scatter of ln(settled reading / early reading) over the holds of the calibration.
     log_mean: float
     log_sd: float
-    #: When the two were read, from the start of the step.
+    #: Times of the two readings after the start of the step.
     early_s: float
     settled_s: float
 
@@ -44,9 +44,9 @@ class SheetCreep:
     def fit(
         cls, early: FloatArray, *, settled: FloatArray, early_s: float, settled_s: float
     ) -> SheetCreep | None:
-        """Learn from the readings of holds, shape (n,) each; None from too few.
+        """Fit to the readings of holds, each of shape (n,); None with too few holds.
 
-        Medians: a placement near a pixel's threshold shows little of the others.
+        Medians are used, because a placement near a pixel's threshold can be an outlier.
 
         >>> early = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
         >>> creep = SheetCreep.fit(early, settled=1.2 * early, early_s=0.4, settled_s=20.0)
@@ -65,33 +65,34 @@ class SheetCreep:
             settled_s=settled_s,
         )
 
-    def join(self, forecast: Measurement, *, now: float, since_s: float) -> Measurement:
-        """Return a forecast of the settled reading with this creep weighed in.
+    def combine(self, forecast: Measurement, *, now: float, since_s: float) -> Measurement:
+        """Combine a forecast of the settled reading with this sheet's creep.
 
-        Both are blind to what the object does, so together they are trusted no more than the
-        better of them.
+        Neither includes the object's relaxation, so the combined uncertainty is that of the better
+        one.
 
-        `forecast`: by a predictor for sheets in general.
-        `now`, `since_s`: the present reading, and the time since the last movement began.
+        `forecast`: forecast of a general predictor.
+        `now`, `since_s`: present reading, and time since the start of the last movement.
 
         >>> creep = SheetCreep(log_mean=0.2, log_sd=0.0, early_s=0.4, settled_s=20.0)
         >>> predicted = Measurement(value=1.0, low=0.8, high=1.2, unit="reading")
-        >>> found = creep.join(predicted, now=1.0, since_s=0.4 * 50**0.5)
+        >>> found = creep.combine(predicted, now=1.0, since_s=0.4 * 50**0.5)
         >>> round(found.value, 2), found.high - found.value < 0.1
         (1.09, True)
         """
         if not (now > 0 and forecast.middle > 0):
             return forecast
-        reach = float(ndtri(0.5 + forecast.level / 2))
-        gone = math.log(max(since_s, self.early_s) / self.early_s)
-        left = max(1.0 - gone / math.log(self.settled_s / self.early_s), 0.0)
-        mine = now * math.exp(left * self.log_mean)
-        doubt = left * math.hypot(self.log_sd, _OTHERWISE * self.log_mean)
-        own_sd = max(doubt, _LEAST_SD)
-        general_sd = max((forecast.high - forecast.low) / (2 * reach * forecast.middle), _LEAST_SD)
+        quantile = float(ndtri(0.5 + forecast.level / 2))
+        elapsed = math.log(max(since_s, self.early_s) / self.early_s)
+        left = max(1.0 - elapsed / math.log(self.settled_s / self.early_s), 0.0)
+        own = now * math.exp(left * self.log_mean)
+        own_sd = max(left * math.hypot(self.log_sd, _CREEP_SD * self.log_mean), _LEAST_SD)
+        general_sd = max(
+            (forecast.high - forecast.low) / (2 * quantile * forecast.middle), _LEAST_SD
+        )
         weight = general_sd**2 / (own_sd**2 + general_sd**2)
-        value = math.exp((1 - weight) * math.log(forecast.middle) + weight * math.log(mine))
-        half = reach * min(own_sd, general_sd)
+        value = math.exp((1 - weight) * math.log(forecast.middle) + weight * math.log(own))
+        half = quantile * min(own_sd, general_sd)
         return Measurement(
             value=value,
             low=value * math.exp(-half),

@@ -1,14 +1,14 @@
-"""An object's stiffness from a grasp by fingers softer than the object.
+"""Stiffness of an object from a grasp with fingers softer than the object.
 
-Soft fingers deflect by millimetres per newton, so the object's deformation is a small difference
-of two large distances: how far the fingers would have closed beyond the first touch, and how far
-they bent back under the force. The curve in between adds little, because an error of the sheet's
-exponent bends it as an object would. So only both ends are used, and the answer states what they
-leave open: often no more than a lower bound of the stiffness.
+Soft fingers deflect by millimetres per newton. The object's deformation is therefore a small
+difference between two large distances: the free travel of the fingers since contact, and their
+deflection under the force. The curve in between adds little information, because an error of the
+sheet's exponent bends it like an object would. Only its first and last point are used, and the
+result is often only a lower bound of the stiffness.
 
-Both ends give the softness (mm/N) of hand and object together, with the relative uncertainty of the
-force. The hand's own softness is known; the rest is the object's, and can't be negative. That makes
-it the measurement of a bounded quantity (`palpate.estimate.feldman_cousins`).
+The two points give the compliance (mm/N) of hand and object together, with the relative uncertainty
+of the force. The hand's compliance is known. The remainder is that of the object, which can't be
+negative, so its interval is that of a bounded quantity (`palpate.estimate.feldman_cousins`).
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from palpate.estimate.feldman_cousins import interval_above_zero, median_above_z
 from palpate.estimate.measurement import Measurement
 from palpate.settling.result import Status
 
-#: Relative to the last force of the same contact, the first measured force has this error
-#: (ln force): it is the nearest to the threshold, and spread over other pixels. On 160
-#: development closings of the twin 0.15 to 0.19 at both levels.
+#: Error (ln force) of the first measured force relative to the last of the same contact. The first
+#: force is nearest to the threshold, and acts on other pixels. On 160 development closings of the
+#: twin: 0.15 to 0.19 at both levels.
 _FIRST_SD = 0.2
-#: The scatter of the force from contact to contact is measured by the placements of the guided
-#: calibration, seven of them, less one for the scale.
+#: Degrees of freedom of the scatter between contacts: seven placements of the guided calibration,
+#: minus one for the scale.
 _FREEDOM = 6
 _FORCES = 200
 
@@ -37,14 +37,13 @@ _FORCES = 200
 def measure_soft_stiffness(
     curve: ClosingSteps, *, compliance: Compliance, opening_mm: float, force: Measurement
 ) -> Measurement | None:
-    """Return the object's secant stiffness at the settled force; None with too little force.
+    """Estimate the object's secant stiffness at the settled force; None with too little force.
 
-    `curve`: the closing; widths are those that the fingers would have with nothing between them.
-    `opening_mm`: final width of that kind.
-    `force`: settled force there, newtons.
-    Its status is `saturated` where the object may be as stiff as you like. The interval covers as
-    often as its level states whatever the true stiffness, so one in ten rigid objects gets an upper
-    end.
+    `curve`: the closing, with the free widths, which the fingers would have without an object.
+    `opening_mm`: final free width.
+    `force`: settled force at that width, newtons.
+    The status is `saturated` if the object may be rigid. The interval's coverage holds for every
+    true stiffness; one rigid object in ten therefore gets a finite upper limit.
 
     Fingers of 3.5 mm/N with contact at 40 mm, on 0.5 N/mm and on a rigid object:
 
@@ -67,14 +66,14 @@ def measure_soft_stiffness(
     together = _measure_compliance(curve, compliance, opening_mm, force.middle)
     if together is None:
         return None
-    log_mm_per_n, ways_sd = together
-    reach = float(ndtri(0.5 + force.level / 2))
-    force_sd = math.log(force.high / max(force.low, 1e-3 * force.middle)) / (2 * reach)
-    sd = math.hypot(force_sd, ways_sd)
+    log_mm_per_n, travel_sd = together
+    quantile = float(ndtri(0.5 + force.level / 2))
+    force_sd = math.log(force.high / max(force.low, 1e-3 * force.middle)) / (2 * quantile)
+    sd = math.hypot(force_sd, travel_sd)
     hand_mm_per_n = float(compliance.deflection_mm(force.middle)) / force.middle
-    beyond = (log_mm_per_n - math.log(hand_mm_per_n)) / sd
-    least, most = interval_above_zero(beyond, freedom=_FREEDOM, level=force.level)
-    middle = median_above_zero(beyond, freedom=_FREEDOM)
+    excess = (log_mm_per_n - math.log(hand_mm_per_n)) / sd
+    least, most = interval_above_zero(excess, freedom=_FREEDOM, level=force.level)
+    middle = median_above_zero(excess, freedom=_FREEDOM)
     low, value, high = (
         _stiffness_n_per_mm(hand_mm_per_n * math.expm1(min(sd * end, 700.0)))
         for end in (most, middle, least)
@@ -97,28 +96,27 @@ def _stiffness_n_per_mm(softness_mm_per_n: float) -> float:
 def _measure_compliance(
     curve: ClosingSteps, compliance: Compliance, opening_mm: float, force_n: float
 ) -> tuple[float, float] | None:
-    """Return ln compliance (mm/N) of gripper and object, and its scatter without the force's.
+    """Return ln compliance (mm/N) of gripper and object, and its scatter.
 
-    From the first touch on the fingers went `way_mm` more, and the force rose by what it is now
-    less what it was then. Both were read with the same gain, so what the gain leaves open is left
-    to the force.
+    The compliance is the travel since the first contact over the rise of force. Both forces have
+    the same gain, so the scatter excludes the uncertainty of the gain.
     """
     first = int(np.argmax(curve.is_certain))
     touched_mm, first_n = float(curve.width_mm[first]), float(curve.force_n[first])
-    way_mm = touched_mm - opening_mm
-    if not way_mm > 0:
+    travel_mm = touched_mm - opening_mm
+    if not travel_mm > 0:
         return None
     then_n = np.linspace(0.0, 0.95, _FORCES) * force_n
-    softness = way_mm / (force_n - then_n)
+    softness = travel_mm / (force_n - then_n)
     likely = normal_density(then_n, first_n, math.hypot(_FIRST_SD * first_n, curve.floor_n))
     if first > 0:
-        # One step before without reading, the force was at most a faint one.
+        # At the step before the first reading, the force was at most a faint one.
         step_mm = float(curve.width_mm[first - 1]) - touched_mm
         most_n = curve.faint_n + step_mm / softness
-        doubt_n = np.hypot(curve.floor_n, compliance.residual_mm / softness)
-        likely = likely * ndtr((most_n - then_n) / doubt_n)
+        sd_n = np.hypot(curve.floor_n, compliance.residual_mm / softness)
+        likely = likely * ndtr((most_n - then_n) / sd_n)
     if not likely.sum() > 0:
         return None
     mean = float(np.average(np.log(softness), weights=likely))
     spread = float(np.average((np.log(softness) - mean) ** 2, weights=likely))
-    return mean, math.hypot(math.sqrt(spread), compliance.residual_mm / way_mm)
+    return mean, math.hypot(math.sqrt(spread), compliance.residual_mm / travel_mm)

@@ -71,7 +71,7 @@ class Strength:
         likely_n = self.median_n(state) * float(np.exp(-(self.log_sd**2)))
         return max(likely_n, state.force_n)
 
-    def below(self, force_n: float, log_stiffness: FloatArray) -> FloatArray:
+    def rupture_probability(self, force_n: float, log_stiffness: FloatArray) -> FloatArray:
         """Return the probability that an object withstands less than a force, for each stiffness.
 
         Student's t: the line and the scatter about it are only as certain as their number of
@@ -81,16 +81,19 @@ class Strength:
         spread = self.log_sd * np.sqrt(1.0 + 1.0 / self.objects)
         return np.asarray(stdtr(self.objects - 2, (np.log(force_n) - log_median) / spread))
 
-    def likely(self, felt: Measurement) -> tuple[FloatArray, FloatArray]:
+    def stiffness_distribution(self, measured: Measurement) -> tuple[FloatArray, FloatArray]:
         """Return values of ln(stiffness) and their probability, given a measured stiffness.
 
         Objects like those learned from, weighed by the measurement of this one: its compliance, as
         normal as its interval is wide.
         """
         log_stiffness = self.log_stiffness + self.stiffness_log_sd * _GRID
-        compliance, middle = np.exp(-log_stiffness), 1.0 / felt.middle
-        reach = float(ndtri(0.5 + felt.level / 2))
-        softer, stiffer = (1.0 / felt.low - middle) / reach, (middle - 1.0 / felt.high) / reach
+        compliance, middle = np.exp(-log_stiffness), 1.0 / measured.middle
+        quantile = float(ndtri(0.5 + measured.level / 2))
+        softer, stiffer = (
+            (1.0 / measured.low - middle) / quantile,
+            (middle - 1.0 / measured.high) / quantile,
+        )
         spread = np.maximum(np.where(compliance > middle, softer, stiffer), 1e-3 * middle)
         log_weight = -0.5 * (((compliance - middle) / spread) ** 2 + _GRID**2)
         weight = np.exp(log_weight - log_weight.max())
@@ -110,7 +113,7 @@ def fit_strength(
     rows = [
         (half.log_stiffness, np.log(limit_n))
         for path, limit_n in zip(paths, rupture_force_n, strict=True)
-        if (half := _at_half(path, limit_n)) is not None
+        if (half := _find_half_load_state(path, limit_n)) is not None
     ]
     if len(rows) < FEWEST_CLOSINGS:
         raise ValueError(f"{len(rows)} closings to learn from; {FEWEST_CLOSINGS} are needed")
@@ -128,7 +131,7 @@ def fit_strength(
     )
 
 
-def _at_half(path: Sequence[ClosingState], limit_n: float) -> ClosingState | None:
+def _find_half_load_state(path: Sequence[ClosingState], limit_n: float) -> ClosingState | None:
     return next((state for state in path if limit_n / 2 <= state.force_n < limit_n), None)
 
 
@@ -180,9 +183,11 @@ class ClosingCurve:
         states = []
         for index in range(math.floor(before / LEVEL_STEP) + 1, _count_passed_levels(log_force)):
             log_level = index * LEVEL_STEP
-            share = (math.exp(log_level) - math.exp(before)) / (force_n - math.exp(before))
+            fraction = (math.exp(log_level) - math.exp(before)) / (force_n - math.exp(before))
             self._log_levels.append(log_level)
-            self._closures_mm.append(closure_before_mm + share * (closure_mm - closure_before_mm))
+            self._closures_mm.append(
+                closure_before_mm + fraction * (closure_mm - closure_before_mm)
+            )
             if math.exp(log_level) >= self._lowest_n:
                 states.append(self._state(math.exp(log_level)))
         self._highest = (log_force, closure_mm)

@@ -1,4 +1,4 @@
-"""Expected error of a force calibration: each load, or each placement, left out once."""
+"""Expected error of a force calibration, from cross-validation over loads or placements."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from palpate.estimate.line_law import LineForceLaw
 from palpate.estimate.pixel_law import PlacementReadings, predict_held_out
 from palpate.sensor.calibration import ForcePairs
 
-#: Forces at which a calibration reports what error to expect, newtons, and the ratio within which a
-#: reading counts as near one of them.
+#: Forces at which the expected error is reported, newtons, and the largest ratio of a load to such
+#: a force that counts as near.
 _AT_N = (1.0, 5.0, 10.0)
 _NEAR = 1.4
-#: Fewer placements leave too little to fit to.
+#: Fewest placements for cross-validation.
 FEWEST_PLACEMENTS = 3
 
 
 def score_held_out_placements(placements: PlacementReadings) -> dict[str, dict[str, float | None]]:
-    """Return the median errors of a grasp's laws on placements left out, percent.
+    """Return the median errors of a grasp's laws on held-out placements, percent.
 
-    A grasp is one more placement, so every placement counts once: by its readings near the force,
-    or by the nearest one where it was not closed that far. What differs from place to place is a
-    gain, about the same at every force; the few placements that reach the highest show too little
-    of it.
+    A grasp is one more placement, so all placements have the same weight. Each contributes its
+    readings near the force, or the nearest reading if it did not reach that force. Placements
+    differ by a gain that is about the same at every force, and too few of them reach the largest
+    forces.
 
-    Keys are "settled" and "early" (soon after a movement), values as of `score_held_out_loads`.
+    Keys are "settled" and "early" (soon after a movement); values as in `score_held_out_loads`.
     """
     if np.unique(placements.run).size < FEWEST_PLACEMENTS:
         nothing = {f"{at_n:g}_n": None for at_n in _AT_N}
         return {"settled": dict(nothing), "early": dict(nothing)}
     read_n, force, early = predict_held_out(placements)
-    # Read placement by placement.
+    # The predictions are ordered by placement.
     run = np.sort(placements.run)
     log_force, error = np.log(np.maximum(force, 1e-3)), np.abs(read_n / np.maximum(force, 1e-3) - 1)
     return {
@@ -67,9 +67,9 @@ def _error_near(log_force: FloatArray, error: FloatArray) -> dict[str, float | N
 
 
 def score_held_out_loads(excess: ArrayLike, *, force_n: ArrayLike) -> dict[str, float | None]:
-    """Return the median error near 1, 5 and 10 N of held-out loads, percent.
+    """Return the median error of held-out loads near 1, 5 and 10 N, percent.
 
-    None where no load is near.
+    None if no load is near.
     """
     y = np.asarray(force_n, dtype=float)
     error = np.abs(predict_held_out_loads(excess, force_n=y) / y - 1.0)
@@ -78,9 +78,9 @@ def score_held_out_loads(excess: ArrayLike, *, force_n: ArrayLike) -> dict[str, 
 
 
 def predict_held_out_loads(excess: ArrayLike, *, force_n: ArrayLike) -> FloatArray:
-    """Read each load by the law of all others; NaN if there are none.
+    """Predict each load with the law of all other loads; NaN without others.
 
-    All readings of one load are left out together.
+    All readings of one load are held out together.
     """
     x, y = np.asarray(excess, dtype=float), np.asarray(force_n, dtype=float)
     read_n = np.full(y.shape, np.nan)
@@ -93,9 +93,9 @@ def predict_held_out_loads(excess: ArrayLike, *, force_n: ArrayLike) -> FloatArr
 
 
 def score_line_held_out(pairs: ForcePairs, *, horizon_s: float) -> dict[str, float | None]:
-    """Return the paper line's median error near 1, 5 and 10 N, percent, as above.
+    """Return the median error of the paper's line near 1, 5 and 10 N, percent.
 
-    Every placement is left out once; of one placement, every load.
+    Each placement is held out once; with too few placements, each load.
     """
     settled = np.isclose(pairs.since_move_s, horizon_s)
     percent, force_n = np.array(pairs.relative_percent)[settled], np.array(pairs.force_n)[settled]

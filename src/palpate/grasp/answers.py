@@ -69,7 +69,7 @@ def forecast(estimate: ContactEstimate, *, plan: Plan) -> Settled:
     )
     reading = _keep_plausible(reading, now=estimate.now.reading)
     if plan.creep is not None:
-        reading = plan.creep.join(reading, now=estimate.now.reading, since_s=float(time_s[-1]))
+        reading = plan.creep.combine(reading, now=estimate.now.reading, since_s=float(time_s[-1]))
         relative = _relative_forecast(reading, relative, now=estimate.now)
     return Settled(relative_percent=relative, reading=reading)
 

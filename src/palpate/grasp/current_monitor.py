@@ -97,7 +97,7 @@ class CurrentMonitor:
             return 0.0
         current_ma, width_mm = np.array(readings).T
         gears = law.gears
-        most_ma = float(np.mean(gears.at(width_mm)))
+        most_ma = float(np.mean(gears.mean_current_ma(width_mm)))
         # The scatter of friction is proportional to friction, unless the mean is below the scatter.
         scatter_ma = deviations * gears.movement_ma
         if gears.mean_ma > gears.movement_ma:

@@ -315,7 +315,9 @@ class ContactEstimate(HandMotion):
         """Return the sweep with this frame added; pixels without a reading count as unchanged."""
         gears_ma = math.nan
         if plan.current is not None and gripper.moving:
-            gears_ma = gripper.current_ma - float(plan.current.gears.at(np.array(gripper.width_mm)))
+            gears_ma = gripper.current_ma - float(
+                plan.current.gears.mean_current_ma(np.array(gripper.width_mm))
+            )
         ratio = np.divide(ohm, rest_ohm, out=np.ones_like(ohm), where=(ohm > 0) & (ohm < np.inf))
         watched = ratio if sweep.rows is None else ratio[list(sweep.rows)]
         log_ohm = np.nan_to_num(np.log(watched))

@@ -50,7 +50,7 @@ def gripper_force(estimate: ContactEstimate, plan: Plan) -> MeasuredForce | None
         return None
     return plan.current.measure(
         [pull.current_ma for pull in estimate.current_samples],
-        share=sheet_n[1:] / sheet_n[0],
+        fraction=sheet_n[1:] / sheet_n[0],
         width_mm=[plan.gripper.target(pull.closure) for pull in estimate.current_samples],
         movement=[pull.moved_s for pull in estimate.current_samples],
         tilt_sd=tilt_sd(plan.early_law.residual_sd),

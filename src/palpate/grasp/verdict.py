@@ -76,7 +76,7 @@ def verdict(result: GraspResult, *, target_force_n: float | None) -> dict[str, o
     if target_force_n is not None and force is not None:
         on_target = force.low <= target_force_n <= force.high
     words = None if stiffness is None else firmness(stiffness)
-    if words == UNKNOWN_FIRMNESS and index is not None and index.number:
+    if words == UNKNOWN_FIRMNESS and index is not None and index.has_value:
         words = f"firmness {index.low:.0f} to {index.high:.0f} of 100"
     return {
         "text": outcome_text(result.outcome),

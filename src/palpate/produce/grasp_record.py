@@ -49,7 +49,7 @@ def make_grasp_record(
     `closing`: measurements of the whole closing (`ClosingWatch.list_measurements`).
     """
     # The store keeps numbers; a bound is not a number.
-    measured = {name: one for name, one in answers_of(result).items() if one.number}
+    measured = {name: one for name, one in answers_of(result).items() if one.has_value}
     measured |= {**hold_measurements(seen, result=result, drive=drive), **closing}
     return Grasp(
         item_id=item_id,

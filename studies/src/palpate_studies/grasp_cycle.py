@@ -156,7 +156,7 @@ def by_controller(sample: Sample, *, paper: Paper | None = None) -> Cycle:
         settled_error=settled.middle / truth.settled_percent - 1.0
         if settled and truth.force_n > 0
         else np.nan,
-        stiffness=stiffness.middle if stiffness is not None and stiffness.number else np.nan,
+        stiffness=stiffness.middle if stiffness is not None and stiffness.has_value else np.nan,
         stiffness_low=np.nan if low is None else low,
         stiffness_high=np.nan if high is None else high,
         true_stiffness=truth.stiffness_n_per_mm or np.nan,
@@ -212,7 +212,9 @@ def _pull_ma(gripper: TwinGripper, world: World, *, current: CurrentLaw, count: 
     for _ in range(count):
         world.clock.sleep_s(_CURRENT_EVERY_S)
         state = gripper.state()
-        readings.append(state.current_ma - float(current.gears.at(np.array(state.width_mm))))
+        readings.append(
+            state.current_ma - float(current.gears.mean_current_ma(np.array(state.width_mm)))
+        )
     return float(np.mean(readings))
 
 

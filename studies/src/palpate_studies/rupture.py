@@ -21,7 +21,7 @@ from palpate.estimate.damage_learning import (
     learn_damage,
     predict_at_half_load,
     read_closings,
-    split,
+    split_folds,
 )
 from palpate.estimate.measurement import Measurement
 from palpate_studies.baselines.full_input_learners import make_ridge
@@ -106,7 +106,7 @@ def report(
     else:
         closings = read_closings(curves, index)
     if test_curves is None or test_index is None:
-        splits, how = split(closings), f"{FOLDS}-fold cross-validation"
+        splits, how = split_folds(closings), f"{FOLDS}-fold cross-validation"
     else:
         splits = [(closings, read_closings(test_curves, test_index))]
         how = f"learned from {index}, tested on {test_index}"
@@ -396,7 +396,7 @@ def list_critical_scores(policy: Policy, training: Closings) -> list[float]:
     """Return each training fruit's largest score, from policies trained without this fruit."""
     return [
         max(scored.score.tolist(), default=_LEAST_SCORE)
-        for inner, left_out in split(training)
+        for inner, left_out in split_folds(training)
         for scored in map(policy.learn(inner), left_out)
     ]
 

@@ -16,14 +16,14 @@ from palpate.errors import CalibrationError, InputError
 from palpate.estimate.damage_file import DamageFile
 from palpate.estimate.damage_learning import (
     FruitClosing,
-    copies,
+    find_copies,
     find_unfit,
     follow_closing,
     learn_damage,
     predict_at_half_load,
     read_closings,
     score_held_out,
-    split,
+    split_folds,
 )
 from palpate.estimate.measurement import Measurement
 
@@ -181,7 +181,7 @@ def test_the_kind_is_worth_something_on_closings_left_out() -> None:
 def test_nothing_is_said_of_a_closing_by_a_model_that_knows_it() -> None:
     closings = crate(plums=20, pears=0)
     missed = []
-    for training, test in split(closings):
+    for training, test in split_folds(closings):
         model = learn_damage(training)
         for closing in test:
             limit = predict_at_half_load(closing, model=model, kind="plum")
@@ -195,8 +195,8 @@ def test_copies_of_one_recording_are_found_and_stay_together() -> None:
     once = squeezed("once", fruit="plum", stiffness=3.0, limit_n=6.0)
     other = squeezed("other", fruit="plum", stiffness=3.0, limit_n=6.1)
     mixed = [once, *closings, twin, other]
-    assert copies(mixed) == {"copy": "once"}
-    for training, test in split(mixed):
+    assert find_copies(mixed) == {"copy": "once"}
+    for training, test in split_folds(mixed):
         names = {closing.grasp_id for closing in test}
         assert ("copy" in names) == ("once" in names)
         assert len(training) + len(test) == len(mixed)
@@ -217,15 +217,15 @@ def test_closings_that_tell_nothing_are_named_with_the_reason() -> None:
     found = find_unfit([cut, late, width, *crate(plums=3, pears=0)])
     assert found == {
         "cut": "its curve ends at 3.98 N, before half of its rupture force",
-        "late": "its curve begins too near to its rupture force of 5 N",
-        "width": "its closure falls while it is closed on; is it a width?",
+        "late": "its curve begins too close to its rupture force of 5 N",
+        "width": "its closure falls during the closing; is it a width?",
     }
 
 
 @pytest.mark.parametrize(
     ("curves", "index", "complaint"),
     [
-        ("a,1,1\na,2,2\nb,1,1\na,3,3\n", "a,kiwi,3\n", "samples of a don't stand together"),
+        ("a,1,1\na,2,2\nb,1,1\na,3,3\n", "a,kiwi,3\n", "samples of a are not contiguous"),
         ("a,1,1\na,2,2\n", "a,kiwi,3\na,kiwi,3\n", "a is listed twice"),
         ("a,1,1\na,2,2\n", "a,,3\n", "a has no fruit"),
     ],

@@ -63,15 +63,15 @@ def geared(*, movement_ma: float) -> CurrentLaw:
 @pytest.mark.parametrize("movement_ma", [0.0, 8.0])
 def test_stated_scatter_of_a_measured_force_is_the_real_one(movement_ma: float) -> None:
     law = geared(movement_ma=movement_ma)
-    rng, share = np.random.default_rng(7), np.linspace(0.1, 1.0, 15)
+    rng, fraction = np.random.default_rng(7), np.linspace(0.1, 1.0, 15)
     movement = np.repeat(np.arange(3), 5)
     found = [
         law.measure(
             40.0
-            + 16.0 * 3.0 * share
+            + 16.0 * 3.0 * fraction
             + 6.0 * rng.standard_normal(15)
             + (movement_ma * rng.standard_normal(3))[movement],
-            share=share,
+            fraction=fraction,
             width_mm=np.full(15, 30.0),
             movement=movement,
         )
@@ -84,12 +84,12 @@ def test_stated_scatter_of_a_measured_force_is_the_real_one(movement_ma: float) 
 
 
 def test_a_sheet_of_unsure_exponent_leaves_the_force_less_sure() -> None:
-    law, share = geared(movement_ma=0.0), np.linspace(0.3, 1.0, 8)
+    law, fraction = geared(movement_ma=0.0), np.linspace(0.3, 1.0, 8)
 
     def log_sd(tilt_sd: float) -> float:
         found = law.measure(
-            40.0 + 48.0 * share,
-            share=share,
+            40.0 + 48.0 * fraction,
+            fraction=fraction,
             width_mm=np.full(8, 30.0),
             movement=np.zeros(8),
             tilt_sd=tilt_sd,
@@ -102,8 +102,8 @@ def test_a_sheet_of_unsure_exponent_leaves_the_force_less_sure() -> None:
 
 def test_no_reading_of_a_grip_measures_nothing() -> None:
     law = CurrentLaw.fit(pairs())
-    assert law.measure([], share=[], width_mm=[], movement=[]) is None
-    assert law.measure([45.0], share=[0.0], width_mm=[30.0], movement=[0]) is None
+    assert law.measure([], fraction=[], width_mm=[], movement=[]) is None
+    assert law.measure([45.0], fraction=[0.0], width_mm=[30.0], movement=[0]) is None
 
 
 def closed_empty(*, movement_sd: float, seed: int = 3) -> CurrentPairs:
@@ -131,7 +131,7 @@ def test_empty_hand_tells_gears_along_the_way_and_from_movement_to_movement(
     found = GearFriction.fit(closed_empty(movement_sd=movement_sd))
     width_mm = np.linspace(15.0, 65.0, 200)
     assert found.mean_ma == pytest.approx(40.0, abs=max(3 * found.mean_sd_ma, 1.0))
-    shape = found.at(width_mm) - found.mean_ma
+    shape = found.mean_current_ma(width_mm) - found.mean_ma
     assert np.corrcoef(shape, np.sin(width_mm / 2.0))[0, 1] > 0.8
     assert found.movement_ma == pytest.approx(40.0 * movement_sd, abs=1.6)
 

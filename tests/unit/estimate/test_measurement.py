@@ -32,6 +32,6 @@ def test_what_is_reported(
     assert (said["low"], said["high"]) == ends == found.known_ends
     assert said["status"] == status
     assert (said["value"] is None) == (found.value is None) == (status != "ok")
-    assert found.middle == pytest.approx((low * high) ** 0.5 if found.number or low > 0 else 0.5)
+    assert found.middle == pytest.approx((low * high) ** 0.5 if found.has_value or low > 0 else 0.5)
     assert (said["reason"] is None) == (status == "ok")
     assert firmness(found) == word

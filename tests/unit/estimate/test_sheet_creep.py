@@ -34,7 +34,7 @@ def test_few_holds_or_dead_ones_tell_nothing() -> None:
 
 def test_less_is_left_the_longer_it_was_watched() -> None:
     vague = said(1.0, half=0.9)
-    found = [CREEP.join(vague, now=1.0, since_s=t) for t in (0.2, 0.4, 1.0, 5.0, 20.0, 60.0)]
+    found = [CREEP.combine(vague, now=1.0, since_s=t) for t in (0.2, 0.4, 1.0, 5.0, 20.0, 60.0)]
     values = [one.value for one in found]
     assert values[0] == values[1]
     assert values == sorted(values, reverse=True)
@@ -45,8 +45,8 @@ def test_less_is_left_the_longer_it_was_watched() -> None:
 
 
 def test_it_lies_between_both_and_is_trusted_as_the_better_of_them() -> None:
-    sharp = CREEP.join(said(1.0, half=0.01), now=1.0, since_s=1.0)
-    vague = CREEP.join(said(1.0, half=0.5), now=1.0, since_s=1.0)
+    sharp = CREEP.combine(said(1.0, half=0.01), now=1.0, since_s=1.0)
+    vague = CREEP.combine(said(1.0, half=0.5), now=1.0, since_s=1.0)
     assert 1.0 < sharp.value < vague.value < math.exp(0.2)
     assert (sharp.high - sharp.low) / 2 == pytest.approx(0.01, rel=0.01)
     assert (vague.high - vague.low) / 2 < 0.25
@@ -54,4 +54,4 @@ def test_it_lies_between_both_and_is_trusted_as_the_better_of_them() -> None:
 
 def test_without_a_reading_there_is_nothing_to_add() -> None:
     nothing = said(0.0)
-    assert CREEP.join(nothing, now=0.0, since_s=1.0) is nothing
+    assert CREEP.combine(nothing, now=0.0, since_s=1.0) is nothing
