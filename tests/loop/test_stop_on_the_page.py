@@ -355,7 +355,7 @@ def test_while_orders_can_not_be_sent_it_says_so_and_keeps_none(
         page.evaluate("window.socket.disconnect(); document.getElementById('grasp').click()")
         expect(page.locator("#lost-title")).to_have_text("No connection")
         expect(page.locator("#lost-why")).to_contain_text("Only STOP can be sent")
-        expect(page.locator("#lost-why")).not_to_contain_text("values shown are old")
+        expect(page.locator("#lost-why")).not_to_contain_text("values shown are outdated")
         asked = len(one.asked)
         page.mouse.click(*one.middle)
         one.confirmed(after=asked)

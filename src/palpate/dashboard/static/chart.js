@@ -1,23 +1,23 @@
 // Force, change, phases and pixels on one time axis that counts from the contact.
-import { $, handState, seen } from "/static/poll.js";
+import { $, handState, received } from "/static/poll.js";
 import { keptAt, zeroOf } from "/static/compare.js";
 import { chosenPixel, choosePixel } from "/static/pads.js";
 import { fixed, range } from "/static/words.js";
 
 const RECENT_S = 30, BEFORE_S = 2, AFTER_S = 3, STEP_S = 5, SHORTEST_S = 15, NARROWEST_S = 0.2, GAP_S = 1, POINTS = 800;
-// A pixel that comes loose reads a hundred times its rest value: it must not flatten everything else.
+// Upper limit of plotted changes: a loose pixel with 100 times its rest value must not set the scale.
 const HIGHEST = 100;
 const LEFT = 46, RIGHT = 12, TOP = 16, FOOT = 24;
-const NAMES = { contact: "contact", answer: "answer", adjusted: "adjusted", damage_limit: "limit met", damaged: "damaged", slipped: "slipped", stopped: "stopped", force_limit: "force limit", held: "released" };
+const NAMES = { contact: "contact", answer: "answer", adjusted: "adjusted", damage_limit: "damage limit", damaged: "damaged", slipped: "slipped", stopped: "stopped", force_limit: "force limit", held: "released" };
 let chosen = "grasp", zoomed = null, pointed = null, view = null, doc = null, drawn = "", ink = {}, inkOf = "";
 const plots = {};
 
 const LARGE = matchMedia("(min-width: 1800px) and (min-height: 1000px)"), FORCED = matchMedia("(forced-colors: active)");
-// A large screen is looked at from further away.
+// Texts are larger on a large screen, which is viewed from a greater distance.
 const scale = () => (LARGE.matches ? 1.35 : 1);
 const font = (px = 12) => `${px * scale()}px Roboto, system-ui, sans-serif`;
 
-// A canvas has no style sheet: it takes the colours that the page has now.
+// Reads the page's current colours, because a canvas has no style sheet.
 function readColours() {
   const of = `${document.body.className}/${FORCED.matches}`;
   if (inkOf === of) return;
@@ -30,35 +30,35 @@ const last = (points) => points[points.length - 1];
 const known = (value) => value !== null && value !== undefined;
 export const grasping = () => (doc.replay ? doc.replay.grasp : doc.grasp);
 
-// -- the stretch of time that is shown, in seconds from the contact -----------------------------------
-function whole() {
+// -- the visible time range, in seconds from the contact ----------------------------------------------
+function fullRange() {
   const kept = view.kept;
   return [Math.min(view.first, kept[0]?.[0] ?? view.first), Math.max(view.newest, last(kept)?.[0] ?? view.newest)];
 }
 
-function span() {
+function visibleRange() {
   const { first, newest, now, ended } = view;
   const recent = [Math.max(first, now - RECENT_S), Math.max(now, Math.max(first, now - RECENT_S) + RECENT_S)];
-  if (chosen === "all" || (view.replay && chosen === "grasp")) return whole();
+  if (chosen === "all" || (view.replay && chosen === "grasp")) return fullRange();
   if (chosen === "recent" || !view.touched) return recent;
   const from = Math.max(first, -BEFORE_S);
-  // It grows by steps, so that it can be read while it does.
+  // The range grows in steps, so that it stays readable during a grasp.
   return [from, ended ?? from + Math.max(SHORTEST_S, STEP_S * Math.ceil((newest - from) / STEP_S))];
 }
 
-function look() {
+function updateView() {
   const grasp = grasping(), zero = zeroOf(doc), touched = Boolean(grasp && grasp.touched_s !== null), replay = Boolean(doc.replay);
   const from = (points) => points.map(([time, ...rest]) => [time - zero, ...rest]);
-  const first = (seen.curve[0]?.[0] ?? zero) - zero, newest = (last(seen.curve)?.[0] ?? zero) - zero;
+  const first = (received.curve[0]?.[0] ?? zero) - zero, newest = (last(received.curve)?.[0] ?? zero) - zero;
   const moments = from((grasp?.moments ?? []).map(([time, name, finger]) => [time, name, finger]));
   const isOver = !replay && doc.activity === "watching" && touched && moments.length;
   const phases = from((replay ? doc.replay : grasp)?.phases ?? []), end = last(moments)?.[0] ?? newest;
   if (isOver && known(doc.measured.damaged_s)) moments.push([doc.measured.damaged_s - zero, "damaged", null]);
-  view = { envelope: view?.envelope ?? [], zero, touched, replay, first, newest, moments, phases, now: replay ? doc.replay.time_s - zero : newest, ended: isOver ? Math.min(end + AFTER_S, Math.max(newest, end)) : null, phasesEnd: isOver || replay ? end : newest, kept: from(keptAt(zero, touched)), bounds: grasp?.bounds ?? {}, moves: doc.moves.map(([a, b]) => [a - zero, b === null ? newest : b - zero]), band: from(seen.band), hand: handState(doc) };
-  [view.start, view.end] = zoomed ?? span();
+  view = { envelope: view?.envelope ?? [], zero, touched, replay, first, newest, moments, phases, now: replay ? doc.replay.time_s - zero : newest, ended: isOver ? Math.min(end + AFTER_S, Math.max(newest, end)) : null, phasesEnd: isOver || replay ? end : newest, kept: from(keptAt(zero, touched)), bounds: grasp?.bounds ?? {}, moves: doc.moves.map(([a, b]) => [a - zero, b === null ? newest : b - zero]), band: from(received.band), hand: handState(doc) };
+  [view.start, view.end] = zoomed ?? visibleRange();
   if (!(view.end > view.start)) view.end = view.start + 1;
-  const inside = seen.curve.filter(([time]) => time - zero >= view.start && time - zero <= view.end), every = Math.max(1, Math.ceil(inside.length / POINTS));
-  // Every few by their number in time, so that a curve does not shimmer as it moves.
+  const inside = received.curve.filter(([time]) => time - zero >= view.start && time - zero <= view.end), every = Math.max(1, Math.ceil(inside.length / POINTS));
+  // Thinned by sample number, so that a moving curve does not flicker.
   view.curve = from(inside.filter(([time], i) => i === inside.length - 1 || Math.round(time * 50) % every === 0));
   view.band = view.band.filter(([time]) => time >= view.start && time <= view.end);
   view.force = forceRange();
@@ -81,12 +81,12 @@ function changeRange() {
   const kept = view.kept.filter(([time]) => time >= view.start && time <= view.end);
   const values = [...view.curve, ...kept].map((p) => Math.min(p[1], HIGHEST)).concat(view.band.flatMap((b) => [b[1], b[3]]));
   if (!values.length) return [-4, 4];
-  // Never closer than this: noise must not look like a signal.
+  // Minimum range of 8 %: noise must not look like a signal.
   const low = Math.min(...values), high = Math.max(...values), half = Math.max(4, 0.56 * (high - low));
   return [(low + high) / 2 - half, (low + high) / 2 + half];
 }
 
-// -- what is drawn under and over the lines ------------------------------------------------------------
+// -- drawings below and above the lines ----------------------------------------------------------------
 const px = (u) => (value, axis) => u.valToPos(value, axis, true);
 
 function clipped(u, draw) {
@@ -99,7 +99,7 @@ function clipped(u, draw) {
   ctx.restore();
 }
 
-function trace(ctx, at, points, column) {
+function drawLine(ctx, at, points, column) {
   let open = false;
   ctx.beginPath();
   for (const p of points) {
@@ -110,7 +110,7 @@ function trace(ctx, at, points, column) {
   ctx.stroke();
 }
 
-const under = (low, value, high) => (u) => clipped(u, (ctx, at, box, unit) => {
+const drawBelow = (low, value, high) => (u) => clipped(u, (ctx, at, box, unit) => {
   ctx.fillStyle = ink.muted;
   ctx.globalAlpha = 0.22;
   for (const [from, to] of view.moves) ctx.fillRect(at(from, "x"), box.top, Math.max(1.5, at(to, "x") - at(from, "x")), box.height);
@@ -125,7 +125,7 @@ const under = (low, value, high) => (u) => clipped(u, (ctx, at, box, unit) => {
   }
   Object.assign(ctx, { strokeStyle: ink.kept, lineWidth: 2 * unit });
   ctx.setLineDash([5 * unit, 3 * unit]);
-  trace(ctx, at, view.kept, value === 2 ? 1 : 3);
+  drawLine(ctx, at, view.kept, value === 2 ? 1 : 3);
   const band = forecast(high);
   if (!band.length) return;
   ctx.fillStyle = ink.band;
@@ -137,10 +137,10 @@ const under = (low, value, high) => (u) => clipped(u, (ctx, at, box, unit) => {
   ctx.globalAlpha = 1;
   Object.assign(ctx, { strokeStyle: ink.band, lineWidth: 2.5 * unit });
   ctx.setLineDash([7 * unit, 5 * unit]);
-  trace(ctx, at, band, value);
+  drawLine(ctx, at, band, value);
 });
 
-// The forecast is of the hold: a movement after the last one ends it.
+// The forecast band, extended until the next movement of the fingers.
 function forecast(high) {
   const band = view.band.filter((b) => b[high] !== undefined);
   if (!band.length) return [];
@@ -148,7 +148,7 @@ function forecast(high) {
   return [...band, Object.assign([...final], { 0: until })];
 }
 
-function over(u) {
+function drawAbove(u) {
   const isForce = u === plots.force, box = u.bbox, unit = devicePixelRatio * scale(), at = px(u);
   clipped(u, (ctx) => {
     if (isForce) for (const { value, kind } of levels()) {
@@ -168,11 +168,11 @@ function over(u) {
     ctx.arc(at(one[0], "x"), Math.max(box.top, at(isForce ? one[3] : Math.min(one[1], HIGHEST), "y")), 4 * unit, 0, 7);
     ctx.fill();
   });
-  happened(u, at, box, unit);
+  drawMoments(u, at, box, unit);
 }
 
-// What the controller noted, and nothing that the page found out.
-function happened(u, at, box, unit) {
+// Marks the controller's events.
+function drawMoments(u, at, box, unit) {
   const { ctx } = u, bottom = box.top + box.height;
   let free = -Infinity;
   ctx.save();
@@ -203,7 +203,7 @@ function happened(u, at, box, unit) {
   ctx.restore();
 }
 
-// -- the last grasps of this kind on this rig, kept by the browser ---------------------------------------
+// -- earlier grasps of this kind on this rig, stored by the browser --------------------------------------
 const GHOSTS = 20, FEWEST_GHOSTS = 3, GHOST_STEP_S = 0.1, GHOST_S = 30;
 let ghostOf = null, ghosts = [], keptGeneration = null;
 
@@ -214,21 +214,21 @@ function recallGhosts() {
   ghosts = JSON.parse(localStorage.getItem(name) ?? "[]");
 }
 
-// Once a grasp has ended its force is kept, by tenths of a second from the contact.
+// Stores the force of a finished grasp at intervals of 0.1 s from the contact.
 function keepGhost() {
-  // A page that only came to see a grasp that had ended before does not keep it a second time.
+  // A page opened after the end of a grasp does not store that grasp again.
   keptGeneration ??= view.ended === null ? -1 : doc.generation;
   if (view.ended === null || view.newest < view.ended || keptGeneration === doc.generation) return;
   keptGeneration = doc.generation;
   const curve = [], released = view.moments.find(([, name]) => name === "held")?.[0] ?? GHOST_S, until = view.zero + Math.min(GHOST_S, released);
-  for (const p of seen.curve) if (known(p[3]) && p[0] >= view.zero && p[0] < until) curve[Math.floor((p[0] - view.zero) / GHOST_STEP_S)] = +p[3].toFixed(2);
+  for (const p of received.curve) if (known(p[3]) && p[0] >= view.zero && p[0] < until) curve[Math.floor((p[0] - view.zero) / GHOST_STEP_S)] = +p[3].toFixed(2);
   const stored = localStorage.getItem(ghostOf) ?? "[]", own = JSON.stringify(Array.from(curve, (n, i) => n ?? (curve[i] = curve[i - 1] ?? null)));
-  // Another page of this browser may have kept it.
+  // Another page of this browser may have stored the same grasp.
   ghosts = [...JSON.parse(stored), ...(stored.includes(own) ? [] : [JSON.parse(own)])].slice(-GHOSTS);
   localStorage.setItem(ghostOf, JSON.stringify(ghosts));
 }
 
-// The middle 90 % of them at each time, as long as three of them last.
+// The central 90 % of the stored forces at each time with at least three grasps.
 function envelope() {
   const found = [], others = view.ended !== null && keptGeneration === doc.generation ? ghosts.slice(0, -1) : ghosts;
   for (let i = 0; i < GHOST_S / GHOST_STEP_S; i += 1) {
@@ -241,7 +241,7 @@ function envelope() {
 // -- readings at the cursor ---------------------------------------------------------------------------
 const nearest = (points, time) => points.reduce((best, p) => (Math.abs(p[0] - time) < Math.abs(best[0] - time) ? p : best), points[0]);
 
-// The point of this moment; nothing where it has no value.
+// The current point of the curve; null without a value.
 function atNow(column) {
   const one = view.curve.length ? nearest(view.curve, view.now) : null;
   return one && known(one[column]) ? one : null;
@@ -249,15 +249,15 @@ function atNow(column) {
 
 const isPointed = () => pointed !== null && pointed >= view.start && pointed <= Math.min(view.end, view.newest + 0.5);
 
-// The readings of all pixels, and the hand, at the cursor; those of now without one.
+// The document with the readings of pixels and hand at the cursor, if any.
 export function momentOf(doc) {
-  if (!view || !isPointed() || !seen.pixels.length) return doc;
-  const time = pointed + view.zero, one = nearest(seen.pixels.map((p) => [p.time_s, p]), time);
-  // Before this page came, the pads were not seen.
-  return time < seen.pixels[0].time_s - 0.3 ? doc : { ...doc, pixels: { ...doc.pixels, ...one[1] }, hand: one[1].hand, pointed_s: one[0] - view.zero };
+  if (!view || !isPointed() || !received.pixels.length) return doc;
+  const time = pointed + view.zero, one = nearest(received.pixels.map((p) => [p.time_s, p]), time);
+  // No readings are available before this page was opened.
+  return time < received.pixels[0].time_s - 0.3 ? doc : { ...doc, pixels: { ...doc.pixels, ...one[1] }, hand: one[1].hand, pointed_s: one[0] - view.zero };
 }
 
-function read(name, column, words) {
+function showReading(name, column, words) {
   const out = $(`${name}-at`), points = view.curve.filter((p) => known(p[column])), inside = isPointed() && points.length > 0;
   const one = inside ? nearest(points, pointed) : atNow(column), kept = inside ? view.kept.filter((p) => known(p[column])) : [];
   out.classList.toggle("pointed", inside);
@@ -268,16 +268,16 @@ function read(name, column, words) {
   plot.ariaValueText = text || "no value";
 }
 
-function settles(name, [low, value, high], digits, unit) {
+function showForecast(name, [low, value, high], digits, unit) {
   const band = view.band.filter((b) => b[high] !== undefined), out = $(`${name}-settles`), plot = $(name);
   const now = band.filter((b) => b[0] <= view.now).pop() ?? band[0];
   const text = now ? `settles at ${fixed(now[value], digits)} ${unit} ${range(now[low], now[high], digits)}` : "";
   if (out.textContent !== text) out.textContent = text;
-  Object.assign(plot.dataset, { bands: now ? seen.band.length : 0, halfWidth: now ? (now[high] - now[low]) / 2 : "", bandEnd: now ? last(forecast(high))[0] : "" });
+  Object.assign(plot.dataset, { bands: now ? received.band.length : 0, halfWidth: now ? (now[high] - now[low]) / 2 : "", bandEnd: now ? last(forecast(high))[0] : "" });
 }
 
-// In words for those who don't see the canvas.
-function list() {
+// The events as text for screen readers.
+function listMoments() {
   const rows = view.moments.filter(([, name]) => NAMES[name] || name.startsWith("finger_")).map(([time, name, finger]) => `<li data-name="${name}" data-at="${time.toFixed(2)}">${finger === null ? NAMES[name] : `finger ${finger}: ${name === "finger_contact" ? "contact" : "removal"}`} at ${fixed(time, 1)} s</li>`).join("");
   if ($("moments").innerHTML !== rows) $("moments").innerHTML = rows;
 }
@@ -310,7 +310,7 @@ function build(name) {
     bands: isForce ? [{ series: [3, 2], fill: () => faint(ink.curve) }] : [],
     axes: axes(name),
     hooks: {
-      drawAxes: [under(...columns)], draw: [over],
+      drawAxes: [drawBelow(...columns)], draw: [drawAbove],
       setCursor: [(u) => { pointed = u.cursor.left >= 0 ? u.posToVal(u.cursor.left, "x") : null; }],
       setSelect: [(u) => { const { left, width } = u.select; if (width > 4) zoom([u.posToVal(left, "x"), u.posToVal(left + width, "x")]); u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false); }],
     },
@@ -325,13 +325,13 @@ const faint = (colour) => `color-mix(in srgb, ${colour} 18%, transparent)`;
 function plot(name) {
   const host = $(name);
   if (!host.firstChild) build(name);
-  // Where nothing came for a while, no line is drawn.
+  // The line is interrupted at gaps in the data.
   const points = view.curve.flatMap((p, i, all) => (i && p[0] - all[i - 1][0] > GAP_S ? [[all[i - 1][0] + 0.01], p] : [p]));
   const lines = name === "force" ? [3, 2, 4].map((at) => points.map((p) => p[at] ?? null)) : [points.map((p) => (known(p[1]) ? Math.min(p[1], HIGHEST) : null))];
   plots[name].setData([points.map((p) => p[0]), ...lines]);
 }
 
-// The names of the levels lie on the plot, in front of all lines.
+// Labels of the force levels, in front of all lines.
 function nameLevels() {
   const u = plots.force, found = levels();
   if (!u) return;
@@ -371,9 +371,9 @@ function drawLane() {
   });
 }
 
-// Every pixel in a box of its own, over the same stretch of time and on one scale.
+// A small plot for every pixel, with the same time range and a common scale.
 function drawPixels() {
-  const canvas = $("pixels"), grid = doc.pixels?.percent, points = seen.pixels.filter((p) => p.time_s - view.zero >= view.start && p.time_s - view.zero <= view.end);
+  const canvas = $("pixels"), grid = doc.pixels?.percent, points = received.pixels.filter((p) => p.time_s - view.zero >= view.start && p.time_s - view.zero <= view.end);
   canvas.classList.toggle("hidden", !grid);
   if (!grid) return;
   const cols = grid[0].length, count = grid.length * cols, many = count > 32, most = many ? cols * Math.ceil(grid.length / 8) : Math.max(cols, Math.floor(canvas.clientWidth / 52 / cols) * cols);
@@ -402,7 +402,7 @@ function drawPixels() {
       ctx.strokeRect(x(pointed + view.zero), y0 + 2, 0, box.h - 5);
     }
     if (many) continue;
-    // Its name is readable on a curve that runs through it.
+    // An outline keeps the name readable on top of the curve.
     const name = [`R${row} C${col}`, x0 + box.w - 34 * scale(), y0 + 8 * scale()];
     Object.assign(ctx, { fillStyle: ink.muted, strokeStyle: ink.surface, lineWidth: 3 });
     ctx.strokeText(...name);
@@ -411,17 +411,17 @@ function drawPixels() {
   Object.assign(canvas.dataset, { cols, perLine, count, moments: points.length });
 }
 
-// Force over how far the hand closed after contact. The measured points hold pads and fingers too; the
-// slope and its band are of the object alone.
+// Force over closing after contact. The measured points include the compliance of pads and fingers;
+// the slope and its band describe the object alone.
 function drawPress() {
   const size = doc.measured.values.size_mm, slope = doc.measured.values.stiffness_n_per_mm, box = $("press-box");
   const points = [];
   let at = 0;
   if (doc.hand?.drive === "width" && size?.value > 0 && doc.source.newtons && view.touched) {
-    for (const one of seen.pixels) {
+    for (const one of received.pixels) {
       if (one.time_s < view.zero || one.hand?.value == null || one.hand.open || one.hand.opening) continue;
-      while (at < seen.curve.length - 1 && seen.curve[at][0] < one.time_s) at += 1;
-      if (known(seen.curve[at]?.[3])) points.push([size.value - one.hand.value, seen.curve[at][3]]);
+      while (at < received.curve.length - 1 && received.curve[at][0] < one.time_s) at += 1;
+      if (known(received.curve[at]?.[3])) points.push([size.value - one.hand.value, received.curve[at][3]]);
     }
   }
   box.classList.toggle("hidden", points.length < 2);
@@ -441,7 +441,7 @@ function drawPress() {
   ctx.beginPath();
   ctx.rect(left, 4, width - left - 4, foot - 4);
   ctx.clip();
-  // A bound has no upper end: its band is open to the side of the unknown.
+  // A lower bound has no upper limit, so its band extends to the vertical axis.
   const [low, value, high] = ends, ray = (k) => [x(widest), y(k === Infinity ? highest * 100 : k * widest)];
   const bound = slope?.text?.startsWith("at least") ? [parseFloat(slope.text.slice(9)), null, Infinity] : [low, value, high];
   if (known(bound[0]) && known(bound[2])) {
@@ -472,7 +472,7 @@ function drawPress() {
 
 // -- wheel, pinch, drag, double click, keys ---------------------------------------------------------------
 function zoom(wanted) {
-  const [first, newest] = whole();
+  const [first, newest] = fullRange();
   if (wanted) {
     const width = Math.min(Math.max(wanted[1] - wanted[0], NARROWEST_S), newest - first), from = Math.min(Math.max(wanted[0], first), newest - width);
     wanted = width >= newest - first ? null : [from, from + width];
@@ -499,22 +499,22 @@ function listen(host, u) {
   u.over.addEventListener("touchmove", (event) => {
     if (!pinch || event.touches.length !== 2) return;
     event.preventDefault();
-    // What was under the two fingers stays under them.
+    // Keeps the times under the two fingers during the pinch.
     const box = u.over.getBoundingClientRect(), [a, b] = ends(event).map((x) => (x - box.left) / box.width), width = (pinch[1] - pinch[0]) / Math.max(b - a, 0.05);
     zoom([pinch[0] - a * width, pinch[0] + (1 - a) * width]);
   }, { passive: false });
   u.over.addEventListener("touchend", () => { pinch = null; });
   host.addEventListener("keydown", (event) => {
     const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key], middle = (view.start + view.end) / 2;
-    if (step) point(Math.min(Math.max((pointed ?? view.now) + (step * (view.end - view.start)) / 50, view.start), Math.min(view.end, view.newest)));
+    if (step) moveCursor(Math.min(Math.max((pointed ?? view.now) + (step * (view.end - view.start)) / 50, view.start), Math.min(view.end, view.newest)));
     else if (event.key === "PageUp" || event.key === "PageDown") zoomAround(pointed ?? middle, event.key === "PageUp" ? 0.6 : 1.6);
-    else if (event.key === "Home") { point(null); zoom(null); } else return;
+    else if (event.key === "Home") { moveCursor(null); zoom(null); } else return;
     event.preventDefault();
   });
-  host.addEventListener("blur", () => point(null));
+  host.addEventListener("blur", () => moveCursor(null));
 }
 
-function point(time) {
+function moveCursor(time) {
   pointed = time;
   for (const name of shownPlots()) plots[name]?.setCursor({ left: time === null ? -10 : plots[name].valToPos(time, "x"), top: 1 }, false);
   redraw();
@@ -539,7 +539,7 @@ export function drawChart(now) {
   if (!$("chart")) return;
   if (doc && doc.generation !== now.generation) zoomed = null;
   doc = now;
-  look();
+  updateView();
   readColours();
   recallGhosts();
   if (!view.replay) keepGhost();
@@ -547,8 +547,8 @@ export function drawChart(now) {
   $("force-card").classList.toggle("hidden", !newtons);
   for (const button of document.querySelectorAll("[data-view]")) button.ariaPressed = button.dataset.view === chosen && !zoomed;
   $("unzoom").classList.toggle("hidden", !zoomed);
-  // What stays as it is, as a grasp that ended, is not drawn again.
-  const key = [doc.generation, view.start, view.end, last(view.curve)?.[0], view.now < view.end && view.replay ? view.now : "", view.kept.length, view.moments.length, view.phases.length, seen.band.length, JSON.stringify(view.bounds), doc.measured.values.stiffness_n_per_mm?.text, doc.measured.decided, pointed, picked?.row, picked?.col, inkOf, newtons, view.touched, view.ended === null ? last(view.moves)?.[1] : ""].join("/");
+  // Unchanged plots, such as of a finished grasp, are not redrawn.
+  const key = [doc.generation, view.start, view.end, last(view.curve)?.[0], view.now < view.end && view.replay ? view.now : "", view.kept.length, view.moments.length, view.phases.length, received.band.length, JSON.stringify(view.bounds), doc.measured.values.stiffness_n_per_mm?.text, doc.measured.decided, pointed, picked?.row, picked?.col, inkOf, newtons, view.touched, view.ended === null ? last(view.moves)?.[1] : ""].join("/");
   if (key !== drawn) {
     view.envelope = newtons ? envelope() : [];
     const ghost = document.querySelector(".ghost-key");
@@ -559,13 +559,13 @@ export function drawChart(now) {
     drawLane();
     drawPixels();
     drawPress();
-    list();
+    listMoments();
     drawn = key;
   }
   Object.assign($("chart").dataset, { start: view.start.toFixed(2), end: view.end.toFixed(2), frozen: view.ended !== null && !zoomed && chosen === "grasp", kept: view.kept.length, moves: view.moves.length });
-  settles("curve", [1, 2, 3], 1, "%");
-  read("curve", 1, (p) => `${fixed(p[1], 1)} %`);
+  showForecast("curve", [1, 2, 3], 1, "%");
+  showReading("curve", 1, (p) => `${fixed(p[1], 1)} %`);
   if (!newtons) return;
-  settles("force", [4, 5, 6], 2, "N");
-  read("force", 3, (p) => `${fixed(p[3], 2)} N ${range(p[2], p[4], 2)}`);
+  showForecast("force", [4, 5, 6], 2, "N");
+  showReading("force", 3, (p) => `${fixed(p[3], 2)} N ${range(p[2], p[4], 2)}`);
 }

@@ -1,4 +1,4 @@
-// The colours of pixels, as the server has them for every picture.
+// The colour map of the pixels, provided by the server.
 const MAP = JSON.parse(document.getElementById("pixel-colors").textContent);
 
 export function color(percent) {

@@ -1,16 +1,16 @@
-// A replay whose curves stay on this page, to be seen together with those of the next, contact on contact.
-import { $, seen } from "/static/poll.js";
+// Keeps the curves of a replay for comparison with the next replay, aligned at the contact.
+import { $, received } from "/static/poll.js";
 import { t } from "/static/words.js";
 
 let kept = null, shown = null;
 
-// What times are counted from: the contact, where there is one.
+// The zero of the time axis: the contact, otherwise the start of the grasp or curve.
 export function zeroOf(doc) {
   const grasp = doc.replay ? doc.replay.grasp : doc.grasp;
-  return grasp ? (grasp.touched_s ?? grasp.began_s) : seen.curve.length ? seen.curve[0][0] : 0;
+  return grasp ? (grasp.touched_s ?? grasp.began_s) : received.curve.length ? received.curve[0][0] : 0;
 }
 
-// The kept curve on the time axis of what is shown now; nothing where that has no contact yet.
+// The kept curve on the time axis of the shown grasp; empty before the contact.
 export function keptAt(zero, touched) {
   return kept && touched ? kept.points.map(([time, ...rest]) => [time + zero, ...rest]) : [];
 }
@@ -19,7 +19,7 @@ export function begin() {
   document.addEventListener("click", (event) => {
     if (!event.target.closest?.("#keep") || !shown) return;
     const zero = zeroOf(shown);
-    kept = kept ? null : { name: shown.source.name.replace(/\.mcap$/, ""), points: seen.curve.map(([time, ...rest]) => [time - zero, ...rest]) };
+    kept = kept ? null : { name: shown.source.name.replace(/\.mcap$/, ""), points: received.curve.map(([time, ...rest]) => [time - zero, ...rest]) };
     drawKept(shown);
   });
 }
@@ -31,7 +31,7 @@ export function drawKept(doc) {
   button.ariaPressed = kept !== null;
   const [act, what] = kept ? ["Stop", " comparing"] : ["Keep", " to compare"];
   if (button.ariaLabel !== act + what) Object.assign(button, { ariaLabel: act + what, innerHTML: `${act}<span>${what}</span>` });
-  // Without a contact no kept curve is drawn.
+  // The kept curve is drawn only after a contact.
   const grasp = doc.replay ? doc.replay.grasp : doc.grasp, drawn = kept !== null && typeof grasp?.touched_s === "number";
   for (const key of document.querySelectorAll(".kept-key")) {
     key.classList.toggle("hidden", !drawn);

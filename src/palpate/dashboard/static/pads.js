@@ -1,15 +1,15 @@
-// The pads: each pixel at its place, between the fingers of a hand or side by side without one.
-import { $, say, seen } from "/static/poll.js";
-import { fixed, t, whole as wholeNumber } from "/static/words.js";
+// The pads with their pixels, opposite each other on a gripper and side by side without one.
+import { $, setText, received } from "/static/poll.js";
+import { fixed, t, integer } from "/static/words.js";
 import { color } from "/static/colors.js";
 
 const PAD = { top: 26, margin: 10, wide: 138, tall: 164 }, SIDE_GAP = 56, RECENT_S = 30;
-// Phases in which it is touched, but not held yet.
+// Phases before the object is held.
 const APPROACH = ["sweep", "felt", "approach", "contact"];
 let built = null, pads = [], chosen = null, caption = 14;
 export const chosenPixel = () => chosen;
 
-// A pad is as wide as it is tall if its pixels are: they lie on a square grid.
+// Size of a pad with square pixels.
 function shape(rows, cols) {
   const cell = Math.min(PAD.wide / cols, PAD.tall / rows);
   return { cell, width: cell * cols + 2 * PAD.margin, height: cell * rows + 2 * PAD.margin };
@@ -52,15 +52,15 @@ function drawCells(svg, doc) {
     cell.classList.toggle("ill", one !== undefined);
     text.style.fill = ink;
     const small = +text.getAttribute("font-size") < 6;
-    say(text, small ? "" : value === null ? (ohm === null ? "open" : "dead") : fixed(value, 0));
-    // Only what the pointer shows: new text for each of 384 pixels takes a sixth of the browser's time.
-    if (cell.matches(":hover")) title.textContent = `R${row} C${col}: ${ohm === null ? "open" : t("{n} ohm", { n: wholeNumber(ohm) })}${one ? `; ${one.text}` : ""}`;
+    setText(text, small ? "" : value === null ? (ohm === null ? "open" : "dead") : fixed(value, 0));
+    // Updates only the tooltip under the pointer; all 384 would use a sixth of the browser's time.
+    if (cell.matches(":hover")) title.textContent = `R${row} C${col}: ${ohm === null ? "open" : t("{n} ohm", { n: integer(ohm) })}${one ? `; ${one.text}` : ""}`;
   }
 }
 
 const isSmall = (svg) => svg.clientWidth < 560;
 
-// The picture shrinks to a phone, its captions don't.
+// Captions keep their size when the drawing is scaled down on a phone.
 function view(svg, left, top, width, height) {
   svg.setAttribute("viewBox", `${left} ${top} ${width} ${height}`);
   const scale = Math.min(svg.clientWidth / width, svg.clientHeight / height) || 1;
@@ -68,15 +68,15 @@ function view(svg, left, top, width, height) {
   svg.style.setProperty("--caption", `${caption}px`);
 }
 
-// Finger pads at their places; returns how far apart they are drawn.
+// Positions the pads; returns the gap between the fingers, or null without a gripper.
 function place(svg, doc) {
   const hand = doc.hand, between = hand !== null && pads.length === 2;
   const small = isSmall(svg), width = small ? 500 : 700, middle = width / 2;
 
   svg.querySelectorAll(".metal").forEach((part) => part.classList.toggle("hidden", !between));
   if (!between) {
-    const whole = pads.reduce((sum, pad) => sum + pad.width + SIDE_GAP, -SIDE_GAP);
-    const rows = whole > 1.6 * width ? 2 : 1, perRow = Math.ceil(pads.length / rows), tall = Math.max(...pads.map((pad) => pad.height)) + (small ? 80 : 62);
+    const totalWidth = pads.reduce((sum, pad) => sum + pad.width + SIDE_GAP, -SIDE_GAP);
+    const rows = totalWidth > 1.6 * width ? 2 : 1, perRow = Math.ceil(pads.length / rows), tall = Math.max(...pads.map((pad) => pad.height)) + (small ? 80 : 62);
     pads.forEach((pad, i) => {
       const line = Math.floor(i / perRow), mates = pads.slice(line * perRow, (line + 1) * perRow);
       const left = -mates.reduce((sum, mate) => sum + mate.width + SIDE_GAP, -SIDE_GAP) / 2;
@@ -88,7 +88,7 @@ function place(svg, doc) {
   }
   const scale = hand.drive === "width" ? (small ? 2.2 : 4.1) : 0;
   const gap = hand.value === null ? 220 : scale ? hand.value * scale : (small ? 170 : 300) * (1 - 0.75 * hand.closed);
-  // Below the pads two lines of each finger, then one of the hand.
+  // Below the pads are two lines for each finger and one line for the hand.
   const foot = PAD.top + Math.max(...pads.map((pad) => pad.height)) + 21;
   view(svg, 0, 0, width, foot + 60);
   $("opening").setAttribute("y", foot + 2.5 * caption);
@@ -103,7 +103,7 @@ function object({ gap, scale, middle }, doc) {
   const size = doc.measured.values.size_mm;
   if (doc.nothing_there) return "";
   const known = size && size.value > 0, held = isHeld(doc);
-  // Between fingers that touch it, it is as wide as their gap, whether that is drawn to scale or not.
+  // An object in contact with both fingers fills the gap, even if the gap is not to scale.
   const across = held ? gap + 4 : known && scale > 0 ? size.value * scale : Math.min(gap * 0.62, 120);
   const grips = held && (doc.pointed_s !== undefined || !APPROACH.includes(doc.grasp.phase));
   const word = known ? `${fixed(size.value, 1)} mm` : grips ? "held" : "", colour = doc.measured.damaged ? "var(--bad)" : "var(--accent)";
@@ -113,7 +113,7 @@ function object({ gap, scale, middle }, doc) {
 
 const touching = (doc) => (doc.grasp && doc.pointed_s === undefined ? doc.grasp.fingers : doc.pixels.touching);
 
-// Between contact and release, as the controller noted it; of another moment, as the pads read then.
+// Whether the object is held: from the controller's events, or at the cursor from the pads' readings.
 function isHeld({ grasp, hand, pixels, pointed_s: pointed }) {
   if (pointed !== undefined) return pixels.touching.length === pads.length;
   return Boolean(grasp) && grasp.touched_s !== null && !hand.open && !hand.opening && !hasSlipped(grasp);
@@ -121,7 +121,7 @@ function isHeld({ grasp, hand, pixels, pointed_s: pointed }) {
 
 const hasSlipped = (grasp) => Boolean(grasp?.moments.some(([, name]) => name === "slipped"));
 
-// Where a pad is pressed: the mean place of its pixels, weighted by the conductance that each gained.
+// Centre of pressure: the mean position of the pixels, weighted by their increase in conductance.
 function markCentre(group, pad, percent) {
   let [sum, x, y] = [0, 0, 0];
   pad.rows.forEach((row, i) => percent[row].forEach((value, col) => {
@@ -146,7 +146,7 @@ function namePads(svg, doc) {
   });
 }
 
-// -- one pixel, near -------------------------------------------------------------------------------
+// -- details of the selected pixel -----------------------------------------------------------------
 function drawChosen(doc) {
   const box = $("pixel");
   if (!box) return;
@@ -155,11 +155,11 @@ function drawChosen(doc) {
   const { row, col } = chosen, ohm = doc.pixels.ohm[row][col], percent = doc.pixels.percent[row][col];
   const one = (doc.pixels.findings ?? []).find((f) => f.row === row && f.col === col);
   $("pixel-name").textContent = `R${row} C${col}`;
-  $("pixel-ohm").textContent = ohm === null ? "open" : t("{n} ohm", { n: wholeNumber(ohm) });
+  $("pixel-ohm").textContent = ohm === null ? "open" : t("{n} ohm", { n: integer(ohm) });
   $("pixel-percent").textContent = percent === null ? "" : `${fixed(percent, 1)} %`;
   $("pixel-found").textContent = one ? one.text : "";
-  const end = doc.pixels.time_s, values = seen.pixels.filter((p) => p.time_s <= end && p.time_s > end - RECENT_S).map((p) => p.ohm[row]?.[col]).filter((v) => typeof v === "number");
-  $("pixel-range").textContent = values.length ? t("last {s} s: {low} to {high} ohm", { s: RECENT_S, low: wholeNumber(Math.min(...values)), high: wholeNumber(Math.max(...values)) }) : "";
+  const end = doc.pixels.time_s, values = received.pixels.filter((p) => p.time_s <= end && p.time_s > end - RECENT_S).map((p) => p.ohm[row]?.[col]).filter((v) => typeof v === "number");
+  $("pixel-range").textContent = values.length ? t("last {s} s: {low} to {high} ohm", { s: RECENT_S, low: integer(Math.min(...values)), high: integer(Math.max(...values)) }) : "";
 }
 
 export function choosePixel(row, col) {
@@ -172,7 +172,7 @@ export function begin() {
     if (cell) choosePixel(+cell.dataset.row, +cell.dataset.col);
     if (event.target.closest?.("#pixel-close")) chosen = null;
   });
-  // By keyboard: the pads take the focus, the arrows choose.
+  // Keyboard: the arrow keys select a pixel while the pads have the focus.
   document.addEventListener("keydown", (event) => {
     const step = { ArrowUp: [-1, 0], ArrowDown: [1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] }[event.key];
     if (!step || event.target.id !== "fingers" || !built) return;
@@ -208,6 +208,6 @@ export function drawFingers(doc) {
   drawCells(svg, doc);
   drawChosen(doc);
   const at = doc.pointed_s === undefined ? "" : ` at ${fixed(doc.pointed_s, 1)} s`;
-  $("fingers-title").textContent = between ? `Fingers${at || ", seen from between them"}` : pads.length === 1 ? "Pad" : t("{n} pads", { n: pads.length });
-  seen.built = built;
+  $("fingers-title").textContent = between ? `Fingers${at || ", view from the object"}` : pads.length === 1 ? "Pad" : t("{n} pads", { n: pads.length });
+  received.built = built;
 }

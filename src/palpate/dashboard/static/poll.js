@@ -1,23 +1,23 @@
-// Asks for what is new, has it drawn, and asks again: a slow screen asks less often and holds up
-// nobody. Draws itself what every view has: the head, and the loss of the connection.
+// Polls the page document and draws it. The next request follows the drawing, so a slow browser polls
+// less often. This module also draws the header and the loss of the connection, common to all pages.
 import { fixed, t } from "/static/words.js";
 
-// A slow answer is still taken long after the connection counts as lost.
-const PERIOD_MS = 66, GIVEN_UP_MS = 4000, BESIDE_MS = 2000, LOST_MS = 1000, LOOK_MS = 100, RETRY_MS = 250;
+// The request timeout is longer than the time after which the connection counts as lost.
+const PERIOD_MS = 66, TIMEOUT_MS = 4000, NEXT_REQUEST_MS = 2000, LOST_MS = 1000, CHECK_MS = 100, RETRY_MS = 250;
 const GREYED = ".figure, .measures, #next-step, .item, .force, .panel-body, .panel-foot";
 export const $ = (id) => document.getElementById(id);
 export const esc = (text) => String(text).replace(/[&<>"]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[c]);
-export const seen = { generation: -1, curve: [], band: [], pixels: [], at: performance.now(), hungS: null, drawn: 0, stops: null, serverS: null, askedAt: 0, socketAt: Infinity, vain: false };
-// A screen reader speaks of what is written: nothing is, unless it changed.
-export const say = (element, text) => { if (element && element.textContent !== text) element.textContent = text; };
+export const received = { generation: -1, curve: [], band: [], pixels: [], at: performance.now(), hungS: null, drawn: 0, stops: null, serverS: null, askedAt: 0, socketAt: Infinity, blocked: false };
+// Screen readers announce every write, so unchanged texts are not written.
+export const setText = (element, text) => { if (element && element.textContent !== text) element.textContent = text; };
 
-// A headline is as large as its longest word allows.
+// The font size of a headline depends on its longest word.
 export function headline(box, element, text) {
-  say(element, text);
+  setText(element, text);
   box.style.setProperty("--letters", Math.max(...text.split(" ").map((word) => word.length)));
 }
 
-// All of a card's words are in it: they shrink together until they are, whenever words or card change.
+// Scales all texts of a card down until they fit, whenever texts or card size change.
 export function fit(card) {
   const word = card.querySelector("b");
   const shrink = () => {
@@ -41,159 +41,159 @@ export function fit(card) {
 export const number = (value) => fixed(value, 3).replace(/[.,]?0+$/, "");
 const sinceFrame = (s) => (s < 1 ? t("{time} ms ago", { time: fixed(1000 * s, 0) }) : t("{time} s ago", { time: fixed(s, 1) }));
 
-// A hand that is open, or opens, presses nothing: it has no force to show.
+// Text in place of the force while the hand is open or opens.
 export const handState = (doc) => (doc.hand?.open ? "hand open" : doc.hand?.opening ? "hand opens" : "");
 
-// No line ends between a number and its unit.
+// Joins numbers and units with non-breaking spaces.
 export const joined = (text) => text.replace(/(\d) (?=(?:N|N\/mm|mm|%|s)(?:[ ,;]|$))/g, "$1\u00a0");
 
-// What the verdict rests on, in pieces.
-export const whys = (doc) => pieces(doc).map(joined);
+// The reasons for the verdict, as a list of texts.
+export const reasons = (doc) => listReasons(doc).map(joined);
 
-function pieces(doc) {
-  const said = doc.verdict, parts = [];
-  if ("target_force_n" in said && doc.item) parts.push(doc.item);
-  if (said.why) parts.push(said.why);
-  if (said.on_target === true) parts.push(t("on the target of {force} N", { force: number(said.target_force_n) }));
-  if (said.on_target === false) parts.push(t("{where} the target of {force} N", { where: doc.measured.values.force_n?.high < said.target_force_n ? "below" : "above", force: number(said.target_force_n) }));
-  if (said.kind === "idle") parts.push(...doc.idle);
-  // The rest is of a grasp: other headlines, such as a calibration's, are not.
-  if (!("target_force_n" in said)) return parts;
+function listReasons(doc) {
+  const verdict = doc.verdict, parts = [];
+  if ("target_force_n" in verdict && doc.item) parts.push(doc.item);
+  if (verdict.why) parts.push(verdict.why);
+  if (verdict.on_target === true) parts.push(t("within the target of {force} N", { force: number(verdict.target_force_n) }));
+  if (verdict.on_target === false) parts.push(t("{where} the target of {force} N", { where: doc.measured.values.force_n?.high < verdict.target_force_n ? "below" : "above", force: number(verdict.target_force_n) }));
+  if (verdict.kind === "idle") parts.push(...doc.idle);
+  // The remaining texts apply to grasps only, not to calibrations and other headlines.
+  if (!("target_force_n" in verdict)) return parts;
   if (doc.measured.decided && doc.measured.decision_time_s !== null) parts.push(t("answer {time} s after contact", { time: fixed(doc.measured.decision_time_s, 1) }));
-  if (doc.measured.limited) parts.push("the damage limit keeps it below its target");
+  if (doc.measured.limited) parts.push("limited by the damage limit");
   parts.push(...doc.measured.faults);
   return parts;
 }
 
-// A sensor alone: there is no hand to stop, only what runs.
-export const isAlone = (doc) => doc.source !== null && doc.hand === null && doc.grasp === null;
+// Without a gripper there is no hand to stop, only a running job.
+export const isSensorOnly = (doc) => doc.source !== null && doc.hand === null && doc.grasp === null;
 
 function drawHead(doc) {
-  document.body.classList.toggle("alone", isAlone(doc));
+  document.body.classList.toggle("alone", isSensorOnly(doc));
   const pill = $("link"), link = doc.link, replayed = doc.source && doc.source.replayed;
   const rate = link.rate_hz === null ? "–" : `${fixed(link.rate_hz, link.rate_hz < 100 ? 1 : 0)} Hz`;
-  // It was that old when it was sent; since then at most the whole way there and back has passed.
-  const age = link.age_s === null ? "no frame yet" : t("last frame {ago}", { ago: sinceFrame(link.age_s + (performance.now() - seen.askedAt) / 1000) });
+  // Age at the time of sending plus the time since the request, an upper bound of the network delay.
+  const age = link.age_s === null ? "no frame yet" : t("last frame {ago}", { ago: sinceFrame(link.age_s + (performance.now() - received.askedAt) / 1000) });
   pill.dataset.state = link.stale ? "stale" : link.waiting ? "waiting" : "fresh";
   const counted = [link.stale ? "NO FRAMES" : "", rate, t("{lost} lost", link), link.corrupt ? t("{corrupt} corrupt", link) : ""].filter(Boolean).join(" · ");
   const counts = !replayed && !link.waiting;
   $("link-text").textContent = counts ? counted : replayed ? "replay" : doc.activity;
   $("link-age").textContent = counts ? age : "";
-  pill.title = t("{frames} frames, {lost} lost, {corrupt} corrupt, {late} late; 99 % within {p99} ms of the one before", { ...link, p99: fixed(1000 * link.period_p99_s, 1) });
-  say($("link-state"), replayed ? "replay" : link.stale ? "no frames" : link.waiting ? doc.activity : "frames arrive");
+  pill.title = t("{frames} frames, {lost} lost, {corrupt} corrupt, {late} late; 99 % of frame intervals below {p99} ms", { ...link, p99: fixed(1000 * link.period_p99_s, 1) });
+  setText($("link-state"), replayed ? "replay" : link.stale ? "no frames" : link.waiting ? doc.activity : "frames arrive");
   $("rig-name").textContent = !doc.source ? "no rig" : replayed ? t("replay of {name}", { name: doc.source.name }) : doc.source.name;
   $("simulated").classList.toggle("hidden", !(doc.source && doc.source.simulated));
   $("trouble").classList.toggle("hidden", !doc.trouble);
-  say($("trouble-text"), doc.trouble);
+  setText($("trouble-text"), doc.trouble);
 }
 
-// Presses travel by the framework's socket, which can be away while answers still come.
+// Time since the framework's socket was lost. Presses use this socket, responses do not.
 function awayMs() {
   if (window.socket?.connected) {
-    // Soon back: by itself it may wait for seven seconds although the server answers again.
-    if (seen.socketAt === Infinity) window.socket.io.reconnectionDelay(RETRY_MS).reconnectionDelayMax(2 * RETRY_MS);
-    Object.assign(seen, { socketAt: performance.now(), vain: false });
+    // Reconnects quickly; with its default settings the socket may wait for seven seconds.
+    if (received.socketAt === Infinity) window.socket.io.reconnectionDelay(RETRY_MS).reconnectionDelayMax(2 * RETRY_MS);
+    Object.assign(received, { socketAt: performance.now(), blocked: false });
     return 0;
   }
-  return performance.now() - seen.socketAt;
+  return performance.now() - received.socketAt;
 }
 
-// Everything on the stage is old once the server, or the process behind it, says nothing more.
+// Marks the page as outdated if the server, the device process or the socket does not respond.
 function drawLoss(onLost) {
   const pill = $("link"), box = $("lost");
   if (!pill || !box) return;
-  const silentMs = performance.now() - seen.at, server = silentMs > LOST_MS, devices = seen.hungS !== null;
-  const unsentMs = awayMs(), unsent = unsentMs > LOST_MS || (seen.vain && unsentMs > 0);
-  const lost = server || devices || unsent, agoS = Math.max((server ? silentMs / 1000 : 0) + (seen.hungS ?? 0), unsent ? unsentMs / 1000 : 0);
+  const silentMs = performance.now() - received.at, server = silentMs > LOST_MS, devices = received.hungS !== null;
+  const unsentMs = awayMs(), unsent = unsentMs > LOST_MS || (received.blocked && unsentMs > 0);
+  const lost = server || devices || unsent, agoS = Math.max((server ? silentMs / 1000 : 0) + (received.hungS ?? 0), unsent ? unsentMs / 1000 : 0);
   if (lost && !document.body.classList.contains("lost")) onLost();
   document.body.classList.toggle("lost", lost);
-  // What is greyed is reported as unavailable too.
+  // Greyed elements are also reported as unavailable to screen readers.
   for (const part of document.querySelectorAll(GREYED)) if (lost) part.ariaDisabled = "true"; else part.removeAttribute("aria-disabled");
   box.classList.toggle("hidden", !lost);
   if (!lost) return;
   const ago = agoS < 60 ? t("last seen {time} s ago", { time: Math.floor(agoS) }) : t("last seen {time} min ago", { time: Math.floor(agoS / 60) });
   headline(box, $("lost-title"), server || unsent ? "No connection" : "The devices do not respond");
-  const why = server ? "palpate serve does not answer." : unsent ? "Only STOP can be sent; the page connects again by itself." : "";
-  const old = server || devices ? "The values shown are old; the hand may still move or hold." : "";
+  const why = server ? "palpate serve does not answer." : unsent ? "Only STOP can be sent; the page reconnects automatically." : "";
+  const old = server || devices ? "The values shown are outdated; the hand may still move or hold." : "";
   $("lost-why").textContent = [`${ago}.`, why, old].filter(Boolean).join(" ");
   pill.dataset.state = "stale";
   $("link-age").textContent = "";
   $("link-text").textContent = `${server || unsent ? "NO CONNECTION" : "NO DEVICE DATA"} · ${ago}`;
 }
 
-function take(doc, began) {
-  if (doc.generation !== seen.generation) Object.assign(seen, { generation: doc.generation, curve: [], band: [], pixels: [] });
+function storeData(doc, began) {
+  if (doc.generation !== received.generation) Object.assign(received, { generation: doc.generation, curve: [], band: [], pixels: [] });
   const after = (points) => ([time]) => !points.length || time > points[points.length - 1][0];
-  seen.curve.push(...doc.curve.filter(after(seen.curve)));
-  seen.band.push(...doc.band.filter(after(seen.band)));
-  forget(seen.curve, 4500, (point) => point[0], doc.frozen_s);
-  if (seen.band.length > 900) seen.band.splice(0, seen.band.length - 900);
-  if (!seen.pixels.length) seen.pixels.push(...doc.past);
+  received.curve.push(...doc.curve.filter(after(received.curve)));
+  received.band.push(...doc.band.filter(after(received.band)));
+  trimHistory(received.curve, 4500, (point) => point[0], doc.frozen_s);
+  if (received.band.length > 900) received.band.splice(0, received.band.length - 900);
+  if (!received.pixels.length) received.pixels.push(...doc.past);
   keepPixels(doc);
-  forget(seen.pixels, 1400, (one) => one.time_s, doc.frozen_s);
-  Object.assign(seen, { at: performance.now(), hungS: doc.link.hung_s, stops: doc.stops, serverS: doc.server_s, askedAt: began });
+  trimHistory(received.pixels, 1400, (one) => one.time_s, doc.frozen_s);
+  Object.assign(received, { at: performance.now(), hungS: doc.link.hung_s, stops: doc.stops, serverS: doc.server_s, askedAt: began });
 }
 
-// The pads and the hand as they were, in order of time: a replay may go back.
+// Stores the readings of pads and hand in order of time; a replay may move backwards.
 function keepPixels({ pixels, hand }) {
   if (!pixels || pixels.time_s === null) return;
-  const at = seen.pixels.findLastIndex((p) => p.time_s <= pixels.time_s);
-  if (seen.pixels[at]?.time_s !== pixels.time_s) seen.pixels.splice(at + 1, 0, { ...pixels, hand });
+  const at = received.pixels.findLastIndex((p) => p.time_s <= pixels.time_s);
+  if (received.pixels[at]?.time_s !== pixels.time_s) received.pixels.splice(at + 1, 0, { ...pixels, hand });
 }
 
-// What is watched is kept for a while; the grasp that ended before it until the next one.
-function forget(kept, most, timeOf, frozenS) {
+// Limits the data after a frozen grasp; the grasp itself is retained until the next one.
+function trimHistory(kept, most, timeOf, frozenS) {
   const from = frozenS === null ? 0 : kept.findLastIndex((one) => timeOf(one) <= frozenS) + 1;
   if (kept.length - from > most) kept.splice(from, kept.length - from - most);
 }
 
 let asked = 0, taken = 0, next = 0;
 
-async function tick(draw, onLost) {
+async function poll(draw, onLost) {
   const began = performance.now(), number = (asked += 1);
-  // A network that went away unnoticed never answers: the next one does not wait for it to be given up.
-  next = setTimeout(tick, BESIDE_MS, draw, onLost);
+  // After an undetected network failure no response arrives; the next request does not wait for it.
+  next = setTimeout(poll, NEXT_REQUEST_MS, draw, onLost);
   try {
-    const last = seen.curve.length ? seen.curve[seen.curve.length - 1][0] : -1e9;
-    const reply = await fetch(`/live?generation=${seen.generation}&after_s=${last}`, { cache: "no-store", signal: AbortSignal.timeout(GIVEN_UP_MS) });
+    const last = received.curve.length ? received.curve[received.curve.length - 1][0] : -1e9;
+    const reply = await fetch(`/live?generation=${received.generation}&after_s=${last}`, { cache: "no-store", signal: AbortSignal.timeout(TIMEOUT_MS) });
     const doc = await reply.json();
     if (number > taken) {
       taken = number;
-      take(doc, began);
+      storeData(doc, began);
       if ($("link") && $("verdict")) {
         drawHead(doc);
         draw(doc);
         document.body.dataset.activity = doc.activity;
         document.body.dataset.recording = doc.recording ?? "";
-        document.body.dataset.drawn = seen.drawn += 1;
+        document.body.dataset.drawn = received.drawn += 1;
         drawLoss(onLost);
       }
     }
   } catch {
-    // drawLoss says how long nothing came.
+    // drawLoss shows the time without a response.
   }
   if (number < asked) return;
   clearTimeout(next);
-  next = setTimeout(tick, Math.max(10, PERIOD_MS - (performance.now() - began)), draw, onLost);
+  next = setTimeout(poll, Math.max(10, PERIOD_MS - (performance.now() - began)), draw, onLost);
 }
 
-// Before the press itself, on the same way: what a stop overtakes must not begin after it, nor what
-// comes so late that nobody expects it any more (by the server's clock).
-function pressed(press) {
+// Sends stop count and server time before the press over the same socket, so that the server can
+// refuse a press that a STOP has overtaken or that arrives too late.
+function recordPress(press) {
   if (awayMs() > 0 && !press.target.closest("#stop, a")) {
-    // It would be kept, and the hand would move at some later moment.
+    // The socket would buffer the press, and the hand would move unexpectedly later.
     press.stopImmediatePropagation();
     press.preventDefault();
-    seen.vain = true;
+    received.blocked = true;
     return;
   }
-  const atS = seen.serverS === null ? null : seen.serverS + (performance.now() - seen.askedAt) / 1000;
-  window.emitEvent?.("press", { stops: seen.stops, at_s: atS });
+  const atS = received.serverS === null ? null : received.serverS + (performance.now() - received.askedAt) / 1000;
+  window.emitEvent?.("press", { stops: received.stops, at_s: atS });
 }
 
-// A scanner types wherever the focus is, a shift long without a mouse: what is typed outside of a field
-// is the next item's name, in place of the one before. F8 grasps, F9 releases.
-function typed(event) {
+// A barcode scanner types into the focused element. Text typed outside of a field replaces the next
+// item's name. F8 grasps, F9 releases.
+function handleKey(event) {
   if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
   const button = { F8: "grasp", F9: "release" }[event.key], field = document.querySelector("input.scanned");
   if (button) {
@@ -206,10 +206,10 @@ function typed(event) {
 }
 
 export function follow(draw, onLost = () => {}) {
-  // The framework's own words of a lost socket lie outside of all landmarks, unless they are an alert.
+  // Accessibility: the framework's message about a lost socket must be in a landmark or an alert.
   $("popup")?.setAttribute("role", "alert");
-  setInterval(drawLoss, LOOK_MS, onLost);
-  window.addEventListener("click", pressed, true);
-  window.addEventListener("keydown", typed, true);
-  tick(draw, onLost);
+  setInterval(drawLoss, CHECK_MS, onLost);
+  window.addEventListener("click", recordPress, true);
+  window.addEventListener("keydown", handleKey, true);
+  poll(draw, onLost);
 }

@@ -1,14 +1,14 @@
-// One tone for done and one for a fault, for whoever stands with their back to the screen. Off until
-// the button is pressed; this browser remembers it.
+// A tone for a finished grasp and a tone for a fault, for users who do not watch the screen. The sound
+// is off until the button is pressed; the browser stores this setting.
 const KEPT = "palpate-sound";
-// Pitch, length and shape differ: each is known without the other.
+// The tones differ in pitch, duration and waveform, so each is recognizable by itself.
 const TONES = { done: { hz: 880, s: 0.25, shape: "sine" }, fault: { hz: 220, s: 0.9, shape: "square" } };
 const LOUDNESS = 0.3, EDGE_S = 0.02;
 let context = null, before = null;
 
 const wanted = () => localStorage.getItem(KEPT) === "on";
 
-// A browser lets a page sound only once it was pressed.
+// Browsers allow sound only after a user interaction.
 function wake() {
   if (!wanted()) return;
   context ??= new AudioContext();
@@ -48,7 +48,7 @@ export function begin() {
   });
 }
 
-// A change is heard, not what was there when the page came.
+// Plays a tone on changes only, not for the state at loading.
 export function sound(kind) {
   show();
   if (before !== null && kind !== before) {

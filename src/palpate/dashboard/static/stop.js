@@ -1,46 +1,46 @@
-// STOP: an element, a layer and a script of its own, so that nothing else on the page can cover it,
-// swallow its presses or break it.
+// STOP has a separate element, layer and script, so that no other part of the page can cover the
+// button, intercept its presses or break it.
 (() => {
-  // Not confirmed within the deadline: the alarm. It is tried again for a while; a stop that comes
-  // much later would stop something else.
-  const DEADLINE_MS = 500, AGAIN_MS = 250, PATIENCE_MS = 1000, GIVES_UP_MS = 10000, SHOWN_MS = 4000, CLICK_MS = 1000;
+  // Without a confirmation before the deadline, the page shows an alarm. The stop is repeated for a
+  // limited time, because a much later stop would affect another job.
+  const DEADLINE_MS = 500, RETRY_MS = 250, TIMEOUT_MS = 1000, MAX_RETRY_MS = 10000, SHOWN_MS = 4000, CLICK_MS = 1000;
   const layer = document.getElementById("stop-layer"), button = document.getElementById("stop");
   const state = document.getElementById("stop-state"), failed = document.getElementById("stop-failed");
   const idle = state.textContent, pause = (ms) => new Promise((done) => setTimeout(done, ms));
-  // A page that was away for long loads itself again: what it could not deliver outlives that.
-  const owed = window.sessionStorage, OWED = "palpate-stop";
+  // The page reloads itself after a long network failure; the session storage preserves a pending stop.
+  const storage = window.sessionStorage, PENDING_KEY = "palpate-stop";
   let pressed = null, back = 0, down = -Infinity;
 
-  function say(kind, words) {
+  function showState(kind, words) {
     button.dataset.state = kind;
     state.textContent = words;
     failed.hidden = kind !== "failed";
   }
 
-  async function delivered() {
+  async function sendStop() {
     try {
-      const reply = await fetch("/stop", { method: "POST", keepalive: true, cache: "no-store", signal: AbortSignal.timeout(PATIENCE_MS) });
+      const reply = await fetch("/stop", { method: "POST", keepalive: true, cache: "no-store", signal: AbortSignal.timeout(TIMEOUT_MS) });
       return reply.ok && (await reply.json()).stopped === true;
     } catch {
       return false;
     }
   }
 
-  function confirmed(press) {
+  function showConfirmed(press) {
     if (press.confirmed) return;
     press.confirmed = true;
-    owed.removeItem(OWED);
+    storage.removeItem(PENDING_KEY);
     clearTimeout(press.alarm);
     if (pressed === press) pressed = null;
     const after = performance.now() - press.at;
-    say("confirmed", `${button.dataset.confirmed} ${after < 1000 ? `${Math.round(after)} ms` : `${(after / 1000).toFixed(1)} s`}`);
-    back = setTimeout(() => say("idle", idle), SHOWN_MS);
+    showState("confirmed", `${button.dataset.confirmed} ${after < 1000 ? `${Math.round(after)} ms` : `${(after / 1000).toFixed(1)} s`}`);
+    back = setTimeout(() => showState("idle", idle), SHOWN_MS);
   }
 
   async function send(press) {
-    while (!press.confirmed && performance.now() - press.at < GIVES_UP_MS) {
-      if (await delivered()) confirmed(press);
-      else await pause(AGAIN_MS);
+    while (!press.confirmed && performance.now() - press.at < MAX_RETRY_MS) {
+      if (await sendStop()) showConfirmed(press);
+      else await pause(RETRY_MS);
     }
     if (press.confirmed) return;
     if (pressed === press) pressed = null;
@@ -48,31 +48,31 @@
   }
 
   function giveUp() {
-    say("failed", button.dataset.failed);
+    showState("failed", button.dataset.failed);
   }
 
   function stop() {
-    // Whoever presses again and again must not put off the alarm.
+    // Repeated presses must not postpone the alarm.
     if (pressed) {
       const waiting = pressed;
-      delivered().then((done) => done && confirmed(waiting));
+      sendStop().then((done) => done && showConfirmed(waiting));
       return;
     }
     const press = { at: performance.now(), confirmed: false };
-    press.alarm = setTimeout(() => say("failed", button.dataset.trying), DEADLINE_MS);
+    press.alarm = setTimeout(() => showState("failed", button.dataset.trying), DEADLINE_MS);
     clearTimeout(back);
     pressed = press;
-    owed.setItem(OWED, Date.now());
-    say(failed.hidden ? "sent" : "failed", button.dataset.sent);
+    storage.setItem(PENDING_KEY, Date.now());
+    showState(failed.hidden ? "sent" : "failed", button.dataset.sent);
     send(press);
   }
 
-  const since = owed.getItem(OWED);
-  if (since !== null && Date.now() - since < GIVES_UP_MS) stop();
+  const since = storage.getItem(PENDING_KEY);
+  if (since !== null && Date.now() - since < MAX_RETRY_MS) stop();
   else if (since !== null) giveUp();
 
-  // On press, not on release: a finger that slides off, a palm and a second finger stop too. Caught
-  // before anything else on the page hears of it, and whatever lies over the button.
+  // Stops on press, not on release, so a sliding finger, a palm or a second finger also stops. The
+  // event is captured before all other handlers, even if another element covers the button.
   function onStop(event) {
     const box = button.getBoundingClientRect();
     return event.clientX >= box.left && event.clientX < box.right && event.clientY >= box.top && event.clientY < box.bottom;
@@ -84,17 +84,17 @@
     stop();
   }, true);
   window.addEventListener("click", (event) => {
-    const heard = event.detail > 0 && performance.now() - down < CLICK_MS;
-    if (!(heard ? onStop(event) : button.contains(event.target))) return;
+    const isSamePress = event.detail > 0 && performance.now() - down < CLICK_MS;
+    if (!(isSamePress ? onStop(event) : button.contains(event.target))) return;
     event.stopImmediatePropagation();
     event.preventDefault();
-    // Without a press it comes from the keyboard or a screen reader.
-    if (!heard) stop();
+    // A click without a press comes from the keyboard or a screen reader.
+    if (!isSamePress) stop();
   }, true);
   button.addEventListener("contextmenu", (event) => event.preventDefault());
   window.addEventListener("keydown", (event) => { if (event.key === "Escape" && !event.repeat) stop(); }, true);
 
-  // Zoomed in by two fingers, or with the keyboard on the screen: where the eye is.
+  // Keeps STOP in the visible part of the page during pinch zoom or with an on-screen keyboard.
   function follow() {
     const view = window.visualViewport, moved = view.scale > 1.01 || view.height < window.innerHeight - 1;
     layer.style.cssText = moved

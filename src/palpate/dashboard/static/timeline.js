@@ -1,13 +1,13 @@
-// The timeline of a replay: its phases, and what pauses, moves and speeds it up.
+// The timeline of a replay: phases, and controls for pause, position and speed.
 import { $, esc } from "/static/poll.js";
 import { fixed, t } from "/static/words.js";
 
-const HELD_MS = 400, SEND_MS = 80;
+const RELEASE_DELAY_MS = 400, SEND_MS = 80;
 let touched = -Infinity, sent = -Infinity, later = 0, paused = false, drawn = null;
 
 const emit = (name, value) => window.emitEvent(name, value);
 
-// A slider that is drawn moves many times a second: not every place is worth a message.
+// Limits the rate of messages while the slider is dragged.
 function seek(time) {
   clearTimeout(later);
   const wait = sent + SEND_MS - performance.now();
@@ -35,14 +35,14 @@ function drawPhases(replay) {
   const key = `${replay.start_s}/${replay.end_s}/${replay.phases.length}`;
   if (drawn === key && $("phases").firstChild) return;
   drawn = key;
-  const length = replay.end_s - replay.start_s || 1, share = (time) => (time - replay.start_s) / length;
+  const length = replay.end_s - replay.start_s || 1, fraction = (time) => (time - replay.start_s) / length;
   let bars = "", names = "";
   replay.phases.forEach(([from, name], i) => {
-    const to = i + 1 < replay.phases.length ? replay.phases[i + 1][0] : replay.end_s, width = share(to) - share(from);
-    bars += `<rect class="phase" x="${1000 * share(from)}" width="${1000 * width}" y="0" height="30" data-odd="${i % 2}"/>`;
-    if (width > 0.12) names += `<span style="left:${100 * share(from)}%;width:${100 * width}%">${esc(name)}</span>`;
+    const to = i + 1 < replay.phases.length ? replay.phases[i + 1][0] : replay.end_s, width = fraction(to) - fraction(from);
+    bars += `<rect class="phase" x="${1000 * fraction(from)}" width="${1000 * width}" y="0" height="30" data-odd="${i % 2}"/>`;
+    if (width > 0.12) names += `<span style="left:${100 * fraction(from)}%;width:${100 * width}%">${esc(name)}</span>`;
   });
-  for (const [time, name] of replay.grasp ? replay.grasp.moments : []) if (name === "contact" || name === "answer") bars += `<rect x="${1000 * share(time) - 1}" width="2.5" y="0" height="30" fill="var(--accent)"><title>${name === "contact" ? "contact" : "answer"}</title></rect>`;
+  for (const [time, name] of replay.grasp ? replay.grasp.moments : []) if (name === "contact" || name === "answer") bars += `<rect x="${1000 * fraction(time) - 1}" width="2.5" y="0" height="30" fill="var(--accent)"><title>${name === "contact" ? "contact" : "answer"}</title></rect>`;
   $("phases").innerHTML = bars;
   $("phase-names").innerHTML = names;
 }
@@ -58,12 +58,12 @@ export function drawTimeline(doc) {
   const slider = $("seek");
   slider.min = replay.start_s;
   slider.max = replay.end_s;
-  if (performance.now() - touched > HELD_MS) {
+  if (performance.now() - touched > RELEASE_DELAY_MS) {
     slider.value = replay.time_s;
     $("pace").value = String(replay.speed);
   }
-  const at = replay.time_s - replay.start_s, whole = replay.end_s - replay.start_s;
+  const at = replay.time_s - replay.start_s, total = replay.end_s - replay.start_s;
   const now = replay.phases.filter(([from]) => from <= replay.time_s).pop();
-  slider.setAttribute("aria-valuetext", [t("{time} of {whole} seconds", { time: fixed(at, 1), whole: fixed(whole, 1) }), ...(now ? [now[1]] : [])].join(", "));
-  $("played").textContent = `${fixed(at, 1)} / ${fixed(whole, 1)} s`;
+  slider.setAttribute("aria-valuetext", [t("{time} of {total} seconds", { time: fixed(at, 1), total: fixed(total, 1) }), ...(now ? [now[1]] : [])].join(", "));
+  $("played").textContent = `${fixed(at, 1)} / ${fixed(total, 1)} s`;
 }

@@ -1,5 +1,5 @@
-// Texts with their values, and numbers with a minus sign.
+// Fills placeholders in texts, and formats numbers with a typographic minus sign.
 export const t = (text, values = {}) => text.replace(/\{(\w+)\}/g, (_, name) => values[name]);
 export const fixed = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1").replace("-", "−"));
-export const whole = (value) => Math.round(value).toLocaleString("en-US");
+export const integer = (value) => Math.round(value).toLocaleString("en-US");
 export const range = (low, high, digits) => `[${fixed(low, digits)}, ${fixed(high, digits)}]`;
