@@ -23,7 +23,7 @@ from tests.closings import write_damage_file
 from tests.conftest import skip
 
 from palpate.recording import load_recording
-from palpate_studies.benchmarks.pty_board import board
+from palpate_studies.benchmarks.pty_board import run_board
 
 CHROMIUM = Path("/usr/bin/chromium")
 WIDE, TABLET = {"width": 1280, "height": 800}, {"width": 820, "height": 1180}
@@ -710,7 +710,7 @@ def test_an_unplugged_board_turns_the_link_red(come: Callable[..., Page], tmp_pa
 
 def run_until_unplugged(master: int) -> None:
     try:
-        board(master, rate_hz=100.0)
+        run_board(master, rate_hz=100.0)
     except OSError:
         return
 
