@@ -1,4 +1,4 @@
-"""The state behind the pages: stops, and the folder of recordings as others leave it."""
+"""Application state: confirmed stops, and the list of recordings."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def confirmation(number: int) -> Update:
     return Update(notes=(StopConfirmed(number),), link=LinkStatus())
 
 
-def test_app_state_stop_confirmed_by_the_devices_alone(tmp_path: Path) -> None:
+def test_app_state_stop_waits_for_the_confirmation_of_the_device_process(tmp_path: Path) -> None:
     async def command() -> list[bool]:
         app_state = app_state_of(tmp_path)
         unconfirmed = await app_state.stop(timeout_s=0.0)
@@ -42,7 +42,7 @@ def test_app_state_stop_confirmed_by_the_devices_alone(tmp_path: Path) -> None:
         app_state.receive_update(confirmation(1))
         await asyncio.sleep(0)
         early = second.done()
-        # The pages' event loop has no part in it: it may be busy.
+        # The event loop of the pages is not involved, because it may be blocked.
         app_state.receive_update(confirmation(2))
         app_state.receive_update(confirmation(1))
         return [unconfirmed, early, await second]
@@ -54,7 +54,7 @@ def names_in(folder: Path) -> list[str]:
     return [file.name for file, _ in RecordingList(folder).newest()]
 
 
-def test_recordings_are_listed_with_the_newest_first(tmp_path: Path) -> None:
+def test_recording_list_is_sorted_newest_first(tmp_path: Path) -> None:
     for age_s, name in enumerate(("young.mcap", "middle.mcap", "old.mcap", "table.csv")):
         (tmp_path / name).touch()
         os.utime(tmp_path / name, (1e9 - age_s, 1e9 - age_s))
@@ -62,14 +62,14 @@ def test_recordings_are_listed_with_the_newest_first(tmp_path: Path) -> None:
     assert names_in(tmp_path / "not there yet") == []
 
 
-def test_broken_link_does_not_hide_other_recordings(tmp_path: Path) -> None:
+def test_recording_list_skips_a_dangling_link(tmp_path: Path) -> None:
     (tmp_path / "run.mcap").touch()
     (tmp_path / "dangling.mcap").symlink_to("nowhere.mcap")
     (tmp_path / "round.mcap").symlink_to("round.mcap")
     assert names_in(tmp_path) == ["run.mcap"]
 
 
-def test_recording_list_is_read_again_only_when_the_folder_changed(
+def test_recording_list_rescans_only_a_changed_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     read: list[Path] = []
@@ -93,7 +93,7 @@ def test_recording_list_is_read_again_only_when_the_folder_changed(
     assert recordings.newest()[0][0].name == "new.mcap"
     recordings.newest()
     assert len(read) == 2
-    # A name may have followed within the same tick of the clock: it is read once more.
+    # A file may follow with the same modification time, so the folder is scanned once more.
     for _ in range(5):
         now_ns[0] += 3_000_000_000
         recordings.newest()
@@ -107,10 +107,10 @@ def test_recording_list_is_read_again_only_when_the_folder_changed(
     ]
 
 
-def test_recording_list_file_deleted_meanwhile_is_omitted(
+def test_recording_list_omits_a_file_deleted_during_the_scan(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Files go while they are listed."""
+    """A file is deleted during the scan."""
 
     def listdir(folder: Path) -> list[str]:
         names = real_listdir(folder)

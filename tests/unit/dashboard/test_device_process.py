@@ -1,4 +1,4 @@
-"""The devices' end of the pipe, simulated: orders, requests and remains."""
+"""The device process with a simulated rig: orders, requests, stops and recordings."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ from palpate.sensor.calibration import Calibration
 from palpate.sensor.health import Health
 from palpate.twin.devices import TwinGripper
 
-#: Faster than anything here needs: the pace of the wall must not make the tests slow.
+#: Speed of the simulation; higher than required, so that real time does not slow down the tests.
 FAST = 500.0
 RIG = OpenRig(name="sim-rigid", object_name="strawberry", seed=3, speed=FAST)
 
 
 class Page:
-    """The other end of the pipe, with everything that came through it."""
+    """The page's end of the pipe, which stores all received updates."""
 
     def __init__(self, connection: Connection) -> None:
         self.connection = connection
@@ -98,7 +98,7 @@ class Page:
 
 
 @contextmanager
-def devices_at_work() -> Iterator[Page]:
+def run_device_process() -> Iterator[Page]:
     ours, theirs = Pipe()
     devices = DeviceProcess(theirs)
     thread = threading.Thread(target=devices.run)
@@ -106,8 +106,8 @@ def devices_at_work() -> Iterator[Page]:
     page = Page(ours)
     yield page
     page.send(Shutdown())
-    # First the page's end: what the telemetry is just writing then fails, as with a page that is
-    # gone. Closing the other end under its thread would not.
+    # The page's end is closed first, so that a pending write of the telemetry fails as with a lost
+    # page. Closing the other end under its thread would not cause this failure.
     ours.close()
     thread.join(30)
     assert not thread.is_alive()
@@ -115,20 +115,20 @@ def devices_at_work() -> Iterator[Page]:
 
 @pytest.fixture
 def page() -> Iterator[Page]:
-    with devices_at_work() as page:
+    with run_device_process() as page:
         yield page
 
 
 @pytest.fixture(scope="module")
 def opened() -> Iterator[Page]:
-    """One rig for all: opening it calibrates it. Every test leaves its hand open."""
-    with devices_at_work() as page:
+    """One open rig for all tests; every test leaves its hand open."""
+    with run_device_process() as page:
         assert not page.done(RIG).trouble
         yield page
 
 
 @pytest.mark.slow
-def test_a_grasp_from_order_to_release_with_every_frame_recorded(
+def test_grasp_order_holds_until_release_and_records_every_frame(
     opened: Page, tmp_path: Path
 ) -> None:
     order = GraspOrder(target_force_n=None, recording=tmp_path / "grasp.mcap")
@@ -146,7 +146,9 @@ def test_a_grasp_from_order_to_release_with_every_frame_recorded(
 
 
 @pytest.mark.slow
-def test_grasp_obeys_the_damage_file_and_records_it(opened: Page, tmp_path: Path) -> None:
+def test_grasp_order_with_a_damage_file_limits_the_force_and_records_the_file(
+    opened: Page, tmp_path: Path
+) -> None:
     learned = write_damage_file(tmp_path).read_text()
     order = GraspOrder(
         target_force_n=8.0,
@@ -169,7 +171,7 @@ def test_grasp_obeys_the_damage_file_and_records_it(opened: Page, tmp_path: Path
     assert load_recording(free.recording).info.damage is None
 
 
-def test_a_stop_mid_grasp_leaves_the_hand_where_it_was(opened: Page, tmp_path: Path) -> None:
+def test_stop_during_a_grasp_halts_the_hand_in_its_position(opened: Page, tmp_path: Path) -> None:
     order = GraspOrder(target_force_n=None, recording=tmp_path / "stopped.mcap")
     opened.send(order)
     opened.until(lambda update: update.frames is not None and update.frames.reported[-1] < 60.0)
@@ -178,7 +180,7 @@ def test_a_stop_mid_grasp_leaves_the_hand_where_it_was(opened: Page, tmp_path: P
     assert isinstance(ended.found, Grasped)
     assert ended.found.result.outcome is Outcome.STOPPED
     assert ended.stopped_after_s <= 0.1
-    # What the twin's fingers do afterwards: nothing.
+    # The twin's fingers do not move afterwards.
     at_mm = opened.until(lambda update: update.frames is not None).frames
     later = opened.until(
         lambda u: (
@@ -192,8 +194,8 @@ def test_a_stop_mid_grasp_leaves_the_hand_where_it_was(opened: Page, tmp_path: P
     assert not opened.done(OpenHand()).trouble
 
 
-def test_a_release_right_after_a_stop_opens_the_hand(opened: Page, tmp_path: Path) -> None:
-    """It comes while what was stopped still ends: its recording is being written."""
+def test_release_directly_after_a_stop_opens_the_hand(opened: Page, tmp_path: Path) -> None:
+    """The release arrives while the recording of the stopped grasp is still being written."""
     order = GraspOrder(target_force_n=None, recording=tmp_path / "stopped.mcap")
     opened.send(order)
     opened.until(lambda update: update.frames is not None and update.frames.reported[-1] < 60.0)
@@ -204,12 +206,12 @@ def test_a_release_right_after_a_stop_opens_the_hand(opened: Page, tmp_path: Pat
     (ended,) = [note for note in notes if isinstance(note, OrderEnded) and note.order == order]
     assert isinstance(ended.found, Grasped)
     assert ended.found.result.outcome is Outcome.STOPPED
-    # One that comes when a grasp has just ended by itself is not lost either.
+    # A release directly after the end of a grasp is executed too.
     opened.send(ReleaseNow())
     assert not opened.ended(OpenHand()).trouble
 
 
-def test_stop_cancels_every_order(opened: Page, tmp_path: Path) -> None:
+def test_stop_cancels_the_running_and_all_queued_orders(opened: Page, tmp_path: Path) -> None:
     first = GraspOrder(target_force_n=None, recording=tmp_path / "first.mcap")
     second = GraspOrder(target_force_n=None, recording=tmp_path / "second.mcap")
     opened.send(first)
@@ -219,29 +221,31 @@ def test_stop_cancels_every_order(opened: Page, tmp_path: Path) -> None:
     dropped = opened.ended(second)
     assert (dropped.trouble, dropped.stopped) == ("stopped before it started", True)
     assert not opened.done(OpenHand()).trouble
-    # Not later either: what came after the stop has ended, and the dropped one never began.
+    # The order after the stop has ended, so a dropped order would have started by now.
     assert OrderStarted(order=second) not in [note for one in opened.updates for note in one.notes]
     assert not second.recording.exists()
 
 
 @pytest.mark.slow
-def test_failure_during_a_stop_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    stop_was_heard = threading.Event()
+def test_failure_during_a_stop_is_reported_as_a_failure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stop_received = threading.Event()
 
     def broken(name: str, seed: int) -> GuidedBench:
-        assert stop_was_heard.wait(60)
+        assert stop_received.wait(60)
         raise DeviceError("the load cell does not answer")
 
     monkeypatch.setattr("palpate.dashboard.jobs.open_twin_bench", broken)
     first = CalibrateForce(file=tmp_path / "calibration.json")
-    with devices_at_work() as page:
+    with run_device_process() as page:
         assert not page.done(RIG).trouble
         page.send(first)
         page.until(lambda update: OrderStarted(order=first) in update.notes)
         page.send(OpenHand())
         page.send(StopNow())
         assert page.ended(OpenHand()).stopped
-        stop_was_heard.set()
+        stop_received.set()
         ended = page.ended(first)
     assert (ended.trouble, ended.stopped) == ("the load cell does not answer", False)
 
@@ -251,7 +255,9 @@ def confirmations(page: Page) -> list[int]:
     return [note.number for note in notes if isinstance(note, StopConfirmed)]
 
 
-def test_stop_is_confirmed_after_the_command_to_the_hand(opened: Page, tmp_path: Path) -> None:
+def test_stop_is_confirmed_once_after_the_hand_has_received_it(
+    opened: Page, tmp_path: Path
+) -> None:
     order = GraspOrder(target_force_n=None, recording=tmp_path / "confirmed.mcap")
     opened.send(order)
     opened.until(lambda update: update.frames is not None and bool(update.frames.moving.any()))
@@ -264,12 +270,12 @@ def test_stop_is_confirmed_after_the_command_to_the_hand(opened: Page, tmp_path:
     assert not opened.done(OpenHand()).trouble
 
 
-def test_a_stop_without_a_rig_is_confirmed_at_once(page: Page) -> None:
+def test_stop_without_an_open_rig_is_confirmed_immediately(page: Page) -> None:
     page.send(StopNow(7))
     page.until(lambda update: StopConfirmed(7) in update.notes)
 
 
-def test_stop_unreachable_hand_is_not_confirmed(
+def test_stop_of_an_unreachable_hand_is_not_confirmed(
     opened: Page, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken(self: object) -> None:
@@ -286,34 +292,42 @@ def test_stop_unreachable_hand_is_not_confirmed(
     opened.until(lambda update: StopConfirmed(91) in update.notes)
 
 
-def test_rest_is_calibrated_into_the_file_and_used(opened: Page, tmp_path: Path) -> None:
+def test_calibrate_rest_saves_the_file_and_sends_the_new_source(
+    opened: Page, tmp_path: Path
+) -> None:
     ended = opened.done(CalibrateRest(file=tmp_path / "pad" / "calibration.json"))
     assert isinstance(ended.found, CalibrationRenewed)
     made = Calibration.load(ended.found.file)
     assert np.allclose(made.rest_ohm, ended.found.rest_ohm)
     assert np.abs(ended.found.change_percent).max() < 20
     assert {update.link.lost for update in opened.updates} == {0}
-    assert made.force.force_n, "the force readings stay"
+    assert made.force.force_n, "the force pairs must be preserved"
     notes = [note for update in opened.updates for note in update.notes]
     since = notes[notes.index(OrderStarted(order=ended.order)) : notes.index(ended)]
-    assert any(isinstance(note, FrameSource) for note in since), "the next order finds its link"
+    assert any(isinstance(note, FrameSource) for note in since), (
+        "the link must be restarted before the end"
+    )
 
 
 @pytest.mark.slow
-def test_the_force_is_calibrated_on_the_simulated_cell(opened: Page, tmp_path: Path) -> None:
+def test_calibrate_force_uses_the_simulated_load_cell(opened: Page, tmp_path: Path) -> None:
     ended = opened.done(CalibrateForce(file=tmp_path / "calibration.json"))
     assert isinstance(ended.found, CalibrationRenewed)
     made = Calibration.load(ended.found.file)
     assert made.force_law["pairs"] >= 8
     assert made.held_out["error_percent"] == dict(ended.found.held_out)
-    assert {update.link.lost for update in opened.updates} == {0}, "it skips what nobody reads"
-    # It can be grasped with at once.
+    assert {update.link.lost for update in opened.updates} == {0}, (
+        "frames without a reader are no losses"
+    )
+    # The new calibration can be used for a grasp immediately.
     order = GraspOrder(target_force_n=None, recording=tmp_path / "after.mcap")
     assert opened.held_and_released(order).trouble == ""
 
 
-def test_a_guided_calibration_of_the_force_can_be_stopped(opened: Page, tmp_path: Path) -> None:
-    """A simulated calibration takes tenths of a second, so some stops come late."""
+def test_calibrate_force_can_be_stopped_without_writing_the_file(
+    opened: Page, tmp_path: Path
+) -> None:
+    """A simulated calibration requires tenths of a second, so some stops arrive too late."""
     for attempt in range(50):
         order = CalibrateForce(file=tmp_path / f"calibration-{attempt}.json")
         opened.send(order)
@@ -326,7 +340,7 @@ def test_a_guided_calibration_of_the_force_can_be_stopped(opened: Page, tmp_path
     assert ended.trouble == "stopped on request"
 
 
-def test_doctor_faultless_twin_is_healthy(opened: Page) -> None:
+def test_examine_of_a_faultless_twin_returns_healthy(opened: Page) -> None:
     ended = opened.done(Examine(duration_s=4.0))
     assert isinstance(ended.found, Health)
     assert ended.found.link.lost == 0
@@ -334,7 +348,7 @@ def test_doctor_faultless_twin_is_healthy(opened: Page) -> None:
 
 
 @pytest.mark.slow
-def test_watched_frames_are_recorded_without_a_gap(opened: Page, tmp_path: Path) -> None:
+def test_record_between_grasps_has_no_gap(opened: Page, tmp_path: Path) -> None:
     file = tmp_path / "watched.mcap"
     opened.send(Record(file))
     opened.until(lambda update: RecordingChanged(file) in update.notes)
@@ -344,11 +358,11 @@ def test_watched_frames_are_recorded_without_a_gap(opened: Page, tmp_path: Path)
     opened.until(lambda update: RecordingChanged(None) in update.notes)
     recorded = load_recording(file)
     assert len(recorded.sequence) > 10
-    assert recorded.info.gripper is None, "no grasp: a replay plays it and decides nothing"
+    assert recorded.info.gripper is None, "without a grasp, a replay makes no decisions"
     assert np.all(np.diff(recorded.sequence) == 1)
 
 
-def test_a_recording_that_exists_is_refused_in_words(opened: Page, tmp_path: Path) -> None:
+def test_grasp_order_with_an_existing_recording_is_refused(opened: Page, tmp_path: Path) -> None:
     taken = tmp_path / "taken.mcap"
     taken.write_bytes(b"something else")
     ended = opened.done(GraspOrder(target_force_n=None, recording=taken))
@@ -357,7 +371,9 @@ def test_a_recording_that_exists_is_refused_in_words(opened: Page, tmp_path: Pat
 
 
 @pytest.mark.slow
-def test_a_replay_decides_again_and_stays_until_confirmed(opened: Page, tmp_path: Path) -> None:
+def test_replay_reproduces_the_live_result_and_ends_after_confirmation(
+    opened: Page, tmp_path: Path
+) -> None:
     order = GraspOrder(target_force_n=None, recording=tmp_path / "grasp.mcap")
     live = opened.held_and_released(order).found
     play = Play(file=order.recording, speed=FAST)
@@ -372,7 +388,7 @@ def test_a_replay_decides_again_and_stays_until_confirmed(opened: Page, tmp_path
 
 
 def played_to(page: Page, wanted: Callable[[ReplayPosition], bool]) -> ReplayPosition:
-    """Return the first place of a replay that is as wanted."""
+    """Return the first replay position that fulfils a condition."""
     found: list[ReplayPosition] = []
 
     def is_there(update: Update) -> bool:
@@ -385,10 +401,12 @@ def played_to(page: Page, wanted: Callable[[ReplayPosition], bool]) -> ReplayPos
 
 
 @pytest.mark.slow
-def test_a_replay_is_paused_moved_and_known_as_a_whole(opened: Page, tmp_path: Path) -> None:
+def test_replay_sends_the_whole_timeline_and_supports_pause_and_seek(
+    opened: Page, tmp_path: Path
+) -> None:
     order = GraspOrder(target_force_n=None, recording=tmp_path / "grasp.mcap")
     opened.send(order)
-    # At least two frames of the hold: one of them comes after its beginning.
+    # At least two frames of the hold, so that one is after its start.
     for _ in range(2):
         opened.until(
             lambda update: (
@@ -408,7 +426,9 @@ def test_a_replay_is_paused_moved_and_known_as_a_whole(opened: Page, tmp_path: P
     assert (timeline.start_s, timeline.end_s) == (recorded.time_s[0], recorded.time_s[-1])
     assert [phase for _, phase in timeline.phases][-3:-1] == ["hold", "release"]
     past = [note.frames.time_s for note in notes if isinstance(note, RecordedSegment)]
-    assert np.array_equal(np.concatenate(past), recorded.time_s), "nothing of 15 Hz is thinned"
+    assert np.array_equal(np.concatenate(past), recorded.time_s), (
+        "frames at 15 Hz must not be thinned"
+    )
     starts_s = {phase: time_s for time_s, phase in timeline.phases}
     within_s = (starts_s["hold"] + starts_s["release"]) / 2
     opened.send(Pause(True))
@@ -426,7 +446,7 @@ def test_a_replay_is_paused_moved_and_known_as_a_whole(opened: Page, tmp_path: P
 
 
 @pytest.mark.slow
-def test_pause_while_the_replay_is_decided_shows_it_paused(opened: Page, tmp_path: Path) -> None:
+def test_replay_paused_during_the_computation_starts_paused(opened: Page, tmp_path: Path) -> None:
     order = GraspOrder(target_force_n=None, recording=tmp_path / "grasp.mcap")
     opened.send(order)
     opened.until(lambda update: update.progress is not None and update.progress.phase == "hold")
@@ -446,7 +466,7 @@ def test_pause_while_the_replay_is_decided_shows_it_paused(opened: Page, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("order", "said"),
+    ("order", "reason"),
     [
         (OpenRig(name="nowhere.toml"), "nowhere.toml: no such file"),
         (OpenRig(name="sim-rigid", object_name="moon"), "no simulated object 'moon'"),
@@ -454,5 +474,7 @@ def test_pause_while_the_replay_is_decided_shows_it_paused(opened: Page, tmp_pat
         (OpenHand(), "no rig is open"),
     ],
 )
-def test_impossible_orders_are_reported(page: Page, order: Order, said: str) -> None:
-    assert said in page.done(order).trouble
+def test_order_that_cannot_be_executed_ends_with_the_reason(
+    page: Page, order: Order, reason: str
+) -> None:
+    assert reason in page.done(order).trouble

@@ -1,4 +1,4 @@
-"""The folder of recordings: nothing outside of it is given away, renamed or deleted."""
+"""The folder of recordings: no access to files outside of the folder."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ OUTSIDE = ["../secret.mcap", "/etc/passwd", "notes.txt", "link.mcap", "..", "", 
 
 
 @pytest.mark.parametrize("name", [*OUTSIDE, "one.mcap/../../secret.mcap", "one.mcap\0"])
-def test_only_recordings_of_the_folder_are_given(folder: Path, name: str) -> None:
+def test_find_recording_outside_of_the_folder_is_refused(folder: Path, name: str) -> None:
     for act in (
         find_recording,
         delete_recording,
@@ -44,7 +44,7 @@ def test_only_recordings_of_the_folder_are_given(folder: Path, name: str) -> Non
     assert (folder / "notes.txt").exists()
 
 
-def test_a_recording_is_renamed_and_deleted(folder: Path) -> None:
+def test_recording_can_be_renamed_and_deleted(folder: Path) -> None:
     assert rename_recording(folder, "one.mcap", " ripe 3 ") == folder / "ripe 3.mcap"
     assert (folder / "ripe 3.mcap").read_bytes() == b"one"
     assert not (folder / "one.mcap").exists()
@@ -53,7 +53,9 @@ def test_a_recording_is_renamed_and_deleted(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("stem", ["../mine", "a/b", "", ".mine", "two"])
-def test_a_name_that_leads_out_or_is_taken_is_refused(folder: Path, stem: str) -> None:
+def test_rename_recording_to_an_invalid_or_existing_name_is_refused(
+    folder: Path, stem: str
+) -> None:
     (folder / "two.mcap").write_bytes(b"two")
     with pytest.raises(InputError):
         rename_recording(folder, "one.mcap", stem)
@@ -63,7 +65,9 @@ def test_a_name_that_leads_out_or_is_taken_is_refused(folder: Path, stem: str) -
 
 
 @pytest.mark.parametrize(("origin", "simulated"), [("twin", True), ("hardware", False)])
-def test_simulated_recording_is_labelled(tmp_path: Path, origin: str, simulated: bool) -> None:
+def test_is_simulated_matches_the_origin_of_the_recording(
+    tmp_path: Path, origin: str, simulated: bool
+) -> None:
     file = tmp_path / f"{origin}.mcap"
     info = RecordingInfo(layout=RIGID_LAYOUT, origin=origin)  # type: ignore[arg-type]
     with RecordingWriter(file, info=info):
@@ -71,5 +75,5 @@ def test_simulated_recording_is_labelled(tmp_path: Path, origin: str, simulated:
     assert is_simulated(file, file.stat()) is simulated
 
 
-def test_unreadable_recording_is_not_labelled_simulated(folder: Path) -> None:
+def test_is_simulated_of_an_unreadable_recording_is_false(folder: Path) -> None:
     assert not is_simulated(folder / "one.mcap", (folder / "one.mcap").stat())

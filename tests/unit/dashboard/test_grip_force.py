@@ -1,4 +1,4 @@
-"""Newtons on the page, by the calibration's laws and the contact's gain."""
+"""Forces on the page, from the calibration's laws and the gain of the contact."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ PRESSED = 450
 
 
 def pressed(count: int, *, from_s: float = 0.0, rate_hz: float = 500.0) -> Frames:
-    """Return frames of a hand that holds something."""
+    """Return frames of a hand that holds an object."""
     made = frames(count, from_s=from_s, rate_hz=rate_hz, counts=PRESSED)
     return replace(made, reported=np.full(count, 40.0))
 
@@ -42,12 +42,12 @@ def live() -> Live:
 
 
 def pressed_n() -> float:
-    """Return what the law reads of eight pixels: one newton for each of excess conductance."""
+    """Return the law's force of eight pixels: 1 N for each unit of excess conductance."""
     rest, pressed = (1024 / counts - 1 for counts in (300, PRESSED))
     return 8 * (rest / pressed - 1)
 
 
-def test_every_point_of_the_curve_has_its_force(live: Live) -> None:
+def test_live_curve_has_a_force_at_every_point(live: Live) -> None:
     live.add_frames(pressed(40, rate_hz=40.0))
     assert len(live.curve) == 40
     for point in live.curve:
@@ -57,15 +57,15 @@ def test_every_point_of_the_curve_has_its_force(live: Live) -> None:
 
 
 @pytest.mark.parametrize("counts", [300, 320, PRESSED])
-def test_force_of_an_open_hand_is_not_shown(live: Live, counts: int) -> None:
-    """A sheet that was pressed, or vented, still reads; calm or not, nothing is pressed."""
+def test_live_force_of_an_open_hand_is_none(live: Live, counts: int) -> None:
+    """A released sheet still has a reading, but an open hand has no contact."""
     live.add_frames(pressed(1))
     live.add_frames(frames(40, from_s=0.1, rate_hz=10.0, counts=counts))
     assert live.force is None
     assert [point.force is None for point in live.curve] == [False] + [True] * 40
 
 
-def test_force_is_hidden_while_opening_and_shown_after_a_stop_midway(live: Live) -> None:
+def test_live_force_is_none_while_opening_and_returns_after_a_halt(live: Live) -> None:
     live.add_frames(pressed(1))
     live.set_progress(replace(progress(0.1, 5.0), phase="release"))
     live.add_frames(replace(pressed(1, from_s=0.1), moving=np.array([True])))
@@ -78,7 +78,7 @@ def test_force_is_hidden_while_opening_and_shown_after_a_stop_midway(live: Live)
     ("until_s", "opens_s", "is_known"),
     [(19.9, 99.0, False), (21.0, 99.0, True), (21.0, 15.0, False)],
 )
-def test_settled_is_measured_once_the_hand_held_still_until_the_horizon(
+def test_document_settled_value_requires_a_still_hand_until_the_horizon(
     live: Live, until_s: float, opens_s: float, is_known: bool
 ) -> None:
     answered = replace(progress(4.0, 5.0), phase="hold", decided=True, settles_s=20.0, data_s=3.9)
@@ -97,7 +97,7 @@ def test_settled_is_measured_once_the_hand_held_still_until_the_horizon(
         assert percent["value"] == pytest.approx(float(np.nanmean(live.percent)), rel=1e-6)
 
 
-def test_without_a_calibration_there_are_no_newtons() -> None:
+def test_live_force_without_a_calibration_is_none() -> None:
     live = Live()
     live.open_source(SOURCE)
     live.add_frames(frames(2, counts=PRESSED))
@@ -105,7 +105,7 @@ def test_without_a_calibration_there_are_no_newtons() -> None:
     assert force_laws(None) is None
 
 
-def test_force_uses_the_gain_of_the_contact(live: Live) -> None:
+def test_live_force_uses_the_gain_of_the_contact(live: Live) -> None:
     gain = Gain(log_mean=math.log(1.5), log_sd=0.05, law_sd=LAW.residual_sd)
     live.add_frames(pressed(1))
     wide = live.force
@@ -115,17 +115,17 @@ def test_force_uses_the_gain_of_the_contact(live: Live) -> None:
     assert live.force.high / live.force.low < wide.high / wide.low
     live.clear_curve()
     live.add_frames(pressed(1, from_s=0.2))
-    assert live.force.value == pytest.approx(wide.value), "the next contact is another one"
+    assert live.force.value == pytest.approx(wide.value), "the gain applies to one contact only"
 
 
-def test_force_laws_through_the_pipe_give_equal_forces() -> None:
+def test_force_laws_after_pickling_return_equal_forces() -> None:
     again = pickle.loads(pickle.dumps(LAWS))
     excess = np.full((4, 2), 0.5)
     read = [ForceNow(laws, early_s=0.4, settled_s=20.0).step(0.0, excess) for laws in (again, LAWS)]
     assert read[0] == read[1]
 
 
-def test_the_document_has_newtons_marks_and_bounds(live: Live) -> None:
+def test_document_contains_forces_events_and_bounds(live: Live) -> None:
     session = Session(send=lambda message: None)
     session.devices.live = live
     settled_n = Measurement(value=3.0, low=2.5, high=3.5, unit="n")
@@ -151,13 +151,13 @@ def test_the_document_has_newtons_marks_and_bounds(live: Live) -> None:
     )
     assert doc["band"][0][4:] == [2.5, 3.0, 3.5]
     assert doc["grasp"]["touched_s"] == 3.8
-    assert doc["grasp"]["fingers"] == [1], "a finger that let go touches no more"
+    assert doc["grasp"]["fingers"] == [1], "a removed finger is not in contact"
     assert doc["grasp"]["bounds"] == {"target_n": 3.0, "damage_low_n": 5.5, "ceiling_n": 15.0}
     assert doc["measured"]["force_now"]["value"] == pytest.approx(pressed_n(), rel=1e-6)
     assert doc["measured"]["holds"] is True
 
 
-def test_an_open_hand_touches_nothing(live: Live) -> None:
+def test_document_of_an_open_hand_has_no_fingers_in_contact(live: Live) -> None:
     session = Session(send=lambda message: None)
     session.devices.live = live
     assert isinstance(SOURCE.gripper, GripperLimits)

@@ -1,4 +1,4 @@
-"""The grasps of a folder: list, count, table, and persistence between runs."""
+"""The history of grasps: entries, counts, CSV table and persistence."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ENTRY = Entry(
 )
 
 
-def test_history_survives_a_restart(tmp_path: Path) -> None:
+def test_history_is_restored_after_a_restart(tmp_path: Path) -> None:
     first = History(tmp_path / "data")
     for number in range(LISTED_GRASPS + 3):
         first.add(replace(ENTRY, recording=f"{number}.mcap"))
@@ -47,7 +47,7 @@ def test_history_survives_a_restart(tmp_path: Path) -> None:
     assert (first.outcomes["held"], first.bins["ripe"]) == (LISTED_GRASPS + 3, LISTED_GRASPS + 3)
 
 
-def test_truncated_line_hides_no_other(tmp_path: Path) -> None:
+def test_history_with_a_truncated_line_reads_all_other_lines(tmp_path: Path) -> None:
     history = History(tmp_path)
     history.add(ENTRY)
     with (tmp_path / "grasps.jsonl").open("a") as lines:
@@ -55,7 +55,7 @@ def test_truncated_line_hides_no_other(tmp_path: Path) -> None:
     assert History(tmp_path).recent == [ENTRY]
 
 
-def test_the_table_has_units_in_its_columns(tmp_path: Path) -> None:
+def test_history_csv_column_names_end_in_units(tmp_path: Path) -> None:
     history = History(tmp_path)
     history.add(replace(ENTRY, item_id='odd, "name"'))
     (row,) = csv.DictReader(io.StringIO("".join(history.csv_parts())))
@@ -65,7 +65,7 @@ def test_the_table_has_units_in_its_columns(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("start", ["=", "+", "-", "@", "\t=", "\r=", "\n=", " ="])
-def test_table_has_no_cell_that_a_spreadsheet_runs(tmp_path: Path, start: str) -> None:
+def test_history_csv_has_no_cell_that_a_spreadsheet_executes(tmp_path: Path, start: str) -> None:
     history, typed = History(tmp_path), f'{start}HYPERLINK("http://x/";1)'
     history.add(replace(ENTRY, item_id=typed, bin=typed, why=typed, measured={"force_n": -1.0}))
     (row,) = csv.DictReader(io.StringIO("".join(history.csv_parts()), newline=""))
@@ -74,7 +74,7 @@ def test_table_has_no_cell_that_a_spreadsheet_runs(tmp_path: Path, start: str) -
     assert history.recent[0].item_id == typed
 
 
-def test_a_renamed_recording_is_followed(tmp_path: Path) -> None:
+def test_history_finds_a_grasp_by_the_new_name_of_its_recording(tmp_path: Path) -> None:
     history = History(tmp_path)
     history.add(ENTRY)
     version = history.version
@@ -92,12 +92,12 @@ def test_a_renamed_recording_is_followed(tmp_path: Path) -> None:
     assert "ripe.mcap" in "".join(History(tmp_path).csv_parts())
 
 
-def test_history_rename_takes_no_line_away(tmp_path: Path) -> None:
+def test_history_rename_preserves_lines_of_another_program(tmp_path: Path) -> None:
     history, file = History(tmp_path), tmp_path / "grasps.jsonl"
     for number in range(3):
         history.add(replace(ENTRY, recording=f"{number}.mcap"))
     before = file.read_bytes()
-    # Another program keeps its grasp in the same folder.
+    # Another program writes a grasp to the same file.
     History(tmp_path).add(replace(ENTRY, recording="other.mcap"))
     history.rename("1.mcap", "a.mcap")
     history.rename("a.mcap", "b.mcap")
@@ -106,7 +106,7 @@ def test_history_rename_takes_no_line_away(tmp_path: Path) -> None:
     assert names == ["other.mcap", "2.mcap", "b.mcap", "0.mcap"]
 
 
-def test_history_rename_on_full_disk_leaves_every_grasp(tmp_path: Path) -> None:
+def test_history_rename_on_a_full_disk_preserves_every_grasp(tmp_path: Path) -> None:
     history, file = History(tmp_path), tmp_path / "grasps.jsonl"
     history.add(ENTRY)
     before = file.read_bytes()
@@ -116,7 +116,7 @@ def test_history_rename_on_full_disk_leaves_every_grasp(tmp_path: Path) -> None:
     assert history.recent == [ENTRY]
 
 
-def test_history_line_after_a_cut_one_is_kept(tmp_path: Path) -> None:
+def test_history_appends_a_complete_line_after_a_truncated_one(tmp_path: Path) -> None:
     history = History(tmp_path)
     with (tmp_path / "grasps.jsonl").open("a") as lines:
         lines.write('{"ended_at": "2026-01')
@@ -124,7 +124,7 @@ def test_history_line_after_a_cut_one_is_kept(tmp_path: Path) -> None:
     assert History(tmp_path).recent == [ENTRY]
 
 
-def test_entry_has_the_answers_of_the_grasp() -> None:
+def test_make_entry_contains_the_measurements_of_the_grasp() -> None:
     wide = Measurement(value=9.0, low=4.0, high=90.0, unit="n_per_mm")
     result = GraspResult(
         outcome=Outcome.HELD,
@@ -151,7 +151,7 @@ def test_entry_has_the_answers_of_the_grasp() -> None:
     assert (entry.curve[0], entry.curve[-1]) == (2.0, 4.0)
 
 
-def test_typed_text_is_escaped(tmp_path: Path) -> None:
+def test_entry_html_escapes_entered_text(tmp_path: Path) -> None:
     nasty = "<script>'\"&"
     shown = entry_html(replace(ENTRY, item_id=nasty, why=nasty, bin=nasty, firmness=nasty))
     assert "<script>" not in shown
@@ -161,7 +161,7 @@ def test_typed_text_is_escaped(tmp_path: Path) -> None:
     assert "<script>" not in counts_html(history, rules=True)
 
 
-def test_a_grasp_that_damaged_its_object_is_listed_as_such(tmp_path: Path) -> None:
+def test_entry_html_of_a_damaged_object_shows_the_damage(tmp_path: Path) -> None:
     grasped = Grasped(result=GraspResult(outcome=Outcome.HELD), truth={"damaged": True})
     entry = make_entry(
         grasped, kind="bad", item_id="", target_force_n=None, simulated=True, curve=()
@@ -173,12 +173,12 @@ def test_a_grasp_that_damaged_its_object_is_listed_as_such(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("name", ["", "  ", "..", "a/b", "..\\a", ".hidden", "a\0b", "x" * 81, "~"])
-def test_names_that_lead_out_of_the_folder_are_refused(name: str) -> None:
+def test_check_name_refuses_names_outside_of_the_folder(name: str) -> None:
     with pytest.raises(InputError):
         check_name(name)
 
 
-def test_history_summary_has_last_grasp_and_todays_counts(tmp_path: Path) -> None:
+def test_history_idle_texts_show_the_last_grasp_and_todays_counts(tmp_path: Path) -> None:
     history = History(tmp_path)
     assert history.idle_texts() == []
     history.add(ENTRY)

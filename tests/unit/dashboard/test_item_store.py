@@ -1,4 +1,4 @@
-"""Items on the page: what goes to the store, and what is shown of it."""
+"""The items of the store: stored grasps, bins and item pages."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def recording(tmp_path: Path) -> Path:
     return file
 
 
-def test_a_grasp_is_kept_with_its_pixels_and_its_calibration(
+def test_item_store_saves_a_grasp_with_its_pixels_and_calibration(
     recording: Path, tmp_path: Path
 ) -> None:
     where = str(tmp_path / "items.sqlite")
@@ -98,7 +98,7 @@ def test_a_grasp_is_kept_with_its_pixels_and_its_calibration(
     assert len(grasp.pixel_settled_percent) == 4
 
 
-def test_the_page_of_an_item_shows_every_grasp_and_says_simulated(
+def test_item_html_shows_every_grasp_and_the_label_simulated(
     recording: Path, tmp_path: Path
 ) -> None:
     item_store = ItemStore(str(tmp_path / "items.sqlite"))
@@ -113,9 +113,7 @@ def test_the_page_of_an_item_shows_every_grasp_and_says_simulated(
 
 
 @pytest.mark.slow
-def test_item_without_a_stiffness_in_numbers_has_no_figure_of_it(
-    recording: Path, tmp_path: Path
-) -> None:
+def test_item_figures_omit_a_stiffness_without_numbers(recording: Path, tmp_path: Path) -> None:
     bound = Measurement(
         value=None, low=1.2, high=80.0, unit="n_per_mm", status=Status.AT_LEAST, reason="soft hand"
     )
@@ -129,7 +127,7 @@ def test_item_without_a_stiffness_in_numbers_has_no_figure_of_it(
     assert "Stiffness over time" not in figures
 
 
-def test_a_store_that_cannot_be_used_is_named(recording: Path, tmp_path: Path) -> None:
+def test_unusable_item_store_is_reported_with_its_name(recording: Path, tmp_path: Path) -> None:
     broken = tmp_path / "broken.sqlite"
     broken.write_text("this is no database, whatever its name says" * 100)
     item_store = ItemStore(str(broken))
@@ -160,7 +158,7 @@ def sized(size_mm: float, outcome: Outcome = Outcome.HELD) -> GraspResult:
         (sized(40.0, Outcome.SLIPPED), None),
     ],
 )
-def test_bin_of_an_unnamed_item_uses_the_grasp_only(
+def test_sort_grasp_of_an_unnamed_item_uses_this_grasp_only(
     tmp_path: Path, result: GraspResult, found: tuple[str, int | None] | None
 ) -> None:
     item_store = ItemStore(str(tmp_path / "items.sqlite"), rules=RULES)
@@ -171,7 +169,9 @@ def test_bin_of_an_unnamed_item_uses_the_grasp_only(
     assert ItemStore(None).sort_grasp(result, item_id="", source=SOURCE) == {}
 
 
-def test_place_by_all_evidence_stores_the_bin(recording: Path, tmp_path: Path) -> None:
+def test_sort_grasp_uses_all_grasps_of_the_item_and_stores_the_bin(
+    recording: Path, tmp_path: Path
+) -> None:
     where = str(tmp_path / "items.sqlite")
     with Store.open(where) as store:
         store.add_item(Item(item_id="A1", kind="avocado"))
@@ -189,7 +189,7 @@ def test_place_by_all_evidence_stores_the_bin(recording: Path, tmp_path: Path) -
     assert (len(page.grasps), verdict.text) == (1, "ripe")
 
 
-def test_a_store_that_cannot_be_used_gives_no_bin_and_the_reason(
+def test_sort_grasp_with_an_unusable_store_returns_no_bin_and_the_reason(
     recording: Path, tmp_path: Path
 ) -> None:
     broken = tmp_path / "broken.sqlite"
@@ -202,7 +202,7 @@ def test_a_store_that_cannot_be_used_gives_no_bin_and_the_reason(
 
 
 @pytest.mark.slow
-def test_ripening_is_drawn_for_an_item_whose_kind_was_labelled(tmp_path: Path) -> None:
+def test_item_figures_show_ripening_only_for_kinds_with_labelled_items(tmp_path: Path) -> None:
     where = str(tmp_path / "items.sqlite")
     stages = ("hard", "conditioned", "ripe", "overripe")
     with Store.open(where) as store:
@@ -211,7 +211,7 @@ def test_ripening_is_drawn_for_an_item_whose_kind_was_labelled(tmp_path: Path) -
             store.add_item(Item(item_id=name, kind="avocado"))
             for day, firm in enumerate((9.0, 5.0, 2.5, 1.2)):
                 taken = datetime(2026, 5, 1 + day, 8, number, tzinfo=UTC)
-                store.add_grasp(felt(name, taken, firm * (1 + 0.03 * number)))
+                store.add_grasp(grasp_with_stiffness(name, taken, firm * (1 + 0.03 * number)))
                 label = Verdict(
                     item_id=name,
                     given_at=taken,
@@ -229,8 +229,8 @@ def test_ripening_is_drawn_for_an_item_whose_kind_was_labelled(tmp_path: Path) -
     assert "<h3>Ripening</h3>" not in item_store.figures_html(item_store.page("plum"))
 
 
-def felt(item_id: str, taken_at: datetime, firm: float) -> Grasp:
-    """Return a grasp that measured a stiffness at 5 N."""
+def grasp_with_stiffness(item_id: str, taken_at: datetime, firm: float) -> Grasp:
+    """Return a grasp with a stiffness measured at 5 N."""
     measured = Measurement(value=firm, low=0.8 * firm, high=1.25 * firm, unit="n_per_mm")
     return make_grasp(
         item_id,

@@ -1,4 +1,4 @@
-"""What the page draws: bounded, and true to the frames."""
+"""The data of the page's plots, the page document and the headline."""
 
 from __future__ import annotations
 
@@ -74,14 +74,14 @@ def progress(time_s: float, half: float) -> GraspProgress:
     )
 
 
-def test_memory_is_bounded_whatever_the_rate(live: Live) -> None:
+def test_live_curve_is_bounded_at_high_frame_rates(live: Live) -> None:
     for second in range(300):
         live.add_frames(frames(500, from_s=float(second)))
     assert len(live.curve) == POINTS_PER_S * CURVE_S
     assert live.curve[-1].time_s == pytest.approx(299.98)
 
 
-def test_grasp_that_ended_stays_however_long_the_rig_is_watched_after_it(live: Live) -> None:
+def test_live_curve_of_a_finished_grasp_is_retained_until_the_next(live: Live) -> None:
     for second in range(300):
         live.add_frames(frames(500, from_s=float(second)))
         if second == 40:
@@ -95,14 +95,14 @@ def test_grasp_that_ended_stays_however_long_the_rig_is_watched_after_it(live: L
     assert live.points_after(-math.inf) == []
 
 
-def test_change_is_against_the_rest_values(live: Live) -> None:
+def test_live_change_is_relative_to_the_rest_values(live: Live) -> None:
     live.add_frames(frames(1, counts=450))
-    # 4700 ohm below: R goes as 1024 / counts - 1.
+    # With the divider's resistor of 4700 ohm below, R is proportional to 1024 / counts - 1.
     assert live.percent[0, 0] == pytest.approx(100 * ((1024 / 450 - 1) / (1024 / 300 - 1) - 1))
     assert live.finger_percent(live.percent) == pytest.approx([live.percent[0, 0]] * 2)
 
 
-def test_finger_forces_average_to_the_grip_force() -> None:
+def test_live_finger_forces_have_the_grip_force_as_mean() -> None:
     law = PixelForceLaw(
         log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.01, range=(0.01, 100.0)
     )
@@ -111,7 +111,7 @@ def test_finger_forces_average_to_the_grip_force() -> None:
     live.open_source(replace(SOURCE, laws=laws))
     pressed = frames(5)
     pressed.reported[:] = 40.0
-    # Excess conductance in proportion 3 to 1: a divider's is counts / (1024 - counts).
+    # Excess conductances in the ratio 3:1; a divider has counts / (1024 - counts).
     rest = 300 / 724
     for finger, excess in ((0, 0.6), (1, 0.2)):
         conductance = rest * (1 + excess)
@@ -122,22 +122,22 @@ def test_finger_forces_average_to_the_grip_force() -> None:
     assert first / second == pytest.approx(3.0, rel=0.03)
     assert (first + second) / 2 == pytest.approx(live.force.middle)
     live.add_frames(frames(5, from_s=1.0))
-    assert live.finger_forces_n(live.force, live.ohm) == [], "an open hand presses nothing"
+    assert live.finger_forces_n(live.force, live.ohm) == [], "an open hand has no force"
 
 
-def test_a_step_between_two_frames_is_marked_as_a_movement(live: Live) -> None:
+def test_live_width_step_between_two_frames_is_a_movement(live: Live) -> None:
     live.add_frames(frames(2, rate_hz=15.0))
     live.add_frames(replace(frames(1, from_s=0.2), reported=np.array([73.0])))
     assert list(live.moves) == [[pytest.approx(1 / 15), pytest.approx(0.2)]]
 
 
-def test_a_movement_over_frames_is_one_mark(live: Live) -> None:
+def test_live_movement_over_several_frames_is_one_entry(live: Live) -> None:
     for time_s, moving in ((0.0, False), (0.1, True), (0.2, True), (0.3, False)):
         live.add_frames(replace(frames(1, from_s=time_s), moving=np.array([moving])))
     assert [list(move) for move in live.moves] == [[pytest.approx(0.1), pytest.approx(0.3)]]
 
 
-def test_hand_counts_as_open_only_by_its_report(live: Live) -> None:
+def test_live_hand_is_open_only_according_to_its_report(live: Live) -> None:
     assert live.is_hand_open is None
     live.add_frames(frames(1))
     assert live.is_hand_open is True
@@ -147,13 +147,13 @@ def test_hand_counts_as_open_only_by_its_report(live: Live) -> None:
     assert live.is_hand_open is None
 
 
-def test_a_forecast_that_did_not_change_is_one_point_of_the_band(live: Live) -> None:
+def test_live_unchanged_forecast_adds_no_point_to_the_band(live: Live) -> None:
     for time_s, half in ((1.0, 5.0), (1.1, 5.0), (1.2, 3.0)):
         live.set_progress(progress(time_s, half))
     assert [round(band.high - band.low, 6) for band in live.band] == [10.0, 6.0]
 
 
-def test_without_rest_values_the_first_frames_are_taken() -> None:
+def test_live_without_rest_values_uses_the_first_frames() -> None:
     live = Live()
     live.open_source(replace(SOURCE, rest_ohm=None))
     live.add_frames(frames(15))
@@ -161,7 +161,7 @@ def test_without_rest_values_the_first_frames_are_taken() -> None:
     assert live.percent[0, 0] < -40
 
 
-def test_document_contains_only_points_new_to_the_page() -> None:
+def test_document_contains_only_points_after_the_requested_time() -> None:
     session = Session(send=lambda message: None)
     session.devices.live.open_source(SOURCE)
     session.devices.live.add_frames(frames(40, rate_hz=40.0))
@@ -177,7 +177,7 @@ def test_document_contains_only_points_new_to_the_page() -> None:
     assert rest["past"] == []
 
 
-def test_past_hand_opens_only_after_its_release() -> None:
+def test_document_past_hand_is_opening_only_after_the_release() -> None:
     session = Session(send=lambda message: None)
     live = session.devices.live
     live.open_source(SOURCE)
@@ -190,7 +190,7 @@ def test_past_hand_opens_only_after_its_release() -> None:
     assert [one["hand"]["opening"] for one in past] == [False] * 10 + [True] * 10
 
 
-def test_past_of_a_long_watch_is_thinned() -> None:
+def test_document_past_of_a_long_curve_is_thinned() -> None:
     session = Session(send=lambda message: None)
     session.devices.live.open_source(SOURCE)
     session.devices.live.add_frames(frames(1000, rate_hz=40.0))
@@ -198,7 +198,7 @@ def test_past_of_a_long_watch_is_thinned() -> None:
     assert 100 <= len(past) <= 200
 
 
-def test_an_open_pixel_is_null_in_the_document() -> None:
+def test_document_open_pixel_is_null() -> None:
     session = Session(send=lambda message: None)
     session.devices.live.open_source(SOURCE)
     session.devices.live.add_frames(frames(1, counts=0))
@@ -207,7 +207,7 @@ def test_an_open_pixel_is_null_in_the_document() -> None:
     assert pixels["ohm"][0] == [None, None]
 
 
-def test_findings_appear_on_their_pixels() -> None:
+def test_document_findings_are_assigned_to_their_pixels() -> None:
     counts = np.rint(np.random.default_rng(1).normal(300, 0.6, (100, 4, 2))).astype(np.int32)
     counts[:, 2, 1] = 0
     counts[:, 3] = 0
@@ -222,7 +222,7 @@ def test_findings_appear_on_their_pixels() -> None:
     assert "reads open" in findings[0]["text"]
 
 
-def test_rig_without_a_gripper_is_watched_and_refuses_a_grasp() -> None:
+def test_session_of_a_rig_without_a_gripper_refuses_a_grasp() -> None:
     session = Session(send=lambda message: None)
     session.devices.apply_update(
         Update(notes=(replace(SOURCE, gripper=None),), link=LinkStatus(stale=False))
@@ -237,8 +237,8 @@ def test_rig_without_a_gripper_is_watched_and_refuses_a_grasp() -> None:
     assert doc["hand"] is None
 
 
-def watched(*, stale: bool = False, counts: int = 300) -> dict:
-    """Return the verdict of a page that watches a sensor which was read before."""
+def sensor_headline(*, stale: bool = False, counts: int = 300) -> dict:
+    """Return the headline for a sensor that has sent a frame."""
     session = Session(send=lambda message: None)
     session.devices.activity = DeviceActivity.WATCHING
     session.devices.live.open_source(SOURCE)
@@ -247,16 +247,16 @@ def watched(*, stale: bool = False, counts: int = 300) -> dict:
     return document(session, generation=-1, after_s=0.0)["verdict"]
 
 
-def test_broken_sensor_is_not_ready() -> None:
-    assert (watched()["text"], watched()["kind"]) == ("ready", "idle")
-    silent = watched(stale=True)
+def test_headline_of_a_silent_or_unreadable_sensor_is_bad() -> None:
+    assert (sensor_headline()["text"], sensor_headline()["kind"]) == ("ready", "idle")
+    silent = sensor_headline(stale=True)
     assert (silent["text"], silent["kind"]) == ("the sensor is silent", "bad")
     assert "check its cable and power" in silent["why"]
-    unread = watched(counts=0)
+    unread = sensor_headline(counts=0)
     assert (unread["text"], unread["kind"]) == ("no pixel readings", "bad")
 
 
-def test_a_process_that_hangs_turns_the_link_red() -> None:
+def test_document_link_is_stale_while_the_device_process_is_silent() -> None:
     silent_s = [0.1]
     session = Session(send=lambda message: None, silent_s=lambda: silent_s[0])
     session.devices.live.open_source(SOURCE)
@@ -268,7 +268,7 @@ def test_a_process_that_hangs_turns_the_link_red() -> None:
     assert (hung["stale"], hung["hung_s"], hung["age_s"]) == (True, 3.0, pytest.approx(3.03))
 
 
-def test_devices_that_are_gone_are_not_called_holding() -> None:
+def test_headline_after_the_end_of_the_device_process_is_bad() -> None:
     session = Session(send=lambda message: None)
     session.devices.grasped = Grasped(result=GraspResult(outcome=Outcome.HELD))
     session.devices.apply_update(DevicesLost("the device process has ended"))
@@ -291,7 +291,7 @@ FORCE = Measurement(value=2.0, low=1.8, high=2.2, unit="n")
         (2.0, {"outcome": Outcome.SLIPPED}, "bad"),
     ],
 )
-def test_only_a_grasp_without_a_fault_is_green(
+def test_headline_of_a_grasp_is_good_only_without_faults(
     target_n: float | None, ended: dict[str, Any], kind: str
 ) -> None:
     result = GraspResult(
@@ -304,7 +304,7 @@ def test_only_a_grasp_without_a_fault_is_green(
 
 
 @pytest.mark.parametrize("is_begun", [True, False])
-def test_a_stop_is_neutral_once_the_hand_is_open(is_begun: bool) -> None:
+def test_headline_of_a_stop_is_idle_once_the_hand_is_open(is_begun: bool) -> None:
     session = Session(send=lambda message: None)
     devices = session.devices
     devices.activity, devices.stopped_early = DeviceActivity.WATCHING, not is_begun
@@ -320,7 +320,7 @@ def test_a_stop_is_neutral_once_the_hand_is_open(is_begun: bool) -> None:
     assert opened["operator"]["next"] == "Put the next item in, then press Grasp"
 
 
-def test_a_damaged_object_is_the_headline_and_not_how_the_grasp_ended() -> None:
+def test_headline_of_a_damaged_object_shows_the_damage_before_the_outcome() -> None:
     session = Session(send=lambda message: None)
     result = GraspResult(outcome=Outcome.HELD, force_n=FORCE)
     session.devices.grasped = Grasped(result=result, truth={"damaged": True})
@@ -329,7 +329,9 @@ def test_a_damaged_object_is_the_headline_and_not_how_the_grasp_ended() -> None:
 
 
 @pytest.mark.parametrize(("low_n", "kind"), [(1.5, "warn"), (2.5, "good"), (None, "good")])
-def test_a_force_beyond_the_learned_limit_is_not_green(low_n: float | None, kind: str) -> None:
+def test_headline_of_a_force_above_the_damage_limit_is_a_warning(
+    low_n: float | None, kind: str
+) -> None:
     session = Session(send=lambda message: None)
     result = GraspResult(outcome=Outcome.HELD, force_n=FORCE, peak_force_n=2.0)
     session.devices.live.progress = GraspProgress(
@@ -349,7 +351,7 @@ def test_a_force_beyond_the_learned_limit_is_not_green(low_n: float | None, kind
     assert ("exceeded the damage limit" in (card["why"] or "")) == (kind == "warn")
 
 
-def test_operator_sees_the_target_of_the_running_then_of_the_next_grasp() -> None:
+def test_operator_view_shows_the_target_of_the_running_or_next_grasp() -> None:
     session = Session(send=lambda message: None)
     session.target_force_n, session.devices.activity = 3.0, DeviceActivity.GRASPING
     shown = document(session, generation=-1, after_s=0.0)["operator"]
@@ -359,7 +361,7 @@ def test_operator_sees_the_target_of_the_running_then_of_the_next_grasp() -> Non
     assert shown["target"] == "gentle squeeze"
 
 
-def test_headline_of_a_held_object_off_its_target_is_not_green() -> None:
+def test_headline_of_a_hold_off_target_is_a_warning() -> None:
     session = Session(send=lambda message: None)
     answer = GraspResult(outcome=Outcome.HELD, force_n=FORCE)
     session.devices.live.set_progress(
@@ -380,8 +382,8 @@ def test_headline_of_a_held_object_off_its_target_is_not_green() -> None:
         assert (card["text"], card["kind"]) == ("holding", kind)
 
 
-def test_a_replay_is_judged_by_its_own_target() -> None:
-    """Neither the last order's target nor the form's counts."""
+def test_headline_of_a_replay_uses_the_recorded_target() -> None:
+    """The targets of the last order and of the form are ignored."""
     session = Session(send=lambda message: None)
     session.target_force_n, session.devices.activity = 2.0, DeviceActivity.REPLAYING
     session.form.target_force_n = 2.0

@@ -1,4 +1,4 @@
-"""The doctor's report on the page, with the same findings as the terminal's."""
+"""The examination report on the page, with the same findings as in the terminal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.health import FrameColumns, check_health
 
 
-def test_commands_are_marked_and_negative_numbers_have_a_minus_sign() -> None:
+def test_findings_html_marks_commands_and_uses_minus_signs() -> None:
     counts = np.rint(np.random.default_rng(2).normal(300, 0.6, (150, 4, 2))).astype(np.int32)
     columns = FrameColumns(time_s=np.arange(150) / 15, sequence=np.arange(150), counts=counts)
     known_ohm = 1.01 * columns.rest_ohm(layout=RIGID_LAYOUT)

@@ -1,4 +1,4 @@
-"""The page's rules: control, permitted orders, and the following display."""
+"""The session: control, permitted orders, and the state of the devices."""
 
 from __future__ import annotations
 
@@ -76,17 +76,17 @@ def frames(width_mm: float) -> Frames:
 
 
 class Rehearsal:
-    """A session whose orders are kept, and whose devices say what the test lets them."""
+    """A session that stores its orders and receives the notes of the test."""
 
     def __init__(self) -> None:
         self.sent: list[Any] = []
-        self.kept: list[tuple[Grasped, str]] = []
+        self.grasps: list[tuple[Grasped, str]] = []
         self.session = Session(
             send=self.sent.append,
-            on_grasped=lambda grasped, order: self.kept.append((grasped, order.item_id)),
+            on_grasped=lambda grasped, order: self.grasps.append((grasped, order.item_id)),
         )
 
-    def tell(self, *notes: Any, width_mm: float = 74.0, link: LinkStatus = FRESH) -> None:
+    def receive(self, *notes: Any, width_mm: float = 74.0, link: LinkStatus = FRESH) -> None:
         self.session.devices.apply_update(Update(notes=notes, link=link, frames=frames(width_mm)))
 
 
@@ -96,13 +96,13 @@ def rehearsal() -> Rehearsal:
     rehearsal.session.join("a")
     rehearsal.session.join("b")
     rehearsal.session.order("a", OpenRig(name="sim-rigid"))
-    rehearsal.tell(OrderStarted(order=OpenRig(name="sim-rigid")), source())
-    rehearsal.tell(OrderEnded(order=OpenRig(name="sim-rigid")))
+    rehearsal.receive(OrderStarted(order=OpenRig(name="sim-rigid")), source())
+    rehearsal.receive(OrderEnded(order=OpenRig(name="sim-rigid")))
     rehearsal.sent.clear()
     return rehearsal
 
 
-def test_only_the_driver_orders_and_another_must_take_over(rehearsal: Rehearsal) -> None:
+def test_session_accepts_orders_of_the_driver_only(rehearsal: Rehearsal) -> None:
     with pytest.raises(InputError, match="another user is the driver; take over first"):
         rehearsal.session.order("b", GRASP)
     rehearsal.session.take_over("b")
@@ -112,7 +112,7 @@ def test_only_the_driver_orders_and_another_must_take_over(rehearsal: Rehearsal)
     assert rehearsal.sent == [GRASP]
 
 
-def test_driver_who_leaves_is_replaced_by_take_over_alone(
+def test_session_without_a_driver_requires_take_over_before_an_order(
     rehearsal: Rehearsal,
 ) -> None:
     rehearsal.session.leave("a")
@@ -123,7 +123,7 @@ def test_driver_who_leaves_is_replaced_by_take_over_alone(
     rehearsal.session.order("b", GRASP)
 
 
-def test_a_page_that_is_loaded_again_is_one_viewer(rehearsal: Rehearsal) -> None:
+def test_session_counts_a_reloaded_page_as_one_viewer(rehearsal: Rehearsal) -> None:
     session = rehearsal.session
     session.join("before", tab="1")
     session.join("after", tab="1")
@@ -132,13 +132,13 @@ def test_a_page_that_is_loaded_again_is_one_viewer(rehearsal: Rehearsal) -> None
     assert "after" in session.viewers
 
 
-def test_stop_is_anyones_at_any_time(rehearsal: Rehearsal) -> None:
+def test_session_stop_is_sent_for_any_viewer_during_any_activity(rehearsal: Rehearsal) -> None:
     rehearsal.session.order("a", GRASP)
     assert [rehearsal.session.stop(), rehearsal.session.stop()] == [1, 2]
     assert rehearsal.sent == [GRASP, StopNow(1), StopNow(2)]
 
 
-def test_a_second_press_does_not_order_twice(rehearsal: Rehearsal) -> None:
+def test_session_refuses_a_second_order_before_the_first_is_reported(rehearsal: Rehearsal) -> None:
     rehearsal.session.order("a", GRASP)
     with pytest.raises(InputError, match="grasping: wait, or press stop"):
         rehearsal.session.order("a", GRASP)
@@ -171,7 +171,7 @@ def test_session_refuses_a_seed_out_of_range(rehearsal: Rehearsal, seed: Any) ->
 
 
 @pytest.mark.parametrize("time_s", [math.nan, math.inf, -math.inf, None, "late"])
-def test_session_time_outside_the_recording_is_refused(rehearsal: Rehearsal, time_s: Any) -> None:
+def test_session_refuses_a_seek_to_a_non_finite_time(rehearsal: Rehearsal, time_s: Any) -> None:
     rehearsal.session.order("a", Play(file=Path("old.mcap")))
     rehearsal.sent.clear()
     with pytest.raises(InputError, match="this time is not"):
@@ -181,127 +181,131 @@ def test_session_time_outside_the_recording_is_refused(rehearsal: Rehearsal, tim
     assert rehearsal.sent == [Seek(1e9)]
 
 
-def test_release_is_heard_by_the_running_grasp_and_is_an_order_otherwise(
+def test_session_release_is_a_request_during_a_grasp_and_otherwise_an_order(
     rehearsal: Rehearsal,
 ) -> None:
     rehearsal.session.release("a")
     assert rehearsal.sent == [OpenHand()]
-    rehearsal.tell(OrderEnded(order=OpenHand()))
+    rehearsal.receive(OrderEnded(order=OpenHand()))
     rehearsal.session.order("a", GRASP)
     rehearsal.session.release("a")
     assert rehearsal.sent[-1] == ReleaseNow()
 
 
-def test_grasp_and_doctor_with_a_closed_hand_are_refused(rehearsal: Rehearsal) -> None:
-    rehearsal.tell(width_mm=40.0)
+def test_session_with_a_closed_hand_refuses_grasp_and_examination(rehearsal: Rehearsal) -> None:
+    rehearsal.receive(width_mm=40.0)
     for order in (GRASP, Examine()):
         with pytest.raises(InputError, match="the hand is not open: release first"):
             rehearsal.session.order("a", order)
 
 
-def test_stale_sensor_refuses_grasp_but_opens_the_hand(rehearsal: Rehearsal) -> None:
-    rehearsal.tell(link=LinkStatus(stale=True))
+def test_session_with_a_stale_link_refuses_a_grasp_and_allows_release(rehearsal: Rehearsal) -> None:
+    rehearsal.receive(link=LinkStatus(stale=True))
     with pytest.raises(InputError, match="no fresh frames"):
         rehearsal.session.order("a", GRASP)
     rehearsal.session.release("a")
     assert rehearsal.sent == [OpenHand()]
 
 
-def test_briefly_late_sensor_refuses_no_order(rehearsal: Rehearsal) -> None:
-    rehearsal.tell(link=LinkStatus(frames=9, age_s=1.2, stale=True))
+def test_session_with_a_briefly_stale_link_allows_orders(rehearsal: Rehearsal) -> None:
+    rehearsal.receive(link=LinkStatus(frames=9, age_s=1.2, stale=True))
     with pytest.raises(InputError, match="no fresh frames"):
         rehearsal.session.order("a", Examine())
-    rehearsal.tell(link=LinkStatus(frames=9, age_s=0.3, stale=True))
+    rehearsal.receive(link=LinkStatus(frames=9, age_s=0.3, stale=True))
     rehearsal.session.order("a", Examine())
     assert rehearsal.sent == [Examine()]
 
 
-def test_nothing_is_grasped_before_a_rig_is_open() -> None:
+def test_session_without_an_open_rig_refuses_a_grasp() -> None:
     rehearsal = Rehearsal()
     rehearsal.session.join("a")
     with pytest.raises(InputError, match="no rig is open"):
         rehearsal.session.order("a", GRASP)
 
 
-def test_failed_order_keeps_the_rig_watched_and_gives_the_reason(rehearsal: Rehearsal) -> None:
+def test_session_after_a_failed_order_watches_the_rig_and_shows_the_reason(
+    rehearsal: Rehearsal,
+) -> None:
     rehearsal.session.order("a", GRASP)
-    rehearsal.tell(OrderEnded(order=GRASP, trouble="no pairs read 0.42 s after a movement"))
+    rehearsal.receive(OrderEnded(order=GRASP, trouble="no pairs read 0.42 s after a movement"))
     assert rehearsal.session.devices.activity is DeviceActivity.WATCHING
     assert rehearsal.session.devices.trouble == "no pairs read 0.42 s after a movement"
 
 
-def test_session_after_a_failed_opening_has_no_rig(rehearsal: Rehearsal) -> None:
+def test_session_after_a_failed_opening_has_no_open_rig(rehearsal: Rehearsal) -> None:
     order = OpenRig(name="lost.toml")
     rehearsal.session.order("a", order)
-    rehearsal.tell(OrderStarted(order=order), OrderEnded(order=order, trouble="no such port"))
+    rehearsal.receive(OrderStarted(order=order), OrderEnded(order=order, trouble="no such port"))
     assert rehearsal.session.devices.activity is DeviceActivity.IDLE
     assert "no rig is open" in rehearsal.session.refusal(Action.GRASP, viewer="a")
     assert not rehearsal.session.refusal(Action.OPEN, viewer="a")
 
 
-def test_a_grasp_is_kept_with_its_name_and_a_replay_is_not(rehearsal: Rehearsal) -> None:
+def test_session_reports_finished_grasps_with_their_item_but_no_replays(
+    rehearsal: Rehearsal,
+) -> None:
     held = Grasped(result=GraspResult(outcome=Outcome.HELD))
-    rehearsal.tell(OrderStarted(order=GRASP), OrderEnded(order=GRASP, found=held))
-    assert (rehearsal.session.devices.grasped, rehearsal.kept) == (held, [(held, "")])
+    rehearsal.receive(OrderStarted(order=GRASP), OrderEnded(order=GRASP, found=held))
+    assert (rehearsal.session.devices.grasped, rehearsal.grasps) == (held, [(held, "")])
     named = replace(GRASP, item_id="berry-7")
     rehearsal.session.order("a", named)
-    rehearsal.tell(OrderStarted(order=named), OrderEnded(order=named, found=held))
-    assert rehearsal.kept == [(held, ""), (held, "berry-7")]
+    rehearsal.receive(OrderStarted(order=named), OrderEnded(order=named, found=held))
+    assert rehearsal.grasps == [(held, ""), (held, "berry-7")]
     play = Play(file=Path("old.mcap"))
     rehearsal.session.order("a", play)
     at_end = ReplayPosition(time_s=9.0, paused=True, speed=1.0, grasped=held)
-    rehearsal.tell(OrderStarted(order=play), source(replayed=True), at_end)
+    rehearsal.receive(OrderStarted(order=play), source(replayed=True), at_end)
     assert rehearsal.session.devices.grasped == held
-    rehearsal.tell(OrderEnded(order=play))
+    rehearsal.receive(OrderEnded(order=play))
     assert rehearsal.session.devices.grasped is None
-    assert len(rehearsal.kept) == 2
+    assert len(rehearsal.grasps) == 2
 
 
-def test_only_a_requested_step_can_be_confirmed(rehearsal: Rehearsal) -> None:
+def test_session_confirm_is_refused_without_a_step_to_confirm(rehearsal: Rehearsal) -> None:
     with pytest.raises(InputError, match="no step to confirm"):
         rehearsal.session.request("a", Confirm())
-    rehearsal.tell(Guide(text="Lay 2 N on the pad", needs_confirmation=True))
+    rehearsal.receive(Guide(text="Lay 2 N on the pad", needs_confirmation=True))
     with pytest.raises(InputError, match="take over"):
         rehearsal.session.request("b", Confirm())
     rehearsal.session.request("a", Confirm())
     assert rehearsal.sent == [Confirm()]
 
 
-def test_recording_continues_during_watching(rehearsal: Rehearsal) -> None:
+def test_session_activity_stays_watching_during_a_recording(rehearsal: Rehearsal) -> None:
     rehearsal.session.order("a", Record(Path("watched.mcap")))
     assert rehearsal.session.devices.activity is DeviceActivity.WATCHING
 
 
-def test_new_grasp_starts_a_new_curve_and_clears_the_verdict(rehearsal: Rehearsal) -> None:
+def test_session_start_of_a_grasp_clears_curve_and_result(rehearsal: Rehearsal) -> None:
     generation = rehearsal.session.devices.live.generation
     rehearsal.session.devices.grasped = Grasped(result=GraspResult(outcome=Outcome.HELD))
-    rehearsal.tell(OrderStarted(order=GRASP))
+    rehearsal.receive(OrderStarted(order=GRASP))
     assert rehearsal.session.devices.live.generation > generation
     assert rehearsal.session.devices.grasped is None
 
 
 @pytest.mark.parametrize("began", [False, True])
-def test_stop_before_the_hand_moves_replaces_the_last_outcome(
+def test_session_grasp_stopped_before_its_start_replaces_the_last_result(
     rehearsal: Rehearsal, *, began: bool
 ) -> None:
     devices = rehearsal.session.devices
     devices.grasped = Grasped(result=GraspResult(outcome=Outcome.HELD))
     rehearsal.session.order("a", GRASP)
     if began:
-        rehearsal.tell(OrderStarted(order=GRASP))
-    rehearsal.tell(OrderEnded(order=GRASP, trouble="stopped before it started", stopped=True))
+        rehearsal.receive(OrderStarted(order=GRASP))
+    rehearsal.receive(OrderEnded(order=GRASP, trouble="stopped before it started", stopped=True))
     page = document(rehearsal.session, generation=-1, after_s=0.0)
     assert (page["verdict"]["text"], page["verdict"]["kind"]) == ("stopped, hand open", "idle")
     assert page["operator"]["word"] == "Stopped, hand open"
     assert page["operator"]["next"] == "Put the next item in, then press Grasp"
     assert not page["trouble"]
     assert not rehearsal.session.refusal(Action.GRASP, viewer="a")
-    rehearsal.tell(OrderStarted(order=GRASP), OrderEnded(order=GRASP, trouble="no such file"))
+    rehearsal.receive(OrderStarted(order=GRASP), OrderEnded(order=GRASP, trouble="no such file"))
     page = document(rehearsal.session, generation=-1, after_s=0.0)
     assert (page["operator"]["word"], page["trouble"]) == ("Ready", "no such file")
 
 
-def test_session_with_silent_devices_refuses_orders() -> None:
+def test_session_refuses_orders_while_the_device_process_is_silent() -> None:
     silent_s = [0.5]
     session = Session(send=print, silent_s=lambda: silent_s[0])
     session.join("a")
@@ -310,7 +314,9 @@ def test_session_with_silent_devices_refuses_orders() -> None:
     assert "the devices do not respond" in session.refusal(Action.OPEN, viewer="a")
 
 
-def test_session_without_devices_refuses_every_action(rehearsal: Rehearsal) -> None:
+def test_session_refuses_every_action_after_the_end_of_the_device_process(
+    rehearsal: Rehearsal,
+) -> None:
     rehearsal.session.devices.apply_update(DevicesLost("the device process has ended"))
     for action in Action:
         assert "device process has ended" in rehearsal.session.refusal(action, viewer="a")
@@ -318,23 +324,23 @@ def test_session_without_devices_refuses_every_action(rehearsal: Rehearsal) -> N
     assert rehearsal.session.devices.live.link.stale
 
 
-def test_a_stopped_calibration_is_known_with_its_step_until_the_next_order(
+def test_session_keeps_a_calibration_failure_with_its_step_until_the_next_order(
     rehearsal: Rehearsal,
 ) -> None:
     order = CalibrateForce(file=Path("pad.json"), loads_n=(1.0, 2.0))
-    rehearsal.tell(
+    rehearsal.receive(
         OrderStarted(order=order), Guide(text="Lay 2 N on the pad", needs_confirmation=True)
     )
-    rehearsal.tell(OrderEnded(order=order, trouble="stopped on request", stopped=True))
+    rehearsal.receive(OrderEnded(order=order, trouble="stopped on request", stopped=True))
     failure = rehearsal.session.devices.calibration_failure
     assert (failure.stopped, failure.step) == (True, "Lay 2 N on the pad")
     assert rehearsal.session.devices.trouble == ""
-    rehearsal.tell(OrderStarted(order=order))
+    rehearsal.receive(OrderStarted(order=order))
     assert rehearsal.session.devices.calibration_failure is None
-    rehearsal.tell(OrderEnded(order=order, trouble="no frame in 2 s"))
+    rehearsal.receive(OrderEnded(order=order, trouble="no frame in 2 s"))
     failure = rehearsal.session.devices.calibration_failure
     assert (failure.stopped, failure.step, failure.reason) == (False, "", "no frame in 2 s")
-    rehearsal.tell(OrderStarted(order=order))
-    rehearsal.tell(OrderEnded(order=order, found=CALIBRATED))
+    rehearsal.receive(OrderStarted(order=order))
+    rehearsal.receive(OrderEnded(order=order, found=CALIBRATED))
     assert rehearsal.session.devices.calibration_failure is None
     assert rehearsal.session.devices.calibrated is CALIBRATED

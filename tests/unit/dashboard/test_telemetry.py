@@ -1,4 +1,4 @@
-"""The way out of the loop: bounded, newest first, notes never dropped."""
+"""Telemetry: bounded queue of frames, complete notes, link status."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def telemetry() -> Telemetry:
     return telemetry
 
 
-def test_stalled_page_does_not_slow_the_loop(telemetry: Telemetry) -> None:
+def test_telemetry_add_frame_with_a_stalled_page_is_fast_and_bounded(telemetry: Telemetry) -> None:
     for sequence in range(30_000):
         telemetry.add_frame(frame(sequence), None)
     update = telemetry.update()
@@ -39,7 +39,7 @@ def test_stalled_page_does_not_slow_the_loop(telemetry: Telemetry) -> None:
     assert update.link.lost == 0
 
 
-def test_lost_frames_are_counted_and_the_rate_includes_them(telemetry: Telemetry) -> None:
+def test_telemetry_counts_lost_frames_and_includes_them_in_the_rate(telemetry: Telemetry) -> None:
     for sequence in range(0, 2000, 2):
         telemetry.add_frame(frame(sequence), None)
     link = telemetry.update().link
@@ -48,7 +48,7 @@ def test_lost_frames_are_counted_and_the_rate_includes_them(telemetry: Telemetry
     assert link.period_worst_s >= link.period_p99_s > 0
 
 
-def test_notes_come_once_and_before_the_frames_of_a_new_source(telemetry: Telemetry) -> None:
+def test_telemetry_sends_notes_once_and_before_frames_of_a_new_source(telemetry: Telemetry) -> None:
     telemetry.add_frame(frame(1), None)
     telemetry.note(Trouble("cable"))
     telemetry.begin(SOURCE)
@@ -58,7 +58,7 @@ def test_notes_come_once_and_before_the_frames_of_a_new_source(telemetry: Teleme
     assert telemetry.update().notes == ()
 
 
-def test_hanging_sender_does_not_block_the_loop() -> None:
+def test_telemetry_blocked_sender_does_not_block_the_loop() -> None:
     hangs, sent = threading.Event(), list[Update]()
 
     def send(update: Update) -> None:
@@ -76,7 +76,7 @@ def test_hanging_sender_does_not_block_the_loop() -> None:
     assert sent[-1].link.frames == 5000
 
 
-def test_closed_page_is_reported_once() -> None:
+def test_telemetry_closed_connection_is_reported_once() -> None:
     gone = threading.Event()
 
     def send(update: Update) -> None:
@@ -88,7 +88,7 @@ def test_closed_page_is_reported_once() -> None:
     telemetry.close()
 
 
-def test_ending_does_not_wait_for_a_page_that_reads_no_more(
+def test_telemetry_close_does_not_wait_for_a_blocked_sender(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(telemetry_module, "_CLOSE_TIMEOUT_S", 0.01)

@@ -1,4 +1,4 @@
-"""Updates of a viewer's page, and release of its unused resources."""
+"""A viewer: refreshes, deleted elements, late presses and concurrent stops."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate.dashboard.session import Session
 from palpate.dashboard.viewer import Viewer
 
 
-def test_removed_element_is_no_longer_refreshed() -> None:
+def test_viewer_refresh_skips_and_releases_deleted_elements() -> None:
     called: list[str] = []
     viewer = Viewer(Session(send=print), viewer_id="a")
     row = SimpleNamespace(is_deleted=False)
@@ -26,14 +26,16 @@ def test_removed_element_is_no_longer_refreshed() -> None:
     called.clear()
     viewer.refresh()
     assert called == ["page"]
-    # It was let go of: pages of a busy day would grow without end.
+    # The reference is released; otherwise pages would grow during a long session.
     row.is_deleted = False
     viewer.refresh()
     assert called == ["page"] * 2
 
 
-def test_a_press_that_comes_late_moves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A network that was away delivers what it kept: by then nobody expects a movement."""
+def test_viewer_refuses_a_late_press_that_would_move_the_hand(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """After a network failure, buffered presses arrive when a movement is unexpected."""
     sent: list[object] = []
     refused: list[str] = []
     monkeypatch.setattr(ui, "notify", lambda text, **options: refused.append(text))
@@ -41,10 +43,14 @@ def test_a_press_that_comes_late_moves_nothing(monkeypatch: pytest.MonkeyPatch) 
     session = Session(send=sent.append)
     session.join("a")
     viewer = Viewer(session, viewer_id="a", now_s=lambda: now_s[0])
-    for at_s, said in ((100.0, ""), (96.5, ""), (88.0, "the press arrived 12 s late: press again")):
+    for at_s, reason in (
+        (100.0, ""),
+        (96.5, ""),
+        (88.0, "the press arrived 12 s late: press again"),
+    ):
         viewer.record_press({"stops": session.stops, "at_s": at_s})
         viewer.order(Examine())
-        assert ("late" in said) == any("late" in one for one in refused), refused
+        assert ("late" in reason) == any("late" in one for one in refused), refused
     assert refused[-1] == "the press arrived 12 s late: press again"
     viewer.record_press({"stops": session.stops, "at_s": 101.0})
     now_s[0] = 130.0
@@ -52,8 +58,8 @@ def test_a_press_that_comes_late_moves_nothing(monkeypatch: pytest.MonkeyPatch) 
     assert refused[-1] == "the press arrived 29 s late: press again"
 
 
-def test_viewer_order_and_its_check_are_atomic() -> None:
-    """Stops come from another thread, and must prevent an order already checked."""
+def test_viewer_order_and_its_check_exclude_a_concurrent_stop() -> None:
+    """A stop from another thread must prevent an order that has passed its check."""
     sent: list[object] = []
     stops: list[Thread] = []
 

@@ -1,4 +1,4 @@
-"""Dead weights on the page, one by one, each confirmed by the user."""
+"""Calibration with dead weights, each confirmed by the user, and rest calibration."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ REST_OHM = 9000.0
 
 
 class PadAndUser:
-    """A sheet with an instant power law, and a user who follows the guide."""
+    """A sheet with an instantaneous power law, and a user who follows the guide."""
 
     layout = RIGID_LAYOUT
     limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
@@ -69,7 +69,7 @@ class PadAndUser:
 
 
 def notes_of(telemetry: Telemetry) -> list[Guide]:
-    """Return what the telemetry would send next."""
+    """Return the guides in the telemetry's next update."""
     update: Update = telemetry.update()
     return [note for note in update.notes if isinstance(note, Guide)]
 
@@ -104,7 +104,9 @@ def pad() -> PadAndUser:
     return pad
 
 
-def test_every_load_is_asked_for_and_the_law_is_found(pad: PadAndUser, tmp_path: Path) -> None:
+def test_calibrate_force_with_weights_requests_every_load_and_recovers_the_law(
+    pad: PadAndUser, tmp_path: Path
+) -> None:
     assert pad.context is not None
     order = CalibrateForce(file=tmp_path / "calibration.json", loads_n=LOADS)
     made = calibrate_force(order, context=pad.context)
@@ -118,7 +120,7 @@ def test_every_load_is_asked_for_and_the_law_is_found(pad: PadAndUser, tmp_path:
     assert max(errors) < 5.0
 
 
-def test_a_stop_between_two_weights_leaves_the_old_calibration(
+def test_calibrate_force_stopped_between_weights_leaves_the_file_unchanged(
     pad: PadAndUser, tmp_path: Path
 ) -> None:
     before = pad.context.rig.calibration
@@ -130,7 +132,7 @@ def test_a_stop_between_two_weights_leaves_the_old_calibration(
     assert not order.file.exists()
 
 
-def test_calibration_without_load_cell_and_weights_is_refused(
+def test_calibrate_force_without_load_cell_and_weights_is_refused(
     pad: PadAndUser, tmp_path: Path
 ) -> None:
     assert pad.context is not None
@@ -141,7 +143,9 @@ def test_calibration_without_load_cell_and_weights_is_refused(
         calibrate_force(replace(order, loads_n=(50.0, 100.0, 200.0, 400.0)), context=pad.context)
 
 
-def test_calibration_without_gripper_or_file_is_created(pad: PadAndUser, tmp_path: Path) -> None:
+def test_calibrate_rest_without_gripper_and_file_creates_a_calibration(
+    pad: PadAndUser, tmp_path: Path
+) -> None:
     context, devices = pad.context, cast("PressureArray", pad)
     assert context is not None
     context.rig = SensorRig(name="pad.toml", array=devices, clock=pad.clock, calibration=None)
@@ -160,7 +164,7 @@ def test_calibration_without_gripper_or_file_is_created(pad: PadAndUser, tmp_pat
     assert context.reacted_s is not None
 
 
-def test_a_link_that_is_always_late_is_not_waited_for(pad: PadAndUser) -> None:
+def test_catch_up_on_a_slow_link_ends_after_its_timeout(pad: PadAndUser) -> None:
     pad.late_s = 0.2
     pad.context.catch_up()
     assert 1.0 < pad.clock.now_s() < 1.3
