@@ -1,4 +1,4 @@
-"""Sensors that fail on demand, and a witness of what a gripper was told."""
+"""Sensors that fail on demand, and a gripper that records its commands."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Spoil = Callable[[np.ndarray], np.ndarray]
 
 
 class FailingArray:
-    """The twin's array until it is told to fail."""
+    """The twin's array, which fails if `silent`, `gone` or `spoil` is set."""
 
     def __init__(self, world: World) -> None:
         self._array, self._clock = TwinArray(world), world.clock
@@ -42,8 +42,8 @@ class FailingArray:
         self._array.close()
 
 
-def reading(counts: int | None) -> Spoil:
-    """Return a change of the first pixel's reading; None is its first reading."""
+def replace_first_pixel(counts: int | None) -> Spoil:
+    """Return a function that fixes the first pixel at `counts`; None is its first reading."""
     stuck = [] if counts is None else [counts]
 
     def spoil(frame: np.ndarray) -> np.ndarray:
@@ -57,7 +57,7 @@ def reading(counts: int | None) -> Spoil:
 
 
 class NoisyLine:
-    """A byte stream on which every n-th packet arrives damaged, from when `every` is set."""
+    """A byte stream that damages every n-th packet once `every` is set to n."""
 
     def __init__(self, stream: ByteStream) -> None:
         self._stream, self.name = stream, stream.name
@@ -66,12 +66,12 @@ class NoisyLine:
 
     def read_waiting(self) -> bytes:
         data = bytearray(self._stream.read_waiting())
-        for place, byte in enumerate(bytes(data)):
-            if byte == 0 and place > 2:
+        for index, byte in enumerate(bytes(data)):
+            if byte == 0 and index > 2:
                 self._packets += 1
                 if self.every and self._packets % self.every == 0:
-                    # Never a zero: that would end the packet early.
-                    data[place - 2] = data[place - 2] % 255 + 1
+                    # Never a zero, which would end the packet early.
+                    data[index - 2] = data[index - 2] % 255 + 1
         return bytes(data)
 
     def write(self, data: bytes) -> None:
@@ -81,12 +81,12 @@ class NoisyLine:
         self._stream.close()
 
 
-class Witness:
-    """A gripper, and when it was told what: every command, and `None` for a stop."""
+class RecordingGripper:
+    """A gripper that records the time of each command, with `None` for a stop."""
 
     def __init__(self, gripper: Gripper, *, now_s: Callable[[], float]) -> None:
         self._gripper, self._now_s = gripper, now_s
-        self.told: list[tuple[float, GripperCommand | None]] = []
+        self.commands: list[tuple[float, GripperCommand | None]] = []
 
     @property
     def limits(self) -> GripperLimits:
@@ -96,11 +96,11 @@ class Witness:
         return self._gripper.state()
 
     def command(self, wanted: GripperCommand) -> GripperCommand:
-        self.told.append((self._now_s(), wanted))
+        self.commands.append((self._now_s(), wanted))
         return self._gripper.command(wanted)
 
     def stop(self) -> None:
-        self.told.append((self._now_s(), None))
+        self.commands.append((self._now_s(), None))
         self._gripper.stop()
 
     def release(self) -> None:

@@ -1,4 +1,4 @@
-"""Every gripper of the contract, ready to move, and how time passes for it."""
+"""All grippers of the contract tests, opened, each with a function that lets time pass."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.world import World
 
 BAUD = 1_000_000
-#: The servo answers from a thread of its own, and test machines are busy.
+#: Long, because the servo answers from its own thread on a busy test machine.
 REPLY_S = 0.4
 
 
 @dataclass(frozen=True, kw_only=True)
 class Hand:
-    """An open gripper, a way to let time pass, and true finger positions (mm, kPa)."""
+    """An open gripper, a wait function, and the true finger position (mm or kPa)."""
 
     gripper: Gripper
     clock: ManualClock
@@ -46,7 +46,7 @@ class Hand:
 
 
 def on_servo(world: World, bus: ServoBus, **options: float) -> DynamixelGripper:
-    """Return the real driver at the end of a simulated servo's line."""
+    """Return the real driver, connected to a simulated servo."""
     line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S)
     return DynamixelGripper(line, clock=world.clock, fingers=CrankFingers(), **options)
 
@@ -57,7 +57,7 @@ JAW_LIMITS = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0
 
 
 def on_jaw(world: World, bus: StsBus, **options: float) -> FeetechGripper:
-    """Return the real driver at the end of a simulated Feetech line."""
+    """Return the real driver, connected to a simulated Feetech servo."""
     line = ServoLine(bus.name, servo_id=6, baud=BAUD, reply_s=REPLY_S, packets=PROTOCOL_1)
     return FeetechGripper(
         line, clock=world.clock, jaw=JAW, limits=JAW_LIMITS, closed_tick=CLOSED_TICK, **options
@@ -65,7 +65,7 @@ def on_jaw(world: World, bus: StsBus, **options: float) -> FeetechGripper:
 
 
 def on_board(world: World, board: RegulatorBoard) -> tuple[SerialArray, PneumaticGripper]:
-    """Return the real drivers of a simulated board: its array and its fingers."""
+    """Return the real drivers of array and fingers, connected to a simulated board."""
     array = SerialArray(
         board, clock=world.clock, layout=world.layout, rate_hz=15.0, contents=Contents.PRESSURE
     )
@@ -73,12 +73,12 @@ def on_board(world: World, board: RegulatorBoard) -> tuple[SerialArray, Pneumati
 
 
 def object_of(name: str) -> TwinObject:
-    """Return the object of that name that every world here has."""
+    """Return the object of this name, equal in all worlds of these tests."""
     return draw_object(np.random.default_rng(3), name)
 
 
 def world_of(kind: str, name: str | None = None) -> World:
-    """Return a world of rigid or soft fingers, with an object or none."""
+    """Return a world with rigid or soft fingers and an optional object."""
     obj = None if name is None else object_of(name)
     return World(obj, seed=5, gripper="soft" if kind == "soft" else "rigid")
 
@@ -152,7 +152,7 @@ def board_hand() -> Iterator[Hand]:
     array.close()
 
 
-#: Of racks that open as wide as the twin's fingers.
+#: Travel of rack fingers that open as wide as the twin's fingers.
 TRAVEL = ServoTravel(open_us=690, closed_us=2310, open_mm=74.0, closed_mm=5.0)
 
 
@@ -211,7 +211,7 @@ def firmware_hand() -> Iterator[Hand]:
 
 
 def _reading(array: SerialArray, gripper: Gripper, clock: ManualClock) -> Callable[[float], None]:
-    """Let time pass as the control loop does: reading frames, asking for the state."""
+    """Return a wait function that reads frames and states, like the control loop."""
 
     def wait(duration_s: float) -> None:
         until_s = clock.now_s() + duration_s
@@ -222,7 +222,7 @@ def _reading(array: SerialArray, gripper: Gripper, clock: ManualClock) -> Callab
     return wait
 
 
-#: Name -> opener: one row for each gripper.
+#: Opener of each gripper, by name.
 HANDS: dict[str, Callable[[], AbstractContextManager[Hand]]] = {
     "twin rigid": lambda: twin_hand("rigid"),
     "twin soft": lambda: twin_hand("soft"),

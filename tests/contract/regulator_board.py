@@ -1,7 +1,7 @@
-"""A board with a pressure regulator for simulated soft fingers, byte for byte.
+"""A simulated board with a pressure regulator for simulated soft fingers.
 
-It speaks the wire of `docs/protocol.md` as the firmware does: slew, heartbeat, read-back. The real
-firmware runs on the AVR simulator (`palpate.twin.firmware`); this one needs no toolchain.
+The board implements the protocol of `docs/protocol.md`, with slew, heartbeat and read-back. Unlike
+the real firmware on the AVR simulator (`palpate.twin.firmware`), it needs no toolchain.
 """
 
 from __future__ import annotations
@@ -30,26 +30,26 @@ from palpate_studies.board_bytes import encode_message
 
 _STEP_S = 0.01
 _HEARTBEAT_S = 0.5
-#: The valve follows its input, and fingers without supply empty, with these time constants.
+#: Time constants of the valve, and of fingers without supply.
 _LAG_S, _LEAK_S = 0.05, 0.2
 #: Smallest change of pressure that moves the fingers.
 _MOVES_KPA = 0.02
 
 
 class RegulatorBoard:
-    """A `ByteStream` to that board. It runs up to the world's clock at each call.
+    """A `ByteStream` to the simulated board; each call runs it up to the world's clock.
 
     Parameters
     ----------
     world : World
-        Soft fingers and their pixels; nobody else moves them.
+        Soft fingers and their pixels, moved only by this board.
 
     Attributes
     ----------
     pressure_kpa : float
-        In the fingers, now.
-    told_to_vent_s : float
-        When its output last began to go to zero, by command or by itself; -inf before.
+        Present pressure in the fingers.
+    vented_s : float
+        Time at which the board last started to vent, by command or on its own; -inf before.
     """
 
     name = "simulated board"
@@ -62,30 +62,30 @@ class RegulatorBoard:
         self._contents, self._period_s = Contents.PIXELS, 1 / world.frame_rate_hz
         self._stream, self._sequence, self._next_s = 0, 0, math.inf
         self._target_kpa = self._slew = self._output_kpa = self.pressure_kpa = 0.0
-        self._felt_kpa = 0.0
-        self.told_to_vent_s = -math.inf
+        self._driven_kpa = 0.0
+        self.vented_s = -math.inf
 
     def cut_supply(self) -> None:
-        """Take the air supply away: whatever is asked for, the fingers empty."""
+        """Remove the air supply, so that the fingers empty at any setpoint."""
         self._cut = True
 
     def silence(self) -> None:
-        """Send no more frames; commands are still obeyed."""
+        """Stop sending frames; commands are still executed."""
         self._silent = True
 
     def unplug(self) -> None:
-        """Take the port away."""
+        """Disconnect the port."""
         self._unplugged = True
 
     def read_waiting(self) -> bytes:
-        """Return all bytes that it has sent by now."""
+        """Return all bytes sent since the last call."""
         self.run()
         data = bytes(self._out)
         self._out.clear()
         return data
 
     def write(self, data: bytes) -> None:
-        """Send `data` to it."""
+        """Send `data` to the board."""
         self.run()
         *packets, self._pending = (self._pending + data).split(b"\0")
         for packet in packets:
@@ -95,15 +95,15 @@ class RegulatorBoard:
                 self._obey(*command)
 
     def close(self) -> None:
-        """Let go of the port; calling it again does nothing."""
+        """Release the port; calling it again does nothing."""
 
     def run(self) -> None:
-        """Run up to the world's clock, unplugged or not.
+        """Run up to the world's clock, even if unplugged.
 
         Raises
         ------
         DeviceError
-            If the port was taken away.
+            If the port was disconnected.
         """
         until_s = self.world.clock.now_s()
         while self._now_s + _STEP_S <= until_s + 1e-9:
@@ -117,15 +117,15 @@ class RegulatorBoard:
     def _regulate(self) -> None:
         if self._now_s - self._heard_s > _HEARTBEAT_S and self._target_kpa + self._output_kpa > 0:
             self._target_kpa = self._output_kpa = 0.0
-            self._lost, self.told_to_vent_s = True, self._now_s
+            self._lost, self.vented_s = True, self._now_s
         step = self._slew * _STEP_S
         self._output_kpa += min(max(self._target_kpa - self._output_kpa, -step), step)
-        aim_kpa, time_s = (0.0, _LEAK_S) if self._cut else (self._output_kpa, _LAG_S)
-        self.pressure_kpa += (aim_kpa - self.pressure_kpa) * -math.expm1(-_STEP_S / time_s)
-        change = abs(self.pressure_kpa - self._felt_kpa)
+        goal_kpa, time_s = (0.0, _LEAK_S) if self._cut else (self._output_kpa, _LAG_S)
+        self.pressure_kpa += (goal_kpa - self.pressure_kpa) * -math.expm1(-_STEP_S / time_s)
+        change = abs(self.pressure_kpa - self._driven_kpa)
         if change > _MOVES_KPA:
-            self._felt_kpa = self.pressure_kpa
-            self.world.drive(self._felt_kpa, rate=change / _STEP_S, time_s=self._now_s)
+            self._driven_kpa = self.pressure_kpa
+            self.world.drive(self._driven_kpa, rate=change / _STEP_S, time_s=self._now_s)
 
     def _obey(self, kind: int, payload: bytes) -> None:
         tag, result = payload[0], Result.OK
@@ -146,7 +146,7 @@ class RegulatorBoard:
                 result = Result.BAD_ARGUMENT
             else:
                 if target_pa == 0 and self._target_kpa > 0:
-                    self.told_to_vent_s = self._now_s
+                    self.vented_s = self._now_s
                 self._target_kpa, self._slew = target_pa / 1e3, slew_pa_per_s / 1e3
                 self._lost = False
         self._out += encode_message(

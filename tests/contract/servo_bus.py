@@ -1,10 +1,9 @@
-"""A DYNAMIXEL X-series servo on a pseudo-terminal, byte by byte, that moves the twin's fingers.
+"""A simulated DYNAMIXEL X-series servo on a pseudo-terminal, which moves the twin's fingers.
 
-It answers Protocol 2.0 as the e-Manual describes it: status packets with CRC-16, error codes,
-memory that is locked while the torque is on, bus watchdog, hardware errors that only a reboot
-clears, a current that is positive where it turns towards larger positions, drive modes. What it
-can't show: torque-off fingers stay where they are, and the current limit is looked
-at only when somebody looks at the world.
+The servo implements Protocol 2.0 according to the e-Manual: status packets with CRC-16, error
+codes, memory locked while the torque is on, bus watchdog, hardware errors cleared only by a reboot,
+the sign of the current, and drive modes. Two simplifications: fingers without torque keep their
+position, and the current limit is checked only when the world is read.
 """
 
 from __future__ import annotations
@@ -28,9 +27,9 @@ _HEADER = b"\xff\xff\xfd\x00"
 _PING, _READ, _WRITE, _REBOOT, _STATUS = 0x01, 0x02, 0x03, 0x08, 0x55
 _GOALS = (x.GOAL_PWM, x.GOAL_CURRENT, x.GOAL_POSITION, x.PROFILE_VELOCITY)
 _MAX_POSITION_LIMIT, _MIN_POSITION_LIMIT = Register(48, 4), Register(52, 4)
-#: Below this address values are kept without power, and only change while the torque is off.
+#: End of the EEPROM, which can be written only while the torque is off.
 _EEPROM_END = 64
-#: Profile velocity of a servo that was given none, in its own units.
+#: Default profile velocity, in the servo's units.
 _FASTEST = 200
 
 
@@ -50,19 +49,19 @@ def crc16(data: bytes) -> int:
 
 
 class ServoBus:
-    """One servo at the end of a line; its other end is the port `name`.
+    """One servo on a line; the host opens the port `name`.
 
-    A thread of its own answers. The asking thread waits for the answer, so runs repeat exactly as
-    long as one thread moves the clock and asks.
+    The servo answers from its own thread. Runs are repeatable if one host thread advances the clock
+    and waits for each answer.
 
-    `silent`: set it, and nothing is answered any more.
-    `spoilt`: number of the next replies that have a wrong CRC.
-    `cut_at`: number of bytes of each reply that arrive; None for all.
-    `late_s`: replies are late by this, seconds of real time, and keep their order: what was asked
-        is answered all the same. Without end (`inf`), what was asked is done, and no reply comes.
-    `deaf`: goals of its position are acknowledged, and not followed: it goes where it went before.
+    `silent`: whether the servo ignores all requests.
+    `spoilt`: number of following replies with a wrong CRC.
+    `cut_at`: number of bytes to which each reply is truncated; None for complete replies.
+    `late_s`: delay of the replies in real time, seconds; they keep their order. With `inf` requests
+        are executed without a reply.
+    `deaf`: whether new position goals are acknowledged but not executed.
     `position_error`: error of the reported position, steps.
-    `forgetful`: registers whose writes are acknowledged and not kept.
+    `forgetful`: registers whose writes are acknowledged but not stored.
     """
 
     def __init__(
@@ -94,28 +93,28 @@ class ServoBus:
         self.name = self._line.name
 
     def value(self, register: x.Register) -> int:
-        """Return what a register holds, without the line."""
+        """Return the value of a register, without using the line."""
         with self._lock:
             return self._get(register)
 
     def set(self, register: x.Register, value: int) -> None:
-        """Give a register a value, as an earlier host left it."""
+        """Set a register, as an earlier host would have."""
         with self._lock:
             self._put(register, value)
 
     def fail(self, error: x.HardwareError) -> None:
-        """Give it a hardware error: the torque goes off, until a reboot."""
+        """Set a hardware error, which switches the torque off until a reboot."""
         with self._lock:
             self._put(x.HARDWARE_ERROR, error)
             self._put(x.TORQUE_ENABLE, 0)
             self._world.halt()
 
     def unplug(self) -> None:
-        """Pull the adapter out; the servo keeps its power. Again does nothing."""
+        """Unplug the adapter, with the servo still powered; repeatable."""
         self._line.unplug()
 
     def close(self) -> None:
-        """Take servo and line away; again does nothing."""
+        """Remove the servo and its line; repeatable."""
         self.unplug()
         if self._look in self._world.watchers:
             self._world.watchers.remove(self._look)
@@ -213,7 +212,7 @@ class ServoBus:
             self._hand.command(GripperCommand(target=target_mm, rate=way_mm / takes_s))
 
     def _turns(self) -> int:
-        """Return 1 where positions rise as the fingers open, -1 in reverse mode."""
+        """Return 1 if positions increase as the fingers open, -1 in reverse mode."""
         return -1 if self._get(x.DRIVE_MODE) & x.REVERSE else 1
 
     def _refresh(self) -> None:
@@ -221,14 +220,14 @@ class ServoBus:
         width_mm = self._world.drive_value(self._world.clock.now_s())
         self._put(x.MOVING, state.moving)
         self._put(x.MOVING_STATUS, x.PROFILE_ONGOING if state.moving else 1)
-        # The twin's current is positive where the fingers close, to smaller positions.
+        # The twin's current is positive for closing, which is towards smaller positions.
         current = 0 if unit is None else -self._turns() * round(state.current_ma / unit)
         self._put(x.PRESENT_CURRENT, current)
         turned = self._turns() * round(self._fingers.angle_rad(width_mm) / x.RAD_PER_TICK)
         self._put(x.PRESENT_POSITION, x.CENTRE_TICK + turned + self.position_error)
 
     def _look(self, time_s: float) -> None:
-        """Do the servo's own actions: stop without a host, yield at its limit."""
+        """Update the servo: stop it at a watchdog timeout or at its current limit."""
         with self._lock:
             if self._looking or not self._get(x.TORQUE_ENABLE):
                 return
@@ -259,10 +258,10 @@ class ServoBus:
 
 
 class LineEnd:
-    """Bytes in, bytes out; its other end is the port `name`.
+    """The device end of a pseudo-terminal; the host opens the port `name`.
 
-    `take`: gets the bytes that wait, and returns those that it can't use yet. Runs on a thread of
-        its own.
+    `take`: receives all waiting bytes, and returns the bytes of an incomplete packet. It runs on
+        the thread of the line.
     """
 
     def __init__(self, take: Callable[[bytes], bytes]) -> None:
@@ -276,10 +275,7 @@ class LineEnd:
         self._thread.start()
 
     def send(self, data: bytes, *, late_s: float = 0.0) -> None:
-        """Send bytes, now or later by `late_s` (real time), behind all that were sent before.
-
-        Bytes that are late without end are lost.
-        """
+        """Send bytes after a delay of `late_s` (real time), in order; `inf` discards them."""
         if late_s == math.inf:
             return
         if late_s or self._held:
@@ -289,7 +285,7 @@ class LineEnd:
             os.write(self._master, data)
 
     def unplug(self) -> None:
-        """Take the line away. Again does nothing."""
+        """Remove the line; repeatable."""
         if not self._thread.is_alive():
             return
         os.write(self._waker, b"x")

@@ -1,8 +1,8 @@
-"""A Feetech STS3215 servo on a pseudo-terminal, byte by byte, that moves the twin's fingers.
+"""A simulated Feetech STS3215 servo on a pseudo-terminal, which moves the twin's fingers.
 
-It answers as its protocol manual describes: checksums, state bits in every reply, memory in
-sign-magnitude. It has no watchdog: a goal is gone to, host or no host. The torque limit is looked
-at only when somebody looks at the world, and turned into a force by a straight line.
+The servo implements its protocol manual: checksums, state bits in every reply, sign-magnitude
+values. It has no watchdog, and moves to its goal without a host. The torque limit is checked only
+when the world is read, and is converted to a force with a linear law.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from palpate.twin.world import World
 _HEADER = b"\xff\xff"
 _PING, _READ, _WRITE = 0x01, 0x02, 0x03
 _BAD_INSTRUCTION = 0x40
-#: Grip force at which it gives way at full torque (2.9 N m on a jaw of 70 mm).
+#: Grip force at full torque, at which the servo yields (2.9 N m on a jaw of 70 mm).
 _FULL_FORCE_N = 41.0
 _FASTEST = 3400
 
@@ -40,29 +40,29 @@ def checksum(body: bytes) -> int:
 
 
 class StsBus:
-    """One servo at the end of a line; its other end is the port `name`.
+    """One servo on a line; the host opens the port `name`.
 
     Parameters
     ----------
     world : World
-        Whose fingers it moves.
+        World with the fingers to move.
     jaw : HingedJaw
-        How its angle becomes a width.
+        Converts the servo angle to the width.
     closed_tick : int
-        Position at which the pads touch; positions rise as it opens.
+        Position at which the pads touch; positions increase as the jaw opens.
     servo_id, model_number : int
-        Who it is.
+        Identity of the servo.
 
     Attributes
     ----------
     silent : bool
-        Set it, and nothing is answered any more.
+        Whether the servo ignores all requests.
     spoilt : int
-        So many of the next replies have a wrong checksum.
+        Number of following replies with a wrong checksum.
     state : State
-        What it protects itself against; told in every reply.
+        Protection states, reported in every reply.
     forgetful : set of Register
-        Registers whose writes are acknowledged and not kept.
+        Registers whose writes are acknowledged but not stored.
     """
 
     def __init__(
@@ -87,21 +87,21 @@ class StsBus:
         self.name = self._line.name
 
     def value(self, register: Register) -> int:
-        """Return what a register holds, without the line."""
+        """Return the value of a register, without using the line."""
         with self._lock:
             return self._get(register)
 
     def set(self, register: Register, value: int) -> None:
-        """Give a register a value, as an earlier host left it."""
+        """Set a register, as an earlier host would have."""
         with self._lock:
             self._put(register, value)
 
     def unplug(self) -> None:
-        """Pull the adapter out; the servo keeps its power. Again does nothing."""
+        """Unplug the adapter, with the servo still powered; repeatable."""
         self._line.unplug()
 
     def close(self) -> None:
-        """Take servo and line away; again does nothing."""
+        """Remove the servo and its line; repeatable."""
         self.unplug()
         if self._look in self._world.watchers:
             self._world.watchers.remove(self._look)
@@ -118,8 +118,8 @@ class StsBus:
         return waiting
 
     def _hear(self, body: bytes) -> None:
-        whole = checksum(body[:-1]) == body[-1]
-        if body[0] != self._id or self.silent or not whole:
+        is_valid = checksum(body[:-1]) == body[-1]
+        if body[0] != self._id or self.silent or not is_valid:
             return
         with self._lock:
             self._look(self._world.clock.now_s())
@@ -132,7 +132,7 @@ class StsBus:
             elif instruction == _WRITE:
                 if given[0] not in {register.address for register in self.forgetful}:
                     self._table[given[0] : given[0] + len(given) - 1] = given[1:]
-                # Torque that comes on takes it to whatever goal is there.
+                # With torque on, the servo moves to its present goal.
                 if given[0] in (sts.GOAL_POSITION.address, sts.TORQUE_ENABLE.address):
                     self._go()
                 self._reply()
@@ -169,7 +169,7 @@ class StsBus:
         self._put(sts.MOVING, state.moving)
 
     def _look(self, time_s: float) -> None:
-        """Do what the servo does by itself: give way at its torque limit."""
+        """Update the servo: stop it at its torque limit."""
         with self._lock:
             if self._looking or time_s < self._world.clock.now_s():
                 return

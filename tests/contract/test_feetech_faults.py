@@ -1,4 +1,4 @@
-"""The Feetech driver with a servo that is silent, overloaded or without a host."""
+"""The Feetech driver with a silent or overloaded servo, and with a silent host."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def pass_time(world: World, duration_s: float) -> None:
         world.drive_value(world.clock.now_s())
 
 
-def test_packets_are_those_of_the_manual() -> None:
-    # Ping of servo 1; read two bytes of the position of servo 1; header and checksum are the SDK's.
+def test_protocol_1_packets_equal_the_examples_in_the_manual() -> None:
+    # Ping of servo 1, and read of its position; the SDK adds header and checksum.
     assert PROTOCOL_1.build_request(1, 1, b"") == [0, 0, 1, 2, 1, 0]
     encode = PROTOCOL_1.encode_word
     asked = encode(sts.PRESENT_POSITION.address) + encode(sts.PRESENT_POSITION.size)
@@ -58,11 +58,13 @@ def test_packets_are_those_of_the_manual() -> None:
     assert not PROTOCOL_1.is_reply_from([0xFF, 0xFF, 1, 2, 0, 0xFC], servo_id=1, size=2)
 
 
-def test_a_silent_host_stops_it_on_its_leash(gripper: FeetechGripper, world: World) -> None:
+def test_feetech_closing_stops_within_the_leash_if_the_host_is_silent(
+    gripper: FeetechGripper, world: World
+) -> None:
     sent = gripper.command(GripperCommand(target=10.0, rate=10.0))
     assert sent.target == pytest.approx(10.0, abs=0.1)
     pass_time(world, 3.0)
-    # 0.5 s at 10 mm/s at most (a wide jaw closes more slowly), and no more: it has no watchdog.
+    # At most 0.5 s at 10 mm/s (a wide jaw closes more slowly).
     assert 69.0 <= world.drive_value(world.clock.now_s()) <= 71.0
     assert not world.is_moving(world.clock.now_s())
     gripper.state()
@@ -70,7 +72,7 @@ def test_a_silent_host_stops_it_on_its_leash(gripper: FeetechGripper, world: Wor
     assert 64.0 <= world.drive_value(world.clock.now_s()) <= 67.0
 
 
-def test_opening_needs_no_host(gripper: FeetechGripper, world: World) -> None:
+def test_feetech_opening_completes_without_the_host(gripper: FeetechGripper, world: World) -> None:
     gripper.command(GripperCommand(target=70.0, rate=60.0))
     pass_time(world, 0.5)
     gripper.release()
@@ -78,7 +80,7 @@ def test_opening_needs_no_host(gripper: FeetechGripper, world: World) -> None:
     assert world.drive_value(world.clock.now_s()) == pytest.approx(74.0, abs=0.1)
 
 
-def test_it_gives_way_at_its_torque_limit() -> None:
+def test_feetech_yields_at_its_torque_limit() -> None:
     world = world_of("rigid", "rigid-block")
     bus = StsBus(world, jaw=JAW, closed_tick=CLOSED_TICK)
     gripper = on_jaw(world, bus, torque_limit_percent=20.0)
@@ -92,23 +94,27 @@ def test_it_gives_way_at_its_torque_limit() -> None:
 
 
 @pytest.mark.slow
-def test_no_reply_and_damaged_replies(gripper: FeetechGripper, bus: StsBus) -> None:
+def test_feetech_retries_damaged_replies_and_raises_without_a_reply(
+    gripper: FeetechGripper, bus: StsBus
+) -> None:
     bus.spoilt = 2
     assert gripper.state().width_mm == pytest.approx(74.0, abs=0.1)
     bus.silent = True
-    for ask in (gripper.state, gripper.stop):
+    for method in (gripper.state, gripper.stop):
         with pytest.raises(DeviceTimeoutError, match=r"servo 6 on /dev/pts/\d+ does not reply"):
-            ask()
+            method()
 
 
-def test_what_it_protects_itself_against_is_told(gripper: FeetechGripper, bus: StsBus) -> None:
+def test_feetech_state_raises_with_the_reported_protection_states(
+    gripper: FeetechGripper, bus: StsBus
+) -> None:
     bus.state = sts.State.OVERHEATING | sts.State.OVERLOAD
     with pytest.raises(DeviceError, match="protects itself: overheating, overload"):
         gripper.state()
 
 
-def test_an_old_goal_is_not_gone_to(world: World, bus: StsBus) -> None:
-    """The last program left a goal behind, and the torque off."""
+def test_feetech_setup_does_not_move_to_an_old_goal(world: World, bus: StsBus) -> None:
+    """An earlier program has set a goal and switched the torque off."""
     line = ServoLine(bus.name, servo_id=6, baud=1_000_000, reply_s=REPLY_S, packets=PROTOCOL_1)
     line.write(sts.GOAL_POSITION, CLOSED_TICK)
     line.close()
@@ -118,7 +124,7 @@ def test_an_old_goal_is_not_gone_to(world: World, bus: StsBus) -> None:
     gripper.close()
 
 
-def test_set_up_forgets_what_an_earlier_host_left(world: World, bus: StsBus) -> None:
+def test_feetech_setup_overwrites_settings_of_an_earlier_host(world: World, bus: StsBus) -> None:
     bus.set(sts.ACCELERATION, 50)
     on_jaw(world, bus, torque_limit_percent=20.0).close()
     wanted = {sts.ACCELERATION: 0, sts.TORQUE_LIMIT: 200, sts.TORQUE_ENABLE: 1}
@@ -126,7 +132,7 @@ def test_set_up_forgets_what_an_earlier_host_left(world: World, bus: StsBus) -> 
 
 
 @pytest.mark.parametrize("register", [sts.TORQUE_LIMIT, sts.ACCELERATION, sts.TORQUE_ENABLE])
-def test_a_register_that_does_not_keep_its_value_is_refused(
+def test_feetech_setup_raises_if_a_register_does_not_keep_its_value(
     world: World, bus: StsBus, register: Register
 ) -> None:
     bus.set(sts.ACCELERATION, 50)
@@ -136,8 +142,10 @@ def test_a_register_that_does_not_keep_its_value_is_refused(
     assert bus.value(sts.TORQUE_ENABLE) == 0
 
 
-def test_a_stop_on_the_leash_ends_the_way(gripper: FeetechGripper, world: World) -> None:
-    """A stop lets the servo reach its next short goal and stay there."""
+def test_feetech_stop_on_the_leash_cancels_the_remaining_travel(
+    gripper: FeetechGripper, world: World
+) -> None:
+    """After a stop the servo stays, although its target is further closed."""
     gripper.command(GripperCommand(target=40.0, rate=10.0))
     pass_time(world, 3.0)
     gripper.stop()
@@ -149,13 +157,13 @@ def test_a_stop_on_the_leash_ends_the_way(gripper: FeetechGripper, world: World)
     assert not gripper.state().moving
 
 
-def test_a_lost_port_is_one_line(gripper: FeetechGripper, bus: StsBus) -> None:
+def test_feetech_state_on_a_lost_port_raises(gripper: FeetechGripper, bus: StsBus) -> None:
     bus.unplug()
     with pytest.raises(DeviceError, match="the port is gone"):
         gripper.state()
 
 
-def test_other_servos_and_modes_are_refused(world: World) -> None:
+def test_feetech_unknown_model_is_refused(world: World) -> None:
     other = StsBus(world, jaw=JAW, closed_tick=CLOSED_TICK, model_number=9)
     with pytest.raises(DeviceError, match="model number 9, which is not supported; use STS3215"):
         on_jaw(world, other)
@@ -172,7 +180,7 @@ def test_other_servos_and_modes_are_refused(world: World) -> None:
         ({"opens": 2}, InputError, "opens 2"),
     ],
 )
-def test_what_can_not_be_opened_is_one_line(
+def test_open_feetech_gripper_with_invalid_options_raises_one_line(
     bus: StsBus, options: dict[str, object], error: type[Exception], words: str
 ) -> None:
     given = {"port": bus.name, "jaw_mm": 70.0, "closed_tick": CLOSED_TICK, "highest_mm": 70.0}
@@ -182,7 +190,9 @@ def test_what_can_not_be_opened_is_one_line(
 
 
 @pytest.mark.slow
-def test_a_grasp_through_the_jaw(gripper: FeetechGripper, world: World) -> None:
+def test_grasp_with_the_feetech_jaw_holds_and_measures_the_object(
+    gripper: FeetechGripper, world: World
+) -> None:
     calibration = calibrate_twin(seed=5, level="lab", apart_from="strawberry")
     plan = plan_grasp(calibration, gripper=gripper)
     result = run_grasp(plan, array=TwinArray(world), gripper=gripper, clock=world.clock)

@@ -1,4 +1,4 @@
-"""What every gripper does alike: simulated, behind a servo line, behind a board."""
+"""Contract of all grippers: simulated, on a servo line, and on a board."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from tests.contract.hands import HANDS, Hand
 
 from palpate.gripper.interface import GripperCommand
 
-#: How far off a command may be, once the gripper has arrived: mm or kPa.
+#: Tolerance of the reached target, mm or kPa.
 NEAR = {"width": 0.3, "pressure": 0.6}
-#: A place within reach, and one a little further closed; rates.
+#: A target in range, a target further closed, and a rate.
 PLACES = {"width": (60.0, 50.0, 10.0), "pressure": (10.0, 20.0, 8.0)}
 
 
@@ -30,13 +30,13 @@ def go(hand: Hand, target: float, rate: float) -> GripperCommand:
     return hand.gripper.command(GripperCommand(target=target, rate=rate))
 
 
-def test_limits_make_sense(hand: Hand) -> None:
+def test_gripper_limits_are_ordered_and_positive(hand: Hand) -> None:
     limits = hand.gripper.limits
     assert limits.lowest < limits.highest
     assert limits.fastest > 0
 
 
-def test_it_goes_where_it_was_sent_and_says_so(hand: Hand) -> None:
+def test_gripper_reaches_the_commanded_target_and_reports_it(hand: Hand) -> None:
     drive = hand.gripper.limits.drive
     target, _, rate = PLACES[drive]
     sent = go(hand, target, rate)
@@ -48,19 +48,19 @@ def test_it_goes_where_it_was_sent_and_says_so(hand: Hand) -> None:
     assert reported(hand) == pytest.approx(sent.target, abs=NEAR[drive])
 
 
-def test_it_is_no_faster_than_it_says(hand: Hand) -> None:
+def test_gripper_does_not_exceed_the_commanded_rate(hand: Hand) -> None:
     drive = hand.gripper.limits.drive
     target, _, rate = PLACES[drive]
     before = reported(hand)
     sent = go(hand, target, rate / 4)
     hand.wait(1.0)
-    # A servo that turns evenly moves the fingers unevenly: at most at the rate asked for.
+    # At constant servo speed the finger speed varies, up to the commanded rate.
     assert abs(reported(hand) - before) <= rate / 4 * 1.3 + NEAR[drive]
     assert sent.rate <= rate / 4 * 1.001
 
 
 @pytest.mark.parametrize("beyond", [-1e3, 1e3])
-def test_commands_are_clamped_and_returned_as_sent(hand: Hand, beyond: float) -> None:
+def test_gripper_command_is_clamped_and_returned_as_sent(hand: Hand, beyond: float) -> None:
     limits = hand.gripper.limits
     sent = go(hand, beyond, 1e6)
     end = limits.lowest if beyond < 0 else limits.highest
@@ -68,15 +68,16 @@ def test_commands_are_clamped_and_returned_as_sent(hand: Hand, beyond: float) ->
     assert sent.rate <= limits.fastest * 1.001
 
 
-def test_state_tells_its_own_quantity_alone(hand: Hand) -> None:
+def test_gripper_state_reports_only_its_controlled_quantity(hand: Hand) -> None:
     state = hand.gripper.state()
-    told = [math.isfinite(state.width_mm), math.isfinite(state.pressure_kpa)]
-    assert told == [hand.gripper.limits.drive == "width", hand.gripper.limits.drive == "pressure"]
+    drive = hand.gripper.limits.drive
+    reported = [math.isfinite(state.width_mm), math.isfinite(state.pressure_kpa)]
+    assert reported == [drive == "width", drive == "pressure"]
     assert state.time_s == hand.clock.now_s()
 
 
 @pytest.mark.slow
-def test_stop_never_closes_further(hand: Hand) -> None:
+def test_gripper_stop_does_not_close_further(hand: Hand) -> None:
     limits = hand.gripper.limits
     target, further, rate = PLACES[limits.drive]
     go(hand, target, 4 * rate)
@@ -92,7 +93,7 @@ def test_stop_never_closes_further(hand: Hand) -> None:
 
 
 @pytest.mark.slow
-def test_release_opens_fully(hand: Hand) -> None:
+def test_gripper_release_opens_fully(hand: Hand) -> None:
     target, _, rate = PLACES[hand.gripper.limits.drive]
     go(hand, target, 4 * rate)
     hand.wait(4.0)
@@ -103,23 +104,23 @@ def test_release_opens_fully(hand: Hand) -> None:
 
 
 @pytest.mark.slow
-def test_closing_lets_go_of_the_port_and_not_of_the_object(hand: Hand) -> None:
+def test_gripper_close_keeps_the_position_or_vents(hand: Hand) -> None:
     limits = hand.gripper.limits
     target, _, rate = PLACES[limits.drive]
     go(hand, target, 4 * rate)
     hand.wait(4.0)
     before = hand.where()
     hand.gripper.close()
-    first = [_settled(hand) for _ in range(2)][-1]
+    first = [_wait_for_position(hand) for _ in range(2)][-1]
     hand.gripper.close()
-    assert _settled(hand) == pytest.approx(first, abs=0.05), "again does nothing"
+    assert _wait_for_position(hand) == pytest.approx(first, abs=0.05), "second close has no effect"
     if limits.drive == "width":
-        assert first == pytest.approx(before, abs=0.05), "a servo holds its place"
+        assert first == pytest.approx(before, abs=0.05), "a servo holds its position"
     else:
-        assert first <= before + 0.05, "pressure never rises by closing"
+        assert first <= before + 0.05, "closing the device never raises the pressure"
 
 
-def _settled(hand: Hand) -> float:
+def _wait_for_position(hand: Hand) -> float:
     for _ in range(20):
         hand.clock.sleep_s(0.1)
         now = hand.where()

@@ -1,4 +1,4 @@
-"""The hobby-servo driver on the firmware, with a board or a host that fails."""
+"""The hobby-servo driver with the firmware, after failures of the board or the host."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from palpate.twin.world import World
 
 @dataclass
 class Bench:
-    """Fingers on a simulated board, open and still."""
+    """Open fingers at rest on a simulated board."""
 
     world: World
     board: FirmwareBoard
@@ -29,7 +29,7 @@ class Bench:
     gripper: HobbyServoGripper
 
     def follow(self, duration_s: float) -> None:
-        """Read frames and states, as the control loop does."""
+        """Read frames and states, like the control loop."""
         until_s = self.world.now_s() + duration_s
         while self.world.now_s() < until_s:
             self.array.read(timeout_s=1.0)
@@ -54,7 +54,7 @@ def close_to(bench: Bench, width_mm: float, *, rate: float = 40.0) -> None:
     bench.gripper.command(GripperCommand(target=width_mm, rate=rate))
 
 
-def test_silent_host_leaves_the_fingers_where_they_are(bench: Bench) -> None:
+def test_hobby_servo_holds_the_fingers_if_the_host_is_silent(bench: Bench) -> None:
     close_to(bench, 20.0, rate=20.0)
     bench.world.clock.sleep_s(3.0)
     stopped_mm = bench.world.drive_value(bench.world.now_s())
@@ -67,7 +67,7 @@ def test_silent_host_leaves_the_fingers_where_they_are(bench: Bench) -> None:
     assert bench.gripper.state().width_mm == pytest.approx(stopped_mm, abs=0.3)
 
 
-def test_ceiling_opens_the_fingers_and_refuses_to_close_them(bench: Bench) -> None:
+def test_hobby_servo_opens_at_the_ceiling_and_refuses_to_close(bench: Bench) -> None:
     bench.array.arm_ceiling(1)
     close_to(bench, 40.0)
     bench.follow(2.0)
@@ -80,7 +80,7 @@ def test_ceiling_opens_the_fingers_and_refuses_to_close_them(bench: Bench) -> No
     bench.gripper.release()
 
 
-def test_reset_board_is_reported_and_sends_no_pulses(bench: Bench) -> None:
+def test_hobby_servo_state_raises_after_a_board_reset(bench: Bench) -> None:
     close_to(bench, 40.0)
     bench.follow(1.5)
     bench.board.reset()
@@ -92,7 +92,7 @@ def test_reset_board_is_reported_and_sends_no_pulses(bench: Bench) -> None:
     assert bench.world.drive_value(bench.world.now_s()) == pytest.approx(40.0, abs=0.3)
 
 
-def test_stale_frames_are_refused(bench: Bench) -> None:
+def test_hobby_servo_state_with_stale_frames_raises(bench: Bench) -> None:
     bench.board.hang()
     bench.world.clock.sleep_s(0.2)
     bench.array.newest()
@@ -101,13 +101,13 @@ def test_stale_frames_are_refused(bench: Bench) -> None:
         bench.gripper.state()
 
 
-def test_driver_made_again_leaves_the_fingers_where_they_are(bench: Bench) -> None:
+def test_hobby_servo_new_driver_keeps_the_finger_position(bench: Bench) -> None:
     close_to(bench, 40.0)
     bench.follow(1.5)
-    again = HobbyServoGripper(bench.array, clock=bench.world.clock, travel=TRAVEL)
-    bench.gripper = again
+    second = HobbyServoGripper(bench.array, clock=bench.world.clock, travel=TRAVEL)
+    bench.gripper = second
     bench.follow(0.5)
-    assert again.state().width_mm == pytest.approx(40.0, abs=0.05)
+    assert second.state().width_mm == pytest.approx(40.0, abs=0.05)
     assert bench.world.drive_value(bench.world.now_s()) == pytest.approx(40.0, abs=0.3)
 
 
@@ -122,7 +122,7 @@ def test_driver_made_again_leaves_the_fingers_where_they_are(bench: Bench) -> No
         ({"open_mm": float("nan")}, "below open_mm nan"),
     ],
 )
-def test_travel_out_of_range_is_refused(changes: dict[str, float], message: str) -> None:
+def test_servo_travel_out_of_range_is_refused(changes: dict[str, float], message: str) -> None:
     given = {"open_us": 690, "closed_us": 2310, "open_mm": 74.0, "closed_mm": 5.0} | changes
     with pytest.raises(InputError, match=message):
         ServoTravel(**given)  # type: ignore[arg-type]
@@ -131,7 +131,7 @@ def test_travel_out_of_range_is_refused(changes: dict[str, float], message: str)
 @pytest.mark.parametrize(
     "travel", [TRAVEL, ServoTravel(open_us=2310, closed_us=690, open_mm=74.0, closed_mm=5.0)]
 )
-def test_travel_is_linear_either_way(travel: ServoTravel) -> None:
+def test_servo_travel_is_linear_in_both_directions(travel: ServoTravel) -> None:
     widths_mm = np.linspace(5.0, 74.0, 200)
     pulses_us = [travel.pulse_us(width_mm) for width_mm in widths_mm]
     back_mm = [travel.width_mm(pulse_us) for pulse_us in pulses_us]
@@ -139,7 +139,7 @@ def test_travel_is_linear_either_way(travel: ServoTravel) -> None:
     assert {travel.pulse_us(74.0), travel.pulse_us(5.0)} == {travel.open_us, travel.closed_us}
 
 
-def test_array_without_a_board_is_refused() -> None:
+def test_open_hobby_servo_without_a_board_raises() -> None:
     array = TwinArray(world_of("rigid"))
     with pytest.raises(InputError, match="a board with palpate's firmware, not TwinArray"):
         open_gripper(array=array, open_us=690, closed_us=2310, open_mm=74.0, closed_mm=5.0)

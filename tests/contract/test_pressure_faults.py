@@ -1,4 +1,4 @@
-"""The real pneumatic driver against a board that fails, alone and in a grasp."""
+"""The pneumatic driver with failures of the board, alone and during a grasp."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def follow(array: SerialArray, gripper: PneumaticGripper, duration_s: float) -> 
         gripper.state()
 
 
-def test_silent_host_vents(board: RegulatorBoard) -> None:
+def test_pneumatic_fingers_vent_if_the_host_is_silent(board: RegulatorBoard) -> None:
     world = board.world
     array, gripper = on_board(world, board)
     gripper.command(GripperCommand(target=20.0, rate=60.0))
@@ -65,7 +65,7 @@ def test_silent_host_vents(board: RegulatorBoard) -> None:
     assert gripper.state().pressure_kpa == pytest.approx(10.0, abs=0.3)
 
 
-def test_stale_pressure_is_not_given_as_now(board: RegulatorBoard) -> None:
+def test_pneumatic_state_with_a_stale_pressure_raises(board: RegulatorBoard) -> None:
     array, gripper = on_board(board.world, board)
     follow(array, gripper, 0.2)
     board.silence()
@@ -74,7 +74,7 @@ def test_stale_pressure_is_not_given_as_now(board: RegulatorBoard) -> None:
         gripper.state()
 
 
-def test_frames_without_pressure_are_refused(board: RegulatorBoard) -> None:
+def test_pneumatic_state_without_pressure_in_the_frames_raises(board: RegulatorBoard) -> None:
     world = board.world
     array = SerialArray(board, clock=world.clock, layout=world.layout, rate_hz=15.0)
     array.read(timeout_s=1.0)
@@ -83,7 +83,9 @@ def test_frames_without_pressure_are_refused(board: RegulatorBoard) -> None:
         gripper.state()
 
 
-def test_unplugged_board_can_not_be_stopped_but_vents(board: RegulatorBoard) -> None:
+def test_pneumatic_stop_on_an_unplugged_board_raises_and_the_board_vents(
+    board: RegulatorBoard,
+) -> None:
     array, gripper = on_board(board.world, board)
     gripper.command(GripperCommand(target=20.0, rate=60.0))
     follow(array, gripper, 1.0)
@@ -97,7 +99,7 @@ def test_unplugged_board_can_not_be_stopped_but_vents(board: RegulatorBoard) -> 
     assert board.pressure_kpa < 0.5
 
 
-def test_openers_words() -> None:
+def test_open_pneumatic_gripper_with_invalid_options_raises() -> None:
     with pytest.raises(InputError, match="board with a regulator, not TwinArray"):
         open_gripper(array=TwinArray(world_of("soft")))
     board = RegulatorBoard(world_of("soft"))
@@ -111,7 +113,9 @@ def test_openers_words() -> None:
 
 
 @pytest.mark.slow
-def test_a_grasp_through_the_board(plan: Plan, board: RegulatorBoard) -> None:
+def test_grasp_with_the_pneumatic_gripper_holds_the_object(
+    plan: Plan, board: RegulatorBoard
+) -> None:
     array, gripper = on_board(board.world, board)
     held: list[Truth] = []
 
@@ -144,7 +148,7 @@ STRIKES: dict[str, tuple[Callable[[RegulatorBoard], None], Outcome, str]] = {
     "strike",
     STRIKES,
 )
-def test_a_fault_ends_the_grasp_and_vents(
+def test_grasp_ends_and_vents_after_a_fault(
     plan: Plan, board: RegulatorBoard, strike: str, tmp_path: Path
 ) -> None:
     world, path = board.world, tmp_path / "fault.mcap"
@@ -173,10 +177,10 @@ def test_a_fault_ends_the_grasp_and_vents(
     _, outcome, words = STRIKES[strike]
     assert result.outcome is outcome
     assert words in " ".join(result.faults)
-    # Stale frames are known after 5 periods. Fingers that stand need no supply: it is missed by the
-    # next movement, which comes once the hand has looked, and is given its time and two frames.
+    # Stale frames are detected after 5 periods. A lost supply is detected at the next movement,
+    # after its duration and two frames.
     assert (
-        board.told_to_vent_s - struck_s[0]
+        board.vented_s - struck_s[0]
         <= {
             "supply lost": 0.6 + 0.1,
             "port vanishes": 0.5 + 0.1,
@@ -187,6 +191,6 @@ def test_a_fault_ends_the_grasp_and_vents(
     )
 
 
-def test_soft_limits_are_the_papers() -> None:
+def test_soft_limits_and_layout_equal_the_values_of_the_paper() -> None:
     assert (SOFT_LIMITS.lowest, SOFT_LIMITS.highest) == (0.0, 50.0)
     assert SOFT_LAYOUT.pixels == 12

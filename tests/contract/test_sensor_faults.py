@@ -1,4 +1,4 @@
-"""Sensor, object or user end a grasp, on simulated rigid and soft fingers."""
+"""Grasps ended by the sensor, the object or the user, with rigid and soft fingers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from tests.contract.faulty import FailingArray, NoisyLine, Witness, reading
+from tests.contract.faulty import FailingArray, NoisyLine, RecordingGripper, replace_first_pixel
 from tests.contract.hands import object_of, world_of
 from tests.contract.regulator_board import RegulatorBoard
 
@@ -31,12 +31,12 @@ from palpate.twin.devices import TwinGripper
 from palpate.twin.world import World
 
 PERIOD_S = 1 / 15
-#: Stale frames are known after five periods; whatever is seen in a frame, with the next one.
+#: Detection time of stale frames (five periods), and of a fault in a frame (one period).
 STALE_S, NEXT_S = 5 * PERIOD_S, PERIOD_S
-#: What the stop may take once the fault is known.
+#: Time limit for the stop after the detection.
 STOP_S = 0.1
 OBJECTS = {"rigid": "strawberry", "soft": "tomato"}
-#: The rigid hand has 14 mm to go, and begins once it has arrived there.
+#: Initial gap of the rigid fingers, and time to reach this gap before the grasp.
 GAP_MM, BEGINS_S = 14.0, 1.0
 
 
@@ -46,7 +46,7 @@ class Struck:
 
     world: World
     array: FailingArray
-    hand: Witness
+    hand: RecordingGripper
     early: bool
     struck_s: float = math.nan
     strike: Callable[[Struck], None]
@@ -65,14 +65,14 @@ class Struck:
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One row of the table: the fault, the end, the message, its time."""
+    """A fault, with the expected outcome, message and detection time."""
 
     strike: Callable[[Struck], None]
     outcome: Outcome
     words: str
     known_s: float
     early: bool = False
-    #: What the rigid hand does; the soft one always vents.
+    #: Whether the rigid fingers open; the soft fingers always vent.
     opens: bool = False
 
 
@@ -85,7 +85,7 @@ def _kill(number: int) -> Callable[[Struck], None]:
 
 
 def _pixel(counts: int | None) -> Callable[[Struck], None]:
-    return lambda grasp: setattr(grasp.array, "spoil", reading(counts))
+    return lambda grasp: setattr(grasp.array, "spoil", replace_first_pixel(counts))
 
 
 LOST = Outcome.SENSOR_LOST
@@ -119,7 +119,7 @@ ROWS = {
         strike=_pixel(None),
         outcome=LOST,
         words="pixel R0 C0 reads stuck",
-        # Two movements after the way at speed, and three seconds.
+        # Two movements after the fast approach, and three seconds.
         known_s=4.0,
         early=True,
     ),
@@ -150,11 +150,11 @@ def run(
     world: World,
     path: Path,
     array: PressureArray,
-    hand: Witness,
+    hand: RecordingGripper,
     *others: object,
     watchers: Sequence[Watcher] = (),
 ) -> GraspResult:
-    """Run a grasp and record it; others subscribe after the recorder."""
+    """Run and record a grasp; `others` are subscribed after the recorder."""
     with RecordingWriter(path, info=RecordingInfo(layout=world.layout, origin="twin")) as writer:
 
         def recorder(observation: Observation) -> None:
@@ -172,7 +172,7 @@ def run(
 
 def struck(kind: str, row: Row, path: Path) -> tuple[Struck, GraspResult]:
     world = world_for(kind)
-    hand = Witness(TwinGripper(world), now_s=world.clock.now_s)
+    hand = RecordingGripper(TwinGripper(world), now_s=world.clock.now_s)
     grasp = Struck(
         world=world, array=FailingArray(world), hand=hand, early=row.early, strike=row.strike
     )
@@ -182,7 +182,9 @@ def struck(kind: str, row: Row, path: Path) -> tuple[Struck, GraspResult]:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", OBJECTS)
 @pytest.mark.parametrize("name", ROWS)
-def test_a_fault_ends_the_grasp(name: str, kind: str, tmp_path: Path) -> None:
+def test_grasp_ends_safely_in_time_after_a_sensor_object_or_user_event(
+    name: str, kind: str, tmp_path: Path
+) -> None:
     row, path = ROWS[name], tmp_path / "fault.mcap"
     grasp, result = struck(kind, row, path)
     world, limits = grasp.world, grasp.hand.limits
@@ -192,8 +194,8 @@ def test_a_fault_ends_the_grasp(name: str, kind: str, tmp_path: Path) -> None:
     open_at = limits.target(0.0)
     first_s = min(
         time_s
-        for time_s, told in grasp.hand.told
-        if time_s >= grasp.struck_s and (told is None or (told.target == open_at and opens))
+        for time_s, sent in grasp.hand.commands
+        if time_s >= grasp.struck_s and (sent is None or (sent.target == open_at and opens))
     )
     assert first_s - grasp.struck_s <= row.known_s + STOP_S
     assert len(load_recording(path).time_s) == result.frames
@@ -202,17 +204,17 @@ def test_a_fault_ends_the_grasp(name: str, kind: str, tmp_path: Path) -> None:
     if opens:
         assert limits.closure(grasp.hand.state()) == pytest.approx(0.0, abs=0.5)
     elif not row.early:
-        assert world.force_n(world.clock.now_s()) > 0.0, "dropping is damage too"
+        assert world.force_n(world.clock.now_s()) > 0.0, "the object must not be dropped"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", OBJECTS)
-def test_a_failing_subscriber_does_not_touch_the_grasp(kind: str, tmp_path: Path) -> None:
+def test_grasp_continues_after_a_subscriber_failed(kind: str, tmp_path: Path) -> None:
     def view(_: Observation) -> None:
         raise RuntimeError("no display")
 
     world, path = world_for(kind), tmp_path / "view.mcap"
-    hand = Witness(TwinGripper(world), now_s=world.clock.now_s)
+    hand = RecordingGripper(TwinGripper(world), now_s=world.clock.now_s)
     result = run(kind, world, path, FailingArray(world), hand, view)
     assert result.outcome is Outcome.HELD
     assert result.faults == ("view failed and was dropped: no display",)
@@ -224,19 +226,19 @@ def test_a_failing_subscriber_does_not_touch_the_grasp(kind: str, tmp_path: Path
 
 @pytest.fixture
 def line() -> tuple[World, NoisyLine, SerialArray]:
-    """A sensor board behind a line that damages packets, and rigid fingers beside it."""
+    """Return a world with rigid fingers, and a sensor board on a noisy line."""
     world = world_for("rigid")
     noisy = NoisyLine(RegulatorBoard(world))
     clock: ManualClock = world.clock
     return world, noisy, SerialArray(noisy, clock=clock, layout=world.layout, rate_hz=15.0)
 
 
-def test_some_damaged_frames_are_counted_and_no_more(
+def test_grasp_completes_with_some_damaged_frames_and_counts_them(
     line: tuple[World, NoisyLine, SerialArray], tmp_path: Path
 ) -> None:
     world, noisy, array = line
     noisy.every = 7
-    hand = Witness(TwinGripper(world), now_s=world.clock.now_s)
+    hand = RecordingGripper(TwinGripper(world), now_s=world.clock.now_s)
     result = run("rigid", world, tmp_path / "line.mcap", array, hand)
     assert result.outcome is Outcome.HELD
     assert result.frames_lost > 10
@@ -244,11 +246,11 @@ def test_some_damaged_frames_are_counted_and_no_more(
     assert result.force_n.low <= world.truth().force_n <= result.force_n.high
 
 
-def test_nothing_but_damaged_frames_is_a_lost_sensor(
+def test_grasp_with_only_damaged_frames_ends_as_sensor_lost(
     line: tuple[World, NoisyLine, SerialArray], tmp_path: Path
 ) -> None:
     world, noisy, array = line
-    hand, struck_s = Witness(TwinGripper(world), now_s=world.clock.now_s), list[float]()
+    hand, struck_s = RecordingGripper(TwinGripper(world), now_s=world.clock.now_s), list[float]()
 
     def spoil(_: Observation) -> None:
         if world.force_n(world.clock.now_s()) > 1.0 and not struck_s:

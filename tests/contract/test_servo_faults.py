@@ -1,4 +1,4 @@
-"""The servo driver against every failure of a servo, alone and in a grasp."""
+"""The DYNAMIXEL driver with all failures of a servo, alone and during a grasp."""
 
 from __future__ import annotations
 
@@ -58,14 +58,16 @@ def close_slowly(gripper: DynamixelGripper) -> None:
 
 
 @pytest.mark.slow
-def test_no_reply(gripper: DynamixelGripper, bus: ServoBus) -> None:
+def test_dynamixel_without_a_reply_raises_a_timeout(
+    gripper: DynamixelGripper, bus: ServoBus
+) -> None:
     bus.silent = True
-    for ask in (gripper.state, gripper.stop):
+    for method in (gripper.state, gripper.stop):
         with pytest.raises(DeviceTimeoutError, match=r"servo 9 on /dev/pts/\d+ does not reply"):
-            ask()
+            method()
 
 
-def test_a_damaged_reply_is_asked_for_again(gripper: DynamixelGripper, bus: ServoBus) -> None:
+def test_dynamixel_retries_damaged_replies(gripper: DynamixelGripper, bus: ServoBus) -> None:
     bus.spoilt = 2
     assert gripper.state().width_mm == pytest.approx(74.0, abs=0.05)
     bus.spoilt = 3
@@ -75,7 +77,7 @@ def test_a_damaged_reply_is_asked_for_again(gripper: DynamixelGripper, bus: Serv
 
 
 @pytest.mark.parametrize("cut_at", [1, 8, 12])
-def test_servo_line_reply_cut_by_its_deadline_is_a_timeout(bus: ServoBus, cut_at: int) -> None:
+def test_servo_line_truncated_reply_raises_a_timeout(bus: ServoBus, cut_at: int) -> None:
     line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=0.2)
     bus.cut_at = cut_at
     with pytest.raises(DeviceTimeoutError, match=r"late or incomplete .* reply_s in the rig file"):
@@ -86,10 +88,10 @@ def test_servo_line_reply_cut_by_its_deadline_is_a_timeout(bus: ServoBus, cut_at
 
 @pytest.mark.slow
 @pytest.mark.parametrize("late_s", [0.09, 0.2, 1.0])
-def test_a_late_reply_is_no_answer_to_the_next_question(
+def test_servo_line_does_not_use_a_late_reply_for_the_next_request(
     world: World, bus: ServoBus, late_s: float
 ) -> None:
-    """Replies may take 50 ms each; an answer is right or absent."""
+    """With a reply limit of 50 ms, an answer is correct or missing."""
     line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=0.05)
     gripper = DynamixelGripper(line, clock=world.clock, fingers=CrankFingers())
     close_slowly(gripper)
@@ -97,8 +99,8 @@ def test_a_late_reply_is_no_answer_to_the_next_question(
     where_mm = world.drive_value(world.clock.now_s())
     for late_now_s in (late_s, 0.0):
         bus.late_s, answered, silent = late_now_s, 0, 0
-        questions = 10 * [(x.CURRENT_LIMIT, 1193), (x.MODEL_NUMBER, 1020), (x.GOAL_PWM, 885)]
-        for register, value in questions[: 6 if late_now_s else None]:
+        requests = 10 * [(x.CURRENT_LIMIT, 1193), (x.MODEL_NUMBER, 1020), (x.GOAL_PWM, 885)]
+        for register, value in requests[: 6 if late_now_s else None]:
             try:
                 assert line.read(register) == value
                 assert gripper.state().width_mm == pytest.approx(where_mm, abs=0.1)
@@ -110,7 +112,7 @@ def test_a_late_reply_is_no_answer_to_the_next_question(
 
 
 @pytest.mark.slow
-def test_a_servo_that_does_not_answer_is_left_to_its_shortest_watchdog(
+def test_dynamixel_stop_without_a_reply_sets_the_shortest_watchdog(
     gripper: DynamixelGripper, bus: ServoBus, world: World
 ) -> None:
     close_slowly(gripper)
@@ -118,7 +120,7 @@ def test_a_servo_that_does_not_answer_is_left_to_its_shortest_watchdog(
     with pytest.raises(DeviceTimeoutError):
         gripper.stop()
     bus.late_s = 0.0
-    # A question comes after what was sent blindly.
+    # A request with a reply ensures that the earlier packets were received.
     gripper.state()
     assert bus.value(x.BUS_WATCHDOG) == 1
     for _ in range(5):
@@ -127,17 +129,19 @@ def test_a_servo_that_does_not_answer_is_left_to_its_shortest_watchdog(
     assert not world.is_moving(world.clock.now_s())
 
 
-def test_a_stop_that_is_not_obeyed_is_told(gripper: DynamixelGripper, bus: ServoBus) -> None:
+def test_dynamixel_stop_raises_if_the_servo_still_moves(
+    gripper: DynamixelGripper, bus: ServoBus
+) -> None:
     close_slowly(gripper)
     bus.deaf = True
     with pytest.raises(DeviceError, match="got a stop but still moves"):
         gripper.stop()
 
 
-def test_stopping_a_hand_that_holds_leaves_its_goal(
+def test_dynamixel_stop_at_rest_keeps_the_goal(
     gripper: DynamixelGripper, bus: ServoBus, world: World
 ) -> None:
-    """A new goal would remove the force of a loaded servo."""
+    """A new goal would release the force of a loaded servo."""
     close_slowly(gripper)
     world.clock.sleep_s(6.0)
     bus.position_error = 40
@@ -146,7 +150,7 @@ def test_stopping_a_hand_that_holds_leaves_its_goal(
     assert bus.value(x.GOAL_POSITION) == before
 
 
-def test_a_position_that_it_can_not_have_reached_is_refused(
+def test_dynamixel_state_raises_for_an_unreachable_position(
     gripper: DynamixelGripper, bus: ServoBus, world: World
 ) -> None:
     assert gripper.state().width_mm == pytest.approx(74.0, abs=0.05)
@@ -169,7 +173,7 @@ def test_a_position_that_it_can_not_have_reached_is_refused(
         (1020, {"watchdog_s": math.nan}, "watchdog_s nan"),
     ],
 )
-def test_limits_that_the_servo_would_not_keep_are_refused(
+def test_dynamixel_limits_out_of_range_are_refused(
     world: World, model_number: int, options: dict[str, float], words: str
 ) -> None:
     bus = ServoBus(world, model_number=model_number)
@@ -178,13 +182,15 @@ def test_limits_that_the_servo_would_not_keep_are_refused(
     bus.close()
 
 
-def test_the_slowest_movement_is_slow(gripper: DynamixelGripper, bus: ServoBus) -> None:
-    """0 would be the servo's fastest."""
+def test_dynamixel_slowest_movement_uses_velocity_1(
+    gripper: DynamixelGripper, bus: ServoBus
+) -> None:
+    """The servo interprets velocity 0 as its maximum speed."""
     gripper.command(GripperCommand(target=50.0, rate=1e-3))
     assert bus.value(x.PROFILE_VELOCITY) == 1
 
 
-def test_the_watchdog_is_armed_again_after_a_trip(
+def test_dynamixel_command_rearms_a_tripped_watchdog(
     gripper: DynamixelGripper, bus: ServoBus, world: World
 ) -> None:
     close_slowly(gripper)
@@ -196,24 +202,24 @@ def test_the_watchdog_is_armed_again_after_a_trip(
     assert bus.value(x.BUS_WATCHDOG) == 25
 
 
-def test_overload_is_told_and_cleared_on_request(
+def test_dynamixel_overload_raises_until_clear_errors(
     gripper: DynamixelGripper, bus: ServoBus, world: World
 ) -> None:
     close_slowly(gripper)
     world.clock.sleep_s(0.2)
     bus.fail(x.HardwareError.OVERLOAD | x.HardwareError.OVERHEATING)
-    for ask in (gripper.state, lambda: close_slowly(gripper)):
+    for method in (gripper.state, lambda: close_slowly(gripper)):
         with pytest.raises(DeviceError, match=r"overheating, overload; its torque is off"):
-            ask()
+            method()
     gripper.stop()
     before_s = world.clock.now_s()
     gripper.clear_errors()
-    assert world.clock.now_s() > before_s, "a servo that restarts is given time"
+    assert world.clock.now_s() > before_s, "the driver must wait for the restart"
     close_slowly(gripper)
     assert gripper.state().moving
 
 
-def test_opening_a_servo_in_error_leaves_it_alone(world: World, bus: ServoBus) -> None:
+def test_dynamixel_can_be_opened_with_a_hardware_error(world: World, bus: ServoBus) -> None:
     bus.fail(x.HardwareError.OVERLOAD)
     gripper = on_servo(world, bus)
     with pytest.raises(DeviceError, match="overload"):
@@ -221,7 +227,7 @@ def test_opening_a_servo_in_error_leaves_it_alone(world: World, bus: ServoBus) -
     gripper.close()
 
 
-def test_memory_is_locked_while_the_torque_is_on(bus: ServoBus) -> None:
+def test_servo_line_write_to_locked_memory_is_refused(bus: ServoBus) -> None:
     line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S)
     line.write(x.TORQUE_ENABLE, 1)
     with pytest.raises(RefusedError, match="refused: access") as refused:
@@ -238,7 +244,7 @@ def test_memory_is_locked_while_the_torque_is_on(bus: ServoBus) -> None:
         (1060, x.Mode.POSITION, x.GOAL_PWM, round(0.4 * 885)),
     ],
 )
-def test_limits_and_watchdog_are_set(
+def test_dynamixel_setup_writes_limits_and_watchdog(
     world: World, model_number: int, mode: x.Mode, register: x.Register, value: int
 ) -> None:
     bus = ServoBus(world, model_number=model_number)
@@ -246,15 +252,15 @@ def test_limits_and_watchdog_are_set(
     gripper = on_servo(world, bus, current_limit_ma=300.0, pwm_limit_percent=40.0, watchdog_s=0.2)
     wanted = {x.OPERATING_MODE: mode, register: value, x.TORQUE_ENABLE: 1, x.BUS_WATCHDOG: 10}
     wanted[x.PROFILE_ACCELERATION] = 0
-    assert {one: bus.value(one) for one in wanted} == wanted
+    assert {written: bus.value(written) for written in wanted} == wanted
     assert math.isnan(gripper.state().current_ma) == (model_number == 1060)
     gripper.close()
     bus.close()
 
 
 @pytest.mark.parametrize("model_number", [1020, 1200])
-def test_the_current_of_closing_is_positive(model_number: int) -> None:
-    """The register is negative: positions fall as the fingers close."""
+def test_dynamixel_closing_current_is_positive(model_number: int) -> None:
+    """The register value is negative, because positions decrease as the fingers close."""
     world = world_of("rigid", "rigid-block")
     bus = ServoBus(world, model_number=model_number)
     gripper = on_servo(world, bus)
@@ -263,14 +269,16 @@ def test_the_current_of_closing_is_positive(model_number: int) -> None:
         world.clock.sleep_s(0.02)
         state = gripper.state()
     assert bus.value(x.PRESENT_CURRENT) < 0
-    # 14 mA per newton, 40 mA of the gears.
+    # 14 mA per newton, and 40 mA for the gears.
     assert 60.0 < state.current_ma < 300.0
     gripper.close()
     bus.close()
 
 
-def test_torque_is_off_while_the_mode_changes(world: World, bus: ServoBus) -> None:
-    """An earlier host left torque on in another mode, which the servo won't change."""
+def test_dynamixel_setup_switches_torque_off_to_change_the_mode(
+    world: World, bus: ServoBus
+) -> None:
+    """An earlier host has left the torque on in another mode, which locks the mode."""
     bus.set(x.OPERATING_MODE, x.Mode.POSITION)
     bus.set(x.TORQUE_ENABLE, 1)
     gripper = on_servo(world, bus)
@@ -279,7 +287,7 @@ def test_torque_is_off_while_the_mode_changes(world: World, bus: ServoBus) -> No
     gripper.close()
 
 
-def test_a_time_based_profile_is_made_one_of_velocity(world: World, bus: ServoBus) -> None:
+def test_dynamixel_setup_replaces_a_time_based_profile(world: World, bus: ServoBus) -> None:
     bus.set(x.DRIVE_MODE, x.TIME_BASED)
     gripper = on_servo(world, bus)
     assert bus.value(x.DRIVE_MODE) == 0
@@ -291,7 +299,7 @@ def test_a_time_based_profile_is_made_one_of_velocity(world: World, bus: ServoBu
     gripper.close()
 
 
-def test_a_servo_in_reverse_is_refused(world: World, bus: ServoBus) -> None:
+def test_dynamixel_in_reverse_mode_is_refused(world: World, bus: ServoBus) -> None:
     bus.set(x.DRIVE_MODE, x.REVERSE | x.TIME_BASED)
     with pytest.raises(DeviceError, match=r"turns in reverse \(DRIVE_MODE 5\).*Wizard"):
         on_servo(world, bus)
@@ -309,7 +317,7 @@ def test_a_servo_in_reverse_is_refused(world: World, bus: ServoBus) -> None:
         x.BUS_WATCHDOG,
     ],
 )
-def test_a_register_that_does_not_keep_its_value_is_refused(
+def test_dynamixel_setup_raises_if_a_register_does_not_keep_its_value(
     world: World, bus: ServoBus, register: x.Register
 ) -> None:
     bus.set(x.DRIVE_MODE, x.TIME_BASED)
@@ -318,10 +326,10 @@ def test_a_register_that_does_not_keep_its_value_is_refused(
     with pytest.raises(DeviceError, match=f"at address {register.address}, and was set to"):
         on_servo(world, bus)
     if register not in (x.TORQUE_ENABLE, x.BUS_WATCHDOG):
-        assert bus.value(x.TORQUE_ENABLE) == 0, "no torque before everything else is right"
+        assert bus.value(x.TORQUE_ENABLE) == 0, "torque must stay off until the setup is confirmed"
 
 
-def test_the_port_is_not_shared(gripper: DynamixelGripper, bus: ServoBus) -> None:
+def test_servo_line_locks_its_port(gripper: DynamixelGripper, bus: ServoBus) -> None:
     with pytest.raises(DeviceError, match=r"is in use by another program; `fuser -v"):
         ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S)
     gripper.state()
@@ -329,7 +337,7 @@ def test_the_port_is_not_shared(gripper: DynamixelGripper, bus: ServoBus) -> Non
     ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S).close()
 
 
-def test_it_gives_way_at_its_current_limit() -> None:
+def test_dynamixel_yields_at_its_current_limit() -> None:
     world = world_of("rigid", "rigid-block")
     bus = ServoBus(world)
     gripper = on_servo(world, bus, current_limit_ma=150.0)
@@ -337,21 +345,21 @@ def test_it_gives_way_at_its_current_limit() -> None:
     for _ in range(120):
         world.clock.sleep_s(0.02)
         gripper.state()
-    # 14 mA per newton and what friction adds or takes.
+    # 14 mA per newton, plus or minus friction.
     assert 4.0 < world.force_n(world.clock.now_s()) < 15.0
     assert not gripper.state().moving
     gripper.close()
     bus.close()
 
 
-def test_watchdog_stops_it_and_the_next_command_arms_it_again(
+def test_dynamixel_watchdog_stops_the_servo_until_the_next_command(
     gripper: DynamixelGripper, world: World
 ) -> None:
     close_slowly(gripper)
     for _ in range(100):
         world.clock.sleep_s(0.01)
         world.drive_value(world.clock.now_s())
-    # 0.5 s and the step in which it is seen.
+    # 0.5 s plus one time step.
     assert world.drive_value(1.0) == pytest.approx(74.0 - 0.51 * 4.4, abs=0.4)
     assert not gripper.state().moving
     gripper.stop()
@@ -359,7 +367,7 @@ def test_watchdog_stops_it_and_the_next_command_arms_it_again(
     assert gripper.state().moving
 
 
-def test_killed_process_stops_the_hand(world: World, bus: ServoBus) -> None:
+def test_dynamixel_stops_after_the_host_process_is_killed(world: World, bus: ServoBus) -> None:
     program = (
         "import sys, time; from palpate.gripper.dynamixel import open_gripper;"
         "from palpate.gripper.interface import GripperCommand;"
@@ -389,7 +397,7 @@ def test_killed_process_stops_the_hand(world: World, bus: ServoBus) -> None:
         ({"lowest_mm": 3.0}, InputError, "carriages move from 20 to 76 mm"),
     ],
 )
-def test_what_can_not_be_opened_is_one_line(
+def test_open_dynamixel_gripper_with_invalid_options_raises_one_line(
     bus: ServoBus, options: dict[str, object], error: type[Exception], words: str
 ) -> None:
     with pytest.raises(error, match=words) as raised:
@@ -398,7 +406,7 @@ def test_what_can_not_be_opened_is_one_line(
 
 
 @pytest.mark.slow
-def test_opened_by_a_rig_file(
+def test_dynamixel_gripper_is_opened_from_a_rig_file(
     world: World, bus: ServoBus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calibration = calibrate_twin(seed=5, level="lab", apart_from="strawberry")
@@ -417,7 +425,7 @@ def test_opened_by_a_rig_file(
     gripper.close()
 
 
-def test_unknown_model(world: World, bus: ServoBus) -> None:
+def test_dynamixel_unknown_model_is_refused(world: World, bus: ServoBus) -> None:
     other = ServoBus(world, model_number=0x1234)
     with pytest.raises(DeviceError, match="model number 4660, which is not supported"):
         on_servo(world, other)
@@ -440,28 +448,30 @@ def plan() -> Plan:
 
 
 @pytest.mark.slow
-def test_the_papers_method_through_the_servo(
+def test_paper_method_with_the_dynamixel_gripper_holds_and_measures(
     plan: Plan, gripper: DynamixelGripper, world: World
 ) -> None:
     calibration = calibrate_twin(seed=5, level="lab", apart_from="strawberry")
-    by_its_steps = use_paper_method(plan, Paper(), calibration=calibration)
-    result = run_grasp(by_its_steps, array=TwinArray(world), gripper=gripper, clock=world.clock)
+    paper_plan = use_paper_method(plan, Paper(), calibration=calibration)
+    result = run_grasp(paper_plan, array=TwinArray(world), gripper=gripper, clock=world.clock)
     truth = world.truth()
     assert result.outcome is Outcome.HELD
     assert result.faults == ()
-    # The width before contact: within two steps of 1 mm, as on the twin's own fingers.
+    # The tolerance of the size is two steps of 1 mm, as with the twin's own fingers.
     assert abs(result.size_mm.value - truth.size_mm) < 2.0
     assert result.settled_percent.value == pytest.approx(truth.settled_percent, rel=0.2)
     assert gripper.state().width_mm > 73.0
 
 
-def test_a_grasp_through_the_servo(plan: Plan, gripper: DynamixelGripper, world: World) -> None:
+def test_grasp_with_the_dynamixel_gripper_holds_and_measures(
+    plan: Plan, gripper: DynamixelGripper, world: World
+) -> None:
     result = run_grasp(plan, array=TwinArray(world), gripper=gripper, clock=world.clock)
     truth = world.truth()
     assert result.outcome is Outcome.HELD
     assert result.faults == ()
     assert abs(result.size_mm.value - truth.size_mm) < 1.0
-    # One draw of an interval that misses one in ten: the error itself is what can be held to.
+    # One interval in ten misses the truth, so that this test checks the error instead.
     assert abs(result.force_n.value - truth.force_n) < 0.2 * truth.force_n
     assert not truth.damaged
     assert gripper.state().width_mm > 73.0
@@ -478,7 +488,7 @@ FAULTS: dict[str, tuple[Callable[[ServoBus], None], str]] = {
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize("at_force_n", [None, 1.0])
-def test_a_fault_ends_the_grasp_at_once(
+def test_grasp_ends_at_once_after_a_servo_fault(
     plan: Plan,
     bus: ServoBus,
     gripper: DynamixelGripper,
@@ -492,8 +502,8 @@ def test_a_fault_ends_the_grasp_at_once(
 
     def striker(observation: Observation) -> None:
         now_s = world.clock.now_s()
-        late = now_s > 2.0 if at_force_n is None else world.force_n(now_s) > at_force_n
-        if late and not struck_s:
+        is_due = now_s > 2.0 if at_force_n is None else world.force_n(now_s) > at_force_n
+        if is_due and not struck_s:
             struck_s.append(now_s)
             strike(bus)
 
@@ -506,10 +516,10 @@ def test_a_fault_ends_the_grasp_at_once(
     world.clock.sleep_s(1.0)
     assert not world.is_moving(world.clock.now_s())
     if at_force_n is not None:
-        assert world.force_n(world.clock.now_s()) > 0.0, "dropping is damage too"
+        assert world.force_n(world.clock.now_s()) > 0.0, "the object must not be dropped"
 
 
-def test_torque_that_is_off_is_known_by_the_width(
+def test_grasp_detects_lost_torque_from_the_width(
     plan: Plan, bus: ServoBus, gripper: DynamixelGripper, world: World, tmp_path: Path
 ) -> None:
     struck_s: list[float] = []
@@ -523,7 +533,7 @@ def test_torque_that_is_off_is_known_by_the_width(
     result = _recorded(plan, gripper, world, path, limp)
     assert result.outcome is Outcome.GRIPPER_FAULT
     assert "is it blocked, locked or without supply?" in result.faults[0]
-    # That the hand stops reads like a touch: after a look, four half steps in a row move nothing.
+    # The stop first looks like a contact. It is detected after four half steps without movement.
     assert world.clock.now_s() - struck_s[0] <= 0.7 + 4 * 0.55
     assert len(load_recording(path).time_s) == result.frames
     assert not world.is_moving(world.clock.now_s())

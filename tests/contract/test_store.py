@@ -1,4 +1,4 @@
-"""What every store does alike: SQLite, and a real PostgreSQL server."""
+"""Contract of all stores: SQLite, and a real PostgreSQL server."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def verdict(item_id: str = "A17", *, text: str = "ripe", **others: object) -> Ve
     return Verdict(item_id=item_id, text=text, **{**fixed, **others})  # type: ignore[arg-type]
 
 
-def test_a_grasp_comes_back_as_it_went_in(store: Store) -> None:
+def test_store_returns_a_grasp_unchanged(store: Store) -> None:
     calibration_id = store.add_calibration('{"format": "a calibration"}')
     taken = replace(grasp(), calibration_id=calibration_id)
     assert store.add_grasp(taken)
@@ -78,7 +78,7 @@ def test_a_grasp_comes_back_as_it_went_in(store: Store) -> None:
     assert store.calibration(calibration_id) == '{"format": "a calibration"}'
 
 
-def test_a_grasp_with_nothing_measured_comes_back(store: Store) -> None:
+def test_store_returns_a_grasp_without_measurements(store: Store) -> None:
     bare = make_grasp(
         taken_at=MORNING,
         rig="hall.toml",
@@ -90,14 +90,14 @@ def test_a_grasp_with_nothing_measured_comes_back(store: Store) -> None:
     assert store.grasps_of("A17") == (bare,)
 
 
-def test_the_same_grasp_twice_is_kept_once(store: Store) -> None:
+def test_store_keeps_one_copy_of_a_grasp_added_twice(store: Store) -> None:
     taken = grasp()
     assert store.add_grasps([taken, taken]) == 1
     assert not store.add_grasp(taken)
     assert store.grasps_of("A17") == (taken,)
 
 
-def test_an_item_is_added_with_its_first_grasp_and_seen_no_later(store: Store) -> None:
+def test_store_item_has_the_time_of_its_first_grasp(store: Store) -> None:
     store.add_grasp(grasp())
     assert store.item("A17") == Item(item_id="A17", first_seen=MORNING)
     store.add_grasp(grasp(hours=-5))
@@ -105,7 +105,7 @@ def test_an_item_is_added_with_its_first_grasp_and_seen_no_later(store: Store) -
     assert store.item("A17").first_seen == MORNING - timedelta(hours=5)
 
 
-def test_what_is_newly_known_of_an_item_is_filled_in(store: Store) -> None:
+def test_store_fills_in_missing_data_of_an_item(store: Store) -> None:
     store.add_grasp(grasp())
     store.add_item(Item(item_id="A17", kind="avocado", batch="Monday"))
     store.add_item(Item(item_id="A17", label="the dark one"))
@@ -114,7 +114,7 @@ def test_what_is_newly_known_of_an_item_is_filled_in(store: Store) -> None:
     )
 
 
-def test_items_are_found_by_kind_and_batch(store: Store) -> None:
+def test_store_filters_items_by_kind_and_batch(store: Store) -> None:
     for number, (kind, batch) in enumerate([("kiwi", "M"), ("kiwi", "T"), ("lime", "M")]):
         seen = MORNING + timedelta(days=number)
         store.add_item(Item(item_id=f"i{number}", kind=kind, batch=batch, first_seen=seen))
@@ -129,7 +129,7 @@ def test_items_are_found_by_kind_and_batch(store: Store) -> None:
     assert [item.item_id for item in store.of_batch("M")] == ["i0", "i2"]
 
 
-def test_grasps_of_an_item_are_oldest_first(store: Store) -> None:
+def test_store_returns_the_grasps_of_an_item_oldest_first(store: Store) -> None:
     late, early = grasp(hours=48, value=2.0), grasp(hours=0, value=3.0)
     store.add_grasps([late, early, grasp("B2", hours=1)])
     found = store.grasps_of("A17")
@@ -142,7 +142,7 @@ def test_grasps_of_an_item_are_oldest_first(store: Store) -> None:
     assert found[0].angle_deg == 90.0
 
 
-def test_verdicts_come_back_as_they_went_in(store: Store) -> None:
+def test_store_returns_verdicts_unchanged(store: Store) -> None:
     taken = grasp()
     store.add_grasp(taken)
     said = verdict(
@@ -161,7 +161,7 @@ def test_verdicts_come_back_as_they_went_in(store: Store) -> None:
     assert store.verdicts_of("A17", source=Source.PERSON) == (label,)
 
 
-def test_labels_of_a_kind_are_found_over_all_items(store: Store) -> None:
+def test_store_returns_labels_of_a_kind_for_all_items(store: Store) -> None:
     for name, kind in (("a", "avocado"), ("k", "kiwi")):
         store.add_item(Item(item_id=name, kind=kind))
         store.add_verdict(verdict(name, source=Source.PERSON))
@@ -180,13 +180,17 @@ def test_labels_of_a_kind_are_found_over_all_items(store: Store) -> None:
     ],
     ids=["verdict", "grasp"],
 )
-def test_what_refers_to_nothing_is_refused_whole(store: Store, homeless: object) -> None:
+def test_store_refuses_a_record_without_its_item_and_adds_nothing(
+    store: Store, homeless: object
+) -> None:
     with pytest.raises(InputError, match="grasp or calibration that is not stored"):
         homeless(store)  # type: ignore[operator]
     assert store.items() == ()
 
 
-def test_every_grasp_is_walked_in_batches(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_store_iterates_over_all_grasps_in_batches(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("palpate.produce.store.reading._BATCH", 3)
     taken = [grasp(f"i{n % 4}", hours=n) for n in range(10)]
     store.add_grasps(taken)
@@ -197,7 +201,7 @@ def test_every_grasp_is_walked_in_batches(store: Store, monkeypatch: pytest.Monk
     assert list(store.grasps(since=since, until=until)) == taken[2:4]
 
 
-def test_histories_of_many_come_in_the_order_of_the_names(
+def test_store_returns_histories_in_the_order_of_the_names(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("palpate.produce.store.reading._MOST_VALUES", 2)
@@ -211,7 +215,7 @@ def test_histories_of_many_come_in_the_order_of_the_names(
     assert [item.item_id for item in store.find_items(names)] == ["i2", "i1", "i0"]
 
 
-def test_unknown_names_are_said(store: Store) -> None:
+def test_store_error_lists_unknown_names(store: Store) -> None:
     with pytest.raises(InputError, match="no item 'A18'; `palpate items` lists them"):
         store.item("A18")
     with pytest.raises(InputError, match="no calibration 'x'"):
@@ -219,7 +223,7 @@ def test_unknown_names_are_said(store: Store) -> None:
     assert store.grasps_of("A18") == ()
 
 
-def test_a_store_opens_again_with_what_it_held(url: str) -> None:
+def test_store_reopens_with_its_data(url: str) -> None:
     taken = grasp()
     with Store.open(url) as first:
         first.add_grasp(taken)
@@ -227,7 +231,7 @@ def test_a_store_opens_again_with_what_it_held(url: str) -> None:
         assert second.grasps_of("A17") == (taken,)
 
 
-def test_a_newer_store_is_refused(url: str, store: Store) -> None:
+def test_store_of_a_newer_version_is_refused(url: str, store: Store) -> None:
     store.items()
     engine = make_engine(store_url(url))
     with engine.begin() as connection:
@@ -237,7 +241,7 @@ def test_a_newer_store_is_refused(url: str, store: Store) -> None:
         open_and_read(url)
 
 
-def test_a_database_of_something_else_is_left_alone(url: str) -> None:
+def test_store_leaves_a_foreign_database_unchanged(url: str) -> None:
     engine = make_engine(store_url(url))
     with engine.begin() as connection:
         connection.exec_driver_sql("CREATE TABLE invoices (number INTEGER)")
@@ -247,7 +251,7 @@ def test_a_database_of_something_else_is_left_alone(url: str) -> None:
     engine.dispose()
 
 
-def test_the_tables_are_as_the_code_thinks(url: str, store: Store) -> None:
+def test_store_tables_match_the_code(url: str, store: Store) -> None:
     store.items()
     engine = make_engine(store_url(url))
     inspector = sa.inspect(engine)
@@ -261,7 +265,7 @@ def test_the_tables_are_as_the_code_thinks(url: str, store: Store) -> None:
     engine.dispose()
 
 
-def test_ids_are_uuids() -> None:
+def test_store_ids_are_uuids() -> None:
     with pytest.raises(InputError, match="not a UUID"):
         replace(grasp(), grasp_id="17")
     assert uuid.UUID(grasp().grasp_id).version == 4

@@ -1,4 +1,4 @@
-"""Resistance to counts and back stays within one step of the converter, for any divider."""
+"""Resistance to counts and back: the error is within one converter step for any divider."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from palpate.signal.circuit import (
     adc_bits=st.integers(8, 24),
     leg=st.sampled_from(["upper", "lower"]),
 )
-def test_round_trip(
+def test_counts_of_a_resistance_roundtrip_within_half_a_step(
     ratio: float,
     reference_ohm: float,
     supply_v: float,
@@ -38,13 +38,13 @@ def test_round_trip(
     counts = volts_to_counts(ohm_to_volts(ohm, divider=divider), divider=divider)
     assume(0 < counts < divider.full_scale - 1)
     step_ohm = resolution_ohm(ohm, divider=divider)
-    # Half a step, and what the curve bends within it where steps are coarse.
-    share = min(counts, divider.full_scale - counts)
-    assert abs(resistance_ohm(counts, divider=divider) - ohm) <= 0.5 * step_ohm * (1 + 1 / share)
+    # Half a step, plus the curvature within a coarse step.
+    distance = min(counts, divider.full_scale - counts)
+    assert abs(resistance_ohm(counts, divider=divider) - ohm) <= 0.5 * step_ohm * (1 + 1 / distance)
 
 
 @given(counts=st.lists(st.integers(1, 1022), min_size=2, max_size=20, unique=True))
-def test_more_resistance_always_moves_the_reading_one_way(counts: list[int]) -> None:
+def test_resistance_ohm_is_monotonic_in_counts(counts: list[int]) -> None:
     ordered = np.sort(counts)
     assert np.all(np.diff(resistance_ohm(ordered, divider=Divider())) < 0)
     assert np.all(np.diff(resistance_ohm(ordered, divider=Divider(taxel_leg="lower"))) > 0)

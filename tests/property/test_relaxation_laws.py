@@ -1,4 +1,4 @@
-"""Laws of the relaxation predictor: no unit, never NaN, nothing positive turned negative."""
+"""Properties of the relaxation predictor: equivariance, finite values, preserved sign."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ METHOD = Relaxation()
 
 @st.composite
 def settling_holds(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
-    """Noisy holds on uneven grids, falling or rising."""
+    """Draw noisy holds with uneven sampling."""
     seed = draw(st.integers(0, 2**31))
     rng = np.random.default_rng(seed)
     n_times = draw(st.integers(2, 60))
@@ -27,7 +27,7 @@ def settling_holds(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
 
 @settings(max_examples=60, deadline=None)
 @given(settling_holds(), st.floats(1e-3, 1e3))
-def test_the_scale_of_positive_values_drops_out(
+def test_relaxation_of_positive_values_is_equivariant_to_scale(
     hold: tuple[np.ndarray, np.ndarray], scale: float
 ) -> None:
     time_s, values = hold
@@ -44,7 +44,7 @@ def test_the_scale_of_positive_values_drops_out(
 @given(
     settling_holds(), st.floats(1e-3, 1e3), st.sampled_from([-1.0, 1.0]), st.floats(-1e3, -100.0)
 )
-def test_scale_sign_and_zero_of_other_values_drop_out(
+def test_relaxation_of_signed_values_is_equivariant_to_scale_sign_and_offset(
     hold: tuple[np.ndarray, np.ndarray], scale: float, sign: float, shift: float
 ) -> None:
     time_s, values = hold
@@ -54,11 +54,11 @@ def test_scale_sign_and_zero_of_other_values_drop_out(
         time_s, scale * (sign * values[None] + shift), horizon_s=40.0, level=0.9
     ).hold(0)
     ends = sorted([sign * plain.low + shift, sign * plain.high + shift])
-    # What remains is rounding: the shift may be a million times the drop.
-    slack = 1e-5 * (plain.high - plain.low) + 1e-9 * abs(shift)
-    assert abs(moved.value / scale - (sign * plain.value + shift)) <= slack
-    assert abs(moved.low / scale - ends[0]) <= 10 * slack
-    assert abs(moved.high / scale - ends[1]) <= 10 * slack
+    # Tolerance for rounding, because the shift can be a million times the drop.
+    tolerance = 1e-5 * (plain.high - plain.low) + 1e-9 * abs(shift)
+    assert abs(moved.value / scale - (sign * plain.value + shift)) <= tolerance
+    assert abs(moved.low / scale - ends[0]) <= 10 * tolerance
+    assert abs(moved.high / scale - ends[1]) <= 10 * tolerance
     assert moved.status is plain.status
 
 
@@ -71,7 +71,7 @@ def test_scale_sign_and_zero_of_other_values_drop_out(
         )
     ),
 )
-def test_nothing_positive_is_predicted_at_or_below_zero(
+def test_relaxation_of_positive_values_predicts_positive_values(
     drawn: tuple[np.ndarray, np.ndarray],
 ) -> None:
     values, steps = drawn
@@ -91,7 +91,7 @@ def test_nothing_positive_is_predicted_at_or_below_zero(
     st.floats(0.01, 0.99),
 )
 @example(drawn=(np.array([[1.6e-35, 69.0], [69.0, 1.6e-35]]), np.array([0.01, 0.01])), level=0.5)
-def test_always_finite_and_inside_its_interval(
+def test_relaxation_is_finite_and_inside_its_interval(
     drawn: tuple[np.ndarray, np.ndarray], level: float
 ) -> None:
     values, steps = drawn

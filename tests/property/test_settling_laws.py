@@ -1,4 +1,4 @@
-"""Laws that the published methods keep: nothing hangs on unit, sign or where zero lies."""
+"""Properties of the published methods: independence of unit, sign and offset."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ METHODS = [Recorded(), Exponential(), LogLaw()]
 
 @st.composite
 def holds(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
-    """Return uneven times and holds that decay, creep, rest or do neither."""
+    """Draw unevenly sampled holds: decay, creep, random walk or constant."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     n_times = draw(st.integers(2, 60))
     time_s = np.cumsum(rng.uniform(0.02, 0.2, n_times))
@@ -38,7 +38,9 @@ def predict(method, time_s: np.ndarray, values: np.ndarray):
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
 @settings(max_examples=40, deadline=None)
 @given(hold=holds(), power=st.integers(-20, 20))
-def test_scale_and_sign_are_exact(method, hold, power: int) -> None:
+def test_published_methods_are_exactly_equivariant_to_scale_and_sign(
+    method, hold, power: int
+) -> None:
     """A power of two and a sign cause no rounding, so results are identical."""
     time_s, values = hold
     plain = predict(method, time_s, values)
@@ -51,10 +53,10 @@ def test_scale_and_sign_are_exact(method, hold, power: int) -> None:
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
 @settings(max_examples=40, deadline=None)
 @given(hold=holds(), shift=st.sampled_from([-100.0, -1.0, 64.0, 4096.0]))
-def test_zero_may_lie_anywhere(method, hold, shift: float) -> None:
-    """Equal up to rounding of the sum; a changed status must be a borderline one."""
+def test_published_methods_are_equivariant_to_an_offset(method, hold, shift: float) -> None:
+    """The values are equal up to rounding, and the statuses are equal."""
     time_s, values = hold
-    # Rounded to a grid that the shift can't disturb, the sum is exact.
+    # On this grid the sum of value and shift is exact.
     values = np.round(values * 2**20) / 2**20
     plain, shifted = predict(method, time_s, values), predict(method, time_s, values + shift)
     assert shifted.status.tolist() == plain.status.tolist()
@@ -64,6 +66,6 @@ def test_zero_may_lie_anywhere(method, hold, shift: float) -> None:
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
 @settings(max_examples=40, deadline=None)
 @given(hold=holds())
-def test_predictions_are_always_finite(method, hold) -> None:
+def test_published_methods_predict_finite_values(method, hold) -> None:
     time_s, values = hold
     assert np.isfinite(predict(method, time_s, values).value).all()

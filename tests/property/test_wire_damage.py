@@ -1,7 +1,7 @@
-"""The decoder on damaged bytes accepts only sent messages and soon resynchronises.
+"""On damaged bytes the decoder accepts only sent messages and resynchronizes quickly.
 
-`PALPATE_FULL=1` runs every change, deletion and insertion in 200 frames, 100 000 random ones of
-each length and a million fuzzed pieces (ten minutes); otherwise a fixed share of them.
+`PALPATE_FULL=1` runs every change, deletion and insertion in 200 frames, 100 000 random changes of
+each length and a million fuzzed chunks (ten minutes). Otherwise a fixed fraction is run.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def _key(message: BoardMessage) -> tuple[int, int, bytes]:
 def _check(
     data: bytes, *, around: list[bytes], hit: int, true: set[tuple[int, int, bytes]]
 ) -> None:
-    """Everything accepted is true; at most two frames go missing, and each is counted."""
+    """Check that accepted frames were sent, and that at most two are lost and counted."""
     decoder = Decoder()
     got = [_key(message) for message in decoder.feed(data)]
     assert set(got) <= true
@@ -55,7 +55,7 @@ def _check(
     assert len(got) >= len(around) - 2
     missing = [n for n in range(got[0][0], got[-1][0] + 1) if n not in {key[0] for key in got}]
     assert decoder.counters.lost == len(missing)
-    assert got[-1][0] == hit + AROUND, "the frames after the damage must be back in step"
+    assert got[-1][0] == hit + AROUND, "the decoder must resynchronize after the damage"
 
 
 def _variants(frame: bytes, *, every: int, offset: int) -> list[bytes]:
@@ -73,7 +73,7 @@ def _variants(frame: bytes, *, every: int, offset: int) -> list[bytes]:
 
 
 @pytest.mark.slow
-def test_every_single_byte_change_deletion_and_insertion() -> None:
+def test_decoder_rejects_every_single_byte_change_deletion_or_insertion() -> None:
     frames = _sent(200 + 2 * AROUND)
     true = {_key(message) for message in Decoder().feed(b"".join(frames))}
     tried = 0
@@ -88,7 +88,7 @@ def test_every_single_byte_change_deletion_and_insertion() -> None:
 
 
 @pytest.mark.parametrize("burst", [1, 4, 40])
-def test_random_damage_in_a_long_stream(burst: int) -> None:
+def test_decoder_counts_losses_from_random_damage_in_a_long_stream(burst: int) -> None:
     frames = _sent(400_000 if FULL else 5000, seed=burst)
     true = {_key(message) for message in Decoder().feed(b"".join(frames))}
     chance = random.Random(burst)
@@ -109,7 +109,7 @@ def test_random_damage_in_a_long_stream(burst: int) -> None:
     assert len(got) == len(set(got)) == counters.frames
     assert counters.lost == got[-1][0] - got[0][0] + 1 - len(got)
     assert hits > (100_000 if FULL else 1000)
-    # Back in step: a hit costs the frames that it touches, and the one that it joins them to.
+    # Each damage loses the affected frames and the frame merged with them.
     assert counters.corrupt <= counters.lost + hits
     assert 0 < counters.lost <= hits * (2 + burst // len(frames[0]))
 
@@ -117,7 +117,7 @@ def test_random_damage_in_a_long_stream(burst: int) -> None:
 @pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(st.data())
-def test_any_chunking_gives_the_same(data: st.DataObject) -> None:
+def test_decoder_result_does_not_depend_on_the_chunks(data: st.DataObject) -> None:
     stream = b"\x07garbage\0" + b"".join(_sent(12))
     cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=30)))
     whole, pieces = Decoder(), Decoder()
@@ -132,14 +132,14 @@ def test_any_chunking_gives_the_same(data: st.DataObject) -> None:
 
 @settings(max_examples=300, deadline=None)
 @given(st.binary(max_size=1200))
-def test_stuffing_round_trip(data: bytes) -> None:
+def test_stuff_roundtrips_any_bytes_without_zeros(data: bytes) -> None:
     stuffed = stuff(data)
     assert 0 not in stuffed
     assert unstuff(stuffed) == data
     assert len(stuffed) <= len(data) + 1 + len(data) // 254
 
 
-def test_random_bytes_neither_crash_nor_pile_up() -> None:
+def test_decoder_accepts_no_frame_from_random_bytes() -> None:
     chance = random.Random(5)
     decoder = Decoder()
     frames = _sent(50)
@@ -152,10 +152,10 @@ def test_random_bytes_neither_crash_nor_pile_up() -> None:
             piece = bytes(mutated)
         decoder.feed(piece)
     assert decoder.counters.corrupt > 1000
-    assert decoder.counters.frames == 0, "not one whole frame was sent"
+    assert decoder.counters.frames == 0, "no complete frame was sent"
 
 
-def test_memory_is_bounded_without_a_zero() -> None:
+def test_decoder_memory_is_bounded_without_a_zero() -> None:
     decoder = Decoder()
     for _ in range(1000):
         decoder.feed(b"\x55" * 1000)
@@ -173,7 +173,7 @@ def test_memory_is_bounded_without_a_zero() -> None:
     pressure=st.none() | st.integers(0, 50_000),
     seed=st.integers(0, 2**32 - 1),
 )
-def test_frames_round_trip(
+def test_frame_messages_roundtrip_through_encoder_and_decoder(
     rows: int, cols: int, oversampling: int, loads: bool, pressure: int | None, seed: int
 ) -> None:
     rng = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""The crank that turns a servo's angle into an opening."""
+"""Conversion between servo angle and finger opening of the slider-crank."""
 
 from __future__ import annotations
 
@@ -20,12 +20,14 @@ mechanisms = st.builds(
 
 
 @given(fingers=mechanisms, angle=angles)
-def test_there_and_back(fingers: CrankFingers, angle: float) -> None:
+def test_crank_fingers_angle_of_width_roundtrips(fingers: CrankFingers, angle: float) -> None:
     assert fingers.angle_rad(fingers.width_mm(angle)) == pytest.approx(angle, abs=1e-5)
 
 
 @given(fingers=mechanisms, angle=angles)
-def test_slope_is_the_derivative(fingers: CrankFingers, angle: float) -> None:
+def test_crank_fingers_slope_equals_the_numerical_derivative(
+    fingers: CrankFingers, angle: float
+) -> None:
     step = 1e-6
     numeric = (fingers.width_mm(angle + step) - fingers.width_mm(angle - step)) / (2 * step)
     width = fingers.width_mm(angle)
@@ -33,13 +35,15 @@ def test_slope_is_the_derivative(fingers: CrankFingers, angle: float) -> None:
 
 
 @given(fingers=mechanisms, one=angles, other=angles)
-def test_no_way_is_steeper_than_said(fingers: CrankFingers, one: float, other: float) -> None:
+def test_crank_fingers_maximum_slope_bounds_any_movement(
+    fingers: CrankFingers, one: float, other: float
+) -> None:
     first, last = fingers.width_mm(one), fingers.width_mm(other)
-    steepest = fingers.max_mm_per_rad(first, last)
-    assert abs(first - last) <= steepest * abs(one - other) * 1.05 + 1e-6
+    max_slope = fingers.max_mm_per_rad(first, last)
+    assert abs(first - last) <= max_slope * abs(one - other) * 1.05 + 1e-6
 
 
-def test_widowx_opens_as_its_description_says() -> None:
+def test_crank_fingers_default_has_the_range_of_the_widowx() -> None:
     fingers = CrankFingers()
     assert fingers.range_mm == (20.0, 76.0)
     assert fingers.width_mm(0.0) == pytest.approx(2 * math.sqrt(24**2 - 14**2))

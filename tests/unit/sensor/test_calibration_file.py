@@ -1,4 +1,4 @@
-"""The calibration file: round trip, and one clear line for whatever is wrong with it."""
+"""The calibration file: round trip, and one-line errors for invalid files."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ def calibration() -> Calibration:
     )
 
 
-def test_saved_calibration_reads_back_equal(calibration: Calibration, tmp_path: Path) -> None:
+def test_calibration_save_and_load_roundtrips(calibration: Calibration, tmp_path: Path) -> None:
     path = tmp_path / "pad.json"
     calibration.save(path)
     assert Calibration.load(path) == calibration
     assert '"excess": [0.5, 0.7, 1.5, 2.1]' in path.read_text()
 
 
-def test_text_of_a_recording_is_read_like_a_file(calibration: Calibration) -> None:
+def test_calibration_text_from_a_recording_reads_back_equal(calibration: Calibration) -> None:
     text = calibration.as_text()
     assert Calibration.from_text(text) == calibration
     with pytest.raises(CalibrationError, match=r"grasp\.mcap: not whole JSON") as caught:
@@ -50,7 +50,9 @@ def test_text_of_a_recording_is_read_like_a_file(calibration: Calibration) -> No
         Calibration.from_text("[]")
 
 
-def test_calibration_file_cut_in_half_is_refused(calibration: Calibration, tmp_path: Path) -> None:
+def test_calibration_load_of_a_truncated_file_raises(
+    calibration: Calibration, tmp_path: Path
+) -> None:
     path = tmp_path / "pad.json"
     text = calibration.as_text()
     path.write_text(text[: len(text) // 2])
@@ -59,14 +61,15 @@ def test_calibration_file_cut_in_half_is_refused(calibration: Calibration, tmp_p
     assert "\n" not in str(caught.value)
 
 
-def test_calibration_file_of_random_bytes_is_refused(tmp_path: Path) -> None:
+def test_calibration_load_of_binary_data_raises(tmp_path: Path) -> None:
     path = tmp_path / "pad.json"
     path.write_bytes(bytes(range(128, 256)))
     with pytest.raises(CalibrationError, match="not whole JSON"):
         Calibration.load(path)
 
 
-def edited(calibration: Calibration, path: Path, **changes: object) -> Path:
+def write_changed(calibration: Calibration, path: Path, **changes: object) -> Path:
+    """Write the calibration with changed keys; None removes a key."""
     document = json.loads(calibration.as_text())
     for key, value in changes.items():
         if value is None:
@@ -91,17 +94,19 @@ def edited(calibration: Calibration, path: Path, **changes: object) -> Path:
         ({"made_at": "yesterday"}, "made_at is 'yesterday'; it must be a date such as"),
     ],
 )
-def test_calibration_file_with_a_fault_is_refused_by_its_name(
+def test_calibration_file_with_an_invalid_value_raises_an_error_that_names_it(
     calibration: Calibration, tmp_path: Path, changes: dict[str, object], message: str
 ) -> None:
-    path = edited(calibration, tmp_path / "pad.json", **changes)
+    path = write_changed(calibration, tmp_path / "pad.json", **changes)
     with pytest.raises(CalibrationError, match=message) as caught:
         Calibration.load(path)
     assert "pad.json" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_refused_calibration_leaves_the_old_file(calibration: Calibration, tmp_path: Path) -> None:
+def test_failed_calibration_save_leaves_the_old_file_unchanged(
+    calibration: Calibration, tmp_path: Path
+) -> None:
     path = tmp_path / "pad.json"
     calibration.save(path)
     before = path.read_bytes()
@@ -111,7 +116,7 @@ def test_refused_calibration_leaves_the_old_file(calibration: Calibration, tmp_p
     assert [p.name for p in tmp_path.iterdir()] == ["pad.json"]
 
 
-def test_disconnected_load_cell_is_refused() -> None:
+def test_force_pairs_with_constant_reference_force_are_refused() -> None:
     with pytest.raises(CalibrationError, match="load cell connected"):
         ForcePairs(
             run=(0,) * 4,
@@ -123,7 +128,7 @@ def test_disconnected_load_cell_is_refused() -> None:
 
 
 @pytest.mark.parametrize("ohm", [0.0, -1.0, float("nan")])
-def test_a_rest_value_that_is_no_resistance_is_refused(
+def test_calibration_with_a_nonpositive_rest_value_is_refused(
     calibration: Calibration, ohm: float
 ) -> None:
     rest = RestValues(
@@ -136,7 +141,7 @@ def test_a_rest_value_that_is_no_resistance_is_refused(
 
 
 @pytest.mark.parametrize("version", [1, 2])
-def test_older_versions_are_read_without_unused_fields(
+def test_calibration_files_of_older_versions_are_read_without_obsolete_keys(
     calibration: Calibration, tmp_path: Path, version: int
 ) -> None:
     path = tmp_path / "pad.json"

@@ -1,4 +1,4 @@
-"""The board's clock followed from arrivals alone."""
+"""`DeviceClock`: host times of frames from their arrival times."""
 
 from __future__ import annotations
 
@@ -13,48 +13,48 @@ from palpate.sensor.device_clock import DeviceClock
 Floats = NDArray[np.float64]
 
 
-def follow(device_s: Floats, arrival_s: Floats, clock: DeviceClock | None = None) -> Floats:
+def convert(device_s: Floats, arrival_s: Floats, clock: DeviceClock | None = None) -> Floats:
     clock = clock or DeviceClock()
     pairs = zip(device_s, arrival_s, strict=True)
     return np.array([clock.to_host_s(float(d), arrival_s=float(a)) for d, a in pairs])
 
 
-def test_a_minute_of_jitter_leaves_less_than_a_millisecond() -> None:
+def test_device_clock_with_jittered_arrivals_is_accurate_to_one_millisecond() -> None:
     rng = np.random.default_rng(0)
     device_s = np.arange(15_000) * 0.004
     scanned_s = 50.0 + device_s * 1.003
     arrival_s = np.maximum.accumulate(scanned_s + 0.001 + rng.exponential(0.004, len(device_s)))
-    error_s = follow(device_s, arrival_s) - scanned_s - 0.001
+    error_s = convert(device_s, arrival_s) - scanned_s - 0.001
     assert np.abs(error_s[2500:]).max() < 1e-3
 
 
-def test_a_stall_of_the_host_moves_nothing() -> None:
+def test_device_clock_is_unaffected_by_a_host_stall() -> None:
     device_s = np.arange(10_000) * 0.004
     arrival_s = 50.0 + device_s
     stalled = (device_s > 20) & (device_s < 25)
     arrival_s[stalled] = 75.0
-    assert follow(device_s, arrival_s) == pytest.approx(50.0 + device_s, abs=1e-6)
+    assert convert(device_s, arrival_s) == pytest.approx(50.0 + device_s, abs=1e-6)
 
 
-def test_a_stall_at_the_start_is_no_drift() -> None:
+def test_device_clock_does_not_interpret_an_initial_stall_as_drift() -> None:
     device_s = np.arange(1000) * 0.004
     arrival_s = np.maximum(50.0 + device_s, 51.0)
     clock = DeviceClock()
-    host_s = follow(device_s, arrival_s, clock)
+    host_s = convert(device_s, arrival_s, clock)
     assert host_s[300:] == pytest.approx(50.0 + device_s[300:], abs=1e-6)
     assert clock.drift_ppm == pytest.approx(0.0, abs=1.0)
 
 
-def test_corrected_drift_keeps_time_rising() -> None:
+def test_device_clock_time_does_not_decrease_after_a_drift_correction() -> None:
     device_s = np.arange(850) * 0.002
     delay_s = np.where(device_s < 0.5, 0.0, np.where(device_s < 1.0, 0.0045, 0.020))
     delay_s[500:503] = (0.0025, 0.0005, 0.0)
-    host_s = follow(device_s, device_s + delay_s)
+    host_s = convert(device_s, device_s + delay_s)
     assert np.diff(host_s).min() >= 0.0
     assert host_s[-1] == pytest.approx(device_s[-1], abs=2e-3)
 
 
-def test_smaller_delay_leaves_earlier_times_unchanged() -> None:
+def test_device_clock_never_returns_a_time_before_not_before_s() -> None:
     clock = DeviceClock(floor_s=0.01, not_before_s=7.5)
     assert clock.to_host_s(1.0, arrival_s=7.4) == 7.5
     assert clock.to_host_s(2.0, arrival_s=8.4) == pytest.approx(8.39)
@@ -62,13 +62,11 @@ def test_smaller_delay_leaves_earlier_times_unchanged() -> None:
 
 @settings(max_examples=50, deadline=None)
 @given(seed=st.integers(0, 10_000), drift=st.floats(-0.005, 0.005))
-def test_frames_are_never_later_than_their_arrival_nor_out_of_order(
-    seed: int, drift: float
-) -> None:
+def test_device_clock_times_are_ordered_and_not_after_arrival(seed: int, drift: float) -> None:
     rng = np.random.default_rng(seed)
     device_s = np.cumsum(rng.exponential(0.01, 600))
     delay_s = rng.exponential(0.01, 600) * rng.choice([1, 10], 600)
     arrival_s = np.maximum.accumulate(3.0 + device_s * (1 + drift) + delay_s)
-    host_s = follow(device_s, arrival_s)
+    host_s = convert(device_s, arrival_s)
     assert np.all(host_s <= arrival_s + 1e-9)
     assert np.all(np.diff(host_s) >= 0)

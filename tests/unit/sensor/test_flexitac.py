@@ -1,4 +1,4 @@
-"""FlexiTac's frames over a real pseudo-terminal against a manual clock."""
+"""FlexiTac's frames over a real pseudo-terminal, with a manual clock."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def board(clock: SendingClock) -> SendingBoard:
     return SendingBoard(clock, layout=FLEXITAC, encode=marked)
 
 
-def test_every_byte_arrives_as_a_count(board: SendingBoard) -> None:
+def test_flexitac_frame_counts_equal_the_sent_bytes(board: SendingBoard) -> None:
     sent = []
     board.spoil = lambda _, data: sent.append(data) or data
     array = board.array(FlexitacDecoder(rows=12))
@@ -36,7 +36,7 @@ def test_every_byte_arrives_as_a_count(board: SendingBoard) -> None:
     assert (counters.frames, counters.lost, counters.corrupt) == (100, 0, 0)
 
 
-def test_a_marker_among_the_pixels_begins_no_frame(board: SendingBoard) -> None:
+def test_flexitac_marker_bytes_inside_a_frame_do_not_start_a_frame(board: SendingBoard) -> None:
     board.spoil = lambda _, data: data[:100] + b"\xaa\x55" + data[102:]
     array = board.array(FlexitacDecoder(rows=12))
     for _ in range(100):
@@ -56,7 +56,7 @@ def test_a_marker_among_the_pixels_begins_no_frame(board: SendingBoard) -> None:
         (lambda data: b"\xaa\x55" + data, 1, 0),
     ],
 )
-def test_a_lost_or_torn_frame_is_counted(
+def test_flexitac_lost_or_damaged_frame_is_counted(
     board: SendingBoard, spoilt: Callable[[bytes], bytes], rejected: int, lost: int
 ) -> None:
     board.spoil = lambda number, data: spoilt(data) if number in (80, 120) else data
@@ -70,7 +70,7 @@ def test_a_lost_or_torn_frame_is_counted(
 @pytest.mark.parametrize(
     ("rows", "garbage"), [(16, False), (12, True)], ids=["other rows", "other baud rate"]
 )
-def test_frames_of_another_size_name_rows_and_baud_in_the_error(
+def test_flexitac_frames_of_wrong_size_raise_an_error_that_names_rows_and_baud(
     board: SendingBoard, rows: int, garbage: bool
 ) -> None:
     if garbage:
@@ -80,7 +80,7 @@ def test_frames_of_another_size_name_rows_and_baud_in_the_error(
         board.array(FlexitacDecoder(rows=rows))
 
 
-def test_options_that_do_not_fit_are_refused(board: SendingBoard) -> None:
+def test_open_flexitac_board_with_invalid_options_raises(board: SendingBoard) -> None:
     with pytest.raises(InputError, match="sends 1 to 16"):
         open_board(port=board.port, rows=17)
     with pytest.raises(InputError, match="above 0 ohm"):

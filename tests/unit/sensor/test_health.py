@@ -1,4 +1,4 @@
-"""The health check on twin frames with injected faults, and on healthy twins."""
+"""The health check on frames of the twin, with and without injected faults."""
 
 from __future__ import annotations
 
@@ -26,31 +26,31 @@ RATE_HZ = 15.0
 def twin_rest(
     seed: int, level: str = "lab", gripper: str = "rigid"
 ) -> tuple[FrameColumns, ArrayLayout]:
-    """Ten seconds of a twin that nothing touches."""
+    """Return ten seconds of frames without contact."""
     world = World(None, seed=seed, level=level, gripper="soft" if gripper == "soft" else "rigid")
     array = TwinArray(world)
     return FrameColumns.from_frames([array.read(timeout_s=1.0) for _ in range(150)]), world.layout
 
 
-def changed(stretch: FrameColumns, counts: np.ndarray) -> FrameColumns:
+def replace_counts(stretch: FrameColumns, counts: np.ndarray) -> FrameColumns:
     return FrameColumns(time_s=stretch.time_s, sequence=stretch.sequence, counts=counts)
 
 
 def with_factor(
     stretch: FrameColumns, layout: ArrayLayout, pixel: tuple[int, int], factor: np.ndarray
 ):
-    """The stretch with one pixel's resistance times a factor over time."""
+    """Multiply one pixel's resistance by a factor for each frame."""
     ohm = stretch.ohm(layout=layout)[:, *pixel] * factor
     counts = stretch.counts.copy()
     volts = ohm_to_volts(ohm, divider=layout.divider)
     counts[:, *pixel] = volts_to_counts(volts, divider=layout.divider)
-    return changed(stretch, counts)
+    return replace_counts(stretch, counts)
 
 
 def with_counts(stretch: FrameColumns, pixel: tuple, value: object) -> FrameColumns:
     counts = stretch.counts.copy()
     counts[(slice(None), *pixel)] = value
-    return changed(stretch, counts)
+    return replace_counts(stretch, counts)
 
 
 def codes(health: Health) -> list[tuple[str, str]]:
@@ -58,7 +58,7 @@ def codes(health: Health) -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize(("value", "code"), [(0, "open"), (1023, "short")], ids=["open", "short"])
-def test_dead_pixel_is_found(value: int, code: str) -> None:
+def test_health_check_reports_an_open_or_short_pixel(value: int, code: str) -> None:
     stretch, layout = twin_rest(1)
     health = check_health(with_counts(stretch, (2, 1), value), layout=layout)
     assert codes(health) == [(code, "R2 C1")]
@@ -67,7 +67,7 @@ def test_dead_pixel_is_found(value: int, code: str) -> None:
 
 @pytest.mark.parametrize(("end", "code"), [(0, "open"), (1023, "short")])
 @pytest.mark.parametrize("oversampling", [1, 16])
-def test_the_converters_noise_does_not_hide_a_dead_pixel(
+def test_health_check_reports_a_dead_pixel_despite_converter_noise(
     end: int, code: str, oversampling: int
 ) -> None:
     stretch, layout = twin_rest(1)
@@ -88,10 +88,10 @@ def test_the_converters_noise_does_not_hide_a_dead_pixel(
     [(1.0, set()), (1e6, {"open", "faint"}), (1e-6, {"short"})],
     ids=["healthy", "open", "short"],
 )
-def test_bad_pixel_behind_floating_lines_is_the_only_finding(
+def test_health_check_with_floating_lines_reports_only_the_bad_pixel(
     factor: float, found: set[str]
 ) -> None:
-    """Current flows around an open pixel: it may read faint, but nothing else is blamed."""
+    """Parallel paths can make an open pixel read faint; no other pixel is reported."""
     bare = replace(RIGID_LAYOUT, idle_lines="floating")
     rng = np.random.default_rng(4)
     for seed in range(6):
@@ -100,7 +100,7 @@ def test_bad_pixel_behind_floating_lines_is_the_only_finding(
         read = floating_readings_ohm(rest_ohm * rng.normal(1.0, 0.0015, (150, 4, 2)))
         volts, noise = ohm_to_volts(read, divider=bare.divider), rng.normal(0, 0.3, read.shape)
         counts = volts_to_counts(volts, divider=bare.divider, noise_counts=noise)
-        health = check_health(changed(twin_rest(1)[0], counts), layout=bare)
+        health = check_health(replace_counts(twin_rest(1)[0], counts), layout=bare)
         assert {where for _, where in codes(health)} == ({"R2 C1"} if found else set())
         assert {code for code, _ in codes(health)} <= found
 
@@ -110,12 +110,12 @@ def test_bad_pixel_behind_floating_lines_is_the_only_finding(
     [((2,), "row R2"), ((slice(None), 1), "column C1"), ((), "every pixel")],
     ids=["row", "column", "all"],
 )
-def test_dead_lines_are_named_once(pixels: tuple, where: str) -> None:
+def test_health_check_reports_a_dead_line_as_one_finding(pixels: tuple, where: str) -> None:
     stretch, layout = twin_rest(1)
     assert codes(check_health(with_counts(stretch, pixels, 0), layout=layout)) == [("open", where)]
 
 
-def test_open_pixel_in_the_lower_leg_is_found() -> None:
+def test_health_check_reports_an_open_pixel_in_the_lower_leg() -> None:
     layout = ArrayLayout(
         name="pair", rows=1, cols=2, finger_of_row=(0,), divider=Divider(taxel_leg="lower")
     )
@@ -125,21 +125,21 @@ def test_open_pixel_in_the_lower_leg_is_found() -> None:
     assert codes(check_health(rest, layout=layout)) == [("open", "R0 C1")]
 
 
-def test_constant_pixel_among_changing_ones_is_stuck() -> None:
+def test_health_check_reports_a_constant_pixel_among_noisy_pixels_as_stuck() -> None:
     stretch, layout = twin_rest(2)
     middle = int(np.median(stretch.counts[:, 1, 0]))
     health = check_health(with_counts(stretch, (1, 0), middle), layout=layout)
     assert codes(health) == [("stuck", "R1 C0")]
 
 
-def test_noise_free_converter_reports_no_stuck_pixel() -> None:
-    """Where the noise is far below a count, standing still is what healthy pixels do."""
+def test_health_check_without_noise_reports_no_stuck_pixel() -> None:
+    """With noise far below one count, healthy pixels are constant."""
     stretch, layout = twin_rest(2)
     counts = np.broadcast_to(stretch.counts[0], stretch.counts.shape)
-    assert check_health(changed(stretch, counts), layout=layout).is_healthy
+    assert check_health(replace_counts(stretch, counts), layout=layout).is_healthy
 
 
-def test_noisy_pixel_is_found() -> None:
+def test_health_check_reports_a_noisy_pixel() -> None:
     stretch, layout = twin_rest(3)
     noise = np.random.default_rng(5).normal(1.0, 0.04, 150)
     health = check_health(with_factor(stretch, layout, (3, 0), noise), layout=layout)
@@ -147,14 +147,14 @@ def test_noisy_pixel_is_found() -> None:
     assert health.pixels.noise_percent[3, 0] == pytest.approx(4.0, rel=0.2)
 
 
-def test_drifting_pixel_is_found() -> None:
+def test_health_check_reports_a_drifting_pixel() -> None:
     stretch, layout = twin_rest(4)
     ramp = np.linspace(1.0, 0.93, 150)
     health = check_health(with_factor(stretch, layout, (0, 1), ramp), layout=layout)
     assert codes(health) == [("drifting", "R0 C1")]
 
 
-def test_loose_pixel_that_drops_out_is_found() -> None:
+def test_health_check_reports_a_pixel_with_dropouts_as_loose() -> None:
     stretch, layout = twin_rest(5)
     factor = np.ones(150)
     factor[[30, 31, 80, 120]] = 1e7
@@ -162,14 +162,14 @@ def test_loose_pixel_that_drops_out_is_found() -> None:
     assert codes(health) == [("loose", "R1 C1")]
 
 
-def test_faint_pixel_is_found() -> None:
+def test_health_check_reports_a_pixel_with_high_resistance_as_faint() -> None:
     stretch, layout = twin_rest(6)
     health = check_health(with_factor(stretch, layout, (2, 0), np.full(150, 15.0)), layout=layout)
     assert codes(health) == [("faint", "R2 C0")]
 
 
-def test_pixel_far_from_its_calibration_is_found() -> None:
-    """What all pixels share is climate; one that differs from them has changed."""
+def test_health_check_reports_a_pixel_that_differs_from_its_calibration() -> None:
+    """A change of all pixels is climate; a change of one pixel is a fault."""
     stretch, layout = twin_rest(7)
     known = 0.9 * stretch.rest_ohm(layout=layout)
     assert check_health(stretch, layout=layout, known_ohm=known).is_healthy
@@ -178,22 +178,22 @@ def test_pixel_far_from_its_calibration_is_found() -> None:
     assert codes(health) == [("changed", "R0 C0")]
 
 
-def test_a_touched_sensor_is_not_at_rest() -> None:
+def test_health_check_of_a_touched_sensor_reports_unrest() -> None:
     stretch, layout = twin_rest(8)
     counts = stretch.counts.copy()
     counts[75:] = np.minimum(counts[75:] * 2, 1000)
-    health = check_health(changed(stretch, counts), layout=layout)
+    health = check_health(replace_counts(stretch, counts), layout=layout)
     assert codes(health) == [("unrest", "sensor")]
 
 
-def test_load_during_the_check_is_detected_by_the_calibration() -> None:
+def test_health_check_detects_a_steady_load_from_the_calibrated_rest_values() -> None:
     stretch, layout = twin_rest(8)
     known = 1.5 * stretch.rest_ohm(layout=layout)
     health = check_health(stretch, layout=layout, known_ohm=known)
     assert codes(health) == [("unrest", "sensor")]
 
 
-def test_lost_frames_are_counted() -> None:
+def test_health_check_reports_lost_frames() -> None:
     stretch, layout = twin_rest(9)
     kept = np.delete(np.arange(150), [40, 41, 90])
     health = check_health(
@@ -210,7 +210,7 @@ def test_lost_frames_are_counted() -> None:
     assert health.link.rate_hz == pytest.approx(RATE_HZ)
 
 
-def test_link_faults_are_found() -> None:
+def test_health_check_reports_each_link_fault_with_its_severity() -> None:
     stretch, layout = twin_rest(10)
     shaken = stretch.time_s + np.random.default_rng(2).uniform(0, 0.03, 150)
     counters = LinkCounters(corrupt=5, late=2, restarts=1, drift_ppm=-7000.0)
@@ -231,7 +231,7 @@ def test_link_faults_are_found() -> None:
     }
 
 
-def test_one_lost_frame_in_thousands_is_advice() -> None:
+def test_health_check_reports_one_lost_frame_in_thousands_as_advice() -> None:
     stretch, layout = twin_rest(10)
     number = np.arange(3000)
     number[1500:] += 1
@@ -243,8 +243,8 @@ def test_one_lost_frame_in_thousands_is_advice() -> None:
     assert health.is_healthy
 
 
-def test_resistor_for_a_range_seen_under_load() -> None:
-    """The paper's 4.7 kohm where pixels fall to 40 ohm: 9 counts from the end."""
+def test_health_check_recommends_a_resistor_for_the_range_measured_under_load() -> None:
+    """The paper's 4.7 kohm with pixels down to 40 ohm, 9 counts from the end."""
     layout = ArrayLayout(name="one", rows=1, cols=4, finger_of_row=(0,))
     rng = np.random.default_rng(3)
     ohm = np.full((400, 1, 4), 12e3)
@@ -260,7 +260,7 @@ def test_resistor_for_a_range_seen_under_load() -> None:
     assert 560 <= health.resistor.recommended_ohm <= 820
 
 
-def test_recommended_resistor_is_best_of_its_series() -> None:
+def test_fit_reference_recommends_the_best_resistor_of_the_series() -> None:
     fit = fit_reference(low_ohm=90.0, high_ohm=9e3, divider=Divider(reference_ohm=100e3))
     others = [
         fit_reference(low_ohm=90.0, high_ohm=9e3, divider=Divider(reference_ohm=ohm)).step_percent
@@ -272,7 +272,7 @@ def test_recommended_resistor_is_best_of_its_series() -> None:
     assert nearest_e12(1e6) == 1e6
 
 
-def test_too_few_frames_and_wrong_shape_are_refused() -> None:
+def test_health_check_with_too_few_frames_or_wrong_shape_raises() -> None:
     stretch, layout = twin_rest(1)
     with pytest.raises(InputError, match="too few"):
         check_health(stretch.select_first(1.0), layout=layout)
@@ -280,7 +280,7 @@ def test_too_few_frames_and_wrong_shape_are_refused() -> None:
         check_health(stretch, layout=twin_rest(1, "field", "soft")[1])
 
 
-def test_groups_cover_a_mask_once() -> None:
+def test_group_pixels_covers_each_pixel_of_the_mask_once() -> None:
     mask = np.zeros((4, 3), dtype=np.bool_)
     mask[1] = mask[:, 2] = mask[3, 0] = True
     total = sum(part.astype(int) for _, part in group_pixels(mask))
@@ -288,7 +288,7 @@ def test_groups_cover_a_mask_once() -> None:
 
 
 @pytest.mark.parametrize("level", ["lab", "field"])
-def test_healthy_twins_raise_no_fault(level: str) -> None:
+def test_health_check_of_healthy_twins_reports_no_fault(level: str) -> None:
     faults = [
         (seed, found.code)
         for seed in range(12)

@@ -1,4 +1,4 @@
-"""Counts to pixels by layout: what the circuit does to the pixels is undone."""
+"""Conversion of counts to pixel resistances for each wiring of the idle lines."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.circuit import Divider, ohm_to_volts, resistance_ohm, volts_to_counts
 from palpate.signal.crosstalk import floating_readings_ohm
 
-#: A converter fine enough that rounding does not hide what is tested.
+#: High resolution, so that rounding is negligible in the comparisons.
 FINE = Divider(adc_bits=24)
 
 
@@ -31,7 +31,9 @@ def counts_of(read_ohm: NDArray[np.float64]) -> NDArray[np.int32]:
 
 
 @pytest.mark.parametrize("line_ohm", [0.0, 70.0])
-def test_isolated_lines_give_divider_minus_series_resistance(line_ohm: float) -> None:
+def test_pixel_resistance_with_isolated_lines_subtracts_the_series_resistance(
+    line_ohm: float,
+) -> None:
     ohm = pixels(5)
     found = pixel_resistance_ohm(
         counts_of(ohm + line_ohm), layout=layout("isolated", line_ohm=line_ohm)
@@ -40,7 +42,7 @@ def test_isolated_lines_give_divider_minus_series_resistance(line_ohm: float) ->
 
 
 @pytest.mark.parametrize("line_ohm", [0.0, 140.0])
-def test_floating_lines_roundtrip_to_resistance(line_ohm: float) -> None:
+def test_pixel_resistance_with_floating_lines_removes_the_crosstalk(line_ohm: float) -> None:
     ohm = pixels(5)
     read = floating_readings_ohm(ohm) + line_ohm
     found = pixel_resistance_ohm(counts_of(read), layout=layout("floating", line_ohm=line_ohm))
@@ -48,8 +50,9 @@ def test_floating_lines_roundtrip_to_resistance(line_ohm: float) -> None:
     assert np.abs(resistance_ohm(counts_of(read), divider=FINE) / ohm - 1).max() > 0.3
 
 
-def test_held_lines_are_solved_back_with_a_multiplexer_in_each_column() -> None:
-    # Kirchhoff: the column's line feeds its idle pixels, and multiplexer and resistor in series.
+def test_pixel_resistance_with_held_lines_removes_the_crosstalk_of_a_multiplexed_column() -> None:
+    # Kirchhoff: the column line feeds the idle pixels, and the multiplexer in series with the
+    # reference resistor.
     line_ohm, ohm = 70.0, pixels(5)
     conductance = 1.0 / ohm
     to_ground = 1.0 / (FINE.reference_ohm + line_ohm)
@@ -60,7 +63,7 @@ def test_held_lines_are_solved_back_with_a_multiplexer_in_each_column() -> None:
     assert found == pytest.approx(ohm, rel=1e-3)
 
 
-def test_short_affects_its_column_alone_with_held_lines() -> None:
+def test_pixel_resistance_with_held_lines_is_nan_only_in_the_column_of_a_short() -> None:
     read = held_readings_ohm(pixels(), reference_ohm=FINE.reference_ohm)
     counts = counts_of(read)
     counts[1, 0] = FINE.full_scale - 1
@@ -69,7 +72,7 @@ def test_short_affects_its_column_alone_with_held_lines() -> None:
     assert found[:, 1] == pytest.approx(pixels()[:, 1], rel=1e-4)
 
 
-def test_resistance_below_the_lines_is_a_short() -> None:
+def test_pixel_resistance_below_the_series_resistance_is_zero() -> None:
     found = pixel_resistance_ohm(
         counts_of(np.full((4, 2), 50.0)), layout=layout("isolated", line_ohm=70.0)
     )
@@ -81,19 +84,21 @@ def test_pixel_resistance_of_an_open_pixel_is_infinite() -> None:
     assert np.isinf(pixel_resistance_ohm(counts, layout=layout("floating", line_ohm=10.0))).all()
 
 
-def test_frames_of_another_layout_are_refused() -> None:
+def test_pixel_resistance_for_counts_of_another_layout_raises() -> None:
     with pytest.raises(ValueError, match=r"not frames of layout rigid-2x2 \(4 x 2\)"):
         pixel_resistance_ohm(np.zeros((2, 4)), layout=RIGID_LAYOUT)
 
 
 @pytest.mark.parametrize(
-    ("field", "value", "said"),
+    ("field", "value", "message"),
     [
         ("idle_lines", "grounded", "isolated, floating, held"),
         ("line_ohm", -1.0, "0 or more"),
         ("line_ohm", float("nan"), "0 or more"),
     ],
 )
-def test_invalid_layout_is_refused(field: str, value: object, said: str) -> None:
-    with pytest.raises(ValueError, match=said):
+def test_array_layout_with_invalid_wiring_is_refused(
+    field: str, value: object, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
         replace(RIGID_LAYOUT, **{field: value})  # type: ignore[arg-type]

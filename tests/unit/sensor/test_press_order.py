@@ -1,4 +1,4 @@
-"""Presses of one pixel after the other: wires in order, crossed, dead."""
+"""The press check with correct wiring, swapped wires and dead pixels."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Pixel = tuple[int, int]
 REST_OHM = 8e3 * np.exp(np.random.default_rng(1).normal(0, 0.2, (4, 2)))
 
 
-def pressed(
+def press_all(
     wiring: Callable[[Pixel], Pixel], *, deaf: Pixel | None = None, rest_ohm: np.ndarray = REST_OHM
 ) -> list[Finding]:
-    """Press as asked, at 50 Hz, with spread to neighbours, on creeping pixels."""
+    """Press each requested pixel, with load on adjacent pixels and creep, at 50 Hz."""
     monitor = PressMonitor(rest_ohm, timeout_s=5.0)
     rng = np.random.default_rng(2)
-    load, memory = np.zeros((4, 2)), np.zeros((4, 2))
+    load, creep = np.zeros((4, 2)), np.zeros((4, 2))
     touch_s = 0.0
     for k in range(20_000):
         time_s = 0.02 * k
@@ -33,8 +33,8 @@ def pressed(
         elif time_s - touch_s > 0.6:
             load[:] = 0.3
             load[wiring(monitor.next_pixel)] = 2.0
-        memory += 0.02 / 2.0 * (2.0 * load - memory)
-        ohm = rest_ohm / (1.0 + load + memory) * rng.normal(1.0, 0.004, (4, 2))
+        creep += 0.02 / 2.0 * (2.0 * load - creep)
+        ohm = rest_ohm / (1.0 + load + creep) * rng.normal(1.0, 0.004, (4, 2))
         monitor.add_frame(time_s, ohm)
     assert monitor.is_done
     return order_findings(monitor.presses, layout=RIGID_LAYOUT)
@@ -44,48 +44,48 @@ def named(findings: list[Finding]) -> list[tuple[str, str, str]]:
     return [(found.code, found.where, found.text) for found in findings]
 
 
-def test_wires_in_order_have_no_finding() -> None:
-    assert pressed(lambda pixel: pixel) == []
+def test_press_check_with_correct_wiring_has_no_finding() -> None:
+    assert press_all(lambda pixel: pixel) == []
 
 
-def test_two_crossed_rows_are_found() -> None:
+def test_press_check_reports_swapped_rows() -> None:
     other = {0: 2, 2: 0, 1: 1, 3: 3}
-    assert named(pressed(lambda pixel: (other[pixel[0]], pixel[1]))) == [
+    assert named(press_all(lambda pixel: (other[pixel[0]], pixel[1]))) == [
         ("swapped", "row R0", "answers as row R2"),
         ("swapped", "row R2", "answers as row R0"),
     ]
 
 
-def test_crossed_columns_are_found() -> None:
-    assert named(pressed(lambda pixel: (pixel[0], 1 - pixel[1]))) == [
+def test_press_check_reports_swapped_columns() -> None:
+    assert named(press_all(lambda pixel: (pixel[0], 1 - pixel[1]))) == [
         ("swapped", "column C0", "answers as column C1"),
         ("swapped", "column C1", "answers as column C0"),
     ]
 
 
-def test_crossed_pixels_are_found() -> None:
+def test_press_check_reports_swapped_pixels() -> None:
     crossed = {(1, 0): (3, 1), (3, 1): (1, 0)}
-    assert named(pressed(lambda pixel: crossed.get(pixel, pixel))) == [
+    assert named(press_all(lambda pixel: crossed.get(pixel, pixel))) == [
         ("swapped", "R1 C0", "answers as R3 C1"),
         ("swapped", "R3 C1", "answers as R1 C0"),
     ]
 
 
-def test_pixel_without_an_answer_is_found() -> None:
-    assert named(pressed(lambda pixel: pixel, deaf=(2, 1))) == [
+def test_press_check_reports_a_pixel_without_response() -> None:
+    assert named(press_all(lambda pixel: pixel, deaf=(2, 1))) == [
         ("silent", "R2 C1", "did not answer its press")
     ]
 
 
-def test_dead_pixels_are_not_asked_for() -> None:
+def test_press_monitor_does_not_request_dead_pixels() -> None:
     rest_ohm = REST_OHM.copy()
     rest_ohm[0, 0], rest_ohm[1, 1] = np.inf, 0.0
-    assert pressed(lambda pixel: pixel, rest_ohm=rest_ohm) == []
+    assert press_all(lambda pixel: pixel, rest_ohm=rest_ohm) == []
     assert PressMonitor(rest_ohm).next_pixel == (0, 1)
 
 
 @pytest.mark.parametrize("seen", [0, 1])
-def test_frames_ending_early_leave_remaining_pixels_unanswered(seen: int) -> None:
+def test_press_monitor_finished_early_reports_the_remaining_pixels_as_silent(seen: int) -> None:
     monitor = PressMonitor(np.full((1, 2), 1e3))
     for k in range(20 * seen):
         monitor.add_frame(0.1 * k, np.array([[300.0, 1e3]]))

@@ -1,4 +1,4 @@
-"""A serial array over real pseudo-terminals, against a board driven by the same manual clock."""
+"""`SerialArray` over real pseudo-terminals, with a simulated board on the same manual clock."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ PERIOD_US = 4000
 
 
 class PtyBoard(PtyPort):
-    """Speaks the protocol at the far end of a pseudo-terminal; moves when `advance` is called."""
+    """A board at the other end of a pseudo-terminal; it runs in calls of `advance`."""
 
     def __init__(
         self, *, drift_ppm: float = 0.0, first_us: int = 0, first_sequence: int = 0
@@ -67,7 +67,7 @@ class PtyBoard(PtyPort):
         self.send(b"\0" + encode_message(self.identity(tag=0)))
 
     def expect(self, count: int) -> None:
-        """Say that the host wrote: the kernel hands bytes over when it finds time."""
+        """Expect `count` bytes from the host, which the kernel can deliver later."""
         self._expected += count
 
     def device_us(self, now_s: float) -> int:
@@ -146,7 +146,7 @@ class PtyBoard(PtyPort):
 
 
 class Bench(ManualClock):
-    """A clock that moves boards, and opens their ports."""
+    """A clock that runs the boards and opens their ports."""
 
     def __init__(self) -> None:
         super().__init__(100.0)
@@ -168,21 +168,21 @@ class Bench(ManualClock):
 
     def open(self, port: str) -> SerialStream:
         board = next((board for board in self.boards if board.port == port), None)
-        stream = WatchedStream(port, told=board.expect if board else lambda _: None)
+        stream = WatchedStream(port, report=board.expect if board else lambda _: None)
         self.streams.append(stream)
         return stream
 
 
 class WatchedStream(SerialStream):
-    """The real stream, telling the board how much to wait for."""
+    """The real stream, which also reports the number of written bytes to the board."""
 
-    def __init__(self, port: str, *, told: Callable[[int], None]) -> None:
+    def __init__(self, port: str, *, report: Callable[[int], None]) -> None:
         super().__init__(port)
-        self._told = told
+        self._report = report
 
     def write(self, data: bytes) -> None:
         super().write(data)
-        self._told(len(data))
+        self._report(len(data))
 
 
 @pytest.fixture
@@ -205,13 +205,13 @@ def connect(bench: Bench, board: PtyBoard) -> SerialArray:
     return SerialArray(bench.open(board.port), clock=bench, layout=RIGID_LAYOUT, reopen=reopen)
 
 
-def read_on(array: SerialArray, *, timeout_s: float) -> None:
-    """Read until something is wrong."""
+def read_forever(array: SerialArray, *, timeout_s: float) -> None:
+    """Read frames until an error is raised."""
     while True:
         array.read(timeout_s=timeout_s)
 
 
-def test_frames_come_in_order_with_nothing_lost(bench: Bench) -> None:
+def test_serial_array_returns_all_frames_in_order(bench: Bench) -> None:
     array = connect(bench, bench.board())
     frames = [array.read(timeout_s=0.1) for _ in range(500)]
     assert [frame.sequence for frame in frames] == list(range(500))
@@ -224,16 +224,16 @@ def test_frames_come_in_order_with_nothing_lost(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(("protocol", "full_scale", "bits"), [(1, 4096, 10), (2, 4096, 12)])
-def test_layout_has_the_full_scale_that_the_board_states(
+def test_serial_array_layout_uses_the_full_scale_of_the_board(
     bench: Bench, protocol: int, full_scale: int, bits: int
 ) -> None:
     board = bench.board()
     board.protocol, board.full_scale = protocol, full_scale
     array = connect(bench, board)
-    assert array.layout.divider.adc_bits == bits, "version 1 states none"
+    assert array.layout.divider.adc_bits == bits, "version 1 has no full scale"
 
 
-def test_the_board_is_set_up_in_order(bench: Bench) -> None:
+def test_serial_array_sends_the_setup_commands_in_order(bench: Bench) -> None:
     board = bench.board()
     array = connect(bench, board)
     assert board.seen == [
@@ -245,7 +245,7 @@ def test_the_board_is_set_up_in_order(bench: Bench) -> None:
     assert board.seen[-1] == SetPressure.kind
 
 
-def test_board_that_resets_during_set_up_is_set_up_again(bench: Bench) -> None:
+def test_serial_array_restarts_the_setup_after_a_reset_during_setup(bench: Bench) -> None:
     board = bench.board()
     board.resets_at_command = 4
     array = connect(bench, board)
@@ -254,7 +254,7 @@ def test_board_that_resets_during_set_up_is_set_up_again(bench: Bench) -> None:
     assert array.counters.restarts == 0
 
 
-def test_lost_commands_are_sent_again(bench: Bench) -> None:
+def test_serial_array_resends_lost_commands(bench: Bench) -> None:
     board = bench.board()
     board.deaf_to = 3
     array = connect(bench, board)
@@ -262,8 +262,8 @@ def test_lost_commands_are_sent_again(bench: Bench) -> None:
     assert bench.now_s() == pytest.approx(100.9 + LISTEN_S, abs=0.05)
 
 
-def test_nothing_is_sent_before_the_board_is_heard(bench: Bench) -> None:
-    """A byte in its first second would keep it in its boot loader."""
+def test_board_link_sends_nothing_before_the_first_packet_of_the_board(bench: Bench) -> None:
+    """A byte in the first second would keep the board in its boot loader."""
     board = bench.board()
     link = BoardLink(bench.open(board.port), clock=bench)
     link.start_commands([Identify()])
@@ -282,7 +282,7 @@ def test_nothing_is_sent_before_the_board_is_heard(bench: Bench) -> None:
     assert bench.now_s() < 101.3
 
 
-def test_a_silent_board_is_not_pinged(bench: Bench) -> None:
+def test_serial_array_does_not_ping_a_silent_board(bench: Bench) -> None:
     board = bench.board()
     array = connect(bench, board)
     array.read(timeout_s=0.1)
@@ -290,35 +290,37 @@ def test_a_silent_board_is_not_pinged(bench: Bench) -> None:
     bench.sleep_s(0.01)
     assert board.seen[-1] == Ping.kind
     board.started_us = None
-    told, until_s = len(board.seen), bench.now_s() + RESTART_S
+    count, until_s = len(board.seen), bench.now_s() + RESTART_S
     while bench.now_s() < until_s:
         bench.sleep_s(0.05)
         array.newest()
         array.send(Ping())
-        # Its last frames have only just been read.
+        # Pings are still allowed shortly after the last frame.
         if bench.now_s() < until_s - RESTART_S + 0.11:
-            told = len(board.seen)
-    assert len(board.seen) == told
+            count = len(board.seen)
+    assert len(board.seen) == count
     assert array.read(timeout_s=1.0).sequence > 0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("drift_ppm", [-4000.0, 0.0, 50.0, 4000.0])
-def test_device_time_is_followed_with_its_drift(bench: Bench, drift_ppm: float) -> None:
+def test_serial_array_frame_times_follow_the_drift_of_the_board(
+    bench: Bench, drift_ppm: float
+) -> None:
     array = connect(bench, bench.board(drift_ppm=drift_ppm))
     scanned = []
     for k in range(5000):
         if k % 100 == 99:
             bench.sleep_s(0.03)
         scanned.append(array.read(timeout_s=0.2).time_s)
-    # One poll (1 ms) over the half of 20 s that an edge of the hull spans at least.
+    # The error is one poll (1 ms) over an edge of the hull, which is at least 10 s long.
     assert array.counters.drift_ppm == pytest.approx(drift_ppm, abs=100)
     truth = scanned[0] + 0.004 * (1 + drift_ppm * 1e-6) * np.arange(5000)
     assert np.ptp((scanned - truth)[1000:]) < 1.5e-3
     assert np.all(np.diff(scanned) >= 0)
 
 
-def test_wraps_of_sequence_and_microseconds_are_undone(bench: Bench) -> None:
+def test_serial_array_unwraps_frame_numbers_and_times(bench: Bench) -> None:
     board = bench.board(first_us=2**32 - 800_000, first_sequence=2**32 - 100)
     array = connect(bench, board)
     frames = [array.read(timeout_s=0.1) for _ in range(300)]
@@ -327,7 +329,7 @@ def test_wraps_of_sequence_and_microseconds_are_undone(bench: Bench) -> None:
     assert array.counters.lost == 0
 
 
-def test_a_host_stall_is_counted_late_and_lost(bench: Bench) -> None:
+def test_serial_array_counts_late_and_lost_frames_after_a_host_stall(bench: Bench) -> None:
     board = bench.board()
     array = connect(bench, board)
     for _ in range(50):
@@ -344,7 +346,7 @@ def test_a_host_stall_is_counted_late_and_lost(bench: Bench) -> None:
     assert array.counters.late == counters.late
 
 
-def test_garbage_before_the_start_is_no_frame(bench: Bench) -> None:
+def test_serial_array_ignores_garbage_before_the_stream(bench: Bench) -> None:
     board = bench.board()
     board.send(np.random.default_rng(3).bytes(2000))
     array = connect(bench, board)
@@ -352,13 +354,13 @@ def test_garbage_before_the_start_is_no_frame(bench: Bench) -> None:
     assert array.counters.lost == 0
 
 
-def test_board_plugged_in_again_streams_on(bench: Bench) -> None:
+def test_serial_array_continues_after_the_board_is_replugged(bench: Bench) -> None:
     board = bench.board()
     array = connect(bench, board)
     before = [array.read(timeout_s=0.1) for _ in range(20)]
     board.unplug()
     with pytest.raises(DeviceTimeoutError, match=r"is unplugged .*Plug it in again"):
-        read_on(array, timeout_s=0.1)
+        read_forever(array, timeout_s=0.1)
     with pytest.raises(DeviceTimeoutError, match="is unplugged"):
         array.read(timeout_s=1.0)
     with pytest.raises(DeviceError, match="is unplugged"):
@@ -372,16 +374,16 @@ def test_board_plugged_in_again_streams_on(bench: Bench) -> None:
     assert (array.counters.reconnects, array.counters.restarts) == (1, 1)
 
 
-def test_unplugged_board_without_reopening_raises(bench: Bench) -> None:
+def test_serial_array_without_reopen_raises_after_an_unplug(bench: Bench) -> None:
     board = bench.board()
     array = SerialArray(bench.open(board.port), clock=bench, layout=RIGID_LAYOUT)
     array.read(timeout_s=0.1)
     board.unplug()
     with pytest.raises(DeviceError, match="is gone: the cable was pulled"):
-        read_on(array, timeout_s=0.1)
+        read_forever(array, timeout_s=0.1)
 
 
-def test_a_reset_board_is_set_up_again(bench: Bench) -> None:
+def test_serial_array_sets_up_a_reset_board_again(bench: Bench) -> None:
     board = bench.board(drift_ppm=100.0)
     array = connect(bench, board)
     before = [array.read(timeout_s=0.1) for _ in range(100)]
@@ -394,7 +396,7 @@ def test_a_reset_board_is_set_up_again(bench: Bench) -> None:
     assert array.counters.restarts == 1
 
 
-def test_an_unplugged_port_is_tried_four_times_a_second(bench: Bench) -> None:
+def test_serial_array_retries_an_unplugged_port_four_times_per_second(bench: Bench) -> None:
     board, tried_s = bench.board(), list[float]()
 
     def reopen() -> SerialStream:
@@ -404,12 +406,12 @@ def test_an_unplugged_port_is_tried_four_times_a_second(bench: Bench) -> None:
     array = SerialArray(bench.open(board.port), clock=bench, layout=RIGID_LAYOUT, reopen=reopen)
     board.unplug()
     with pytest.raises(DeviceTimeoutError, match="is unplugged"):
-        read_on(array, timeout_s=2.0)
+        read_forever(array, timeout_s=2.0)
     assert len(tried_s) in (7, 8)
     assert np.diff(tried_s) == pytest.approx(0.25, abs=2e-3)
 
 
-def test_reset_with_a_lost_identity_is_detected_by_silence(bench: Bench) -> None:
+def test_serial_array_recovers_from_a_reset_without_identity_packet(bench: Bench) -> None:
     board = bench.board()
     array = connect(bench, board)
     array.read(timeout_s=0.1)
@@ -418,23 +420,23 @@ def test_reset_with_a_lost_identity_is_detected_by_silence(bench: Bench) -> None
     assert array.counters.restarts == 1
 
 
-def test_a_silent_board_times_out_with_its_period(bench: Bench) -> None:
+def test_serial_array_timeout_message_contains_the_frame_period(bench: Bench) -> None:
     board = bench.board()
     array = connect(bench, board)
     array.read(timeout_s=0.1)
     board.silent = True
     with pytest.raises(DeviceTimeoutError, match=r"in 0\.20 s \(expected every 0\.004 s\)"):
-        read_on(array, timeout_s=0.2)
+        read_forever(array, timeout_s=0.2)
 
 
-def test_an_impossible_rate_names_the_highest(bench: Bench) -> None:
+def test_serial_array_with_too_high_rate_raises_with_the_highest_rate(bench: Bench) -> None:
     board = bench.board()
     board.highest_rate_hz = 123.4
     with pytest.raises(WireError, match=r"can't do 250 frames/s .* at most 123\.4"):
         connect(bench, board)
 
 
-def test_wrong_baud_rate_is_distinguished_from_silence(bench: Bench) -> None:
+def test_serial_array_error_distinguishes_a_wrong_baud_rate_from_silence(bench: Bench) -> None:
     board = bench.board()
     board.silent = True
     stream = bench.open(board.port)
@@ -446,18 +448,18 @@ def test_wrong_baud_rate_is_distinguished_from_silence(bench: Bench) -> None:
         SerialArray(stream, clock=bench, layout=SOFT_LAYOUT)
 
 
-def test_a_missing_port_is_one_line(tmp_path: Path) -> None:
+def test_serial_stream_on_a_missing_port_raises_with_a_hint(tmp_path: Path) -> None:
     with pytest.raises(DeviceNotFoundError, match=r"no port .*ttyACM9; `palpate ports`"):
         SerialStream(str(tmp_path / "ttyACM9"))
 
 
-def test_a_file_is_no_port(tmp_path: Path) -> None:
+def test_serial_stream_on_a_regular_file_raises(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x")
     with pytest.raises(DeviceError, match="can't be opened as a serial port"):
         SerialStream(str(tmp_path / "file"))
 
 
-def test_a_port_without_permission_says_which_group(bench: Bench) -> None:
+def test_serial_stream_without_permission_raises_with_the_required_group(bench: Bench) -> None:
     port = bench.board().port
     os.chmod(port, 0o600 if os.getuid() == 0 else 0)
     was = os.geteuid()
@@ -470,14 +472,14 @@ def test_a_port_without_permission_says_which_group(bench: Bench) -> None:
         os.seteuid(was)
 
 
-def test_a_busy_port_is_one_line(bench: Bench) -> None:
+def test_serial_stream_on_a_busy_port_raises_with_a_hint(bench: Bench) -> None:
     port = bench.board().port
     bench.open(port)
     with pytest.raises(DeviceError, match=r"is in use by another program; `fuser -v"):
         SerialStream(port)
 
 
-def test_the_port_is_found_by_usb_id_without_asking() -> None:
+def test_find_port_uses_the_usb_id_without_opening_a_port() -> None:
     ports = [
         Port(device="/dev/ttyS0", description="built in"),
         Port(device="/dev/ttyACM0", description="Mega", board="Arduino"),
@@ -485,27 +487,27 @@ def test_the_port_is_found_by_usb_id_without_asking() -> None:
     assert find_port(ports, clock=ManualClock()) == "/dev/ttyACM0"
 
 
-def test_find_port_identity_request_finds_the_board(bench: Bench) -> None:
+def test_find_port_without_usb_id_finds_the_board_that_answers(bench: Bench) -> None:
     mute, board = bench.board(), bench.board()
     mute.silent = True
     ports = [Port(device=each.port, description="") for each in (mute, board)]
     assert find_port(ports, clock=bench, open_stream=bench.open) == board.port
 
 
-def test_two_boards_without_a_choice_are_refused(bench: Bench) -> None:
+def test_find_port_with_two_boards_raises(bench: Bench) -> None:
     ports = [Port(device=bench.board().port, description="", board="Arduino") for _ in range(2)]
     with pytest.raises(DeviceError, match=r"2 boards answer: .* Choose one with --port"):
         find_port(ports, clock=bench, open_stream=bench.open)
 
 
-def test_two_boards_stream_side_by_side(bench: Bench) -> None:
+def test_two_serial_arrays_stream_at_the_same_time(bench: Bench) -> None:
     arrays = [connect(bench, bench.board()) for _ in range(2)]
     numbers = [[array.read(timeout_s=0.1).sequence for array in arrays] for _ in range(100)]
     assert np.diff(np.array(numbers), axis=0).tolist() == [[1, 1]] * 99
     assert [array.counters.lost for array in arrays] == [0, 0]
 
 
-def test_missing_board_lists_the_tried_ports(bench: Bench) -> None:
+def test_find_port_without_a_board_raises_with_the_tried_ports(bench: Bench) -> None:
     with pytest.raises(DeviceNotFoundError, match="no serial port"):
         find_port([], clock=bench, open_stream=bench.open)
     mute = bench.board()

@@ -1,4 +1,4 @@
-"""Boards that print numbers, over a real pseudo-terminal against a manual clock."""
+"""Boards that print numbers, over a real pseudo-terminal with a manual clock."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ def clock() -> Iterator[SendingClock]:
     clock.close()
 
 
-def read_on(array: OneWayArray) -> None:
-    """Read until something is wrong."""
+def read_forever(array: OneWayArray) -> None:
+    """Read frames until an error is raised."""
     while True:
         array.read(timeout_s=0.5)
 
 
 @pytest.mark.parametrize("encode", [line_of, block_of])
-def test_lines_of_counts_become_frames(
+def test_line_decoder_converts_lines_of_counts_to_frames(
     clock: SendingClock, encode: Callable[[NDArray[np.int32]], bytes]
 ) -> None:
     board = SendingBoard(clock, layout=PADS, encode=encode)
@@ -57,7 +57,7 @@ def test_lines_of_counts_become_frames(
     assert (counters.frames, counters.lost, counters.corrupt, counters.late) == (200, 0, 0, 0)
 
 
-def test_resistances_in_chosen_columns_come_back_as_ohms(clock: SendingClock) -> None:
+def test_line_decoder_reads_resistances_from_selected_columns(clock: SendingClock) -> None:
     board = SendingBoard(clock, layout=PADS, encode=ohm_line_of(PADS.divider))
     decoder = LineDecoder(IN_OHM, columns=list(range(2, 10)), in_ohm=True)
     array = board.array(decoder)
@@ -77,13 +77,13 @@ def test_resistances_in_chosen_columns_come_back_as_ohms(clock: SendingClock) ->
         ("1.0,2.4", [1, 2]),
     ],
 )
-def test_usual_forms_of_a_line_are_read(text: str, counts: list[int]) -> None:
+def test_line_decoder_reads_common_line_formats(text: str, counts: list[int]) -> None:
     (frame,) = LineDecoder(PAIR).feed(f"\n{text}\r\n".encode())
     assert frame.tolist() == [counts]
 
 
 @pytest.mark.parametrize("text", ["inf,3", "ovf,3", "1e12,3"])
-def test_an_open_pixel_reads_infinite(text: str) -> None:
+def test_line_decoder_reads_an_open_pixel_as_infinite(text: str) -> None:
     pair = replace(PAIR, divider=IN_OHM.divider)
     (frame,) = LineDecoder(pair, in_ohm=True).feed(f"\n{text}\n".encode())
     ohm = pixel_resistance_ohm(frame, layout=pair)
@@ -94,8 +94,8 @@ def test_an_open_pixel_reads_infinite(text: str) -> None:
 @pytest.mark.parametrize(
     ("spoilt", "rejected"),
     [
-        (lambda data: b"", 0),  # the whole line lost
-        (lambda data: data[: len(data) // 2], 2),  # its end lost: it runs into the next one
+        (lambda data: b"", 0),  # the complete line is lost
+        (lambda data: data[: len(data) // 2], 2),  # its end is lost: it merges with the next line
         (lambda data: data.replace(b"\r\n", b""), 2),
         (lambda data: data.replace(b",", b"", 1), 1),
         (lambda data: b"\xf8\x80\xfe" + data, 1),
@@ -103,36 +103,36 @@ def test_an_open_pixel_reads_infinite(text: str) -> None:
         (lambda data: b"9" + data, 1),  # out of range
     ],
 )
-def test_a_lost_or_torn_line_is_counted(
+def test_line_decoder_lost_or_damaged_line_is_counted(
     clock: SendingClock, spoilt: Callable[[bytes], bytes], rejected: int
 ) -> None:
     board = SendingBoard(clock, layout=PADS, encode=line_of)
-    # Numbers from the first whole line, which is the board's second.
+    # Numbered from the first complete line, which is the board's second line.
     torn = {100, 200, 201}
     board.spoil = lambda number, data: spoilt(data) if number - 1 in torn else data
     array = board.array(LineDecoder(PADS))
     frames = [array.read(timeout_s=0.1) for _ in range(250)]
     missing = set(range(frames[-1].sequence)) - {frame.sequence for frame in frames}
-    # A line without its end takes the next one with it; a loss shows ten frames later.
+    # A line without its end also spoils the next line. A loss is counted up to ten frames later.
     assert len(missing) == array.counters.lost
     assert len(torn) <= len(missing) <= len(torn) + 2 * (rejected == 2)
     assert all(min(abs(number - gone) for gone in torn) <= 10 for number in missing)
     assert (array.counters.corrupt > 0) == bool(rejected)
 
 
-def test_frames_that_arrive_together_are_no_gap(clock: SendingClock) -> None:
+def test_one_way_array_counts_no_loss_for_frames_that_arrive_together(clock: SendingClock) -> None:
     board = SendingBoard(clock, layout=PADS, encode=line_of)
     array = board.array(LineDecoder(PADS))
     times = []
     for _ in range(40):
-        clock.sleep_s(0.05)  # the program is busy: five frames wait
+        clock.sleep_s(0.05)  # the program is busy, and five frames accumulate
         times += [array.read(timeout_s=0.1).time_s for _ in range(5)]
     assert array.counters.lost == 0
     assert np.diff(times)[10:].min() > 0
     assert np.diff(times)[10:] == pytest.approx(0.01, abs=0.0101)
 
 
-def test_frames_that_are_delayed_and_come_one_by_one_are_no_loss(clock: SendingClock) -> None:
+def test_one_way_array_counts_no_loss_for_delayed_frames(clock: SendingClock) -> None:
     board = SendingBoard(clock, layout=PADS, encode=line_of)
     array = board.array(LineDecoder(PADS))
     for _ in range(100):
@@ -148,7 +148,7 @@ def test_frames_that_are_delayed_and_come_one_by_one_are_no_loss(clock: SendingC
     assert array.counters.lost == 0
 
 
-def test_a_busy_program_reads_frames_late(clock: SendingClock) -> None:
+def test_one_way_array_counts_late_frames(clock: SendingClock) -> None:
     board = SendingBoard(clock, layout=PADS, encode=line_of)
     array = board.array(LineDecoder(PADS))
     for _ in range(50):
@@ -162,7 +162,7 @@ def test_a_busy_program_reads_frames_late(clock: SendingClock) -> None:
 @pytest.mark.parametrize(
     ("sent_baud", "read_baud"), [(9600, 115200), (115200, 9600), (57600, 115200)]
 )
-def test_another_baud_rate_is_named_in_one_line(
+def test_line_decoder_at_wrong_baud_rate_raises_an_error_that_names_baud(
     clock: SendingClock, sent_baud: int, read_baud: int
 ) -> None:
     board = SendingBoard(clock, layout=PADS, encode=line_of)
@@ -181,7 +181,7 @@ def test_another_baud_rate_is_named_in_one_line(
         (replace(PADS, divider=Divider(adc_bits=6)), "is outside 0 to 63, the range of 6 bits"),
     ],
 )
-def test_a_line_that_does_not_fit_the_layout_names_the_fault(
+def test_line_decoder_with_wrong_layout_raises_with_the_fault(
     clock: SendingClock, layout: ArrayLayout, words: str
 ) -> None:
     board = SendingBoard(clock, layout=PADS, encode=line_of)
@@ -189,24 +189,24 @@ def test_a_line_that_does_not_fit_the_layout_names_the_fault(
         board.array(LineDecoder(layout))
 
 
-def test_rows_without_a_blank_line_are_refused(clock: SendingClock) -> None:
+def test_line_decoder_rows_without_blank_lines_raise(clock: SendingClock) -> None:
     board = SendingBoard(clock, layout=PADS, encode=lambda c: block_of(c)[:-1])
     with pytest.raises(WireError, match="no blank line marks the start of a frame"):
         board.array(LineDecoder(PADS))
 
 
-def test_silent_and_unplugged_board_are_distinguished(clock: SendingClock) -> None:
+def test_one_way_array_error_distinguishes_silence_from_an_unplug(clock: SendingClock) -> None:
     board = SendingBoard(clock, layout=PADS, encode=line_of)
     array = board.array(LineDecoder(PADS))
     for _ in range(20):
         array.read(timeout_s=0.1)
     board.silent = True
     with pytest.raises(DeviceTimeoutError, match=r"no data in 0.5 s. Check the board.s power"):
-        read_on(array)
+        read_forever(array)
     board.silent = False
     board.unplug()
     with pytest.raises(DeviceTimeoutError, match=r"is unplugged \(0.5 s .* Plug it in again"):
-        read_on(array)
+        read_forever(array)
     last = board.sent
     board.plug()
     frame = array.read(timeout_s=0.5)
@@ -219,7 +219,7 @@ def test_silent_and_unplugged_board_are_distinguished(clock: SendingClock) -> No
         array.read(timeout_s=0.1)
 
 
-def test_options_that_do_not_fit_are_refused_before_a_port_is_opened() -> None:
+def test_open_board_with_invalid_options_raises_before_opening_the_port() -> None:
     with pytest.raises(InputError, match="8 different positive integers"):
         open_board(port="/dev/none", layout="4x2", columns=[1, 2, 2])
     with pytest.raises(InputError, match="needs counts"):

@@ -1,4 +1,4 @@
-"""What the decoder counts and keeps: losses, wraps, restarts, garbage, pieces of any size."""
+"""The packet decoder: losses, wraps, restarts, garbage, and chunks of any size."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def numbers(decoder: Decoder, data: bytes) -> list[int]:
     return [message.sequence for message in frames_in(decoder.feed(data))]
 
 
-def test_the_examples_in_the_protocol_s_description_are_true() -> None:
+def test_encoded_packets_equal_the_examples_in_the_protocol_page() -> None:
     text = (Path(__file__).parents[3] / "docs" / "protocol.md").read_text()
     example = FrameMessage(
         sequence=258,
@@ -84,19 +84,19 @@ def test_the_examples_in_the_protocol_s_description_are_true() -> None:
 # -- losses ---------------------------------------------------------------------------------------
 
 
-def test_gaps_are_lost_frames() -> None:
+def test_decoder_counts_gaps_in_the_sequence_as_lost_frames() -> None:
     decoder = Decoder()
     assert numbers(decoder, sent(0, 1, 4, 5, 9)) == [0, 1, 4, 5, 9]
     assert decoder.counters == LinkCounters(frames=5, lost=5)
 
 
-def test_first_frame_of_a_running_stream_counts_no_loss() -> None:
+def test_decoder_counts_no_loss_before_the_first_frame() -> None:
     decoder = Decoder()
     numbers(decoder, sent(700, 701))
     assert decoder.counters == LinkCounters(frames=2)
 
 
-def test_answer_reveals_frames_lost_at_the_end() -> None:
+def test_decoder_counts_frames_lost_before_an_answer() -> None:
     decoder = Decoder()
     numbers(decoder, sent(0, 1) + ack(5))
     assert decoder.counters.lost == 3
@@ -104,19 +104,19 @@ def test_answer_reveals_frames_lost_at_the_end() -> None:
     assert decoder.counters == LinkCounters(frames=4, lost=3)
 
 
-def test_an_answer_before_the_first_frame_dates_the_losses() -> None:
+def test_decoder_counts_losses_between_an_answer_and_the_first_frame() -> None:
     decoder = Decoder()
     numbers(decoder, ack(0) + sent(2))
     assert decoder.counters == LinkCounters(frames=1, lost=2)
 
 
-def test_answer_older_than_the_last_frame_changes_nothing() -> None:
+def test_decoder_ignores_an_answer_older_than_the_last_frame() -> None:
     decoder = Decoder()
     numbers(decoder, sent(0, 1, 2) + ack(1) + sent(3))
     assert decoder.counters == LinkCounters(frames=4)
 
 
-def test_answer_without_a_stream_changes_no_counter() -> None:
+def test_decoder_ignores_an_answer_without_a_stream() -> None:
     decoder = Decoder()
     numbers(decoder, sent(3) + ack(0, stream=0) + sent(4))
     assert decoder.counters == LinkCounters(frames=2)
@@ -125,7 +125,7 @@ def test_answer_without_a_stream_changes_no_counter() -> None:
 # -- wraps and restarts ---------------------------------------------------------------------------
 
 
-def test_sequence_and_time_continue_over_the_wrap() -> None:
+def test_decoder_unwraps_sequence_and_time() -> None:
     first = WRAP - 3
     started_us = 5 * WRAP - 9000
     data = b"".join(
@@ -137,7 +137,7 @@ def test_sequence_and_time_continue_over_the_wrap() -> None:
     assert got[0].time_us == started_us % WRAP
 
 
-def test_losses_are_counted_across_the_wrap() -> None:
+def test_decoder_counts_losses_across_the_wrap() -> None:
     decoder = Decoder()
     assert numbers(decoder, sent(WRAP - 2, WRAP + 3)) == [WRAP - 2, WRAP + 3]
     assert decoder.counters == LinkCounters(frames=2, lost=4)
@@ -145,31 +145,31 @@ def test_losses_are_counted_across_the_wrap() -> None:
     assert decoder.counters.lost == 6
 
 
-def test_two_wraps_of_the_sequence_are_followed() -> None:
+def test_decoder_unwraps_two_wraps_of_the_sequence() -> None:
     decoder = Decoder()
     steps = range(0, 2 * WRAP + 1, WRAP // 4)
     assert numbers(decoder, sent(*steps)) == list(steps)
 
 
-def test_another_stream_begins_at_zero_and_counts_as_a_restart() -> None:
+def test_decoder_counts_a_new_stream_as_a_restart() -> None:
     decoder = Decoder()
     assert numbers(decoder, sent(10, 11) + sent(0, 1, stream=10)) == [10, 11, 0, 1]
     assert decoder.counters == LinkCounters(frames=4, restarts=1)
 
 
-def test_frames_lost_at_the_start_of_a_later_stream_are_counted() -> None:
+def test_decoder_counts_frames_lost_at_the_start_of_a_new_stream() -> None:
     decoder = Decoder()
     numbers(decoder, sent(10) + sent(3, stream=10))
     assert decoder.counters == LinkCounters(frames=2, lost=3, restarts=1)
 
 
-def test_the_same_stream_number_running_backwards_is_a_restart() -> None:
+def test_decoder_counts_a_decreasing_sequence_as_a_restart() -> None:
     decoder = Decoder()
     assert numbers(decoder, sent(500, 501) + sent(0, 1)) == [500, 501, 0, 1]
     assert decoder.counters == LinkCounters(frames=4, restarts=1)
 
 
-def test_time_restarts_with_a_stream() -> None:
+def test_decoder_restarts_the_time_with_a_new_stream() -> None:
     late = frame(1, time_us=4_000_000_000)
     early = frame(0, stream=10, time_us=20)
     got = frames_in(Decoder().feed(encode_message(late) + encode_message(early)))
@@ -179,19 +179,19 @@ def test_time_restarts_with_a_stream() -> None:
 # -- garbage --------------------------------------------------------------------------------------
 
 
-def test_garbage_before_the_first_zero_is_no_packet() -> None:
+def test_decoder_does_not_count_garbage_before_the_first_zero() -> None:
     decoder = Decoder()
     assert numbers(decoder, b"\x55garbage\0" + sent(0, 1)) == [0, 1]
     assert decoder.counters == LinkCounters(frames=2)
 
 
-def test_garbage_later_is_a_corrupt_packet() -> None:
+def test_decoder_counts_later_garbage_as_corrupt() -> None:
     decoder = Decoder()
     numbers(decoder, sent(0) + b"garbage\0" + sent(1))
     assert decoder.counters == LinkCounters(frames=2, corrupt=1)
 
 
-def test_joining_in_the_middle_of_a_frame_costs_that_frame_alone() -> None:
+def test_decoder_started_inside_a_frame_loses_only_this_frame() -> None:
     data = sent(4, 5, 6)
     for start in range(1, len(sent(4))):
         decoder = Decoder()
@@ -199,8 +199,8 @@ def test_joining_in_the_middle_of_a_frame_costs_that_frame_alone() -> None:
         assert decoder.counters.corrupt == 0
 
 
-def test_bytes_of_another_baud_rate_are_never_a_message() -> None:
-    # Sampled at another speed, runs of equal bits become longer or shorter bytes of their own.
+def test_decoder_accepts_no_message_at_a_wrong_baud_rate() -> None:
+    # Sampling at another rate changes the length of runs of equal bits.
     data = sent(*range(300))
     bits = np.unpackbits(np.frombuffer(data, np.uint8), bitorder="little").reshape(-1, 8)
     ends = np.ones((len(bits), 1), dtype=np.uint8)
@@ -218,7 +218,7 @@ def test_decoder_ignores_zeros_between_packets() -> None:
     assert decoder.counters == LinkCounters(frames=2)
 
 
-def test_an_unknown_kind_of_packet_is_skipped() -> None:
+def test_decoder_skips_a_packet_of_unknown_type() -> None:
     decoder = Decoder()
     assert numbers(decoder, sent(0) + pack(0x42, b"from the future") + sent(1)) == [0, 1]
     assert decoder.counters == LinkCounters(frames=2)
@@ -237,14 +237,14 @@ def test_an_unknown_kind_of_packet_is_skipped() -> None:
     ],
     ids=["empty", "no pixels", "short", "pixel cut", "oversampling", "contents", "load cell cut"],
 )
-def test_a_sound_packet_that_is_no_frame_is_rejected(payload: bytes) -> None:
+def test_decoder_rejects_an_invalid_frame_with_a_correct_checksum(payload: bytes) -> None:
     decoder = Decoder()
     assert decoder.feed(b"\0" + pack(MessageType.FRAME, payload)) == []
     assert (decoder.counters.corrupt, decoder.counters.frames) == (1, 0)
 
 
 @pytest.mark.parametrize("wrong_by", [-2, -1, 1, 255])
-def test_packet_with_a_wrong_length_is_rejected(wrong_by: int) -> None:
+def test_unpack_rejects_a_packet_with_a_wrong_length(wrong_by: int) -> None:
     def packet(length: int) -> bytes:
         body = struct.pack("<BH", MessageType.ACK, length) + b"payload"
         return stuff(body + struct.pack("<I", zlib.crc32(body)))
@@ -255,26 +255,26 @@ def test_packet_with_a_wrong_length_is_rejected(wrong_by: int) -> None:
 
 @pytest.mark.parametrize("length", [0, 1, 253, 254, 255, 508, 509])
 @pytest.mark.parametrize("after", [b"", b"\0", b"\0\x02", b"\0\0"])
-def test_stuff_of_a_long_run_without_zero_roundtrips(length: int, after: bytes) -> None:
+def test_stuff_roundtrips_a_long_run_without_zero(length: int, after: bytes) -> None:
     data = b"\x01" * length + after
     assert unstuff(stuff(data)) == data
 
 
-def test_a_full_run_may_end_the_packet() -> None:
-    # Other encoders leave out the final 01 after 254 bytes; both forms are COBS.
+def test_unstuff_accepts_both_encodings_of_a_final_full_run() -> None:
+    # Some encoders omit the final 01 after 254 bytes; both forms are valid COBS.
     assert unstuff(b"\xff" + b"\x01" * 254) == b"\x01" * 254
     assert unstuff(b"\xff" + b"\x01" * 254 + b"\x01") == b"\x01" * 254
 
 
 @pytest.mark.parametrize("damaged", ["0311", "031122023344", "ff01", "0003", "010002"])
-def test_unstuffed_bytes_are_rejected(damaged: str) -> None:
+def test_unstuff_returns_none_for_invalid_bytes(damaged: str) -> None:
     assert unstuff(bytes.fromhex(damaged)) is None
 
 
-# -- pieces and memory ----------------------------------------------------------------------------
+# -- chunks and memory ----------------------------------------------------------------------------
 
 
-def test_the_longest_frame_passes_and_longer_runs_do_not() -> None:
+def test_decoder_accepts_the_longest_frame_and_rejects_a_longer_packet() -> None:
     largest = replace(frame(0), counts=np.full((16, 16), 1023, dtype=np.uint16))
     data = encode_message(largest)
     assert len(data) <= MAX_STUFFED_BYTES
@@ -285,7 +285,7 @@ def test_the_longest_frame_passes_and_longer_runs_do_not() -> None:
     assert decoder.counters == LinkCounters(frames=2, corrupt=1, restarts=1)
 
 
-def test_counts_of_a_frame_cannot_be_written_to() -> None:
+def test_frame_message_counts_are_read_only() -> None:
     (got,) = frames_in(Decoder().feed(sent(0)))
     with pytest.raises(ValueError, match="read-only"):
         got.counts[0, 0] = 1
@@ -295,8 +295,10 @@ def test_counts_of_a_frame_cannot_be_written_to() -> None:
     ("ahead", "lost", "restarts"),
     [(2**31 - 1, 2**31 - 1, 0), (2**31, 2**31 + 1, 1)],
 )
-def test_gap_of_half_the_sequence_range_is_a_restart(ahead: int, lost: int, restarts: int) -> None:
-    """From half of the range on a number lies behind: the board has begun again."""
+def test_decoder_counts_a_gap_of_half_the_sequence_range_as_a_restart(
+    ahead: int, lost: int, restarts: int
+) -> None:
+    """A number half of the range ahead counts as older: the board has restarted."""
     frame = FrameMessage(
         sequence=0,
         time_us=0,
@@ -311,8 +313,8 @@ def test_gap_of_half_the_sequence_range_is_a_restart(ahead: int, lost: int, rest
 
 
 @pytest.mark.parametrize(("ahead", "lost"), [(2**31 - 1, 2**31 - 1), (2**31, 0)])
-def test_answer_half_the_range_ahead_counts_as_behind(ahead: int, lost: int) -> None:
-    """It is older than the frames that came before it: nothing was lost."""
+def test_decoder_treats_an_answer_half_the_range_ahead_as_older(ahead: int, lost: int) -> None:
+    """Such an answer is older than the received frames, so that no frame was lost."""
     decoder = Decoder()
     decoder.feed(sent(0) + ack((1 + ahead) % 2**32))
     assert decoder.counters.lost == lost

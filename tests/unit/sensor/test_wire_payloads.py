@@ -1,4 +1,4 @@
-"""Messages to payloads and back; a value that does not fit is refused."""
+"""Encoding and decoding of message payloads, and errors for values out of range."""
 
 from __future__ import annotations
 
@@ -57,11 +57,11 @@ FRAME = FrameMessage(
 )
 
 
-def test_an_answer_comes_back() -> None:
+def test_unpack_ack_roundtrip_is_unchanged() -> None:
     assert unpack_ack(pack_ack(ACK)) == ACK
 
 
-def test_unpack_answer_of_wrong_length_or_result_returns_none() -> None:
+def test_unpack_ack_of_wrong_length_or_result_returns_none() -> None:
     payload = pack_ack(ACK)
     assert unpack_ack(payload[:-1]) is None
     assert unpack_ack(payload + b"\0") is None
@@ -69,19 +69,19 @@ def test_unpack_answer_of_wrong_length_or_result_returns_none() -> None:
 
 
 @pytest.mark.parametrize("streaming", [False, True])
-def test_identity_roundtrip_is_unchanged(streaming: bool) -> None:
+def test_unpack_identity_roundtrip_is_unchanged(streaming: bool) -> None:
     identity = replace(IDENTITY, streaming=streaming)
     assert unpack_identity(pack_identity(identity)) == identity
 
 
-def test_truncated_identity_or_invalid_name_gives_none() -> None:
+def test_unpack_identity_truncated_or_not_ascii_returns_none() -> None:
     payload = pack_identity(IDENTITY)
     assert unpack_identity(payload[: -len(IDENTITY.board) - 1]) is None
     assert unpack_identity(payload + b"\xff") is None
 
 
 @pytest.mark.parametrize("shape", [(17, 1), (1, 17), (0, 1)])
-def test_a_frame_that_no_board_scans_is_refused(shape: tuple[int, int]) -> None:
+def test_pack_frame_with_an_impossible_shape_raises(shape: tuple[int, int]) -> None:
     with pytest.raises(ValueError, match="must be 1 to 16"):
         pack_frame(replace(FRAME, counts=np.zeros(shape, dtype=np.uint16)))
 
@@ -99,6 +99,6 @@ def test_a_frame_that_no_board_scans_is_refused(shape: tuple[int, int]) -> None:
         (Ping(), 256),
     ],
 )
-def test_a_value_that_does_not_fit_its_field_is_refused(command: Command, tag: int) -> None:
+def test_encode_command_with_a_value_out_of_range_raises(command: Command, tag: int) -> None:
     with pytest.raises(ValueError, match="can't be sent"):
         encode_command(command, tag=tag)

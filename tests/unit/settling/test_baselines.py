@@ -1,4 +1,4 @@
-"""The log law."""
+"""The logarithmic baseline predictor."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from palpate.settling.baselines import LogLaw
 from palpate.settling.result import Status
 
 
-def test_log_law_continues_a_logarithm_from_each_holds_own_peak() -> None:
+def test_log_law_extrapolates_a_logarithm_from_the_peak_of_each_hold() -> None:
     time_s = np.arange(0, 4, 0.1)
     since = np.stack([time_s, time_s - time_s[3]])
     holds = np.where(since < 0, 8.0, 9 - 0.7 * np.log(np.maximum(since, 0) + 0.2))
@@ -19,7 +19,7 @@ def test_log_law_continues_a_logarithm_from_each_holds_own_peak() -> None:
     assert estimate.status.tolist() == [Status.OK, Status.OK]
 
 
-def test_log_law_on_two_samples_falls_back() -> None:
+def test_log_law_with_two_samples_returns_the_last_sample() -> None:
     estimate = LogLaw().predict(
         np.array([0.0, 0.5, 0.7]), np.array([[5.0, 4.0, 3.0]]), horizon_s=20.0, level=0.9
     )

@@ -1,4 +1,4 @@
-"""Intervals from calibration holds, for methods with and without one."""
+"""Intervals from calibration holds, for methods with and without an interval of their own."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def holds(count: int, *, seed: int, scale: float = 1.0) -> list[Hold]:
 
 
 @pytest.mark.slow
-def test_intervals_cover_new_holds_at_their_level() -> None:
+def test_calibrated_widths_cover_new_holds_at_the_nominal_level() -> None:
     values = np.stack([hold.values for hold in holds(400, seed=2)])
     settled = values[:, (TIME_S >= 19.5) & (TIME_S <= 20)].mean(axis=1)
     for method in (Recorded(), Exponential()):
@@ -38,7 +38,7 @@ def test_intervals_cover_new_holds_at_their_level() -> None:
             assert found.method == method.name
 
 
-def test_values_stay_those_of_the_method_and_widths_scale_with_the_unit() -> None:
+def test_calibrated_without_learning_keeps_values_and_scales_widths_with_the_unit() -> None:
     values = holds(1, seed=3)[0].values[None, SEEN]
     plain = Exponential().predict(TIME_S[SEEN], values, horizon_s=20.0, level=0.9)
     one = Calibrated(method=Exponential(), holds=holds(30, seed=1), learn=False)
@@ -49,7 +49,7 @@ def test_values_stay_those_of_the_method_and_widths_scale_with_the_unit() -> Non
     assert np.allclose(scaled.low, 7.0 * found.low, rtol=1e-6)
 
 
-def test_too_few_calibration_holds_give_no_interval() -> None:
+def test_calibrated_with_too_few_holds_has_no_interval() -> None:
     values = holds(1, seed=3)[0].values[None, SEEN]
 
     def interval(method: Calibrated, level: float) -> float:
@@ -61,7 +61,7 @@ def test_too_few_calibration_holds_give_no_interval() -> None:
     assert np.isnan(interval(Calibrated(method=Recorded(), holds=[], learn=False), 0.5))
 
 
-def test_an_own_interval_is_scaled_and_the_value_stays() -> None:
+def test_calibrated_without_learning_narrows_the_interval_of_relaxation() -> None:
     hold = holds(1, seed=4)[0].values[None, SEEN]
     plain = Relaxation().predict(TIME_S[SEEN], hold, horizon_s=20.0, level=0.9)
     sharp = Calibrated(method=Relaxation(), holds=holds(60, seed=5), learn=False)
@@ -72,7 +72,7 @@ def test_an_own_interval_is_scaled_and_the_value_stays() -> None:
     assert half.high[0] - half.low[0] < found.high[0] - found.low[0]
 
 
-def test_without_calibration_holds_an_own_interval_stays() -> None:
+def test_calibrated_without_holds_keeps_the_interval_of_relaxation() -> None:
     hold = holds(1, seed=4)[0].values[None, SEEN]
     plain = Relaxation().predict(TIME_S[SEEN], hold, horizon_s=20.0, level=0.9)
     found = Calibrated(method=Relaxation(), holds=[], learn=False).predict(

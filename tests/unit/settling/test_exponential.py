@@ -1,4 +1,4 @@
-"""The paper's estimation: agreement with curve_fit, statuses, fall-back."""
+"""The paper's estimation: agreement with curve_fit, statuses and fallback values."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def random_holds(n_holds: int, *, noise: float, seed: int) -> np.ndarray:
     return holds + rng.normal(0, noise, holds.shape)
 
 
-def by_curve_fit(hold: np.ndarray) -> float:
+def fit_with_scipy(hold: np.ndarray) -> float:
     inside = TIME_S >= 0.5 - 1e-9
     since, window = TIME_S[inside], hold[inside]
     with warnings.catch_warnings():
@@ -41,21 +41,20 @@ def by_curve_fit(hold: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.03, 0.3])
-def test_agrees_with_curve_fit_where_that_converges(noise: float) -> None:
+def test_fit_exponential_agrees_with_curve_fit(noise: float) -> None:
     holds = random_holds(1000, noise=noise, seed=11)
-    # On quiet holds the peak is the first sample; noisy ones may have theirs a sample later, and
-    # then the windows differ.
+    # In a noisy hold the peak can be after the first sample, and the fit windows would differ.
     holds = holds[holds.argmax(axis=1) == 0]
     fit = fit_exponential(TIME_S, holds)
-    theirs = np.array([by_curve_fit(hold) for hold in holds])
-    both = np.isfinite(theirs) & (fit.status == Status.OK)
+    expected = np.array([fit_with_scipy(hold) for hold in holds])
+    both = np.isfinite(expected) & (fit.status == Status.OK)
     assert both.mean() > (0.99 if noise < 0.1 else 0.6)
-    difference = np.abs(fit.settled[both] / theirs[both] - 1)
+    difference = np.abs(fit.settled[both] / expected[both] - 1)
     assert np.quantile(difference, 0.99) < 1e-5
     assert np.median(difference) < 1e-7
 
 
-def test_a_is_counted_from_the_peak_wherever_that_lies() -> None:
+def test_fit_exponential_amplitude_is_relative_to_the_peak() -> None:
     time_s = np.arange(0, 3, 0.05)
     since_peak = time_s - 0.2
     hold = np.where(since_peak < 0, -30.0, 25 * np.exp(-1.1 * since_peak) - 50)
@@ -66,7 +65,7 @@ def test_a_is_counted_from_the_peak_wherever_that_lies() -> None:
     assert fit.window_s[0] == pytest.approx(time_s[-1] - 0.7)
 
 
-def test_three_samples_are_too_short_and_four_are_not() -> None:
+def test_fit_exponential_requires_four_samples() -> None:
     time_s = np.array([0.0, 0.5, 0.8, 1.1, 1.4])
     hold = 10 * np.exp(-2 * time_s)[None] - 3
     short = fit_exponential(time_s[:4], hold[:, :4])
@@ -78,37 +77,37 @@ def test_three_samples_are_too_short_and_four_are_not() -> None:
 @pytest.mark.parametrize(
     "hold",
     [
-        pytest.param(-TIME_S, id="a straight line has no rate"),
-        pytest.param(-(TIME_S**2), id="a fall that gathers speed settles nowhere"),
-        pytest.param(np.full(TIME_S.size, 4.2), id="a constant has no rate"),
+        pytest.param(-TIME_S, id="straight line"),
+        pytest.param(-(TIME_S**2), id="accelerating fall"),
+        pytest.param(np.full(TIME_S.size, 4.2), id="constant"),
     ],
 )
-def test_where_the_question_has_no_answer_the_recorded_value_stands_in(hold) -> None:
+def test_fit_exponential_without_a_solution_returns_the_recorded_value(hold) -> None:
     fit = fit_exponential(TIME_S, hold[None])
     assert fit.status.tolist() == [Status.NOT_SETTLING]
     assert fit.settled[0] == hold[-1]
     assert fit.window_s[0] == 0
 
 
-def test_a_settled_value_that_runs_away_stands_only_where_the_data_are_clear_about_it() -> None:
+def test_fit_exponential_accepts_a_distant_asymptote_only_for_clear_data() -> None:
     slow = 10 * np.exp(-0.15 * TIME_S)
     noisy = slow + np.random.default_rng(5).normal(0, 0.05, (200, TIME_S.size))
     clear, unclear = fit_exponential(TIME_S, slow[None]), fit_exponential(TIME_S, noisy)
     assert clear.status[0] is Status.OK
     assert clear.settled[0] == pytest.approx(0, abs=1e-5)
-    come = noisy.max(axis=1) - noisy[:, -1]
-    assert (np.abs(unclear.settled - noisy[:, -1]) <= come).all()
+    change = noisy.max(axis=1) - noisy[:, -1]
+    assert (np.abs(unclear.settled - noisy[:, -1]) <= change).all()
     assert (unclear.status == Status.NOT_SETTLING).mean() > 0.3
 
 
-def test_a_batch_gives_what_each_hold_gives_alone() -> None:
+def test_fit_exponential_of_a_batch_equals_single_holds() -> None:
     holds = random_holds(50, noise=0.5, seed=3)
     batch = fit_exponential(TIME_S, holds)
     alone = np.array([fit_exponential(TIME_S, hold[None]).settled[0] for hold in holds])
     assert batch.settled == pytest.approx(alone, rel=1e-9)
 
 
-def test_statuses_are_members_and_intervals_are_unknown_without_calibration() -> None:
+def test_exponential_prediction_has_statuses_and_no_interval() -> None:
     estimate = Exponential().predict(
         TIME_S, random_holds(2, noise=0, seed=1), horizon_s=20, level=0.8
     )

@@ -1,4 +1,4 @@
-"""Relative changes are predicted as the resistances that they are of."""
+"""Predictions of relative changes in percent equal predictions of the resistances."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TIME_S = np.arange(1, 301) / 15
 REST_OHM = 40e3
 
 
-def left(level: float) -> NDArray[np.float64]:
+def resistance_ratio(level: float) -> NDArray[np.float64]:
     """Return R / R_rest of a hold with a contact of 0.2 s."""
     fast, slow = 0.8 * np.exp(-TIME_S / 0.08), 0.15 * np.exp(-TIME_S / 2.0)
     return np.asarray(level * (1 + slow - 0.03 * np.log(TIME_S + 0.3)) + fast)
@@ -27,8 +27,8 @@ def left(level: float) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("level", [0.02, 0.1, 0.6])
 @pytest.mark.parametrize("cutoff_s", [1.0, 2.5, 5.0])
-def test_percent_says_what_ohm_says(level: float, cutoff_s: float) -> None:
-    ohm, percent = REST_OHM * left(level), 100 * (left(level) - 1)
+def test_prediction_in_percent_equals_the_prediction_in_ohm(level: float, cutoff_s: float) -> None:
+    ohm, percent = REST_OHM * resistance_ratio(level), 100 * (resistance_ratio(level) - 1)
     by_ohm = predict_settled(TIME_S, ohm, cutoff_s=cutoff_s)
     by_percent = predict_settled(TIME_S, percent, cutoff_s=cutoff_s, unit="percent")
     for end in ("low", "value", "high"):
@@ -37,21 +37,21 @@ def test_percent_says_what_ohm_says(level: float, cutoff_s: float) -> None:
     assert by_percent.status == by_ohm.status
 
 
-def test_nothing_is_predicted_below_what_there_can_be() -> None:
-    percent = 100 * (left(0.004) - 1)
+def test_prediction_in_percent_is_above_minus_100() -> None:
+    percent = 100 * (resistance_ratio(0.004) - 1)
     found = predict_settled(TIME_S, percent, cutoff_s=1.0, unit="percent", level=0.999)
     assert -100 < found.low < found.high
 
 
-def test_below_minus_100_percent_the_values_are_what_they_are() -> None:
+def test_prediction_of_percent_below_minus_100_treats_values_as_signed() -> None:
     values = -120.0 - 5.0 * np.log(TIME_S + 0.3)
-    told = predict_settled(TIME_S, values, cutoff_s=2.5, unit="percent")
-    untold = predict_settled(TIME_S, values, cutoff_s=2.5)
-    assert told.value == pytest.approx(float(untold.value))
+    with_unit = predict_settled(TIME_S, values, cutoff_s=2.5, unit="percent")
+    without_unit = predict_settled(TIME_S, values, cutoff_s=2.5)
+    assert with_unit.value == pytest.approx(float(without_unit.value))
 
 
-def test_holds_that_know_their_unit_need_no_telling() -> None:
-    percent = 100 * (left(0.05) - 1)
+def test_predict_holds_uses_the_unit_of_the_hold() -> None:
+    percent = 100 * (resistance_ratio(0.05) - 1)
     hold = Hold(hold_id="a", channel=None, time_s=TIME_S, values=percent, unit="percent")
     methods = {"relaxation": Relaxation()}
     rows = [
@@ -65,23 +65,23 @@ def test_holds_that_know_their_unit_need_no_telling() -> None:
             level=0.9,
         )
     ]
-    told = predict_settled(TIME_S, percent, cutoff_s=2.5, unit="percent")
-    assert rows[0].predicted == float(told.value)
+    expected = predict_settled(TIME_S, percent, cutoff_s=2.5, unit="percent")
+    assert rows[0].predicted == float(expected.value)
     assert rows[1].predicted != rows[0].predicted
 
 
-def test_own_holds_in_percent_teach_what_the_same_holds_in_ohm_teach() -> None:
+def test_calibrated_with_holds_in_percent_equals_holds_as_ratios() -> None:
     past = [
         Hold(
             hold_id=str(k),
             channel=None,
             time_s=TIME_S,
-            values=100 * (left(k / 50) - 1),
+            values=100 * (resistance_ratio(k / 50) - 1),
             unit="percent",
         )
         for k in range(2, 12)
     ]
-    values = left(0.07)[None, :15]
+    values = resistance_ratio(0.07)[None, :15]
     by_percent, by_ratio = (
         Calibrated(holds=tuple(holds)).predict(TIME_S[:15], values, horizon_s=20.0, level=0.9)
         for holds in (past, [without_percent(hold) for hold in past])

@@ -1,4 +1,4 @@
-"""`predict_settled`: shapes, the cut-off, and what it refuses."""
+"""`predict_settled`: shapes, cut-off, and errors for invalid input."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ HOLD = 30 * np.exp(-TIME_S / 1.5) - 4 * np.log(TIME_S + 0.5) - 40
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_one_hold_is_a_row_of_a_batch(method: str) -> None:
+def test_predict_settled_of_one_hold_equals_its_row_in_a_batch(method: str) -> None:
     one = predict_settled(TIME_S, HOLD, cutoff_s=2.5, method=method)
     batch = predict_settled(TIME_S, np.stack([HOLD, 2 * HOLD]), cutoff_s=2.5, method=method)
     assert np.ndim(one.value) == 0
@@ -32,14 +32,14 @@ def test_one_hold_is_a_row_of_a_batch(method: str) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_samples_after_the_cutoff_are_not_looked_at(method: str) -> None:
+def test_predict_settled_ignores_samples_after_the_cutoff(method: str) -> None:
     changed = np.where(TIME_S > 2.5, np.nan, HOLD)
-    seen = predict_settled(TIME_S, HOLD, cutoff_s=2.5, method=method)
-    unseen = predict_settled(TIME_S, changed, cutoff_s=2.5, method=method)
-    assert seen.value == unseen.value
+    original = predict_settled(TIME_S, HOLD, cutoff_s=2.5, method=method)
+    without_later = predict_settled(TIME_S, changed, cutoff_s=2.5, method=method)
+    assert original.value == without_later.value
 
 
-def test_relaxation_is_the_default_and_own_methods_are_welcome() -> None:
+def test_predict_settled_uses_relaxation_by_default_and_accepts_a_method_object() -> None:
     assert predict_settled(TIME_S, HOLD, cutoff_s=2.5).method == "relaxation"
     patient = predict_settled(TIME_S, HOLD, cutoff_s=2.5, method=Exponential(wait_s=1.0))
     assert patient.window_s == pytest.approx(1.5)
@@ -48,7 +48,7 @@ def test_relaxation_is_the_default_and_own_methods_are_welcome() -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("samples", [1, 2, 3])
-def test_few_samples_and_constants_give_finite_values(method: str, samples: int) -> None:
+def test_predict_settled_of_few_or_constant_samples_is_finite(method: str, samples: int) -> None:
     for values in (HOLD[:samples], np.full(samples, 3.0)):
         found = predict_settled(TIME_S[:samples], values, cutoff_s=1.0, method=method)
         assert np.isfinite(found.value)
@@ -77,7 +77,9 @@ def test_few_samples_and_constants_give_finite_values(method: str, samples: int)
         ({"time_s": [], "values": []}, "no sample"),
     ],
 )
-def test_what_cannot_be_used_is_refused_in_one_line(change: dict, message: str) -> None:
+def test_predict_settled_with_invalid_input_raises_a_one_line_error(
+    change: dict, message: str
+) -> None:
     arguments = {"time_s": TIME_S, "values": HOLD, "cutoff_s": 2.5, "method": "exponential"}
     arguments |= change
     with pytest.raises(InputError, match=message) as refusal:
@@ -87,14 +89,14 @@ def test_what_cannot_be_used_is_refused_in_one_line(change: dict, message: str) 
 
 
 @pytest.mark.parametrize(("method", "from_s"), [("log_law", 0.2), ("log_law_early", 0.4)])
-def test_each_log_law_is_exact_on_creep_of_its_own(method: str, from_s: float) -> None:
+def test_log_law_is_exact_for_logarithmic_creep(method: str, from_s: float) -> None:
     creep = 50.0 - 3.0 * np.log(TIME_S + from_s)
     for cutoff_s in (1.0, 2.5):
         found = predict_settled(TIME_S, creep, cutoff_s=cutoff_s, method=method)
         assert found.value == pytest.approx(50.0 - 3.0 * np.log(20.0 + from_s), rel=1e-9)
 
 
-def test_a_hold_brings_its_loading_time() -> None:
+def test_predict_settled_uses_the_loading_time_of_the_hold() -> None:
     time_s = np.arange(0.0, 20.5, 0.1)
     values = 100.0 - 5.0 * np.log(time_s + 4.0)
     sudden = Hold(hold_id="a", channel=None, time_s=time_s, values=values)

@@ -1,4 +1,4 @@
-"""Our predictor on holds of every length and kind, and on real ones."""
+"""The relaxation predictor on synthetic holds of many kinds, and on real holds."""
 
 from __future__ import annotations
 
@@ -26,19 +26,21 @@ def log_hold(time_s: Array) -> Array:
 
 @pytest.mark.parametrize("rate_hz", [4.8, 15.0, 70.0, 1000.0])
 @pytest.mark.parametrize("cutoff_s", [1.0, 2.5, 5.0, 12.0])
-def test_the_log_law_is_followed_at_every_rate(rate_hz: float, cutoff_s: float) -> None:
+def test_relaxation_predicts_logarithmic_creep_at_every_sampling_rate(
+    rate_hz: float, cutoff_s: float
+) -> None:
     time_s = np.arange(0.0, cutoff_s, 1 / rate_hz)
     rng = np.random.default_rng(1)
     values = log_hold(time_s) + rng.normal(0, 0.02, time_s.size)
     estimate = predict(time_s, values).hold(0)
     remaining = log_hold(time_s[-1:])[0] - log_hold(np.array([19.75]))[0]
-    # A second of a hold leaves open how it goes on: plain or structured.
+    # One second of a hold does not determine its later shape.
     assert abs(estimate.value - log_hold(np.array([19.75]))[0]) < 0.6 * remaining
     assert estimate.low < estimate.value < estimate.high
     assert estimate.status is Status.OK
 
 
-def test_more_samples_narrow_the_interval() -> None:
+def test_relaxation_interval_narrows_with_more_samples() -> None:
     time_s = np.arange(0.0, 10.0, 0.07)
     values = log_hold(time_s)
     widths = [
@@ -48,7 +50,7 @@ def test_more_samples_narrow_the_interval() -> None:
     assert widths == sorted(widths, reverse=True)
 
 
-def test_a_big_fast_process_at_contact_is_not_taken_for_slow_settling() -> None:
+def test_relaxation_ignores_a_large_contact_transient() -> None:
     time_s = np.arange(0.0, 2.5, 1 / 15)
     values = 300.0 + 1000.0 * np.exp(-time_s / 0.1) - 10.0 * np.log(time_s + 0.5)
     settled = 300.0 - 10.0 * np.log(20.25)
@@ -56,20 +58,20 @@ def test_a_big_fast_process_at_contact_is_not_taken_for_slow_settling() -> None:
 
 
 @pytest.mark.parametrize("values", [[7.0], [7.0, 6.0]])
-def test_predict_one_or_two_samples_is_finite_and_too_short(values: list[float]) -> None:
+def test_relaxation_with_one_or_two_samples_is_finite_and_too_short(values: list[float]) -> None:
     estimate = predict(np.arange(len(values)) / 10, np.array(values)).hold(0)
     assert np.isfinite([estimate.value, estimate.low, estimate.high]).all()
     assert estimate.status is Status.TOO_SHORT
     assert len(values) > 1 or estimate.value == 7.0
 
 
-def test_a_constant_hold_stays_where_it_is() -> None:
+def test_relaxation_of_a_constant_hold_returns_the_constant() -> None:
     estimate = predict(np.arange(0.0, 3.0, 0.1), np.full(30, 5.0)).hold(0)
     assert (estimate.value, estimate.low, estimate.high) == (5.0, 5.0, 5.0)
     assert estimate.status is Status.NOT_SETTLING
 
 
-def test_a_bounce_shows_in_status_and_interval() -> None:
+def test_relaxation_of_a_bouncing_hold_is_not_settling_with_a_wide_interval() -> None:
     time_s = np.arange(0.0, 1.5, 0.05)
     calm = log_hold(time_s)
     bouncing = calm + 4.0 * (time_s > 1.0)
@@ -80,14 +82,14 @@ def test_a_bounce_shows_in_status_and_interval() -> None:
     assert width[1] > 1.5 * width[0]
 
 
-def test_at_the_horizon_the_samples_are_the_answer() -> None:
+def test_relaxation_after_the_horizon_returns_the_settled_value() -> None:
     time_s = np.arange(0.0, 25.0, 0.1)
     values = log_hold(time_s)
     estimate = predict(time_s, values).hold(0)
     assert estimate.value == pytest.approx(measure_settled_value(time_s, values, horizon_s=20.0))
 
 
-def test_a_batch_is_its_holds_one_by_one() -> None:
+def test_relaxation_of_a_batch_equals_single_holds() -> None:
     rng = np.random.default_rng(2)
     time_s = np.arange(0.0, 2.5, 0.1)
     values = log_hold(time_s) + rng.normal(0, 0.5, (700, time_s.size))
@@ -100,12 +102,12 @@ def test_a_batch_is_its_holds_one_by_one() -> None:
         assert batched.status is alone.status
 
 
-def test_the_level_must_be_a_probability() -> None:
+def test_relaxation_with_an_invalid_level_raises() -> None:
     with pytest.raises(ValueError, match="between 0 and 1"):
         Relaxation().predict(np.arange(3.0), np.ones((1, 3)), horizon_s=20.0, level=1.0)
 
 
-def test_a_higher_level_is_wider() -> None:
+def test_relaxation_interval_widens_with_the_level() -> None:
     time_s = np.arange(0.0, 2.5, 0.1)
     values = log_hold(time_s)[None]
     low, high = (
@@ -114,12 +116,12 @@ def test_a_higher_level_is_wider() -> None:
     assert high.high[0] > low.high[0]
 
 
-def test_a_loading_over_a_minute_is_predicted_when_it_is_known() -> None:
-    # Log creep after a load that grew with the square of time for 60 s (superposition).
+def test_relaxation_with_known_loading_time_predicts_a_slow_loading() -> None:
+    # Log creep after a load that increased with the square of time for 60 s (superposition).
     time_s = np.arange(0.0, 20.5, 0.1)
     back_s = np.linspace(0.05, 59.95, 600)
-    share = (60.0 - back_s) / (60.0 - back_s).sum()
-    values = 10.0 * np.exp(-0.08 * np.log(time_s[:, None] + back_s + 0.3) @ share)
+    fraction = (60.0 - back_s) / (60.0 - back_s).sum()
+    values = 10.0 * np.exp(-0.08 * np.log(time_s[:, None] + back_s + 0.3) @ fraction)
     seen = time_s <= 2.5
     truth = measure_settled_value(time_s, values, horizon_s=20.0)
     known, unknown = (
@@ -129,14 +131,14 @@ def test_a_loading_over_a_minute_is_predicted_when_it_is_known() -> None:
     assert abs(known - truth) < 0.3 * abs(unknown - truth)
 
 
-def test_a_decay_that_comes_to_rest_is_unproven() -> None:
+def test_relaxation_of_a_complete_decay_is_unproven() -> None:
     time_s = np.arange(0.0, 5.0, 0.1)
     rng = np.random.default_rng(6)
     values = 100.0 * (1 + 0.3 * np.exp(-time_s / 1.5)) + rng.normal(0, 0.02, time_s.size)
     assert predict(time_s, values).hold(0).status is Status.UNPROVEN
 
 
-def test_a_reading_renewed_every_third_sample_is_predicted_by_those() -> None:
+def test_relaxation_uses_only_the_samples_at_which_the_reading_was_updated() -> None:
     time_s = np.arange(0.0, 5.0, 0.1)
     renewed_s = np.repeat(time_s[::3], 3)[: time_s.size]
     values = log_hold(renewed_s)
@@ -148,7 +150,7 @@ def test_a_reading_renewed_every_third_sample_is_predicted_by_those() -> None:
 
 
 def score(file: Path, *, cutoff_s: float) -> Array:
-    """Return |error| and half-width in percent of the settled value, and coverage, per hold."""
+    """Return absolute error and half-width in percent, and coverage, for each hold."""
     rows = []
     for hold in read_holds(file):
         settled = measure_settled_value(hold.time_s, hold.values, horizon_s=20.0)
@@ -169,7 +171,7 @@ def score(file: Path, *, cutoff_s: float) -> Array:
     ("cutoff_s", "median_percent", "p90_percent", "half_width_percent"),
     [(1.0, 2.4, 7.0, 9.0), (2.5, 1.3, 4.2, 5.0), (5.0, 0.85, 3.2, 3.2)],
 )
-def test_real_silicone_holds(
+def test_relaxation_error_and_coverage_on_real_silicone_holds(
     real_data: Path,
     cutoff_s: float,
     median_percent: float,
@@ -185,20 +187,24 @@ def test_real_silicone_holds(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("cutoff_s", "median_percent"), [(1.0, 6.0), (2.5, 5.0), (5.0, 4.0)])
-def test_real_velostat_holds(real_data: Path, cutoff_s: float, median_percent: float) -> None:
+def test_relaxation_error_on_real_velostat_holds(
+    real_data: Path, cutoff_s: float, median_percent: float
+) -> None:
     error, _, _ = score(real_data / "holds_velostat.csv.gz", cutoff_s=cutoff_s).T
     assert np.median(error) < median_percent
 
 
 @pytest.mark.slow
-def test_from_two_seconds_on_no_real_hold_is_half_its_value_off(real_data: Path) -> None:
+def test_relaxation_error_on_real_holds_is_below_half_of_the_value(real_data: Path) -> None:
     for name in ("holds_cbsilicone.csv.gz", "holds_velostat.csv.gz"):
         for cutoff_s in (2.0, 3.0, 7.0, 15.0):
             assert score(real_data / name, cutoff_s=cutoff_s)[:, 0].max() < 50.0
 
 
 @pytest.mark.slow
-def test_calibration_on_other_specimens_covers_and_narrows(real_data: Path) -> None:
+def test_calibration_with_other_specimens_narrows_intervals_and_keeps_coverage(
+    real_data: Path,
+) -> None:
     holds = list(read_holds(real_data / "holds_cbsilicone.csv.gz"))
     others = [h for h in holds if h.hold_id.startswith("1_10_E")]
     calibrated = Calibrated(method=Relaxation(), holds=others, learn=False)
@@ -219,7 +225,7 @@ def test_calibration_on_other_specimens_covers_and_narrows(real_data: Path) -> N
 
 
 @pytest.mark.parametrize("from_ohm", [600.0, 45.0])
-def test_an_unloaded_stretch_in_front_changes_little(from_ohm: float) -> None:
+def test_relaxation_ignores_an_unloaded_baseline_before_the_hold(from_ohm: float) -> None:
     rng = np.random.default_rng(4)
     time_s = np.arange(0.0, 21.0, 1 / 30)
     held = 40.0 - 1.5 * np.log(time_s + 0.2) + rng.normal(0, 0.02, time_s.size)
@@ -233,7 +239,7 @@ def test_an_unloaded_stretch_in_front_changes_little(from_ohm: float) -> None:
     assert 0 < found.low < truth < found.high
 
 
-def test_a_relative_change_that_begins_with_contact_is_not_drawn_out() -> None:
+def test_relaxation_of_a_relative_change_ignores_the_initial_contact() -> None:
     time_s = np.arange(0.0, 21.0, 1 / 15)
     shape = 1 - 0.5 * np.exp(-time_s / 0.08) + 0.02 * np.log((time_s + 0.3) / 20)
     values = np.where(time_s < 0.1, 0.0, -50.0 * shape)
@@ -245,7 +251,7 @@ def test_a_relative_change_that_begins_with_contact_is_not_drawn_out() -> None:
         )
 
 
-def test_a_ringing_contact_is_too_short_at_one_second() -> None:
+def test_relaxation_one_second_after_a_ringing_contact_is_too_short() -> None:
     time_s = np.arange(0.0, 2.5, 1 / 70)
     ringing = np.exp(-time_s / 0.1) * np.abs(np.cos(25.0 * time_s))
     values = 40.0 * np.exp(ringing - 0.05 * np.log(time_s + 0.2))
@@ -254,7 +260,7 @@ def test_a_ringing_contact_is_too_short_at_one_second() -> None:
     assert predict(time_s, values).hold(0).status is Status.OK
 
 
-def test_a_hold_that_is_all_noise_is_a_misfit() -> None:
+def test_relaxation_of_pure_noise_is_a_misfit() -> None:
     rng = np.random.default_rng(5)
     time_s = np.arange(0.0, 3.0, 1 / 15)
     values = 40.0 * np.exp(rng.normal(0, 0.5, time_s.size))

@@ -1,4 +1,4 @@
-"""Crosstalk against an independent circuit solver, and back."""
+"""Crosstalk model and correction, compared with an independent circuit solver."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SHAPES = [(1, 4), (3, 1), (2, 2), (4, 2), (6, 2), (5, 7), (16, 16)]
 
 
 def node_voltages(resistors: list[Resistor], sources_v: dict[str, float]) -> dict[str, float]:
-    """Solve any resistor circuit by Kirchhoff's current law, one dense equation per node."""
+    """Solve a resistor circuit with Kirchhoff's current law, one equation per node."""
     nodes = sorted({node for first, second, _ in resistors for node in (first, second)})
     place = {node: k for k, node in enumerate(nodes)}
     equations = np.zeros((len(nodes), len(nodes)))
@@ -37,7 +37,7 @@ def node_voltages(resistors: list[Resistor], sources_v: dict[str, float]) -> dic
 def divider_reading_ohm(
     matrix: NDArray[np.float64], row: int, col: int, *, reference_ohm: float, held: bool
 ) -> float:
-    """Read one pixel as the board does: 5 V on its row, divider on column."""
+    """Return the reading of one pixel: 5 V on its row, divider on its column."""
     resistors = [
         (f"row{i}", f"col{j}", float(matrix[i, j]))
         for i in range(matrix.shape[0])
@@ -57,7 +57,9 @@ def random_pixels(shape: tuple[int, ...], *, seed: int = 7) -> NDArray[np.float6
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("held", [False, True])
-def test_readings_agree_with_a_generic_circuit_solver(shape: tuple[int, int], held: bool) -> None:
+def test_crosstalk_readings_agree_with_a_generic_circuit_solver(
+    shape: tuple[int, int], held: bool
+) -> None:
     pixels = random_pixels(shape)
     if held:
         readings = held_readings_ohm(pixels, reference_ohm=4700.0)
@@ -70,26 +72,26 @@ def test_readings_agree_with_a_generic_circuit_solver(shape: tuple[int, int], he
         assert readings[row, col] == pytest.approx(circuit, rel=1e-9)
 
 
-def test_equal_pixels_of_sixteen_by_sixteen_read_88_percent_low() -> None:
-    # Foster: the sum of reading x conductance over all pixels is the number of lines less one.
+def test_floating_readings_of_16_by_16_equal_pixels_are_88_percent_low() -> None:
+    # Foster: the sum of reading x conductance over all pixels is the number of lines minus one.
     assert floating_readings_ohm(np.full((16, 16), 1000.0)) == pytest.approx(1000.0 * 31 / 256)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_floating_readings_are_solved_back(shape: tuple[int, int]) -> None:
+def test_unmix_floating_recovers_the_pixel_resistances(shape: tuple[int, int]) -> None:
     pixels = random_pixels((3, *shape))
     unmixed = unmix_floating(floating_readings_ohm(pixels))
     assert unmixed == pytest.approx(pixels, rel=1e-5)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_held_readings_are_solved_back(shape: tuple[int, int]) -> None:
+def test_unmix_held_recovers_the_pixel_resistances(shape: tuple[int, int]) -> None:
     pixels = random_pixels((3, *shape))
     unmixed = unmix_held(held_readings_ohm(pixels, reference_ohm=900.0), reference_ohm=900.0)
     assert unmixed == pytest.approx(pixels, rel=1e-9)
 
 
-def test_a_batch_gives_what_its_frames_give_alone() -> None:
+def test_unmix_floating_of_a_batch_equals_single_frames() -> None:
     readings = floating_readings_ohm(random_pixels((2, 5, 4, 2)))
     together = unmix_floating(readings)
     alone = unmix_floating(readings[1, 3])
@@ -97,7 +99,7 @@ def test_a_batch_gives_what_its_frames_give_alone() -> None:
     assert together[1, 3] == pytest.approx(alone)
 
 
-def test_an_open_pixel_is_found_through_its_detours() -> None:
+def test_unmix_floating_finds_an_open_pixel_despite_parallel_paths() -> None:
     pixels = np.full((2, 2), 1000.0)
     pixels[0, 1] = np.inf
     readings = floating_readings_ohm(pixels)
@@ -107,7 +109,7 @@ def test_an_open_pixel_is_found_through_its_detours() -> None:
     assert unmixed[[0, 1, 1], [0, 0, 1]] == pytest.approx(1000.0, rel=1e-4)
 
 
-def test_a_reading_above_its_detours_leaves_the_others_solved() -> None:
+def test_unmix_floating_solves_the_other_pixels_if_one_is_hidden() -> None:
     readings = floating_readings_ohm(np.array([[1000.0, np.inf], [1000.0, 1000.0]]))
     readings[0, 1] *= 1.02
     unmixed = unmix_floating(readings)
@@ -115,7 +117,7 @@ def test_a_reading_above_its_detours_leaves_the_others_solved() -> None:
     assert unmixed[1, 1] == pytest.approx(1000.0, rel=1e-3)
 
 
-def test_a_dead_row_is_open_and_the_others_are_solved() -> None:
+def test_unmix_floating_with_a_dead_row_solves_the_other_rows() -> None:
     pixels = random_pixels((4, 2))
     pixels[3] = np.inf
     readings = floating_readings_ohm(pixels)
@@ -125,13 +127,13 @@ def test_a_dead_row_is_open_and_the_others_are_solved() -> None:
     assert unmixed[:3] == pytest.approx(pixels[:3], rel=1e-4)
 
 
-def test_impossible_held_readings_are_unsolved() -> None:
+def test_unmix_held_returns_nan_for_impossible_readings() -> None:
     unmixed = unmix_held([[[10.0], [10.0]], [[5000.0], [5000.0]]], reference_ohm=1000.0)
     assert np.isnan(unmixed[1]).tolist() == [[False], [False]]
     assert np.isnan(unmixed[0]).all()
 
 
-def test_a_short_pixel_is_zero_and_the_others_are_solved() -> None:
+def test_unmix_floating_with_a_short_pixel_solves_the_other_pixels() -> None:
     pixels = random_pixels((4, 2))
     pixels[1, 1] = 1e-9
     readings = floating_readings_ohm(pixels)
@@ -143,16 +145,16 @@ def test_a_short_pixel_is_zero_and_the_others_are_solved() -> None:
 
 
 @pytest.mark.parametrize("bad", [-1.0, np.nan])
-def test_readings_that_are_no_resistance_are_refused(bad: float) -> None:
+def test_unmix_floating_with_a_negative_or_nan_reading_raises(bad: float) -> None:
     with pytest.raises(ValueError, match="negative or NaN"):
         unmix_floating([[100.0, bad]])
 
 
-def test_pixels_without_resistance_have_no_model() -> None:
+def test_floating_readings_of_a_zero_resistance_raise() -> None:
     with pytest.raises(ValueError, match="must be positive"):
         floating_readings_ohm([[100.0, 0.0]])
 
 
-def test_a_flat_list_is_refused() -> None:
+def test_unmix_floating_of_a_flat_list_raises() -> None:
     with pytest.raises(ValueError, match="shape"):
         unmix_floating([100.0, 200.0])

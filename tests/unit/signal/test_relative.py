@@ -1,4 +1,4 @@
-"""Rest baseline, equation 1 and the sums over pixels."""
+"""Rest baseline, equation 1 of the paper, and sums over pixels."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def quiet(frames: int = 60, *, seed: int = 0) -> np.ndarray:
     return PIXELS * (1 + noise)
 
 
-def test_baseline_of_a_quiet_stretch() -> None:
+def test_rest_baseline_of_quiet_frames_equals_the_true_values() -> None:
     rest = rest_baseline(quiet(200))
     np.testing.assert_allclose(rest.rest_ohm, PIXELS, rtol=1e-3)
     np.testing.assert_allclose(rest.spread_percent, 0.2, rtol=0.3)
     assert rest.frames == 200
 
 
-def test_single_outliers_do_not_move_the_baseline() -> None:
+def test_rest_baseline_ignores_single_outliers() -> None:
     ohm = quiet()
     spoiled = ohm.copy()
     spoiled[[5, 40], 0, 1] *= 3.0
@@ -40,20 +40,20 @@ def test_single_outliers_do_not_move_the_baseline() -> None:
     )
 
 
-def test_a_settling_sensor_is_refused() -> None:
+def test_rest_baseline_of_a_settling_sensor_raises() -> None:
     recovery = 1 - 0.05 * np.exp(-np.arange(60) / 30)
     with pytest.raises(CalibrationError, match="settling"):
         rest_baseline(quiet() * recovery[:, None, None])
 
 
-def test_a_moving_finger_is_refused() -> None:
+def test_rest_baseline_of_a_moving_finger_raises() -> None:
     spike = np.zeros(60)
     spike[28:32] = (0.2, 0.15, 0.1, 0.05)
     with pytest.raises(CalibrationError, match="jumped"):
         rest_baseline(quiet() * (1 + spike)[:, None, None])
 
 
-def test_a_steady_load_is_refused_where_the_rest_is_known() -> None:
+def test_rest_baseline_with_known_values_raises_for_a_steady_load() -> None:
     loaded = quiet() * 0.6
     assert rest_baseline(loaded).frames == 60
     with pytest.raises(CalibrationError, match="there is a load"):
@@ -61,7 +61,7 @@ def test_a_steady_load_is_refused_where_the_rest_is_known() -> None:
     assert rest_baseline(quiet() * 0.95, known_ohm=PIXELS).frames == 60
 
 
-def test_too_few_frames_and_dead_sensors_are_refused() -> None:
+def test_rest_baseline_of_too_few_frames_or_dead_pixels_raises() -> None:
     with pytest.raises(CalibrationError, match="at least 5"):
         rest_baseline(quiet(4))
     with pytest.raises(CalibrationError, match="at least 5"):
@@ -70,7 +70,7 @@ def test_too_few_frames_and_dead_sensors_are_refused() -> None:
         rest_baseline(np.full((10, 2, 2), np.inf))
 
 
-def test_a_dead_pixel_is_left_out_of_everything() -> None:
+def test_dead_pixel_is_ignored_in_the_sums_over_pixels() -> None:
     ohm = quiet()
     ohm[:, 0, 0] = np.inf
     rest = rest_baseline(ohm)
@@ -82,7 +82,7 @@ def test_a_dead_pixel_is_left_out_of_everything() -> None:
     assert total_excess(excess) == pytest.approx(3.0, abs=0.02)
 
 
-def test_excess_and_relative_change_are_the_same_reading() -> None:
+def test_excess_conductance_is_consistent_with_relative_change() -> None:
     ohm = PIXELS * np.array([[0.1, 0.5], [0.9, 1.2]])
     change = relative_change_percent(ohm, rest_ohm=PIXELS)
     excess = excess_conductance(ohm, rest_ohm=PIXELS)
@@ -99,6 +99,6 @@ def test_sums_over_pixels_keep_leading_axes() -> None:
     assert total_excess(change).shape == (7, 3)
 
 
-def test_nothing_in_contact_is_not_a_number() -> None:
+def test_sums_over_only_nan_pixels_are_nan() -> None:
     nothing = np.full((2, 2), np.nan)
     assert all(np.isnan(f(nothing)) for f in (mean_change, largest_change, total_excess))
