@@ -1,10 +1,10 @@
-"""An archive estimated again: memory, and one process against two.
+"""Evaluation of an archive with one and with two processes: time and memory.
 
     python benchmarks/archive.py --samples 100000000 --folder /big/disk
 
-Holds of 2000 samples at 100 Hz that creep with the logarithm of time, drawn (no sensor, no twin),
-in files of a million rows. `palpate archive settle` then runs on them, on one process and on two.
-The peak is the largest of any one process. The results must be the same bytes.
+The archive contains drawn holds (no sensor, no twin) of 2000 samples at 100 Hz that creep with the
+logarithm of time, in files of a million rows. `palpate archive settle` runs on them with one and
+with two processes. The peak is the largest memory of one process. The results must be identical.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from palpate_archive.evaluating import perform, plan_tasks, settle_job
+from palpate_archive.evaluating import create_settle_job, perform, plan_tasks
 from palpate_archive.layout import Archive, Part
 
 PER_HOLD, HOLDS_PER_FILE = 2000, 500
 
 
-def draw(root: Path, *, samples: int) -> None:
-    """Write the holds."""
+def draw_holds(root: Path, *, samples: int) -> None:
+    """Write an archive of drawn holds."""
     archive, rng = Archive(root, create=True), np.random.default_rng(3)
     time_s = np.arange(PER_HOLD) / 100
     for number in range(max(samples // (PER_HOLD * HOLDS_PER_FILE), 1)):
@@ -52,8 +52,10 @@ def draw(root: Path, *, samples: int) -> None:
 
 
 def settle(root: Path, results: Path, *, workers: int) -> dict[str, float]:
-    """Estimate all of it; return seconds and the peak of memory, GB."""
-    tasks = plan_tasks(settle_job(method="relaxation", horizon_s=19.0), Archive(root), to=results)
+    """Evaluate the archive; return seconds and peak memory, GB."""
+    tasks = plan_tasks(
+        create_settle_job(method="relaxation", horizon_s=19.0), Archive(root), to=results
+    )
     started_s = time.perf_counter()
     perform(tasks, show=lambda _: None, workers=workers)
     taken_s = time.perf_counter() - started_s
@@ -64,8 +66,8 @@ def settle(root: Path, results: Path, *, workers: int) -> dict[str, float]:
     return {"seconds": taken_s, "peak_gb": max(peaks) / 1e6}
 
 
-def fingerprint(results: Path) -> str:
-    """Return one for the bytes of all results."""
+def hash_results(results: Path) -> str:
+    """Return a hash of the bytes of all results."""
     files = sorted(results.rglob("*.parquet"))
     found = [hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
     return hashlib.sha256("".join(found).encode()).hexdigest()
@@ -74,16 +76,16 @@ def fingerprint(results: Path) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--samples", type=int, default=10_000_000)
-    parser.add_argument("--folder", type=Path, help="where there is room; deleted afterwards")
+    parser.add_argument("--folder", type=Path, help="folder for the temporary archive")
     parser.add_argument("--one", nargs=3, help=argparse.SUPPRESS)
-    told = parser.parse_args()
-    if told.one:
-        root, results, workers = told.one
+    options = parser.parse_args()
+    if options.one:
+        root, results, workers = options.one
         print(json.dumps(settle(Path(root), Path(results), workers=int(workers))))
         return
-    folder = Path(tempfile.mkdtemp(dir=told.folder))
+    folder = Path(tempfile.mkdtemp(dir=options.folder))
     try:
-        draw(folder / "archive", samples=told.samples)
+        draw_holds(folder / "archive", samples=options.samples)
         prints = set()
         for workers in (1, 2):
             results = folder / f"results-{workers}"
@@ -92,14 +94,14 @@ def main() -> None:
                 [*command, str(workers)], capture_output=True, text=True, check=True
             )
             found = json.loads(ended.stdout)
-            prints.add(fingerprint(results))
-            rate = told.samples / found["seconds"] / 1e6
+            prints.add(hash_results(results))
+            rate = options.samples / found["seconds"] / 1e6
             print(
                 f"{workers} process(es): {found['seconds']:.1f} s, {rate:.2f} million "
                 f"samples/s, peak of one process {found['peak_gb']:.2f} GB",
                 flush=True,
             )
-        print("the same bytes" if len(prints) == 1 else "DIFFERENT results")
+        print("identical results" if len(prints) == 1 else "DIFFERENT results")
         sys.exit(len(prints) != 1)
     finally:
         shutil.rmtree(folder)

@@ -1,11 +1,11 @@
-"""Grasps by hobby servo and real firmware, and by `sim-rigid` with the same seeds.
+"""Grasps with a hobby servo and the real firmware, and with `sim-rigid` and the same seeds.
 
     python benchmarks/board_grasps.py --board mega2560 --grasps 40 --out docs/boards/mega2560.json
 
-Board, serial line and pulses are the firmware's on the AVR simulator; sheet, object and fingers are
-the twin's. The servo follows its pulses with the dead band and the speed of an MG996R. Calibration
-is that of `sim-rigid` (same sheet and fingers, another session) without the servo's current, which
-a hobby servo does not report. `--board twin` runs `sim-rigid` itself.
+The firmware runs on the AVR simulator, with its serial line and servo pulses. Sheet, object and
+fingers are simulated by the twin. The servo has the dead band and the speed of an MG996R. The
+calibration is that of `sim-rigid` (same sheet and fingers, another session) without the servo
+current, which a hobby servo does not report. `--board twin` runs `sim-rigid` itself.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from palpate.twin.objects import draw_object
 from palpate.twin.ranges import ranges_of
 from palpate.twin.world import World
 
-#: As `palpate init --gripper servo` writes it.
+#: As in the rig file of `palpate init --gripper servo`.
 TRAVEL = ServoTravel(open_us=690, closed_us=2310, open_mm=74.0, closed_mm=5.0)
 TWIN, _LEVEL = "twin", "lab"
 
 
 def open_board_rig(board: str, *, seed: int) -> Rig:
-    """Return the rig of `sim-rigid` with this seed, read and driven by a board's firmware."""
+    """Return the rig of `sim-rigid` with this seed, connected to a board's firmware."""
     obj = draw_object(np.random.default_rng([seed, 10]), None)
     world = World(obj, seed=seed, sheet_seed=seed, level=_LEVEL)
     calibration = calibrate_twin(seed=seed, level=_LEVEL, apart_from=obj.name)
@@ -70,7 +70,7 @@ def open_board_rig(board: str, *, seed: int) -> Rig:
 
 
 def grasp_once(seed: int, *, board: str) -> dict[str, Any]:
-    """Return one grasp's outcome, peak, times and losses; `board` is a board, or "twin"."""
+    """Grasp once with a board or "twin"; return outcome, peak force, times and losses."""
     rig = open_rig("sim-rigid", seed=seed) if board == TWIN else open_board_rig(board, seed=seed)
     with rig:
         begin_s = rig.clock.now_s()
@@ -92,7 +92,7 @@ def grasp_once(seed: int, *, board: str) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Run the grasps, print a line for each, write all of them."""
+    """Run the grasps, print one line per grasp, and write all results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--board", required=True, choices=(TWIN, *BOARDS))
     parser.add_argument("--grasps", type=int, default=40)

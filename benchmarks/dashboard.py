@@ -1,10 +1,10 @@
-"""What viewers cost the loop: a board at 500 frames/s, recorded and watched.
+"""Load of viewers on the server: a board at 500 frames/s, recorded and watched.
 
-Run `python benchmarks/dashboard.py --seconds 600`. The board is a process at the far end of a
-pseudo-terminal, `palpate serve` reads and records it: with no viewer, with one page and with three
-open in Chromium, with none again. It reports the loop's period, the processor time and the memory
-of both processes, the redraws of each page with the age of its frames and its long tasks, and
-whether the recording is complete.
+Run `python benchmarks/dashboard.py --seconds 600`. A simulated board sends frames through a
+pseudo-terminal to `palpate serve`, which records them: without viewers, with one and with three
+pages in Chromium, and without viewers again. It reports the period of the loop, processor time and
+memory of both processes, the redraws of each page with the age of its frames and its long tasks,
+and whether the recording is complete.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ PATIENCE_MS = 300_000
 
 
 class StillHand:
-    """A gripper that stays open, for a rig that only shows its array."""
+    """A gripper that stays open."""
 
     limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
 
@@ -79,7 +79,7 @@ def write_rig(folder: Path, *, port: str, rate_hz: float) -> Path:
     return rig
 
 
-def flexitac_on_a_line(rate_hz: float) -> AbstractContextManager[tuple[str, int]]:
+def run_flexitac_board(rate_hz: float) -> AbstractContextManager[tuple[str, int]]:
     """Run a board of 12 x 32 pixels in a process; return port and process."""
     from palpate_studies.benchmarks.pty_board import run_on_port
 
@@ -89,31 +89,31 @@ def flexitac_on_a_line(rate_hz: float) -> AbstractContextManager[tuple[str, int]
         for sent in itertools.count():
             time.sleep(max(start_s + sent / rate_hz - time.monotonic(), 0.0))
             pixels[sent % 384] = 20 + sent % 70
-            with suppress(BlockingIOError):  # there is no reader: lost, as on a real port
+            with suppress(BlockingIOError):  # without a reader the frame is lost, as on a real port
                 os.write(master, b"\xaa\x55" + pixels.astype(np.uint8).tobytes())
 
     return run_on_port(send)
 
 
 def watch_flexitac(*, rate_hz: float, seconds: float) -> None:
-    """Print what 384 pixels on the page cost, with one viewer."""
+    """Measure and print the load of 384 pixels on the page, with one viewer."""
     with (
         tempfile.TemporaryDirectory() as folder,
-        flexitac_on_a_line(rate_hz) as (port, _),
+        run_flexitac_board(rate_hz) as (port, _),
         sync_playwright() as play,
         play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as browser,
     ):
         rig = Path(folder, "rig.toml")
         rig.write_text(f'[array]\nopen = "palpate.sensor.flexitac:open_board"\nport = "{port}"\n')
-        with serving(Path(folder), rig) as (address, pid):
-            page = look(browser, address)
+        with serve_rig(Path(folder), rig) as (address, pid):
+            page = open_page(browser, address)
             processes = {"server": pid, "devices": devices_of(pid)}
-            page.evaluate(_NOTE_PICTURES)
-            before, cpu = link(address), [cpu_s(one) for one in processes.values()]
+            page.evaluate(_COUNT_REDRAWS)
+            before, cpu = read_link(address), [cpu_s(one) for one in processes.values()]
             shown_s, began_s = browser_cpu_s(), time.monotonic()
             time.sleep(seconds)
             ages_ms, made = page.evaluate("[window.ages, window.made]")
-            now, took_s = link(address), time.monotonic() - began_s
+            now, took_s = read_link(address), time.monotonic() - began_s
             spent = [cpu_s(one) for one in processes.values()]
             busy = [100 * (end - begin) / took_s for begin, end in zip(cpu, spent, strict=True)]
             busy.append(100 * (browser_cpu_s() - shown_s) / took_s)
@@ -128,9 +128,9 @@ def watch_flexitac(*, rate_hz: float, seconds: float) -> None:
             )
 
 
-#: Notes the age of the frame (ms, as the page states it) and the nodes made at each picture, and
-#: the tasks of the main thread that the browser calls long (above 50 ms).
-_NOTE_PICTURES = """() => {
+#: Records the age of the frame (ms, as shown on the page) and the created nodes at each redraw, and
+#: the long tasks (above 50 ms) of the main thread.
+_COUNT_REDRAWS = """() => {
   const noted = window.ages !== undefined;
   [window.ages, window.made, window.long] = [[], 0, []];
   if (noted) return;
@@ -165,15 +165,15 @@ def cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def board_on_a_line(rate_hz: float) -> AbstractContextManager[tuple[str, int]]:
-    """Run a board in a process of its own; give the port and the process."""
+def run_board_process(rate_hz: float) -> AbstractContextManager[tuple[str, int]]:
+    """Run a board in its own process; return the port and the process."""
     from palpate_studies.benchmarks.pty_board import run_board, run_on_port
 
     return run_on_port(partial(run_board, rate_hz=rate_hz))
 
 
 @contextmanager
-def serving(folder: Path, rig: Path, *options: str) -> Iterator[tuple[str, int]]:
+def serve_rig(folder: Path, rig: Path, *options: str) -> Iterator[tuple[str, int]]:
     """Serve a rig; yield the address and the process."""
     command = [sys.executable, "-c", "from palpate.cli import main; main()", "serve", "--port", "0"]
     command += ["--rig", str(rig), "--folder", str(folder), *options]
@@ -192,25 +192,25 @@ def serving(folder: Path, rig: Path, *options: str) -> Iterator[tuple[str, int]]
             process.terminate()
 
 
-def link(address: str) -> dict[str, float]:
-    # Nothing of the curve: the benchmark is not a fourth viewer.
+def read_link(address: str) -> dict[str, float]:
+    # Without the curve, so that the benchmark is not an additional viewer.
     with urllib.request.urlopen(f"{address}live?after_s=1e12", timeout=10) as reply:
         found: dict[str, float] = json.load(reply)["link"]
         return found
 
 
 def memory_mb(pid: int) -> dict[str, float]:
-    """Return resident memory of the server and of the devices' process."""
+    """Return the resident memory of the server and of the devices process."""
     return {"server": _resident_mb(pid), "devices": _resident_mb(devices_of(pid))}
 
 
 def devices_of(pid: int) -> int:
-    """Return the devices' process: the large one of the server's children."""
+    """Return the devices process, the largest child of the server."""
     return max(children_of(pid), key=_resident_mb)
 
 
 def children_of(pid: int) -> list[int]:
-    """Return the processes that a process started, from whichever thread."""
+    """Return the child processes of all threads of a process."""
     listed = Path(f"/proc/{pid}/task").glob("*/children")
     return [int(child) for of_thread in listed for child in of_thread.read_text().split()]
 
@@ -221,16 +221,16 @@ def _resident_mb(pid: int) -> float:
 
 
 def watch(address: str, pid: int, *, seconds: float, what: str, pages: Sequence[Page] = ()) -> None:
-    """Ask once a second; print the loop's period, processor time, memory and what pages drew."""
+    """Poll once a second; print loop period, processor time, memory and redraws."""
     p99_ms, worst_ms, began = [], [], memory_mb(pid)
     processes = {"server": pid, "devices": devices_of(pid)}
     for page in pages:
-        page.evaluate(_NOTE_PICTURES)
+        page.evaluate(_COUNT_REDRAWS)
     cpu, began_s = [cpu_s(one) for one in processes.values()], time.monotonic()
-    end_s, before = time.monotonic() + seconds, link(address)
+    end_s, before = time.monotonic() + seconds, read_link(address)
     while time.monotonic() < end_s:
         time.sleep(1.0)
-        now = link(address)
+        now = read_link(address)
         p99_ms.append(1e3 * now["period_p99_s"])
         worst_ms.append(1e3 * now["period_worst_s"])
     took_s = time.monotonic() - began_s
@@ -257,7 +257,7 @@ def watch(address: str, pid: int, *, seconds: float, what: str, pages: Sequence[
         )
 
 
-def look(browser: Browser, address: str) -> Page:
+def open_page(browser: Browser, address: str) -> Page:
     page = browser.new_context(viewport={"width": 1280, "height": 800}).new_page()
     page.set_default_timeout(PATIENCE_MS)
     page.goto(address)
@@ -265,7 +265,7 @@ def look(browser: Browser, address: str) -> Page:
     return page
 
 
-def record(page: Page, *, wanted: bool) -> None:
+def switch_recording(page: Page, *, wanted: bool) -> None:
     page.wait_for_selector("#grasp")
     if page.locator("#take-over").is_visible():
         page.locator("#take-over").click()
@@ -279,7 +279,7 @@ def main() -> None:
     parser.add_argument("--rate-hz", type=float, default=500.0)
     parser.add_argument("--seconds", type=float, default=600.0, help="with three viewers")
     parser.add_argument("--alone", type=float, default=120.0, help="seconds with none or one")
-    parser.add_argument("--flexitac", action="store_true", help="384 pixels, one viewer, no more")
+    parser.add_argument("--flexitac", action="store_true", help="only 384 pixels and one viewer")
     options = parser.parse_args()
     sys.path.insert(0, str(ROOT))
     if options.flexitac:
@@ -287,27 +287,27 @@ def main() -> None:
         return
     with (
         tempfile.TemporaryDirectory() as folder,
-        board_on_a_line(options.rate_hz) as (port, _),
-        serving(
+        run_board_process(options.rate_hz) as (port, _),
+        serve_rig(
             Path(folder),
             write_rig(Path(folder), port=port, rate_hz=options.rate_hz),
         ) as (address, pid),
         sync_playwright() as play,
         play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as browser,
     ):
-        first = look(browser, address)
-        record(first, wanted=True)
+        first = open_page(browser, address)
+        switch_recording(first, wanted=True)
         first.context.close()
         time.sleep(5.0)
         watch(address, pid, seconds=options.alone, what="no viewer")
-        pages = [look(browser, address)]
+        pages = [open_page(browser, address)]
         watch(address, pid, seconds=options.alone, what="one viewer", pages=pages)
-        pages += [look(browser, address) for _ in range(2)]
+        pages += [open_page(browser, address) for _ in range(2)]
         watch(address, pid, seconds=options.seconds, what="three viewers", pages=pages)
         for page in pages:
             page.context.close()
         watch(address, pid, seconds=options.alone, what="no viewer again")
-        record(look(browser, address), wanted=False)
+        switch_recording(open_page(browser, address), wanted=False)
         (file,) = Path(folder).glob("*.mcap")
         recorded = load_recording(file)
         missing = int(np.sum(np.diff(recorded.sequence) - 1))

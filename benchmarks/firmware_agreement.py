@@ -1,21 +1,20 @@
-"""Whether a grasp through the real firmware gives what the twin's ideal readout gives.
+"""Agreement of grasps through the real firmware with grasps through the twin's ideal readout.
 
     python benchmarks/firmware_agreement.py --seeds 5 --draws 8
 
-For each seed (object, sheet, gripper, calibration) the same grasp is repeated on both readouts with
-fresh noise of sheet and converter, begun at a random phase of the frame raster, on an object that
-is 0 to 2 mm larger, as no two items are alike (`--larger-mm 0`: on the same object, so that the
-spread of repeats is what noise alone does). Criterion, for settled change, error of the size, grip
-force and the times of touch and answer: the two readouts differ by no more than chance allows,
-neither one way over all seeds nor either way within seeds (rank tests by permutation within seeds,
-p > 0.01 each), and on average by less than the standard deviation of one draw.
+For each seed (object, sheet, gripper, calibration) the same grasp is repeated on both readouts.
+Each repeat has new noise of sheet and converter, a random phase of the frame clock, and an object
+that is 0 to 2 mm larger (`--larger-mm 0`: the same object, so that only noise differs). The
+criterion applies to settled change, size error, grip force and the times of touch and answer: the
+readouts must not differ significantly, neither in one direction over all seeds nor in any direction
+within seeds (permutation rank tests within seeds, p > 0.01 each), and their mean difference must be
+below the standard deviation of one draw.
 
-The array is scanned at 16 Hz by default. At the rigs' own 15 Hz (`--rate-hz 15`) the frame times of
-twin and board (66.667 and 66.665 ms, mapped to the host's clock) fall on either side of a wait now
-and then, a step comes a frame later, and the sheet creeps on meanwhile: seen once, settled change
-and size agreed, and force missed the test within seeds (p = 0.009) with a mean offset of 0.02 sd.
-All of it is simulated; what differs between the readouts is the firmware, its converter, its clock
-and the link.
+The array is scanned at 16 Hz by default. At the rigs' 15 Hz (`--rate-hz 15`) the frame times of
+twin and board (66.667 and 66.665 ms on the host's clock) are sometimes on different sides of the
+end of a waiting time. A step is then one frame later, while the sheet creeps. In one run, settled
+change and size agreed, and force failed the test within seeds (p = 0.009) with a mean offset of
+0.02 sd. Everything is simulated; the readouts differ in firmware, converter, clock and link.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ from palpate.twin.ranges import ranges_of
 from palpate.twin.world import World
 
 MEASURED = ("settled_percent", "size_error_mm", "force_n")
-#: Moments, by when they came after the start of the grasp.
+#: Moments that are compared by their time after the start of the grasp.
 MOMENTS = ("contact", "answer")
 QUANTITIES = (*MEASURED, *(f"{name}_s" for name in MOMENTS))
 _LEVEL = "lab"
@@ -52,8 +51,8 @@ _PERMUTATIONS = 20_000
 Floats = NDArray[np.float64]
 
 
-def through_firmware(world: World, *, draw: int) -> PressureArray:
-    """Read the world through the firmware, with the converter's noise of this draw."""
+def open_firmware_array(world: World, *, draw: int) -> PressureArray:
+    """Return an array that reads the world through the firmware, with this draw's noise."""
     divider = world.layout.divider
     board = FirmwareBoard(seed=1000 * world.seed + draw)
     count_mv = 1e3 * divider.supply_v / divider.full_scale
@@ -75,7 +74,7 @@ def grasp(
     rate_hz: float,
     larger_mm: float,
 ) -> list[float]:
-    """Grasp once; return settled change, error of size, force, times of touch and answer."""
+    """Grasp once; return settled change, size error, force, times of touch and answer."""
     obj = draw_object(np.random.default_rng([seed, 10]))
     rng = np.random.default_rng([seed, draw, firmware])
     phase, share = rng.uniform(size=2)
@@ -83,8 +82,8 @@ def grasp(
     world = World(obj, seed=seed, sheet_seed=seed, level=_LEVEL, frame_rate_hz=rate_hz)
     world.clock.sleep_s(phase / world.frame_rate_hz)
     for _ in range(2 * draw + firmware):
-        world.pixel_voltage_v(world.clock.now_s())  # uses up noise: what comes is another draw
-    array = through_firmware(world, draw=draw) if firmware else TwinArray(world)
+        world.pixel_voltage_v(world.clock.now_s())  # consumes noise, so that the next draw differs
+    array = open_firmware_array(world, draw=draw) if firmware else TwinArray(world)
     gripper = TwinGripper(world)
     plan = plan_grasp(calibration, gripper=gripper)
     began_s = world.clock.now_s()
@@ -96,7 +95,7 @@ def grasp(
         np.nan if settled is None else settled.value,
         np.nan if size_mm is None else size_mm.value - obj.size_mm,
         np.nan if force_n is None else force_n.value,
-        # In whole frames: a difference of clocks within one decides nothing.
+        # In whole frames, because clocks may differ within one frame.
         *(
             round(came_s[name] * rate_hz) / rate_hz if name in came_s else np.nan
             for name in MOMENTS
@@ -104,23 +103,23 @@ def grasp(
     ]
 
 
-def agreement(twin: Floats, firmware: Floats, *, rng: np.random.Generator) -> dict[str, Any]:
+def compare_draws(twin: Floats, firmware: Floats, *, rng: np.random.Generator) -> dict[str, Any]:
     """Compare draws of one quantity, both of shape (seeds, draws)."""
     spread = np.sqrt((twin.var(axis=1, ddof=1) + firmware.var(axis=1, ddof=1)) / 2)
     offset = firmware.mean(axis=1) - twin.mean(axis=1)
-    # Times fall on frames, so that draws can tie: ties share their rank.
+    # Times are multiples of a frame, so draws may tie; ties share their rank.
     ranks = rankdata(np.concatenate([firmware, twin], axis=1), axis=1)
     half = firmware.shape[1]
     middle = (ranks.shape[1] + 1) / 2
 
     def statistics(ordered: Floats) -> Floats:
-        """Return how far the ranks lean over all seeds, and how far within seeds."""
+        """Return the rank statistics over all seeds and within seeds."""
         lean = (ordered[:, :half] - middle).sum(axis=1)
         return np.array([abs(lean.sum()), (lean**2).sum()])
 
     chance = np.array([statistics(rng.permuted(ranks, axis=1)) for _ in range(_PERMUTATIONS)])
     p = (1 + np.sum(chance >= statistics(ranks), axis=0)) / (1 + _PERMUTATIONS)
-    # Draws that are all alike have no spread: any offset is then too much.
+    # Without spread, any offset is infinite in standard deviations.
     with np.errstate(divide="ignore", invalid="ignore"):
         in_sd = np.where(offset == 0.0, 0.0, offset / spread)
     standardised = float(np.mean(in_sd))
@@ -156,7 +155,7 @@ def compare(*, seeds: int, draws: int, rate_hz: float, larger_mm: float) -> dict
         print(f"seed {seed}: {name} done", file=sys.stderr)
     rng = np.random.default_rng(0)
     return {
-        name: agreement(values[0, :, :, k], values[1, :, :, k], rng=rng)
+        name: compare_draws(values[0, :, :, k], values[1, :, :, k], rng=rng)
         for k, name in enumerate(QUANTITIES)
     }
 

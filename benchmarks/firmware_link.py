@@ -1,9 +1,9 @@
-"""The real firmware on the AVR simulator for long runs: losses, jitter and delay.
+"""Losses, jitter and delay of the real firmware in long runs on the AVR simulator.
 
     python benchmarks/firmware_link.py --seconds 3600 --rate 250 --rows 4 --cols 2
 
-Simulated time; the program is the one that goes on the board. A ping goes out every 200 ms and the
-pixels move all the time, each to its own value. Every frame is checked against the voltages.
+The time is simulated; the program is the one flashed on the board. Every 200 ms a ping is sent and
+all pixels get new random voltages. Every frame is compared with the voltages.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def run_link(
     board: str = "mega2560",
     contents: Contents = Contents.PIXELS,
 ) -> dict[str, Any]:
-    """Stream for `seconds` of simulated time; return what was counted and measured."""
+    """Stream for `seconds` of simulated time; return counts and measurements."""
     machine = FirmwareBoard(board, baud=baud)
     decoder = Decoder()
     setup = (
@@ -55,7 +55,7 @@ def run_link(
     for command in setup:
         machine.run_until(machine.now_s() + 0.1)
         machine.write_bytes(encode_command(command, tag=1))
-    clock_s = _power_up_to_clock_s(machine, decoder)
+    clock_s = _measure_clock_start_s(machine, decoder)
     began = time.perf_counter()
     start_s = machine.now_s()
     rng = np.random.default_rng(0)
@@ -67,7 +67,7 @@ def run_link(
         machine.set_pixels_mv(wanted_mv)
         machine.run_until(changed_s + _STEP_S)
         data, through_s = machine.read_timed()
-        # The pieces that the bytes come in do not matter to the decoder; the delay needs the ends.
+        # The delay is measured at the end of each packet.
         ends_s = through_s[np.frombuffer(data, np.uint8) == 0]
         messages = decoder.feed(data)
         tally.add(messages, ends_s=ends_s, wanted_mv=wanted_mv, changed_s=changed_s)
@@ -90,8 +90,8 @@ def run_link(
     return result
 
 
-def _power_up_to_clock_s(board: FirmwareBoard, decoder: Decoder) -> float:
-    """Return how long after power-up the board's clock began: first conversion against frame 0."""
+def _measure_clock_start_s(board: FirmwareBoard, decoder: Decoder) -> float:
+    """Return the start of the board's clock after power-up, from its first conversion."""
     give_up_s = board.now_s() + 0.1
     while board.conversions == 0:
         if board.now_s() > give_up_s:
@@ -114,17 +114,17 @@ class _Tally:
 
     def add(self, messages: list[Any], *, ends_s: Any, wanted_mv: Any, changed_s: float) -> None:
         if len(ends_s) != len(messages):
-            ends_s = np.full(len(messages), np.nan)  # only around the start
-        # The simulator keeps voltages in single precision and computes with them in double.
-        kept_mv = wanted_mv.astype(np.float32).astype(np.float64)
-        wanted = np.minimum(np.floor(kept_mv * 1024.0 / 5000.0 + 0.5), 1023)
+            ends_s = np.full(len(messages), np.nan)  # only near the start
+        # The simulator stores voltages in single precision and computes in double precision.
+        stored_mv = wanted_mv.astype(np.float32).astype(np.float64)
+        wanted = np.minimum(np.floor(stored_mv * 1024.0 / 5000.0 + 0.5), 1023)
         for message, end_s in zip(messages, ends_s, strict=True):
             if not isinstance(message, FrameMessage):
                 continue
             self._times.append(message.time_us)
             scanned_s = message.time_us * 1e-6 + self._clock_s
             self._delays.append(end_s - scanned_s)
-            # The scan in which the voltages changed is a mixture.
+            # A scan during the change of the voltages is not checked.
             if scanned_s < changed_s:
                 continue
             self._checked += 1

@@ -1,9 +1,9 @@
-"""Load of a hundred stations: bytes and seconds of one measured frame, multiplied.
+"""Load of a hundred stations, extrapolated from the bytes and seconds of one frame.
 
     python benchmarks/fleet.py --stations 100
 
-Frames of 12 pixels at 250/s, of the twin (simulated, level field). Compute is one core of this
-machine; compare ratios, not seconds, with another.
+The frames have 12 pixels at 250/s and come from the twin (simulated, level field). Times are for
+one core of this machine; only ratios are comparable between machines.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--stations", type=int, default=100)
     parser.add_argument("--seconds", type=float, default=60.0)
-    told = parser.parse_args()
+    options = parser.parse_args()
     obj = draw_object(np.random.default_rng(SEED), "strawberry")
     world = World(obj, seed=SEED, level=LEVEL, gripper="soft", frame_rate_hz=RATE_HZ)
     array, gripper = TwinArray(world), TwinGripper(world)
     calibration = calibrate_twin(seed=SEED, level=LEVEL, apart_from="strawberry", kind="soft")
-    # First all that the twin computes, then what is measured.
+    # Simulate all frames before the measurements.
     read = [
-        (array.read(timeout_s=1.0), gripper.state()) for _ in range(int(told.seconds * RATE_HZ))
+        (array.read(timeout_s=1.0), gripper.state()) for _ in range(int(options.seconds * RATE_HZ))
     ]
     frames = [frame for frame, _ in read]
     count = len(frames)
@@ -80,11 +80,13 @@ def main() -> None:
     print(f"simulated; {array.layout.pixels} pixels at {RATE_HZ:g} frames/s, {count} frames")
     for name, (size, cost_s) in rows.items():
         each = [] if size is None else [f"{size:.0f} bytes"]
-        all_of = [] if size is None else [f"{told.stations * size * PER_DAY / 1e9:.0f} GB a day"]
+        all_of = [] if size is None else [f"{options.stations * size * PER_DAY / 1e9:.0f} GB a day"]
         if cost_s is not None:
             each.append(f"{1e6 * cost_s:.0f} us")
-            all_of.append(f"{told.stations * cost_s * RATE_HZ:.1f} cores")
-        print(f"{name}: {', '.join(each)} a frame; {told.stations} stations: {', '.join(all_of)}")
+            all_of.append(f"{options.stations * cost_s * RATE_HZ:.1f} cores")
+        print(
+            f"{name}: {', '.join(each)} a frame; {options.stations} stations: {', '.join(all_of)}"
+        )
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""What Foxglove costs `palpate live`: processor time, delay and losses at 250 frames/s.
+"""Load of Foxglove on `palpate live`: processor time, delay and losses at 250 frames/s.
 
-Run `python benchmarks/foxglove_viewer.py --seconds 30`. The board is a process at the far end of a
-pseudo-terminal (simulated), the viewer a websocket client that takes every channel, on the same
-machine. Printed are the share of a core that `palpate live --force` takes without Foxglove, with it
-but no viewer, and with one viewer; then how old a frame is when its messages reach the viewer.
+Run `python benchmarks/foxglove_viewer.py --seconds 30`. The board is a simulated process on a
+pseudo-terminal; the viewer is a websocket client of every channel on the same machine. The output
+is the processor time of `palpate live --force` in percent of a core without Foxglove, with Foxglove
+but without a viewer, and with one viewer; then the age of the frames at the viewer.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from itertools import pairwise
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-#: Until the rig is open, and what is imported at the first frames is.
+#: Time to open the rig and to import modules at the first frames, seconds.
 SETTLE_S = 5.0
 
 
@@ -40,7 +40,7 @@ def write_rig(folder: Path, *, port: str, rate_hz: float) -> Path:
 
 
 @contextmanager
-def live(rig: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
+def run_live(rig: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
     """Run `palpate live --force` on a rig."""
     command = [sys.executable, "-c", "from palpate.cli import main; main()", "live", "--force"]
     with subprocess.Popen(
@@ -55,15 +55,15 @@ def live(rig: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
-def address_of(process: subprocess.Popen[str]) -> str:
+def read_address(process: subprocess.Popen[str]) -> str:
     assert process.stderr is not None
     found = re.search(r"ws://\S+:\d+", process.stderr.readline())
     assert found is not None
     return found[0]
 
 
-def share_percent(pid: int, *, seconds: float) -> float:
-    """Return the share of a core that a process takes from now on."""
+def measure_cpu_percent(pid: int, *, seconds: float) -> float:
+    """Measure the processor time of a process, in percent of a core."""
     from benchmarks.dashboard import cpu_s
 
     before_s, began_s = cpu_s(pid), time.monotonic()
@@ -71,8 +71,8 @@ def share_percent(pid: int, *, seconds: float) -> float:
     return 100 * (cpu_s(pid) - before_s) / (time.monotonic() - began_s)
 
 
-def view(pid: int, address: str, *, seconds: float) -> None:
-    """Take every channel, and print what came, how late, and what it cost."""
+def watch_messages(pid: int, address: str, *, seconds: float) -> None:
+    """Subscribe to every channel; print message rate, losses, delay and processor time."""
     from benchmarks.dashboard import cpu_s
     from benchmarks.packhouse import print_latency
     from tests.foxglove_client import foxglove_client
@@ -89,9 +89,9 @@ def view(pid: int, address: str, *, seconds: float) -> None:
             elif message.topic == "/frames":
                 numbers.append(message.content["sequence"])
         took_s = time.monotonic() - began_s
-        share = 100 * (cpu_s(pid) - before_s) / took_s
+        cpu_percent = 100 * (cpu_s(pid) - before_s) / took_s
     missing = sum(after - before - 1 for before, after in pairwise(numbers))
-    print(f"one viewer: {share:.1f} % of a core; load {os.getloadavg()[0]:.1f}")
+    print(f"one viewer: {cpu_percent:.1f} % of a core; load {os.getloadavg()[0]:.1f}")
     print(f"  {sum(counts.values()) / took_s:.0f} messages/s, {missing} of {len(numbers)} missing")
     print_latency("  from the frame to the viewer, its last message", late_ms)
 
@@ -102,23 +102,23 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=30.0, help="for each line")
     options = parser.parse_args()
     sys.path.insert(0, str(ROOT))
-    from benchmarks.dashboard import board_on_a_line
+    from benchmarks.dashboard import run_board_process
 
     with (
         tempfile.TemporaryDirectory() as made,
-        board_on_a_line(options.rate_hz) as (line, _),
+        run_board_process(options.rate_hz) as (line, _),
     ):
         rig = write_rig(Path(made), port=line, rate_hz=options.rate_hz)
-        with live(rig) as process:
+        with run_live(rig) as process:
             time.sleep(SETTLE_S)
-            share = share_percent(process.pid, seconds=options.seconds)
-            print(f"without Foxglove: {share:.1f} % of a core", flush=True)
-        with live(rig, "--foxglove", "127.0.0.1:0") as process:
-            address = address_of(process)
+            cpu_percent = measure_cpu_percent(process.pid, seconds=options.seconds)
+            print(f"without Foxglove: {cpu_percent:.1f} % of a core", flush=True)
+        with run_live(rig, "--foxglove", "127.0.0.1:0") as process:
+            address = read_address(process)
             time.sleep(SETTLE_S)
-            share = share_percent(process.pid, seconds=options.seconds)
-            print(f"with it, no viewer: {share:.1f} % of a core", flush=True)
-            view(process.pid, address, seconds=options.seconds)
+            cpu_percent = measure_cpu_percent(process.pid, seconds=options.seconds)
+            print(f"with it, no viewer: {cpu_percent:.1f} % of a core", flush=True)
+            watch_messages(process.pid, address, seconds=options.seconds)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""Cost of one frame from its bytes to the next command, in a simulated grasp.
+"""Processing time of one frame from its bytes to the next command, in a simulated grasp.
 
     python benchmarks/frame.py --rate 250
 
-Every frame of the twin's sheet is packed as the firmware packs it and decoded from its
-bytes; the runner then does all that it does in a grasp: resistance, force with its interval, the
-watches, the controller. The twin's own physics, sheet and hand, are timed apart.
+Every frame of the twin is encoded like the firmware's and decoded from its bytes. The runner then
+does the work of a grasp: resistance, force with interval, monitors, controller. The time of the
+twin's physics is measured separately.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ LEVEL, SEED = "field", 5
 
 
 class Stopwatch:
-    """Processor time inside the twin, and between two readings of its sheet outside of it."""
+    """Processor time inside the twin, and outside of it per frame."""
 
     def __init__(self) -> None:
         self.twin_s = 0.0
-        self.ours_s: list[float] = []
+        self.palpate_s: list[float] = []
         self._since_s = time.process_time()
         self._in_twin_s = 0.0
 
-    def of_twin(self, act: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
+    def time_twin(self, act: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
         started_s = time.process_time()
         try:
             return act(*arguments, **named)
@@ -52,12 +52,12 @@ class Stopwatch:
     def frame(self) -> None:
         """End the time of one frame."""
         now_s = time.process_time()
-        self.ours_s.append(now_s - self._since_s - self._in_twin_s)
+        self.palpate_s.append(now_s - self._since_s - self._in_twin_s)
         self._since_s, self._in_twin_s = now_s, 0.0
 
 
 class DecodedArray:
-    """The twin's sheet, its frames decoded from the bytes that the firmware would send."""
+    """The twin's array, with frames decoded from the bytes of the firmware."""
 
     def __init__(self, array: TwinArray, watch: Stopwatch) -> None:
         self._array, self._watch, self._decoder = array, watch, Decoder()
@@ -65,7 +65,7 @@ class DecodedArray:
 
     def read(self, *, timeout_s: float) -> Frame:
         self._watch.frame()
-        frame, data = self._watch.of_twin(self._packed, timeout_s)
+        frame, data = self._watch.time_twin(self._read_packed, timeout_s)
         [message] = self._decoder.feed(data)
         return Frame(
             time_s=frame.time_s,
@@ -92,22 +92,22 @@ class DecodedArray:
 
 
 class TimedGripper:
-    """The twin's hand, its own time apart."""
+    """The twin's gripper, with its time measured separately."""
 
     def __init__(self, gripper: TwinGripper, watch: Stopwatch) -> None:
         self._gripper, self._watch, self.limits = gripper, watch, gripper.limits
 
     def state(self) -> GripperState:
-        return self._watch.of_twin(self._gripper.state)
+        return self._watch.time_twin(self._gripper.state)
 
     def command(self, wanted: GripperCommand) -> GripperCommand:
-        return self._watch.of_twin(self._gripper.command, wanted)
+        return self._watch.time_twin(self._gripper.command, wanted)
 
     def stop(self) -> None:
-        self._watch.of_twin(self._gripper.stop)
+        self._watch.time_twin(self._gripper.stop)
 
     def close(self) -> None:
-        self._watch.of_twin(self._gripper.close)
+        self._watch.time_twin(self._gripper.close)
 
 
 def main() -> None:
@@ -115,13 +115,13 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=250.0)
     parser.add_argument("--grasps", type=int, default=10)
     parser.add_argument("--hand", choices=("rigid", "soft"), default="rigid")
-    told = parser.parse_args()
-    calibration = calibrate_twin(seed=SEED, level=LEVEL, apart_from="strawberry", kind=told.hand)
-    ours_s, twin_s, simulated_s = list[float](), 0.0, 0.0
-    for number in range(told.grasps):
-        thing = draw_object(np.random.default_rng(SEED + number), "strawberry")
+    options = parser.parse_args()
+    calibration = calibrate_twin(seed=SEED, level=LEVEL, apart_from="strawberry", kind=options.hand)
+    palpate_s, twin_s, simulated_s = list[float](), 0.0, 0.0
+    for number in range(options.grasps):
+        obj = draw_object(np.random.default_rng(SEED + number), "strawberry")
         world = World(
-            thing, seed=SEED + number, level=LEVEL, gripper=told.hand, frame_rate_hz=told.rate
+            obj, seed=SEED + number, level=LEVEL, gripper=options.hand, frame_rate_hz=options.rate
         )
         watch = Stopwatch()
         gripper = TimedGripper(TwinGripper(world), watch)
@@ -131,14 +131,14 @@ def main() -> None:
             gripper=gripper,
             clock=world.clock,
         )
-        # What came before the first frame is the grasp's own preparation.
-        ours_s += watch.ours_s[1:]
+        # The first entry is the preparation of the grasp.
+        palpate_s += watch.palpate_s[1:]
         twin_s += watch.twin_s
         simulated_s += world.clock.now_s()
-    us = 1e6 * np.array(ours_s)
+    us = 1e6 * np.array(palpate_s)
     print(
-        f"simulated; {len(us)} frames of {calibration.layout.pixels} pixels at {told.rate:g}/s in "
-        f"{told.grasps} grasps"
+        f"simulated; {len(us)} frames of {calibration.layout.pixels} pixels at "
+        f"{options.rate:g}/s in {options.grasps} grasps"
     )
     print(
         f"from bytes to command: median {np.median(us):.0f} us, p99 {np.percentile(us, 99):.0f}, "

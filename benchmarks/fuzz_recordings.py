@@ -1,9 +1,9 @@
-"""Random and mutated bytes into the recording reader: no crash, no hang, no unbounded memory.
+"""Fuzz the recording reader: no crash, no hang, no unbounded memory.
 
-Run `python benchmarks/fuzz_recordings.py --cases 1000000`; the tests run a bounded share of the
-same cases. A case is a recording with bytes changed, lengths replaced, pieces cut, doubled or put
-in, or noise behind a good beginning. One of the recordings has no checksums and no compression, so
-that the damage gets through to the records and the JSON inside.
+Run `python benchmarks/fuzz_recordings.py --cases 1000000`; the tests run a few of these cases. A
+case is a recording with changed bytes, replaced lengths, removed, duplicated or inserted pieces, or
+noise after a valid start. One of the recordings has no checksums and no compression, so that the
+damage reaches the records and their JSON.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from palpate.sensor.array import RIGID_LAYOUT, Frame
 LENGTHS = (0, 1, 2**31 - 1, 2**32 - 1, 2**40, 2**63 - 1, 2**63, 2**64 - 1)
 
 
-def recordings() -> list[bytes]:
-    """Return the recordings that cases are made of: as palpate writes them, and unguarded."""
+def create_recordings() -> list[bytes]:
+    """Return the recordings to damage, with and without checksums."""
     messages: list[RecordedMessage] = [Event(time_s=0.0, name="note", text="ripe")]
     for k in range(6):
         messages.append(GripperState(time_s=k / 10, width_mm=50.0))
@@ -63,50 +63,51 @@ def recordings() -> list[bytes]:
     return made
 
 
-def flip(rng: random.Random, content: bytearray) -> bytearray:
+def change_bytes(rng: random.Random, content: bytearray) -> bytearray:
     for _ in range(rng.randint(1, 8)):
         content[rng.randrange(len(content))] = rng.randrange(256)
     return content
 
 
-def cut(rng: random.Random, content: bytearray) -> bytearray:
+def truncate(rng: random.Random, content: bytearray) -> bytearray:
     return content[: rng.randrange(len(content))]
 
 
-def lengthen(rng: random.Random, content: bytearray) -> bytearray:
+def replace_length(rng: random.Random, content: bytearray) -> bytearray:
     struct.pack_into("<Q", content, rng.randrange(len(content) - 8), rng.choice(LENGTHS))
     return content
 
 
-def drop(rng: random.Random, content: bytearray) -> bytearray:
+def remove_bytes(rng: random.Random, content: bytearray) -> bytearray:
     start = rng.randrange(8, len(content))
     return content[:start] + content[start + rng.randint(1, 60) :]
 
 
-def double(rng: random.Random, content: bytearray) -> bytearray:
+def duplicate_bytes(rng: random.Random, content: bytearray) -> bytearray:
     start = rng.randrange(8, len(content))
     return content[:start] + content[start : start + rng.randint(1, 200)] + content[start:]
 
 
-def put_in(rng: random.Random, content: bytearray) -> bytearray:
+def insert_bytes(rng: random.Random, content: bytearray) -> bytearray:
     start = rng.randrange(8, len(content))
     return content[:start] + rng.randbytes(rng.randint(1, 60)) + content[start:]
 
 
-def noise(rng: random.Random, content: bytearray) -> bytearray:
+def append_noise(rng: random.Random, content: bytearray) -> bytearray:
     start = rng.randrange(0, len(content))
     return content[:start] + rng.randbytes(rng.randint(0, 500))
 
 
 MUTATIONS: tuple[Callable[[random.Random, bytearray], bytearray], ...] = (
-    flip, flip, cut, lengthen, drop, double, put_in, noise,
+    change_bytes, change_bytes, truncate, replace_length,
+    remove_bytes, duplicate_bytes, insert_bytes, append_noise,
 )  # fmt: skip
 
 
-def cases(count: int, *, seed: int) -> Iterator[bytes]:
-    """Yield `count` damaged recordings; the same seed gives the same ones."""
+def draw_cases(count: int, *, seed: int) -> Iterator[bytes]:
+    """Yield `count` damaged recordings, deterministic for a seed."""
     rng = random.Random(seed)
-    whole = recordings()
+    whole = create_recordings()
     for _ in range(count):
         content = bytearray(rng.choice(whole))
         for _ in range(rng.choice((1, 1, 2))):
@@ -117,7 +118,7 @@ def cases(count: int, *, seed: int) -> Iterator[bytes]:
 
 
 def read_case(content: bytes, *, path: Path, recovered: Path | None = None) -> str:
-    """Read one case, and recover it where asked; return how it ended. Anything else raises."""
+    """Read one case and optionally recover it; return the result or raise."""
     path.write_bytes(content)
     try:
         with RecordingReader(path) as reader:
@@ -146,7 +147,7 @@ def main() -> None:
     memory = Path("/dev/shm")
     with tempfile.TemporaryDirectory(dir=memory if memory.is_dir() else None) as folder:
         path, recovered = Path(folder, "case.mcap"), Path(folder, "recovered.mcap")
-        for number, content in enumerate(cases(options.cases, seed=options.seed)):
+        for number, content in enumerate(draw_cases(options.draw_cases, seed=options.seed)):
             case_s = time.perf_counter()
             ended[read_case(content, path=path, recovered=None if number % 20 else recovered)] += 1
             slowest_s = max(slowest_s, time.perf_counter() - case_s)

@@ -1,9 +1,9 @@
-"""A line's shift: clients of OPC UA and Modbus grasp simulated items in turn.
+"""A shift on a line: clients of OPC UA and Modbus grasp simulated items in turn.
 
-Run `python benchmarks/line_shift.py --items 50`. Each client in turn orders the grasps, releases,
-and compares every result with that of HTTP. Printed are the results that differ, how long a result
-takes from the end of its grasp, as the server states it, to the client, and the machine's load. The
-client of OPC UA keeps its default watchdog, which ends a connection that is silent for 1 s.
+Run `python benchmarks/line_shift.py --items 50`. Each client in turn commands grasps and releases,
+and compares every result with that of HTTP. The output is the number of different results, the time
+from the end of a grasp (as reported by the server) to the client, and the load of the machine. The
+OPC UA client has its default watchdog, which closes a connection that is silent for 1 s.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from palpate.line import modbus
 from palpate.line.machine import LineState
 from palpate.line.results import list_measurements
 
-#: Between two looks of a client, seconds.
-LOOK_S = 0.01
+#: Polling period of a client, seconds.
+POLL_S = 0.01
 
 
-def show(name: str, differ: int, late_ms: list[float]) -> None:
+def print_results(name: str, differ: int, late_ms: list[float]) -> None:
     p50, p99 = np.quantile(late_ms, [0.5, 0.99])
     print(
         f"{name}: {len(late_ms)} results, {differ} differ from HTTP's; from the grasp's end to the "
@@ -64,11 +64,11 @@ async def shift_over_opcua(address: str, machine: Machine, *, items: int) -> Non
             await hand.reach("holding")
             await hand.call("Release")
             while await hand.value("Result", "Number") == before:
-                await asyncio.sleep(LOOK_S)
+                await asyncio.sleep(POLL_S)
             found = json.loads(await hand.value("Result", "Document"))
             late_ms.append(age_ms(found))
             differ += machine.ask("GET", "/result")[1] != found
-    show("OPC UA", differ, late_ms)
+    print_results("OPC UA", differ, late_ms)
 
 
 async def shift_over_modbus(port: int, machine: Machine, *, items: int) -> None:
@@ -85,7 +85,7 @@ async def shift_over_modbus(port: int, machine: Machine, *, items: int) -> None:
             await reach(client, LineState.HOLDING)
             await client.write_register(modbus.COMMAND, modbus.RELEASE)
             while await registers(client, modbus.RESULTS, 2) == before:
-                await asyncio.sleep(LOOK_S)
+                await asyncio.sleep(POLL_S)
             seen = time.time()
             words = await registers(client, modbus.VALUES, 30)
             named = modbus.decode_text(await registers(client, modbus.ITEM, modbus.TEXT_REGISTERS))
@@ -95,7 +95,7 @@ async def shift_over_modbus(port: int, machine: Machine, *, items: int) -> None:
             values = np.array(struct.unpack(">15f", struct.pack(">30H", *words)), dtype=np.float32)
             is_same = np.array_equal(values, wanted, equal_nan=True) and named == item
             differ += not (is_same and document["item_id"] == item)
-    show("Modbus TCP", differ, late_ms)
+    print_results("Modbus TCP", differ, late_ms)
 
 
 def main() -> None:

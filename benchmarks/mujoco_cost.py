@@ -1,12 +1,13 @@
-"""What the sensor costs a MuJoCo simulation: steps per second with and without it.
+"""Cost of the sensor in a MuJoCo simulation: steps per second with and without it.
 
     python benchmarks/mujoco_cost.py
 
 The WidowX-like hand holds an object, alone or at the end of an arm of six joints that holds a free
-ball above a floor, in steps of 1 ms. Without the sensor MuJoCo alone runs; with it frames are read
-15 times a second, and contacts taken in once a frame, or as often as the rig does. Both take turns
-and are timed by the processor's time, because other programs share the machine. Ends with status 1
-where the sensor takes more than 30 % longer at once a frame. Needs `pip install -e bridges/mujoco`.
+ball above a floor, in steps of 1 ms. With the sensor, frames are read 15 times a second, and
+contacts are evaluated once per frame or as often as in the rig. Runs with and without the sensor
+take turns, and processor time is measured, because other programs share the machine. The exit
+status is 1 if the sensor at one evaluation per frame is more than 30 % slower. Requires
+`pip install -e bridges/mujoco`.
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ ON_ARM = replace(
 )
 
 
-def holding(name: str) -> MujocoWorld:
-    """Return a world whose hand holds an object."""
+def create_holding_world(name: str) -> MujocoWorld:
+    """Return a world in which the hand holds an object."""
     obj = draw_object(np.random.default_rng(1), name)
     world = MujocoWorld(obj, seed=1)
     world.drive(obj.size_mm - 2.0, rate=20.0)
@@ -49,26 +50,26 @@ def holding(name: str) -> MujocoWorld:
     return world
 
 
-def on_an_arm() -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Return an arm of six joints whose hand holds a ball of 50 mm."""
+def create_arm() -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Return an arm of six joints with the hand holding a ball of 50 mm."""
     spec, hand = mujoco.MjSpec(), WIDOWX.spec()
     spec.option = hand.option
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1])
-    link, up_m = spec.worldbody, 0.05
+    read_link, up_m = spec.worldbody, 0.05
     for number, axis in enumerate(
         ([0, 0, 1], [0, 1, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1])
     ):
-        link = link.add_body(pos=[0, 0, up_m])
-        link.add_joint(name=f"arm{number}", axis=axis, damping=[2.0, 0, 0], armature=0.1)
+        read_link = read_link.add_body(pos=[0, 0, up_m])
+        read_link.add_joint(name=f"arm{number}", axis=axis, damping=[2.0, 0, 0], armature=0.1)
         up_m = 0.12
-        link.add_geom(
+        read_link.add_geom(
             type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[0, 0, 0.03, 0, 0, 0.09], size=[0.02, 0, 0]
         )
         arm = spec.add_actuator(target=f"arm{number}", trntype=mujoco.mjtTrn.mjTRN_JOINT)
         arm.gainprm[0], arm.biastype = 500.0, mujoco.mjtBias.mjBIAS_AFFINE
         arm.biasprm[:3] = [0.0, -500.0, -20.0]
-    # The hand hangs down from its palm: turned, it points away from the arm.
-    turned = link.add_frame(pos=[0, 0, 0.22], quat=[0, 0, 1, 0])
+    # The hand points down from its palm; turned, it points away from the arm.
+    turned = read_link.add_frame(pos=[0, 0, 0.22], quat=[0, 0, 1, 0])
     turned.attach_body(hand.body("palm"), "arm_", "")
     ball = spec.worldbody.add_body(pos=[0, 0, 0.05 + 5 * 0.12 + 0.22])
     ball.gravcomp = 1.0  # until it is held
@@ -86,7 +87,7 @@ def on_an_arm() -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def time_work(work: Callable[[], None]) -> float:
-    """Return the processor's seconds that some work takes."""
+    """Return the processor time of some work, seconds."""
     before_s = time.process_time()
     work()
     return time.process_time() - before_s
@@ -102,7 +103,7 @@ def measure_model(
     seconds: float,
     rounds: int,
 ) -> float:
-    """Print a row, and return by what share the sensor makes the simulation slower."""
+    """Print a row; return the relative slowdown by the sensor."""
     bare = copy.copy(held)
     sensor = PadSensor(model, copy.copy(held), pads=pads, seed=1, every_s=every_s)
     array = TwinArray(sensor)
@@ -131,14 +132,14 @@ def measure_model(
 
 
 def main() -> None:
-    """Measure a hold with few contacts and one with many, and one by an arm."""
+    """Measure holds with few and with many contacts, and one with an arm."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=10.0, help="simulated, of each run")
     parser.add_argument("--rounds", type=int, default=7)
     options = parser.parse_args()
-    held = {"arm and free ball": (*on_an_arm(), ON_ARM.pads)}
+    held = {"arm and free ball": (*create_arm(), ON_ARM.pads)}
     for name in ("ball-44lbs", "springs-4"):
-        world = holding(name)
+        world = create_holding_world(name)
         held[name] = (world.model, world.data, WIDOWX.pads)
     slower = [
         measure_model(name, *state, every_s=1 / 15, seconds=options.seconds, rounds=options.rounds)

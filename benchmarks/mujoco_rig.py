@@ -1,11 +1,11 @@
-"""Grasps in MuJoCo beside the twin's: equal objects and sheets, two physics engines.
+"""Grasps in MuJoCo compared with the twin: equal objects and sheets, two physics engines.
 
     python benchmarks/mujoco_rig.py --grasps 40
     python benchmarks/mujoco_rig.py --grasps 40 --rigs mujoco-so101
 
-For each seed one object is drawn, and grasped on each rig, calibrated on its own. Prints errors
-against each rig's own truth, mean and standard deviation, and how often the 90 % intervals hold the
-truth. Needs `pip install -e bridges/mujoco`. Sets no limit.
+For each seed one object is drawn and grasped on each rig with its own calibration. Prints mean and
+standard deviation of the errors relative to the rig's truth, and the coverage of the 90 %
+intervals. Requires `pip install -e bridges/mujoco`. There is no limit.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Grasp: TypeAlias = tuple[str, dict[str, tuple[Measurement, float]]]
 
 
 def grasp_drawn(rig_name: str, *, seed: int) -> Grasp:
-    """Grasp what a seed draws."""
+    """Grasp the object of a seed."""
     rig = open_rig(rig_name, seed=seed)
     plan = plan_grasp(rig.calibration, gripper=rig.gripper)
     result = run_grasp(plan, array=rig.array, gripper=rig.gripper, clock=rig.clock)
@@ -42,7 +42,7 @@ def grasp_drawn(rig_name: str, *, seed: int) -> Grasp:
     }
 
 
-def error(name: str, measured: Measurement, true: float) -> float | None:
+def error_of(name: str, measured: Measurement, true: float) -> float | None:
     """Return an error (mm, points, ln ratio in percent); None without a number."""
     if not measured.has_value:
         return None
@@ -51,20 +51,20 @@ def error(name: str, measured: Measurement, true: float) -> float | None:
     return 100.0 * math.log(measured.value / true)
 
 
-def within(measured: Measurement, true: float) -> bool:
-    """Return whether what is known of the interval holds the truth."""
+def covers_truth(measured: Measurement, true: float) -> bool:
+    """Return whether the known limits of the interval include the truth."""
     low, high = measured.known_ends
     return (low is None or low <= true) and (high is None or true <= high)
 
 
 def report(rig_name: str, grasps: Sequence[Grasp]) -> None:
-    """Print what one rig's grasps come to."""
+    """Print the results of one rig."""
     held = sum(outcome == "held" for outcome, _ in grasps)
     print(f"{rig_name}: {held} of {len(grasps)} held")
     for name in QUANTITIES:
         pairs = [measured[name] for _, measured in grasps if name in measured]
-        errors = [found for pair in pairs if (found := error(name, *pair)) is not None]
-        inside = [within(*pair) for pair in pairs if any(pair[0].known_ends)]
+        errors = [found for pair in pairs if (found := error_of(name, *pair)) is not None]
+        inside = [covers_truth(*pair) for pair in pairs if any(pair[0].known_ends)]
         print(
             f"  {name:20} n {len(errors):3}  mean {fmean(errors):+7.2f}  sd {stdev(errors):6.2f}  "
             f"median |error| {median(map(abs, errors)):6.2f}  "
@@ -73,7 +73,7 @@ def report(rig_name: str, grasps: Sequence[Grasp]) -> None:
 
 
 def main() -> None:
-    """Grasp on both rigs and print."""
+    """Grasp on all rigs and print the results."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--grasps", type=int, default=40)
     parser.add_argument("--first-seed", type=int, default=1000)

@@ -1,8 +1,8 @@
-"""Mutation score of a module: how many small faults, drawn by chance, its tests notice.
+"""Mutation score of a module: the fraction of random small faults that its tests detect.
 
     python benchmarks/mutation.py src/palpate/sensor/wire.py tests/unit/sensor/test_wire.py
 
-Each fault is made in a copy of the package; the tests run against it until the first failure.
+Each fault is inserted in a copy of the package; the tests run on it until the first failure.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-#: A mutant that runs longer than this hangs: it is noticed.
+#: A mutant that runs longer than this counts as detected.
 _TIMEOUT_S = 120
 _COMPARED: dict[type[ast.cmpop], type[ast.cmpop]] = {
     ast.Lt: ast.LtE,
@@ -36,8 +36,8 @@ _COMPARED: dict[type[ast.cmpop], type[ast.cmpop]] = {
 }
 
 
-def changes(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
-    """Yield what may stand in the place of a node, each with a name."""
+def list_changes(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
+    """Yield the possible mutations of a node, each with a name."""
     if isinstance(node, ast.Compare):
         other = copy.deepcopy(node)
         other.ops[0] = _COMPARED[type(node.ops[0])]()
@@ -57,7 +57,7 @@ def changes(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
             yield "text", ast.Constant("")
     elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call | ast.Await):
         yield "call", ast.Pass()
-    elif isinstance(node, ast.Return) and not _nothing(node.value):
+    elif isinstance(node, ast.Return) and not _is_none(node.value):
         yield "return", ast.Return(ast.Constant(None))
     elif isinstance(node, ast.Raise):
         yield "raise", ast.Pass()
@@ -65,33 +65,35 @@ def changes(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
         yield "statement", ast.Pass()
 
 
-def _nothing(value: ast.expr | None) -> bool:
+def _is_none(value: ast.expr | None) -> bool:
     return value is None or (isinstance(value, ast.Constant) and value.value is None)
 
 
-def places(tree: ast.AST) -> Iterator[tuple[ast.AST, str, int | None, str, ast.AST]]:
-    """Yield every change with its parent, field and index; text for people is left alone."""
+def list_mutations(tree: ast.AST) -> Iterator[tuple[ast.AST, str, int | None, str, ast.AST]]:
+    """Yield every mutation with its parent, field and index, without those of messages."""
     for parent in ast.walk(tree):
-        # The wording of errors, documentation and annotations decide nothing.
+        # Messages, documentation and annotations do not affect the behaviour.
         if isinstance(parent, ast.JoinedStr | ast.Raise | ast.AnnAssign | ast.arg | ast.Expr):
             continue
         for field, value in ast.iter_fields(parent):
             if field in ("annotation", "returns"):
                 continue
             if isinstance(value, ast.AST):
-                yield from ((parent, field, None, *change) for change in changes(value))
+                yield from ((parent, field, None, *change) for change in list_changes(value))
             elif isinstance(value, list):
                 for index, child in enumerate(value):
                     if isinstance(child, ast.AST):
-                        yield from ((parent, field, index, *change) for change in changes(child))
+                        yield from (
+                            (parent, field, index, *change) for change in list_changes(child)
+                        )
 
 
-def mutants(source: str) -> list[tuple[str, str]]:
-    """Return what each fault is and the module with it."""
+def create_mutants(source: str) -> list[tuple[str, str]]:
+    """Return each mutation's description and the mutated module."""
     made = []
-    for number in range(sum(1 for _ in places(ast.parse(source)))):
+    for number in range(sum(1 for _ in list_mutations(ast.parse(source)))):
         tree = ast.parse(source)
-        parent, field, index, kind, new = list(places(tree))[number]
+        parent, field, index, kind, new = list(list_mutations(tree))[number]
         held = getattr(parent, field)
         old = held if index is None else held[index]
         what = f"line {old.lineno}: {kind}: {ast.unparse(old)[:70]} -> {ast.unparse(new)[:70]}"
@@ -103,8 +105,8 @@ def mutants(source: str) -> list[tuple[str, str]]:
     return made
 
 
-def is_noticed(tests: list[str], *, package: Path) -> bool:
-    """Return whether a test fails with the package that lies in a folder."""
+def is_detected(tests: list[str], *, package: Path) -> bool:
+    """Return whether a test fails with the package in a folder."""
     environment = os.environ | {"PYTHONPATH": str(package)}
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
     try:
@@ -122,25 +124,25 @@ def main() -> None:
     parser.add_argument("tests", nargs="+")
     parser.add_argument("-n", type=int, default=60, help="mutants drawn")
     parser.add_argument("--seed", type=int, default=0)
-    told = parser.parse_args()
-    within = told.module.resolve().relative_to(ROOT / "src")
+    options = parser.parse_args()
+    within = options.module.resolve().relative_to(ROOT / "src")
     source = (ROOT / "src" / within).read_text()
-    every = mutants(source)
-    drawn = random.Random(told.seed).sample(every, min(told.n, len(every)))
+    every = create_mutants(source)
+    drawn = random.Random(options.seed).sample(every, min(options.n, len(every)))
     survived = []
     with tempfile.TemporaryDirectory() as folder:
         shutil.copytree(ROOT / "src" / "palpate", Path(folder) / "palpate")
-        if is_noticed(told.tests, package=Path(folder)):
+        if is_detected(options.tests, package=Path(folder)):
             raise SystemExit("the tests fail without a fault")
         for what, text in drawn:
             (Path(folder) / within).write_text(text)
-            if not is_noticed(told.tests, package=Path(folder)):
+            if not is_detected(options.tests, package=Path(folder)):
                 survived.append(what)
                 print(what, flush=True)
-    share = 1 - len(survived) / len(drawn)
+    detected_fraction = 1 - len(survived) / len(drawn)
     print(
-        f"{within}: {len(drawn) - len(survived)} of {len(drawn)} noticed ({share:.0%}), "
-        f"drawn from {len(every)}"
+        f"{within}: {len(drawn) - len(survived)} of {len(drawn)} detected "
+        f"({detected_fraction:.0%}), drawn from {len(every)}"
     )
 
 

@@ -1,9 +1,9 @@
-"""Largest true force of healthy simulated grasps, against 1.5 x target + 0.5 N.
+"""Largest true force of healthy simulated grasps, compared with 1.5 x target + 0.5 N.
 
     python benchmarks/overshoot.py --seed 910000 --objects 104 --processes 2
 
-All built-in objects in turn, levels lab and field, rigid fingers at 15 and 250 frames/s and soft
-ones at 15; each grasp has an object, a sheet and a calibration of its own.
+The grasps use all built-in objects in turn, levels lab and field, rigid fingers at 15 and 250
+frames/s and soft fingers at 15. Each grasp has its own object, sheet and calibration.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ HANDS: tuple[tuple[GripperKind, float], ...] = (("rigid", 15.0), ("rigid", 250.0
 
 @dataclass(frozen=True, kw_only=True)
 class Grasp:
-    """One grasp; forces are the twin's own, newtons, times from the first frame, seconds."""
+    """One grasp; true forces in newtons, times from the first frame in seconds."""
 
     number: int
     name: str
@@ -88,7 +88,7 @@ def main() -> None:
     parser.add_argument("--objects", type=int, default=104, help="grasps at each target")
     parser.add_argument("--targets", type=float, nargs="+", default=[2.0, 3.0, 4.0])
     parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--out", type=Path, help="JSON lines, one a grasp")
+    parser.add_argument("--out", type=Path, help="file for JSON lines, one per grasp")
     options = parser.parse_args()
     jobs = [(number, target) for number in range(options.objects) for target in options.targets]
     with Pool(options.processes) as pool:

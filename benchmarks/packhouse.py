@@ -1,10 +1,10 @@
-"""Cost of each bridge beside a watched board: HTTP, OPC UA, Modbus TCP, MQTT.
+"""Load of each bridge on a server with a board: HTTP, OPC UA, Modbus TCP, MQTT.
 
-Run `python benchmarks/packhouse.py --seconds 30`. The board is a process at the far end of a
-pseudo-terminal (simulated), the broker a real mosquitto. Printed are the loop's period and the
-processor time of both processes: with no bridge; then, in one server with all of them, with nobody
-asking, with the state asked ten times a second by each protocol in turn, and with the broker held
-up; each as a ratio to HTTP or to no bridge. At the end, how long stops and results take.
+Run `python benchmarks/packhouse.py --seconds 30`. The board is a simulated process on a
+pseudo-terminal; the broker is a real mosquitto. The output is the period of the loop and the
+processor time of both processes: without bridges; then, with all bridges in one server, without
+requests, with ten requests of the state per second by each protocol in turn, and with a hanging
+broker; each as a ratio to HTTP or to no bridge. Finally, the times of stops and results.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ ASKS_S = 0.1
 
 
 def http_asker(address: str) -> Callable[[], object]:
-    return lambda: took_ms(address, "/state")
+    return lambda: time_request_ms(address, "/state")
 
 
 @contextmanager
 def opcua_asker(port: int) -> Iterator[Callable[[], object]]:
-    """Yield what reads the state over OPC UA; the connection is kept."""
+    """Yield a function that reads the state over one OPC UA connection."""
     from asyncua import Client
 
     async def open_node() -> tuple[Client, Any]:
@@ -54,14 +54,14 @@ def opcua_asker(port: int) -> Iterator[Callable[[], object]]:
 
 @contextmanager
 def modbus_asker(port: int) -> Iterator[Callable[[], object]]:
-    """Yield what reads the first registers over Modbus TCP; the connection is kept."""
+    """Yield a function that reads the first registers over one Modbus TCP connection."""
     from pymodbus.client import ModbusTcpClient
 
     with ModbusTcpClient("127.0.0.1", port=port) as client:
         yield lambda: client.read_holding_registers(0, count=4).registers
 
 
-def took_ms(address: str, path: str, *, method: str = "GET") -> float:
+def time_request_ms(address: str, path: str, *, method: str = "GET") -> float:
     began_s = time.perf_counter()
     request = urllib.request.Request(f"{address}api{path}", method=method)
     with urllib.request.urlopen(request, timeout=10) as reply:
@@ -83,13 +83,16 @@ def watch(
     ask: Callable[[], object] | None = None,
     base: tuple[float, float] | None = None,
 ) -> tuple[float, float]:
-    """Print and return processor time (%) and median response (ms); `base` as a ratio."""
-    from benchmarks.dashboard import cpu_s, devices_of, link
+    """Measure, print and return processor time (%) and median response (ms).
 
-    while link(address)["period_p99_s"] is None:
+    `base`: values for the printed ratios.
+    """
+    from benchmarks.dashboard import cpu_s, devices_of, read_link
+
+    while read_link(address)["period_p99_s"] is None:
         time.sleep(ASKS_S)
     devices, p99_ms, asked_ms, turn = devices_of(pid), [], [], 0
-    before, cpu = link(address), {name: cpu_s(one) for name, one in _both(pid, devices)}
+    before, cpu = read_link(address), {name: cpu_s(one) for name, one in _both(pid, devices)}
     began_s = time.monotonic()
     while time.monotonic() < began_s + seconds:
         time.sleep(ASKS_S)
@@ -99,16 +102,21 @@ def watch(
             ask()
             asked_ms.append(1e3 * (time.perf_counter() - asked_s))
         if turn % 10 == 0:
-            p99_ms.append(1e3 * link(address)["period_p99_s"])
-    now, took_s = link(address), time.monotonic() - began_s
-    share = {name: 100 * (cpu_s(one) - cpu[name]) / took_s for name, one in _both(pid, devices)}
-    busy, answer_ms = sum(share.values()), float(np.median(asked_ms)) if asked_ms else math.nan
+            p99_ms.append(1e3 * read_link(address)["period_p99_s"])
+    now, took_s = read_link(address), time.monotonic() - began_s
+    cpu_percent = {
+        name: 100 * (cpu_s(one) - cpu[name]) / took_s for name, one in _both(pid, devices)
+    }
+    busy, answer_ms = (
+        sum(cpu_percent.values()),
+        float(np.median(asked_ms)) if asked_ms else math.nan,
+    )
     ratio = "" if base is None else f" ({busy / base[0]:.2f} x)"
     print(
         f"{what}: loop period p99 median {np.median(p99_ms):.2f} ms; "
         f"{now['frames'] - before['frames']:.0f} frames, {now['lost'] - before['lost']:.0f} lost; "
-        f"processor: server {share['server']:.1f} %, devices {share['devices']:.1f} %{ratio}; "
-        f"load {os.getloadavg()[0]:.1f}",
+        f"processor: server {cpu_percent['server']:.1f} %, "
+        f"devices {cpu_percent['devices']:.1f} %{ratio}; load {os.getloadavg()[0]:.1f}",
         flush=True,
     )
     if asked_ms:
@@ -122,8 +130,8 @@ def _both(server: int, devices: int) -> tuple[tuple[str, int], ...]:
     return ("server", server), ("devices", devices)
 
 
-def results(port: int, folder: Path, *, count: int) -> None:
-    """Print how long a result takes from the publisher's call to a subscriber."""
+def time_results(port: int, folder: Path, *, count: int) -> None:
+    """Measure and print the time of a result from the publisher's call to a subscriber."""
     from tests.mosquitto import Subscriber
 
     from palpate.mqtt.broker import Broker
@@ -153,25 +161,25 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=30.0, help="for each line")
     options = parser.parse_args()
     sys.path.insert(0, str(ROOT))
-    from benchmarks.dashboard import board_on_a_line, serving, write_rig
+    from benchmarks.dashboard import run_board_process, serve_rig, write_rig
     from tests.loop.test_line import free_port
     from tests.mosquitto import BrokerProcess
 
     with (
         tempfile.TemporaryDirectory() as made,
-        board_on_a_line(options.rate_hz) as (line, _),
+        run_board_process(options.rate_hz) as (line, _),
     ):
         folder = Path(made)
         rig = write_rig(folder, port=line, rate_hz=options.rate_hz)
         watched = partial(watch, seconds=options.seconds)
-        with serving(folder, rig) as (address, pid):
+        with serve_rig(folder, rig) as (address, pid):
             alone, _ = watched(address, pid, what="no bridge")
         broker = BrokerProcess(folder)
         file = folder / "broker.toml"
         file.write_text(f'host = "127.0.0.1"\nport = {broker.port}\ntls = false\ntopic = "a"\n')
         opcua, modbus = free_port(), free_port()
         bridges = ("--mqtt", str(file), "--opcua", str(opcua), "--modbus", str(modbus))
-        with serving(folder, rig, *bridges) as (address, pid):
+        with serve_rig(folder, rig, *bridges) as (address, pid):
             base = alone, math.nan
             watched(address, pid, what="all bridges, no requests", base=base)
             ask = http_asker(address)
@@ -185,10 +193,11 @@ def main() -> None:
             ask = http_asker(address)
             watched(address, pid, what="the broker hangs, HTTP asked", ask=ask, base=base)
             print_latency(
-                "POST /api/stop", [took_ms(address, "/stop", method="POST") for _ in range(100)]
+                "POST /api/stop",
+                [time_request_ms(address, "/stop", method="POST") for _ in range(100)],
             )
             broker.go_on()
-        results(broker.port, folder, count=500)
+        time_results(broker.port, folder, count=500)
         broker.kill()
 
 

@@ -1,11 +1,11 @@
-"""Fifty stations write into one PostgreSQL store: records lost, and time of a write.
+"""Fifty stations write to one PostgreSQL store: lost records, and time per write.
 
     python benchmarks/stations.py --stations 50 --seconds 600 --every 5
 
-Starts a private server with its durable defaults (needs Debian's `postgresql`), and a process for
-each station. A station writes a grasp every so many seconds, or with `--every 0` as fast as it can;
-grasps are made up. In the middle every connection of the database is cut once. Ends with status 1
-where a grasp that was acknowledged is missing.
+Starts a private server with its durable defaults (requires Debian's `postgresql`), and one process
+per station. A station writes a synthetic grasp at each period, or with `--every 0` without pauses.
+After half of the time, all database connections are terminated once. The exit status is 1 if an
+acknowledged grasp is missing.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ CUT = (
 
 
 @contextmanager
-def server(folder: Path) -> Iterator[str]:
-    """Yield the URL of a store on a server of its own."""
+def run_server(folder: Path) -> Iterator[str]:
+    """Run a private server; yield the URL of its store."""
     [programs, *_] = sorted(DEBIAN.glob("*/bin"), key=lambda path: -float(path.parent.name))
     user = ["runuser", "-u", "postgres", "--"] if os.geteuid() == 0 else []
     if user:
@@ -62,10 +62,10 @@ def server(folder: Path) -> Iterator[str]:
         run("pg_ctl", "-D", data, "-m", "immediate", "stop")
 
 
-def station(
+def run_station(
     url: str, number: int, *, folder: Path, until_s: float, every_s: float
 ) -> tuple[list[str], list[str], list[float]]:
-    """Write grasps until the time; return those acknowledged, those refused, and ms for each."""
+    """Write grasps until a time; return acknowledged and refused ids, and times in ms."""
     os.environ["XDG_STATE_HOME"] = str(folder / f"station-{number}")
     rng = np.random.default_rng(number)
     templates = list(invent_grasps(TEMPLATES))
@@ -94,7 +94,7 @@ def station(
 
 
 def query_number(url: str, question: str) -> int:
-    """Return the one number that the database answers."""
+    """Run a query that returns one number."""
     import sqlalchemy
 
     engine = sqlalchemy.create_engine(url.replace("postgresql:", "postgresql+psycopg:"))
@@ -109,41 +109,43 @@ def main() -> None:
     parser.add_argument("--stations", type=int, default=50)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--every", type=float, default=5.0, help="seconds from grasp to grasp")
-    told = parser.parse_args()
-    with tempfile.TemporaryDirectory() as place, server(Path(place)) as url:
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as place, run_server(Path(place)) as url:
         os.environ["XDG_STATE_HOME"] = place
         empty = query_number(url, SIZE)
-        with get_context("spawn").Pool(told.stations) as pool:
-            # Not before every process is there.
-            pool.map(os.path.exists, ["/"] * told.stations, chunksize=1)
-            until_s = time.time() + told.seconds
-            ways = {"folder": Path(place), "until_s": until_s, "every_s": told.every}
+        with get_context("spawn").Pool(options.stations) as pool:
+            # Wait until every process has started.
+            pool.map(os.path.exists, ["/"] * options.stations, chunksize=1)
+            until_s = time.time() + options.seconds
+            settings = {"folder": Path(place), "until_s": until_s, "every_s": options.every}
             running = [
-                pool.apply_async(station, (url, number), ways) for number in range(told.stations)
+                pool.apply_async(run_station, (url, number), settings)
+                for number in range(options.stations)
             ]
-            time.sleep(told.seconds / 2)
+            time.sleep(options.seconds / 2)
             cuts = query_number(url, CUT)
             ended = [one.get() for one in running]
-        said = {name for names, _, _ in ended for name in names}
+        acknowledged_ids = {name for names, _, _ in ended for name in names}
         refused = {name for _, names, _ in ended for name in names}
         with Store.open(url) as store:
-            kept = {grasp.grasp_id for grasp in store.grasps()}
+            stored_ids = {grasp.grasp_id for grasp in store.grasps()}
         grown = query_number(url, SIZE) - empty
     spent_ms = np.array([ms for _, _, each in ended for ms in each])
     print(
-        f"{told.stations} stations, {told.seconds:g} s, a grasp every {told.every:g} s; "
+        f"{options.stations} stations, {options.seconds:g} s, a grasp every {options.every:g} s; "
         f"{cuts} connections cut in the middle"
     )
     print(
-        f"{len(said)} grasps acknowledged, {len(said - kept)} of them missing; "
-        f"{len(refused)} refused, {len(refused & kept)} of them there all the same"
+        f"{len(acknowledged_ids)} grasps acknowledged, "
+        f"{len(acknowledged_ids - stored_ids)} of them missing; "
+        f"{len(refused)} refused, {len(refused & stored_ids)} of them stored"
     )
     print(
         f"a write: median {np.median(spent_ms):.1f} ms, p99 {np.percentile(spent_ms, 99):.1f} ms, "
-        f"longest {spent_ms.max():.0f} ms; {len(spent_ms) / told.seconds:.0f} a second"
+        f"longest {spent_ms.max():.0f} ms; {len(spent_ms) / options.seconds:.0f} a second"
     )
-    print(f"{grown / len(kept) * 1e6 / 1e9:.2f} GB per million grasps")
-    sys.exit(bool(said - kept))
+    print(f"{grown / len(stored_ids) * 1e6 / 1e9:.2f} GB per million grasps")
+    sys.exit(bool(acknowledged_ids - stored_ids))
 
 
 if __name__ == "__main__":

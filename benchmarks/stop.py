@@ -1,11 +1,10 @@
-"""Time to stop by number of recordings in the folder and of viewers (simulated).
+"""Time of a stop by number of recordings in the folder and number of viewers (simulated).
 
-Run `python benchmarks/stop.py`. For each size of the folder it serves one with as many grasps in
-its history, opens one and three pages in Chromium, lets a new recording appear every two seconds,
-and asks for stops: half over a connection that is kept, half over a new one. The time is from the
-request to the answer that the stop reached the hand. The browsers get what the server and the
-devices leave of the processors, as if they were on machines of their own. Ends with status 1 if a
-99th percentile is above the limit.
+Run `python benchmarks/stop.py`. For each number of recordings, it serves a folder with as many
+grasps in its history, opens one and three pages in Chromium, adds a recording every two seconds,
+and requests stops, half over a persistent connection and half over new ones. The time is from the
+request to the answer that the stop reached the hand. The browsers have the lowest priority, as if
+they ran on other machines. The exit status is 1 if a 99th percentile is above the limit.
 """
 
 from __future__ import annotations
@@ -30,14 +29,14 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 LIMIT_MS = 60.0
-#: A page in the background is drawn too; stops are asked for at about this period, seconds.
+#: Mean period of the stops, and period of new recordings, seconds.
 EVERY_S, NEW_S = 0.15, 2.0
-#: A file has at most 65 000 names in ext4.
+#: Hard links per file; ext4 allows 65 000.
 NAMES_PER_FILE = 10_000
 
 
 def fill(folder: Path, count: int) -> Path:
-    """Put recordings with their grasps into a folder; return one of them."""
+    """Create recordings and their grasps in a folder; return one recording."""
     from palpate.dashboard.folder import Entry
     from palpate.recording import RecordingWriter
     from palpate.rig import open_rig
@@ -57,7 +56,7 @@ def fill(folder: Path, count: int) -> Path:
                 first = file
                 file.write_bytes(content)
             else:
-                os.link(first, file)
+                os.read_link(first, file)
             entry = Entry(
                 ended_at="2026-01-02T03:04:05+00:00",
                 recording=file.name,
@@ -75,8 +74,8 @@ def fill(folder: Path, count: int) -> Path:
 
 
 @contextmanager
-def arriving(folder: Path, original: Path) -> Iterator[None]:
-    """Let a new recording appear now and then, as grasps make them."""
+def add_recordings_periodically(folder: Path, original: Path) -> Iterator[None]:
+    """Add a recording periodically, like grasps."""
     over = threading.Event()
 
     def arrive() -> None:
@@ -94,13 +93,13 @@ def arriving(folder: Path, original: Path) -> Iterator[None]:
         thread.join()
 
 
-def stop_ms(connection: http.client.HTTPConnection) -> float:
-    """Return how long one stop took."""
+def time_stop_ms(connection: http.client.HTTPConnection) -> float:
+    """Return the duration of one stop."""
     began_s = time.perf_counter()
     try:
         connection.request("POST", "/api/stop")
         reply = connection.getresponse()
-    except http.client.RemoteDisconnected:  # idle for too long while others were slow
+    except http.client.RemoteDisconnected:  # the server closed the idle connection
         connection.request("POST", "/api/stop")
         reply = connection.getresponse()
     with reply:
@@ -112,8 +111,8 @@ def stop_ms(connection: http.client.HTTPConnection) -> float:
 
 
 @contextmanager
-def echo() -> Iterator[socket.socket]:
-    """Yield a connection to a process that sends every byte back: the machine's own delays."""
+def open_echo() -> Iterator[socket.socket]:
+    """Yield a connection to an echo process, to measure delays of the machine."""
     here, there = socket.socketpair()
     program = f"import socket\ns = socket.socket(fileno={there.fileno()})\n"
     program += "while part := s.recv(1): s.send(part)"
@@ -123,8 +122,8 @@ def echo() -> Iterator[socket.socket]:
         here.shutdown(socket.SHUT_RDWR)
 
 
-def echo_ms(connection: socket.socket) -> float:
-    """Return how long a byte took to another process and back."""
+def time_echo_ms(connection: socket.socket) -> float:
+    """Return the round-trip time of one byte."""
     began_s = time.perf_counter()
     connection.send(b"x")
     connection.recv(1)
@@ -137,25 +136,25 @@ def measure(address: str, *, count: int, bare: socket.socket) -> tuple[list[floa
     kept, found = http.client.HTTPConnection(host, timeout=30), []
     for number in range(count):
         time.sleep(float(moments.uniform(0.5, 1.5)) * EVERY_S)
-        echoes.append(echo_ms(bare))
+        echoes.append(time_echo_ms(bare))
         if number % 2:
-            found.append(stop_ms(kept))
+            found.append(time_stop_ms(kept))
         else:
             fresh = http.client.HTTPConnection(host, timeout=30)
-            found.append(stop_ms(fresh))
+            found.append(time_stop_ms(fresh))
             fresh.close()
     kept.close()
     return found, echoes
 
 
-def step_back(parent: int) -> None:
-    """Lower the priority of every thread of a process's children, and of theirs."""
+def lower_priority(parent: int) -> None:
+    """Lower the priority of all threads of a process's descendants."""
     from benchmarks.dashboard import children_of
 
     for child in children_of(parent):
         for thread in Path(f"/proc/{child}/task").iterdir():
             os.setpriority(os.PRIO_PROCESS, int(thread.name), 19)
-        step_back(child)
+        lower_priority(child)
 
 
 def main() -> None:
@@ -165,7 +164,7 @@ def main() -> None:
     parser.add_argument("--stops", type=int, default=200)
     options = parser.parse_args()
     sys.path.insert(0, str(ROOT))
-    from benchmarks.dashboard import CHROMIUM, children_of, look, serving
+    from benchmarks.dashboard import CHROMIUM, children_of, open_page, serve_rig
     from playwright.sync_api import sync_playwright
 
     late = False
@@ -174,18 +173,18 @@ def main() -> None:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             original = fill(folder / "data", count)
             os.environ["PALPATE_STORE"] = str(folder / "items.sqlite")
-            served = serving(folder / "data", Path("sim-rigid"), "--object", "avocado-day-3")
+            served = serve_rig(folder / "data", Path("sim-rigid"), "--object", "avocado-day-3")
             address, server = stack.enter_context(served)
             play = stack.enter_context(sync_playwright())
             browser = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
             stack.callback(browser.close)
             for viewers in options.viewers:
-                pages = [look(browser, f"{address}recordings") for _ in range(viewers)]
+                pages = [open_page(browser, f"{address}recordings") for _ in range(viewers)]
                 for child in children_of(os.getpid()):
                     if child != server:
-                        step_back(child)
+                        lower_priority(child)
                 time.sleep(5.0)
-                with arriving(folder / "data", original), echo() as bare:
+                with add_recordings_periodically(folder / "data", original), open_echo() as bare:
                     ms, bare_ms = measure(address, count=options.stops, bare=bare)
                 for page in pages:
                     page.context.close()

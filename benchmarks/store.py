@@ -1,7 +1,7 @@
-"""A store of a million grasps beside plain sqlite3: writes, and an item's page.
+"""Speed of a store with a million grasps compared with plain sqlite3: writes and item pages.
 
 Run `python benchmarks/store.py --grasps 1000000`; `--store URL` measures PostgreSQL instead (an
-empty database). DuckDB over the exported Parquet stands beside where it is installed.
+empty database). DuckDB on the exported Parquet is measured too if it is installed.
 """
 
 from __future__ import annotations
@@ -72,27 +72,29 @@ def fill(store: Store, *, grasps: int) -> None:
             batch.clear()
     store.add_grasps(batch)
     spent_s = time.perf_counter() - started_s
-    print(f"bulk     {grasps} grasps in {spent_s:.0f} s, {grasps / spent_s:.0f}/s (made up too)")
+    print(
+        f"bulk     {grasps} grasps in {spent_s:.0f} s, {grasps / spent_s:.0f}/s, including their generation"
+    )
 
 
-def single_writes(store: Store, *, count: int = 200) -> None:
+def measure_single_writes(store: Store, *, count: int = 200) -> None:
     new = [g for g, _ in zip(invent_grasps(2 * count), range(count), strict=False)]
     new = [Grasp(**{**_fields(g), "grasp_id": str(uuid.uuid4())}) for g in new]
     spent_ms = time_each(new, store.add_grasp)
-    print(f"single   add_grasp, on the disk when it returns: {_spread(spent_ms)}")
+    print(f"single   add_grasp, on the disk when it returns: {_format_times(spent_ms)}")
 
 
-def pages(store: Store, *, names: list[str]) -> np.ndarray:
+def measure_pages(store: Store, *, names: list[str]) -> np.ndarray:
     store.add_verdict(Verdict(item_id=names[0], about=About.BIN, text="bin 2", given_at=START))
     spent_ms = time_each(names, lambda name: item_page(store, name))
-    print(f"page     item, {PER_ITEM} grasps, 4 measurements each: {_spread(spent_ms)}")
+    print(f"page     item, {PER_ITEM} grasps, 4 measurements each: {_format_times(spent_ms)}")
     listed_ms = time_each(range(10), lambda _: item_pages(store, store.items(limit=50)))
-    print(f"list     the last 50 items with their pages: {_spread(listed_ms)}")
+    print(f"list     the last 50 items with their pages: {_format_times(listed_ms)}")
     return spent_ms
 
 
-def plain_pages(path: Path, *, names: list[str]) -> np.ndarray:
-    """Read the same rows by hand, as tuples, with the same indexes."""
+def measure_plain_pages(path: Path, *, names: list[str]) -> np.ndarray:
+    """Read the same rows with sqlite3 as tuples, with the same indexes."""
     connection = sqlite3.connect(path)
 
     def page(name: str) -> None:
@@ -113,14 +115,14 @@ def plain_pages(path: Path, *, names: list[str]) -> np.ndarray:
     return spent_ms
 
 
-def duckdb_pages(store: Store, folder: Path, *, names: list[str]) -> np.ndarray | None:
+def measure_duckdb_pages(store: Store, folder: Path, *, names: list[str]) -> np.ndarray | None:
     try:
         import duckdb
     except ModuleNotFoundError:
         return None
     path = folder / "grasps.parquet"
     export_grasps(path, store.grasps(), items=store.items())
-    # As a number: DuckDB asks for one more package to make a time with a zone.
+    # As a number, because DuckDB needs another package for times with a zone.
     query = (
         f"SELECT * REPLACE (epoch_us(taken_at) AS taken_at) FROM '{path}' WHERE item_id = ? "
         "ORDER BY taken_at"
@@ -142,7 +144,7 @@ def _fields(grasp: Grasp) -> dict[str, object]:
     return {name: getattr(grasp, name) for name in Grasp.__dataclass_fields__}
 
 
-def _spread(spent_ms: np.ndarray) -> str:
+def _format_times(spent_ms: np.ndarray) -> str:
     return (
         f"median {np.median(spent_ms):.1f} ms, p99 {np.percentile(spent_ms, 99):.1f} ms, "
         f"longest {spent_ms.max():.1f} ms"
@@ -163,16 +165,16 @@ def main() -> None:
             rng = random.Random(1)
             items = max(1, arguments.grasps // PER_ITEM)
             names = [f"item-{rng.randrange(items):06d}" for _ in range(PAGES)]
-            ours_ms = pages(store, names=names)
-            single_writes(store)
+            palpate_ms = measure_pages(store, names=names)
+            measure_single_writes(store)
             peers = {}
             if not arguments.store:
-                peers["plain sqlite3, tuples"] = plain_pages(path, names=names)
-            peers["DuckDB on Parquet"] = duckdb_pages(store, Path(folder), names=names)
+                peers["plain sqlite3, tuples"] = measure_plain_pages(path, names=names)
+            peers["DuckDB on Parquet"] = measure_duckdb_pages(store, Path(folder), names=names)
         for peer, peer_ms in peers.items():
             if peer_ms is not None:
-                ratio = np.median(ours_ms) / np.median(peer_ms)
-                print(f"beside   {peer}: {_spread(peer_ms)}; ours takes {ratio:.2f} times as long")
+                ratio = np.median(palpate_ms) / np.median(peer_ms)
+                print(f"peer     {peer}: {_format_times(peer_ms)}; palpate / peer {ratio:.2f}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Jobs of the archive's tests, in a module that other processes can import."""
+"""Jobs for the tests of the archive, importable by worker processes."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from palpate_archive.evaluating import Job
 
 
 def killing_job(folder: Path) -> Job:
-    """Copy the times of holds; at the first part of all it kills its process."""
+    """Return a job that copies times and kills its process at the first part."""
     tables = partial(_copy_or_die, killed=folder / "killed")
     return Job(name="killing", reads="holds", settings="", tables=tables)
 
 
 def threads_job() -> Job:
-    """Write on how many threads linear algebra runs."""
+    """Return a job that writes the number of threads of linear algebra."""
     return Job(name="threads", reads="holds", settings="", tables=_count_threads)
 
 

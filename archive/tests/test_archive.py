@@ -1,4 +1,4 @@
-"""An archive: what goes in once, what readers see, and work that is done once."""
+"""Adding to an archive, reading it with other tools, and evaluating it."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from palpate.recording.exporting import solve_resistance_ohm
 from palpate_archive.adding import add_recordings, add_store
 from palpate_archive.compacting import join_files
 from palpate_archive.evaluating import (
-    delete_others,
+    create_recalibrate_job,
+    create_settle_job,
+    delete_stale_results,
     perform,
     plan_tasks,
-    recalibrate_job,
-    settle_job,
 )
 from palpate_archive.layout import KINDS, Archive, Part
 
@@ -41,7 +41,7 @@ def palpate(*arguments: str) -> int:
 
 @pytest.fixture(scope="session")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two simulated grasps: recordings, and a store."""
+    """Record two simulated grasps, with a store."""
     folder = tmp_path_factory.mktemp("recorded")
     for seed in (1, 2):
         status = palpate(
@@ -63,8 +63,8 @@ def archive(tmp_path: Path, recorded: Path) -> Archive:
     return made
 
 
-def shown(_: float) -> None:
-    """Show nothing of the progress."""
+def ignore_progress(_: float) -> None:
+    """Do nothing."""
 
 
 def contents(root: Path) -> dict[str, pd.DataFrame]:
@@ -91,7 +91,7 @@ def test_add_recordings_skips_archived_recordings(archive: Archive, recorded: Pa
     before = {kind: archive.parts(kind) for kind in KINDS}
     assert list(add_recordings(archive, [recorded / "g1.mcap"], station="north")) == [{}]
     again = list(add_recordings(archive, [recorded / "g1.mcap"], station="south"))
-    assert again == [{}], "told by content"
+    assert again == [{}], "recordings are identified by content"
     assert {kind: archive.parts(kind) for kind in KINDS} == before
 
 
@@ -106,7 +106,7 @@ def test_add_store_adds_grasps_once(archive: Archive, recorded: Path) -> None:
 
 
 def test_add_recordings_after_interruption_completes(archive: Archive, recorded: Path) -> None:
-    """The holds were written, the frames were not: the recording is not yet there."""
+    """With holds but without frames, the recording is not yet added."""
     part = next(part for part in archive.parts("frames") if part.name.startswith("g1-"))
     archive.path(part).unlink()
     [added] = add_recordings(archive, [recorded / "g1.mcap"], station="north")
@@ -127,7 +127,7 @@ def test_join_files_preserves_rows_and_sources(archive: Archive, recorded: Path)
 
 
 def test_join_files_after_interruption_completes(archive: Archive) -> None:
-    """The joined part is there, and one of its pieces still is."""
+    """The joined part exists, and one of its pieces is not yet deleted."""
     piece = archive.parts("holds")[0]
     kept = archive.path(piece).read_bytes()
     join_files(archive, "holds")
@@ -164,16 +164,16 @@ def test_holds_part_is_readable_as_holds_file(archive: Archive) -> None:
 
 
 def test_settle_job_results_are_reproducible_and_cached(archive: Archive, tmp_path: Path) -> None:
-    job = settle_job(method="relaxation", horizon_s=5.0)
+    job = create_settle_job(method="relaxation", horizon_s=5.0)
     one, two = (plan_tasks(job, archive, to=tmp_path / name) for name in ("one", "two"))
-    assert perform(one, show=shown, workers=2) == sum(task.perform() for task in two) > 0
+    assert perform(one, show=ignore_progress, workers=2) == sum(task.perform() for task in two) > 0
     assert all(task.is_done for task in one)
     for mine, other in zip(one, two, strict=True):
         assert mine.target.read_bytes() == other.target.read_bytes()
     [table, _] = contents(tmp_path / "one").values()
     known = {"ok", "unproven", "too_short", "misfit", "not_settling", "fell_back"}
     assert set(table["status"]) <= known
-    other_job = settle_job(method="relaxation", horizon_s=6.0)
+    other_job = create_settle_job(method="relaxation", horizon_s=6.0)
     assert not any(task.is_done for task in plan_tasks(other_job, archive, to=tmp_path / "one"))
 
 
@@ -189,9 +189,9 @@ def test_perform_with_killed_process_raises_and_second_run_completes(
 ) -> None:
     tasks = plan_tasks(killing_job(tmp_path), archive, to=tmp_path / "out")
     with pytest.raises(PalpateError, match=r"died.*run it again"):
-        perform(tasks, show=shown, workers=1)
+        perform(tasks, show=ignore_progress, workers=1)
     assert not list((tmp_path / "out").rglob("*.parquet"))
-    assert perform(tasks, show=shown, workers=1) == sum(
+    assert perform(tasks, show=ignore_progress, workers=1) == sum(
         len(table) for table in contents(archive.root / "holds").values()
     )
     assert all(task.is_done for task in tasks)
@@ -200,14 +200,14 @@ def test_perform_with_killed_process_raises_and_second_run_completes(
 def test_delete_stale_results_removes_results_of_joined_parts(
     archive: Archive, tmp_path: Path
 ) -> None:
-    job = settle_job(method="relaxation", horizon_s=5.0)
+    job = create_settle_job(method="relaxation", horizon_s=5.0)
     for task in plan_tasks(job, archive, to=tmp_path / "out"):
         task.perform()
     join_files(archive, "holds")
     after = plan_tasks(job, archive, to=tmp_path / "out")
     for task in after:
         task.perform()
-    delete_others(tmp_path / "out" / job.name, after)
+    delete_stale_results(tmp_path / "out" / job.name, after)
     assert [task.target for task in after] == list((tmp_path / "out").rglob("*.parquet"))
 
 
@@ -216,26 +216,28 @@ def test_recalibrate_with_own_calibration_reproduces_force(
 ) -> None:
     recording = load_recording(recorded / "g1.mcap")
     assert recording.info.calibration is not None
-    tasks = plan_tasks(recalibrate_job(recording.info.calibration), archive, to=tmp_path / "out")
+    tasks = plan_tasks(
+        create_recalibrate_job(recording.info.calibration), archive, to=tmp_path / "out"
+    )
     for task in tasks:
         task.perform()
     table = contents(tmp_path / "out")
     [first] = [found for name, found in table.items() if "/g1-" in name]
     assert first["time_s"].tolist() == recording.time_s.tolist()
     assert (first["force_n_low"] <= first["force_n"]).all()
-    # A gentle squeeze: some newtons at its strongest, and nothing at the beginning.
+    # A gentle squeeze: a maximum of some newtons, and no force at the start.
     assert 1.0 < first["force_n"].max() < 6.0
     assert first["force_n"][:10].max() < 0.3
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
-        (["settle", "{tmp}/none"], "is no archive; `palpate archive add` makes one"),
+        (["settle", "{tmp}/none"], "is no archive; `palpate archive add` creates one"),
         (["add", "--to", "{tmp}/new"], "nothing to add"),
-        (["add", "{recorded}/g1.mcap", "--to", "{tmp}/other"], "holds other files"),
+        (["add", "{recorded}/g1.mcap", "--to", "{tmp}/other"], "contains other files"),
         (["add", "{tmp}/none.mcap", "--to", "{tmp}/new"], "none.mcap: no such file or folder"),
-        (["settle", "{archive}", "--horizon", "2"], "--horizon 2: give seconds from 5 on"),
+        (["settle", "{archive}", "--horizon", "2"], "--horizon 2: give at least 5 s"),
         (["settle", "{archive}", "--method", "magic"], "magic"),
         (["recalibrate", "{archive}", "--calibration", "{tmp}/none.json"], "none.json"),
         (["add", "{recorded}/g1.mcap", "--to", "{tmp}/new", "--station", "a/b"], "--station 'a/b'"),
@@ -243,7 +245,7 @@ def test_recalibrate_with_own_calibration_reproduces_force(
 )
 def test_archive_command_invalid_arguments_print_one_line(
     arguments: list[str],
-    said: str,
+    message: str,
     archive: Archive,
     recorded: Path,
     tmp_path: Path,
@@ -254,13 +256,13 @@ def test_archive_command_invalid_arguments_print_one_line(
     places = {"tmp": tmp_path, "archive": archive.root, "recorded": recorded}
     assert palpate("archive", *(each.format(**places) for each in arguments)) == 2
     [line] = capsys.readouterr().err.strip().splitlines()
-    assert said in line
+    assert message in line
     assert not (tmp_path / "new").exists()
 
 
 def test_archive_of_newer_schema_raises(archive: Archive) -> None:
     (archive.root / "palpate-archive.json").write_text(json.dumps({"schema": 99}))
-    with pytest.raises(InputError, match="has schema 99, this palpate reads 1; update it"):
+    with pytest.raises(InputError, match="has schema 99, this version reads 1; update palpate"):
         Archive(archive.root)
 
 

@@ -1,4 +1,4 @@
-"""The page `docs/archive.md`, followed to the letter."""
+"""The commands on the page `docs/archive.md` run."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from typing import IO
 
 import numpy as np
 import pytest
-from benchmarks.dashboard import board_on_a_line
+from benchmarks.dashboard import run_board_process
 from jsonschema import Draft202012Validator
 from tests.foxglove_client import FoxgloveClient, Received, foxglove_client
 
@@ -169,7 +169,7 @@ def test_simulated_is_shown_in_the_name_and_on_the_link(seen: Seen) -> None:
 
 def test_a_board_that_falls_silent_and_returns_makes_events(tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
-    with board_on_a_line(100.0) as (port, board):
+    with run_board_process(100.0) as (port, board):
         rig.write_text(
             '[array]\nopen = "palpate.sensor.board_array:open_board"\n'
             f'port = "{port}"\nrate_hz = 100.0\n'

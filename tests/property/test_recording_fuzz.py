@@ -24,7 +24,8 @@ specification.loader.exec_module(fuzz)
 def test_two_thousand_damaged_recordings(tmp_path: Path) -> None:
     before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     ended = [
-        fuzz.read_case(content, path=tmp_path / "case.mcap") for content in fuzz.cases(2000, seed=5)
+        fuzz.read_case(content, path=tmp_path / "case.mcap")
+        for content in fuzz.draw_cases(2000, seed=5)
     ]
     assert set(ended) == {"read", "refused"}
     assert ended.count("read") > 500
@@ -35,7 +36,7 @@ def test_two_thousand_damaged_recordings(tmp_path: Path) -> None:
 def test_what_is_recovered_of_damaged_recordings_is_whole(tmp_path: Path) -> None:
     recovered = tmp_path / "recovered.mcap"
     count = 0
-    for content in fuzz.cases(150, seed=6):
+    for content in fuzz.draw_cases(150, seed=6):
         ended = fuzz.read_case(content, path=tmp_path / "case.mcap", recovered=recovered)
         if not ended.endswith(", recovered"):
             continue

@@ -1,1 +1,1 @@
-"""Grasps, holds and frames of many stations as partitioned Parquet, with analysis of all."""
+"""Archive of grasps, holds and frames of many stations as partitioned Parquet."""

@@ -1,4 +1,4 @@
-"""Adds recordings and stores to an archive, each part once."""
+"""Add recordings and stores to an archive, each part once."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ _BATCH = 10_000
 def add_recordings(
     archive: Archive, paths: Iterable[str | os.PathLike[str]], *, station: str | None = None
 ) -> Iterator[dict[str, int]]:
-    """Add the frames and holds of recordings; yield the rows of each kind in turn.
+    """Add the frames and holds of recordings; yield the row counts of each recording.
 
-    `station`: where they were made; by default the name of each one's rig.
-    Yields kind -> rows; empty where the archive holds the recording already. Raises
-    `RecordingError` if one can't be read whole; `palpate inspect --recover` makes a whole one.
-    Those before it were added.
+    `station`: place of the recordings; by default the name of each recording's rig.
+    Yields kind -> rows, empty if the archive already contains the recording. Raises
+    `RecordingError` if a recording is incomplete; `palpate inspect --recover` repairs it. The
+    recordings before it have then been added.
     """
     held = set(archive.sources("frames"))
     for path in paths:
@@ -48,16 +48,16 @@ def _add_recording(
     with RecordingReader(path) as reader:
         info = reader.info
         station = check_name("station", station or Path(info.rig or "unknown").stem)
-        date = _day(info.clock_zero_unix_ns)
-        name = f"{_plain(path.stem)}-{source[:12]}"
+        date = _format_day(info.clock_zero_unix_ns)
+        name = f"{_sanitize(path.stem)}-{source[:12]}"
         labels = {"recording": name, "origin": info.origin}
 
         def part(kind: str) -> Part:
             return Part(kind=kind, station=station, date=date, name=name)
 
         added = {}
-        # Frames come last: their presence marks the recording as added.
-        if holds := _holds(path, name):
+        # Frames are written last: their presence marks the recording as added.
+        if holds := _cut_holds(path, name):
             added["holds"] = archive.write(
                 part("holds"), [_hold_table(holds, labels)], sources=[source]
             )
@@ -70,7 +70,7 @@ def _add_recording(
 
 
 def add_store(archive: Archive, store: Store, *, station: str) -> dict[str, int]:
-    """Add the grasps of a store that the archive lacks; return the rows by kind."""
+    """Add the grasps of a store that are not in the archive; return row counts by kind."""
     check_name("station", station)
     held = {
         grasp_id
@@ -110,26 +110,26 @@ def _fingerprint(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def _day(clock_zero_unix_ns: int) -> str:
+def _format_day(clock_zero_unix_ns: int) -> str:
     if clock_zero_unix_ns == 0:
         return SIMULATED
     return f"{datetime.fromtimestamp(clock_zero_unix_ns / 1e9, tz=UTC):%Y-%m-%d}"
 
 
-def _plain(stem: str) -> str:
+def _sanitize(stem: str) -> str:
     return "".join(sign if sign.isalnum() and sign.isascii() else "-" for sign in stem)[:40]
 
 
-def _holds(path: Path, name: str) -> list[Hold]:
+def _cut_holds(path: Path, name: str) -> list[Hold]:
     try:
         return cut_recorded_holds(load_recording(path), name=name)
     except RecordingError:
-        # Frames without a hold are kept all the same.
+        # A recording without holds is archived too.
         return []
 
 
 def _hold_table(holds: Iterable[Hold], labels: dict[str, str]) -> Any:
-    """Return holds in the columns that `palpate settle` reads too."""
+    """Return holds as a table with the columns of a holds file."""
     columns: dict[str, list[Any]] = {
         name: [] for name in ("hold_id", "time_s", "value", "channel", "unit")
     }
@@ -148,7 +148,7 @@ def _hold_table(holds: Iterable[Hold], labels: dict[str, str]) -> Any:
 
 
 def _frame_table(table: dict[str, list[Any]], labels: dict[str, str], rows: int, cols: int) -> Any:
-    """Return frames in columns common to all sensors: a list of pixels row by row."""
+    """Return frames as a table whose columns do not depend on the sensor."""
     pixels = [f"r{row}c{col}" for row in range(rows) for col in range(cols)]
     count = len(table["time_s"])
     columns = {
@@ -173,13 +173,13 @@ def _frame_table(table: dict[str, list[Any]], labels: dict[str, str], rows: int,
 
 
 def _label_rows(columns: dict[str, Any], labels: dict[str, str]) -> Any:
-    """Return a table whose first columns give each row's recording and origin."""
+    """Return a table with the labels as first columns."""
     count = len(next(iter(columns.values())))
     named = {name: pa.array([text] * count, type=pa.string()) for name, text in labels.items()}
     return pa.table(named | columns)
 
 
 def find_recordings(paths: Iterable[Path]) -> Iterator[Path]:
-    """Yield recordings: those named, and those in folders, in the order of their names."""
+    """Yield the given recordings, and recordings in given folders sorted by name."""
     for path in paths:
         yield from sorted(path.rglob("*.mcap")) if path.is_dir() else [path]

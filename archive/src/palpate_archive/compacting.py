@@ -1,4 +1,4 @@
-"""Many small parts of a day into few: fewer files to open, the same rows."""
+"""Join the small parts of each day into few files with the same rows."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ import pyarrow.parquet
 
 from palpate_archive.layout import Archive, Part, sources_of
 
-#: Parts are joined up to this many rows: what one worker holds of holds or grasps at once.
+#: Largest number of rows of a joined part, which one worker can hold in memory.
 MOST_ROWS = 1_000_000
 
 
 def join_files(archive: Archive, kind: str) -> tuple[int, int]:
-    """Join the parts of each station and day; return how many there were, and are.
+    """Join the parts of each station and day; return the numbers of parts before and after.
 
-    The joined part is whole before its pieces are deleted. If this is interrupted between, both are
-    there until it runs again, which deletes the pieces first.
+    The joined part is complete before its pieces are deleted. After an interruption in between,
+    both exist until the next call, which deletes the pieces first.
     """
     before = archive.parts(kind)
     for _, day in groupby(before, key=lambda part: (part.station, part.date)):
-        left = _without_joined(archive, list(day))
+        left = _delete_joined_pieces(archive, list(day))
         for pieces in _batches(archive, left):
             _join(archive, pieces)
     return len(before), len(archive.parts(kind))
 
 
-def _without_joined(archive: Archive, parts: Sequence[Part]) -> list[Part]:
-    """Delete parts whose sources another one holds too; return the others."""
+def _delete_joined_pieces(archive: Archive, parts: Sequence[Part]) -> list[Part]:
+    """Delete parts whose sources are all in a larger part; return the others."""
     held = {part: set(sources_of(archive.path(part))) for part in parts}
     left = []
     for part in parts:
@@ -43,7 +43,7 @@ def _without_joined(archive: Archive, parts: Sequence[Part]) -> list[Part]:
 
 
 def _batches(archive: Archive, parts: Sequence[Part]) -> Iterator[list[Part]]:
-    """Yield parts to be joined, in order: at least two, up to a row limit."""
+    """Yield groups of at least two parts to join, in order, up to a row limit."""
     batch, rows = list[Part](), 0
     for part in parts:
         count = int(pa.parquet.read_metadata(archive.path(part)).num_rows)

@@ -1,7 +1,7 @@
-"""Estimates a whole archive again, with one result file for each file, written atomically.
+"""Evaluate a whole archive, with one atomically written result file per part.
 
-So results do not depend on the order or the number of processes, and a second run does only what
-is new or has changed.
+The results do not depend on the order or the number of processes, and a second run evaluates only
+new and changed parts.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from palpate.arrays import FloatArray
 from palpate.errors import PalpateError
 from palpate_archive.layout import Archive, write_tables
 
-#: The settled value is predicted from these times after the beginning of a hold, seconds.
+#: Cut-offs of the settled-value predictions, seconds after the start of a hold.
 CUTOFFS_S = (1.0, 2.5, 5.0)
 #: Rows of frames in memory at once.
 _BATCH = 50_000
@@ -41,31 +41,31 @@ _JOB = b"palpate.job"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """One kind of work; a value that is sent to other processes."""
+    """One kind of evaluation; it must be picklable."""
 
-    #: Folder of its results.
+    #: Name of the folder of results.
     name: str
-    #: Kind of the parts that it works on.
+    #: Kind of the parts to evaluate.
     reads: str
-    #: All that its results depend on, besides the part and the version of palpate.
+    #: Settings that determine the results, besides the part and the version of palpate.
     settings: str
-    #: Yields the results of one part, tables of one schema; at least one.
+    #: Yields the results of one part as at least one table of one schema.
     tables: Callable[[Path], Iterator[Any]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """One part, and where its results go."""
+    """One part and the file of its results."""
 
     job: Job
     source: Path
     target: Path
-    #: Marks the results as those of this job and this part.
+    #: Identifies the job and the part in the file of results.
     mark: str
 
     @property
     def is_done(self) -> bool:
-        """Whether the results are there."""
+        """Whether the results exist."""
         try:
             marks = pa.parquet.read_schema(self.target).metadata or {}
         except (OSError, ValueError):
@@ -73,14 +73,14 @@ class Task:
         return bool(marks.get(_JOB) == self.mark.encode())
 
     def perform(self) -> int:
-        """Write the results; return the rows."""
-        # Sums on more threads are taken in another order: their last bits would differ by machine.
+        """Write the results; return the number of rows."""
+        # More threads would change the order of sums, and so the last bits between machines.
         with threadpool_limits(limits=1):
             return write_tables(self.target, self.job.tables(self.source), marks={_JOB: self.mark})
 
 
 def plan_tasks(job: Job, archive: Archive, *, to: Path) -> list[Task]:
-    """Return a task for each part that the job reads."""
+    """Return a task for each part of the job's kind."""
     identity = f"{job.name}\n{version('palpate')}\n{job.settings}"
     digest = hashlib.sha256(identity.encode()).hexdigest()
     tasks = []
@@ -95,9 +95,9 @@ def plan_tasks(job: Job, archive: Archive, *, to: Path) -> list[Task]:
 def perform(
     tasks: Sequence[Task], *, show: Callable[[float], None], workers: int | None = None
 ) -> int:
-    """Do tasks on all cores, one part each; return the number of rows written.
+    """Perform tasks on all cores; return the number of rows written.
 
-    Raises `PalpateError` if a process died, as it does without memory enough.
+    Raises `PalpateError` if a process died, for example without enough memory.
     """
     rows = 0
     with ProcessPoolExecutor(workers or os.cpu_count(), mp_context=get_context("spawn")) as pool:
@@ -108,8 +108,8 @@ def perform(
                 show(number)
         except BrokenProcessPool as error:
             raise PalpateError(
-                "a process of the archive died; is there memory enough? What is done is kept: run "
-                "it again"
+                "a process of the archive died, possibly from a lack of memory; run it again to "
+                "continue with the remaining parts"
             ) from error
         except BaseException:
             pool.shutdown(cancel_futures=True)
@@ -117,19 +117,19 @@ def perform(
     return rows
 
 
-def delete_others(results: Path, tasks: Sequence[Task]) -> None:
-    """Delete results of parts that are no longer there: compacting gave them other names."""
-    kept = {task.target for task in tasks}
+def delete_stale_results(results: Path, tasks: Sequence[Task]) -> None:
+    """Delete results of parts that no longer exist, such as parts joined since."""
+    current = {task.target for task in tasks}
     for path in results.rglob("[!.]*.parquet"):
-        if path not in kept and _JOB in (pa.parquet.read_schema(path).metadata or {}):
+        if path not in current and _JOB in (pa.parquet.read_schema(path).metadata or {}):
             path.unlink()
 
 
 # -- settle ----------------------------------------------------------------------------------------
 
 
-def settle_job(*, method: str, horizon_s: float) -> Job:
-    """Predict the settled value of every hold, with the recorded one of long holds."""
+def create_settle_job(*, method: str, horizon_s: float) -> Job:
+    """Return a job that predicts the settled value of every hold."""
     return Job(
         name=f"settle-{method}",
         reads="holds",
@@ -144,7 +144,7 @@ def _build_settled_tables(path: Path, *, method: str, horizon_s: float) -> Itera
     table = pa.parquet.read_table(path, columns=names, partitioning=None, use_threads=False)
     rows = [
         row
-        for alike in _alike(table)
+        for alike in _group_holds(table)
         for row in _build_settled_rows(*alike, method=method, horizon_s=horizon_s)
     ]
     text = ("recording", "hold_id", "channel", "unit", "status")
@@ -191,8 +191,8 @@ def _build_settled_rows(
             }
 
 
-def _alike(table: Any) -> Iterator[tuple[list[tuple[str, ...]], FloatArray, FloatArray]]:
-    """Yield holds of one unit and sampling together: labels, times, values (holds, times)."""
+def _group_holds(table: Any) -> Iterator[tuple[list[tuple[str, ...]], FloatArray, FloatArray]]:
+    """Yield groups of holds with one unit and sampling: labels, times, values (holds, times)."""
     columns = [table[name].combine_chunks() for name in ("recording", "hold_id", "channel", "unit")]
     changes = np.zeros(max(table.num_rows - 1, 0), dtype=bool)
     for column in columns:
@@ -206,25 +206,25 @@ def _alike(table: Any) -> Iterator[tuple[list[tuple[str, ...]], FloatArray, Floa
         rows = slice(start, stop)
         groups[labels[number][-1], time_s[rows].tobytes()].append((number, rows))
     for holds in groups.values():
-        together = np.stack([value[rows] for _, rows in holds])
-        yield [labels[number] for number, _ in holds], time_s[holds[0][1]], together
+        values = np.stack([value[rows] for _, rows in holds])
+        yield [labels[number] for number, _ in holds], time_s[holds[0][1]], values
 
 
 # -- recalibrate -----------------------------------------------------------------------------------
 
 
-def recalibrate_job(calibration: str) -> Job:
-    """Read the force of every frame again, by the text of one calibration file."""
+def create_recalibrate_job(calibration: str) -> Job:
+    """Return a job that estimates the force of every frame with one calibration file."""
     return Job(
         name=f"force-{hashlib.sha256(calibration.encode()).hexdigest()[:8]}",
         reads="frames",
         settings=calibration,
-        tables=partial(_force_tables, text=calibration),
+        tables=partial(_build_force_tables, text=calibration),
     )
 
 
-def _force_tables(path: Path, *, text: str) -> Iterator[Any]:
-    """Yield tables with a row for each frame; null where another sensor made the frame."""
+def _build_force_tables(path: Path, *, text: str) -> Iterator[Any]:
+    """Yield tables with a row per frame; the force is null for frames of other layouts."""
     from palpate.calibrate.laws import force_now
     from palpate.sensor.calibration import Calibration
     from palpate.signal.relative import excess_conductance

@@ -1,4 +1,4 @@
-"""The steps of `palpate archive`, a verb through an entry point."""
+"""The commands of `palpate archive`, registered through an entry point."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from palpate.errors import InputError
 if TYPE_CHECKING:
     from palpate_archive.evaluating import Job
 
-#: Step -> (where it is, what it does).
+#: Command -> (location, description).
 STEPS = {
-    "add": (f"{__name__}:add", "Put recordings and a store into it; what is there stays"),
-    "compact": (f"{__name__}:compact", "Join a day's small files into few"),
-    "settle": (f"{__name__}:settle", "Predict the settled value of every hold again"),
-    "recalibrate": (f"{__name__}:recalibrate", "Read the force of every frame again"),
+    "add": (f"{__name__}:add", "Add recordings and the grasps of a store"),
+    "compact": (f"{__name__}:compact", "Join the small files of each day"),
+    "settle": (f"{__name__}:settle", "Predict the settled value of every hold"),
+    "recalibrate": (f"{__name__}:recalibrate", "Estimate the force of every frame"),
 }
 ArchiveArgument: TypeAlias = Annotated[Path, typer.Argument(help="The archive.", metavar="DIR")]
 ToOption: TypeAlias = Annotated[
@@ -42,7 +42,9 @@ def add(
     ] = Path("archive"),
     station: Annotated[
         str | None,
-        typer.Option(help="Where it was recorded. By default the rig's name; a store needs it."),
+        typer.Option(
+            help="Place of the recordings; default: name of the rig. Required with --store."
+        ),
     ] = None,
     store: Annotated[
         str | None,
@@ -50,7 +52,7 @@ def add(
     ] = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Add recordings and the grasps of a store. What the archive holds already is skipped.
+    """Add recordings and the grasps of a store; skip those already in the archive.
 
     Example: palpate archive add recordings --to archive --station north
     """
@@ -63,9 +65,9 @@ def add(
             raise InputError(f"{path}: no such file or folder")
     recordings = list(find_recordings(files or []))
     if not recordings and store is None:
-        raise InputError("nothing to add: name recordings, a folder that holds some, or --store")
+        raise InputError("nothing to add: name recordings, a folder with recordings, or --store")
     if store is not None and station is None:
-        raise InputError("--store: state with --station whose grasps these are")
+        raise InputError("--store: the station of its grasps is unknown; give --station")
     if station is not None:
         check_name("--station", station)
     archive = Archive(to, create=True)
@@ -87,9 +89,9 @@ def add(
 
 
 def compact(archive: ArchiveArgument) -> None:
-    """Join the files of each station and day, up to a million rows a file.
+    """Join the files of each station and day, up to a million rows per file.
 
-    While it runs, a query may see some rows twice: run it when there is no reader.
+    Queries during the run may return some rows twice; run it without readers.
 
     Example: palpate archive compact archive
     """
@@ -116,19 +118,17 @@ def settle(
     to: ToOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Predict every hold's settled value from 1, 2.5 and 5 s, beside the recorded value.
+    """Predict every hold's settled value from 1, 2.5 and 5 s, next to the recorded value.
 
     Example: palpate archive settle archive --method exponential
     """
     from palpate.settling.predict import find_method
-    from palpate_archive.evaluating import CUTOFFS_S, settle_job
+    from palpate_archive.evaluating import CUTOFFS_S, create_settle_job
 
     find_method(method)
     if not max(CUTOFFS_S) <= horizon < float("inf"):
-        raise InputError(
-            f"--horizon {horizon:g}: give seconds from {max(CUTOFFS_S):g} on, such as 20"
-        )
-    _work_on(archive, settle_job(method=method, horizon_s=horizon), to=to, quiet=quiet)
+        raise InputError(f"--horizon {horizon:g}: give at least {max(CUTOFFS_S):g} s, such as 20")
+    _work_on(archive, create_settle_job(method=method, horizon_s=horizon), to=to, quiet=quiet)
 
 
 def recalibrate(
@@ -139,34 +139,34 @@ def recalibrate(
     to: ToOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Read the force of every frame again by one calibration; other sensors' frames stay empty.
+    """Estimate the force of every frame with one calibration; skip other layouts.
 
     Example: palpate archive recalibrate archive --calibration calibration.json
     """
     from palpate.calibrate.laws import laws_of
     from palpate.sensor.calibration import Calibration
-    from palpate_archive.evaluating import recalibrate_job
+    from palpate_archive.evaluating import create_recalibrate_job
 
-    # Refused here, and not by every worker.
+    # Refuse an invalid calibration here instead of in every worker.
     laws_of(Calibration.load(calibration).force)
-    _work_on(archive, recalibrate_job(calibration.read_text()), to=to, quiet=quiet)
+    _work_on(archive, create_recalibrate_job(calibration.read_text()), to=to, quiet=quiet)
 
 
 def _work_on(archive: Path, job: Job, *, to: Path | None, quiet: bool) -> None:
-    """Run a job over the archive and print where the results are."""
-    from palpate_archive.evaluating import delete_others, perform, plan_tasks
+    """Run a job on the archive and print the folder of results."""
+    from palpate_archive.evaluating import delete_stale_results, perform, plan_tasks
     from palpate_archive.layout import Archive
 
     results = to or archive / "results"
     tasks = plan_tasks(job, Archive(archive), to=results)
     if not tasks:
-        raise InputError(f"{archive}: holds no {job.reads}; add some with `palpate archive add`")
+        raise InputError(f"{archive}: contains no {job.reads}; add some with `palpate archive add`")
     left = [task for task in tasks if not task.is_done]
     with progress(job.name, total=len(left), quiet=quiet) as show:
         rows = perform(left, show=show) if left else 0
-    delete_others(results / job.name, tasks)
+    delete_stale_results(results / job.name, tasks)
     there = len(tasks) - len(left)
-    others = f"; {there} were there already" if there else ""
+    others = f"; {there} already existed" if there else ""
     print(
         f"{results / job.name}: {len(left)} of {len(tasks)} files written, {rows} rows{others}",
         file=sys.stderr,

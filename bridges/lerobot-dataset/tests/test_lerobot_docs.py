@@ -1,4 +1,4 @@
-"""The page `docs/lerobot.md`, followed to the letter."""
+"""The commands on the page `docs/lerobot.md` run."""
 
 from __future__ import annotations
 
