@@ -1,4 +1,4 @@
-"""Grasps with a hobby servo and the real firmware, and with `sim-rigid` and the same seeds.
+"""Grasps with a hobby servo and the real firmware, compared with `sim-rigid`.
 
     python benchmarks/board_grasps.py --board mega2560 --grasps 40 --out docs/boards/mega2560.json
 

@@ -1,4 +1,4 @@
-"""Processing time of one frame from its bytes to the next command, in a simulated grasp.
+"""Processing time of a frame, from its bytes to the next command (simulated).
 
     python benchmarks/frame.py --rate 250
 

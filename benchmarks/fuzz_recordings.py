@@ -147,7 +147,7 @@ def main() -> None:
     memory = Path("/dev/shm")
     with tempfile.TemporaryDirectory(dir=memory if memory.is_dir() else None) as folder:
         path, recovered = Path(folder, "case.mcap"), Path(folder, "recovered.mcap")
-        for number, content in enumerate(draw_cases(options.draw_cases, seed=options.seed)):
+        for number, content in enumerate(draw_cases(options.cases, seed=options.seed)):
             case_s = time.perf_counter()
             ended[read_case(content, path=path, recovered=None if number % 20 else recovered)] += 1
             slowest_s = max(slowest_s, time.perf_counter() - case_s)

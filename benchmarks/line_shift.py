@@ -1,4 +1,4 @@
-"""A shift on a line: clients of OPC UA and Modbus grasp simulated items in turn.
+"""A shift on a line: OPC UA and Modbus clients grasp simulated items.
 
 Run `python benchmarks/line_shift.py --items 50`. Each client in turn commands grasps and releases,
 and compares every result with that of HTTP. The output is the number of different results, the time

@@ -1,4 +1,4 @@
-"""Load of each bridge on a server with a board: HTTP, OPC UA, Modbus TCP, MQTT.
+"""Load of the bridges on a server: HTTP, OPC UA, Modbus TCP, MQTT.
 
 Run `python benchmarks/packhouse.py --seconds 30`. The board is a simulated process on a
 pseudo-terminal; the broker is a real mosquitto. The output is the period of the loop and the

@@ -1,4 +1,4 @@
-"""Time of a stop by number of recordings in the folder and number of viewers (simulated).
+"""Time of a stop by number of recordings and viewers (simulated).
 
 Run `python benchmarks/stop.py`. For each number of recordings, it serves a folder with as many
 grasps in its history, opens one and three pages in Chromium, adds a recording every two seconds,

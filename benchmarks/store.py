@@ -1,4 +1,4 @@
-"""Speed of a store with a million grasps compared with plain sqlite3: writes and item pages.
+"""Speed of a store with a million grasps, compared with plain sqlite3.
 
 Run `python benchmarks/store.py --grasps 1000000`; `--store URL` measures PostgreSQL instead (an
 empty database). DuckDB on the exported Parquet is measured too if it is installed.
@@ -72,9 +72,8 @@ def fill(store: Store, *, grasps: int) -> None:
             batch.clear()
     store.add_grasps(batch)
     spent_s = time.perf_counter() - started_s
-    print(
-        f"bulk     {grasps} grasps in {spent_s:.0f} s, {grasps / spent_s:.0f}/s, including their generation"
-    )
+    rate = grasps / spent_s
+    print(f"bulk     {grasps} grasps in {spent_s:.0f} s, {rate:.0f}/s, including their generation")
 
 
 def measure_single_writes(store: Store, *, count: int = 200) -> None:

@@ -1,4 +1,4 @@
-"""A few grasps of the fault campaign, one per kind of fault that once had a defect."""
+"""A few grasps of the fault campaign, one per earlier defect."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_fault_ends_grasp_safely_with_reason(name: str) -> None:
 
 @pytest.mark.parametrize(("speed", "seed"), [(1.0, 920_913), (2.0, 920_914)])
 def test_inverted_readings_end_grasp_without_damage(speed: float, seed: int) -> None:
-    """The reading falls as the force rises; forces of 7.2 and 5.6 N occurred before a fix."""
+    """The reading falls as the force rises; forces once reached 7.2 and 5.6 N."""
     found = run_faulty_grasp(
         Cell(fault="inverted", phase="squeeze", thing="strawberry", kind="rigid", speed=speed),
         seed=seed,

@@ -103,7 +103,7 @@ def test_by_controller_fading_push_before_contact_still_holds() -> None:
 
 @pytest.mark.slow
 def test_paper_steps_continue_until_both_fingers_touch() -> None:
-    """One finger pushes this object to the middle; a fall of the mean is no contact."""
+    """One finger pushes this object; a fall of the mean is no contact."""
     sample = Sample(seed=31_012, level="field", kind="rigid")
     for found in (by_controller(sample, paper=Paper()), by_both_fingers(sample)):
         assert found.outcome == "held"

@@ -40,7 +40,7 @@ def test_damage_limit_on_real_fruit_is_firmer_than_cap(
 
 @pytest.mark.slow
 def test_gentle_squeeze_deforms_less_than_any_rupture(real_data: Path) -> None:
-    """Measured from the recordings' first 0.15 N; an earlier limit of 2 mm was too large.
+    """Measured from the first 0.15 N; an earlier limit of 2 mm was too large.
 
     The compliance of the recording hand is included, so the fruit deformed even less.
     """

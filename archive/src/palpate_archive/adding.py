@@ -70,7 +70,7 @@ def _add_recording(
 
 
 def add_store(archive: Archive, store: Store, *, station: str) -> dict[str, int]:
-    """Add the grasps of a store that are not in the archive; return row counts by kind."""
+    """Add the new grasps of a store; return row counts by kind."""
     check_name("station", station)
     held = {
         grasp_id

@@ -17,7 +17,7 @@ MOST_ROWS = 1_000_000
 
 
 def join_files(archive: Archive, kind: str) -> tuple[int, int]:
-    """Join the parts of each station and day; return the numbers of parts before and after.
+    """Join the parts of each day; return the numbers of parts before and after.
 
     The joined part is complete before its pieces are deleted. After an interruption in between,
     both exist until the next call, which deletes the pieces first.
@@ -43,7 +43,7 @@ def _delete_joined_pieces(archive: Archive, parts: Sequence[Part]) -> list[Part]
 
 
 def _batches(archive: Archive, parts: Sequence[Part]) -> Iterator[list[Part]]:
-    """Yield groups of at least two parts to join, in order, up to a row limit."""
+    """Yield groups of parts to join, in order, up to a row limit."""
     batch, rows = list[Part](), 0
     for part in parts:
         count = int(pa.parquet.read_metadata(archive.path(part)).num_rows)

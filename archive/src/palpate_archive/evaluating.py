@@ -224,7 +224,7 @@ def create_recalibrate_job(calibration: str) -> Job:
 
 
 def _build_force_tables(path: Path, *, text: str) -> Iterator[Any]:
-    """Yield tables with a row per frame; the force is null for frames of other layouts."""
+    """Yield tables with a row per frame; other layouts have no force."""
     from palpate.calibrate.laws import force_now
     from palpate.sensor.calibration import Calibration
     from palpate.signal.relative import excess_conductance

@@ -118,7 +118,7 @@ def settle(
     to: ToOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Predict every hold's settled value from 1, 2.5 and 5 s, next to the recorded value.
+    """Predict every hold's settled value from 1, 2.5 and 5 s.
 
     Example: palpate archive settle archive --method exponential
     """
